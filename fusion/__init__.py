@@ -1,0 +1,1 @@
+"""Lidar and stereophotoclinometry together: registration, fused heights, scale, releases."""

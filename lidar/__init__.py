@@ -1,0 +1,1 @@
+"""Altimetry alone: scans, trajectories, and the gridding of returns into mapolas."""

@@ -1,0 +1,85 @@
+"""Array types and the checks that every value object makes of its arrays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from spcola.errors import InvalidValueError
+
+FloatArray = NDArray[np.floating[Any]]
+"""Floating-point array; the shape and unit stand in the docstring of whoever uses it."""
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.integer[Any]]
+AnyArray = NDArray[Any]
+
+
+def frozen(values: ArrayLike, shape: tuple[int | None, ...], name: str) -> FloatArray:
+    """Return a read-only float64 copy of `values`, refused unless it has `shape`.
+
+    ``None`` in `shape` stands for any length. A copy is made, because a frozen value whose
+    array the caller can still change is not frozen.
+
+    Raises
+    ------
+    InvalidValueError
+        If the shape differs.
+    """
+    array = np.array(values, dtype=np.float64)
+    check_shape(array, shape, name)
+    array.setflags(write=False)
+    return array
+
+
+def read_only(array: AnyArray) -> AnyArray:
+    """Return a read-only view of `array` without copying it (for large, freshly made arrays)."""
+    view = array.view()
+    view.setflags(write=False)
+    return view
+
+
+def check_shape(array: AnyArray, shape: tuple[int | None, ...], name: str) -> None:
+    """Refuse `array` unless it has `shape` (``None``: any length).
+
+    Raises
+    ------
+    InvalidValueError
+        If the number of axes or the length of one differs.
+    """
+    fits = array.ndim == len(shape) and all(
+        want is None or have == want for have, want in zip(array.shape, shape, strict=True)
+    )
+    if not fits:
+        wanted = " × ".join("any" if want is None else str(want) for want in shape)
+        raise InvalidValueError(f"has shape {array.shape}, {wanted} is needed", name)
+
+
+def check_finite(array: AnyArray, name: str) -> None:
+    """Refuse `array` if it holds NaN or infinity.
+
+    Raises
+    ------
+    InvalidValueError
+        If a value is not finite.
+    """
+    if not np.all(np.isfinite(array)):
+        raise InvalidValueError("holds a value that is not finite", name)
+
+
+def check_axes(axes: FloatArray, name: str, tolerance: float = 1e-5) -> None:
+    """Refuse `axes` (3, 3; rows are unit vectors) unless orthonormal and right-handed.
+
+    The tolerance lets through axes that a file stored with seven digits.
+
+    Raises
+    ------
+    InvalidValueError
+        If a row is not of unit length, two are not perpendicular, or the set is left-handed.
+    """
+    check_finite(axes, name)
+    if np.max(np.abs(axes @ axes.T - np.eye(3))) > tolerance:
+        raise InvalidValueError("axes are not orthonormal", name)
+    if np.linalg.det(axes) < 0:
+        raise InvalidValueError("axes are left-handed (x × y = −z)", name)

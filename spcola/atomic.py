@@ -1,0 +1,86 @@
+"""Writing a file so that it is either whole or not there."""
+
+from __future__ import annotations
+
+import errno
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from spcola.errors import WorkspaceError
+
+_ADVICE = {
+    errno.ENOSPC: "free some space and run the command again: nothing was overwritten",
+    errno.EDQUOT: "the disk quota is used up; free some space and run the command again",
+    errno.EACCES: "check the permissions of the folder",
+    errno.EROFS: "the file system is read-only",
+    errno.ENOENT: "create the folder first",
+}
+
+
+@contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary path beside `path`; on success it is flushed and renamed to `path`.
+
+    Whatever happens inside, `path` afterwards holds either what it held before or the whole
+    new content: a crash, Ctrl-C or a full disk cannot leave half a file under the final name.
+
+    Raises
+    ------
+    WorkspaceError
+        If the file cannot be written (full disk, permissions …); the temporary file is removed.
+    """
+    target = Path(path)
+    try:
+        handle, name = tempfile.mkstemp(
+            prefix=f".{target.name}.", suffix=".part", dir=target.parent
+        )
+        os.close(handle)
+    except OSError as error:
+        raise write_error(target, error) from error
+    temporary = Path(name)
+    try:
+        yield temporary
+        with temporary.open("rb") as stream:
+            os.fsync(stream.fileno())
+        # mkstemp makes private files; what is kept has the permissions of any new file.
+        mask = os.umask(0)
+        os.umask(mask)
+        temporary.chmod(0o666 & ~mask)
+        temporary.replace(target)
+    except OSError as error:
+        raise write_error(target, error) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_bytes(path: str | Path, content: bytes) -> None:
+    """Write `content` to `path` whole or not at all.
+
+    Raises
+    ------
+    WorkspaceError
+        If the file cannot be written.
+    """
+    with replacing(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def write_text(path: str | Path, content: str) -> None:
+    """Write `content` (UTF-8, newlines as they stand) to `path` whole or not at all.
+
+    Raises
+    ------
+    WorkspaceError
+        If the file cannot be written.
+    """
+    write_bytes(path, content.encode("utf-8"))
+
+
+def write_error(path: Path, error: OSError) -> WorkspaceError:
+    """Turn an operating-system error met while writing `path` into one line for the user."""
+    reason = os.strerror(error.errno) if error.errno else str(error)
+    advice = _ADVICE.get(error.errno or 0, "check the disk and the folder")
+    return WorkspaceError(f"cannot be written ({reason})", path, advice)

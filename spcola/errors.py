@@ -1,0 +1,65 @@
+"""The errors that reach a user: one line that says what, where and what to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class SpcolaError(Exception):
+    """Something that the user can mend.
+
+    Parameters
+    ----------
+    what : str
+        What is wrong, in one clause.
+    where : str or Path, optional
+        File, and line, record or field in it; or the value's name.
+    do : str, optional
+        What to do about it.
+    """
+
+    def __init__(self, what: str, where: str | Path | None = None, do: str | None = None) -> None:
+        self.what = what
+        self.where = None if where is None else str(where)
+        self.do = do
+        text = what if where is None else f"{where}: {what}"
+        text = text if do is None else f"{text}; {do}"
+        super().__init__(" ".join(text.split()))
+
+
+class FormatError(SpcolaError):
+    """A file does not hold what its format promises."""
+
+
+class SettingsError(SpcolaError):
+    """A setting is unknown, has the wrong type, or lies outside its range."""
+
+
+class FrameMismatchError(SpcolaError):
+    """Two values that live in different frames were put together."""
+
+
+class InvalidValueError(SpcolaError):
+    """A value breaks its own rules (shape, unit vector, finite, positive …)."""
+
+
+class NotObservableError(SpcolaError):
+    """The data do not determine what was asked for; `parameters` names what they leave free."""
+
+    def __init__(
+        self,
+        what: str,
+        parameters: tuple[str, ...] = (),
+        where: str | Path | None = None,
+        do: str | None = None,
+    ) -> None:
+        self.parameters = parameters
+        super().__init__(what, where, do)
+
+
+class KernelError(SpcolaError):
+    """SPICE kernels are missing, do not cover a time, or contradict one another."""
+
+
+class WorkspaceError(SpcolaError):
+    """The workspace lacks something, or cannot be read or written."""

@@ -1,0 +1,1 @@
+"""Readers and writers of SPC files: the only place where kilometres and degrees live."""

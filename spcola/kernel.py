@@ -1,0 +1,29 @@
+"""How the numerical kernels are compiled: one place for Numba's options.
+
+Kernels release the GIL, so that threads over maplets use every core; they are cached on disk,
+so that only the first run of a machine compiles; and they follow NumPy's rules for division by
+zero, because NaN is how an unknown travels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def kernel(function: F) -> F:
+    """Compile `function` (serial, no GIL, cached)."""
+    return cast(F, numba.njit(nogil=True, cache=True, error_model="numpy")(function))
+
+
+def parallel_kernel(function: F) -> F:
+    """Compile `function` with ``numba.prange`` loops spread over the cores."""
+    compiled = numba.njit(nogil=True, cache=True, error_model="numpy", parallel=True)(function)
+    return cast(F, compiled)
+
+
+prange = numba.prange
