@@ -1,0 +1,108 @@
+"""Reading a file's bytes, and the limits beyond which its numbers cannot be what they say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from spcola.arrays import FloatArray
+from spcola.errors import FormatError, InvalidValueError
+
+KM = 1000.0
+"""Metres in a kilometre, the unit of SPC files."""
+
+LARGEST_RADIUS_KM = 1e5
+"""No surface point of a solid body lies further from its centre (Jupiter's radius is 7e4 km)."""
+LARGEST_GSD_KM = 100.0
+LARGEST_RANGE_KM = 1e7
+
+_LONGEST_NAME = {"image": 12, "landmark": 6}
+
+
+def read_bytes(path: str | Path) -> bytes:
+    """Return the content of `path`.
+
+    Raises
+    ------
+    FormatError
+        If the file cannot be read, or is empty.
+    """
+    try:
+        content = Path(path).read_bytes()
+    except OSError as error:
+        raise FormatError(
+            f"cannot be read ({error.strerror or error})", path, "check its name and permissions"
+        ) from error
+    if not content:
+        raise FormatError("is empty", path, "copy or make it again")
+    return content
+
+
+@contextmanager
+def as_format_error(place: str) -> Iterator[None]:
+    """Turn an `InvalidValueError` raised inside into a `FormatError` at `place` of a file."""
+    try:
+        yield
+    except InvalidValueError as error:
+        field = "" if error.where is None else f"{error.where} "
+        raise FormatError(f"{field}{error.what}", place) from error
+
+
+def check_name(name: str, kind: str, where: str | Path) -> str:
+    """Return `name` if SPC can hold it: an image's in 12 characters, a landmark's in 6.
+
+    Raises
+    ------
+    InvalidValueError
+        If it is empty or too long, or has characters that cannot stand in a file name or column.
+    """
+    longest = _LONGEST_NAME[kind]
+    if not 1 <= len(name) <= longest:
+        raise InvalidValueError(
+            f"{kind} name {name!r} has {len(name)} characters, 1 to {longest} are allowed",
+            where,
+            "shorten it",
+        )
+    if not (name.isascii() and name.isprintable()) or set(name) & set(" /\\*"):
+        raise InvalidValueError(
+            f"{kind} name {name!r} has a space, a slash, a * or a character outside ASCII",
+            where,
+            "use letters, digits, '_' and '-'",
+        )
+    return name
+
+
+def check_grid_km(center_km: FloatArray, gsd_km: float, half_size: int) -> None:
+    """Refuse a maplet frame that cannot be in kilometres.
+
+    The rule: GSD between 1e-9 km and 100 km; |V| at most 1e5 km; and half a side of the maplet
+    at most ten times |V| (a GSD in metres beside a V in kilometres breaks this), unless V is 0.
+
+    Raises
+    ------
+    InvalidValueError
+        If one is broken.
+    """
+    if not 1e-9 <= gsd_km <= LARGEST_GSD_KM:
+        raise InvalidValueError(
+            f"of {gsd_km:.6g} km is not between 1e-9 and {LARGEST_GSD_KM:g} km",
+            "GSD",
+            "is it in another unit or byte order?",
+        )
+    distance = float(np.linalg.norm(center_km))
+    if not distance <= LARGEST_RADIUS_KM:
+        raise InvalidValueError(
+            f"lies {distance:.6g} km from the body's centre, more than {LARGEST_RADIUS_KM:g} km",
+            "V",
+            "is it in another unit or byte order?",
+        )
+    if distance > 0 and half_size * gsd_km > 10.0 * distance:
+        raise InvalidValueError(
+            f"of {gsd_km:.6g} km makes a maplet of half-side {half_size * gsd_km:.6g} km at "
+            f"{distance:.6g} km from the body's centre",
+            "GSD",
+            "is it in metres?",
+        )
