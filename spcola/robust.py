@@ -1,0 +1,70 @@
+"""Robust scale and weights: the one home of median deviations, Huber and Cauchy."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from spcola.arrays import FloatArray
+
+MAD_TO_SIGMA = 1.482602218505602
+"""1 / Φ⁻¹(3/4): makes the median absolute deviation of a normal sample its standard deviation."""
+
+
+def mad(values: ArrayLike, axis: int | None = None) -> FloatArray:
+    """Return the scaled median absolute deviation from the median, ignoring NaN.
+
+    Parameters
+    ----------
+    values : array_like
+        Any shape, any unit; NaN counts as absent.
+    axis : int, optional
+        Axis to reduce; all values by default.
+
+    Returns
+    -------
+    ndarray
+        1.4826 × MAD, in the unit of `values`: the standard deviation if they are normal. NaN
+        where nothing is known. Without `axis` a 0-d array.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if axis is None:
+        array, axis = array.ravel(), 0
+    deviation = np.abs(array - np.expand_dims(_median(array, axis), axis))
+    return MAD_TO_SIGMA * _median(deviation, axis)
+
+
+def huber_weight(z: ArrayLike, k: float = 1.345) -> FloatArray:
+    """Return Huber's weights: 1 for |z| ≤ k, then k/|z| (95 % efficient with k = 1.345).
+
+    `z` are residuals over their standard deviation; NaN weighs 0.
+    """
+    size = np.abs(np.asarray(z, dtype=np.float64))
+    weight = k / np.maximum(size, k)
+    return np.where(np.isnan(size), 0.0, weight)
+
+
+def cauchy_weight(z: ArrayLike, k: float = 2.385) -> FloatArray:
+    """Return Cauchy's weights 1 / (1 + (z/k)²) (95 % efficient with k = 2.385).
+
+    `z` are residuals over their standard deviation; NaN weighs 0.
+    """
+    ratio = np.asarray(z, dtype=np.float64) / k
+    weight = 1.0 / (1.0 + ratio * ratio)
+    return np.where(np.isnan(ratio), 0.0, weight)
+
+
+def _median(array: FloatArray, axis: int) -> FloatArray:
+    """Return the median of what is not NaN along `axis`; NaN where there is nothing.
+
+    ``numpy.nanmedian`` warns of slices without a value, which are an ordinary case here (a
+    cell without returns), and its warning filter is not safe in threads.
+    """
+    ordered = np.sort(array, axis=axis)  # NaN last
+    count = np.expand_dims(np.sum(~np.isnan(array), axis=axis), axis)
+    if ordered.shape[axis] == 0:
+        return np.full(np.delete(array.shape, axis), np.nan)
+    low = np.take_along_axis(ordered, np.maximum(count - 1, 0) // 2, axis)
+    high = np.take_along_axis(ordered, np.minimum(count // 2, ordered.shape[axis] - 1), axis)
+    middle: FloatArray = np.squeeze((low + high) / 2.0, axis)
+    return middle
