@@ -1,0 +1,276 @@
+"""What the cells around a cell say about it: its slope, and the height to be expected there.
+
+Everything here takes a height per cell that stands at the cell's own *place* (the median
+position of its returns), not at the grid point. A plane through such heights has the slope of
+the ground whatever the returns' positions in their cells, so that slopes need no good start,
+bear gaps, and the iteration of :mod:`lidar.gridding` cannot feed on its own errors: with one
+return in each cell it is exact after a single round.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidar.cells import MAD_TO_SIGMA, median_in_place
+from spcola.arrays import BoolArray, FloatArray, IntArray
+from spcola.kernel import kernel
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneFit:
+    """Slopes of planes fitted around each cell; layers of the grid's shape.
+
+    Attributes
+    ----------
+    slope_x, slope_y : ndarrays
+        Along Ux and Uy, metres per grid step; 0 where nothing determines them.
+    leverage : ndarray
+        Variance that the slopes' uncertainty adds to a height carried from the cell's place to
+        its grid point, in units of the variance of one weight-1 height.
+    unresolved : ndarray
+        Square of that carrying distance along directions in which the slope is not
+        determined, square grid steps.
+    """
+
+    slope_x: FloatArray
+    slope_y: FloatArray
+    leverage: FloatArray
+    unresolved: FloatArray
+
+
+def fit_planes(
+    place_x: FloatArray,
+    place_y: FloatArray,
+    height: FloatArray,
+    weight: FloatArray,
+    *,
+    baseline: float,
+    max_radius: int,
+) -> PlaneFit:
+    """Fit a plane to the 3 × 3 cells around each cell that has a height.
+
+    Where those leave a direction in which the places scatter by less than `baseline` (grid
+    steps, standard deviation), 5 × 5 cells are taken, and so on up to `max_radius`; a direction
+    that is still not determined is given the slope 0.
+
+    Parameters
+    ----------
+    place_x, place_y : (R, C) ndarrays
+        Place of each cell's height less that of its grid point, grid steps.
+    height : (R, C) ndarray
+        Metres at that place; NaN where empty.
+    weight : (R, C) ndarray
+        Relative weights of the heights.
+    """
+    layers = _fit_planes(place_x, place_y, height, weight, baseline**2, max_radius)
+    return PlaneFit(layers[0], layers[1], layers[2], layers[3])
+
+
+@kernel
+def _fit_planes(
+    place_x: FloatArray,
+    place_y: FloatArray,
+    height: FloatArray,
+    weight: FloatArray,
+    least: float,
+    max_radius: int,
+) -> FloatArray:
+    rows, columns = height.shape
+    layers = np.zeros((4, rows, columns))
+    for row in range(rows):
+        for column in range(columns):
+            if np.isnan(height[row, column]):
+                continue
+            radius, fitted = 1, False
+            while not fitted and radius <= max_radius:
+                moments = _moments(place_x, place_y, height, weight, row, column, radius)
+                fitted = _smaller_variance(moments) >= least
+                radius += 1
+            layers[:, row, column] = _slope(
+                moments, least, place_x[row, column], place_y[row, column]
+            )
+    return layers
+
+
+@kernel
+def _moments(
+    place_x: FloatArray,
+    place_y: FloatArray,
+    height: FloatArray,
+    weight: FloatArray,
+    row: int,
+    column: int,
+    radius: int,
+) -> tuple[float, float, float, float, float, float]:
+    """Weighted moments about the mean: Σw, and xx, xy, yy, xh, yh divided by Σw."""
+    rows, columns = height.shape
+    total = mean_x = mean_y = mean_h = 0.0
+    xx = xy = yy = xh = yh = 0.0
+    # Welford's update keeps full accuracy although the heights may be far from zero.
+    for r in range(max(0, row - radius), min(rows, row + radius + 1)):
+        for c in range(max(0, column - radius), min(columns, column + radius + 1)):
+            if np.isnan(height[r, c]):
+                continue
+            w = weight[r, c]
+            total += w
+            from_x = c - column + place_x[r, c] - mean_x
+            from_y = r - row + place_y[r, c] - mean_y
+            mean_x += w / total * from_x
+            mean_y += w / total * from_y
+            mean_h += w / total * (height[r, c] - mean_h)
+            to_x = c - column + place_x[r, c] - mean_x
+            to_y = r - row + place_y[r, c] - mean_y
+            to_h = height[r, c] - mean_h
+            xx += w * from_x * to_x
+            xy += w * from_x * to_y
+            yy += w * from_y * to_y
+            xh += w * from_x * to_h
+            yh += w * from_y * to_h
+    return total, xx / total, xy / total, yy / total, xh / total, yh / total
+
+
+@kernel
+def _smaller_variance(moments: tuple[float, float, float, float, float, float]) -> float:
+    """Variance of the places along the direction in which they scatter least."""
+    _, xx, xy, yy, _, _ = moments
+    return 0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy)
+
+
+@kernel
+def _slope(
+    moments: tuple[float, float, float, float, float, float],
+    least: float,
+    place_x: float,
+    place_y: float,
+) -> FloatArray:
+    """Slopes x and y, leverage and unresolved square distance, along the principal axes."""
+    total, xx, xy, yy, xh, yh = moments
+    half, mean = np.hypot(0.5 * (xx - yy), xy), 0.5 * (xx + yy)
+    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    result = np.zeros(4)
+    for axis in range(2):
+        along_x = np.cos(angle) if axis == 0 else -np.sin(angle)
+        along_y = np.sin(angle) if axis == 0 else np.cos(angle)
+        variance = mean + half if axis == 0 else mean - half
+        carried = along_x * place_x + along_y * place_y
+        if variance >= least:
+            slope = (along_x * xh + along_y * yh) / variance
+            result[0] += slope * along_x
+            result[1] += slope * along_y
+            result[2] += carried * carried / (total * variance)
+        else:
+            result[3] += carried * carried
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """What the cells around each cell let one expect at its place; NaN where too few.
+
+    Attributes
+    ----------
+    height : ndarray
+        Metres, at the cell's place.
+    slope_x, slope_y : ndarrays
+        Median slopes, metres per grid step.
+    scatter : ndarray
+        Robust standard deviation of the neighbours about the expectation, metres.
+    """
+
+    height: FloatArray
+    slope_x: FloatArray
+    slope_y: FloatArray
+    scatter: FloatArray
+
+
+def expect(
+    place_x: FloatArray, place_y: FloatArray, height: FloatArray, *, radius: int, least_cells: int
+) -> Expectation:
+    """Expect a height in every cell from medians over its (2 radius + 1)² − 1 neighbours.
+
+    Slopes are medians of the differences between adjacent cells, heights medians of the
+    neighbours carried along these slopes: up to about a third of the neighbours may be stray
+    without harm. Cells with fewer than `least_cells` neighbours get NaN.
+    """
+    layers = _expect(place_x, place_y, height, radius, least_cells)
+    return Expectation(layers[0], layers[1], layers[2], layers[3])
+
+
+@kernel
+def _expect(
+    place_x: FloatArray, place_y: FloatArray, height: FloatArray, radius: int, least_cells: int
+) -> FloatArray:
+    rows, columns = height.shape
+    layers = np.full((4, rows, columns), np.nan)
+    buffer = np.empty((2 * radius + 1) ** 2)
+    for row in range(rows):
+        for column in range(columns):
+            if np.isnan(height[row, column]):
+                continue
+            window = (
+                max(0, row - radius),
+                min(rows, row + radius + 1),
+                max(0, column - radius),
+                min(columns, column + radius + 1),
+            )
+            slope_x = _median_step(height, window, 0, 1, buffer)
+            slope_y = _median_step(height, window, 1, 0, buffer)
+            size = 0
+            for r in range(window[0], window[1]):
+                for c in range(window[2], window[3]):
+                    if (r != row or c != column) and not np.isnan(height[r, c]):
+                        step_x = column - c + place_x[row, column] - place_x[r, c]
+                        step_y = row - r + place_y[row, column] - place_y[r, c]
+                        buffer[size] = height[r, c] + slope_x * step_x + slope_y * step_y
+                        size += 1
+            if size < least_cells:
+                continue
+            expected = median_in_place(buffer, size)
+            for i in range(size):
+                buffer[i] = abs(buffer[i] - expected)
+            layers[0, row, column] = expected
+            layers[1, row, column] = slope_x
+            layers[2, row, column] = slope_y
+            layers[3, row, column] = MAD_TO_SIGMA * median_in_place(buffer, size)
+    return layers
+
+
+@kernel
+def _median_step(
+    height: FloatArray,
+    window: tuple[int, int, int, int],
+    down: int,
+    right: int,
+    buffer: FloatArray,
+) -> float:
+    """Median difference between cells that are neighbours along one axis; 0 if there is none."""
+    size = 0
+    for r in range(window[0], window[1] - down):
+        for c in range(window[2], window[3] - right):
+            step = height[r + down, c + right] - height[r, c]
+            if not np.isnan(step):
+                buffer[size] = step
+                size += 1
+    return median_in_place(buffer, size) if size > 0 else 0.0
+
+
+@kernel
+def supported(
+    height: FloatArray, row: IntArray, column: IntArray, value: FloatArray, step: float
+) -> BoolArray:
+    """Mask (N,) of values that one of the eight cells around (row, column) comes close to.
+
+    Close means within `step` metres for each grid step of distance: the edge of a boulder has
+    a neighbour at its own height, a stray echo has none.
+    """
+    rows, columns = height.shape
+    result = np.zeros(len(value), dtype=np.bool_)
+    for i in range(len(value)):
+        for r in range(max(0, row[i] - 1), min(rows, row[i] + 2)):
+            for c in range(max(0, column[i] - 1), min(columns, column[i] + 2)):
+                distance = np.hypot(r - row[i], c - column[i])
+                if distance > 0 and abs(height[r, c] - value[i]) <= step * distance:
+                    result[i] = True
+    return result
