@@ -1,0 +1,80 @@
+"""Where the work over maplets and scans is done: threads at home."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Protocol, TypeVar
+
+from spcola.errors import SettingsError
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+class Executor(Protocol):
+    """Hands calls to workers. A cluster has only to offer these two to take the threads' place."""
+
+    workers: int
+
+    def stream(self, function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+        """Yield the results in the order of `items`, few of them waiting at a time."""
+        ...
+
+    def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+        """Return the results in the order of `items`."""
+        ...
+
+
+class ThreadExecutor:
+    """Runs calls on threads: the kernels release the GIL, so that threads use every core.
+
+    The first error, or Ctrl-C, cancels what has not begun, waits for what has (a thread cannot be
+    stopped from outside) and is then raised in the caller.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Number of threads; by default the cores that this process may use.
+
+    Raises
+    ------
+    SettingsError
+        If `workers` is less than 1.
+    """
+
+    def __init__(self, workers: int | None = None) -> None:
+        if workers is not None and workers < 1:
+            raise SettingsError(f"must be at least 1, not {workers}", "workers")
+        self.workers = workers or usable_cores()
+
+    def stream(self, function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+        """Yield the results in the order of `items`.
+
+        `items` is read as workers become free and at most two results per worker wait to be
+        taken, so that neither side has to fit in memory.
+        """
+        pool = ThreadPoolExecutor(self.workers, thread_name_prefix="spcola")
+        waiting: deque[Future[Result]] = deque()
+        try:
+            for item in items:
+                waiting.append(pool.submit(function, item))
+                if len(waiting) >= 2 * self.workers:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+    def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+        """Return the results in the order of `items`."""
+        return list(self.stream(function, items))
+
+
+def usable_cores() -> int:
+    """Return how many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):  # not on macOS and Windows
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

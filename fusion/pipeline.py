@@ -1,0 +1,242 @@
+"""The pipeline: runs the stages whose inputs, settings or version changed, and only those."""
+
+from __future__ import annotations
+
+import fcntl
+import shutil
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+import spcola
+from fusion.catalog import Catalog, StageRecord, content_digest
+from fusion.executor import Executor, ThreadExecutor
+from fusion.progress import Progress
+from fusion.settings import Settings
+from fusion.stages.base import Stage, StageContext, StageResult, find_table
+from fusion.workspace import Workspace, make_folder
+from spcola.errors import WorkspaceError
+
+State = Literal["ran", "up to date", "cannot run"]
+SCRATCH_FOLDER = ".scratch"
+LOCK_FILE = ".lock"
+
+
+@dataclass(frozen=True)
+class StageRun:
+    """What became of one stage.
+
+    Parameters
+    ----------
+    stage : str
+    state : {"ran", "up to date", "cannot run"}
+    seconds : float
+        Time that it took.
+    summary : mapping
+        Of this run, or of the last one where the stage is up to date.
+    reason : str
+        Why it cannot run.
+    """
+
+    stage: str
+    state: State
+    seconds: float = 0.0
+    summary: Mapping[str, Any] = field(default_factory=dict)
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Pipeline:
+    """Stages over one workspace.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    settings : Settings
+    stages : sequence of Stage
+        In the order of the data's walk.
+    executor, progress
+        Where work is done and told.
+    """
+
+    workspace: Workspace
+    settings: Settings
+    stages: Sequence[Stage]
+    executor: Executor = field(default_factory=ThreadExecutor)
+    progress: Progress = field(default_factory=Progress)
+
+    def run(self, *, force: bool = False) -> list[StageRun]:
+        """Bring every stage up to date; one that lacks its inputs is passed over with a reason.
+
+        Raises
+        ------
+        WorkspaceError
+            If no stage can run.
+        SpcolaError
+            If a stage fails; what earlier stages made stays.
+        """
+        with opened(self.workspace) as catalog:
+            runs = [self._bring_up(stage, catalog, force) for stage in self.stages]
+        if all(run.state == "cannot run" for run in runs):
+            reason = runs[0].reason if runs else "there is no stage"
+            raise WorkspaceError(f"nothing can run: {reason}", self.workspace.root)
+        return runs
+
+    def run_stage(self, name: str, *, force: bool = False) -> StageRun:
+        """Bring one stage up to date; the others are left as they are.
+
+        Raises
+        ------
+        WorkspaceError
+            If it lacks its inputs.
+        SpcolaError
+            If it fails.
+        """
+        stage = next(stage for stage in self.stages if stage.name == name)
+        with opened(self.workspace) as catalog:
+            for earlier in self.stages[: self.stages.index(stage)]:
+                if self._is_stale(earlier, catalog):
+                    self.progress.note(
+                        f"note: {earlier.name} is out of date; spcola run brings all up to date"
+                    )
+            run = self._bring_up(stage, catalog, force)
+        if run.state == "cannot run":
+            raise WorkspaceError(f"{name} cannot run: {run.reason}", self.workspace.root)
+        return run
+
+    def states(self) -> dict[str, str]:
+        """Return for each stage "up to date", "due", or "cannot run: …"."""
+        states = {}
+        with opened(self.workspace) as catalog:
+            for stage in self.stages:
+                missing = stage.missing(self.workspace, self.settings)
+                current = not missing and self._current(stage, catalog, self._key(stage, catalog))
+                states[stage.name] = (
+                    f"cannot run: {missing}" if missing else "up to date" if current else "due"
+                )
+        return states
+
+    def _bring_up(self, stage: Stage, catalog: Catalog, force: bool) -> StageRun:
+        """Run `stage` unless it is up to date or lacks its inputs."""
+        missing = stage.missing(self.workspace, self.settings)
+        if missing:
+            return StageRun(stage.name, "cannot run", reason=missing)
+        begun = time.monotonic()
+        key = self._key(stage, catalog)
+        if not force and (record := self._current(stage, catalog, key)):
+            return StageRun(stage.name, "up to date", summary=record.summary)
+        scratch = self.workspace.root / SCRATCH_FOLDER / stage.name / key.digest[:16]
+        self._clear_scratch(scratch)
+        make_folder(scratch)
+        context = StageContext(
+            self.workspace,
+            self.settings,
+            stage.tables,
+            self.executor,
+            self.progress,
+            key.digest,
+            scratch,
+        )
+        result = stage.run(context)
+        self._keep(stage, catalog, key, result)
+        shutil.rmtree(scratch.parent, ignore_errors=True)
+        return StageRun(stage.name, "ran", time.monotonic() - begun, result.summary)
+
+    def _keep(self, stage: Stage, catalog: Catalog, key: _Key, result: StageResult) -> None:
+        """Record what `stage` made, and remove what its last run made and this one did not."""
+        before = catalog.record(stage.name)
+        outputs = catalog.digests(list(result.outputs))
+        for path, digest in ({} if before is None else before.outputs).items():
+            file = self.workspace.root / path
+            # A file that was changed by hand since is not ours to remove.
+            if path not in outputs and file.is_file() and catalog.digest(file) == digest:
+                file.unlink()
+        finished = datetime.now(UTC).isoformat(timespec="seconds")
+        catalog.store(
+            StageRecord(
+                stage.name,
+                key.digest,
+                key.version,
+                key.settings,
+                key.inputs,
+                outputs,
+                result.summary,
+                finished,
+            )
+        )
+
+    def _key(self, stage: Stage, catalog: Catalog) -> _Key:
+        """Digest what the result of `stage` depends on."""
+        inputs = catalog.digests(stage.inputs(self.workspace, self.settings))
+        tables = {
+            kind.__name__: find_table(self.settings, kind).model_dump(mode="json")
+            for kind in stage.tables
+        }
+        version = f"{spcola.__version__}+{stage.version}"
+        content = {"stage": stage.name, "version": version, "settings": tables, "inputs": inputs}
+        return _Key(content_digest(content), version, tables, inputs)
+
+    def _current(self, stage: Stage, catalog: Catalog, key: _Key) -> StageRecord | None:
+        """Return the record of the last run if it still holds: same key, outputs untouched."""
+        record = catalog.record(stage.name)
+        if record is None or record.key != key.digest:
+            return None
+        for path, digest in record.outputs.items():
+            file = self.workspace.root / path
+            if not file.is_file() or catalog.digest(file) != digest:
+                return None
+        return record
+
+    def _is_stale(self, stage: Stage, catalog: Catalog) -> bool:
+        """Tell whether `stage` ran before but what it depends on has changed since."""
+        if catalog.record(stage.name) is None or stage.missing(self.workspace, self.settings):
+            return False
+        return self._current(stage, catalog, self._key(stage, catalog)) is None
+
+    @staticmethod
+    def _clear_scratch(scratch: Path) -> None:
+        """Remove what runs of the stage with other inputs or settings left behind."""
+        if scratch.parent.is_dir():
+            for left in scratch.parent.iterdir():
+                if left != scratch:
+                    shutil.rmtree(left, ignore_errors=True)
+
+
+@dataclass(frozen=True)
+class _Key:
+    digest: str
+    version: str
+    settings: dict[str, Any]
+    inputs: dict[str, str]
+
+
+@contextmanager
+def opened(workspace: Workspace) -> Iterator[Catalog]:
+    """Open the catalogue of a workspace, and keep other programs out of the workspace meanwhile.
+
+    Raises
+    ------
+    WorkspaceError
+        If another program is at work in it, or it cannot be written.
+    """
+    path = workspace.root / LOCK_FILE
+    try:
+        lock = path.open("w", encoding="utf-8")
+    except OSError as error:
+        raise WorkspaceError(f"cannot be written ({error.strerror})", path) from error
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise WorkspaceError(
+                "another spcola is at work here", workspace.root, "wait until it is done"
+            ) from error
+        catalog = Catalog(workspace)
+        try:
+            yield catalog
+        finally:
+            catalog.close()

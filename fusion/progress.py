@@ -1,0 +1,116 @@
+"""What a user sees of long work: a bar on a terminal, plain lines in a pipe, or nothing."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Literal, TextIO
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as RichProgress
+
+PATIENCE_S = 2.0
+"""Work shorter than this shows nothing."""
+LINE_INTERVAL_S = 10.0
+"""Between two plain lines about one task."""
+
+Mode = Literal["bar", "lines", "silent"]
+
+
+class Task:
+    """One piece of work whose parts are counted; :meth:`advance` tells that one is done."""
+
+    def __init__(self, title: str, total: int | None, show: Callable[[Task], None]) -> None:
+        self.title = title
+        self.total = total
+        self.done = 0
+        self.begun = time.monotonic()
+        self._show = show
+
+    def advance(self, count: int = 1) -> None:
+        """Count `count` more parts as done."""
+        self.done += count
+        self._show(self)
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since the task began."""
+        return time.monotonic() - self.begun
+
+    def text(self) -> str:
+        """Return how far the task is, in words."""
+        return f"{self.title}: {self.done}" + ("" if self.total is None else f" of {self.total}")
+
+
+class Progress:
+    """Reports work on `stream` (standard error): standard output is left to results.
+
+    Parameters
+    ----------
+    mode : {"bar", "lines", "silent"}
+    stream : text stream, optional
+    """
+
+    def __init__(self, mode: Mode = "silent", stream: TextIO | None = None) -> None:
+        self.mode = mode
+        self._console = Console(file=sys.stderr if stream is None else stream)
+
+    @classmethod
+    def fitting(cls, *, silent: bool = False) -> Progress:
+        """Choose the mode: silent on demand, a bar on a terminal, plain lines elsewhere."""
+        if silent:
+            return cls("silent")
+        return cls("bar" if sys.stderr.isatty() else "lines")
+
+    def note(self, text: str) -> None:
+        """Print one line, unless silent."""
+        if self.mode != "silent":
+            self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+    @contextmanager
+    def task(self, title: str, total: int | None = None) -> Iterator[Task]:
+        """Open a task of `total` parts (``None``: unknown); one is open at a time."""
+        if self.mode == "bar":
+            yield from self._with_bar(title, total)
+        else:
+            yield from self._with_lines(title, total)
+
+    def _with_lines(self, title: str, total: int | None) -> Iterator[Task]:
+        printed = 0.0
+
+        def show(task: Task) -> None:
+            nonlocal printed
+            due = PATIENCE_S if printed == 0.0 else printed + LINE_INTERVAL_S
+            if task.elapsed >= due:
+                printed = task.elapsed
+                self.note(f"{task.text()} ({task.elapsed:.0f} s)")
+
+        task = Task(title, total, show)
+        yield task
+        if task.elapsed >= PATIENCE_S:
+            self.note(f"{task.text()} done in {task.elapsed:.1f} s")
+
+    def _with_bar(self, title: str, total: int | None) -> Iterator[Task]:
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+        )
+        bar = RichProgress(*columns, console=self._console, transient=True)
+        number = bar.add_task(title, total=total)
+        task = Task(title, total, lambda task: bar.update(number, completed=task.done))
+        late = threading.Timer(PATIENCE_S, bar.start)
+        late.start()
+        try:
+            yield task
+        finally:
+            late.cancel()
+            late.join()
+            bar.stop()
+        if task.elapsed >= PATIENCE_S:
+            self.note(f"{task.text()} done in {task.elapsed:.1f} s")

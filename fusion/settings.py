@@ -1,0 +1,277 @@
+"""Settings of a workspace: one table for each stage, read from ``spcola.toml``."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import ErrorDetails
+
+from spcola import atomic
+from spcola.errors import SettingsError
+
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+Positive = Annotated[float, Field(gt=0.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
+
+
+class Table(BaseModel):
+    """One table of the settings; what it does not know is refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class BodySettings(Table):
+    """[body]: what the workspace is about."""
+
+    name: str = Field(default="body", description="name of the body (and of its body-fixed frame)")
+    mean_radius_m: NotNegative = Field(default=0.0, description="mean radius; 0: that of the shape")
+    shape: str = Field(
+        default="", description="file in SHAPEFILES; empty: the only one, or SHAPE.TXT"
+    )
+
+
+class ImportSettings(Table):
+    """[import]: how lidar files are read."""
+
+    sigma_range_m: NotNegative = Field(
+        default=0.0,
+        description="standard deviation of one range where the file states none; 0: unknown",
+    )
+    chunk: int = Field(default=1_000_000, ge=1000, description="returns held in memory at a time")
+
+
+class MapolaSettings(Table):
+    """[mapolas]: how returns become mapolas."""
+
+    source: Literal["maplets", "cover"] = Field(
+        default="maplets",
+        description="centres: those of the SPC maplets, or a covering of the shape",
+    )
+    gsd_m: NotNegative = Field(
+        default=0.0, description="ground sample distance; 0: that of the maplet"
+    )
+    half_size: int = Field(
+        default=0, ge=0, description="q of the (2q+1)² grid; 0: that of the maplet"
+    )
+    overlap: Fraction = Field(default=0.3, description="of neighbours in a covering")
+    min_count: int = Field(default=1, ge=1, description="returns that a cell needs to get a height")
+    min_coverage: Fraction = Field(
+        default=0.1, description="share of the cells that a mapola must hold to be kept"
+    )
+    outlier_k: Positive = Field(
+        default=5.0, description="returns beyond this many sigmas do not enter"
+    )
+
+
+class RegisterSettings(Table):
+    """[register]: how mapolas are matched to the SPC surface, and what is fitted."""
+
+    model: Literal["rigid", "similarity", "affine"] = Field(
+        default="similarity", description="6, 7 or 12 parameters"
+    )
+    against: Literal["maplets", "bigmap", "shape"] = Field(
+        default="bigmap",
+        description="the surface that is matched: the maplet, its neighbours too, or shape",
+    )
+    capture_m: Positive = Field(default=2.0, description="largest horizontal displacement searched")
+    min_coverage: Fraction = Field(
+        default=0.3, description="share of the grid that both surfaces hold"
+    )
+    min_correlation: Fraction = Field(
+        default=0.5, description="of the two surfaces after the match"
+    )
+    loss: Literal["l2", "huber", "cauchy"] = Field(default="huber", description="of the fit")
+
+
+class FuseSettings(Table):
+    """[fuse]: how lidar heights enter the integration of slopes."""
+
+    loss: Literal["l2", "huber", "cauchy"] = Field(
+        default="huber", description="of lidar constraints"
+    )
+    constraint_fraction: Fraction = Field(
+        default=1.0, description="share of the lidar heights used (a random subset below 1)"
+    )
+    seed: int = Field(default=1, ge=0, description="of the random subset")
+    max_gsd_m: NotNegative = Field(
+        default=0.0, description="coarser maplets are left out; 0: none is"
+    )
+
+
+class BigmapSettings(Table):
+    """[bigmap]: maplets, mapolas and fused maplets averaged over a larger square."""
+
+    constraint_fraction: Fraction = Field(default=1.0, description="share of averaged heights used")
+    seed: int = Field(default=1, ge=0, description="of the random subset")
+    max_gsd_m: NotNegative = Field(
+        default=0.0, description="coarser maplets are left out; 0: none is"
+    )
+
+
+class ScaleSettings(Table):
+    """[scale]: how the scale, the centre and the prime meridian are found."""
+
+    method: Literal["pairs", "shots"] = Field(
+        default="pairs", description="paired bigmaps, or single shots against the shape"
+    )
+    trajectory: Literal["spc", "reference"] = Field(
+        default="spc", description="by which returns are located before bigmaps are paired"
+    )
+    size_m: Positive = Field(default=100.0, description="side of the paired bigmaps")
+    gsd_m: Positive = Field(default=0.5, description="ground sample distance of the paired bigmaps")
+    min_coverage: Fraction = Field(
+        default=0.3, description="share of the grid that both bigmaps hold"
+    )
+    min_correlation: Fraction = Field(default=0.5, description="of the two bigmaps after the match")
+    center_prior_m: Positive = Field(
+        default=10.0, description="prior sigma of the centre, each axis"
+    )
+    meridian_prior_deg: Positive = Field(
+        default=1.0, description="prior sigma of the prime meridian"
+    )
+    pole_prior_deg: Positive = Field(
+        default=0.1, description="prior sigma of the pole, each direction"
+    )
+    range_bias_prior_m: NotNegative = Field(
+        default=0.0, description="prior sigma of a range bias; 0: none"
+    )
+    max_gap_s: Positive = Field(
+        default=600.0, description="longest gap of the trajectory interpolated over"
+    )
+
+
+class ReleaseSettings(Table):
+    """[release]: what is published."""
+
+    products: list[Literal["map", "fits", "geotiff", "obj", "ply"]] = Field(
+        default=["map", "fits", "geotiff", "obj", "ply"], description="formats written"
+    )
+    version: int = Field(default=1, ge=1, le=999, description="of the products, in their names")
+
+
+class Settings(BaseModel):
+    """All tables. The attribute ``ingest`` is the file's [import], a word that Python keeps."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    body: BodySettings = BodySettings()
+    ingest: ImportSettings = Field(default=ImportSettings(), alias="import")
+    mapolas: MapolaSettings = MapolaSettings()
+    registration: RegisterSettings = Field(default=RegisterSettings(), alias="register")
+    fuse: FuseSettings = FuseSettings()
+    bigmap: BigmapSettings = BigmapSettings()
+    scale: ScaleSettings = ScaleSettings()
+    release: ReleaseSettings = ReleaseSettings()
+
+    def with_table(self, table: str, **changed: Any) -> Settings:
+        """Return the settings with some keys of `table` (its name in the file) replaced.
+
+        Raises
+        ------
+        SettingsError
+            If a key is unknown or a value is not allowed.
+        """
+        content = self.model_dump(by_alias=True)
+        content[table].update(changed)
+        return parse_settings(content, "command line")
+
+
+def load_settings(path: str | Path) -> Settings:
+    """Read settings from a TOML file; what it leaves out has its default.
+
+    Raises
+    ------
+    SettingsError
+        If the file is not TOML or cannot be read, a key is unknown, or a value has the wrong type
+        or lies outside its range.
+    """
+    try:
+        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise SettingsError(f"is not TOML: {error}", path) from error
+    except UnicodeDecodeError as error:
+        raise SettingsError("is not UTF-8 text", path) from error
+    except OSError as error:
+        raise SettingsError(f"cannot be read ({error.strerror})", path) from error
+    return parse_settings(content, path)
+
+
+def parse_settings(content: dict[str, Any], where: str | Path) -> Settings:
+    """Check `content` (nested, as TOML gives it); `where` is named in errors.
+
+    Raises
+    ------
+    SettingsError
+        If a key is unknown, or a value has the wrong type or lies outside its range.
+    """
+    try:
+        return Settings.model_validate(content)
+    except ValidationError as error:
+        raise _refusal(error.errors(include_url=False)[0], where) from error
+
+
+def _refusal(problem: ErrorDetails, where: str | Path) -> SettingsError:
+    """Turn the first complaint of pydantic into one line."""
+    location = [str(part) for part in problem["loc"]]
+    place = f"{where}: [{location[0]}]" + "".join(f" {part}" for part in location[1:])
+    if problem["type"] != "extra_forbidden":
+        text = problem["msg"].removeprefix("Input ")
+        text = "should be a table" if problem["type"] == "model_type" else text
+        return SettingsError(f"{text}, not {problem['input']!r}", place)
+    if len(location) == 1:
+        known = ", ".join(f"[{name}]" for name in table_models())
+        return SettingsError("is an unknown table", place, f"known are {known}")
+    names = ", ".join(table_models()[location[0]].model_fields)
+    return SettingsError("is an unknown key", place, f"known are {names}")
+
+
+def table_models() -> dict[str, type[Table]]:
+    """Return the model of each table, by its name in the file, in the file's order."""
+    models: dict[str, type[Table]] = {}
+    for name, info in Settings.model_fields.items():
+        model = info.annotation
+        assert isinstance(model, type)
+        assert issubclass(model, Table)
+        models[info.alias or name] = model
+    return models
+
+
+def settings_text(settings: Settings) -> str:
+    """Return `settings` as TOML, every key with a comment that says what it is."""
+    lines = [
+        "# Settings of this SPCOLA workspace: one table for each stage.",
+        "# A unit stands in the name of its key (_m, _deg, _s). Unknown keys are refused.",
+    ]
+    content = settings.model_dump(by_alias=True)
+    for table, model in table_models().items():
+        lines += ["", f"[{table}]"]
+        for key, info in model.model_fields.items():
+            choices = " | ".join(get_args(info.annotation)) if _is_choice(info.annotation) else ""
+            about = f"{choices}: {info.description}" if choices else info.description
+            lines.append(f"{key} = {_toml(content[table][key])}  # {about}")
+    return "\n".join(lines) + "\n"
+
+
+def write_settings(path: str | Path, settings: Settings) -> None:
+    """Write `settings` with their comments to `path`, whole or not at all."""
+    atomic.write_text(path, settings_text(settings))
+
+
+def _is_choice(annotation: Any) -> bool:
+    """Tell whether a key takes one of some words."""
+    return get_origin(annotation) is Literal
+
+
+def _toml(value: Any) -> str:
+    """Return a TOML literal of a string, number, truth value or list of them."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return '"' + "".join(c if c >= " " else f"\\u{ord(c):04x}" for c in escaped) + '"'
+    if isinstance(value, list):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    return repr(value)

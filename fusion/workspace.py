@@ -1,0 +1,297 @@
+"""A workspace: the folder in which an SPC solution and lidar scans meet."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fusion.settings import Settings, load_settings, write_settings
+from lidar.formats.mapola import read_mapola
+from lidar.mapola import Mapola
+from spcola import atomic
+from spcola.errors import WorkspaceError
+from spcola.formats.lists import read_list
+from spcola.formats.lmk import read_landmark
+from spcola.formats.map import read_maplet
+from spcola.formats.shape import read_shape
+from spcola.formats.sum import read_summary
+from spcola.image import SpcImage
+from spcola.landmark import Landmark
+from spcola.maplet import Maplet
+from spcola.mesh import Mesh
+
+SETTINGS_FILE = "spcola.toml"
+SPC_FOLDERS = ("MAPFILES", "LMKFILES", "SUMFILES", "IMAGEFILES", "SHAPEFILES", "NOMINALS")
+SPC_LISTS = ("PICTLIST.TXT", "LMRKLIST.TXT", "MAPLIST.TXT")
+OWN_FOLDERS = ("scans", "mapolas", "fused", "bigmaps", "pairs", "release")
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """Knows where everything lies and reads it into values.
+
+    Parameters
+    ----------
+    root : Path
+        The folder; it holds ``spcola.toml``.
+    """
+
+    root: Path
+
+    @classmethod
+    def open(cls, root: str | Path) -> Workspace:
+        """Open an existing workspace.
+
+        Raises
+        ------
+        WorkspaceError
+            If there is no such folder, or it is no workspace.
+        """
+        root = Path(root)
+        if not root.is_dir():
+            raise WorkspaceError("is not a folder", root, f"create it: spcola init {root}")
+        if not (root / SETTINGS_FILE).is_file():
+            raise WorkspaceError(
+                f"is not a workspace: it has no {SETTINGS_FILE}", root, f"run: spcola init {root}"
+            )
+        return cls(root)
+
+    @classmethod
+    def create(cls, root: str | Path, settings: Settings) -> Workspace:
+        """Make `root` a workspace: its folders and settings. What is there already stays.
+
+        Raises
+        ------
+        WorkspaceError
+            If it is one already, or cannot be written.
+        """
+        root = Path(root)
+        if (root / SETTINGS_FILE).exists():
+            raise WorkspaceError("is a workspace already", root, f"edit its {SETTINGS_FILE}")
+        for folder in (*SPC_FOLDERS, *OWN_FOLDERS):
+            make_folder(root / folder)
+        write_settings(root / SETTINGS_FILE, settings)
+        return cls(root)
+
+    def settings(self) -> Settings:
+        """Read ``spcola.toml``."""
+        return load_settings(self.root / SETTINGS_FILE)
+
+    def relative(self, path: Path) -> str:
+        """Return `path` as it is named in the catalogue: relative to the root where inside it."""
+        inside = path.is_relative_to(self.root)
+        return path.relative_to(self.root).as_posix() if inside else str(path.resolve())
+
+    def maplet_names(self) -> list[str]:
+        """Return the maplets: those of MAPLIST.TXT or LMRKLIST.TXT, else all in MAPFILES."""
+        for listing in ("MAPLIST.TXT", "LMRKLIST.TXT"):
+            if (self.root / listing).is_file():
+                return read_list(self.root / listing)
+        return self._stems("MAPFILES", ".MAP")
+
+    def maplet_path(self, name: str) -> Path:
+        """Return where the maplet `name` lies."""
+        return self.root / "MAPFILES" / f"{name}.MAP"
+
+    def maplet(self, name: str) -> Maplet:
+        """Read the maplet `name`."""
+        return read_maplet(self._present(self.maplet_path(name), "maplet"), name=name)
+
+    def landmark_names(self) -> list[str]:
+        """Return the landmarks: those of LMRKLIST.TXT, else all in LMKFILES."""
+        if (self.root / "LMRKLIST.TXT").is_file():
+            return read_list(self.root / "LMRKLIST.TXT")
+        return self._stems("LMKFILES", ".LMK")
+
+    def landmark(self, name: str) -> Landmark:
+        """Read the landmark `name`."""
+        return read_landmark(self._present(self.root / "LMKFILES" / f"{name}.LMK", "landmark"))
+
+    def image_names(self) -> list[str]:
+        """Return the images: those of PICTLIST.TXT, else all in SUMFILES."""
+        if (self.root / "PICTLIST.TXT").is_file():
+            return read_list(self.root / "PICTLIST.TXT")
+        return self._stems("SUMFILES", ".SUM")
+
+    def image_path(self, name: str) -> Path:
+        """Return where the SUM file of the image `name` lies."""
+        return self.root / "SUMFILES" / f"{name}.SUM"
+
+    def image(self, name: str) -> SpcImage:
+        """Read the state of the image `name` (no pixels)."""
+        return read_summary(self._present(self.image_path(name), "image"))
+
+    def images(self) -> list[SpcImage]:
+        """Read the states of all images (no pixels)."""
+        return [self.image(name) for name in self.image_names()]
+
+    def shape_path(self) -> Path:
+        """Return the shape model's file: the setting, SHAPE.TXT, or the only file there is.
+
+        Raises
+        ------
+        WorkspaceError
+            If there is none, or several and none is chosen.
+        """
+        folder = self.root / "SHAPEFILES"
+        chosen = self.settings().body.shape
+        if chosen:
+            return self._present(folder / chosen, "shape")
+        files = self._files(folder)
+        if len(files) == 1:
+            return files[0]
+        if folder / "SHAPE.TXT" in files:
+            return folder / "SHAPE.TXT"
+        if not files:
+            raise WorkspaceError("holds no shape", folder, "put one there, or init with --shape")
+        names = ", ".join(file.name for file in files)
+        raise WorkspaceError(f"holds several shapes ({names})", folder, "set [body] shape")
+
+    def shape(self) -> Mesh:
+        """Read the shape model."""
+        return read_shape(self.shape_path())
+
+    def scan_names(self) -> list[str]:
+        """Return the imported scans."""
+        return self._stems("scans", ".h5")
+
+    def scan_path(self, name: str) -> Path:
+        """Return where the scan `name` lies."""
+        return self.root / "scans" / f"{name}.h5"
+
+    def scan_paths(self) -> list[Path]:
+        """Return where the imported scans lie, in the order of their names."""
+        return [self.scan_path(name) for name in self.scan_names()]
+
+    def mapola_names(self) -> list[str]:
+        """Return the mapolas."""
+        return self._stems("mapolas", ".MAP")
+
+    def mapola_paths(self) -> list[Path]:
+        """Return the files of all mapolas: their maps and the HDF5 of what maps cannot hold."""
+        return self._files(self.root / "mapolas")
+
+    def mapola(self, name: str) -> Mapola:
+        """Read the mapola `name`."""
+        self._present(self.root / "mapolas" / f"{name}.MAP", "mapola")
+        return read_mapola(self.root / "mapolas", name)
+
+    def fused_names(self) -> list[str]:
+        """Return the fused maplets."""
+        return self._stems("fused", ".MAP")
+
+    def fused_path(self, name: str) -> Path:
+        """Return where the fused maplet `name` lies."""
+        return self.root / "fused" / f"{name}.MAP"
+
+    def pair_path(self, image: str, kind: str) -> Path:
+        """Return where a bigmap of the pair of `image` lies; `kind` is "maplets" or "returns"."""
+        return self.root / "pairs" / f"{image}-{kind}.MAP"
+
+    @property
+    def registration_path(self) -> Path:
+        """Where the registration lies."""
+        return self.root / "registration.json"
+
+    @property
+    def scale_path(self) -> Path:
+        """Where the scale lies."""
+        return self.root / "scale.json"
+
+    @property
+    def report_path(self) -> Path:
+        """Where the report lies."""
+        return self.root / "report.html"
+
+    def write_json(self, name: str, content: Mapping[str, Any]) -> Path:
+        """Write `content` to the file `name`: atomic, keys sorted, NaN and infinity as null."""
+        path = self.root / name
+        make_folder(path.parent)
+        atomic.write_text(path, json_text(content))
+        return path
+
+    def read_json(self, name: str) -> dict[str, Any]:
+        """Read the file `name`; null stays None.
+
+        Raises
+        ------
+        WorkspaceError
+            If it is missing or holds no JSON object.
+        """
+        path = self.root / name
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise WorkspaceError(f"cannot be read ({error.strerror})", path) from error
+        except ValueError as error:
+            raise WorkspaceError(
+                f"is not JSON ({error})", path, "remove it and run again"
+            ) from error
+        if not isinstance(content, dict):
+            raise WorkspaceError("holds no JSON object", path, "remove it and run again")
+        return content
+
+    def _stems(self, folder: str, suffix: str) -> list[str]:
+        """Return the names of the files with `suffix` in a folder of the workspace, sorted."""
+        return [p.stem for p in self._files(self.root / folder) if p.suffix == suffix]
+
+    @staticmethod
+    def _files(folder: Path) -> list[Path]:
+        """Return the visible files of a folder, sorted; none where there is no folder."""
+        try:
+            entries = sorted(folder.iterdir())
+        except FileNotFoundError:
+            return []
+        except OSError as error:
+            raise WorkspaceError(
+                f"cannot be listed ({error.strerror})", folder, "check its permissions"
+            ) from error
+        return [entry for entry in entries if entry.is_file() and not entry.name.startswith(".")]
+
+    def _present(self, path: Path, what: str) -> Path:
+        """Return `path`, refused unless it is a file."""
+        if not path.is_file():
+            raise WorkspaceError(f"the {what} is not there", path, f"see: spcola info {self.root}")
+        return path
+
+
+def make_folder(path: Path) -> None:
+    """Create a folder and those above it.
+
+    Raises
+    ------
+    WorkspaceError
+        If it cannot be created.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WorkspaceError(
+            f"cannot be created ({error.strerror})", path, "check the folder above it"
+        ) from error
+
+
+def json_text(content: Mapping[str, Any]) -> str:
+    """Return `content` as JSON: keys sorted, arrays as lists, NaN and infinity as null."""
+    return json.dumps(_plain(content), indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    """Return `value` in the types that JSON knows."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return str(value) if isinstance(value, Path) else value
