@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -219,7 +220,9 @@ def sigma_path(path: str | Path) -> Path:
     return Path(path).with_suffix(".SIG")
 
 
-def read_sigma(path: str | Path, half_size: int, *, byte_order: str | None = None) -> FloatArray:
+def read_sigma(
+    path: str | Path, half_size: int, *, byte_order: Literal[">", "<"] | None = None
+) -> FloatArray:
     """Read a sigma companion: one 4-byte float for each point, in the order of the .MAP file.
 
     Parameters
@@ -248,7 +251,8 @@ def read_sigma(path: str | Path, half_size: int, *, byte_order: str | None = Non
         raise FormatError(
             f"has {len(content)} bytes, {4 * size**2} belong to q = {half_size}", path
         )
-    for order in (byte_order,) if byte_order else (">", "<"):
+    orders: tuple[Literal[">", "<"], ...] = (byte_order,) if byte_order else (">", "<")
+    for order in orders:
         sigma_km = np.frombuffer(content, np.dtype("f4").newbyteorder(order))
         if _is_sigma_km(sigma_km):
             return sigma_km.astype(np.float64).reshape(size, size).T * KM

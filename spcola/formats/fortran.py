@@ -1,0 +1,66 @@
+"""Numbers as Fortran writes them: D exponents, a mantissa below one, fixed columns."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([DdEe][+-]?\d+|[+-]\d{3})?")
+_EXPONENT = re.compile(r"(?<=[\d.])[Dd]?(?=[+-]\d)|[Dd]")
+
+
+def parse_number(text: str) -> float:
+    """Return the number that `text` holds; ``0.5D-02``, ``5E-3``, ``.5-100`` and ``5`` are numbers.
+
+    Raises
+    ------
+    ValueError
+        If it is not a finite number: ``NaN``, ``Infinity`` and the ``****`` of a number that
+        overflowed its column are refused with the rest.
+    """
+    if not _NUMBER.fullmatch(text):
+        reason = "a number that overflowed its column" if set(text) == {"*"} else "not a number"
+        raise ValueError(f"{text!r} is {reason}")
+    value = float(_EXPONENT.sub("E", text, count=1))
+    if not math.isfinite(value):
+        raise ValueError(f"{text!r} is too large")
+    return value
+
+
+def is_number(text: str) -> bool:
+    """Whether :func:`parse_number` reads `text`."""
+    return _NUMBER.fullmatch(text) is not None
+
+
+def format_d(value: float, width: int, digits: int) -> str:
+    """Format as Fortran's ``Dw.d``: ``0.5000000000D-02`` for 0.005 with ten digits.
+
+    An unknown value (NaN) has no Fortran form; it becomes −1, which the readers of this program
+    take for unknown where only positive numbers make sense (sigmas), and which SPC, squaring it,
+    takes for a weak prior.
+    """
+    known = -1.0 if np.isnan(value) else value
+    mantissa, exponent = f"{abs(known):.{digits - 1}e}".split("e")
+    power = int(exponent) + (known != 0)
+    sign = "-" if known < 0 else ""
+    return f"{sign}0.{mantissa.replace('.', '')}D{power:+03d}".rjust(width)
+
+
+def format_1pd(value: float, width: int, digits: int) -> str:
+    """Format as Fortran's ``1PDw.d``: ``-1.34475D-01``, the form of ICQ files."""
+    return f"{value:.{digits}E}".replace("E", "D").rjust(width)
+
+
+def format_fixed(value: float, width: int, decimals: int) -> str:
+    """Format as Fortran's ``Fw.d``, with more decimals (and columns) where these would lose.
+
+    A focal-plane coefficient of 117.647058823 written with four decimals would move a landmark;
+    a value that fits is written in exactly the columns that SPC gives it.
+    """
+    text = f"{value:.{decimals}f}"
+    while abs(float(text) - value) > 1e-10 * abs(value) and decimals < 17:
+        decimals += 1
+        text = f"{value:.{decimals}f}"
+    return text.rjust(width) if len(text) < width else f" {text}"
