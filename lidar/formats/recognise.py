@@ -1,0 +1,74 @@
+"""Recognition: what format a lidar file has, told from its content and never from its name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+from lidar.formats.native import is_native, read_native
+from lidar.formats.ola import is_ola, read_ola
+from lidar.formats.options import LidarOptions
+from lidar.scan import Scan
+from spcola.errors import FormatError
+
+_HEAD_BYTES = 8192
+
+
+@dataclass(frozen=True)
+class LidarFormat:
+    """One format: how it is recognised, and who reads it.
+
+    Parameters
+    ----------
+    matches : callable (path, head, size) -> bool
+        Whether a file of `size` bytes that begins with `head` has the format.
+    read : callable (path, options) -> iterator of Scan
+    """
+
+    matches: Callable[[Path, bytes, int], bool]
+    read: Callable[[Path, LidarOptions], Iterator[Scan]]
+
+
+# Formats with a signature come first, binary tables without one before text that has none.
+FORMATS: Mapping[str, LidarFormat] = MappingProxyType(
+    {
+        "native": LidarFormat(lambda _path, head, _size: is_native(head), read_native),
+        "ola": LidarFormat(lambda path, _head, size: is_ola(path, size), read_ola),
+    }
+)
+"""Formats by name, in the order in which they are tried."""
+
+
+def recognise(path: str | Path) -> str:
+    """Return the name of the format of a lidar file, told from its content.
+
+    Raises
+    ------
+    FormatError
+        If the file cannot be read, is empty, or has no known format.
+    """
+    source = Path(path)
+    head, size = _head(source)
+    if size == 0:
+        raise FormatError("is empty", source)
+    for name, candidate in FORMATS.items():
+        if candidate.matches(source, head, size):
+            return name
+    raise FormatError(
+        "has no known lidar format",
+        source,
+        f"name its format if it is one of {', '.join(FORMATS)}",
+    )
+
+
+def _head(path: Path) -> tuple[bytes, int]:
+    """Return the first bytes of a file and its size."""
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(_HEAD_BYTES)
+        return head, path.stat().st_size
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise FormatError(f"cannot be read ({reason})", path) from error
