@@ -15,9 +15,7 @@ import numpy as np
 from spcola.arrays import AnyArray, FloatArray, IntArray
 from spcola.kernel import kernel
 from spcola.maplet import MapletGrid
-
-MAD_TO_SIGMA = 1.482602218505602
-"""Standard deviation of a Gaussian over its median absolute deviation."""
+from spcola.robust import MAD_TO_SIGMA
 
 # Below this many values sorting by insertion beats partitioning.
 _SHORT = 16

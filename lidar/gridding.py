@@ -87,6 +87,19 @@ class GriddingOptions:
         if self.reach_m is not None and not self.reach_m > 0:
             raise SettingsError(f"must be positive, not {self.reach_m}", "reach_m")
 
+    def reach(self, grid: MapletGrid) -> float:
+        """Return the largest distance from the plane of `grid` that counts, metres."""
+        return self.reach_m or grid.half_size * grid.gsd
+
+    def neighbourhood(self, grid: MapletGrid) -> float:
+        """Return the distance from the centre of `grid` within which all its returns lie, metres.
+
+        A sphere of this radius holds the cells (half a step beyond the outer grid points) over
+        the whole reach along Uz.
+        """
+        side = (grid.half_size + 0.5) * grid.gsd
+        return float(np.sqrt(2.0 * side**2 + self.reach(grid) ** 2))
+
 
 @dataclass(frozen=True)
 class GriddingReport:
@@ -162,8 +175,7 @@ def grid_returns(
     gives a mapola without heights.
     """
     options = options or GriddingOptions()
-    reach = options.reach_m or 0.5 * (grid.size - 1) * grid.gsd
-    inside = sort_into_cells(grid, returns.points, reach)
+    inside = sort_into_cells(grid, returns.points, options.reach(grid))
     cleaned = _without_strays(inside, grid.gsd, options)
     surface = _settle(cleaned, grid.gsd, options)
     outlying = 0

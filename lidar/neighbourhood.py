@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidar.cells import MAD_TO_SIGMA, median_in_place
+from lidar.cells import median_in_place
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.kernel import kernel
+from spcola.robust import MAD_TO_SIGMA
 
 
 @dataclass(frozen=True, eq=False)

@@ -122,7 +122,7 @@ def find_outliers(
     distance = np.abs(corrected - height.ravel()[cell])
     many = cells.count > options.few
     spread = np.where(many, cells.spreads(corrected, height), np.nan)
-    floor = float(np.nanmedian(spread)) if many.any() else 0.0
+    floor = float(np.median(spread[many])) if many.any() else 0.0
     limit = np.where(many, options.cell_sigmas * np.maximum(spread, floor), np.inf)
     # Identical heights (quantised ranges) have no spread: rounding must not reject them.
     limit = np.minimum(np.maximum(limit, 1e-6 * gsd), options.departure * gsd)
