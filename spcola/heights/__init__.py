@@ -1,0 +1,16 @@
+"""Surfaces from slopes and heights: energy (A), its solver, its uncertainty."""
+
+from spcola.heights.problem import HeightProblem
+from spcola.heights.relaxation import relax
+from spcola.heights.slopes import slopes_of, steps_from_slopes
+from spcola.heights.solver import HeightSolution, SolverOptions, solve_heights
+
+__all__ = [
+    "HeightProblem",
+    "HeightSolution",
+    "SolverOptions",
+    "relax",
+    "slopes_of",
+    "solve_heights",
+    "steps_from_slopes",
+]

@@ -1,0 +1,246 @@
+"""Slopes and sparse heights to a surface: the minimiser of energy (A)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from spcola.arrays import BoolArray, FloatArray, IntArray, check_shape, read_only
+from spcola.errors import InvalidValueError, SettingsError
+from spcola.heights.components import Components, find_components
+from spcola.heights.conjugate import LinearSolution, LinearSystem
+from spcola.heights.problem import HeightProblem
+from spcola.robust import cauchy_weight, huber_weight
+
+Loss = Literal["l2", "huber", "cauchy"]
+Floating = Literal["start", "zero_mean", "unknown"]
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """How :func:`solve_heights` works.
+
+    Parameters
+    ----------
+    tolerance_m : float
+        The estimated largest error of a height at which the solution counts as reached, metres.
+    max_iterations : int
+        Iterations of conjugate gradients, for each linear solution.
+    loss : {"l2", "huber", "cauchy"}
+        Loss on the constraints; steps are always least squares.
+    loss_scale : float
+        Where the loss leaves the parabola, in sigmas of the constraint (σ = 1/√weight).
+    max_reweights : int
+        Linear solutions of a robust loss.
+    floating : {"start", "zero_mean", "unknown"}
+        What ties a part without any constraint: its mean over the points where `start` has a
+        height (zero mean, where it has none), zero mean, or nothing: its heights are NaN.
+
+    Raises
+    ------
+    SettingsError
+        If a number is not positive or a name is unknown.
+    """
+
+    tolerance_m: float = 1e-6
+    max_iterations: int = 500
+    loss: Loss = "l2"
+    loss_scale: float = 2.0
+    max_reweights: int = 50
+    floating: Floating = "start"
+
+    def __post_init__(self) -> None:
+        for name in ("tolerance_m", "max_iterations", "loss_scale", "max_reweights"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise SettingsError(f"must be positive, not {value}", name)
+        if self.loss not in ("l2", "huber", "cauchy"):
+            raise SettingsError(f"is {self.loss!r}", "loss", "choose l2, huber or cauchy")
+        if self.floating not in ("start", "zero_mean", "unknown"):
+            raise SettingsError(
+                f"is {self.floating!r}", "floating", "choose start, zero_mean or unknown"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class HeightSolution:
+    """The surface, and how far to trust it.
+
+    Parameters
+    ----------
+    height : (R, C) ndarray
+        Metres; NaN outside the mask, at single points that nothing determines, and on floating
+        parts if so asked.
+    constraint_weight : (R, C) ndarray
+        Weights of the constraints in the last linear solution, 1/m²: those of the problem times
+        the factor of the robust loss.
+    components : (R, C) integer ndarray
+        Label of the part that each point belongs to; −1 outside the mask.
+    floating : (F,) integer ndarray
+        Labels of the parts without any constraint: their mean height is a convention.
+    iterations : int
+        Iterations of conjugate gradients, summed over the linear solutions.
+    converged : bool
+        Whether the tolerance was reached (by every linear solution and by the reweighting).
+    reason : str
+        Why the solver stopped.
+    error_bound_m : float
+        Estimated largest distance to the exact minimiser of the last linear problem, metres.
+    """
+
+    height: FloatArray
+    constraint_weight: FloatArray
+    components: IntArray
+    floating: IntArray
+    iterations: int
+    converged: bool
+    reason: str
+    error_bound_m: float
+
+
+def solve_heights(
+    problem: HeightProblem,
+    *,
+    options: SolverOptions | None = None,
+    start: FloatArray | None = None,
+) -> HeightSolution:
+    """Minimise energy (A) (the converged relaxation of Gaskell et al., eqs. 22 and 23).
+
+    Parameters
+    ----------
+    problem : HeightProblem
+        Steps, constraints, weights, mask.
+    options : SolverOptions, optional
+        Tolerance, robust loss, floating parts.
+    start : (R, C) ndarray, optional
+        First guess, metres; NaN where there is none. It also ties floating parts.
+
+    Returns
+    -------
+    HeightSolution
+
+    Raises
+    ------
+    InvalidValueError
+        If `start` has another shape or an infinite height.
+    """
+    chosen = SolverOptions() if options is None else options
+    if start is not None:
+        check_shape(start, problem.shape, "start")
+        if np.isinf(start).any():
+            raise InvalidValueError("holds an infinite height", "start")
+    parts = find_components(problem)
+    guess = _first_guess(problem, parts, start)
+    if chosen.loss == "l2":
+        linear = _solve_linear(problem, problem.weight, parts, guess, chosen)
+        weight, iterations, settled = problem.weight, linear.iterations, True
+    else:
+        linear, weight, iterations, settled = _solve_robust(problem, parts, guess, chosen)
+    height = _tie(linear.height, parts, start, chosen.floating)
+    height[~problem.mask] = np.nan
+    return HeightSolution(
+        read_only(height),
+        read_only(weight),
+        read_only(parts.labels),
+        read_only(parts.floating),
+        iterations,
+        linear.converged and settled,
+        _reason(linear, settled, chosen),
+        linear.error_bound_m,
+    )
+
+
+def _solve_linear(
+    problem: HeightProblem,
+    weight: FloatArray,
+    parts: Components,
+    guess: FloatArray,
+    options: SolverOptions,
+) -> LinearSolution:
+    system = LinearSystem(problem, weight, parts)
+    return system.solve(guess, options.tolerance_m, options.max_iterations)
+
+
+def _solve_robust(
+    problem: HeightProblem, parts: Components, guess: FloatArray, options: SolverOptions
+) -> tuple[LinearSolution, FloatArray, int, bool]:
+    """Reweight the constraints by their residuals until the surface stands still.
+
+    Returns the last linear solution, its weights, the sum of the iterations, and whether the
+    reweighting settled.
+    """
+    used = problem.weight > 0
+    root = np.sqrt(problem.weight[used])
+    loss_weight = huber_weight if options.loss == "huber" else cauchy_weight
+    weight = problem.weight
+    linear = _solve_linear(problem, weight, parts, guess, options)
+    iterations = linear.iterations
+    for _ in range(options.max_reweights):
+        residual = (linear.height[used] - problem.height[used]) * root
+        factor = loss_weight(residual, options.loss_scale)
+        weight = np.zeros(problem.shape)
+        # No constraint vanishes altogether, or its part could come loose.
+        weight[used] = problem.weight[used] * np.maximum(factor, 1e-12)
+        before = linear.height
+        linear = _solve_linear(problem, weight, parts, before, options)
+        iterations += linear.iterations
+        change = np.abs(linear.height - before)[problem.mask].max(initial=0.0)
+        if change <= 10 * options.tolerance_m:
+            return linear, weight, iterations, True
+    return linear, weight, iterations, False
+
+
+def _first_guess(problem: HeightProblem, parts: Components, start: FloatArray | None) -> FloatArray:
+    """Fill `start` (or nothing) up with the mean constraint of each part."""
+    total = np.bincount(
+        parts.labels[problem.mask],
+        weights=(problem.weight * np.nan_to_num(problem.height))[problem.mask],
+        minlength=len(parts.size),
+    )
+    mean = np.divide(total, parts.weight, out=np.zeros(len(total)), where=parts.weight > 0)
+    guess = np.append(mean, 0.0)[parts.labels]
+    return guess if start is None else np.where(np.isfinite(start), start, guess)
+
+
+def _tie(
+    height: FloatArray, parts: Components, start: FloatArray | None, how: Floating
+) -> FloatArray:
+    """Return a copy whose floating parts have the mean that `how` asks for."""
+    tied = np.array(height)
+    if len(parts.floating) == 0:
+        return tied
+    loose = parts.is_floating
+    if how == "unknown":
+        tied[loose] = np.nan
+        return tied
+    labels, count = parts.labels, len(parts.size)
+    aim = np.full(tied.shape, np.nan) if start is None or how == "zero_mean" else start
+    known = loose & np.isfinite(aim)
+    points = np.bincount(labels[known], minlength=count)
+    gap = _sums(aim - tied, labels, known, count)
+    shift = np.divide(gap, points, out=np.zeros(count), where=points > 0)
+    zero_mean = -_sums(tied, labels, loose, count) / parts.size
+    shift = np.where(points > 0, shift, zero_mean)
+    tied[loose] += shift[labels[loose]]
+    # A lone point without neighbours, constraint or start is unknown, not zero.
+    tied[loose & ((parts.size == 1) & (points == 0))[labels]] = np.nan
+    return tied
+
+
+def _sums(values: FloatArray, labels: IntArray, where: BoolArray, count: int) -> FloatArray:
+    """Return the sum of `values` over each part's points in the mask `where`."""
+    return np.bincount(labels[where], weights=values[where], minlength=count).astype(np.float64)
+
+
+def _reason(linear: LinearSolution, settled: bool, options: SolverOptions) -> str:
+    """Say in one clause why the solver stopped."""
+    if not linear.converged:
+        return (
+            f"stopped after {linear.iterations} iterations with an estimated error of "
+            f"{linear.error_bound_m:.2g} m, above the tolerance of {options.tolerance_m:.2g} m"
+        )
+    if not settled:
+        return f"the {options.loss} weights still moved after {options.max_reweights} rounds"
+    return f"estimated error {linear.error_bound_m:.2g} m, below the tolerance"
