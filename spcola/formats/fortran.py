@@ -48,11 +48,6 @@ def format_d(value: float, width: int, digits: int) -> str:
     return f"{sign}0.{mantissa.replace('.', '')}D{power:+03d}".rjust(width)
 
 
-def format_1pd(value: float, width: int, digits: int) -> str:
-    """Format as Fortran's ``1PDw.d``: ``-1.34475D-01``, the form of ICQ files."""
-    return f"{value:.{digits}E}".replace("E", "D").rjust(width)
-
-
 def format_fixed(value: float, width: int, decimals: int) -> str:
     """Format as Fortran's ``Fw.d``, with more decimals (and columns) where these would lose.
 

@@ -1,0 +1,181 @@
+"""A folder of maplets: .MAP files for every SPC program, and one HDF5 for what a .MAP cannot hold.
+
+A .MAP quantises heights and has no place for sigma and further layers. The HDF5 beside the .MAP
+files holds these, and heights and frames at full precision: it is what is read back. It also
+knows the digest of each .MAP, so that a .MAP that was changed, or that an interrupted run left
+behind, is noticed and not mixed up.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import h5py
+
+from spcola.arrays import AnyArray
+from spcola.atomic import replacing, write_error
+from spcola.errors import FormatError, InvalidValueError, WorkspaceError
+from spcola.formats.map import sigma_path, write_maplet
+from spcola.maplet import Maplet, MapletGrid
+
+M = TypeVar("M", bound=Maplet)
+
+_PACKED = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+
+
+@dataclass(frozen=True)
+class MapStore(Generic[M]):
+    """How maplets of one kind are kept in a folder.
+
+    Parameters
+    ----------
+    kind : str
+        What they are, in words ("fused maplet").
+    file : str
+        Name of the HDF5 file.
+    form : str
+        Name and version of its form, kept inside.
+    layers : tuple of str
+        Attributes that are kept as arrays, height, sigma and albedo among them.
+    make : callable
+        Makes the value again from name, grid and the layers with ``center_sigma``.
+    sigma_companions : bool
+        Also write ``NAME.SIG`` for the SPC programs.
+    """
+
+    kind: str
+    file: str
+    form: str
+    layers: tuple[str, ...]
+    make: Callable[[str, MapletGrid, Mapping[str, AnyArray]], M]
+    sigma_companions: bool = False
+
+    def write(self, folder: str | Path, maplets: Iterable[M]) -> list[str]:
+        """Write maplets as the new content of `folder`, and return their names.
+
+        One is in memory at a time. All are first written beside their final places and renamed
+        at the end: an error or a full disk in between leaves the folder as it was. .MAP files
+        that the HDF5 knew before and that are no longer made are removed.
+
+        Raises
+        ------
+        WorkspaceError
+            If the folder cannot be written.
+        InvalidValueError
+            If two maplets bear one name, or a name is no file name.
+        """
+        folder = Path(folder)
+        former = self.names(folder) if (folder / self.file).exists() else []
+        try:
+            staging = Path(tempfile.mkdtemp(prefix=".maps.", suffix=".part", dir=folder))
+        except OSError as error:
+            raise write_error(folder, error) from error
+        try:
+            with replacing(folder / self.file) as temporary:
+                names = self._stage(temporary, staging, maplets)
+                for path in sorted(staging.iterdir()):
+                    path.replace(folder / path.name)
+            for name in set(former) - set(names):
+                (folder / f"{name}.MAP").unlink(missing_ok=True)
+                sigma_path(folder / f"{name}.MAP").unlink(missing_ok=True)
+        finally:
+            shutil.rmtree(staging, ignore_errors=True)
+        return names
+
+    def names(self, folder: str | Path) -> list[str]:
+        """Return the names of the maplets in `folder`, in the order of the alphabet.
+
+        Raises
+        ------
+        WorkspaceError, FormatError
+            If there is no HDF5, or it is something else.
+        """
+        with self._opened(Path(folder) / self.file) as file:
+            return sorted(file)
+
+    def read(self, folder: str | Path, name: str) -> M:
+        """Read the maplet `name` at full precision.
+
+        Raises
+        ------
+        WorkspaceError
+            If a file cannot be read, or there is no such maplet.
+        FormatError
+            If the HDF5 is something else or damaged, or does not belong to ``NAME.MAP``.
+        """
+        path = Path(folder) / self.file
+        with self._opened(path) as file:
+            if name not in file:
+                raise WorkspaceError(f"holds no {self.kind} {name}", path, "make it again")
+            try:
+                maplet, digest = self._load(file[name], name)
+            except (KeyError, OSError, ValueError, TypeError, InvalidValueError) as error:
+                raise FormatError(
+                    f"is damaged at {name} ({error})", path, "make it again"
+                ) from error
+        map_path = Path(folder) / f"{name}.MAP"
+        if _digest(map_path) != digest:
+            raise FormatError(
+                f"is not the map that {self.file} describes", map_path, "make it again"
+            )
+        return maplet
+
+    def _stage(self, hdf5: Path, staging: Path, maplets: Iterable[M]) -> list[str]:
+        """Write the HDF5 and, into `staging`, the .MAP files; return the names."""
+        names: list[str] = []
+        with h5py.File(hdf5, "w") as file:
+            file.attrs["format"] = self.form
+            for maplet in maplets:
+                if maplet.name in names:
+                    raise InvalidValueError(f"two {self.kind}s bear this name", maplet.name)
+                if Path(maplet.name).name != maplet.name or maplet.name.startswith("."):
+                    raise InvalidValueError("is no name for a file", repr(maplet.name))
+                path = staging / f"{maplet.name}.MAP"
+                write_maplet(path, maplet, sigma_companion=self.sigma_companions)
+                self._store(file.create_group(maplet.name), maplet, path)
+                names.append(maplet.name)
+        return names
+
+    def _store(self, group: Any, maplet: M, map_path: Path) -> None:
+        """Write one maplet into its group."""
+        for layer in self.layers:
+            group.create_dataset(layer, data=getattr(maplet, layer), **_PACKED)
+        grid = maplet.grid
+        group.attrs.update(
+            center=grid.center, axes=grid.axes, gsd=grid.gsd, half_size=grid.half_size
+        )
+        group.attrs["center_sigma"] = maplet.center_sigma
+        group.attrs["map_sha256"] = _digest(map_path)
+
+    def _load(self, group: Any, name: str) -> tuple[M, str]:
+        """Read one maplet from its group, and the digest of its .MAP."""
+        kept = group.attrs
+        grid = MapletGrid(kept["center"], kept["axes"], float(kept["gsd"]), int(kept["half_size"]))
+        layers = {layer: group[layer][:] for layer in self.layers}
+        layers["center_sigma"] = kept["center_sigma"]
+        return self.make(name, grid, layers), str(kept["map_sha256"])
+
+    def _opened(self, path: Path) -> Any:
+        """Open the HDF5 for reading, refused if it is something else."""
+        try:
+            file = h5py.File(path, "r")
+        except OSError as error:
+            raise WorkspaceError("cannot be read as HDF5", path, "make it again") from error
+        if file.attrs.get("format") != self.form:
+            file.close()
+            raise FormatError(f"is not {self.form!r}", path, "make it again")
+        return file
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise WorkspaceError(f"cannot be read ({error.strerror})", path, "make it again") from error
