@@ -53,7 +53,7 @@ def write_mapolas(folder: str | Path, mapolas: Iterable[Mapola]) -> list[str]:
         If two mapolas bear one name, or a name is no file name.
     """
     folder = Path(folder)
-    former = mapola_names(folder) if (folder / MAPOLAS_HDF5).exists() else []
+    former = _former_names(folder)
     try:
         staging = Path(tempfile.mkdtemp(prefix=".mapolas.", suffix=".part", dir=folder))
     except OSError as error:
@@ -112,6 +112,14 @@ def read_mapola(folder: str | Path, name: str) -> Mapola:
     if _digest(map_path) != digest:
         raise FormatError(f"is not the map that {MAPOLAS_HDF5} describes", map_path, _AGAIN)
     return mapola
+
+
+def _former_names(folder: Path) -> list[str]:
+    """Names that ``mapolas.h5`` holds so far; none if it is damaged, for it is being replaced."""
+    try:
+        return mapola_names(folder) if (folder / MAPOLAS_HDF5).exists() else []
+    except (FormatError, WorkspaceError):
+        return []
 
 
 def _check_name(name: str, names: list[str]) -> None:
