@@ -40,6 +40,12 @@ class ImportSettings(Table):
         default=0.0,
         description="standard deviation of one range where the file states none; 0: unknown",
     )
+    range_tolerance_m: NotNegative = Field(
+        default=0.0,
+        description="a return whose point and range disagree by more is rejected; 0: as the format",
+    )
+    min_radius_m: NotNegative = Field(default=0.0, description="returns nearer to the centre of the body are rejected")
+    max_radius_m: NotNegative = Field(default=0.0, description="returns further from it are rejected; 0: none is")
     chunk: int = Field(default=1_000_000, ge=1000, description="returns held in memory at a time")
 
 
@@ -249,8 +255,8 @@ def settings_text(settings: Settings) -> str:
     for table, model in table_models().items():
         lines += ["", f"[{table}]"]
         for key, info in model.model_fields.items():
-            choices = " | ".join(get_args(info.annotation)) if _is_choice(info.annotation) else ""
-            about = f"{choices}: {info.description}" if choices else info.description
+            choices = f" ({' | '.join(get_args(info.annotation))})" * _is_choice(info.annotation)
+            about = f"{info.description}{choices}"
             lines.append(f"{key} = {_toml(content[table][key])}  # {about}")
     return "\n".join(lines) + "\n"
 

@@ -1,0 +1,1 @@
+"""Fused heights: slopes of images and heights of a lidar in one integration."""

@@ -1,0 +1,85 @@
+"""Registered mapolas as constraining heights on the grid of a maplet."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidar.mapola import Mapola
+from spcola.arrays import AnyArray, FloatArray
+from spcola.maplet import MapletGrid
+from spcola.regrid import project_maplet
+
+
+@dataclass(frozen=True, eq=False)
+class Constraints:
+    """Lidar heights on a grid.
+
+    Parameters
+    ----------
+    height : (2q+1, 2q+1) ndarray
+        Metres along Uz; NaN where no return fell.
+    sigma : (2q+1, 2q+1) ndarray
+        Independent from cell to cell, metres.
+    count : (2q+1, 2q+1) int ndarray
+        Returns behind each height.
+    """
+
+    height: FloatArray
+    sigma: FloatArray
+    count: AnyArray
+
+    def subset(self, fraction: float, generator: np.random.Generator) -> Constraints:
+        """Keep a random fraction of the heights (Gaskell et al. §3.3), reproducibly."""
+        if fraction >= 1.0:
+            return self
+        dropped = generator.random(self.height.shape) >= fraction
+        return Constraints(
+            np.where(dropped, np.nan, self.height),
+            np.where(dropped, np.nan, self.sigma),
+            np.where(dropped, 0, self.count),
+        )
+
+
+def lidar_constraints(grid: MapletGrid, mapolas: Iterable[Mapola]) -> Constraints:
+    """Project registered mapolas onto `grid`, one height for each point.
+
+    Overlapping mapolas hold the same returns, so averaging them would count returns twice. Each
+    point takes the height of one: the first in order that holds it, so the caller puts the
+    mapola of the same place first.
+
+    Parameters
+    ----------
+    grid : MapletGrid
+        In SPC coordinates.
+    mapolas : iterable of Mapola
+        In SPC coordinates (moved by the registration), best first.
+    """
+    height = np.full(grid.shape, np.nan)
+    sigma = np.full(grid.shape, np.nan)
+    count = np.zeros(grid.shape, dtype=np.int32)
+    for mapola in mapolas:
+        if overlaps(grid, mapola.grid):
+            projected = project_maplet(mapola, grid)
+            new = projected.valid & np.isfinite(projected.sigma) & ~np.isfinite(height)
+            height[new] = projected.height[new]
+            sigma[new] = projected.sigma[new]
+            count[new] = np.maximum(_nearest_count(mapola, grid, height)[new], 1)
+    return Constraints(height, sigma, count)
+
+
+def overlaps(one: MapletGrid, other: MapletGrid) -> bool:
+    """Whether two grids lie on the same side of the body and near enough to share points."""
+    apart = float(np.linalg.norm(one.center - other.center))
+    return apart < one.radius + other.radius and float(one.uz @ other.uz) > 0.0
+
+
+def _nearest_count(mapola: Mapola, grid: MapletGrid, height: FloatArray) -> AnyArray:
+    """Count of the mapola's cell nearest to each point of `grid` that lies at `height`."""
+    x, y, _ = mapola.grid.project(grid.points(np.nan_to_num(height)))
+    q = mapola.grid.half_size
+    column = np.clip(np.rint(x), -q, q).astype(np.intp) + q
+    row = np.clip(np.rint(y), -q, q).astype(np.intp) + q
+    return np.asarray(mapola.count)[row, column]

@@ -1,0 +1,275 @@
+"""One fused maplet: energy (A) with slopes from images and heights from a lidar."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from fusion.fused import FusedMaplet, Source
+from fusion.fusing.constraints import Constraints
+from fusion.fusing.information import SlopeInformation
+from fusion.registration.resolution import filled, plane_of
+from spcola.arrays import BoolArray, FloatArray
+from spcola.heights import (
+    HeightProblem,
+    HeightSolution,
+    SolverOptions,
+    posterior_sigma,
+    slopes_of,
+    solve_heights,
+)
+from spcola.maplet import Maplet, MapletGrid
+from spcola.robust import mad
+
+
+@dataclass(frozen=True)
+class FuseOptions:
+    """How heights are fused.
+
+    Parameters
+    ----------
+    loss : {"l2", "huber", "cauchy"}
+        Loss on the lidar heights; the robust ones keep stray returns from pulling.
+    loss_scale : float
+        In standard deviations: residuals below it count in full.
+    fraction : float
+        Share of the lidar heights that constrain (1: all, weighted by their uncertainty).
+    seed : int
+        Of the random subset.
+    fill_sigma_m : float
+        Uncertainty, metres, of a height that comes from the shape alone.
+    tolerance_m : float
+        Largest height error that the solver may leave, metres.
+    """
+
+    loss: Literal["l2", "huber", "cauchy"] = "huber"
+    loss_scale: float = 2.0
+    fraction: float = 1.0
+    seed: int = 0
+    fill_sigma_m: float = 1.0
+    tolerance_m: float = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class FuseInput:
+    """What goes into one fused maplet; all layers are on `grid`, heights in metres along Uz.
+
+    Parameters
+    ----------
+    name : str
+    grid : MapletGrid
+        In SPC coordinates; the maplet's own, moved by what the match says of its centre.
+    spc : Maplet
+        The SPC maplet on that grid.
+    lidar : Constraints
+    prior : (2q+1, 2q+1) ndarray
+        Heights of the shape model; NaN where there is none.
+    common_covariance : (3, 3) ndarray
+        Of what all lidar heights of the maplet share (registration, scans), body-fixed, m².
+    """
+
+    name: str
+    grid: MapletGrid
+    spc: Maplet
+    lidar: Constraints
+    prior: FloatArray
+    common_covariance: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class FuseResult:
+    """The fused maplet and what is to be told of it.
+
+    Attributes
+    ----------
+    maplet : FusedMaplet
+    solution : HeightSolution
+    untied : int
+        Connected parts that no lidar height ties, so that the SPC maplet or the shape does.
+    downweighted : int
+        Lidar heights to which the robust loss gave less than half of their weight.
+    """
+
+    maplet: FusedMaplet
+    solution: HeightSolution
+    untied: int
+    downweighted: int
+
+
+def fuse_maplet(
+    parts: FuseInput, information: SlopeInformation, *, options: FuseOptions | None = None
+) -> FuseResult:
+    """Minimise (A) of MATH §5 for one maplet and say how sure each height is.
+
+    - Between points that the SPC maplet knows, its height steps enter, weighted by
+      `information`; elsewhere the steps of a prior surface (the shape, bent onto the lidar), with
+      the roughness that the lidar shows about it.
+    - Lidar heights constrain with 1/σ², under a robust loss.
+    - SPC heights constrain weakly: their errors hold together over many points, so each of them
+      counts as one of that many. This is what ties a part that no return reached.
+    - The sigma is that of the inverse normal matrix, with what all lidar heights share added:
+      vertically, and horizontally times the slope.
+
+    Returns
+    -------
+    FuseResult
+    """
+    options = options or FuseOptions()
+    generator = np.random.default_rng([options.seed, _name_number(parts.name)])
+    lidar = parts.lidar.subset(options.fraction, generator)
+    prior = _prior_surface(parts, lidar)
+    problem = _problem(parts, lidar, prior, information, options)
+    # The loss is for the lidar alone; the weak SPC and shape heights stay quadratic because
+    # their weights keep them far below its scale.
+    solution = solve_heights(
+        problem,
+        options=SolverOptions(
+            tolerance_m=options.tolerance_m, loss=options.loss, loss_scale=options.loss_scale
+        ),
+    )
+    final = HeightProblem(
+        problem.step_x,
+        problem.step_y,
+        problem.weight_x,
+        problem.weight_y,
+        problem.height,
+        solution.constraint_weight,
+        problem.mask,
+    )
+    own = posterior_sigma(final)
+    with_lidar = np.isfinite(lidar.height)
+    source = np.select(
+        [~problem.mask, parts.spc.valid & with_lidar, with_lidar, parts.spc.valid],
+        [Source.NONE, Source.BOTH, Source.LIDAR, Source.IMAGE],
+        Source.FILLED,
+    )
+    sigma = np.hypot(own, _shared_sigma(parts, solution.height))
+    maplet = FusedMaplet(
+        name=parts.name,
+        grid=parts.grid,
+        height=np.where(problem.mask, solution.height, np.nan),
+        albedo=parts.spc.albedo,
+        sigma=np.where(problem.mask, sigma, np.nan),
+        count=np.where(problem.mask, lidar.count, 0),
+        source=source.astype(np.uint8),
+    )
+    return FuseResult(
+        maplet,
+        solution,
+        _untied(solution, with_lidar),
+        _downweighted(problem, solution, with_lidar),
+    )
+
+
+def _name_number(name: str) -> int:
+    """A number that a maplet's name always gives, so that its random subset is its own."""
+    return int.from_bytes(name.encode("utf-8")[:16].ljust(16, b"\0"), "little")
+
+
+def _prior_surface(parts: FuseInput, lidar: Constraints) -> FloatArray:
+    """Shape heights bent onto SPC and lidar: what bridges points that neither knows.
+
+    The departure of the known heights (lidar before SPC) from the shape is continued into the
+    gaps by its nearest values, so that no step stands at their border.
+    """
+    shape = filled(parts.prior)
+    known = np.where(np.isfinite(lidar.height), lidar.height, parts.spc.height)
+    if not np.isfinite(known).any():
+        return shape
+    return shape + filled(known - shape)
+
+
+def _problem(
+    parts: FuseInput,
+    lidar: Constraints,
+    prior: FloatArray,
+    information: SlopeInformation,
+    options: FuseOptions,
+) -> HeightProblem:
+    """Put steps, weights and constraints together."""
+    valid, gsd = parts.spc.valid, parts.grid.gsd
+    mask = valid | np.isfinite(lidar.height) | np.isfinite(parts.prior)
+    roughness = _roughness(lidar, parts.prior, information)
+    surface = np.where(valid, parts.spc.height, 0.0)
+    steps, weights = [], []
+    for axis in (1, 0):
+        spc_step, prior_step = np.diff(surface, axis=axis), np.diff(prior, axis=axis)
+        seen = _both(valid, axis)
+        # SPC errs where the ground is steep and its own slope is then too small: the lidar's,
+        # which the prior surface follows, says so too.
+        slope = np.maximum(np.abs(spc_step), np.abs(prior_step)) / gsd
+        sigma = np.where(seen, information.step_sigma(slope, gsd), roughness)
+        steps.append(np.where(seen, spc_step, prior_step))
+        weights.append(np.where(_both(mask, axis), 1.0 / sigma**2, 0.0))
+    height, weight = _heights(parts, lidar, information, options)
+    return HeightProblem(steps[0], steps[1], weights[0], weights[1], height, weight, mask)
+
+
+def _both(mask: BoolArray, axis: int) -> BoolArray:
+    """Edges (along `axis`) both ends of which are in `mask`."""
+    count = mask.shape[axis]
+    return np.take(mask, range(1, count), axis) & np.take(mask, range(count - 1), axis)
+
+
+def _roughness(lidar: Constraints, prior: FloatArray, information: SlopeInformation) -> float:
+    """Spread, metres, of the steps of the lidar surface about those of the shape (or a plane).
+
+    It is how far a step of the prior surface may be off where nothing better is known. The
+    lidar's own noise is left in, which errs to the safe side.
+    """
+    smooth = filled(prior) if np.isfinite(prior).any() else plane_of(lidar.height)
+    rest = lidar.height - smooth
+    steps = np.concatenate([np.diff(rest, axis=axis).ravel() for axis in (0, 1)])
+    steps = steps[np.isfinite(steps)]
+    if steps.size < 50:
+        return 2.0 * information.step_sigma_m
+    return max(float(mad(steps)), information.step_sigma_m)
+
+
+def _heights(
+    parts: FuseInput, lidar: Constraints, information: SlopeInformation, options: FuseOptions
+) -> tuple[FloatArray, FloatArray]:
+    """Constraining heights and weights: the lidar's, else the maplet's own, else the shape's."""
+    own = np.where(np.isfinite(parts.spc.sigma), parts.spc.sigma, information.height_sigma_m)
+    own = np.hypot(own, _center_sigma(parts))
+    held = parts.spc.valid
+    cells = information.correlated_cells
+    height = np.where(held, parts.spc.height, parts.prior)
+    sigma = np.where(held, own, options.fill_sigma_m) * np.sqrt(cells)
+    with_lidar = np.isfinite(lidar.height)
+    height = np.where(with_lidar, lidar.height, height)
+    sigma = np.where(with_lidar, lidar.sigma, sigma)
+    weight = np.where(np.isfinite(height), 1.0 / np.maximum(sigma, 1e-6) ** 2, 0.0)
+    return height, weight
+
+
+def _center_sigma(parts: FuseInput) -> float:
+    """Uncertainty of the maplet's centre along Uz, metres; 0 where the file does not say."""
+    along = parts.grid.uz**2 @ np.nan_to_num(parts.spc.center_sigma) ** 2
+    return float(np.sqrt(along))
+
+
+def _shared_sigma(parts: FuseInput, height: FloatArray) -> FloatArray:
+    """Standard deviation, metres, of the height error that a common displacement makes.
+
+    A surface displaced by D is met at a height that is off by D_z − ∇h · D_xy.
+    """
+    slope_x, slope_y = slopes_of(height, parts.grid.gsd)
+    rows = np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=-1)
+    local = parts.grid.axes @ parts.common_covariance @ parts.grid.axes.T
+    return np.sqrt(np.einsum("rci,ij,rcj->rc", np.nan_to_num(rows), local, np.nan_to_num(rows)))
+
+
+def _untied(solution: HeightSolution, with_lidar: BoolArray) -> int:
+    """Number of connected parts in which no lidar height lies."""
+    labels = solution.components
+    everything = set(np.unique(labels[labels >= 0]).tolist())
+    return len(everything - set(np.unique(labels[with_lidar]).tolist()))
+
+
+def _downweighted(problem: HeightProblem, solution: HeightSolution, with_lidar: BoolArray) -> int:
+    """Number of lidar heights that the loss left with less than half of their weight."""
+    halved = solution.constraint_weight < 0.5 * problem.weight
+    return int(np.count_nonzero(halved & with_lidar))

@@ -1,0 +1,170 @@
+"""How much the SPC slopes and the lidar heights know, estimated from both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spcola.arrays import FloatArray
+from spcola.robust import mad
+
+# Fewer differences than this do not give a spread.
+_ENOUGH = 200
+
+
+@dataclass(frozen=True)
+class SlopeInformation:
+    """Uncertainty of the SPC surface between neighbouring points, and of its heights.
+
+    Parameters
+    ----------
+    step_sigma_m : float
+        Standard deviation of the error of a height step between neighbours on gentle ground,
+        metres, such that the error over L steps grows as √L in the way the data show.
+    steep_sigma : float
+        What is added (in quadrature) per unit of slope: SPC smooths where the surface is steep.
+        Dimensionless; times the GSD it is metres.
+    height_sigma_m : float
+        Standard deviation of the SPC heights about the lidar's after registration, metres.
+    correlated_cells : float
+        Number of neighbouring points whose SPC height errors are one error.
+    """
+
+    step_sigma_m: float
+    steep_sigma: float
+    height_sigma_m: float
+    correlated_cells: float
+
+    def step_sigma(self, slope: FloatArray, gsd: float) -> FloatArray:
+        """Standard deviation, metres, of steps whose slope is `slope` (rise over run)."""
+        return np.hypot(self.step_sigma_m, self.steep_sigma * gsd * np.abs(slope))
+
+
+DEFAULT_INFORMATION = SlopeInformation(
+    step_sigma_m=0.05, steep_sigma=0.3, height_sigma_m=0.15, correlated_cells=50.0
+)
+"""What is assumed where lidar and SPC nowhere overlap: half of the rms error that Weirich et al.
+(2022) found for SPC models of Bennu's size goes into a step, and errors hold together over about
+seven points."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Lidar and SPC heights on one grid, aligned: what the information is estimated from.
+
+    Parameters
+    ----------
+    lidar, spc : (2q+1, 2q+1) ndarrays
+        Heights, metres; NaN where unknown.
+    sigma : (2q+1, 2q+1) ndarray
+        Of the lidar heights, metres.
+    gsd : float
+        Metres.
+    """
+
+    lidar: FloatArray
+    spc: FloatArray
+    sigma: FloatArray
+    gsd: float
+
+
+def estimate_information(comparisons: list[Comparison], *, reach: int = 8) -> SlopeInformation:
+    """Estimate the uncertainty of SPC slopes and heights from their differences to a lidar.
+
+    The lidar's own variance is taken off. Over L cells the difference of two heights has the
+    variance γ(L); a surface whose steps err independently would show γ(L) = L · σ_step². SPC errors
+    hold together over some cells, so σ_step² is the largest γ(L)/L: the random walk that is
+    nowhere more certain than the data.
+
+    Returns
+    -------
+    SlopeInformation
+        :data:`DEFAULT_INFORMATION` where too little overlaps.
+    """
+    errors: list[FloatArray] = [pair.spc - pair.lidar for pair in comparisons]
+    spread = np.concatenate([_centered(error) for error in errors]) if errors else np.empty(0)
+    if spread.size < _ENOUGH:
+        return DEFAULT_INFORMATION
+    steps = [_steps(comparisons, errors, lag) for lag in range(1, reach + 1)]
+    variogram = np.array([_excess(step.square, step.noise) for step in steps])
+    step_variance = float(np.max(variogram / np.arange(1, reach + 1)))
+    noise = float(np.nanmedian([np.nanmedian(pair.sigma) for pair in comparisons]))
+    height = float(np.sqrt(max(float(mad(spread)) ** 2 - noise**2, 1e-8)))
+    return SlopeInformation(
+        step_sigma_m=float(np.sqrt(max(step_variance, 1e-8))),
+        steep_sigma=_steep(steps[0], comparisons[0].gsd),
+        height_sigma_m=height,
+        correlated_cells=_correlated_cells(variogram, height),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """Differences of the error over one lag: squared, the lidar's share, and lidar slopes."""
+
+    square: FloatArray
+    noise: FloatArray
+    slope: FloatArray
+
+
+def _steps(comparisons: list[Comparison], errors: list[FloatArray], lag: int) -> _Steps:
+    parts: list[FloatArray] = []
+    for pair, error in zip(comparisons, errors, strict=True):
+        for axis in (0, 1):
+            ahead, behind = _ends(error, lag, axis)
+            high, low = _ends(pair.lidar, lag, axis)
+            noise = np.hypot(*_ends(pair.sigma, lag, axis)) ** 2
+            slope = np.abs(high - low) / (lag * pair.gsd)
+            rows = np.stack([(ahead - behind) ** 2, noise, slope])
+            parts.append(rows[:, np.isfinite(rows).all(axis=0)])
+    return _Steps(*np.concatenate(parts, axis=1))
+
+
+def _centered(error: FloatArray) -> FloatArray:
+    """Known errors less their median."""
+    known = error[np.isfinite(error)]
+    return known - np.median(known) if known.size else known
+
+
+def _ends(values: FloatArray, lag: int, axis: int) -> tuple[FloatArray, FloatArray]:
+    """Values `lag` cells ahead along `axis`, and the ones they are compared with."""
+    ahead = np.take(values, range(lag, values.shape[axis]), axis=axis)
+    behind = np.take(values, range(values.shape[axis] - lag), axis=axis)
+    return ahead, behind
+
+
+def _excess(square: FloatArray, noise: FloatArray) -> float:
+    """Variance that the squared differences show beyond the lidar's noise; at least 0.
+
+    The median of a squared normal deviate is 0.4549 of its variance; the median is taken, so
+    that boulders and stray returns do not speak for the ground.
+    """
+    if not square.size:
+        return 0.0
+    return max(float(np.median(square)) / 0.4549 - float(np.median(noise)), 0.0)
+
+
+def _steep(steps: _Steps, gsd: float) -> float:
+    """How much the step error grows with the slope, from binned differences."""
+    edges = np.quantile(steps.slope, np.linspace(0.0, 1.0, 11))
+    bins = np.clip(np.searchsorted(edges, steps.slope, side="right") - 1, 0, 9)
+    rows = []
+    for number in range(10):
+        chosen = bins == number
+        if chosen.sum() >= 30:
+            excess = _excess(steps.square[chosen], steps.noise[chosen])
+            rows.append((float(np.median(steps.slope[chosen])) ** 2, excess))
+    if len(rows) < 3:
+        return DEFAULT_INFORMATION.steep_sigma
+    square_slope, excess_variance = np.array(rows).T
+    growth = float(np.polyfit(square_slope, excess_variance, 1)[0])
+    return float(np.sqrt(max(growth, 0.0)) / gsd)
+
+
+def _correlated_cells(variogram: FloatArray, height_sigma: float) -> float:
+    """Area, in cells, over which height errors hold together: π L², L where γ reaches 63 %."""
+    sill = 2.0 * height_sigma**2
+    reached = np.nonzero(variogram >= 0.63 * sill)[0]
+    length = float(reached[0] + 1) if reached.size else float(len(variogram))
+    return float(np.pi * length**2)

@@ -1,0 +1,118 @@
+"""Correlations of gridded surfaces with gaps, by FFT."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import fft
+
+from spcola.arrays import BoolArray, FloatArray
+
+
+def shift_variances(
+    moving: FloatArray,
+    moving_mask: BoolArray,
+    fixed: FloatArray,
+    fixed_mask: BoolArray,
+    *,
+    reach: int,
+) -> FloatArray:
+    """Variance of ``fixed(x) − moving(x − shift)`` for every whole-cell shift up to `reach`.
+
+    Only points that both surfaces hold count; the mean difference is removed for each shift.
+
+    Parameters
+    ----------
+    moving, fixed : (N, N) ndarrays
+        Heights, metres; any finite value where the mask is False.
+    moving_mask, fixed_mask : (N, N) bool ndarrays
+    reach : int
+        Largest shift, cells.
+
+    Returns
+    -------
+    (2·reach + 1, 2·reach + 1) ndarray
+        Index ``[dy + reach, dx + reach]``; square metres; NaN where fewer than 30 points meet.
+    """
+    base = float(np.mean(fixed[fixed_mask]))
+    one, two = moving_mask.astype(np.float64), fixed_mask.astype(np.float64)
+    a, b = (moving - base) * one, (fixed - base) * two
+    count = np.rint(_correlate(one, two, reach))
+    cross = _correlate(a, b, reach)
+    first = _correlate(one, b, reach) - _correlate(a, two, reach)
+    second = _correlate(one, b * b, reach) + _correlate(a * a, two, reach) - 2.0 * cross
+    with np.errstate(invalid="ignore", divide="ignore"):
+        variance = second / count - (first / count) ** 2
+    variance[count < 30] = np.nan
+    return np.maximum(variance, 0.0)
+
+
+def _correlate(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:
+    """``Σ_x a(x − shift) b(x)`` for shifts −reach … reach on both axes."""
+    size = tuple(fft.next_fast_len(n + reach, real=True) for n in a.shape)
+    spectrum = np.conj(fft.rfft2(a, size)) * fft.rfft2(b, size)
+    full = fft.irfft2(spectrum, size)
+    index = np.arange(-reach, reach + 1)
+    return full[np.ix_(index, index)]
+
+
+def autocovariance(residual: FloatArray, reach: int) -> FloatArray:
+    """Autocovariance of a residual field with gaps, for lags up to `reach` cells.
+
+    Parameters
+    ----------
+    residual : (N, N) ndarray
+        NaN where there is none.
+    reach : int
+
+    Returns
+    -------
+    (2·reach + 1, 2·reach + 1) ndarray
+        Symmetric; the centre is the variance. A Bartlett window takes it to 0 at the edge, which
+        keeps it positive definite.
+    """
+    known = np.isfinite(residual)
+    values = np.where(known, residual, 0.0)
+    mask = known.astype(np.float64)
+    count = np.maximum(_correlate(mask, mask, reach), 1.0)
+    raw = _correlate(values, values, reach) / count
+    taper = 1.0 - np.abs(np.arange(-reach, reach + 1)) / (reach + 1.0)
+    return raw * np.outer(taper, taper)
+
+
+def residual_covariance(
+    design: FloatArray, weight: FloatArray, residual: FloatArray, *, reach: int = 20
+) -> FloatArray:
+    """Covariance of a weighted least-squares estimate under the errors that the residual shows.
+
+    ``H⁻¹ (Σ_ij g_i w_i C(i − j) w_j g_jᵀ) H⁻¹`` with C the autocovariance of the residuals: errors
+    that neighbours share count as shared (the "sandwich" estimate).
+
+    Parameters
+    ----------
+    design : (N, N, P) ndarray
+        Partial derivatives g at each grid point.
+    weight : (N, N) ndarray
+        0 where nothing was compared.
+    residual : (N, N) ndarray
+        NaN where nothing was compared.
+    reach : int
+        Largest lag, cells.
+
+    Returns
+    -------
+    (P, P) ndarray
+    """
+    reach = min(reach, residual.shape[0] // 4)
+    covariance = autocovariance(residual, reach)
+    fields = np.moveaxis(design * weight[..., None], -1, 0)
+    information = np.einsum("prc,rcq->pq", fields, design)
+    size = tuple(fft.next_fast_len(n + 2 * reach, real=True) for n in residual.shape)
+    kernel = np.zeros(size)
+    index = np.arange(-reach, reach + 1)
+    kernel[np.ix_(index, index)] = covariance
+    spread = fft.irfft2(fft.rfft2(fields, size) * fft.rfft2(kernel), size)
+    smeared = spread[:, : residual.shape[0], : residual.shape[1]]
+    middle = np.einsum("prc,qrc->pq", fields, smeared)
+    inverse = np.linalg.inv(information)
+    sandwich: FloatArray = inverse @ (middle + middle.T) @ inverse / 2.0
+    return sandwich

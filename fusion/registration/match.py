@@ -1,0 +1,304 @@
+"""The match of one mapola to an SPC surface: three components, with a covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from fusion.registration.correlation import residual_covariance, shift_variances
+from fusion.registration.resolution import blur, filled
+from spcola.arrays import BoolArray, FloatArray
+from spcola.maplet import MapletGrid
+from spcola.robust import huber_weight, mad
+
+
+@dataclass(frozen=True)
+class MatchOptions:
+    """How mapolas are matched.
+
+    Parameters
+    ----------
+    capture_m : float
+        Largest horizontal displacement that is searched, metres.
+    min_coverage : float
+        Smallest share of the grid that both surfaces must hold.
+    min_correlation : float
+        Smallest correlation of the two surfaces, planes removed, after the match.
+    ambiguity : float
+        A second minimum of the difference's variance below this multiple of the first, further
+        away than the correlation length, makes the match ambiguous.
+    max_iterations : int
+        Most Gauss–Newton steps.
+    """
+
+    capture_m: float = 2.0
+    min_coverage: float = 0.3
+    min_correlation: float = 0.5
+    ambiguity: float = 1.2
+    max_iterations: int = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """Where the lidar surface has to move to lie on the SPC surface.
+
+    Attributes
+    ----------
+    name : str
+    center : (3,) ndarray
+        V of the mapola before the move, body-fixed, metres.
+    displacement : (3,) ndarray
+        d, body-fixed, metres: ``V + d`` is the centre in SPC coordinates. NaN if not matched.
+    covariance : (3, 3) ndarray
+        Of d, square metres, from the match itself: the curvature of the misfit under the
+        spatial correlation that the remaining differences show.
+    local : (3,) ndarray
+        d along Ux, Uy, Uz.
+    residual : (2q+1, 2q+1) ndarray
+        SPC minus moved lidar height, metres; NaN where not compared.
+    correlation, coverage : float
+        Of the surfaces (planes removed) after the match; share of the grid compared.
+    iterations : int
+    reason : str
+        Empty if the match is good, else why it must not be used.
+    """
+
+    name: str
+    center: FloatArray
+    displacement: FloatArray
+    covariance: FloatArray
+    local: FloatArray
+    residual: FloatArray
+    correlation: float
+    coverage: float
+    iterations: int
+    reason: str
+
+    @property
+    def usable(self) -> bool:
+        """Whether the match may enter a fit."""
+        return not self.reason
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """Two surfaces on one grid at one resolution; planes removed, gaps filled smoothly."""
+
+    moving: FloatArray  # the lidar heights, filled
+    moving_mask: BoolArray
+    fixed: FloatArray
+    fixed_mask: BoolArray
+    gsd: float
+
+
+def match_surfaces(
+    name: str,
+    grid: MapletGrid,
+    moving: FloatArray,
+    fixed: FloatArray,
+    *,
+    blur_cells: float = 0.0,
+    options: MatchOptions | None = None,
+) -> Match:
+    """Match the lidar heights `moving` to the SPC heights `fixed` on one grid.
+
+    The difference ``fixed(x) − moving(x − d) − d_z − plane`` is made smallest in the sense of
+    Huber: first on whole cells over the capture range, then by Gauss–Newton at sub-cell
+    accuracy. The plane is a nuisance: a maplet's own long-wave tilt must not be taken for a
+    displacement of a sloping surface.
+
+    Parameters
+    ----------
+    name : str
+    grid : MapletGrid
+        Grid of both.
+    moving, fixed : (2q+1, 2q+1) ndarrays
+        Heights, metres; NaN where unknown.
+    blur_cells : float
+        Standard deviation, in cells, of the Gaussian that brings the sharper surface (lidar if
+        positive, SPC if negative) to the resolution of the other.
+    options : MatchOptions, optional
+
+    Returns
+    -------
+    Match
+        With NaN displacement and a `reason` where nothing trustworthy was found.
+    """
+    options = options or MatchOptions()
+    pair = _prepare(grid, moving, fixed, blur_cells)
+    both = float(np.mean(pair.moving_mask & pair.fixed_mask))
+    if both < options.min_coverage:
+        return _unmatched(name, grid, both, f"only {both:.0%} of the grid is held by both surfaces")
+    start, ambiguous = _coarse(pair, options)
+    if ambiguous:
+        return _unmatched(name, grid, both, ambiguous)
+    fine = _refine(pair, start, options)
+    if fine is None:
+        return _unmatched(name, grid, both, "the terrain has no relief to hold the match")
+    return _judged(name, grid, pair, fine, options)
+
+
+def _prepare(grid: MapletGrid, moving: FloatArray, fixed: FloatArray, blur_cells: float) -> _Pair:
+    """Bring both surfaces to one resolution and fill their gaps."""
+    soft_moving = blur(moving, blur_cells) if blur_cells > 0 else moving
+    soft_fixed = blur(fixed, -blur_cells) if blur_cells < 0 else fixed
+    return _Pair(
+        filled(soft_moving),
+        np.isfinite(soft_moving),
+        filled(soft_fixed),
+        np.isfinite(soft_fixed),
+        grid.gsd,
+    )
+
+
+def _coarse(pair: _Pair, options: MatchOptions) -> tuple[FloatArray, str]:
+    """Best whole-cell shift (x, y), in cells, and why it is ambiguous (empty if it is not)."""
+    reach = max(1, int(np.ceil(options.capture_m / pair.gsd)))
+    variance = shift_variances(
+        pair.moving, pair.moving_mask, pair.fixed, pair.fixed_mask, reach=reach
+    )
+    best = np.unravel_index(int(np.nanargmin(variance)), variance.shape)
+    shift = np.array([best[1] - reach, best[0] - reach], dtype=np.float64)
+    if max(abs(shift)) == reach and reach > 1:
+        return (
+            shift,
+            f"the best match lies at the edge of the capture range ({options.capture_m} m)",
+        )
+    # A second valley: a local minimum that is not next to the best one.
+    valley = ndimage.minimum_filter(variance, size=5, mode="nearest") == variance
+    rows, columns = np.nonzero(valley)
+    apart = np.hypot(rows - best[0], columns - best[1]) > 3
+    rivals = variance[rows[apart], columns[apart]]
+    if rivals.size and np.nanmin(rivals) < options.ambiguity * variance[best]:
+        return shift, "two displacements fit alike (flat or periodic terrain)"
+    return shift, ""
+
+
+@dataclass(frozen=True, eq=False)
+class _Fine:
+    shift: FloatArray  # (x, y) cells
+    dz: float  # metres
+    covariance: FloatArray  # (3, 3) of (x cells, y cells, z metres)
+    residual: FloatArray
+    compared: BoolArray
+    moved: FloatArray
+    iterations: int
+
+
+def _refine(pair: _Pair, start: FloatArray, options: MatchOptions) -> _Fine | None:
+    """Gauss–Newton on the resampled lidar surface; None where the normal matrix is singular."""
+    size = pair.moving.shape[0]
+    coefficients = ndimage.spline_filter(pair.moving, order=3)
+    holes = (~pair.moving_mask).astype(np.float64)
+    y, x = np.mgrid[:size, :size].astype(np.float64)
+    tilt_x, tilt_y = (x - (size - 1) / 2) / size, (y - (size - 1) / 2) / size
+    shift = start.copy()
+    iterations, settled = 0, False
+    while not settled and iterations < options.max_iterations:
+        iterations += 1
+        where = np.stack([y - shift[1], x - shift[0]])
+        moved = ndimage.map_coordinates(
+            coefficients, where, order=3, prefilter=False, mode="nearest"
+        )
+        hole = ndimage.map_coordinates(holes, where, order=1, mode="constant", cval=1.0)
+        compared = pair.fixed_mask & (hole < 1e-6)
+        slope_y, slope_x = np.gradient(moved)
+        design = np.stack([-slope_x, -slope_y, np.ones_like(moved), tilt_x, tilt_y], axis=-1)
+        rows, difference = design[compared], (pair.fixed - moved)[compared]
+        if len(rows) < 30:
+            return None
+        step = _robust_step(rows, difference)
+        if step is None:
+            return None
+        offsets, weight = step
+        shift = shift + np.clip(offsets[:2], -1.0, 1.0)
+        settled = bool(np.max(np.abs(offsets[:2])) < 1e-4)
+    residual = np.full_like(moved, np.nan)
+    residual[compared] = difference - rows[:, 2:] @ offsets[2:]
+    weights = np.zeros_like(moved)
+    weights[compared] = weight
+    covariance = residual_covariance(design, weights, residual)[:3, :3]
+    return _Fine(shift, float(offsets[2]), covariance, residual, compared, moved, iterations)
+
+
+def _robust_step(rows: FloatArray, difference: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """Huber-weighted least squares (a few re-weightings); None where columns depend.
+
+    Returns the offsets (P,) and the weights (N,).
+    """
+    weight: FloatArray = np.ones(len(rows))
+    offsets: FloatArray = np.zeros(rows.shape[1])
+    scale = np.sqrt(np.mean(rows**2, axis=0))
+    if np.min(scale) < 1e-9:
+        return None
+    unit = rows / scale
+    for _ in range(4):
+        weighted = unit * weight[:, None]
+        normal = weighted.T @ unit
+        if np.linalg.cond(normal) > 1e10:
+            return None
+        offsets = np.linalg.solve(normal, weighted.T @ difference)
+        rest = difference - unit @ offsets
+        spread = float(mad(rest))
+        if spread <= 1e-12:
+            break
+        weight = huber_weight(rest / spread)
+    return offsets / scale, weight
+
+
+def _judged(name: str, grid: MapletGrid, pair: _Pair, fine: _Fine, options: MatchOptions) -> Match:
+    """Turn a refined match into the result, with the reason if it cannot be trusted."""
+    step = np.diag([grid.gsd, grid.gsd, 1.0])
+    local = step @ np.array([*fine.shift, fine.dz])
+    covariance = step @ fine.covariance @ step
+    correlation = _correlation(pair.fixed, fine.moved, fine.compared)
+    coverage = float(np.mean(fine.compared))
+    reason = ""
+    if coverage < options.min_coverage:
+        reason = f"only {coverage:.0%} of the grid could be compared"
+    elif correlation < options.min_correlation:
+        reason = f"the surfaces correlate by {correlation:.2f} only"
+    elif np.hypot(local[0], local[1]) > options.capture_m:
+        reason = f"the displacement left the capture range ({options.capture_m} m)"
+    return Match(
+        name=name,
+        center=grid.center,
+        displacement=grid.axes.T @ local,
+        covariance=grid.axes.T @ covariance @ grid.axes,
+        local=local,
+        residual=fine.residual,
+        correlation=correlation,
+        coverage=coverage,
+        iterations=fine.iterations,
+        reason=reason,
+    )
+
+
+def _correlation(fixed: FloatArray, moved: FloatArray, compared: BoolArray) -> float:
+    """Correlation of two surfaces, planes removed, over the compared points."""
+    rows, columns = np.nonzero(compared)
+    plane = np.stack([np.ones(len(rows)), rows, columns], axis=1).astype(np.float64)
+    both = np.stack([fixed[compared], moved[compared]], axis=1)
+    rest = both - plane @ np.linalg.lstsq(plane, both, rcond=None)[0]
+    product = rest.T @ rest
+    scale = np.sqrt(product[0, 0] * product[1, 1])
+    return float(product[0, 1] / scale) if scale > 0 else 0.0
+
+
+def _unmatched(name: str, grid: MapletGrid, coverage: float, reason: str) -> Match:
+    """Return a match that says why there is none."""
+    unknown = np.full(3, np.nan)
+    return Match(
+        name=name,
+        center=grid.center,
+        displacement=unknown,
+        covariance=np.full((3, 3), np.nan),
+        local=unknown,
+        residual=np.full(grid.shape, np.nan),
+        correlation=float("nan"),
+        coverage=coverage,
+        iterations=0,
+        reason=reason,
+    )

@@ -1,0 +1,111 @@
+"""Bringing two surfaces to one resolution.
+
+Smoothing only one of two matched surfaces biases the scale by tens to hundreds of parts per
+million: a convex body loses height where it is smoothed. SPC smooths, a lidar does not (or
+less), so the blur of one against the other is estimated and given to the sharper one before
+they are compared.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+from scipy.optimize import minimize_scalar
+
+from spcola.arrays import BoolArray, FloatArray
+from spcola.robust import mad
+
+# A smoothed value that rests on less than this share of known neighbours is not known.
+_MIN_SUPPORT = 0.5
+
+
+def plane_of(height: FloatArray) -> FloatArray:
+    """Least-squares plane (2q+1, 2q+1) through the known points, metres; 0 if there are none."""
+    known = np.isfinite(height)
+    rows, columns = np.indices(height.shape)
+    design = np.stack([np.ones(height.size), rows.ravel(), columns.ravel()], axis=1)
+    if known.sum() < 3:
+        return np.zeros(height.shape)
+    solution = np.linalg.lstsq(design[known.ravel()], height[known], rcond=None)[0]
+    plane: FloatArray = (design @ solution).reshape(height.shape)
+    return plane
+
+
+def filled(height: FloatArray) -> FloatArray:
+    """Return `height` with gaps closed by the nearest known point about the common plane.
+
+    Only so that splines can be run over it; what was a gap stays out of every comparison.
+    """
+    known = np.isfinite(height)
+    if known.all() or not known.any():
+        return np.where(known, height, 0.0)
+    plane = plane_of(height)
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    flat = (height - plane)[tuple(nearest)]
+    result: FloatArray = np.where(known, height, flat + plane)
+    return result
+
+
+def blur(height: FloatArray, sigma_cells: float) -> FloatArray:
+    """Gaussian smoothing that leaves planes and unknown points alone.
+
+    Parameters
+    ----------
+    height : (R, C) ndarray
+        Metres; NaN where unknown.
+    sigma_cells : float
+        Standard deviation of the Gaussian, cells.
+
+    Returns
+    -------
+    (R, C) ndarray
+        NaN where `height` is, and where too little was known around.
+    """
+    known = np.isfinite(height)
+    plane = plane_of(height)
+    rest = np.where(known, height - plane, 0.0)
+    support = _smooth(known.astype(np.float64), sigma_cells)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        soft = _smooth(rest, sigma_cells) / support
+    result: FloatArray = np.where(known & (support > _MIN_SUPPORT), soft + plane, np.nan)
+    return result
+
+
+def _smooth(values: FloatArray, sigma_cells: float) -> FloatArray:
+    return ndimage.gaussian_filter(values, sigma_cells, mode="constant", truncate=4.0)
+
+
+def estimate_blur(lidar: FloatArray, spc: FloatArray, *, largest_cells: float = 4.0) -> float:
+    """Blur of `spc` against `lidar` (same grid, aligned), as a Gaussian's sigma in cells.
+
+    The blur is the one with which the smoothed lidar surface differs least from the SPC
+    surface, in the robust sense, the same points being compared at every blur. Negative if it is
+    the lidar that has to be compared with a smoothed SPC surface.
+
+    Returns
+    -------
+    float
+        In (−largest, largest); NaN if fewer than 100 points are common.
+    """
+    margin = np.isfinite(blur(lidar, largest_cells)) & np.isfinite(blur(spc, largest_cells))
+    if margin.sum() < 100:
+        return float("nan")
+    softer = _least(lidar, spc, margin, largest_cells)
+    sharper = _least(spc, lidar, margin, largest_cells)
+    return softer[0] if softer[1] <= sharper[1] else -sharper[0]
+
+
+def _least(
+    sharp: FloatArray, soft: FloatArray, common: BoolArray, largest: float
+) -> tuple[float, float]:
+    """The blur of `sharp` with which it differs least from `soft`, and that difference."""
+
+    def difference(sigma: float) -> float:
+        rest = (blur(sharp, sigma) if sigma > 0.05 else sharp) - soft
+        return float(mad(rest[common]))
+
+    found = minimize_scalar(
+        difference, bounds=(0.0, largest), method="bounded", options={"xatol": 0.02}
+    )
+    none = difference(0.0)
+    return (0.0, none) if none <= found.fun else (float(found.x), float(found.fun))

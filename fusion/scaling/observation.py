@@ -1,0 +1,144 @@
+"""What a lidar says about the scale: displacements of its surface against the SPC surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from spcola.arrays import FloatArray, check_finite, check_shape
+from spcola.errors import InvalidValueError
+
+Trajectory = Literal["spc", "reference"]
+
+PARAMETERS = (
+    "epsilon",
+    "cx_m",
+    "cy_m",
+    "cz_m",
+    "rx_rad",
+    "ry_rad",
+    "rz_rad",
+    "range_bias_m",
+)
+"""Order of the parameters of the joint estimate, and of its covariance."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScaleObservations:
+    """N comparisons of the lidar surface with the SPC surface.
+
+    A pair of bigmaps gives three components of the displacement; a single shot gives one, the
+    measured range less the predicted one.
+
+    Parameters
+    ----------
+    kind : {"pairs", "shots"}
+    label : tuple of str
+        Image of each pair, or scan of each shot.
+    day : tuple of str
+        UTC date of each, ``YYYY-MM-DD``.
+    value : (N, 3) or (N, 1) ndarray
+        Lidar surface minus SPC surface, body-fixed, metres (pairs); measured minus predicted
+        range, metres (shots).
+    covariance : (N, 3, 3) or (N, 1, 1) ndarray
+        Of the value, square metres.
+    point : (N, 3) ndarray
+        Where on the surface, body-fixed, metres.
+    beam : (N, 3) ndarray
+        Unit vector from the spacecraft to the point.
+    range : (N,) ndarray
+        Predicted range r, metres.
+    normal : (N, 3) ndarray
+        Outward unit normal of the surface there.
+    local_time_h : (N,) ndarray
+        Local solar time, hours; NaN if the Sun is not known.
+    trajectory : {"spc", "reference"}
+        By which trajectory the returns are located: with SPC's own, spacecraft and surface are
+        scaled together and a scale error shows as ε r along the beam; with an independent one it
+        shows as ε times the surface point.
+
+    Raises
+    ------
+    InvalidValueError
+        If shapes disagree or a number (but the local time) is not finite.
+    """
+
+    kind: Literal["pairs", "shots"]
+    label: tuple[str, ...]
+    day: tuple[str, ...]
+    value: FloatArray
+    covariance: FloatArray
+    point: FloatArray
+    beam: FloatArray
+    range: FloatArray
+    normal: FloatArray
+    local_time_h: FloatArray
+    trajectory: Trajectory
+
+    def __post_init__(self) -> None:
+        count, size = self.value.shape
+        if size != (3 if self.kind == "pairs" else 1):
+            raise InvalidValueError(f"has {size} component(s)", f"value of {self.kind}")
+        check_shape(self.covariance, (count, size, size), "covariance")
+        check_shape(self.range, (count,), "range")
+        for name in ("value", "covariance", "point", "beam", "range", "normal"):
+            check_finite(getattr(self, name), name)
+        for name in ("point", "beam", "normal"):
+            check_shape(getattr(self, name), (count, 3), name)
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+    @property
+    def longitude(self) -> FloatArray:
+        """East longitude of the surface point (N,), radians, in [0, 2π)."""
+        return np.arctan2(self.point[:, 1], self.point[:, 0]) % (2.0 * np.pi)
+
+    @property
+    def arm(self) -> FloatArray:
+        """What a scale error multiplies (N, 3), metres: see `trajectory`."""
+        if self.trajectory == "spc":
+            return self.range[:, None] * self.beam
+        return self.point
+
+    @property
+    def along_range(self) -> FloatArray:
+        """Row vectors (N, 3) that turn a displacement into a change of range.
+
+        A surface moved by D is met later by ``n·D / n·b`` along the beam b.
+        """
+        cosine = np.sum(self.normal * self.beam, axis=1)
+        return self.normal / cosine[:, None]
+
+    def design(self) -> FloatArray:
+        """Partial derivatives (N, D, 8) of the value with respect to :data:`PARAMETERS`.
+
+        With δθ the rotation that takes lidar coordinates to SPC coordinates, the lidar surface
+        lies at ``ε a + c − δθ × a + b β`` from the SPC surface (a: `arm`, c: offset of the
+        centre, β: range bias along the beam b).
+        """
+        arm = self.arm
+        turning = -np.stack([np.cross(axis, arm) for axis in np.eye(3)], axis=2)
+        center = np.broadcast_to(np.eye(3), (len(self), 3, 3))
+        displacement = np.concatenate(
+            [arm[:, :, None], center, turning, self.beam[:, :, None]], axis=2
+        )
+        if self.kind == "pairs":
+            return displacement
+        return np.einsum("ni,nip->np", self.along_range, displacement)[:, None, :]
+
+    def epsilon(self) -> tuple[FloatArray, FloatArray]:
+        """ε of each observation alone (N,), and its sigma from its own covariance (N,).
+
+        Everything but a scale error is taken to be absent: ε = Δr / r where the trajectory is
+        SPC's (MATH §9).
+        """
+        if self.kind == "shots":
+            gain = self.design()[:, 0, 0]
+            return self.value[:, 0] / gain, np.sqrt(self.covariance[:, 0, 0]) / np.abs(gain)
+        along = self.along_range if self.trajectory == "reference" else self.beam
+        gain = np.sum(along * self.arm, axis=1)
+        spread = np.sqrt(np.einsum("ni,nij,nj->n", along, self.covariance, along))
+        return np.sum(along * self.value, axis=1) / gain, spread / np.abs(gain)
