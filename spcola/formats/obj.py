@@ -101,11 +101,7 @@ class _Statements:
         self.text = np.frombuffer(content + b"\n", np.uint8)
         ends = np.flatnonzero(self.text == _END)
         self.lengths = np.diff(ends, prepend=-1)
-        blank = self.text <= _BLANK
-        words = np.append(np.flatnonzero(~blank), len(self.text) - 1)
-        # Where the first word of each line begins (the line's end if it has none), and how the
-        # word goes on.
-        self.first = np.minimum(words[np.searchsorted(words, ends - self.lengths + 1)], ends)
+        self.first = _first_words(self.text, ends - self.lengths + 1, ends)
         second = self.text[np.minimum(self.first + 1, len(self.text) - 1)]
         self.letter = np.where(second <= _BLANK, self.text[self.first], 0)
         known = (self.first == ends) | (self.text[self.first] == ord("#"))
@@ -127,6 +123,16 @@ class _Statements:
         if letter == b"f" and np.any(part == _SLASH):
             part = _without_slashes(part, lines, self.path)
         return parse_rows(part.tobytes(), self.path, lines=lines)
+
+
+def _first_words(text: AnyArray, begins: IntArray, ends: IntArray) -> IntArray:
+    """Return where the first word of each line begins; the line's end if it has none."""
+    first = begins.copy()
+    indented = np.flatnonzero(first < ends)
+    while len(indented := indented[text[first[indented]] <= _BLANK]):
+        first[indented] += 1
+        indented = indented[first[indented] < ends[indented]]
+    return first
 
 
 def _without_slashes(text: AnyArray, lines: IntArray, path: Path) -> AnyArray:
