@@ -13,6 +13,9 @@ from spcola.arrays import BoolArray, FloatArray
 from spcola.maplet import MapletGrid
 from spcola.robust import huber_weight, mad
 
+# Two displacements further apart than this many cells are two answers.
+_APART = 3.0
+
 
 @dataclass(frozen=True)
 class MatchOptions:
@@ -27,8 +30,8 @@ class MatchOptions:
     min_correlation : float
         Smallest correlation of the two surfaces, planes removed, after the match.
     ambiguity : float
-        A second minimum of the difference's variance below this multiple of the first, further
-        away than the correlation length, makes the match ambiguous.
+        Another displacement that leaves less than this multiple of the difference's variance
+        makes the match ambiguous.
     max_iterations : int
         Most Gauss–Newton steps.
     """
@@ -131,12 +134,18 @@ def match_surfaces(
     both = float(np.mean(pair.moving_mask & pair.fixed_mask))
     if both < options.min_coverage:
         return _unmatched(name, grid, both, f"only {both:.0%} of the grid is held by both surfaces")
-    start, ambiguous = _coarse(pair, options)
-    if ambiguous:
-        return _unmatched(name, grid, both, ambiguous)
+    start, rivals = _coarse(pair, options)
+    if max(abs(start)) == _reach(pair, options) > 1:
+        edge = f"the best match lies at the edge of the capture range ({options.capture_m:g} m)"
+        return _unmatched(name, grid, both, edge)
     fine = _refine(pair, start, options)
     if fine is None:
         return _unmatched(name, grid, both, "the terrain has no relief to hold the match")
+    others = [_refine(pair, rival, options) for rival in rivals]
+    if any(other and _as_good(other, fine, options) for other in others):
+        return _unmatched(
+            name, grid, both, "two displacements fit alike (flat or periodic terrain)"
+        )
     return _judged(name, grid, pair, fine, options)
 
 
@@ -153,27 +162,62 @@ def _prepare(grid: MapletGrid, moving: FloatArray, fixed: FloatArray, blur_cells
     )
 
 
-def _coarse(pair: _Pair, options: MatchOptions) -> tuple[FloatArray, str]:
-    """Best whole-cell shift (x, y), in cells, and why it is ambiguous (empty if it is not)."""
-    reach = max(1, int(np.ceil(options.capture_m / pair.gsd)))
+def _reach(pair: _Pair, options: MatchOptions) -> int:
+    """Capture range in whole cells."""
+    return max(1, int(np.ceil(options.capture_m / pair.gsd)))
+
+
+def _coarse(pair: _Pair, options: MatchOptions) -> tuple[FloatArray, list[FloatArray]]:
+    """Best whole-cell shift (x, y), in cells, and up to three others that may rival it.
+
+    A rival is a valley of the difference's variance, apart from the best one, that is about as
+    deep, or deep against what unrelated terrain shows.
+    """
+    reach = _reach(pair, options)
     variance = shift_variances(
         pair.moving, pair.moving_mask, pair.fixed, pair.fixed_mask, reach=reach
     )
     best = np.unravel_index(int(np.nanargmin(variance)), variance.shape)
-    shift = np.array([best[1] - reach, best[0] - reach], dtype=np.float64)
-    if max(abs(shift)) == reach and reach > 1:
-        return (
-            shift,
-            f"the best match lies at the edge of the capture range ({options.capture_m} m)",
-        )
-    # A second valley: a local minimum that is not next to the best one.
-    valley = ndimage.minimum_filter(variance, size=5, mode="nearest") == variance
-    rows, columns = np.nonzero(valley)
-    apart = np.hypot(rows - best[0], columns - best[1]) > 3
-    rivals = variance[rows[apart], columns[apart]]
-    if rivals.size and np.nanmin(rivals) < options.ambiguity * variance[best]:
-        return shift, "two displacements fit alike (flat or periodic terrain)"
-    return shift, ""
+    start = np.array([best[1] - reach, best[0] - reach], dtype=np.float64)
+    depth = max(
+        options.ambiguity * _valley_floor(variance, int(best[0]), int(best[1])),
+        0.25 * float(np.nanmedian(variance)),
+    )
+    valleys = np.argwhere(ndimage.minimum_filter(variance, size=5, mode="nearest") == variance)
+    found = [
+        (_valley_floor(variance, row, column), column - reach, row - reach)
+        for row, column in valleys.tolist()
+        if np.hypot(row - best[0], column - best[1]) > _APART
+    ]
+    rivals = sorted(rival for rival in found if rival[0] < depth)[:3]
+    return start, [np.array(rival[1:], dtype=np.float64) for rival in rivals]
+
+
+def _as_good(other: _Fine, best: _Fine, options: MatchOptions) -> bool:
+    """Whether another displacement leaves about the same difference as the best one."""
+    apart = float(np.hypot(*(other.shift - best.shift))) > _APART
+    spread, least = (float(np.nanvar(fine.residual)) for fine in (other, best))
+    return apart and spread < options.ambiguity * least
+
+
+def _valley_floor(variance: FloatArray, row: int, column: int) -> float:
+    """Lowest variance near a whole-cell minimum, by a parabola along each axis.
+
+    Between whole cells a steep valley can be far deeper than at any of them.
+    """
+    middle = float(variance[row, column])
+    floor = middle
+    for before, after in (
+        ((row - 1, column), (row + 1, column)),
+        ((row, column - 1), (row, column + 1)),
+    ):
+        if min(before) < 0 or max(after) >= len(variance):
+            continue
+        left, right = float(variance[before]), float(variance[after])
+        bend = left - 2.0 * middle + right
+        if np.isfinite(bend) and bend > 0:
+            floor -= (right - left) ** 2 / (8.0 * bend)
+    return max(floor, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

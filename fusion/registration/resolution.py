@@ -15,7 +15,7 @@ from scipy.optimize import minimize_scalar
 from spcola.arrays import BoolArray, FloatArray
 from spcola.robust import mad
 
-# A smoothed value that rests on less than this share of known neighbours is not known.
+# A smoothed value that rests on less than this share of the grid points around is not known.
 _MIN_SUPPORT = 0.5
 
 
@@ -67,7 +67,8 @@ def blur(height: FloatArray, sigma_cells: float) -> FloatArray:
     support = _smooth(known.astype(np.float64), sigma_cells)
     with np.errstate(invalid="ignore", divide="ignore"):
         soft = _smooth(rest, sigma_cells) / support
-    result: FloatArray = np.where(known & (support > _MIN_SUPPORT), soft + plane, np.nan)
+    enough = support > _MIN_SUPPORT * _smooth(np.ones(height.shape), sigma_cells)
+    result: FloatArray = np.where(known & enough, soft + plane, np.nan)
     return result
 
 

@@ -36,7 +36,7 @@ def fit(points, truth, generator, *, sigma=0.01, scan_sigma=0.0, scans=12, model
 
 def test_planted_similarity_is_recovered_exactly_without_noise():
     generator = np.random.default_rng(1)
-    points = centers(generator) + [300.0, -50.0, 20.0]
+    points = centers(generator) + np.array([300.0, -50.0, 20.0])
     truth = planted()
     result = fit(points, truth, generator, sigma=1e-9)
     similarity = result.similarity
