@@ -7,9 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
+from lidar.formats.hayabusa import is_hayabusa, read_hayabusa
+from lidar.formats.hayabusa2 import is_hayabusa2, read_hayabusa2
+from lidar.formats.las import is_las, read_las
+from lidar.formats.lola import is_lola, read_lola
 from lidar.formats.native import is_native, read_native
+from lidar.formats.nlr import is_nlr, read_nlr
 from lidar.formats.ola import is_ola, read_ola
 from lidar.formats.options import LidarOptions
+from lidar.formats.table import is_table, read_table
+from lidar.formats.track import is_track, read_track
 from lidar.scan import Scan
 from spcola.errors import FormatError
 
@@ -35,7 +42,14 @@ class LidarFormat:
 FORMATS: Mapping[str, LidarFormat] = MappingProxyType(
     {
         "native": LidarFormat(lambda _path, head, _size: is_native(head), read_native),
+        "las": LidarFormat(lambda _path, head, _size: is_las(head), read_las),
         "ola": LidarFormat(lambda path, _head, size: is_ola(path, size), read_ola),
+        "lola": LidarFormat(is_lola, read_lola),
+        "hayabusa": LidarFormat(lambda _path, head, _size: is_hayabusa(head), read_hayabusa),
+        "hayabusa2": LidarFormat(lambda _path, head, _size: is_hayabusa2(head), read_hayabusa2),
+        "nlr": LidarFormat(lambda _path, head, _size: is_nlr(head), read_nlr),
+        "track": LidarFormat(lambda _path, head, _size: is_track(head), read_track),
+        "table": LidarFormat(lambda _path, head, _size: is_table(head), read_table),
     }
 )
 """Formats by name, in the order in which they are tried."""

@@ -125,14 +125,14 @@ class Screen:
 
     def _refuse_impossible(self, tally: _Tally, records: Records, measured: FloatArray) -> None:
         """Refuse what no return can be: not a number, no range, no time."""
-        finite = np.isfinite(records.points).all(axis=1)
+        finite: BoolArray = np.isfinite(norms(records.points))
         for stated in (records.range, records.time):
             if stated is not None:
                 finite &= np.isfinite(stated)
         if records.spacecraft is not None:
             finite &= np.isfinite(records.spacecraft).all(axis=1)
-        tally.refuse(~finite, "not finite")
-        tally.refuse(np.less_equal(measured, 0), "no-echo sentinel")
+        tally.refuse(np.logical_not(finite), "not finite")
+        tally.refuse(measured <= 0, "no-echo sentinel")
         tally.refuse(norms(records.points) > _FARTHEST_M, "not plausible")
         if records.time is not None:
             outside = (records.time < _EARLIEST_S) | (records.time > _LATEST_S)

@@ -1,0 +1,149 @@
+"""LAS, LAZ and COPC: airborne and ground lidar as body-fixed returns, in metres."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lidar.formats.options import LidarOptions
+from lidar.formats.screening import Agreement, Records, Screen
+from lidar.scan import Scan
+from spcola.arrays import BoolArray, FloatArray
+from spcola.errors import FormatError
+
+MAGIC = b"LASF"
+
+# Low and high noise of the ASPRS standard classes.
+_NOISE_CLASSES = (7, 18)
+# 1980-01-06T00:00:00 of GPS time is 51.184 s TDB past that clock reading, 7300.5 days before J2000.
+_GPS_EPOCH_ET_S = -7300.5 * 86400.0 + 51.184
+_ADJUSTED_S = 1e9
+_AGAIN = "fetch the file again"
+_UNUSED = Agreement(offset_m=0.0, tolerance_m=1.0)
+
+
+def is_las(head: bytes) -> bool:
+    """Tell whether a file begins as LAS, LAZ and COPC do."""
+    return head.startswith(MAGIC)
+
+
+def read_las(path: Path, options: LidarOptions) -> Iterator[Scan]:
+    """Yield the returns of a LAS, LAZ or COPC file; the flag of a return is its class.
+
+    Withheld returns and the noise classes 7 and 18 are refused, and those outside the box that
+    the header states. The spacecraft and the range are unknown.
+
+    Raises
+    ------
+    FormatError
+        If the file is cut off, or its header is not sound.
+    """
+    with _opened(path) as reader:
+        header = reader.header
+        _check_header(path, header, options)
+        screen = Screen(path, _UNUSED, options)
+        count = 0
+        for chunk in _chunks(path, reader, options.chunk):
+            count += len(chunk)
+            yield screen.scan(_records(path, chunk, header, options))
+    if count != header.point_count:
+        raise FormatError(
+            f"is truncated: {count} of {header.point_count} returns are there", path, _AGAIN
+        )
+
+
+def _opened(path: Path) -> Any:
+    # laspy takes a while to import, and most runs read no LAS.
+    import laspy  # noqa: PLC0415
+
+    try:
+        return laspy.open(path)
+    except OSError:
+        raise
+    # laspy lets through whatever its struct, numpy and Rust parts raise on a broken header.
+    except Exception as error:
+        raise FormatError(f"is no whole LAS file ({error})", path, _AGAIN) from error
+
+
+def _chunks(path: Path, reader: Any, size: int) -> Iterator[Any]:
+    """Yield points in chunks; what laspy says of broken data becomes one line."""
+    chunks = reader.chunk_iterator(size)
+    read = 0
+    while True:
+        try:
+            chunk = next(chunks)
+        except StopIteration:
+            return
+        except Exception as error:
+            raise FormatError(
+                f"cannot be decoded ({error})", f"{path}, after return {read}", _AGAIN
+            ) from error
+        read += len(chunk)
+        yield chunk
+
+
+def _check_header(path: Path, header: Any, options: LidarOptions) -> None:
+    """Refuse a header from which no coordinates follow, and plain files that are cut off."""
+    scales, offsets = np.asarray(header.scales), np.asarray(header.offsets)
+    if not (np.all(scales > 0) and np.all(np.isfinite(scales)) and np.all(np.isfinite(offsets))):
+        raise FormatError(f"has scales {scales} and offsets {offsets}", f"{path}, header")
+    if header.point_count == 0:
+        raise FormatError("holds no returns", path)
+    if not header.are_points_compressed:
+        size = header.point_format.size
+        there = (path.stat().st_size - header.offset_to_point_data) // size
+        if there < header.point_count:
+            raise FormatError(
+                f"is truncated: {max(there, 0)} of {header.point_count} returns are there",
+                path,
+                _AGAIN,
+            )
+    if options.gps_time:
+        _check_time(path, header)
+
+
+def _check_time(path: Path, header: Any) -> None:
+    if "gps_time" not in header.point_format.dimension_names:
+        raise FormatError("has no GPS time", path, "import it without gps_time")
+    if header.global_encoding.gps_time_type.value != 1:
+        raise FormatError(
+            "gives seconds of a GPS week that it does not name",
+            path,
+            "import it without gps_time, or convert it to adjusted standard GPS time",
+        )
+
+
+def _records(path: Path, chunk: Any, header: Any, options: LidarOptions) -> Records:
+    stated = np.stack([np.asarray(chunk[axis]) for axis in "xyz"], axis=1).astype(np.float64)
+    classes = np.asarray(chunk["classification"]).astype(np.int16)
+    time = None
+    if options.gps_time:
+        time = np.asarray(chunk["gps_time"]) + _ADJUSTED_S + _GPS_EPOCH_ET_S
+    return Records(
+        points=stated * options.unit_m("m"),
+        intensity=np.asarray(chunk["intensity"]).astype(np.float64),
+        time=time,
+        flag=classes,
+        refused={
+            "withheld": np.asarray(chunk["withheld"]).astype(bool),
+            "noise class": np.isin(classes, _NOISE_CLASSES),
+            "outside the header's bounds": _outside(path, stated, header),
+        },
+    )
+
+
+def _outside(path: Path, stated: FloatArray, header: Any) -> BoolArray:
+    """Tell which coordinates lie outside the header's box; refuse the box if most do."""
+    slack = np.asarray(header.scales)
+    lowest, highest = np.asarray(header.mins) - slack, np.asarray(header.maxs) + slack
+    outside: BoolArray = ~((stated >= lowest) & (stated <= highest)).all(axis=1)
+    if 2 * outside.sum() > len(outside):
+        raise FormatError(
+            f"{outside.sum()} of {len(outside)} returns lie outside the box of its header",
+            f"{path}, header",
+            "mend its bounds, scales or offsets",
+        )
+    return outside
