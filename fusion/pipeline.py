@@ -6,7 +6,7 @@ import fcntl
 import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -111,7 +111,8 @@ class Pipeline:
     def states(self) -> dict[str, str]:
         """Return for each stage "up to date", "due", or "cannot run: …"."""
         states = {}
-        with opened(self.workspace) as catalog:
+        # Without the lock: one may look at a workspace while another program works in it.
+        with closing(Catalog(self.workspace)) as catalog:
             for stage in self.stages:
                 missing = stage.missing(self.workspace, self.settings)
                 current = not missing and self._current(stage, catalog, self._key(stage, catalog))
@@ -138,6 +139,7 @@ class Pipeline:
             stage.tables,
             self.executor,
             self.progress,
+            key.inputs,
             key.digest,
             scratch,
         )
@@ -235,8 +237,5 @@ def opened(workspace: Workspace) -> Iterator[Catalog]:
             raise WorkspaceError(
                 "another spcola is at work here", workspace.root, "wait until it is done"
             ) from error
-        catalog = Catalog(workspace)
-        try:
+        with closing(Catalog(workspace)) as catalog:
             yield catalog
-        finally:
-            catalog.close()

@@ -31,6 +31,9 @@ class BodySettings(Table):
     shape: str = Field(
         default="", description="file in SHAPEFILES; empty: the only one, or SHAPE.TXT"
     )
+    shape_unit: Literal["km", "m"] = Field(
+        default="km", description="of an OBJ or PLY shape; ICQ is in km"
+    )
 
 
 class ImportSettings(Table):
@@ -44,8 +47,12 @@ class ImportSettings(Table):
         default=0.0,
         description="a return whose point and range disagree by more is rejected; 0: as the format",
     )
-    min_radius_m: NotNegative = Field(default=0.0, description="returns nearer to the centre of the body are rejected")
-    max_radius_m: NotNegative = Field(default=0.0, description="returns further from it are rejected; 0: none is")
+    min_radius_m: NotNegative = Field(
+        default=0.0, description="returns nearer to the centre of the body are rejected"
+    )
+    max_radius_m: NotNegative = Field(
+        default=0.0, description="returns further from it are rejected; 0: none is"
+    )
     chunk: int = Field(default=1_000_000, ge=1000, description="returns held in memory at a time")
 
 
@@ -79,7 +86,7 @@ class RegisterSettings(Table):
         default="similarity", description="6, 7 or 12 parameters"
     )
     against: Literal["maplets", "bigmap", "shape"] = Field(
-        default="bigmap",
+        default="maplets",
         description="the surface that is matched: the maplet, its neighbours too, or shape",
     )
     capture_m: Positive = Field(default=2.0, description="largest horizontal displacement searched")
@@ -89,7 +96,16 @@ class RegisterSettings(Table):
     min_correlation: Fraction = Field(
         default=0.5, description="of the two surfaces after the match"
     )
-    loss: Literal["l2", "huber", "cauchy"] = Field(default="huber", description="of the fit")
+    center_sigma_m: Positive = Field(
+        default=0.05, description="expected error of a maplet's centre; its size is estimated"
+    )
+    scan_sigma_m: NotNegative = Field(
+        default=0.05,
+        description="expected error that the returns of a scan share; its size is estimated",
+    )
+    reject_sigmas: Positive = Field(
+        default=5.0, description="mapolas further off than this are rejected"
+    )
 
 
 class FuseSettings(Table):
@@ -102,8 +118,8 @@ class FuseSettings(Table):
         default=1.0, description="share of the lidar heights used (a random subset below 1)"
     )
     seed: int = Field(default=1, ge=0, description="of the random subset")
-    max_gsd_m: NotNegative = Field(
-        default=0.0, description="coarser maplets are left out; 0: none is"
+    fill_sigma_m: Positive = Field(
+        default=1.0, description="uncertainty of a height that comes from the shape alone"
     )
 
 
@@ -141,8 +157,23 @@ class ScaleSettings(Table):
     pole_prior_deg: Positive = Field(
         default=0.1, description="prior sigma of the pole, each direction"
     )
-    range_bias_prior_m: NotNegative = Field(
-        default=0.0, description="prior sigma of a range bias; 0: none"
+    range_bias_prior_m: Positive = Field(
+        default=0.03, description="prior sigma of a constant error of the measured range"
+    )
+    capture_m: Positive = Field(
+        default=5.0, description="largest displacement of paired bigmaps that is searched"
+    )
+    single_sigma_m: Positive = Field(
+        default=0.1, description="expected error of one image's state; its size is estimated"
+    )
+    day_sigma_m: NotNegative = Field(
+        default=0.02, description="expected error that a day's images share; estimated"
+    )
+    reject_sigmas: Positive = Field(
+        default=5.0, description="pairs or shots further off than this are rejected"
+    )
+    max_shots: int = Field(
+        default=20_000, ge=10, description="single shots used; more are thinned evenly"
     )
     max_gap_s: Positive = Field(
         default=600.0, description="longest gap of the trajectory interpolated over"
@@ -255,8 +286,7 @@ def settings_text(settings: Settings) -> str:
     for table, model in table_models().items():
         lines += ["", f"[{table}]"]
         for key, info in model.model_fields.items():
-            choices = f" ({' | '.join(get_args(info.annotation))})" * _is_choice(info.annotation)
-            about = f"{info.description}{choices}"
+            about = f"{info.description}{_choices(info.annotation)}"
             lines.append(f"{key} = {_toml(content[table][key])}  # {about}")
     return "\n".join(lines) + "\n"
 
@@ -266,9 +296,11 @@ def write_settings(path: str | Path, settings: Settings) -> None:
     atomic.write_text(path, settings_text(settings))
 
 
-def _is_choice(annotation: Any) -> bool:
-    """Tell whether a key takes one of some words."""
-    return get_origin(annotation) is Literal
+def _choices(annotation: Any) -> str:
+    """Return the words that a key takes, for its comment; nothing if it takes no words."""
+    if get_origin(annotation) is not Literal:
+        return ""
+    return f" ({' | '.join(get_args(annotation))})"
 
 
 def _toml(value: Any) -> str:

@@ -153,9 +153,13 @@ class Workspace:
         names = ", ".join(file.name for file in files)
         raise WorkspaceError(f"holds several shapes ({names})", folder, "set [body] shape")
 
+    def has_shape(self) -> bool:
+        """Tell whether there is any file in SHAPEFILES."""
+        return bool(self._files(self.root / "SHAPEFILES"))
+
     def shape(self) -> Mesh:
         """Read the shape model."""
-        return read_shape(self.shape_path())
+        return read_shape(self.shape_path(), unit=self.settings().body.shape_unit)
 
     def scan_names(self) -> list[str]:
         """Return the imported scans."""

@@ -1,9 +1,8 @@
 """The core of stereophotoclinometry: maplets, images, landmarks, shapes, heights, bigmaps.
 
-Everything here is what images and maplets can do alone; altimetry lives in :mod:`lidar`
-and what joins the two in :mod:`fusion`. Inside the program lengths are metres, angles
-radians and times seconds (ephemeris time, TDB past J2000); only the readers and writers in
-:mod:`spcola.formats` know kilometres and degrees.
+Everything here is what images and maplets can do alone. Inside the program lengths are
+metres, angles radians and times seconds (ephemeris time, TDB past J2000); only the readers and
+writers in :mod:`spcola.formats` know kilometres and degrees.
 """
 
 __version__ = "0.1.0"

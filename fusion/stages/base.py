@@ -50,6 +50,8 @@ class StageContext:
         Where work over items is done.
     progress : Progress
         Where it is told.
+    inputs : mapping of str to str
+        The digest of each input, by its name in the catalogue (``workspace.relative(path)``).
     key : str
         Digest of inputs, settings and version: what artefacts carry.
     scratch : Path
@@ -62,6 +64,7 @@ class StageContext:
     tables: tuple[type[Table], ...]
     executor: Executor
     progress: Progress
+    inputs: Mapping[str, str]
     key: str
     scratch: Path
 

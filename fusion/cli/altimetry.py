@@ -1,0 +1,76 @@
+"""``spcola import``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fusion.cli.output import JsonOption, show
+from fusion.cli.stages import WorkersOption
+from fusion.executor import ThreadExecutor
+from fusion.pipeline import Pipeline, opened
+from fusion.progress import Progress
+from fusion.stages.ingest import STAGE, Imported, Source, Workers, import_files
+from fusion.workspace import Workspace
+
+
+def import_(
+    workspace: Annotated[Path, typer.Argument(metavar="WS", help="The workspace.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Lidar files.")],
+    format: Annotated[
+        str, typer.Option(metavar="F", help="Format; told from the content if not given.")
+    ] = "",
+    columns: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="QUANTITY=COLUMN",
+            help="For tables: which column holds a quantity, and in what unit, such as "
+            "'x=X [km]'. Repeat it for each column.",
+        ),
+    ] = None,
+    unit: Annotated[
+        str, typer.Option(metavar="m|km|cm|mm", help="Of coordinates, if the file states none.")
+    ] = "",
+    name: Annotated[
+        str, typer.Option(help="Name of the scan (one file only); else the file's name.")
+    ] = "",
+    gps_time: Annotated[bool, typer.Option("--gps-time", help="Keep the GPS time of LAS.")] = False,
+    workers: WorkersOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Read lidar files into the workspace; what was imported before is recognised."""
+    if name and len(files) > 1:
+        raise typer.BadParameter("names one file only", param_hint="--name")
+    there = Workspace.open(workspace)
+    settings = there.settings()
+    wanted = _columns(columns or [])
+    sources = [Source(file, name, format, wanted, unit, gps_time) for file in files]
+    executor, progress = ThreadExecutor(workers), Progress.fitting(silent=as_json)
+    with opened(there) as catalog:
+        hands = Workers(executor, progress, catalog.digest)
+        done = import_files(there, settings, sources, hands)
+    Pipeline(there, settings, [STAGE], executor, progress).run_stage(STAGE.name)
+    show({"scans": [one.as_dict() for one in done]}, map(_line, done), as_json=as_json)
+
+
+def _columns(texts: list[str]) -> dict[str, str]:
+    """Read ``quantity=column`` pairs; several may stand in one text, separated by commas."""
+    pairs = {}
+    for part in (part for text in texts for part in text.split(",")):
+        quantity, sign, column = part.partition("=")
+        if not (sign and quantity.strip() and column.strip()):
+            raise typer.BadParameter(f"{part!r} is not QUANTITY=COLUMN", param_hint="--columns")
+        pairs[quantity.strip()] = column.strip()
+    return pairs
+
+
+def _line(done: Imported) -> str:
+    """Say what became of one file."""
+    rejected = ", ".join(f"{count} {reason}" for reason, count in done.scan.rejected.items())
+    kind = done.scan.parameters.get("format", "")
+    return (
+        f"{done.source.path}: {done.state} as {done.scan.name} ({kind}), {done.scan.count} returns"
+        + (f", rejected: {rejected}" if rejected else "")
+    )

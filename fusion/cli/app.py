@@ -1,0 +1,62 @@
+"""``spcola``: where the commands come together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import typer
+
+import spcola
+from fusion.cli import altimetry, demo, folder, stages
+from fusion.cli.program import guarded
+
+app = typer.Typer(
+    name="spcola",
+    help="Fuses laser altimetry with stereophotoclinometry.",
+    epilog="A first run: spcola demo. In a workspace of your own: init, import, run.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+COMMANDS: tuple[tuple[str, Callable[..., Any], str], ...] = (
+    ("init", folder.init, "spcola init bennu --spc /data/spc --body Bennu"),
+    ("import", altimetry.import_, "spcola import bennu ola/*.dat"),
+    ("mapolas", stages.mapolas, "spcola mapolas bennu --gsd 0.2"),
+    ("register", stages.register, "spcola register bennu --model rigid"),
+    ("fuse", stages.fuse, "spcola fuse bennu"),
+    ("bigmap", stages.bigmap, "spcola bigmap bennu"),
+    ("scale", stages.scale, "spcola scale ryugu --method shots"),
+    ("release", stages.release, "spcola release bennu"),
+    ("run", stages.run, "spcola run bennu --workers 4"),
+    ("info", folder.info, "spcola info bennu; spcola info bennu/MAPFILES/AB0001.MAP --json"),
+    ("demo", demo.demo, "spcola demo /tmp/demo"),
+)
+
+for _name, _function, _example in COMMANDS:
+    app.command(_name, epilog=f"Example: {_example}")(guarded(_function))
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"spcola {spcola.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
+    ] = False,
+) -> None:
+    """Fuses laser altimetry with stereophotoclinometry."""
+
+
+def main() -> None:
+    """Run the command line; the entry point of the installation."""
+    app()

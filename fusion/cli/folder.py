@@ -1,0 +1,60 @@
+"""``spcola init`` and ``spcola info``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from fusion.cli.output import JsonOption, show, value_lines
+from fusion.describe import describe_file, describe_workspace
+from fusion.initialise import new_workspace
+from fusion.workspace import SETTINGS_FILE, Workspace
+
+
+def init(
+    workspace: Annotated[Path, typer.Argument(metavar="WS", help="The folder to make.")],
+    spc: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="An SPC working folder (MAPFILES, LMKFILES, SUMFILES ...). Its files are linked "
+            "into the workspace, not copied. WS may be that folder itself.",
+        ),
+    ] = None,
+    shape: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="A shape model (ICQ, OBJ or PLY); it is copied."),
+    ] = None,
+    unit: Annotated[
+        Literal["km", "m"], typer.Option(help="Of the coordinates of an OBJ or PLY shape.")
+    ] = "km",
+    body: Annotated[str, typer.Option(metavar="NAME", help="Name of the body.")] = "body",
+    as_json: JsonOption = False,
+) -> None:
+    """Make a workspace: the folders, and spcola.toml with every setting explained."""
+    if spc is not None and shape is not None:
+        raise typer.BadParameter("give --spc or --shape, not both", param_hint="--shape")
+    made = new_workspace(workspace, body=body, spc=spc, shape=shape, shape_unit=unit)
+    content = describe_workspace(made)
+    lines = [
+        f"Made {made.root} ({body}): {content['maplets']} maplets, {content['landmarks']} "
+        f"landmarks, {content['images']} images, shape: {content['shape'] or 'none'}",
+        f"Its settings are in {made.root / SETTINGS_FILE}. Next: spcola import {made.root} FILE...",
+    ]
+    show(content, lines, as_json=as_json)
+
+
+def info(
+    path: Annotated[
+        Path, typer.Argument(metavar="WS|FILE", help="A workspace, or any file SPCOLA reads.")
+    ],
+    as_json: JsonOption = False,
+) -> None:
+    """Say what a workspace holds and which stages are due, or what a file is."""
+    if path.is_dir():
+        content = describe_workspace(Workspace.open(path))
+    else:
+        content = describe_file(path)
+    show(content, [str(path), *value_lines(content)], as_json=as_json)

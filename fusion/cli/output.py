@@ -1,0 +1,69 @@
+"""What commands print: one JSON object, or lines for people."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any
+
+import typer
+
+from fusion.pipeline import StageRun
+from fusion.workspace import json_text
+
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print one JSON object on standard output, nothing else.")
+]
+
+
+def show(content: Mapping[str, Any], lines: Iterable[str], *, as_json: bool) -> None:
+    """Print `content` as JSON, or `lines`."""
+    if as_json:
+        typer.echo(json_text(content), nl=False)
+        return
+    for line in lines:
+        typer.echo(line)
+
+
+def run_content(run: StageRun) -> dict[str, Any]:
+    """Return what ``--json`` prints of one stage."""
+    content: dict[str, Any] = {"stage": run.stage, "state": run.state, "seconds": run.seconds}
+    if run.reason:
+        content["reason"] = run.reason
+    return {**content, "summary": dict(run.summary)}
+
+
+def run_lines(run: StageRun) -> list[str]:
+    """Return what people read of one stage: its state, and the single values of its summary."""
+    took = f" in {run.seconds:.1f} s" if run.state == "ran" else ""
+    why = f": {run.reason}" if run.reason else ""
+    return [f"{run.stage}: {run.state}{took}{why}", *value_lines(run.summary)]
+
+
+def value_lines(summary: Mapping[str, Any], indent: str = "  ") -> list[str]:
+    """Return a line for each number, word or short list in `summary`; tables are left to files."""
+    lines = []
+    for key, value in summary.items():
+        if isinstance(value, Mapping):
+            inner = value_lines(value, indent + "  ")
+            if inner and len(inner) <= 12:
+                lines += [f"{indent}{key}:", *inner]
+        elif isinstance(value, list | tuple):
+            if len(value) <= 7 and all(_is_single(item) for item in value):
+                lines.append(f"{indent}{key}: {', '.join(_text(item) for item in value)}")
+            else:
+                lines.append(f"{indent}{key}: {len(value)} entries")
+        elif _is_single(value):
+            lines.append(f"{indent}{key}: {_text(value)}")
+    return lines
+
+
+def _is_single(value: Any) -> bool:
+    return value is None or isinstance(value, str | int | float)
+
+
+def _text(value: Any) -> str:
+    """Return a number with six figures, and what is unknown as a word."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "unknown"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

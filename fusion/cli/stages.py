@@ -1,0 +1,145 @@
+"""The commands that run stages: one by one, or all with ``spcola run``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from fusion.cli.output import JsonOption, run_content, run_lines, show
+from fusion.executor import ThreadExecutor
+from fusion.pipeline import Pipeline
+from fusion.progress import Progress
+from fusion.stages import load_stages
+from fusion.workspace import Workspace
+
+WorkspaceArgument = Annotated[Path, typer.Argument(metavar="WS", help="The workspace.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Run even what is up to date.")]
+WorkersOption = Annotated[
+    int | None, typer.Option(metavar="N", help="Threads; by default one for each core.")
+]
+_ONCE = "For this run; write it into spcola.toml to keep it."
+
+
+def mapolas(
+    workspace: WorkspaceArgument,
+    source: Annotated[
+        Literal["maplets", "cover"] | None,
+        typer.Option(help=f"Where mapolas are made: [mapolas] source. {_ONCE}"),
+    ] = None,
+    gsd: Annotated[
+        float | None, typer.Option(metavar="M", help=f"[mapolas] gsd_m. {_ONCE}")
+    ] = None,
+    force: ForceOption = False,
+    workers: WorkersOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Grid the returns: per cell the median of slope-corrected heights, count and sigma."""
+    changed = {"source": source, "gsd_m": gsd}
+    _run_one(workspace, "mapolas", "mapolas", changed, (force, workers, as_json))
+
+
+def register(
+    workspace: WorkspaceArgument,
+    model: Annotated[
+        Literal["rigid", "similarity", "affine"] | None,
+        typer.Option(help=f"[register] model. {_ONCE}"),
+    ] = None,
+    against: Annotated[
+        Literal["maplets", "bigmap", "shape"] | None,
+        typer.Option(help=f"[register] against. {_ONCE}"),
+    ] = None,
+    force: ForceOption = False,
+    workers: WorkersOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Match each mapola to the SPC surface, and fit one transform to all: registration.json."""
+    changed = {"model": model, "against": against}
+    _run_one(workspace, "register", "register", changed, (force, workers, as_json))
+
+
+def fuse(
+    workspace: WorkspaceArgument,
+    force: ForceOption = False,
+    workers: WorkersOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Integrate slopes of the maplets with the lidar heights as constraints: fused/."""
+    _run_one(workspace, "fuse", "fuse", {}, (force, workers, as_json))
+
+
+def bigmap(
+    workspace: WorkspaceArgument,
+    force: ForceOption = False,
+    workers: WorkersOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Make bigmaps of maplets and of returns, in the same frame: bigmaps/."""
+    _run_one(workspace, "bigmap", "bigmap", {}, (force, workers, as_json))
+
+
+def scale(
+    workspace: WorkspaceArgument,
+    method: Annotated[
+        Literal["pairs", "shots"] | None,
+        typer.Option(
+            help="Paired bigmaps, or single shots against the shape: [scale] method. " + _ONCE
+        ),
+    ] = None,
+    force: ForceOption = False,
+    workers: WorkersOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Find the scale, the centre and the prime meridian, with their sigmas: scale.json."""
+    _run_one(workspace, "scale", "scale", {"method": method}, (force, workers, as_json))
+
+
+def release(
+    workspace: WorkspaceArgument,
+    force: ForceOption = False,
+    workers: WorkersOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write the products with their manifest to release/, and report.html."""
+    _run_one(workspace, "release", "release", {}, (force, workers, as_json))
+
+
+def run(
+    workspace: WorkspaceArgument,
+    force: ForceOption = False,
+    workers: WorkersOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Run all stages, in their order; what is up to date is skipped, what was interrupted resumes."""
+    opened = Workspace.open(workspace)
+    pipeline = Pipeline(
+        opened,
+        opened.settings(),
+        load_stages(),
+        ThreadExecutor(workers),
+        Progress.fitting(silent=as_json),
+    )
+    runs = pipeline.run(force=force)
+    content = {"workspace": str(workspace), "stages": [run_content(one) for one in runs]}
+    show(content, [line for one in runs for line in run_lines(one)], as_json=as_json)
+
+
+def _run_one(
+    workspace: Path,
+    stage: str,
+    table: str,
+    changed: dict[str, Any],
+    how: tuple[bool, int | None, bool],
+) -> None:
+    """Run one stage with some of its settings changed (None: not changed), and print."""
+    force, workers, as_json = how
+    opened = Workspace.open(workspace)
+    settings = opened.settings()
+    given = {key: value for key, value in changed.items() if value is not None}
+    if given:
+        settings = settings.with_table(table, **given)
+    progress = Progress.fitting(silent=as_json)
+    pipeline = Pipeline(opened, settings, load_stages(), ThreadExecutor(workers), progress)
+    done = pipeline.run_stage(stage, force=force)
+    show(run_content(done), run_lines(done), as_json=as_json)

@@ -1,0 +1,191 @@
+"""What a workspace holds, and what a file is: the facts behind ``spcola info``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fusion.catalog import read_records
+from fusion.pipeline import Pipeline
+from fusion.stages import load_stages
+from fusion.stages.ingest import scan_facts
+from fusion.workspace import Workspace
+from lidar.formats.native import scan_summary
+from lidar.formats.reader import open_lidar
+from lidar.formats.recognise import recognise
+from spcola.errors import FormatError, WorkspaceError
+from spcola.formats.lists import read_list
+from spcola.formats.lmk import read_landmark
+from spcola.formats.map import read_map, read_maplet
+from spcola.formats.nom import read_nominal
+from spcola.formats.shape import read_shape, recognise_shape
+from spcola.formats.sum import read_summary
+from spcola.maplet import Maplet
+
+BYTES_PER_RETURN = 14 * 8
+"""Fourteen numbers of eight bytes: what one return takes in memory."""
+
+
+def describe_workspace(workspace: Workspace) -> dict[str, Any]:
+    """Return what a workspace holds and which stages are due.
+
+    Raises
+    ------
+    SpcolaError
+        If its settings are wrong, or a folder of it cannot be read.
+    """
+    settings = workspace.settings()
+    scans = [scan_summary(path) for path in workspace.scan_paths()]
+    shapes = sorted((workspace.root / "SHAPEFILES").glob("[!.]*"))
+    return {
+        "kind": "workspace",
+        "body": settings.body.name,
+        "maplets": len(workspace.maplet_names()),
+        "landmarks": len(workspace.landmark_names()),
+        "images": len(workspace.image_names()),
+        "shape": ", ".join(path.name for path in shapes),
+        "scans": len(scans),
+        "returns": sum(scan.count for scan in scans),
+        "mapolas": len(workspace.mapola_names()),
+        "fused": len(workspace.fused_names()),
+        "memory_per_worker_mb": settings.ingest.chunk * BYTES_PER_RETURN / 1e6,
+        "stages": Pipeline(workspace, settings, load_stages()).states(),
+        "finished": {record.stage: record.finished for record in read_records(workspace)},
+    }
+
+
+def describe_file(path: Path) -> dict[str, Any]:
+    """Return what a file is: one of SPC (by its suffix), a lidar file or a shape (by content).
+
+    Raises
+    ------
+    FormatError
+        If it is none of them, or does not hold what it promises.
+    WorkspaceError
+        If there is no such file.
+    """
+    if not path.is_file():
+        raise WorkspaceError("is not there, or is no file", path)
+    reader = _SPC_READERS.get(path.suffix.upper())
+    if reader is not None:
+        return reader(path)
+    try:
+        recognise_shape(path)
+    except FormatError:
+        return _describe_lidar(path, recognise(path))
+    return _describe_shape(path)
+
+
+def _describe_map(path: Path) -> dict[str, Any]:
+    header = read_map(path).header
+    return {"kind": "maplet", **maplet_facts(read_maplet(path)), "version": header.version}
+
+
+def maplet_facts(maplet: Maplet) -> dict[str, Any]:
+    """Return what is worth knowing of a maplet, in JSON types."""
+    center = maplet.grid.center
+    radius = float(np.linalg.norm(center))
+    known = maplet.height[maplet.valid]
+    return {
+        "name": maplet.name,
+        "half_size": maplet.grid.half_size,
+        "gsd_m": maplet.grid.gsd,
+        "center_m": center.tolist(),
+        "radius_m": radius,
+        "latitude_deg": float(np.degrees(np.arcsin(center[2] / radius))) if radius else None,
+        "longitude_deg": float(np.degrees(np.arctan2(center[1], center[0])) % 360.0),
+        "missing": int(np.count_nonzero(~maplet.valid)),
+        "lowest_m": float(known.min()) if known.size else None,
+        "highest_m": float(known.max()) if known.size else None,
+        "has_sigma": bool(np.isfinite(maplet.sigma).any()),
+    }
+
+
+def _describe_landmark(path: Path) -> dict[str, Any]:
+    landmark = read_landmark(path)
+    return {
+        "kind": "landmark",
+        "name": landmark.name,
+        "center_m": landmark.grid.center.tolist(),
+        "sigma_m": landmark.sigma.tolist(),
+        "gsd_m": landmark.grid.gsd,
+        "half_size": landmark.grid.half_size,
+        "pictures": len(landmark.pictures),
+        "overlaps": len(landmark.overlaps),
+        "limbs": len(landmark.limbs),
+    }
+
+
+def _describe_summary(path: Path) -> dict[str, Any]:
+    image = read_summary(path)
+    return {
+        "kind": "image summary",
+        "name": image.name,
+        "utc": image.utc,
+        "pixels": image.camera.width,
+        "lines": image.camera.height,
+        "focal_length_mm": image.camera.focal_length_mm,
+        "distance_m": float(np.linalg.norm(image.position)),
+        "landmarks": len(image.landmarks),
+        "limbs": len(image.limbs),
+    }
+
+
+def _describe_nominal(path: Path) -> dict[str, Any]:
+    nominal = read_nominal(path)
+    return {"kind": "nominal state", "name": nominal.name}
+
+
+def _describe_list(path: Path) -> dict[str, Any]:
+    return {"kind": "list", "names": len(read_list(path))}
+
+
+def _describe_shape(path: Path) -> dict[str, Any]:
+    mesh = read_shape(path)
+    return {
+        "kind": f"shape ({recognise_shape(path)}, taken as km)",
+        "vertices": len(mesh.vertices),
+        "facets": len(mesh.facets),
+        "volume_m3": mesh.volume,
+        "mean_radius_m": mesh.mean_radius,
+        "lowest_m": mesh.vertices.min(axis=0).tolist(),
+        "highest_m": mesh.vertices.max(axis=0).tolist(),
+    }
+
+
+def _describe_lidar(path: Path, format: str) -> dict[str, Any]:
+    """Describe a lidar file; all of it is read, a chunk at a time."""
+    if format == "native":
+        return {"kind": "lidar (native)", **scan_facts(scan_summary(path))}
+    count, rejected = 0, dict[str, int]()
+    lowest, highest = np.full(3, np.nan), np.full(3, np.nan)
+    span = np.array([np.nan, np.nan])
+    for scan in open_lidar(path, format=format):
+        count += len(scan)
+        for reason, number in scan.rejected.items():
+            rejected[reason] = rejected.get(reason, 0) + number
+        if len(scan):
+            lowest = np.fmin(lowest, scan.points.min(axis=0))
+            highest = np.fmax(highest, scan.points.max(axis=0))
+            span[0] = np.fmin(span[0], np.fmin.reduce(scan.time))
+            span[1] = np.fmax(span[1], np.fmax.reduce(scan.time))
+    return {
+        "kind": f"lidar ({format})",
+        "returns": count,
+        "rejected": rejected,
+        "first_et_s": span[0],
+        "last_et_s": span[1],
+        "lowest_m": lowest.tolist(),
+        "highest_m": highest.tolist(),
+    }
+
+
+_SPC_READERS: dict[str, Callable[[Path], dict[str, Any]]] = {
+    ".MAP": _describe_map,
+    ".LMK": _describe_landmark,
+    ".SUM": _describe_summary,
+    ".NOM": _describe_nominal,
+}

@@ -1,0 +1,262 @@
+"""Import: lidar files become scans of the workspace, each one HDF5 file."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from fusion.catalog import content_digest
+from fusion.executor import Executor
+from fusion.progress import Progress
+from fusion.settings import BodySettings, ImportSettings, Settings, Table
+from fusion.stages.base import StageContext, StageResult
+from fusion.workspace import Workspace
+from lidar.formats.native import ScanSummary, scan_summary, write_scan
+from lidar.formats.options import LidarOptions
+from lidar.formats.reader import open_lidar
+from lidar.formats.recognise import recognise
+from spcola.errors import WorkspaceError
+
+
+@dataclass(frozen=True)
+class Source:
+    """A lidar file and how it is to be read.
+
+    Parameters
+    ----------
+    path : Path
+    name : str
+        Of the scan; the file's name without its suffix if empty.
+    format : str
+        Empty: told from the content.
+    columns : mapping of str to str
+        Of a table: quantity → column with its unit.
+    unit : str
+        Of coordinates, where the format has none of its own.
+    gps_time : bool
+        Keep the GPS time of LAS returns.
+    """
+
+    path: Path
+    name: str = ""
+    format: str = ""
+    columns: Mapping[str, str] = field(default_factory=dict)
+    unit: str = ""
+    gps_time: bool = False
+
+    @property
+    def scan_name(self) -> str:
+        """Name of the scan that it becomes."""
+        return self.name or self.path.name.removesuffix(".gz").rsplit(".", 1)[0] or self.path.name
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What became of one file: "imported", "imported already" or "imported again"."""
+
+    source: Source
+    state: str
+    scan: ScanSummary
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what is printed of it."""
+        return {
+            "file": str(self.source.path),
+            "state": self.state,
+            "format": self.scan.parameters.get("format", ""),
+            **scan_facts(self.scan),
+        }
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Who does the work, who tells of it, and who knows the digests of files."""
+
+    executor: Executor
+    progress: Progress
+    digest: Callable[[Path], str]
+
+
+def import_files(
+    workspace: Workspace,
+    settings: Settings,
+    sources: Sequence[Source],
+    workers: Workers,
+) -> list[Imported]:
+    """Import files; one that is here already, told by its digest and options, is left alone.
+
+    Everything that can be refused without reading returns is refused before anything is written.
+
+    Raises
+    ------
+    WorkspaceError
+        If two files would get one name, or a file cannot be read.
+    FormatError
+        If a file does not hold what its format promises.
+    """
+    digests = [workers.digest(source.path) for source in sources]
+    scans = {name: scan_summary(workspace.scan_path(name)) for name in workspace.scan_names()}
+    taken = {name: scan.digest for name, scan in scans.items()}
+    here: list[str] = []
+    for source, digest in zip(sources, digests, strict=True):
+        same = [name for name, other in taken.items() if other == digest]
+        if not same and source.scan_name in taken:
+            raise WorkspaceError(
+                f"the workspace has a scan {source.scan_name!r} of another file",
+                source.path,
+                "give this one another name with --name",
+            )
+        here.append(same[0] if same else source.scan_name)
+        taken[here[-1]] = digest
+
+    def one(item: tuple[Source, str, str]) -> Imported:
+        source, digest, name = item
+        before = scans.get(name)
+        if before is not None and before.parameters.get("import_key") == _key(source, settings):
+            return Imported(source, "imported already", before)
+        scan = _write(workspace, settings, source, digest, name)
+        return Imported(source, "imported" if before is None else "imported again", scan)
+
+    with workers.progress.task("import", len(sources)) as task:
+        done = []
+        for imported in workers.executor.stream(one, zip(sources, digests, here, strict=True)):
+            done.append(imported)
+            task.advance()
+    return done
+
+
+@dataclass(frozen=True)
+class IngestStage:
+    """Keeps the scans in step with the settings: what was read by others is read again."""
+
+    name: str = "ingest"
+    version: int = 1
+    tables: tuple[type[Table], ...] = (BodySettings, ImportSettings)
+
+    def missing(self, workspace: Workspace, settings: Settings) -> str:
+        """Return why there is nothing to do."""
+        if workspace.scan_names():
+            return ""
+        return f"no lidar file was imported; run: spcola import {workspace.root} FILE"
+
+    def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
+        """Return the files that the scans came from, as far as they still exist."""
+        sources = (recorded_source(scan_summary(path)) for path in workspace.scan_paths())
+        return [source.path for source in sources if source is not None and source.path.is_file()]
+
+    def run(self, context: StageContext) -> StageResult:
+        """Import again what was read by other settings, or has changed since.
+
+        Raises
+        ------
+        WorkspaceError
+            If that is so of a scan whose file is gone.
+        """
+        workspace, settings = context.workspace, context.settings
+
+        def one(path: Path) -> ScanSummary:
+            scan = scan_summary(path)
+            source = recorded_source(scan)
+            if source is None:
+                return scan
+            digest = context.inputs.get(workspace.relative(source.path))
+            current = scan.parameters.get("import_key") == _key(source, settings)
+            if current and digest in (None, scan.digest):
+                return scan
+            if digest is None:
+                raise WorkspaceError(
+                    f"scan {scan.name} has to be read again ([body] or [import] changed), but its "
+                    "file is gone",
+                    source.path,
+                    "restore the file or the settings",
+                )
+            return _write(workspace, settings, source, digest, path.stem)
+
+        paths = workspace.scan_paths()
+        scans = context.map("import", one, paths)
+        return StageResult(tuple(paths), {"scans": [scan_facts(scan) for scan in scans]})
+
+
+STAGE = IngestStage()
+
+
+def recorded_source(scan: ScanSummary) -> Source | None:
+    """Return where an imported scan came from; None for a scan that was put here by hand."""
+    kept = scan.parameters
+    if "source" not in kept:
+        return None
+    return Source(
+        Path(str(kept["source"])),
+        scan.name,
+        str(kept["format"]),
+        json.loads(str(kept["columns"])),
+        str(kept["unit"]),
+        bool(kept["gps_time"]),
+    )
+
+
+def scan_facts(scan: ScanSummary) -> dict[str, Any]:
+    """Return what is worth knowing of a scan, in JSON types."""
+    return {
+        "scan": scan.name,
+        "returns": scan.count,
+        "rejected": dict(scan.rejected),
+        "first_et_s": scan.time_span[0],
+        "last_et_s": scan.time_span[1],
+        "trajectory": scan.trajectory,
+        "body": scan.body,
+        "lowest_m": scan.bounds[0].tolist(),
+        "highest_m": scan.bounds[1].tolist(),
+        "digest": scan.digest,
+    }
+
+
+def lidar_options(source: Source, settings: Settings, name: str) -> LidarOptions:
+    """Return how `source` is read."""
+    table = settings.ingest
+    limits = (table.min_radius_m, table.max_radius_m or math.inf)
+    return LidarOptions(
+        name=name,
+        body=settings.body.name,
+        sigma_m=table.sigma_range_m or math.nan,
+        chunk=table.chunk,
+        columns=source.columns,
+        unit=source.unit or None,
+        gps_time=source.gps_time,
+        range_tolerance_m=table.range_tolerance_m or None,
+        radius_limits_m=None if limits == (0.0, math.inf) else limits,
+    )
+
+
+def _write(
+    workspace: Workspace, settings: Settings, source: Source, digest: str, name: str
+) -> ScanSummary:
+    """Read `source` and write it as the scan `name`, which remembers where it came from."""
+    chosen = source.format or recognise(source.path)
+    chunks = open_lidar(source.path, format=chosen, options=lidar_options(source, settings, name))
+    parameters = {
+        "source": str(source.path.resolve()),
+        "format": chosen,
+        "columns": json.dumps(dict(source.columns)),
+        "unit": source.unit,
+        "gps_time": int(source.gps_time),
+        "import_key": _key(source, settings),
+    }
+    return write_scan(workspace.scan_path(name), chunks, digest=digest, parameters=parameters)
+
+
+def _key(source: Source, settings: Settings) -> str:
+    """Digest how `source` is read, without what does not change the result."""
+    return content_digest(
+        {
+            "columns": dict(source.columns),
+            "unit": source.unit,
+            "gps_time": source.gps_time,
+            "body": settings.body.name,
+            "import": settings.ingest.model_dump(mode="json", exclude={"chunk"}),
+        }
+    )

@@ -1,0 +1,178 @@
+"""Mapolas: the returns of all scans, gridded where the maplets are or all over the body."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from spcola.covering import covering
+
+from fusion.settings import BodySettings, MapolaSettings, Settings, Table
+from fusion.stages.base import StageContext, StageResult
+from fusion.workspace import Workspace
+from lidar.formats.mapola import write_mapolas
+from lidar.formats.native import iter_scan
+from lidar.gridding import Gridding, GriddingOptions, RejectionOptions, grid_returns
+from lidar.mapola import Mapola
+from lidar.tiles import TileReader, TileWriter
+from spcola.errors import SettingsError, WorkspaceError
+from spcola.maplet import MapletGrid
+
+COVER_HALF_SIZE = 49
+"""q of a covering where the settings leave it open: 99 × 99 points, as is usual for maplets."""
+
+
+@dataclass(frozen=True)
+class MapolasStage:
+    """Scans → returns sorted into tiles → mapolas."""
+
+    name: str = "mapolas"
+    version: int = 1
+    tables: tuple[type[Table], ...] = (MapolaSettings, BodySettings)
+
+    def missing(self, workspace: Workspace, settings: Settings) -> str:
+        """Return why mapolas cannot be made."""
+        if not workspace.scan_names():
+            return f"there are no scans; run: spcola import {workspace.root} FILE"
+        if settings.mapolas.source == "maplets" and not workspace.maplet_names():
+            return 'there are no maplets in MAPFILES; set [mapolas] source = "cover"'
+        if settings.mapolas.source == "cover" and not workspace.has_shape():
+            return "a covering needs a shape in SHAPEFILES"
+        return ""
+
+    def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
+        """Return the scans, and the maplets or the shape."""
+        if settings.mapolas.source == "cover":
+            return [*workspace.scan_paths(), workspace.shape_path()]
+        names = workspace.maplet_names()
+        return [*workspace.scan_paths(), *(workspace.maplet_path(name) for name in names)]
+
+    def run(self, context: StageContext) -> StageResult:
+        """Grid every mapola from the returns around it.
+
+        Raises
+        ------
+        WorkspaceError
+            If no mapola gets enough returns.
+        """
+        workspace, table = context.workspace, context.table(MapolaSettings)
+        grids = mapola_grids(workspace, context.settings)
+        options = GriddingOptions(rejection=RejectionOptions(cell_sigmas=table.outlier_k))
+        tiles = _sorted_returns(context, grids, options)
+        counts = _Counts()
+        with TileReader(tiles) as reader:
+
+            def one(item: tuple[str, MapletGrid]) -> Gridding:
+                name, grid = item
+                around = reader.returns_near(grid.center, options.neighbourhood(grid))
+                return grid_returns(name, grid, around, options=options)
+
+            done = context.stream("mapolas", one, grids.items(), total=len(grids))
+            names = write_mapolas(workspace.root / "mapolas", counts.passed(done, table))
+        if not names:
+            raise WorkspaceError(
+                f"none of {len(grids)} grids is covered to {table.min_coverage:.0%} by returns",
+                workspace.root / "mapolas",
+                "check that scans and maplets lie in one frame, or lower [mapolas] min_coverage",
+            )
+        return StageResult(tuple(workspace.mapola_paths()), counts.summary(len(grids), len(names)))
+
+
+STAGE = MapolasStage()
+
+
+def mapola_grids(workspace: Workspace, settings: Settings) -> dict[str, MapletGrid]:
+    """Return the grids of the mapolas by name: those of the maplets, or a covering.
+
+    Raises
+    ------
+    SettingsError
+        If a covering is asked for without a ground sample distance.
+    """
+    table = settings.mapolas
+    if table.source == "maplets":
+        names = workspace.maplet_names()
+        return {name: _adapted(workspace.maplet(name).grid, table) for name in names}
+    if not table.gsd_m:
+        raise SettingsError(
+            "must be given for a covering", workspace.root / "spcola.toml: [mapolas] gsd_m"
+        )
+    grids = covering(
+        workspace.shape(),
+        table.gsd_m,
+        table.half_size or COVER_HALF_SIZE,
+        overlap=table.overlap,
+    )
+    # SPC allows names of six characters.
+    return {f"C{number:05d}": grid for number, grid in enumerate(grids, start=1)}
+
+
+def _adapted(grid: MapletGrid, table: MapolaSettings) -> MapletGrid:
+    """Return `grid` at the ground sample distance and half-size of the settings."""
+    if table.gsd_m:
+        grid = grid.with_gsd(table.gsd_m)
+    return replace(grid, half_size=table.half_size) if table.half_size else grid
+
+
+def _sorted_returns(
+    context: StageContext, grids: dict[str, MapletGrid], options: GriddingOptions
+) -> Path:
+    """Sort the returns of all scans into tiles on disk; done already if the last run got so far."""
+    path = context.scratch / "tiles.h5"
+    if path.exists():
+        return path
+    scans = context.workspace.scan_paths()
+    centers = np.stack([grid.center for grid in grids.values()])
+    radius = max(options.neighbourhood(grid) for grid in grids.values())
+    # The chunk is a matter of memory and changes no result: its table is not declared.
+    chunk = context.settings.ingest.chunk
+    with (
+        context.progress.task("sort returns", len(scans)) as task,
+        TileWriter(path, centers, radius) as writer,
+    ):
+        for scan in scans:
+            for part in iter_scan(scan, chunk=chunk):
+                writer.add(part)
+            task.advance()
+    return path
+
+
+@dataclass
+class _Counts:
+    """Counts what happens to returns and mapolas while these pass by."""
+
+    used: int = 0
+    rejected: int = 0
+    not_settled: int = 0
+    coverage: float = 0.0
+
+    def passed(self, done: Iterator[Gridding], table: MapolaSettings) -> Iterator[Mapola]:
+        """Yield the mapolas that hold enough, thin cells left out."""
+        for gridding in done:
+            mapola, report = gridding.mapola, gridding.report
+            if table.min_count > 1:
+                thin = mapola.count < table.min_count
+                mapola = mapola.with_layers(
+                    height=np.where(thin, np.nan, mapola.height),
+                    sigma=np.where(thin, np.nan, mapola.sigma),
+                )
+            if not mapola.valid.any() or mapola.coverage < table.min_coverage:
+                continue
+            self.used += report.used
+            self.rejected += report.stray + report.outlying
+            self.not_settled += not report.converged
+            self.coverage += mapola.coverage
+            yield mapola
+
+    def summary(self, grids: int, made: int) -> dict[str, float]:
+        """Return what the command prints."""
+        return {
+            "grids": grids,
+            "mapolas": made,
+            "returns_used": self.used,
+            "returns_rejected": self.rejected,
+            "mean_coverage": self.coverage / made,
+            "not_settled": self.not_settled,
+        }

@@ -1,0 +1,79 @@
+"""The executor: order, bounded look-ahead, cancelling."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from fusion.executor import ThreadExecutor
+from spcola.errors import SettingsError
+
+
+def test_results_keep_the_order_of_the_items() -> None:
+    def slow_first(item: int) -> int:
+        time.sleep(0.02 if item == 0 else 0.0)
+        return item * item
+
+    assert ThreadExecutor(4).map(slow_first, range(20)) == [n * n for n in range(20)]
+
+
+def test_no_items_give_no_results() -> None:
+    assert ThreadExecutor(2).map(abs, []) == []
+
+
+def test_work_runs_on_several_threads_at_once() -> None:
+    meeting = threading.Barrier(3, timeout=10)
+    ThreadExecutor(3).map(lambda _: meeting.wait(), range(3))
+
+
+def test_items_are_read_only_as_workers_become_free() -> None:
+    read = 0
+
+    def items() -> Iterator[int]:
+        nonlocal read
+        for item in range(1000):
+            read += 1
+            yield item
+
+    stream = ThreadExecutor(2).stream(abs, items())
+    assert next(stream) == 0
+    assert read <= 4
+    stream.close()
+
+
+def test_the_first_error_cancels_what_has_not_begun() -> None:
+    begun: list[int] = []
+
+    def fail_early(item: int) -> int:
+        begun.append(item)
+        if item == 1:
+            raise ValueError("item 1")
+        time.sleep(0.01)
+        return item
+
+    with pytest.raises(ValueError, match="item 1"):
+        ThreadExecutor(2).map(fail_early, range(1000))
+    assert len(begun) < 20
+    assert not any(thread.name.startswith("spcola") for thread in threading.enumerate())
+
+
+def test_an_interrupt_in_the_caller_ends_the_workers() -> None:
+    def items() -> Iterator[int]:
+        yield from range(3)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        ThreadExecutor(2).map(abs, items())
+    assert not any(thread.name.startswith("spcola") for thread in threading.enumerate())
+
+
+def test_at_least_one_worker_is_needed() -> None:
+    with pytest.raises(SettingsError, match="workers"):
+        ThreadExecutor(0)
+
+
+def test_by_default_there_is_a_worker() -> None:
+    assert ThreadExecutor().workers >= 1

@@ -1,0 +1,316 @@
+"""The pipeline and its catalogue: skipping, re-running, resuming, and loss of the catalogue."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import sqlite3
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from fusion.catalog import CATALOG_FILE, Catalog
+from fusion.executor import ThreadExecutor
+from fusion.pipeline import LOCK_FILE, SCRATCH_FOLDER, Pipeline
+from fusion.settings import FuseSettings, MapolaSettings, RegisterSettings, Settings, Table
+from fusion.stages.base import StageContext, StageResult
+from fusion.workspace import Workspace
+from spcola import atomic
+from spcola.errors import SettingsError, WorkspaceError
+
+
+@dataclass
+class Copy:
+    """A stage that copies files, in capitals, and counts its runs."""
+
+    name: str
+    source: str
+    target: str
+    tables: tuple[type[Table], ...] = ()
+    version: int = 1
+    runs: int = 0
+    act: Callable[[StageContext], None] = field(default=lambda _: None)
+
+    def missing(self, workspace: Workspace, settings: Settings) -> str:
+        return "" if self.inputs(workspace, settings) else f"nothing in {self.source}"
+
+    def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
+        return sorted((workspace.root / self.source).glob("*.txt"))
+
+    def run(self, context: StageContext) -> StageResult:
+        self.runs += 1
+        outputs = []
+        for path in self.inputs(context.workspace, context.settings):
+            made = context.workspace.root / self.target / path.name
+            made.parent.mkdir(exist_ok=True)
+            atomic.write_text(made, path.read_text().upper())
+            outputs.append(made)
+        self.act(context)
+        return StageResult(tuple(outputs), {"files": len(outputs), "nan": float("nan")})
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Workspace:
+    made = Workspace.create(tmp_path / "ws", Settings())
+    (made.root / "raw").mkdir()
+    (made.root / "raw" / "a.txt").write_text("alpha")
+    (made.root / "raw" / "b.txt").write_text("beta")
+    return made
+
+
+@pytest.fixture
+def stages() -> list[Copy]:
+    return [
+        Copy("one", "raw", "first", (MapolaSettings,)),
+        Copy("two", "first", "second", (RegisterSettings,)),
+        Copy("three", "second", "third", (FuseSettings,)),
+    ]
+
+
+def pipeline(
+    workspace: Workspace, stages: list[Copy], settings: Settings | None = None
+) -> Pipeline:
+    return Pipeline(workspace, settings or Settings(), stages, ThreadExecutor(1))
+
+
+def runs(stages: list[Copy]) -> list[int]:
+    return [stage.runs for stage in stages]
+
+
+def test_what_is_up_to_date_is_skipped(workspace: Workspace, stages: list[Copy]) -> None:
+    first = pipeline(workspace, stages).run()
+    assert [run.state for run in first] == ["ran"] * 3
+    assert (workspace.root / "third" / "a.txt").read_text() == "ALPHA"
+    second = pipeline(workspace, stages).run()
+    assert [run.state for run in second] == ["up to date"] * 3
+    assert runs(stages) == [1, 1, 1]
+    assert second[0].summary["files"] == 2
+
+
+def test_force_runs_all(workspace: Workspace, stages: list[Copy]) -> None:
+    pipeline(workspace, stages).run()
+    pipeline(workspace, stages).run(force=True)
+    assert runs(stages) == [2, 2, 2]
+
+
+def test_a_changed_setting_reruns_what_depends_on_it(
+    workspace: Workspace, stages: list[Copy]
+) -> None:
+    pipeline(workspace, stages).run()
+    changed = Settings().with_table("register", capture_m=7.0)
+    pipeline(workspace, stages, changed).run()
+    # "two" makes the same bytes as before, so that "three" has nothing new to do.
+    assert runs(stages) == [1, 2, 1]
+
+
+def test_a_changed_input_reruns_all_after_it(workspace: Workspace, stages: list[Copy]) -> None:
+    pipeline(workspace, stages).run()
+    (workspace.root / "raw" / "a.txt").write_text("gamma")
+    pipeline(workspace, stages).run()
+    assert runs(stages) == [2, 2, 2]
+    assert (workspace.root / "third" / "a.txt").read_text() == "GAMMA"
+
+
+def test_a_touched_but_equal_input_reruns_nothing(workspace: Workspace, stages: list[Copy]) -> None:
+    pipeline(workspace, stages).run()
+    os.utime(workspace.root / "raw" / "a.txt", (1.0, 1.0))
+    pipeline(workspace, stages).run()
+    assert runs(stages) == [1, 1, 1]
+
+
+def test_a_new_version_of_a_stage_reruns_it(workspace: Workspace, stages: list[Copy]) -> None:
+    pipeline(workspace, stages).run()
+    stages[1].version = 2
+    pipeline(workspace, stages).run()
+    assert runs(stages) == [1, 2, 1]
+
+
+@pytest.mark.parametrize("damage", ["remove", "change"])
+def test_an_output_that_was_lost_or_changed_is_made_again(
+    workspace: Workspace, stages: list[Copy], damage: str
+) -> None:
+    pipeline(workspace, stages).run()
+    made = workspace.root / "second" / "a.txt"
+    if damage == "remove":
+        made.unlink()
+    else:
+        made.write_text("other")
+    pipeline(workspace, stages).run()
+    assert runs(stages) == [1, 2, 1]
+    assert made.read_text() == "ALPHA"
+
+
+def test_outputs_of_inputs_that_are_gone_are_removed(
+    workspace: Workspace, stages: list[Copy]
+) -> None:
+    pipeline(workspace, stages).run()
+    (workspace.root / "raw" / "b.txt").unlink()
+    pipeline(workspace, stages).run()
+    for folder in ("first", "second", "third"):
+        assert [p.name for p in (workspace.root / folder).iterdir()] == ["a.txt"]
+
+
+def test_an_obsolete_output_changed_by_hand_is_kept(
+    workspace: Workspace, stages: list[Copy]
+) -> None:
+    pipeline(workspace, stages[:1]).run()
+    (workspace.root / "raw" / "b.txt").unlink()
+    (workspace.root / "first" / "b.txt").write_text("by hand")
+    pipeline(workspace, stages[:1]).run()
+    assert (workspace.root / "first" / "b.txt").read_text() == "by hand"
+
+
+def test_a_failed_stage_keeps_the_earlier_ones_and_is_due_again(
+    workspace: Workspace, stages: list[Copy]
+) -> None:
+    def fail(_: StageContext) -> None:
+        raise WorkspaceError("the disk is full", "somewhere")
+
+    stages[1].act = fail
+    with pytest.raises(WorkspaceError, match="disk is full"):
+        pipeline(workspace, stages).run()
+    assert pipeline(workspace, stages).states() == {
+        "one": "up to date",
+        "two": "due",
+        "three": "due",
+    }
+    stages[1].act = lambda _: None
+    pipeline(workspace, stages).run()
+    assert runs(stages) == [1, 2, 1]
+
+
+def test_an_interrupted_run_finds_its_scratch_again(
+    workspace: Workspace, stages: list[Copy]
+) -> None:
+    found: list[bool] = []
+
+    def interrupted(context: StageContext) -> None:
+        found.append((context.scratch / "half").exists())
+        (context.scratch / "half").write_text("done so far")
+        if len(found) == 1:
+            raise KeyboardInterrupt
+
+    stages[0].act = interrupted
+    with pytest.raises(KeyboardInterrupt):
+        pipeline(workspace, stages).run()
+    pipeline(workspace, stages).run()
+    assert found == [False, True]
+    assert not (workspace.root / SCRATCH_FOLDER / "one").exists()
+
+
+def test_scratch_of_other_settings_is_not_found(workspace: Workspace, stages: list[Copy]) -> None:
+    found: list[bool] = []
+
+    def interrupted(context: StageContext) -> None:
+        found.append((context.scratch / "half").exists())
+        (context.scratch / "half").write_text("done so far")
+        raise KeyboardInterrupt
+
+    stages[0].act = interrupted
+    for gsd in (1.0, 2.0):
+        settings = Settings().with_table("mapolas", gsd_m=gsd)
+        with pytest.raises(KeyboardInterrupt):
+            pipeline(workspace, stages, settings).run()
+    assert found == [False, False]
+    assert len(list((workspace.root / SCRATCH_FOLDER / "one").iterdir())) == 1
+
+
+def test_a_stage_without_inputs_is_passed_over_with_a_reason(
+    workspace: Workspace, stages: list[Copy]
+) -> None:
+    stages.insert(1, Copy("extra", "nowhere", "nothing"))
+    states = {run.stage: (run.state, run.reason) for run in pipeline(workspace, stages).run()}
+    assert states["extra"] == ("cannot run", "nothing in nowhere")
+    assert states["three"] == ("ran", "")
+
+
+def test_where_nothing_can_run_that_is_an_error(workspace: Workspace) -> None:
+    with pytest.raises(WorkspaceError, match="nothing can run: nothing in nowhere"):
+        pipeline(workspace, [Copy("extra", "nowhere", "nothing")]).run()
+
+
+def test_one_stage_runs_alone(workspace: Workspace, stages: list[Copy]) -> None:
+    assert pipeline(workspace, stages).run_stage("one").state == "ran"
+    assert runs(stages) == [1, 0, 0]
+    with pytest.raises(WorkspaceError, match="three cannot run: nothing in second"):
+        pipeline(workspace, stages).run_stage("three")
+
+
+def test_a_stage_reads_only_the_tables_it_declared(
+    workspace: Workspace, stages: list[Copy]
+) -> None:
+    stages[0].act = lambda context: None if context.table(FuseSettings) else None
+    with pytest.raises(SettingsError, match="does not declare FuseSettings"):
+        pipeline(workspace, stages).run()
+
+
+@pytest.mark.parametrize("damage", ["remove", "rubbish", "half", "empty", "other tables"])
+def test_a_lost_catalogue_is_built_again_from_the_records(
+    workspace: Workspace, stages: list[Copy], damage: str
+) -> None:
+    pipeline(workspace, stages).run()
+    path = workspace.root / CATALOG_FILE
+    content = path.read_bytes()
+    if damage == "remove":
+        path.unlink()
+    elif damage == "rubbish":
+        path.write_bytes(b"this is no data base, however long it goes on " * 100)
+    elif damage == "half":
+        path.write_bytes(content[: len(content) // 2])
+    elif damage == "empty":
+        path.write_bytes(b"")
+    else:
+        path.unlink()
+        with sqlite3.connect(path) as base:
+            base.execute("CREATE TABLE other (x)")
+        base.close()
+    assert set(pipeline(workspace, stages).states().values()) == {"up to date"}
+    pipeline(workspace, stages).run()
+    assert runs(stages) == [1, 1, 1]
+
+
+def test_a_damaged_record_costs_a_run_and_nothing_else(
+    workspace: Workspace, stages: list[Copy]
+) -> None:
+    pipeline(workspace, stages).run()
+    (workspace.root / CATALOG_FILE).unlink()
+    (workspace.root / "provenance" / "two.json").write_text('{"stage": "two"')
+    pipeline(workspace, stages).run()
+    assert runs(stages) == [1, 2, 1]
+
+
+def test_the_catalogue_says_what_was_made_from_what(
+    workspace: Workspace, stages: list[Copy]
+) -> None:
+    pipeline(workspace, stages).run()
+    record = json.loads((workspace.root / "provenance" / "two.json").read_text())
+    assert set(record["inputs"]) == {"first/a.txt", "first/b.txt"}
+    assert set(record["outputs"]) == {"second/a.txt", "second/b.txt"}
+    assert record["settings"]["RegisterSettings"]["model"] == "similarity"
+    assert record["summary"]["nan"] is None
+    catalog = Catalog(workspace)
+    stored = catalog.record("two")
+    catalog.close()
+    assert stored is not None
+    assert dict(stored.outputs) == record["outputs"]
+
+
+def test_two_programs_do_not_work_in_one_workspace(
+    workspace: Workspace, stages: list[Copy]
+) -> None:
+    with (workspace.root / LOCK_FILE).open("w") as other:
+        fcntl.flock(other, fcntl.LOCK_EX)
+        with pytest.raises(WorkspaceError, match="another spcola is at work"):
+            pipeline(workspace, stages).run()
+        assert set(pipeline(workspace, stages).states()) == {"one", "two", "three"}
+    pipeline(workspace, stages).run()
+
+
+def test_a_workspace_can_be_moved(workspace: Workspace, stages: list[Copy]) -> None:
+    pipeline(workspace, stages).run()
+    moved = workspace.root.rename(workspace.root.with_name("elsewhere"))
+    pipeline(Workspace.open(moved), stages).run()
+    assert runs(stages) == [1, 1, 1]
