@@ -1,0 +1,75 @@
+"""Fused maplets on disk: .MAP files and ``fused.h5`` with everything at full precision."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from fusion.fused import FusedMaplet
+from spcola.arrays import AnyArray
+from spcola.formats.mapstore import MapStore
+from spcola.maplet import MapletGrid
+
+FUSED_HDF5 = "fused.h5"
+"""Name of the HDF5 file in a folder of fused maplets."""
+
+
+def _make(name: str, grid: MapletGrid, layers: Mapping[str, AnyArray]) -> FusedMaplet:
+    return FusedMaplet(name, grid, **layers)
+
+
+_STORE = MapStore(
+    kind="fused maplet",
+    file=FUSED_HDF5,
+    form="spcola fused maplets 1",
+    layers=("height", "sigma", "albedo", "count", "source"),
+    make=_make,
+    sigma_companions=True,
+)
+
+
+def write_fused(folder: str | Path, maplets: Iterable[FusedMaplet]) -> list[str]:
+    """Write fused maplets as the new content of `folder`, and return their names.
+
+    Each becomes ``NAME.MAP`` with its sigma in ``NAME.SIG``, and a group of ``fused.h5`` with
+    height, sigma, albedo, count and source. An error leaves the folder as it was.
+
+    Parameters
+    ----------
+    folder : str or Path
+        It exists.
+    maplets : iterable of FusedMaplet
+        May be a generator: one is in memory at a time.
+
+    Raises
+    ------
+    WorkspaceError
+        If the folder cannot be written.
+    InvalidValueError
+        If two maplets bear one name, or a name is no file name.
+    """
+    return _STORE.write(folder, maplets)
+
+
+def fused_names(folder: str | Path) -> list[str]:
+    """Return the names of the fused maplets in `folder`, in the order of the alphabet.
+
+    Raises
+    ------
+    WorkspaceError, FormatError
+        If there is no ``fused.h5``, or it is something else.
+    """
+    return _STORE.names(folder)
+
+
+def read_fused(folder: str | Path, name: str) -> FusedMaplet:
+    """Read a fused maplet from `folder` at full precision.
+
+    Raises
+    ------
+    WorkspaceError
+        If a file cannot be read, or there is no such maplet.
+    FormatError
+        If ``fused.h5`` is damaged or does not belong to ``NAME.MAP``.
+    """
+    return _STORE.read(folder, name)

@@ -1,0 +1,181 @@
+"""Where products come from, and the manifest of a release that says so."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy
+
+import spcola
+from spcola import atomic
+from spcola.errors import FormatError, WorkspaceError
+
+MANIFEST_FILE = "manifest.json"
+FORMAT = "spcola release 1"
+
+
+def versions() -> dict[str, str]:
+    """Versions of what computed: spcola, numpy, scipy, Python."""
+    return {
+        "spcola": spcola.__version__,
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "python": platform.python_version(),
+    }
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What one product was made from; it stands inside the product itself too.
+
+    Parameters
+    ----------
+    body : str
+        Name of the body and its body-fixed frame.
+    made_from : mapping of str to str
+        Path in the workspace → SHA-256.
+    settings : mapping
+        Tables of settings that the product depends on, JSON types.
+    versions : mapping of str to str
+        Of the program and what it computes with.
+    """
+
+    body: str
+    made_from: Mapping[str, str] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=versions)
+
+    @property
+    def settings_digest(self) -> str:
+        """SHA-256 of the settings; the order of keys does not matter."""
+        return hashlib.sha256(_line(self.settings).encode()).hexdigest()
+
+    def text(self) -> str:
+        """Return all of it as one line of ASCII JSON, the same for the same content."""
+        return _line({**asdict(self), "settings_digest": self.settings_digest})
+
+
+@dataclass(frozen=True)
+class Product:
+    """One file of a release.
+
+    Parameters
+    ----------
+    file : str
+        Name in the release folder.
+    kind : str
+        ``map``, ``sigma``, ``fits``, ``geotiff``, ``obj``, ``ply``, ``layers``.
+    maplet : str
+        Name of the maplet or bigmap; empty for a file that holds all.
+    sha256 : str
+    bytes : int
+    made_from : mapping of str to str
+        Path in the workspace → SHA-256.
+    """
+
+    file: str
+    kind: str
+    maplet: str
+    sha256: str
+    bytes: int
+    made_from: Mapping[str, str]
+
+
+def describe_product(
+    path: Path, *, kind: str, maplet: str, made_from: Mapping[str, str]
+) -> Product:
+    """Take size and digest of a finished product."""
+    try:
+        with path.open("rb") as stream:
+            digest = hashlib.file_digest(stream, "sha256").hexdigest()
+        return Product(path.name, kind, maplet, digest, path.stat().st_size, dict(made_from))
+    except OSError as error:
+        raise WorkspaceError(f"cannot be read ({error.strerror})", path) from error
+
+
+def manifest_text(
+    products: Sequence[Product], provenance: Provenance, stages: Sequence[Mapping[str, Any]] = ()
+) -> str:
+    """Return the manifest of a release as JSON; it holds no time, so that equal runs are equal.
+
+    Parameters
+    ----------
+    products : sequence of Product
+    provenance : Provenance
+        Of the release as a whole.
+    stages : sequence of mappings
+        How each stage before this one ran: name, key, settings, inputs with digests.
+    """
+    content = {
+        "format": FORMAT,
+        "body": provenance.body,
+        "versions": dict(provenance.versions),
+        "settings": dict(provenance.settings),
+        "settings_digest": provenance.settings_digest,
+        "made_from": dict(provenance.made_from),
+        "products": [asdict(product) for product in sorted(products, key=lambda p: p.file)],
+        "stages": list(stages),
+    }
+    return json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n"
+
+
+def write_manifest(folder: Path, text: str) -> Path:
+    """Write the manifest of the release in `folder`, whole or not at all."""
+    atomic.write_text(folder / MANIFEST_FILE, text)
+    return folder / MANIFEST_FILE
+
+
+def read_manifest(folder: str | Path) -> dict[str, Any]:
+    """Read the manifest of a release.
+
+    Raises
+    ------
+    FormatError
+        If it is missing or is no manifest.
+    """
+    path = Path(folder) / MANIFEST_FILE
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FormatError(f"cannot be read ({error.strerror})", path, "release again") from error
+    except ValueError as error:
+        raise FormatError(f"is not JSON ({error})", path, "release again") from error
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise FormatError(f"is not a manifest ({FORMAT})", path, "release again")
+    return content
+
+
+def check_release(folder: str | Path) -> int:
+    """Check every product of a release against its manifest; return how many there are.
+
+    Raises
+    ------
+    FormatError
+        Naming the first product that is missing or differs.
+    """
+    entries = read_manifest(folder)["products"]
+    for number, entry in enumerate(entries, start=1):
+        try:
+            product = Product(**entry)
+        except TypeError as error:
+            place = f"{Path(folder) / MANIFEST_FILE}: product {number}"
+            raise FormatError(f"is not described ({error})", place, "release again") from error
+        path = Path(folder) / product.file
+        if not path.is_file():
+            raise FormatError("is in the manifest but not there", path, "release again")
+        found = describe_product(path, kind="", maplet="", made_from={})
+        if (found.sha256, found.bytes) != (product.sha256, product.bytes):
+            raise FormatError("differs from its digest in the manifest", path, "release again")
+    return len(entries)
+
+
+def _line(content: Mapping[str, Any]) -> str:
+    """Canonical JSON on one line."""
+    return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)

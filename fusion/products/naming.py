@@ -1,0 +1,92 @@
+"""Names of products after the convention of the altimetry working group (ALTWG)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from spcola.arrays import FloatArray
+from spcola.errors import FormatError, InvalidValueError
+from spcola.maplet import MapletGrid
+
+SOURCES: Mapping[str, str] = {"SPC": "spc", "OLA": "alt", "SPO": "spo", "SFM": "sfm"}
+"""DATASRC of a product → its three letters in a name; SPO is SPC and lidar together."""
+
+_NAME = re.compile(
+    r"(?P<extent>[gl])_(?P<gsd>\d{5,})mm_(?P<source>[a-z]{3})_(?P<product>[a-z0-9]+)_"
+    r"(?P<latitude>\d{4})(?P<hemisphere>[ns])(?P<longitude>\d{5})_v(?P<version>\d{3})"
+)
+
+
+def lon_lat_deg(points: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Planetocentric east longitude (0 … 360) and latitude of points (…, 3), degrees.
+
+    NaN points have NaN directions; the longitude of a pole is 0.
+    """
+    x, y, z = np.moveaxis(np.asarray(points, dtype=np.float64), -1, 0)
+    # A longitude a rounding error below 0 comes out of the modulus as 360 itself.
+    longitude = np.degrees(np.arctan2(y, x)) % 360.0 % 360.0
+    return longitude, np.degrees(np.arctan2(z, np.hypot(x, y)))
+
+
+def product_stem(
+    grid: MapletGrid, *, version: int, source: str = "SPO", product: str = "dtm"
+) -> str:
+    """Name a local product: ``l_{GSD}mm_{src}_{product}_{lat}{n|s}{lon}_v{NNN}``.
+
+    The GSD is in whole millimetres (five digits or more), latitude and longitude of V are in
+    hundredths of a degree, so ``5595n04217`` is 55.95° N 42.17° E.
+
+    Raises
+    ------
+    InvalidValueError
+        If the source or the version is none, or the product is not of lower-case letters and
+        digits.
+    """
+    if source not in SOURCES:
+        raise InvalidValueError(f"is none of {', '.join(SOURCES)}", f"source {source}")
+    if not 0 <= version <= 999:
+        raise InvalidValueError("is not in 0 … 999", f"version {version}")
+    if not re.fullmatch(r"[a-z0-9]+", product):
+        raise InvalidValueError("is not of lower-case letters and digits", f"product {product!r}")
+    longitude, latitude = lon_lat_deg(grid.center)
+    hundredths = round(abs(float(latitude)) * 100)
+    # −0.001° is the equator, and 359.999° is the prime meridian.
+    hemisphere = "s" if latitude < 0 and hundredths > 0 else "n"
+    place = f"{hundredths:04d}{hemisphere}{round(float(longitude) * 100) % 36000:05d}"
+    return f"l_{round(grid.gsd * 1e3):05d}mm_{SOURCES[source]}_{product}_{place}_v{version:03d}"
+
+
+def product_stems(
+    grids: Sequence[MapletGrid], *, version: int, source: str = "SPO", product: str = "dtm"
+) -> list[str]:
+    """Name several products so that no two have one name.
+
+    Where centres agree to 0.01° and GSDs to 1 mm, the second is called ``dtm2`` and so on, in
+    the order given.
+    """
+    seen: dict[str, int] = {}
+    stems = []
+    for grid in grids:
+        first = product_stem(grid, version=version, source=source, product=product)
+        seen[first] = seen.get(first, 0) + 1
+        again = product if seen[first] == 1 else f"{product}{seen[first]}"
+        stems.append(product_stem(grid, version=version, source=source, product=again))
+    return stems
+
+
+def parse_stem(stem: str) -> dict[str, str]:
+    """Take a product's name apart; keys as in the pattern of :func:`product_stem`.
+
+    Raises
+    ------
+    FormatError
+        If it does not follow the convention.
+    """
+    match = _NAME.fullmatch(stem)
+    if match is None:
+        raise FormatError("does not follow the ALTWG convention for names", stem)
+    return match.groupdict()

@@ -1,0 +1,61 @@
+"""Names of products: the examples of the archive, the corners of the sphere, no two alike."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fusion.products.naming import lon_lat_deg, parse_stem, product_stem, product_stems
+from spcola.errors import FormatError, InvalidValueError
+from spcola.maplet import MapletGrid
+
+
+def grid_at(longitude_deg: float, latitude_deg: float, gsd: float = 0.05) -> MapletGrid:
+    lon, lat = np.radians([longitude_deg, latitude_deg])
+    place = 250.0 * np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+    return MapletGrid.facing(place, place, gsd, 3)
+
+
+@pytest.mark.parametrize(
+    ("longitude", "latitude", "place"),
+    [
+        (42.17, 55.95, "5595n04217"),
+        (359.999, -0.001, "0000n00000"),
+        (0.0, 0.0, "0000n00000"),
+        (271.5, -89.996, "9000s27150"),
+        (180.0, -7.126, "0713s18000"),
+    ],
+)
+def test_place_in_a_name(longitude: float, latitude: float, place: str) -> None:
+    stem = product_stem(grid_at(longitude, latitude), version=21, source="OLA")
+    assert stem == f"l_00050mm_alt_dtm_{place}_v021"
+
+
+def test_name_comes_apart_again() -> None:
+    parts = parse_stem(product_stem(grid_at(10, -20, 123.4), version=7))
+    assert parts == {
+        "extent": "l", "gsd": "123400", "source": "spo", "product": "dtm", "latitude": "2000",
+        "hemisphere": "s", "longitude": "01000", "version": "007",
+    }  # fmt: skip
+    with pytest.raises(FormatError, match="ALTWG"):
+        parse_stem("l_50mm_alt_dtm_5595n04217_v021")
+
+
+def test_no_two_products_share_a_name() -> None:
+    grids = [grid_at(10, 20), grid_at(10.001, 20.001), grid_at(10, 20, 0.06), grid_at(10, 20)]
+    products = [parse_stem(stem)["product"] for stem in product_stems(grids, version=1)]
+    assert products == ["dtm", "dtm2", "dtm", "dtm3"]
+
+
+@pytest.mark.parametrize("wrong", [{"source": "XXX"}, {"version": 1000}, {"product": "D T M"}])
+def test_refuses_what_no_name_can_hold(wrong: dict) -> None:
+    with pytest.raises(InvalidValueError):
+        product_stem(grid_at(1, 1), **{"version": 1, **wrong})
+
+
+def test_directions() -> None:
+    points = np.array([[1, 0, 0], [0, 2, 0], [-3, 0, 0], [0, -1, 0], [0, 0, 5], [1, -1e-18, 0]])
+    longitude, latitude = lon_lat_deg(points)
+    np.testing.assert_allclose(longitude, [0, 90, 180, 270, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(latitude, [0, 0, 0, 0, 90, 0], atol=1e-12)
+    assert np.isnan(lon_lat_deg(np.full(3, np.nan))).all()
