@@ -35,6 +35,7 @@ _BYTES = {
     "center": "bytes 16-27 (V)",
     "axes": "bytes 28-63 (Ux, Uy, Uz)",
 }
+_SMALLEST_HSCALE, _LARGEST_HSCALE = 1e-12, 1e4
 _NODE = np.dtype([("height", ">i2"), ("albedo", "u1")])
 
 
@@ -187,7 +188,7 @@ def write_maplet(
     ------
     InvalidValueError
         If the frame does not fit the format (q above 65535, |V|, GSD; see
-        :func:`spcola.formats.source.check_grid_km`).
+        :func:`spcola.formats.source.check_grid_km`), or a height exceeds 3e8 GSD.
     WorkspaceError
         If the file cannot be written.
     """
@@ -205,7 +206,7 @@ def write_maplet(
     record["version"] = header.version
     _store_center_sigma(record, maplet, header)
     heights = maplet.height.T.ravel() / (float(record["gsd"][0]) * KM)
-    record["hscale"] = _hscale(heights, header.hscale)
+    record["hscale"] = _hscale(heights, header.hscale, maplet.name)
     nodes = _nodes(heights / float(record["hscale"][0]), maplet, header)
     body = record.tobytes() + nodes.tobytes()
     room = map_length(grid.half_size) - len(body)
@@ -324,9 +325,10 @@ def _grid(record: AnyArray, path: str | Path) -> MapletGrid:
 def _header(record: AnyArray, path: str | Path) -> tuple[MapHeader, FloatArray]:
     """Return the rest of the header, and sigma of V (3,), metres (NaN if not given)."""
     hscale = float(record["hscale"])
-    if not 1e-12 <= hscale <= 1e4:
+    if not _SMALLEST_HSCALE <= hscale <= _LARGEST_HSCALE:
         raise FormatError(
-            f"hscale {hscale:.6g} is not between 1e-12 and 1e4", f"{path}, bytes 64-67 (hscale)"
+            f"hscale {hscale:.6g} is not between {_SMALLEST_HSCALE:g} and {_LARGEST_HSCALE:g}",
+            f"{path}, bytes 64-67 (hscale)",
         )
     size_km = float(record["sigma_size"])
     if not 0.0 <= size_km <= 1e5:
@@ -366,7 +368,7 @@ def _store_center_sigma(record: AnyArray, maplet: Maplet, header: MapHeader) -> 
         record["sigma_size"] = size / KM
 
 
-def _hscale(heights: FloatArray, kept: float | None) -> float:
+def _hscale(heights: FloatArray, kept: float | None, name: str) -> float:
     """Return the height quantum for `heights` (N,), units of GSD (NaN: missing)."""
     largest = float(np.nanmax(np.abs(heights), initial=0.0))
     if kept is not None and kept > 0:
@@ -376,6 +378,8 @@ def _hscale(heights: FloatArray, kept: float | None) -> float:
         exact = np.all(np.abs(counts - np.rint(counts)) < 5e-4)
         if exact and largest <= 32767 * kept:
             return kept
+    if largest > 30000.0 * _LARGEST_HSCALE:
+        raise InvalidValueError(f"holds a height of {largest:.6g} GSD: is it in metres?", name)
     return max(1.0, largest) / 30000.0
 
 
