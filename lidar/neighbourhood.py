@@ -18,6 +18,8 @@ from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.kernel import kernel
 from spcola.robust import MAD_TO_SIGMA
 
+Moments = tuple[float, float, float, float, float, float, float, float]
+
 
 @dataclass(frozen=True, eq=False)
 class PlaneFit:
@@ -30,6 +32,9 @@ class PlaneFit:
     leverage : ndarray
         Variance that the slopes' uncertainty adds to a height carried from the cell's place to
         its grid point, in units of the variance of one weight-1 height.
+    own : ndarray
+        Share of the cell's own height in that correction: its error is in the slopes as well,
+        and partly takes itself back.
     unresolved : ndarray
         Square of that carrying distance along directions in which the slope is not
         determined, square grid steps.
@@ -38,6 +43,7 @@ class PlaneFit:
     slope_x: FloatArray
     slope_y: FloatArray
     leverage: FloatArray
+    own: FloatArray
     unresolved: FloatArray
 
 
@@ -66,7 +72,7 @@ def fit_planes(
         Relative weights of the heights.
     """
     layers = _fit_planes(place_x, place_y, height, weight, baseline**2, max_radius)
-    return PlaneFit(layers[0], layers[1], layers[2], layers[3])
+    return PlaneFit(layers[0], layers[1], layers[2], layers[3], layers[4])
 
 
 @kernel
@@ -79,7 +85,7 @@ def _fit_planes(
     max_radius: int,
 ) -> FloatArray:
     rows, columns = height.shape
-    layers = np.zeros((4, rows, columns))
+    layers = np.zeros((5, rows, columns))
     for row in range(rows):
         for column in range(columns):
             if np.isnan(height[row, column]):
@@ -90,7 +96,11 @@ def _fit_planes(
                 fitted = _smaller_variance(moments) >= least
                 radius += 1
             layers[:, row, column] = _slope(
-                moments, least, place_x[row, column], place_y[row, column]
+                moments,
+                least,
+                place_x[row, column],
+                place_y[row, column],
+                weight[row, column],
             )
     return layers
 
@@ -104,8 +114,8 @@ def _moments(
     row: int,
     column: int,
     radius: int,
-) -> tuple[float, float, float, float, float, float]:
-    """Weighted moments about the mean: Σw, and xx, xy, yy, xh, yh divided by Σw."""
+) -> Moments:
+    """Σw, mean x and y, and the moments xx, xy, yy, xh, yh about the mean divided by Σw."""
     rows, columns = height.shape
     total = mean_x = mean_y = mean_h = 0.0
     xx = xy = yy = xh = yh = 0.0
@@ -129,28 +139,29 @@ def _moments(
             yy += w * from_y * to_y
             xh += w * from_x * to_h
             yh += w * from_y * to_h
-    return total, xx / total, xy / total, yy / total, xh / total, yh / total
+    return total, mean_x, mean_y, xx / total, xy / total, yy / total, xh / total, yh / total
 
 
 @kernel
-def _smaller_variance(moments: tuple[float, float, float, float, float, float]) -> float:
+def _smaller_variance(moments: Moments) -> float:
     """Variance of the places along the direction in which they scatter least."""
-    _, xx, xy, yy, _, _ = moments
+    _, _, _, xx, xy, yy, _, _ = moments
     return 0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy)
 
 
 @kernel
 def _slope(
-    moments: tuple[float, float, float, float, float, float],
+    moments: Moments,
     least: float,
     place_x: float,
     place_y: float,
+    weight: float,
 ) -> FloatArray:
-    """Slopes x and y, leverage and unresolved square distance, along the principal axes."""
-    total, xx, xy, yy, xh, yh = moments
+    """Slopes x and y, leverage, own share and unresolved distance², by principal axes."""
+    total, mean_x, mean_y, xx, xy, yy, xh, yh = moments
     half, mean = np.hypot(0.5 * (xx - yy), xy), 0.5 * (xx + yy)
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    result = np.zeros(4)
+    result = np.zeros(5)
     for axis in range(2):
         along_x = np.cos(angle) if axis == 0 else -np.sin(angle)
         along_y = np.sin(angle) if axis == 0 else np.cos(angle)
@@ -161,8 +172,10 @@ def _slope(
             result[0] += slope * along_x
             result[1] += slope * along_y
             result[2] += carried * carried / (total * variance)
+            lever = along_x * (place_x - mean_x) + along_y * (place_y - mean_y)
+            result[3] -= carried * weight * lever / (total * variance)
         else:
-            result[3] += carried * carried
+            result[4] += carried * carried
     return result
 
 

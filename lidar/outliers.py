@@ -35,8 +35,9 @@ class RejectionOptions:
         … and further than this (dimensionless slope, times the distance) from each of the
         eight cells around it, to be a stray; inf: never.
     departure : float
-        A return further than this from the surface of its cell, in GSD, is on another sheet of
-        the ground (overhang, far wall) and is rejected; inf: never.
+        A return further than this from what its neighbourhood lets one expect, in GSD, is on
+        another sheet of the ground (overhang, far wall) and is rejected, however many returns
+        are there with it; inf: never.
     neighbourhood : int
         Half-width, in cells, of the neighbourhood.
     least_cells : int
@@ -53,7 +54,7 @@ class RejectionOptions:
     cell_sigmas: float = 5.0
     few: int = 4
     neighbourhood_sigmas: float = 6.0
-    steepest: float = 3.0
+    steepest: float = 1.5
     departure: float = 10.0
     neighbourhood: int = 2
     least_cells: int = 6
@@ -71,14 +72,11 @@ class RejectionOptions:
 
 
 def find_strays(cells: CellReturns, gsd: float, options: RejectionOptions) -> BoolArray:
-    """Mask (K,) of returns that nothing around their cell supports.
+    """Mask (K,) of returns that nothing around their cell supports, or on another sheet.
 
     The heights of the cells are plain medians here: strays are to be out before slopes are
     fitted.
     """
-    stray = np.zeros(len(cells.index), dtype=np.bool_)
-    if not np.isfinite(options.neighbourhood_sigmas):
-        return stray
     place_x, place_y = cells.medians(cells.dx), cells.medians(cells.dy)
     height = cells.medians(cells.height)
     expected = expect(
@@ -94,13 +92,11 @@ def find_strays(cells: CellReturns, gsd: float, options: RejectionOptions) -> Bo
         + expected.slope_x.ravel()[cell] * (cells.dx - place_x.ravel()[cell])
         + expected.slope_y.ravel()[cell] * (cells.dy - place_y.ravel()[cell])
     )
-    # NaN where the neighbourhood cannot judge: the comparison is then false.
-    suspect = (
-        np.abs(cells.height - carried)
-        > options.neighbourhood_sigmas * expected.scatter.ravel()[cell]
-    )
-    suspect &= cells.count.ravel()[cell] <= options.few
-    at = np.flatnonzero(suspect)
+    # NaN where the neighbourhood cannot judge: the comparisons are then false.
+    distance = np.abs(cells.height - carried)
+    stray: BoolArray = distance > options.departure * gsd
+    suspect = distance > options.neighbourhood_sigmas * expected.scatter.ravel()[cell]
+    at = np.flatnonzero(suspect & ~stray & (cells.count.ravel()[cell] <= options.few))
     row, column = np.divmod(cell[at], cells.shape[1])
     stray[at] = ~supported(height, row, column, cells.height[at], options.steepest * gsd)
     return stray
@@ -125,6 +121,5 @@ def find_outliers(
     floor = float(np.median(spread[many])) if many.any() else 0.0
     limit = np.where(many, options.cell_sigmas * np.maximum(spread, floor), np.inf)
     # Identical heights (quantised ranges) have no spread: rounding must not reject them.
-    limit = np.minimum(np.maximum(limit, 1e-6 * gsd), options.departure * gsd)
-    outlier: BoolArray = distance > limit.ravel()[cell]
+    outlier: BoolArray = distance > np.maximum(limit, 1e-6 * gsd).ravel()[cell]
     return outlier

@@ -48,8 +48,9 @@ def height_sigma(
 
     The larger of the returns' own sigma (`single`, by original return, NaN if unknown) and the
     cell's spread, drawn toward that of the cells around it in so far as few returns tell it,
-    times the factor of a median; and the share of the slopes' uncertainty. The spread holds the
-    roughness of the ground inside the cell, which is an error of the height as well.
+    times the factor of a median (:func:`median_sigma`); and the share of the slopes'
+    uncertainty. The spread holds the roughness of the ground inside the cell, which is an error
+    of the height as well.
 
     Parameters
     ----------
@@ -59,12 +60,17 @@ def height_sigma(
         Taken where neither is known, metres.
     """
     own = _known_medians(cells, single)
-    one = np.fmax(own, _pooled_spread(cells.count, spread))
+    pooled, margin = _pooled_spread(cells.count, spread)
+    # The larger of two estimates is too large on average when both estimate the same: the
+    # spread counts only where it exceeds the sigma by more than chance would have it.
+    one = np.where(
+        pooled > own * (1.0 + 2.0 * margin), pooled, np.where(np.isnan(own), pooled, own)
+    )
     one = np.where(np.isnan(one), default, one)
     filled = cells.count > 0
     typical_slope = _typical_slope(planes, filled)
-    variance = (one * median_sigma(cells.count)) ** 2
-    # A weight-1 height of the plane fit is one of many returns; single ones count for half.
+    variance = (one * median_sigma(cells.count)) ** 2 * (1.0 + 2.0 * planes.own)
+    # A single return has weight ½ in the plane fit.
     variance = variance + 0.5 * one**2 * planes.leverage
     variance = variance + typical_slope**2 * planes.unresolved
     return np.where(filled, np.sqrt(variance), np.nan)
@@ -77,15 +83,19 @@ def _known_medians(cells: CellReturns, single: FloatArray) -> FloatArray:
     return cells.select(known).medians(sigma[known])
 
 
-def _pooled_spread(count: AnyArray, spread: FloatArray) -> FloatArray:
-    """Spread of each cell, freed of its small-sample bias and drawn toward its surroundings'."""
+def _pooled_spread(count: AnyArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Spread of each cell, metres, and its relative standard error.
+
+    It is freed of its small-sample bias and drawn toward the spread of its surroundings; NaN if
+    the whole grid knows too little of it.
+    """
     small = _MAD_SMALL_SAMPLE[np.minimum(count, len(_MAD_SMALL_SAMPLE) - 1)]
     factor = np.where(count < len(_MAD_SMALL_SAMPLE), small, count / np.maximum(count - 0.8, 1.0))
     known = np.isfinite(spread)
     freedom = np.where(known, _MAD_EFFICIENCY * (count - 1.0), 0.0)
     unbiased = np.where(known, factor * spread, 0.0)
     if freedom.sum() < _PRIOR_FREEDOM:
-        return np.full(spread.shape, np.nan)
+        return np.full(spread.shape, np.nan), np.full(spread.shape, np.nan)
     # Averages of spreads, not of their squares: one rough cell shall not rule its surroundings.
     everywhere = float((freedom * unbiased).sum() / freedom.sum())
     width = 2 * _POOL + 1
@@ -93,8 +103,10 @@ def _pooled_spread(count: AnyArray, spread: FloatArray) -> FloatArray:
     weighted = uniform_filter(freedom * unbiased, width, mode="constant") * width**2
     around = (_PRIOR_FREEDOM * everywhere + weighted) / (_PRIOR_FREEDOM + total)
     pooled = _PRIOR_FREEDOM * around**2 + freedom * unbiased**2
-    drawn: FloatArray = np.sqrt(pooled / (_PRIOR_FREEDOM + freedom))
-    return drawn
+    return (
+        np.sqrt(pooled / (_PRIOR_FREEDOM + freedom)),
+        np.sqrt(0.5 / (_PRIOR_FREEDOM + freedom)),
+    )
 
 
 def _typical_slope(planes: PlaneFit, filled: AnyArray) -> float:

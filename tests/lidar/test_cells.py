@@ -1,0 +1,121 @@
+"""Counting sort and per-cell statistics against plain numpy."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from lidar.cells import CellReturns, counting_sort, median_in_place, sort_into_cells
+from spcola.maplet import MapletGrid
+
+GRID = MapletGrid.facing([210.0, -40.0, 60.0], [0.9, -0.1, 0.3], 0.25, 6)
+
+
+def scattered(rng: np.random.Generator, count: int, width: float = 7.5) -> np.ndarray:
+    x, y = rng.uniform(-width, width, (2, count))
+    height = rng.normal(0.0, 0.4, count)
+    plane = GRID.gsd * (x[:, None] * GRID.ux + y[:, None] * GRID.uy)
+    return GRID.center + plane + height[:, None] * GRID.uz
+
+
+def reference_cells(points: np.ndarray, reach: float) -> dict[tuple[int, int], list[int]]:
+    """Indices of the points in each cell (row, column), by one loop."""
+    cells: dict[tuple[int, int], list[int]] = {}
+    for index, point in enumerate(points):
+        x, y, height = GRID.project(point)
+        n, m = math.floor(x + 0.5), math.floor(y + 0.5)
+        if max(abs(n), abs(m)) <= GRID.half_size and abs(height) <= reach:
+            cells.setdefault((m + GRID.half_size, n + GRID.half_size), []).append(index)
+    return cells
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_cells_hold_what_a_loop_finds(seed):
+    points = scattered(np.random.default_rng(seed), 2000)
+    cells = sort_into_cells(GRID, points, 0.9)
+    want = reference_cells(points, 0.9)
+    assert len(cells.index) < len(points)
+    for row in range(GRID.size):
+        for column in range(GRID.size):
+            c = row * GRID.size + column
+            found = cells.index[cells.start[c] : cells.start[c + 1]]
+            assert list(found) == want.get((row, column), [])
+    assert np.array_equal(cells.count, np.diff(cells.start).reshape(GRID.shape))
+
+
+def test_offsets_and_heights_are_those_of_the_projection():
+    points = scattered(np.random.default_rng(3), 500)
+    cells = sort_into_cells(GRID, points, 10.0)
+    x, y, height = GRID.project(points[cells.index])
+    row, column = np.divmod(cells.cell, GRID.size)
+    assert np.array_equal(cells.dx, x - (column - GRID.half_size))
+    assert np.array_equal(cells.dy, y - (row - GRID.half_size))
+    assert np.array_equal(cells.height, height)
+    assert np.abs(cells.dx).max() <= 0.5
+    assert np.abs(cells.dy).max() <= 0.5
+
+
+def test_statistics_equal_numpys_exactly():
+    rng = np.random.default_rng(4)
+    cells = sort_into_cells(GRID, scattered(rng, 3000), 10.0)
+    values = rng.normal(1e3, 1.0, len(cells.index))
+    median, mean = cells.medians(values), cells.means(values)
+    spread = cells.spreads(values, median)
+    for c in range(GRID.size**2):
+        mine = values[cells.start[c] : cells.start[c + 1]]
+        where = np.unravel_index(c, GRID.shape)
+        if len(mine) == 0:
+            assert np.isnan([median[where], mean[where], spread[where]]).all()
+            continue
+        assert median[where] == np.median(mine)
+        assert mean[where] == math.fsum(mine) / len(mine)
+        assert spread[where] == 1.482602218505602 * np.median(np.abs(mine - np.median(mine)))
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 4, 15, 16, 17, 18, 100, 101, 5000])
+@pytest.mark.parametrize("kind", ["random", "sorted", "reversed", "equal", "few", "organ"])
+def test_selection_finds_the_median_of_any_order(size, kind):
+    rng = np.random.default_rng(size)
+    values = {
+        "random": rng.normal(size=size),
+        "sorted": np.arange(size, dtype=float),
+        "reversed": np.arange(size, dtype=float)[::-1].copy(),
+        "equal": np.full(size, 2.5),
+        "few": rng.integers(0, 3, size).astype(float),
+        "organ": np.concatenate([np.arange(size // 2), np.arange(size - size // 2)[::-1]]) * 1.0,
+    }[kind]
+    assert median_in_place(values.copy(), size) == np.median(values)
+
+
+def test_counting_sort_is_a_stable_sort():
+    key = np.random.default_rng(5).integers(0, 40, 1000)
+    start, order = counting_sort(key, 50)
+    assert np.array_equal(order, np.argsort(key, kind="stable"))
+    assert np.array_equal(start, np.searchsorted(np.sort(key), np.arange(51)))
+
+
+def test_statistics_do_not_depend_on_the_order_of_returns():
+    rng = np.random.default_rng(6)
+    points = scattered(rng, 3000)
+    one, other = (
+        sort_into_cells(GRID, p, 10.0) for p in (points, points[rng.permutation(len(points))])
+    )
+    assert np.array_equal(one.medians(one.height), other.medians(other.height), equal_nan=True)
+    assert np.array_equal(one.means(one.height), other.means(other.height), equal_nan=True)
+
+
+def test_selected_returns_keep_their_cells():
+    cells = sort_into_cells(GRID, scattered(np.random.default_rng(7), 2000), 10.0)
+    keep = np.random.default_rng(8).random(len(cells.index)) < 0.4
+    chosen = cells.select(keep)
+    assert isinstance(chosen, CellReturns)
+    assert np.array_equal(chosen.cell, cells.cell[keep])
+    assert np.array_equal(chosen.index, cells.index[keep])
+
+
+def test_no_returns_give_empty_cells():
+    cells = sort_into_cells(GRID, np.empty((0, 3)), 10.0)
+    assert cells.count.sum() == 0
+    assert np.isnan(cells.medians(cells.height)).all()
