@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
+from lidar.formats.cloud import is_cloud, read_cloud
 from lidar.formats.hayabusa import is_hayabusa, read_hayabusa
 from lidar.formats.hayabusa2 import is_hayabusa2, read_hayabusa2
 from lidar.formats.las import is_las, read_las
@@ -43,6 +44,7 @@ FORMATS: Mapping[str, LidarFormat] = MappingProxyType(
     {
         "native": LidarFormat(lambda _path, head, _size: is_native(head), read_native),
         "las": LidarFormat(lambda _path, head, _size: is_las(head), read_las),
+        "cloud": LidarFormat(lambda _path, head, _size: is_cloud(head), read_cloud),
         "ola": LidarFormat(lambda path, _head, size: is_ola(path, size), read_ola),
         "lola": LidarFormat(is_lola, read_lola),
         "hayabusa": LidarFormat(lambda _path, head, _size: is_hayabusa(head), read_hayabusa),

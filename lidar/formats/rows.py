@@ -30,6 +30,8 @@ class RowLayout:
         Between fields; blanks if not given.
     skip : int
         Header lines.
+    rows : int, optional
+        Lines that hold rows, where others follow them; all if not given.
     fixed : bool
         All rows are equally long, so that a shorter last one has been cut off.
     split : callable, optional
@@ -41,6 +43,7 @@ class RowLayout:
     texts: tuple[int, ...] = ()
     separator: str | None = None
     skip: int = 0
+    rows: int | None = None
     fixed: bool = False
     split: Callable[[str], list[str]] | None = None
 
@@ -93,13 +96,16 @@ def read_rows(path: Path, layout: RowLayout, chunk: int) -> Iterator[RowChunk]:
             stream.readline()
         number = layout.skip
         previous = ""
-        while lines := list(islice(stream, min(chunk, MOST_ROWS))):
+        body = islice(stream, layout.rows)
+        while lines := list(islice(body, min(chunk, MOST_ROWS))):
             _check_end(path, layout, lines, previous, number)
             yield _parse(path, layout, lines, number)
             previous = lines[-1]
             number += len(lines)
-    if number == layout.skip:
-        raise FormatError("has no rows", path, "fetch or make the file again")
+    found = number - layout.skip
+    if found == 0 or found < (layout.rows or 0):
+        wanted = f"{found} of {layout.rows}" if layout.rows else "no"
+        raise FormatError(f"is truncated: {wanted} rows are there", path, "fetch the file again")
 
 
 def _check_end(path: Path, layout: RowLayout, lines: list[str], previous: str, before: int) -> None:

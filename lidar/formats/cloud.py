@@ -1,0 +1,195 @@
+"""Point clouds in PLY and PCD files, text and binary: points, and their intensity if given."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lidar.formats.options import LidarOptions
+from lidar.formats.rows import RowLayout, read_rows
+from lidar.formats.screening import Agreement, Records, Screen
+from lidar.scan import Scan
+from spcola.arrays import AnyArray, FloatArray
+from spcola.errors import FormatError
+from spcola.formats.ply_header import PlyElement, PlyHeader, parse_header
+
+_HEAD_BYTES = 65536
+_POINT = ("x", "y", "z")
+_INTENSITIES = ("intensity", "scalar_intensity", "scalar_Intensity")
+_PCD_WORDS = (b"VERSION", b"FIELDS")
+_PCD_NEEDED = ("FIELDS", "SIZE", "TYPE", "POINTS", "DATA")
+_PCD_KINDS = {"F": "f", "I": "i", "U": "u"}
+_UNUSED = Agreement(offset_m=0.0, tolerance_m=1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class _CloudLayout:
+    """Where the points of a cloud stand.
+
+    Parameters
+    ----------
+    record : dtype
+        Names and types of the fields of one point.
+    count : int
+        Points.
+    begin : int
+        Byte (binary) or line (text) at which they begin, from 0.
+    text : bool
+    """
+
+    record: np.dtype[Any]
+    count: int
+    begin: int
+    text: bool
+
+
+def is_cloud(head: bytes) -> bool:
+    """Tell whether a file begins as a PLY or a PCD file does."""
+    return head.startswith((b"ply\n", b"ply\r\n")) or _is_pcd(head)
+
+
+def read_cloud(path: Path, options: LidarOptions) -> Iterator[Scan]:
+    """Yield the points of a PLY or PCD cloud, metres unless `options` say otherwise.
+
+    Of a PLY mesh the vertices are taken. Time, range and spacecraft are unknown.
+
+    Raises
+    ------
+    FormatError
+        If the header is broken, x, y, z are lacking, or the file holds fewer points than it says.
+    """
+    with path.open("rb") as stream:
+        head = stream.read(_HEAD_BYTES)
+    layout = _pcd_layout(head, path) if _is_pcd(head) else _ply_layout(head, path)
+    names = layout.record.names or ()
+    if not set(_POINT) <= set(names):
+        raise FormatError(f"has no x, y, z among {', '.join(names)}", f"{path}, header")
+    if layout.count == 0:
+        raise FormatError("holds no points", path)
+    screen = Screen(path, _UNUSED, options)
+    unit = options.unit_m("m")
+    chunks = _text_chunks if layout.text else _binary_chunks
+    for fields, unreadable in chunks(path, layout, options.chunk):
+        intensity = next((fields[name] for name in _INTENSITIES if name in fields), None)
+        yield screen.scan(
+            Records(
+                points=unit * np.stack([fields[axis] for axis in _POINT], axis=1),
+                intensity=intensity,
+                unreadable=unreadable,
+            )
+        )
+
+
+_Chunks = Iterator[tuple[dict[str, FloatArray], int]]
+
+
+def _binary_chunks(path: Path, layout: _CloudLayout, chunk: int) -> _Chunks:
+    there = (path.stat().st_size - layout.begin) // layout.record.itemsize
+    if there < layout.count:
+        raise FormatError(
+            f"is truncated: {max(there, 0)} of {layout.count} points are there",
+            path,
+            "fetch the file again",
+        )
+    table: AnyArray = np.memmap(
+        path, dtype=layout.record, mode="r", offset=layout.begin, shape=(layout.count,)
+    )
+    for start in range(0, layout.count, chunk):
+        part = table[start : start + chunk]
+        yield {name: part[name].astype(np.float64) for name in layout.record.names or ()}, 0
+
+
+def _text_chunks(path: Path, layout: _CloudLayout, chunk: int) -> _Chunks:
+    names = layout.record.names or ()
+    rows = RowLayout(
+        count=len(names), numbers=tuple(range(len(names))), skip=layout.begin, rows=layout.count
+    )
+    for part in read_rows(path, rows, chunk):
+        yield dict(zip(names, part.numbers, strict=True)), part.unreadable
+
+
+def _ply_layout(head: bytes, path: Path) -> _CloudLayout:
+    header = parse_header(head, path)
+    order = ">" if header.encoding == "big" else "<"
+    text = header.encoding == "ascii"
+    begin = header.line_count if text else header.data_begin
+    for element in header.elements:
+        if element.name == "vertex":
+            return _CloudLayout(_ply_record(element, order, path), element.count, begin, text)
+        begin += element.count * (1 if text else _ply_record(element, order, path).itemsize)
+    raise FormatError(f"has no vertex among {_named(header)}", f"{path}, header")
+
+
+def _named(header: PlyHeader) -> str:
+    return ", ".join(element.name for element in header.elements)
+
+
+def _ply_record(element: PlyElement, order: str, path: Path) -> np.dtype[Any]:
+    """Return the binary record of an element whose properties are single numbers."""
+    if any(entry.count_kind is not None for entry in element.properties):
+        raise FormatError(
+            f"has lists in its {element.name}", f"{path}, header", "save it as a plain cloud"
+        )
+    return np.dtype([(entry.name, order + entry.kind) for entry in element.properties])
+
+
+def _is_pcd(head: bytes) -> bool:
+    lines = [line for line in head.split(b"\n", 32)[:32] if not line.startswith(b"#")]
+    return bool(lines) and lines[0].split(b" ")[0].strip() in _PCD_WORDS
+
+
+def _pcd_layout(head: bytes, path: Path) -> _CloudLayout:
+    """Parse the header of a PCD file: keywords in lines, DATA the last."""
+    words: dict[str, list[str]] = {}
+    begin = 0
+    for number, line in enumerate(head.split(b"\n"), start=1):
+        begin += len(line) + 1
+        key, *values = line.decode("ascii", errors="replace").split() or ["#"]
+        if not key.startswith("#"):
+            words[key] = values
+        if key == "DATA":
+            return _pcd_checked(words, begin, number, path)
+    raise FormatError("the header does not end", f"{path}, header", "the file is truncated")
+
+
+def _pcd_checked(words: dict[str, list[str]], begin: int, lines: int, path: Path) -> _CloudLayout:
+    place = f"{path}, header"
+    lacking = [key for key in _PCD_NEEDED if not words.get(key)]
+    if lacking:
+        raise FormatError(f"has no {', '.join(lacking)}", place, "is it a PCD file?")
+    data = words["DATA"][0]
+    if data not in ("ascii", "binary"):
+        raise FormatError(f"has DATA {data}", place, "save it with DATA binary or ascii")
+    names = words["FIELDS"]
+    repeats = words.get("COUNT", ["1"] * len(names))
+    fields: list[tuple[str, str]] = []
+    try:
+        for name, size, kind, repeat in zip(
+            names, words["SIZE"], words["TYPE"], repeats, strict=True
+        ):
+            for index in range(int(repeat)):
+                label = f"{name}[{index}]" if int(repeat) > 1 else name
+                # Padding fields are all called "_".
+                label = f"{label}{len(fields)}" if name == "_" else label
+                fields.append((label, f"<{_PCD_KINDS[kind]}{int(size)}"))
+        record, count = np.dtype(fields), int(words["POINTS"][0])
+    except (ValueError, KeyError, TypeError) as error:
+        raise FormatError(f"fields, sizes, types and counts do not fit ({error})", place) from error
+    if count < 0:
+        raise FormatError(f"has {count} points", place)
+    _check_extent(words, count, place)
+    return _CloudLayout(record, count, lines if data == "ascii" else begin, data == "ascii")
+
+
+def _check_extent(words: dict[str, list[str]], count: int, place: str) -> None:
+    """Refuse a width and height that do not make up the number of points."""
+    try:
+        extent = int(words["WIDTH"][0]) * int(words["HEIGHT"][0])
+    except (KeyError, IndexError, ValueError) as error:
+        raise FormatError("has no whole WIDTH and HEIGHT", place) from error
+    if extent != count:
+        raise FormatError(f"has {extent} points by WIDTH and HEIGHT, {count} by POINTS", place)
