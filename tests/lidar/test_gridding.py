@@ -252,9 +252,17 @@ def test_gaps_stay_unknown_and_empty_grids_too():
 
 @pytest.mark.parametrize(
     ("per_cell", "known", "tolerance"),
-    [(1.0, True, 0.02), (3.0, True, 0.02), (10.0, True, 0.02), (40.0, True, 0.02)]
-    # With hardly a cell of three returns the spread is poorly known, and taken too large.
-    + [(1.0, False, 0.08), (3.0, False, 0.02), (10.0, False, 0.02), (40.0, False, 0.02)],
+    [
+        (1.0, True, 0.02),
+        (3.0, True, 0.02),
+        (10.0, True, 0.02),
+        (40.0, True, 0.02),
+        # With hardly a cell of three returns the spread is poorly known, and taken too large.
+        (1.0, False, 0.08),
+        (3.0, False, 0.02),
+        (10.0, False, 0.02),
+        (40.0, False, 0.02),
+    ],
 )
 def test_sigma_is_that_of_the_errors(per_cell, known, tolerance):
     """Error over sigma has standard deviation 1; the sample alone allows 1 %."""
