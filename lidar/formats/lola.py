@@ -79,8 +79,9 @@ def read_lola(path: Path, options: LidarOptions) -> Iterator[Scan]:
         raise FormatError("is empty", path)
     lines = first_lines(head)
     if lines and not _is_binary(path, path.stat().st_size):
-        return _read_text(path, options, skip=int(_has_header(lines)))
-    return _read_binary(path, options)
+        yield from _read_text(path, options, skip=int(_has_header(lines)))
+    else:
+        yield from _read_binary(path, options)
 
 
 def _has_header(lines: list[str]) -> bool:

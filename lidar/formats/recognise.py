@@ -39,19 +39,20 @@ class LidarFormat:
     read: Callable[[Path, LidarOptions], Iterator[Scan]]
 
 
-# Formats with a signature come first, binary tables without one before text that has none.
+# Formats with a signature come first, then binary tables, text with a header, and text without:
+# the rows of a table with a header may look like a track's.
 FORMATS: Mapping[str, LidarFormat] = MappingProxyType(
     {
         "native": LidarFormat(lambda _path, head, _size: is_native(head), read_native),
         "las": LidarFormat(lambda _path, head, _size: is_las(head), read_las),
         "cloud": LidarFormat(lambda _path, head, _size: is_cloud(head), read_cloud),
         "ola": LidarFormat(lambda path, _head, size: is_ola(path, size), read_ola),
+        "table": LidarFormat(lambda _path, head, _size: is_table(head), read_table),
         "lola": LidarFormat(is_lola, read_lola),
         "hayabusa": LidarFormat(lambda _path, head, _size: is_hayabusa(head), read_hayabusa),
         "hayabusa2": LidarFormat(lambda _path, head, _size: is_hayabusa2(head), read_hayabusa2),
         "nlr": LidarFormat(lambda _path, head, _size: is_nlr(head), read_nlr),
         "track": LidarFormat(lambda _path, head, _size: is_track(head), read_track),
-        "table": LidarFormat(lambda _path, head, _size: is_table(head), read_table),
     }
 )
 """Formats by name, in the order in which they are tried."""
