@@ -1,5 +1,6 @@
 """Surfaces from slopes and heights: energy (A), its solver, its uncertainty."""
 
+from spcola.heights.posterior import PosteriorOptions, posterior_sigma
 from spcola.heights.problem import HeightProblem
 from spcola.heights.relaxation import relax
 from spcola.heights.slopes import slopes_of, steps_from_slopes
@@ -8,7 +9,9 @@ from spcola.heights.solver import HeightSolution, SolverOptions, solve_heights
 __all__ = [
     "HeightProblem",
     "HeightSolution",
+    "PosteriorOptions",
     "SolverOptions",
+    "posterior_sigma",
     "relax",
     "slopes_of",
     "solve_heights",
