@@ -51,11 +51,13 @@ def format_d(value: float, width: int, digits: int) -> str:
 def format_fixed(value: float, width: int, decimals: int) -> str:
     """Format as Fortran's ``Fw.d``, with more decimals (and columns) where these would lose.
 
-    A focal-plane coefficient of 117.647058823 written with four decimals would move a landmark;
-    a value that fits is written in exactly the columns that SPC gives it.
+    A focal-plane coefficient of 117.647058823 written with four decimals would move a landmark:
+    ten significant digits are kept, as in the ``D20.10`` of the other lines. A value that fits
+    is written in exactly the columns that SPC gives it.
     """
-    text = f"{value:.{decimals}f}"
-    while abs(float(text) - value) > 1e-10 * abs(value) and decimals < 17:
+    rounded = float(f"{value:.9e}")
+    text = f"{rounded:.{decimals}f}"
+    while float(text) != rounded and decimals < 20:
         decimals += 1
-        text = f"{value:.{decimals}f}"
+        text = f"{rounded:.{decimals}f}"
     return text.rjust(width) if len(text) < width else f" {text}"

@@ -45,8 +45,6 @@ class MapStore(Generic[M]):
         Attributes that are kept as arrays, height, sigma and albedo among them.
     make : callable
         Makes the value again from name, grid and the layers with ``center_sigma``.
-    sigma_companions : bool
-        Also write ``NAME.SIG`` for the SPC programs.
     """
 
     kind: str
@@ -54,9 +52,10 @@ class MapStore(Generic[M]):
     form: str
     layers: tuple[str, ...]
     make: Callable[[str, MapletGrid, Mapping[str, AnyArray]], M]
-    sigma_companions: bool = False
 
-    def write(self, folder: str | Path, maplets: Iterable[M]) -> list[str]:
+    def write(
+        self, folder: str | Path, maplets: Iterable[M], *, sigma_companions: bool = False
+    ) -> list[str]:
         """Write maplets as the new content of `folder`, and return their names.
 
         One is in memory at a time. All are first written beside their final places and renamed
@@ -78,7 +77,7 @@ class MapStore(Generic[M]):
             raise write_error(folder, error) from error
         try:
             with replacing(folder / self.file) as temporary:
-                names = self._stage(temporary, staging, maplets)
+                names = self._stage(temporary, staging, maplets, sigma_companions)
                 for path in sorted(staging.iterdir()):
                     path.replace(folder / path.name)
             for name in set(former) - set(names):
@@ -126,7 +125,9 @@ class MapStore(Generic[M]):
             )
         return maplet
 
-    def _stage(self, hdf5: Path, staging: Path, maplets: Iterable[M]) -> list[str]:
+    def _stage(
+        self, hdf5: Path, staging: Path, maplets: Iterable[M], companions: bool
+    ) -> list[str]:
         """Write the HDF5 and, into `staging`, the .MAP files; return the names."""
         names: list[str] = []
         with h5py.File(hdf5, "w") as file:
@@ -137,7 +138,7 @@ class MapStore(Generic[M]):
                 if Path(maplet.name).name != maplet.name or maplet.name.startswith("."):
                     raise InvalidValueError("is no name for a file", repr(maplet.name))
                 path = staging / f"{maplet.name}.MAP"
-                write_maplet(path, maplet, sigma_companion=self.sigma_companions)
+                write_maplet(path, maplet, sigma_companion=companions)
                 self._store(file.create_group(maplet.name), maplet, path)
                 names.append(maplet.name)
         return names

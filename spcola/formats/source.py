@@ -48,7 +48,7 @@ def as_format_error(place: str) -> Iterator[None]:
         yield
     except InvalidValueError as error:
         field = "" if error.where is None else f"{error.where} "
-        raise FormatError(f"{field}{error.what}", place) from error
+        raise FormatError(f"{field}{error.what}", place, error.do) from error
 
 
 def check_name(name: str, kind: str, where: str | Path) -> str:

@@ -108,8 +108,8 @@ def write_summary(path: str | Path, image: SpcImage) -> None:
 
 
 def labelled(text: str, label: str) -> str:
-    """Return a line with its `label` in column 63, where SPC puts it."""
-    return f"{text:<{LABEL_COLUMN}}{label}\n"
+    """Return a line with its `label` in column 63, where SPC puts it, or behind longer text."""
+    return f"{text:<{LABEL_COLUMN - 1}} {label}\n"
 
 
 def vector_line(vector: FloatArray, label: str) -> str:

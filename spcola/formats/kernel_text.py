@@ -1,0 +1,140 @@
+"""Text kernels: what a meta-kernel lists and which prime meridian a PCK states."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from spcola.errors import KernelError
+
+# a text kernel is data between \begindata and \begintext; what stands elsewhere is comment
+_DATA = re.compile(
+    r"^[ \t]*\\begindata[ \t]*\r?$(.*?)(?:^[ \t]*\\begintext[ \t]*\r?$|\Z)", re.M | re.S
+)
+_ASSIGNMENT = re.compile(r"([A-Za-z0-9_/-]+)\s*(\+?=)\s*(\([^()]*\)|'[^']*'|\S+)", re.S)
+_STRING = re.compile(r"'((?:[^']|'')*)'")
+_MERIDIAN = re.compile(r"BODY(-?\d+)_PM$")
+
+
+@dataclass(frozen=True)
+class PrimeMeridian:
+    """A body's prime meridian as a PCK states it: W = w0 + rate · days past J2000, degrees."""
+
+    body: int
+    w0_deg: float
+    rate_deg_day: float
+    path: Path
+
+
+def expand_meta_kernels(paths: list[Path]) -> list[Path]:
+    """Return kernels with every meta-kernel replaced by what it lists, in loading order.
+
+    Paths inside a meta-kernel are taken from its own folder first, so that it can be used from
+    anywhere, then from the current one as SPICE does.
+
+    Raises
+    ------
+    KernelError
+        If a kernel is missing or cannot be read, or a meta-kernel lists none.
+    """
+    expanded: list[Path] = []
+    for path in paths:
+        if not path.is_file():
+            raise KernelError("is not a file", path, "check the list of kernels")
+        listed = kernels_of(path) if _is_text(path) else None
+        expanded.extend([path] if listed is None else expand_meta_kernels(listed))
+    return expanded
+
+
+def kernels_of(path: Path) -> list[Path] | None:
+    """Return the kernels that a meta-kernel lists; None if `path` is another text kernel.
+
+    Raises
+    ------
+    KernelError
+        If its path symbols and values do not pair, or the list is empty.
+    """
+    values: dict[str, list[str]] = {}
+    for name, text in assignments(path):
+        strings = [item.replace("''", "'") for item in _STRING.findall(text)]
+        values.setdefault(name.upper(), []).extend(strings)
+    if "KERNELS_TO_LOAD" not in values:
+        return None
+    symbols, folders = values.get("PATH_SYMBOLS", []), values.get("PATH_VALUES", [])
+    if len(symbols) != len(folders):
+        raise KernelError(
+            f"{len(symbols)} PATH_SYMBOLS for {len(folders)} PATH_VALUES", path, "mend it"
+        )
+    names = list(_joined(values["KERNELS_TO_LOAD"]))
+    if not names:
+        raise KernelError("KERNELS_TO_LOAD is empty", path, "list the kernels")
+    for symbol, folder in zip(symbols, folders, strict=True):
+        names = [name.replace(f"${symbol}", folder) for name in names]
+    beside = [path.parent / name for name in names]
+    return [b if b.is_file() else Path(n) for b, n in zip(beside, names, strict=True)]
+
+
+def prime_meridians(path: Path) -> list[PrimeMeridian]:
+    """Return the prime meridians that a text PCK states; none for any other kernel.
+
+    Raises
+    ------
+    KernelError
+        If one is not a list of numbers.
+    """
+    if not _is_text(path):
+        return []
+    found: dict[int, PrimeMeridian] = {}
+    for name, text in assignments(path):
+        match = _MERIDIAN.match(name.upper())
+        if match is None:
+            continue
+        try:
+            numbers = [
+                float(word.upper().replace("D", "E")) for word in re.findall(r"[^\s,()]+", text)
+            ]
+        except ValueError:
+            raise KernelError(f"{name} is not a list of numbers", path, "mend it") from None
+        if not numbers:
+            raise KernelError(f"{name} is empty", path, "mend it")
+        body = int(match.group(1))
+        rate = numbers[1] if len(numbers) > 1 else 0.0
+        found[body] = PrimeMeridian(body, numbers[0], rate, path)
+    return list(found.values())
+
+
+def assignments(path: Path) -> Iterator[tuple[str, str]]:
+    """Yield the names and right-hand sides of a text kernel's assignments, in order.
+
+    Raises
+    ------
+    KernelError
+        If the file cannot be read.
+    """
+    try:
+        text = path.read_text(encoding="latin-1")
+    except OSError as error:
+        raise KernelError(f"cannot be read ({error.strerror})", path, "check the file") from error
+    for block in _DATA.findall(text):
+        for name, _, value in _ASSIGNMENT.findall(block):
+            yield name, value
+
+
+def _is_text(path: Path) -> bool:
+    """Return whether a file is a text kernel: neither binary nor transfer text."""
+    with path.open("rb") as stream:
+        head = stream.read(512)
+    return b"\0" not in head and not head.startswith((b"DAF", b"DAS", b"NAIF/DA"))
+
+
+def _joined(parts: list[str]) -> Iterator[str]:
+    """Join strings that end in ``+`` with the next one, as long file names are written."""
+    pending = ""
+    for part in parts:
+        if part.rstrip().endswith("+"):
+            pending += part.rstrip()[:-1]
+        else:
+            yield pending + part
+            pending = ""
