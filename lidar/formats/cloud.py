@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from lidar.formats.binary import check_whole, mapped_chunks
 from lidar.formats.options import LidarOptions
 from lidar.formats.rows import RowLayout, read_rows
 from lidar.formats.screening import Agreement, Records, Screen
 from lidar.scan import Scan
-from spcola.arrays import AnyArray, FloatArray
+from spcola.arrays import FloatArray
 from spcola.errors import FormatError
 from spcola.formats.ply_header import PlyElement, PlyHeader, parse_header
 
@@ -88,19 +89,9 @@ _Chunks = Iterator[tuple[dict[str, FloatArray], int]]
 
 
 def _binary_chunks(path: Path, layout: _CloudLayout, chunk: int) -> _Chunks:
-    there = (path.stat().st_size - layout.begin) // layout.record.itemsize
-    if there < layout.count:
-        raise FormatError(
-            f"is truncated: {max(there, 0)} of {layout.count} points are there",
-            path,
-            "fetch the file again",
-        )
-    table: AnyArray = np.memmap(
-        path, dtype=layout.record, mode="r", offset=layout.begin, shape=(layout.count,)
-    )
-    for start in range(0, layout.count, chunk):
-        part = table[start : start + chunk]
-        yield {name: part[name].astype(np.float64) for name in layout.record.names or ()}, 0
+    check_whole(path, path.stat().st_size - layout.begin, layout.count, layout.record)
+    for table in mapped_chunks(path, layout.record, layout.count, chunk, layout.begin):
+        yield {name: table[name].astype(np.float64) for name in layout.record.names or ()}, 0
 
 
 def _text_chunks(path: Path, layout: _CloudLayout, chunk: int) -> _Chunks:

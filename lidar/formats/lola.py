@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lidar.formats.binary import check_whole, mapped_chunks, probed
 from lidar.formats.options import LidarOptions
 from lidar.formats.rows import RowLayout, first_lines, flags_of, mostly, read_rows
 from lidar.formats.screening import Agreement, Records, Screen, cartesian, spherical_of
@@ -50,7 +51,6 @@ _ROW = np.dtype(
         ("earth", "<u4", (2,)),
     ]
 )
-_PROBES = 64
 _MISSING_RANGE = 0xFFFFFFFF
 
 
@@ -115,17 +115,11 @@ def _read_text(path: Path, options: LidarOptions, *, skip: int) -> Iterator[Scan
 
 def _read_binary(path: Path, options: LidarOptions) -> Iterator[Scan]:
     size = path.stat().st_size
-    whole, rest = divmod(size, _ROW.itemsize)
-    if rest:
-        raise FormatError(
-            f"is truncated: record {whole + 1} has {rest} of {_ROW.itemsize} bytes",
-            path,
-            "fetch the file again",
-        )
-    table = np.memmap(path, dtype=_ROW, mode="r", shape=(whole,))
+    count = -(-size // _ROW.itemsize)
+    check_whole(path, size, count, _ROW)
     screen = Screen(path, _AGREEMENT, options)
-    for start in range(0, whole, options.chunk):
-        yield screen.scan(_binary_records(table[start : start + options.chunk]))
+    for table in mapped_chunks(path, _ROW, count, max(options.chunk // 5, 1)):
+        yield screen.scan(_binary_records(table))
 
 
 def _binary_records(table: NDArray[Any]) -> Records:
@@ -156,8 +150,7 @@ def _is_binary(path: Path, size: int) -> bool:
     count = size // _ROW.itemsize
     if count == 0:
         return False
-    table = np.memmap(path, dtype=_ROW, mode="r", shape=(count,))
-    probes = table[np.unique(np.linspace(0, count - 1, _PROBES).astype(int))]
+    probes = probed(path, _ROW, count)
     spots = probes["spots"]["radius_mm"]
     on_moon = (spots == -1) | ((spots > 1.72e9) & (spots < 1.75e9))
     above = (probes["scradius_mm"] > 1.72e9) & (probes["geoid_mm"] > 1.72e9)

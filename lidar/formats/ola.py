@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lidar.formats.binary import check_whole, mapped_chunks, probed
 from lidar.formats.options import LidarOptions
 from lidar.formats.screening import Agreement, Records, Screen, norms, spherical_of
 from lidar.scan import Scan
@@ -45,7 +46,6 @@ RECORD = np.dtype(
 
 _MONTHS = "JANFEBMARAPRMAYJUNJULAUGSEPOCTNOVDEC"
 _OLD_SIZE = 144
-_PROBES = 64
 _TIME_TEXT = re.compile(rb"\d{4}[- ]\w{2,3}[-T ]\d{2}")
 _REASONS = {1: "overflow", 2: "no return", 3: "missing"}
 
@@ -75,10 +75,9 @@ def read_ola(path: Path, options: LidarOptions) -> Iterator[Scan]:
     """
     size = path.stat().st_size
     _check_layout(path, size)
-    table = np.memmap(path, dtype=RECORD, mode="r", shape=(size // RECORD.itemsize,))
     screen = Screen(path, _AGREEMENT, options)
-    for start in range(0, len(table), options.chunk):
-        yield screen.scan(_records(table[start : start + options.chunk]))
+    for table in mapped_chunks(path, RECORD, size // RECORD.itemsize, options.chunk):
+        yield screen.scan(_records(table))
 
 
 def write_ola(path: str | Path, chunks: Iterable[Scan]) -> None:
@@ -126,14 +125,8 @@ def _check_layout(path: Path, size: int) -> None:
     """Refuse a file whose bytes are not whole little-endian records of 186 bytes."""
     if size == 0:
         raise FormatError("is empty", path)
-    whole, rest = divmod(size, RECORD.itemsize)
     if _sound(path, size, RECORD):
-        if rest:
-            raise FormatError(
-                f"is truncated: record {whole + 1} has {rest} of {RECORD.itemsize} bytes",
-                path,
-                "fetch the file again",
-            )
+        check_whole(path, size, -(-size // RECORD.itemsize), RECORD)
         return
     if _sound(path, size, RECORD.newbyteorder()):
         raise FormatError(
@@ -158,14 +151,13 @@ def _sound(path: Path, size: int, record: np.dtype[Any]) -> bool:
 
     Each states its position twice (x, y, z in metres; radius in kilometres) and an ephemeris
     time; a wrong byte order or record length leaves nothing of that. A flagged return may state
-    no position at all, so that only its time and flag speak. The factor of
-    a thousand lets a table with a wrong unit through to the screening, which says so.
+    no position at all, so that only its time and flag speak. The factor of a thousand lets a
+    table with a wrong unit through to the screening, which says so.
     """
     count = size // record.itemsize
     if count == 0:
         return False
-    table = np.memmap(path, dtype=record, mode="r", shape=(count,))
-    probes = table[np.unique(np.linspace(0, count - 1, _PROBES).astype(int))]
+    probes = probed(path, record, count)
     with np.errstate(all="ignore"):
         timed = np.abs(probes["et"]) < 1e10
         timed &= np.abs(probes["et"]) > 1.0

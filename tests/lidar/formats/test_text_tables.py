@@ -300,7 +300,7 @@ def test_lola_binary_rows(tmp_path: Path) -> None:
     np.testing.assert_allclose(scan.reference_offset, 0.545, atol=1e-6)
     np.testing.assert_array_equal(scan.time[:4], 317845253.5)
     path.write_bytes(rows.tobytes()[:-10])
-    with pytest.raises(FormatError, match="truncated: record 4 has 246 of 256 bytes"):
+    with pytest.raises(FormatError, match="truncated: record 4 of 4 has 246 of 256 bytes"):
         read_scan(path)
 
 
