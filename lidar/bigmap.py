@@ -254,11 +254,13 @@ def _step_sigma(mapola: Mapola) -> float:
 def _sigma(mapola: Mapola, mask: BoolArray, step_sigma: float) -> FloatArray:
     """Sigma of the surface: that of the cells, and growing with the distance from them.
 
-    Across a gap the steps are a random walk from the nearest known cell, whose sigma it starts
-    with; that a gap has other sides too only makes it better than that.
+    The cells' own sigma is kept although the integration smooths their noise: by how much
+    depends on the ground. Across a gap, steps err alike (a slope carried on misses the same bend
+    at each step): their error grows with the distance to the nearest known cell, not with its
+    root. That a gap has other sides too only makes it better than that.
     """
     if not mapola.valid.any():
         return np.full(mask.shape, np.nan)
     distance, nearest = distance_transform_edt(~mapola.valid, return_indices=True)
     start = mapola.sigma[nearest[0], nearest[1]]
-    return np.where(mask, np.sqrt(start**2 + distance * step_sigma**2), np.nan)
+    return np.where(mask, np.hypot(start, distance * step_sigma), np.nan)
