@@ -24,15 +24,16 @@ _STORE = MapStore(
     form="spcola fused maplets 1",
     layers=("height", "sigma", "albedo", "count", "source"),
     make=_make,
-    sigma_companions=True,
 )
 
 
-def write_fused(folder: str | Path, maplets: Iterable[FusedMaplet]) -> list[str]:
+def write_fused(
+    folder: str | Path, maplets: Iterable[FusedMaplet], *, sigma_companions: bool = False
+) -> list[str]:
     """Write fused maplets as the new content of `folder`, and return their names.
 
-    Each becomes ``NAME.MAP`` with its sigma in ``NAME.SIG``, and a group of ``fused.h5`` with
-    height, sigma, albedo, count and source. An error leaves the folder as it was.
+    Each becomes ``NAME.MAP``, and a group of ``fused.h5`` with height, sigma, albedo, count and
+    source. An error leaves the folder as it was.
 
     Parameters
     ----------
@@ -40,6 +41,8 @@ def write_fused(folder: str | Path, maplets: Iterable[FusedMaplet]) -> list[str]
         It exists.
     maplets : iterable of FusedMaplet
         May be a generator: one is in memory at a time.
+    sigma_companions : bool
+        Also write ``NAME.SIG``, from which the SPC programs read sigma.
 
     Raises
     ------
@@ -48,7 +51,7 @@ def write_fused(folder: str | Path, maplets: Iterable[FusedMaplet]) -> list[str]
     InvalidValueError
         If two maplets bear one name, or a name is no file name.
     """
-    return _STORE.write(folder, maplets)
+    return _STORE.write(folder, maplets, sigma_companions=sigma_companions)
 
 
 def fused_names(folder: str | Path) -> list[str]:

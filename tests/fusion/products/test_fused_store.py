@@ -20,7 +20,7 @@ def test_reads_back_to_the_last_bit(tmp_path, make_fused, assert_same) -> None:
 
 
 def test_map_and_sigma_serve_spc_programs(tmp_path, fused) -> None:
-    write_fused(tmp_path, [fused])
+    write_fused(tmp_path, [fused], sigma_companions=True)
     plain = read_maplet(tmp_path / "BE0042.MAP")
     np.testing.assert_array_equal(plain.valid, fused.valid)
     np.testing.assert_allclose(plain.sigma, fused.sigma, rtol=1e-6)
@@ -31,15 +31,15 @@ def test_map_and_sigma_serve_spc_programs(tmp_path, fused) -> None:
 def test_same_input_gives_same_bytes(tmp_path, fused) -> None:
     for folder in ("one", "two"):
         (tmp_path / folder).mkdir()
-        write_fused(tmp_path / folder, [fused])
+        write_fused(tmp_path / folder, [fused], sigma_companions=True)
     for name in (FUSED_HDF5, "BE0042.MAP", "BE0042.SIG"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 
 
 def test_what_is_no_longer_made_goes_and_the_rest_stays(tmp_path, make_fused) -> None:
-    write_fused(tmp_path, [make_fused("AA0001", 5), make_fused("BB0002", 5)])
+    write_fused(tmp_path, [make_fused("AA0001", 5), make_fused("BB0002", 5)], sigma_companions=True)
     (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
-    write_fused(tmp_path, [make_fused("BB0002", 5)])
+    write_fused(tmp_path, [make_fused("BB0002", 5)], sigma_companions=True)
     kept = sorted(path.name for path in tmp_path.iterdir())
     assert kept == ["BB0002.MAP", "BB0002.SIG", FUSED_HDF5, "notes.txt"]
 

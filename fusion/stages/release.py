@@ -1,0 +1,246 @@
+"""Release: fused maplets and bigmaps as products, with a manifest of where they come from."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from fusion.catalog import file_digest, read_records
+from fusion.fused import FusedMaplet
+from fusion.fused_bigmap import fused_bigmap
+from fusion.products.fits import write_fits_dtm
+from fusion.products.fused import FUSED_HDF5, fused_names, read_fused, write_fused
+from fusion.products.geotiff import write_geotiff
+from fusion.products.manifest import (
+    MANIFEST_FILE,
+    Product,
+    Provenance,
+    describe_product,
+    manifest_text,
+    write_manifest,
+)
+from fusion.products.naming import product_stems
+from fusion.products.surface import write_obj, write_ply
+from fusion.settings import BodySettings, ReleaseSettings, Settings, Table
+from fusion.stages.base import StageContext, StageResult
+from fusion.workspace import Workspace, make_folder
+from spcola.atomic import write_error
+from spcola.formats.map import read_maplet
+from spcola.maplet import MapletGrid
+
+Writer = Callable[[Path, FusedMaplet, Provenance], None]
+
+SURFACE_WRITERS: Mapping[str, tuple[str, Writer]] = {
+    "geotiff": (".tif", write_geotiff),
+    "obj": (".obj", write_obj),
+    "ply": (".ply", write_ply),
+}
+"""Format → suffix and writer, of those that need no more than the maplet."""
+
+
+UPSTREAM = ("ingest", "mapolas", "register", "fuse", "bigmap")
+"""Stages whose settings have a part in what is released."""
+
+
+@dataclass(frozen=True)
+class Origins:
+    """Says what products are made from.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    body : str
+    stages : tuple of mappings
+        How the stages upstream ran; without times, so that equal runs are equal.
+    settings : mapping
+        Their settings and those of the release.
+    digest : callable
+        SHA-256 of a file; each file is read once.
+    """
+
+    workspace: Workspace
+    body: str
+    stages: tuple[Mapping[str, Any], ...]
+    settings: Mapping[str, Any]
+    digest: Callable[[Path], str]
+
+    @classmethod
+    def of(cls, context: StageContext) -> Origins:
+        """Gather the records of the stages before this one."""
+        records = [asdict(r) for r in read_records(context.workspace) if r.stage in UPSTREAM]
+        stages = [{k: v for k, v in record.items() if k != "finished"} for record in records]
+        settings: dict[str, Any] = {}
+        for record in records:
+            settings |= record["settings"]
+        for kind in context.tables:
+            settings[kind.__name__] = context.table(kind).model_dump(mode="json")
+        body = context.table(BodySettings).name
+        return cls(context.workspace, body, tuple(stages), settings, cache(file_digest))
+
+    def made_from(self, name: str) -> dict[str, str]:
+        """Return path → digest of what the maplet `name` was made from (empty: what all were)."""
+        root = self.workspace.root
+        candidates = [root / "fused" / FUSED_HDF5, self.workspace.registration_path]
+        if name:
+            candidates += [self.workspace.maplet_path(name), root / "mapolas" / f"{name}.MAP"]
+            candidates += [root / "bigmaps" / f"{name}.MAP"]
+        return self.digests([path for path in candidates if path.is_file()])
+
+    def digests(self, paths: list[Path]) -> dict[str, str]:
+        """Return path in the workspace → digest."""
+        return {self.workspace.relative(path): self.digest(path) for path in paths}
+
+    def provenance(self, made_from: Mapping[str, str]) -> Provenance:
+        """Return what stands inside a product."""
+        return Provenance(self.body, made_from, self.settings)
+
+
+@dataclass(frozen=True)
+class ReleaseStage:
+    """Fused maplets and bigmaps → release/ with its manifest."""
+
+    name: str = "release"
+    version: int = 1
+    tables: tuple[type[Table], ...] = (ReleaseSettings, BodySettings)
+
+    def missing(self, workspace: Workspace, settings: Settings) -> str:
+        """Return why there is nothing to release."""
+        if not (workspace.root / "fused" / FUSED_HDF5).is_file():
+            return f"there are no fused maplets; run: spcola fuse {workspace.root}"
+        return ""
+
+    def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
+        """Return fused maplets and bigmaps."""
+        fused = [workspace.fused_path(name) for name in workspace.fused_names()]
+        return [workspace.root / "fused" / FUSED_HDF5, *fused, *bigmap_paths(workspace)]
+
+    def run(self, context: StageContext) -> StageResult:
+        """Build everything in the scratch folder, then move it to release/, the manifest last.
+
+        While there is a manifest, the products beside it are those that it describes: the old
+        one is removed before the first product is replaced.
+        """
+        build = context.scratch / "products"
+        shutil.rmtree(build, ignore_errors=True)
+        make_folder(build)
+        origins = Origins.of(context)
+        products = build_products(context, build, origins)
+        inputs = self.inputs(context.workspace, context.settings)
+        provenance = origins.provenance(origins.digests(inputs))
+        text = manifest_text(products, provenance, origins.stages)
+        folder = context.workspace.root / "release"
+        paths = publish(build, folder, [product.file for product in products], text)
+        kinds = sorted({product.kind for product in products})
+        summary = {
+            "maplets": len({product.maplet for product in products if product.maplet}),
+            "products": len(products),
+            **{kind: sum(product.kind == kind for product in products) for kind in kinds},
+            "megabytes": sum(product.bytes for product in products) / 1e6,
+        }
+        return StageResult(tuple(paths), summary)
+
+
+STAGE = ReleaseStage()
+
+
+def bigmap_paths(workspace: Workspace) -> list[Path]:
+    """Return the bigmaps of the workspace, with their sigma companions and further layers."""
+    folder = workspace.root / "bigmaps"
+    return [path for path in sorted(folder.glob("[!.]*")) if path.is_file()]
+
+
+def build_products(context: StageContext, build: Path, origins: Origins) -> list[Product]:
+    """Write every product into the folder `build`, and describe them."""
+    workspace, table = context.workspace, context.table(ReleaseSettings)
+    names = [*fused_names(workspace.root / "fused"), *_bigmap_names(workspace)]
+    grids = [_grid(workspace, name) for name in names]
+    stems = dict(zip(names, product_stems(grids, version=table.version), strict=True))
+
+    def one(name: str) -> list[Product]:
+        made_from = origins.made_from(name)
+        maplet, provenance = load_fused(workspace, name), origins.provenance(made_from)
+        return [
+            describe_product(path, kind=kind, maplet=name, made_from=made_from)
+            for kind, path in _write(build / stems[name], maplet, provenance, table)
+        ]
+
+    products = [product for made in context.map("release", one, names) for product in made]
+    if "map" in table.products:
+        products += _write_maps(workspace, build, names, origins)
+    return products
+
+
+def _write_maps(
+    workspace: Workspace, build: Path, names: list[str], origins: Origins
+) -> list[Product]:
+    """Write the .MAP files, their sigma and the HDF5 with the layers that a .MAP cannot hold."""
+    maplets = (load_fused(workspace, name) for name in names)
+    write_fused(build, maplets, sigma_companions=True)
+    files = [("layers", FUSED_HDF5, "")]
+    for name in names:
+        files += [("map", f"{name}.MAP", name), ("sigma", f"{name}.SIG", name)]
+    return [
+        describe_product(build / file, kind=kind, maplet=name, made_from=origins.made_from(name))
+        for kind, file, name in files
+    ]
+
+
+def load_fused(workspace: Workspace, name: str) -> FusedMaplet:
+    """Read a fused maplet, or a bigmap with the sources of the fused maplets under it."""
+    folder = workspace.root / "fused"
+    if workspace.fused_path(name).is_file():
+        return read_fused(folder, name)
+    around = (read_fused(folder, other) for other in fused_names(folder))
+    return fused_bigmap(read_maplet(workspace.root / "bigmaps" / f"{name}.MAP"), around)
+
+
+def _grid(workspace: Workspace, name: str) -> MapletGrid:
+    """Return the grid of a fused maplet or bigmap."""
+    if workspace.fused_path(name).is_file():
+        return read_fused(workspace.root / "fused", name).grid
+    return read_maplet(workspace.root / "bigmaps" / f"{name}.MAP").grid
+
+
+def publish(build: Path, folder: Path, files: list[str], manifest: str) -> list[Path]:
+    """Move `files` from `build` to `folder`, then write the manifest; return what is there.
+
+    Raises
+    ------
+    WorkspaceError
+        If the folder cannot be written.
+    """
+    make_folder(folder)
+    try:
+        (folder / MANIFEST_FILE).unlink(missing_ok=True)
+        for file in files:
+            (build / file).replace(folder / file)
+    except OSError as error:
+        raise write_error(folder, error) from error
+    return [*(folder / file for file in files), write_manifest(folder, manifest)]
+
+
+def _write(
+    stem: Path, maplet: FusedMaplet, provenance: Provenance, table: ReleaseSettings
+) -> Iterator[tuple[str, Path]]:
+    """Write the formats asked for, each as one file; yield kind and path."""
+    if "fits" in table.products:
+        path = stem.with_name(f"{stem.name}.fits")
+        write_fits_dtm(path, maplet, provenance, version=table.version)
+        yield "fits", path
+    for kind, (suffix, write) in SURFACE_WRITERS.items():
+        # A maplet without any height has no surface.
+        if kind in table.products and (kind == "geotiff" or maplet.valid.any()):
+            path = stem.with_name(f"{stem.name}{suffix}")
+            write(path, maplet, provenance)
+            yield kind, path
+
+
+def _bigmap_names(workspace: Workspace) -> list[str]:
+    """Return the bigmaps that are no fused maplets by name."""
+    fused = set(workspace.fused_names())
+    names = [path.stem for path in bigmap_paths(workspace) if path.suffix == ".MAP"]
+    return [name for name in names if name not in fused]

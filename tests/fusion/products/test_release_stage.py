@@ -1,0 +1,159 @@
+"""The release stage: whole, repeatable, and true to what the workspace holds."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from fusion.fused import FusedMaplet, Source
+from fusion.fused_bigmap import fused_bigmap
+from fusion.pipeline import Pipeline
+from fusion.products.fits import read_fits_dtm
+from fusion.products.fused import read_fused, write_fused
+from fusion.products.geotiff import read_geotiff
+from fusion.products.manifest import check_release, read_manifest
+from fusion.products.surface import read_surface
+from fusion.settings import Settings
+from fusion.stages.release import STAGE
+from fusion.workspace import Workspace
+from spcola.errors import WorkspaceError
+from spcola.formats.map import write_maplet
+from spcola.maplet import Maplet, MapletGrid
+
+
+@pytest.fixture
+def workspace(tmp_path, make_fused):
+    there = Workspace.create(tmp_path / "ws", Settings().with_table("body", name="Bennu"))
+    write_fused(there.root / "fused", [make_fused("AA0001", 9, 1), make_fused("AA0002", 9, 2)])
+    return there
+
+
+def release(workspace, *, force=False):
+    return Pipeline(workspace, workspace.settings(), [STAGE]).run_stage("release", force=force)
+
+
+def content(workspace):
+    return {p.name: p.read_bytes() for p in (workspace.root / "release").iterdir()}
+
+
+def test_every_product_gives_the_fused_maplet_again(workspace, assert_same) -> None:
+    run = release(workspace)
+    folder = workspace.root / "release"
+    manifest = read_manifest(folder)
+    assert check_release(folder) == run.summary["products"] == 2 * 6 + 1
+    assert manifest["body"] == "Bennu"
+    seen = set()
+    for entry in manifest["products"]:
+        path, name = folder / entry["file"], entry["maplet"]
+        assert "fused/fused.h5" in entry["made_from"]
+        if entry["kind"] in ("map", "sigma", "layers"):
+            continue
+        wanted = read_fused(workspace.root / "fused", name)
+        if entry["kind"] == "fits":
+            assert_same(read_fits_dtm(path), wanted)
+        elif entry["kind"] == "geotiff":
+            np.testing.assert_allclose(read_geotiff(path).height, wanted.height, rtol=1e-7)
+        else:
+            assert_same(read_surface(path), wanted, everywhere=False)
+        seen.add((entry["kind"], name))
+    assert len(seen) == 8
+    assert_same(read_fused(folder, "AA0001"), read_fused(workspace.root / "fused", "AA0001"))
+
+
+def test_two_maplets_of_one_place_get_two_names(workspace) -> None:
+    release(workspace)
+    files = {p.name for p in (workspace.root / "release").glob("*.fits")}
+    assert len(files) == 2
+    assert any("_dtm2_" in file for file in files)
+
+
+def test_second_release_is_the_same_to_the_byte(workspace) -> None:
+    release(workspace)
+    first = content(workspace)
+    assert release(workspace).state == "up to date"
+    assert release(workspace, force=True).state == "ran"
+    assert content(workspace) == first
+
+
+def test_a_setting_changes_names_and_leaves_nothing_old(workspace) -> None:
+    release(workspace)
+    there = workspace.root / "release" / "README.txt"
+    there.write_text("mine", encoding="utf-8")
+    settings = workspace.settings().with_table("release", version=2, products=["fits", "ply"])
+    Pipeline(workspace, settings, [STAGE]).run_stage("release")
+    names = sorted(content(workspace))
+    assert names[0] == "README.txt"
+    assert all(n.endswith(("v002.fits", "v002.ply")) for n in names[1:] if n != "manifest.json")
+    assert check_release(workspace.root / "release") == 4
+
+
+def test_bigmap_gets_its_sources_from_the_maplets(workspace) -> None:
+    one = read_fused(workspace.root / "fused", "AA0001")
+    bigmap = Maplet(
+        "BIGMAP", one.grid, np.nan_to_num(one.height), sigma=np.full(one.grid.shape, 0.1)
+    )
+    write_maplet(workspace.root / "bigmaps" / "BIGMAP.MAP", bigmap, sigma_companion=True)
+    release(workspace)
+    entries = read_manifest(workspace.root / "release")["products"]
+    entry = next(e for e in entries if (e["kind"], e["maplet"]) == ("fits", "BIGMAP"))
+    assert "bigmaps/BIGMAP.MAP" in entry["made_from"]
+    found = read_fits_dtm(workspace.root / "release" / entry["file"])
+    two = read_fused(workspace.root / "fused", "AA0002")
+    assert (found.count >= one.count).all()
+    either = (one.source == Source.BOTH) | (two.source == Source.BOTH)
+    assert (found.source[either] == Source.BOTH).all()
+    np.testing.assert_allclose(found.sigma, 0.1, rtol=1e-6)
+
+
+def test_source_of_a_bigmap_point() -> None:
+    grid = MapletGrid([0, 0, 99.0], np.eye(3), 1.0, 2)
+
+    def layer(source, count):
+        full = np.full(grid.shape, source)
+        return FusedMaplet("A", grid, np.zeros(grid.shape), count=count + 0 * full, source=full)
+
+    big = Maplet("B", MapletGrid([0, 0, 99.0], np.eye(3), 1.0, 4), np.zeros((9, 9)))
+    image, lidar, filled = layer(1, 0), layer(2, 7), layer(4, 0)
+    far = layer(3, 50)
+    far = far.with_layers(grid=MapletGrid([0, 0, -99.0], -np.eye(3)[[1, 0, 2]], 1.0, 2))
+    assert fused_bigmap(big, [image, filled, far]).source[4, 4] == Source.IMAGE
+    assert fused_bigmap(big, [image, lidar]).source[4, 4] == Source.BOTH
+    made = fused_bigmap(big, [filled, lidar])
+    assert (made.source[4, 4], made.count[4, 4]) == (Source.LIDAR, 7)
+    assert (made.source[0, 0], made.count[0, 0]) == (Source.FILLED, 0)
+
+
+def test_a_failure_leaves_the_old_release(workspace, monkeypatch) -> None:
+    release(workspace)
+    before = content(workspace)
+
+    def broken(path, maplet, provenance):
+        raise WorkspaceError("cannot be written (No space left on device)", path)
+
+    monkeypatch.setattr("fusion.stages.release.SURFACE_WRITERS", {"ply": (".ply", broken)})
+    with pytest.raises(WorkspaceError, match="No space left"):
+        release(workspace, force=True)
+    assert content(workspace) == before
+
+
+def test_manifest_tells_the_chain(workspace) -> None:
+    record = {
+        "stage": "fuse", "key": "k", "version": "0+1", "settings": {"FuseSettings": {"seed": 7}},
+        "inputs": {"scans/a.h5": "11"}, "outputs": {}, "summary": {}, "finished": "2020-01-01",
+    }  # fmt: skip
+    workspace.write_json("provenance/fuse.json", record)
+    release(workspace)
+    text = (workspace.root / "release" / "manifest.json").read_text(encoding="utf-8")
+    manifest = json.loads(text)
+    assert manifest["stages"][0]["inputs"] == {"scans/a.h5": "11"}
+    assert manifest["settings"]["FuseSettings"] == {"seed": 7}
+    assert "2020-01-01" not in text
+    assert str(workspace.root) not in text
+
+
+def test_nothing_to_release(tmp_path) -> None:
+    empty = Workspace.create(tmp_path / "ws", Settings())
+    with pytest.raises(WorkspaceError, match="no fused maplets; run: spcola fuse"):
+        release(empty)
