@@ -10,9 +10,12 @@ import numpy as np
 
 from fusion.catalog import read_records
 from fusion.pipeline import Pipeline
+from fusion.products.fits import read_fits_dtm
+from fusion.products.geotiff import read_geotiff
+from fusion.settings import load_settings
 from fusion.stages import load_stages
-from fusion.stages.ingest import scan_facts
-from fusion.workspace import Workspace
+from fusion.stages.ingest import scan_facts, utc_or_none
+from fusion.workspace import SPC_LISTS, Workspace
 from lidar.formats.native import scan_summary
 from lidar.formats.reader import open_lidar
 from lidar.formats.recognise import recognise
@@ -58,7 +61,7 @@ def describe_workspace(workspace: Workspace) -> dict[str, Any]:
 
 
 def describe_file(path: Path) -> dict[str, Any]:
-    """Return what a file is: one of SPC (by its suffix), a lidar file or a shape (by content).
+    """Return what a file is: by its suffix one of SPC or of a workspace, else by its content.
 
     Raises
     ------
@@ -69,7 +72,7 @@ def describe_file(path: Path) -> dict[str, Any]:
     """
     if not path.is_file():
         raise WorkspaceError("is not there, or is no file", path)
-    reader = _SPC_READERS.get(path.suffix.upper())
+    reader = _describe_list if path.name in SPC_LISTS else _READERS.get(path.suffix.lower())
     if reader is not None:
         return reader(path)
     try:
@@ -178,14 +181,37 @@ def _describe_lidar(path: Path, format: str) -> dict[str, Any]:
         "rejected": rejected,
         "first_et_s": span[0],
         "last_et_s": span[1],
+        "first_utc": utc_or_none(span[0]),
+        "last_utc": utc_or_none(span[1]),
         "lowest_m": lowest.tolist(),
         "highest_m": highest.tolist(),
     }
 
 
-_SPC_READERS: dict[str, Callable[[Path], dict[str, Any]]] = {
-    ".MAP": _describe_map,
-    ".LMK": _describe_landmark,
-    ".SUM": _describe_summary,
-    ".NOM": _describe_nominal,
+def _describe_settings(path: Path) -> dict[str, Any]:
+    return {"kind": "settings", **load_settings(path).model_dump(by_alias=True)}
+
+
+def _describe_json(path: Path) -> dict[str, Any]:
+    return {"kind": "JSON", **Workspace(path.parent).read_json(path.name)}
+
+
+def _describe_fits(path: Path) -> dict[str, Any]:
+    return {"kind": "FITS terrain model", **maplet_facts(read_fits_dtm(path))}
+
+
+def _describe_geotiff(path: Path) -> dict[str, Any]:
+    return {"kind": "GeoTIFF terrain model", **maplet_facts(read_geotiff(path))}
+
+
+_READERS: dict[str, Callable[[Path], dict[str, Any]]] = {
+    ".map": _describe_map,
+    ".lmk": _describe_landmark,
+    ".sum": _describe_summary,
+    ".nom": _describe_nominal,
+    ".toml": _describe_settings,
+    ".json": _describe_json,
+    ".fits": _describe_fits,
+    ".fit": _describe_fits,
+    ".tif": _describe_geotiff,
 }

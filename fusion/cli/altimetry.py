@@ -18,7 +18,7 @@ from fusion.workspace import Workspace
 
 def import_(
     workspace: Annotated[Path, typer.Argument(metavar="WS", help="The workspace.")],
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Lidar files.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Lidar files.")],
     format: Annotated[
         str, typer.Option(metavar="F", help="Format; told from the content if not given.")
     ] = "",
@@ -40,7 +40,11 @@ def import_(
     workers: WorkersOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Read lidar files into the workspace; what was imported before is recognised."""
+    """Read lidar files into the workspace.
+
+    Returns without an echo, or flagged as bad, are left out and counted by reason. A file that
+    was imported before is recognised by its content.
+    """
     if name and len(files) > 1:
         raise typer.BadParameter("names one file only", param_hint="--name")
     there = Workspace.open(workspace)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable
 from typing import Annotated, Any
 
@@ -59,4 +61,13 @@ def _options(
 
 def main() -> None:
     """Run the command line; the entry point of the installation."""
-    app()
+    try:
+        app()
+    except SystemExit as end:
+        if not end.code:
+            raise
+        # HDF5 crashes in its own clean-up if a file could not be flushed (a full disk): after an
+        # error, which has been told by now, the process ends without it.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(end.code if isinstance(end.code, int) else 1)

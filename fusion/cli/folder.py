@@ -33,7 +33,11 @@ def init(
     body: Annotated[str, typer.Option(metavar="NAME", help="Name of the body.")] = "body",
     as_json: JsonOption = False,
 ) -> None:
-    """Make a workspace: the folders, and spcola.toml with every setting explained."""
+    """Make a workspace: folders and settings.
+
+    Every setting stands, with its default and what it means, in spcola.toml. What is in the
+    folder already stays.
+    """
     if spc is not None and shape is not None:
         raise typer.BadParameter("give --spc or --shape, not both", param_hint="--shape")
     made = new_workspace(workspace, body=body, spc=spc, shape=shape, shape_unit=unit)
@@ -52,9 +56,6 @@ def info(
     ],
     as_json: JsonOption = False,
 ) -> None:
-    """Say what a workspace holds and which stages are due, or what a file is."""
-    if path.is_dir():
-        content = describe_workspace(Workspace.open(path))
-    else:
-        content = describe_file(path)
+    """Tell what a workspace holds, or what a file is."""
+    content = describe_workspace(Workspace.open(path)) if path.is_dir() else describe_file(path)
     show(content, [str(path), *value_lines(content)], as_json=as_json)

@@ -13,6 +13,7 @@ from fusion.pipeline import Pipeline
 from fusion.progress import Progress
 from fusion.stages import load_stages
 from fusion.workspace import Workspace
+from spcola.errors import SettingsError
 
 WorkspaceArgument = Annotated[Path, typer.Argument(metavar="WS", help="The workspace.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Run even what is up to date.")]
@@ -35,7 +36,10 @@ def mapolas(
     workers: WorkersOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Grid the returns: per cell the median of slope-corrected heights, count and sigma."""
+    """Grid the returns into mapolas.
+
+    Per cell the median of slope-corrected heights, their count, spread and sigma.
+    """
     changed = {"source": source, "gsd_m": gsd}
     _run_one(workspace, "mapolas", "mapolas", changed, (force, workers, as_json))
 
@@ -54,7 +58,10 @@ def register(
     workers: WorkersOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Match each mapola to the SPC surface, and fit one transform to all: registration.json."""
+    """Register the mapolas to the SPC surface.
+
+    Each is matched in three components; one transform is fitted to all: registration.json.
+    """
     changed = {"model": model, "against": against}
     _run_one(workspace, "register", "register", changed, (force, workers, as_json))
 
@@ -65,7 +72,10 @@ def fuse(
     workers: WorkersOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Integrate slopes of the maplets with the lidar heights as constraints: fused/."""
+    """Fuse maplets with lidar heights.
+
+    Slopes are integrated with the registered lidar heights as constraints: fused/.
+    """
     _run_one(workspace, "fuse", "fuse", {}, (force, workers, as_json))
 
 
@@ -75,7 +85,7 @@ def bigmap(
     workers: WorkersOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Make bigmaps of maplets and of returns, in the same frame: bigmaps/."""
+    """Make bigmaps of maplets and of returns."""
     _run_one(workspace, "bigmap", "bigmap", {}, (force, workers, as_json))
 
 
@@ -83,15 +93,16 @@ def scale(
     workspace: WorkspaceArgument,
     method: Annotated[
         Literal["pairs", "shots"] | None,
-        typer.Option(
-            help="Paired bigmaps, or single shots against the shape: [scale] method. " + _ONCE
-        ),
+        typer.Option(help=f"[scale] method: paired bigmaps, or shots against the shape. {_ONCE}"),
     ] = None,
     force: ForceOption = False,
     workers: WorkersOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Find the scale, the centre and the prime meridian, with their sigmas: scale.json."""
+    """Find scale, centre and prime meridian.
+
+    From paired bigmaps, or from single shots, with their sigmas: scale.json.
+    """
     _run_one(workspace, "scale", "scale", {"method": method}, (force, workers, as_json))
 
 
@@ -101,7 +112,11 @@ def release(
     workers: WorkersOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the products with their manifest to release/, and report.html."""
+    """Write the products, manifest and report.
+
+    release/ gets every product in every format chosen, with its provenance; report.html shows
+    the result.
+    """
     _run_one(workspace, "release", "release", {}, (force, workers, as_json))
 
 
@@ -111,7 +126,10 @@ def run(
     workers: WorkersOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Run all stages, in their order; what is up to date is skipped, what was interrupted resumes."""
+    """Run all stages that are not up to date.
+
+    An interrupted run goes on where it was; a changed setting or file re-runs what depends on it.
+    """
     opened = Workspace.open(workspace)
     pipeline = Pipeline(
         opened,
@@ -138,7 +156,10 @@ def _run_one(
     settings = opened.settings()
     given = {key: value for key, value in changed.items() if value is not None}
     if given:
-        settings = settings.with_table(table, **given)
+        try:
+            settings = settings.with_table(table, **given)
+        except SettingsError as error:
+            raise typer.BadParameter(str(error)) from error
     progress = Progress.fitting(silent=as_json)
     pipeline = Pipeline(opened, settings, load_stages(), ThreadExecutor(workers), progress)
     done = pipeline.run_stage(stage, force=force)

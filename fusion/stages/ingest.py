@@ -20,6 +20,7 @@ from lidar.formats.options import LidarOptions
 from lidar.formats.reader import open_lidar
 from lidar.formats.recognise import recognise
 from spcola.errors import WorkspaceError
+from spcola.time import utc_from_et
 
 
 @dataclass(frozen=True)
@@ -178,7 +179,10 @@ class IngestStage:
 
         paths = workspace.scan_paths()
         scans = context.map("import", one, paths)
-        return StageResult(tuple(paths), {"scans": [scan_facts(scan) for scan in scans]})
+        rejected = {scan.name: dict(scan.rejected) for scan in scans if scan.rejected}
+        returns = sum(scan.count for scan in scans)
+        summary = {"scans": len(scans), "returns": returns, "rejected": rejected}
+        return StageResult(tuple(paths), summary)
 
 
 STAGE = IngestStage()
@@ -207,12 +211,19 @@ def scan_facts(scan: ScanSummary) -> dict[str, Any]:
         "rejected": dict(scan.rejected),
         "first_et_s": scan.time_span[0],
         "last_et_s": scan.time_span[1],
+        "first_utc": utc_or_none(scan.time_span[0]),
+        "last_utc": utc_or_none(scan.time_span[1]),
         "trajectory": scan.trajectory,
         "body": scan.body,
         "lowest_m": scan.bounds[0].tolist(),
         "highest_m": scan.bounds[1].tolist(),
         "digest": scan.digest,
     }
+
+
+def utc_or_none(et: float) -> str | None:
+    """Return UTC of ephemeris time, s; None where the time is not known."""
+    return utc_from_et(et) if math.isfinite(et) else None
 
 
 def lidar_options(source: Source, settings: Settings, name: str) -> LidarOptions:
@@ -236,7 +247,8 @@ def _write(
     workspace: Workspace, settings: Settings, source: Source, digest: str, name: str
 ) -> ScanSummary:
     """Read `source` and write it as the scan `name`, which remembers where it came from."""
-    chosen = source.format or recognise(source.path)
+    # Columns are stated for tables only, and one whose own names say nothing is not recognised.
+    chosen = source.format or ("table" if source.columns else recognise(source.path))
     chunks = open_lidar(source.path, format=chosen, options=lidar_options(source, settings, name))
     parameters = {
         "source": str(source.path.resolve()),

@@ -242,7 +242,7 @@ def test_one_stage_runs_alone(workspace: Workspace, stages: list[Copy]) -> None:
 def test_a_stage_reads_only_the_tables_it_declared(
     workspace: Workspace, stages: list[Copy]
 ) -> None:
-    stages[0].act = lambda context: None if context.table(FuseSettings) else None
+    stages[0].act = lambda context: print(context.table(FuseSettings))
     with pytest.raises(SettingsError, match="does not declare FuseSettings"):
         pipeline(workspace, stages).run()
 
