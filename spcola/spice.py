@@ -1,0 +1,227 @@
+"""SPICE kernels as one set: expanded, checked for contradictions, loaded and given back.
+
+CSPICE keeps one pool for the whole process; a set holds `SPICE_LOCK` while it is loaded, so
+other threads wait, and gives the pool back as it found it.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import spiceypy
+from numpy.typing import ArrayLike
+
+from spcola.arrays import FloatArray
+from spcola.errors import KernelError
+from spcola.formats.kernel_text import PrimeMeridian, expand_meta_kernels, prime_meridians
+from spcola.formats.transfer import convert_transfer, is_transfer
+from spcola.time import SPICE_LOCK
+from spcola.trajectory import Trajectory
+
+AGREEMENT_DEG = 1e-6
+"""Prime meridians this close at J2000 (and per day) count as one: 5 µm on Bennu."""
+
+M_PER_KM = 1000.0
+
+
+class KernelSet:
+    """Kernels that are loaded together.
+
+    Parameters
+    ----------
+    paths : path or sequence of paths
+        Kernels in the order of loading; meta-kernels are replaced by what they list, DAF
+        transfer text (.xsp, .xc) is converted on loading.
+    prime_meridian : str, optional
+        Name (or path) of the kernel that counts where several disagree about the rotation of a
+        body; it is loaded last, so that all its values hold.
+
+    Raises
+    ------
+    KernelError
+        If a kernel is missing, two disagree about a body's prime meridian and none was
+        chosen, or the chosen one is not among those that do.
+    """
+
+    def __init__(
+        self, paths: str | Path | Sequence[str | Path], *, prime_meridian: str | Path | None = None
+    ) -> None:
+        given = [paths] if isinstance(paths, (str, Path)) else list(paths)
+        self.paths = choose_prime_meridian(
+            expand_meta_kernels([Path(path) for path in given]), prime_meridian
+        )
+
+    @contextmanager
+    def load(self) -> Iterator[None]:
+        """Hold the kernels loaded (and the SPICE lock) for the length of a ``with`` block.
+
+        Raises
+        ------
+        KernelError
+            If SPICE refuses a kernel; those loaded before it are unloaded again.
+        """
+        with SPICE_LOCK, tempfile.TemporaryDirectory(prefix="spcola-kernels-") as folder:
+            loaded: list[str] = []
+            try:
+                for index, path in enumerate(self.paths):
+                    ready = _ready(path, Path(folder) / str(index))
+                    with _kernel_errors(path):
+                        spiceypy.furnsh(str(ready))
+                    loaded.append(str(ready))
+                yield
+            finally:
+                for name in reversed(loaded):
+                    spiceypy.unload(name)
+
+
+def choose_prime_meridian(paths: list[Path], choice: str | Path | None) -> list[Path]:
+    """Return kernels in loading order, the chosen one last; refuse a contradiction left open.
+
+    Raises
+    ------
+    KernelError
+        If two kernels disagree about a body's prime meridian and `choice` is None, or `choice`
+        is not the name of one of the kernels that give one.
+    """
+    stated = [item for path in paths for item in prime_meridians(path)]
+    if choice is None:
+        _refuse_disagreement(stated)
+        return paths
+    wanted = Path(choice)
+    chosen = [
+        path for path in dict.fromkeys(item.path for item in stated)
+        if path == wanted or path.name == str(choice)
+    ]  # fmt: skip
+    if len(chosen) != 1:
+        names = ", ".join(sorted({item.path.name for item in stated})) or "none of the kernels"
+        raise KernelError(
+            f"{str(choice)!r} is not one kernel with a prime meridian",
+            "prime_meridian",
+            f"choose from: {names}",
+        )
+    return [path for path in paths if path != chosen[0]] + chosen
+
+
+def body_fixed_trajectory(
+    name: str, spacecraft: str | int, body: int, times: ArrayLike
+) -> Trajectory:
+    """Return the spacecraft's geometric positions, body-fixed, at ephemeris times (N,), s.
+
+    To be called inside ``KernelSet.load()``. The body's rotation is that of the loaded PCK
+    (SPICE's ``tipbod``), so no frame kernel is needed.
+
+    Raises
+    ------
+    KernelError
+        If the kernels do not cover a time or do not know the body's rotation.
+    """
+    wanted = np.asarray(times, dtype=np.float64)
+    positions = np.empty((len(wanted), 3))
+    with SPICE_LOCK, _kernel_errors(f"position of {spacecraft} at {body}"):
+        for index, et in enumerate(wanted):
+            inertial, _ = spiceypy.spkpos(str(spacecraft), et, "J2000", "NONE", str(body))
+            positions[index] = spiceypy.tipbod("J2000", body, et) @ inertial
+    return Trajectory(name, wanted, M_PER_KM * positions)
+
+
+def body_fixed_axes(
+    frame: str, body: int, times: ArrayLike, *, tolerance_s: float = 1e-3
+) -> FloatArray:
+    """Return the axes (N, 3, 3) of a spacecraft or instrument frame at ephemeris times (N,), s.
+
+    Rows are the frame's x, y, z as unit vectors, body-fixed. To be called inside
+    ``KernelSet.load()``. A CK made from images ends at its first and last image by the clock
+    kernel of its day (0.12 s off by a later one, seen in real files): where it does not cover a
+    time, it is asked again `tolerance_s` (seconds) later and earlier.
+
+    Raises
+    ------
+    KernelError
+        If the kernels do not give the frame or the body's rotation at a time.
+    """
+    wanted = np.asarray(times, dtype=np.float64)
+    axes = np.empty((len(wanted), 3, 3))
+    with SPICE_LOCK, _kernel_errors(f"pointing of {frame}"):
+        for index, et in enumerate(wanted):
+            to_inertial = _rotation_near(frame, et, tolerance_s)
+            axes[index] = (spiceypy.tipbod("J2000", body, et) @ to_inertial).T
+    return axes
+
+
+def _rotation_near(frame: str, et: float, tolerance_s: float) -> FloatArray:
+    """Return the rotation (3, 3) from a frame to J2000 at a time, or within a tolerance of it."""
+    for later in (0.0, tolerance_s):
+        try:
+            return np.asarray(spiceypy.pxform(frame, "J2000", et + later))
+        except spiceypy.utils.exceptions.SpiceNOFRAMECONNECT:
+            continue
+    return np.asarray(spiceypy.pxform(frame, "J2000", et - tolerance_s))
+
+
+def state_times(path: str | Path) -> FloatArray:
+    """Return the times (N,), s, of the discrete states in an SPK file.
+
+    An SPK made from images (types 9 and 13: Lagrange or Hermite on unequal steps) holds one
+    state per image; its times are the image times. Other types hold none and are left out.
+
+    Raises
+    ------
+    KernelError
+        If the file is no SPK or holds no such segment.
+    """
+    times: list[FloatArray] = []
+    with SPICE_LOCK, _kernel_errors(path):
+        handle = spiceypy.dafopr(str(path))
+        try:
+            spiceypy.dafbfs(handle)
+            while spiceypy.daffna():
+                _, integers = spiceypy.dafus(spiceypy.dafgs(5), 2, 6)
+                if integers[3] in (9, 13):
+                    begin, end = int(integers[4]), int(integers[5])
+                    count = int(spiceypy.dafgda(handle, end, end)[0])
+                    start = begin + 6 * count
+                    times.append(np.asarray(spiceypy.dafgda(handle, start, start + count - 1)))
+        finally:
+            spiceypy.dafcls(handle)
+    if not times:
+        raise KernelError("holds no discrete states (SPK types 9, 13)", path, "state the times")
+    return np.unique(np.concatenate(times))
+
+
+def _refuse_disagreement(stated: list[PrimeMeridian]) -> None:
+    """Refuse kernels that give one body different prime meridians."""
+    first: dict[int, PrimeMeridian] = {}
+    for item in stated:
+        other = first.setdefault(item.body, item)
+        if abs(other.w0_deg - item.w0_deg) > AGREEMENT_DEG or (
+            abs(other.rate_deg_day - item.rate_deg_day) > AGREEMENT_DEG
+        ):
+            raise KernelError(
+                f"W0 of body {item.body} is {item.w0_deg:.6g} deg, but {other.w0_deg:.6g} deg in "
+                f"{other.path.name}",
+                item.path,
+                "choose one of them as prime_meridian",
+            )
+
+
+def _ready(path: Path, target: Path) -> Path:
+    """Return a kernel that SPICE can load: `path` itself, or its conversion at `target`."""
+    if not is_transfer(path):
+        return path
+    convert_transfer(path, target)
+    return target
+
+
+@contextmanager
+def _kernel_errors(where: str | Path) -> Iterator[None]:
+    """Turn what SPICE signals into one line."""
+    try:
+        yield
+    except spiceypy.utils.exceptions.SpiceyError as error:
+        first = str(error.long or error.short or error).split(". ")[0]
+        what = f"SPICE says: {first.rstrip('.')}"
+        raise KernelError(what, where, "check kernels and times") from error
