@@ -1,0 +1,190 @@
+"""The stages ingest and mapolas over a small workspace."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fusion.executor import ThreadExecutor
+from fusion.initialise import new_workspace
+from fusion.pipeline import SCRATCH_FOLDER, Pipeline
+from fusion.settings import Settings
+from fusion.stages import ingest, mapolas
+from fusion.workspace import Workspace
+from lidar.formats.native import scan_summary, write_scan
+from lidar.scan import Scan
+from spcola.errors import SettingsError, WorkspaceError
+from spcola.formats.map import write_maplet
+from spcola.formats.obj import write_obj
+from spcola.maplet import Maplet, MapletGrid
+from spcola.mesh import Mesh
+
+GSD = 0.5
+RADIUS = 60.0
+
+
+def grid(longitude: float) -> MapletGrid:
+    normal = np.array([np.cos(longitude), np.sin(longitude), 0.0])
+    return MapletGrid.facing(RADIUS * normal, normal, GSD, 10)
+
+
+def sphere_points(seed: int, count: int) -> np.ndarray[Any, Any]:
+    """Random points on the sphere near the equator between longitudes −0.3 and 0.7."""
+    generator = np.random.default_rng(seed)
+    longitude, z = generator.uniform(-0.3, 0.7, count), generator.uniform(-0.25, 0.25, count)
+    across = np.sqrt(1.0 - z**2)
+    return RADIUS * np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Workspace:
+    """Three maplets, the last of them on the far side, and two scans over the first two."""
+    made = new_workspace(tmp_path / "ws", body="Ball")
+    for name, longitude in (("AA0001", 0.0), ("AA0002", 0.4), ("ZZ0001", 3.0)):
+        flat = Maplet(name, grid(longitude), np.zeros(grid(longitude).shape))
+        write_maplet(made.root / "MAPFILES" / f"{name}.MAP", flat)
+    for seed, name in ((1, "one"), (2, "two")):
+        scan = Scan.of_points(name, sphere_points(seed, 15_000), body="Ball")
+        write_scan(made.root / "scans" / f"{name}.h5", [scan])
+    return made
+
+
+def pipeline(workspace: Workspace, settings: Settings | None = None) -> Pipeline:
+    stages = [ingest.STAGE, mapolas.STAGE]
+    return Pipeline(workspace, settings or Settings(), stages, ThreadExecutor(2))
+
+
+def test_mapolas_are_made_where_maplets_and_returns_are(workspace: Workspace) -> None:
+    run = pipeline(workspace).run_stage("mapolas")
+    assert workspace.mapola_names() == ["AA0001", "AA0002"]
+    assert (run.summary["grids"], run.summary["mapolas"]) == (3, 2)
+    mapola = workspace.mapola("AA0001")
+    x = GSD * mapola.grid.offsets
+    sphere = np.sqrt(RADIUS**2 - np.add.outer(x**2, x**2)) - RADIUS
+    assert mapola.coverage > 0.9
+    # The median of a cell may err by the sphere's curvature over half a cell.
+    np.testing.assert_allclose(mapola.height[mapola.valid], sphere[mapola.valid], atol=2e-3, rtol=0)
+    assert set(mapola.scan_share) == {"one", "two"}
+    assert sum(mapola.scan_share.values()) == pytest.approx(1.0)
+    assert pipeline(workspace).run_stage("mapolas").state == "up to date"
+
+
+def test_scans_put_there_by_hand_are_left_as_they_are(workspace: Workspace) -> None:
+    before = {path: path.read_bytes() for path in workspace.scan_paths()}
+    runs = pipeline(workspace).run()
+    assert runs[0].summary["returns"] == 30_000
+    assert {path: path.read_bytes() for path in workspace.scan_paths()} == before
+    assert ingest.recorded_source(scan_summary(workspace.scan_path("one"))) is None
+
+
+def test_spacing_and_size_can_be_chosen(workspace: Workspace) -> None:
+    settings = Settings().with_table("mapolas", gsd_m=1.0, half_size=3)
+    pipeline(workspace, settings).run_stage("mapolas")
+    chosen = workspace.mapola("AA0001").grid
+    assert (chosen.gsd, chosen.half_size) == (1.0, 3)
+
+
+def test_thin_cells_get_no_height(workspace: Workspace) -> None:
+    pipeline(workspace).run_stage("mapolas")
+    before = workspace.mapola("AA0001")
+    settings = Settings().with_table("mapolas", min_count=4)
+    pipeline(workspace, settings).run_stage("mapolas")
+    after = workspace.mapola("AA0001")
+    assert after.valid.sum() < before.valid.sum()
+    assert (after.count[after.valid] >= 4).all()
+
+
+def test_a_taken_away_scan_makes_mapolas_again(workspace: Workspace) -> None:
+    pipeline(workspace).run()
+    workspace.scan_path("two").unlink()
+    runs = pipeline(workspace).run()
+    assert [run.state for run in runs] == ["ran", "ran"]
+    assert set(workspace.mapola("AA0001").scan_share) == {"one"}
+
+
+def test_returns_far_from_all_maplets_are_an_error(workspace: Workspace) -> None:
+    for name in ("AA0001", "AA0002"):
+        workspace.maplet_path(name).unlink()
+    with pytest.raises(WorkspaceError, match="none of 1 grids"):
+        pipeline(workspace).run_stage("mapolas")
+    assert workspace.mapola_names() == []
+
+
+def test_an_interrupt_keeps_the_sorted_returns(
+    workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("fusion.stages.mapolas.grid_returns", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            pipeline(workspace).run_stage("mapolas")
+    assert workspace.mapola_names() == []
+    (tiles,) = (workspace.root / SCRATCH_FOLDER).rglob("tiles.h5")
+    assert tiles.stat().st_size > 0
+    with monkeypatch.context() as patch:
+        patch.setattr("fusion.stages.mapolas.iter_scan", interrupt)  # not to be read again
+        assert pipeline(workspace).run_stage("mapolas").state == "ran"
+    assert not tiles.exists()
+
+
+def test_a_covering_needs_a_shape_and_a_spacing(workspace: Workspace) -> None:
+    settings = Settings().with_table("mapolas", source="cover")
+    with pytest.raises(WorkspaceError, match="needs a shape"):
+        pipeline(workspace, settings).run_stage("mapolas")
+    write_obj(workspace.root / "SHAPEFILES" / "ball.obj", ball())
+    with pytest.raises(SettingsError, match=r"\[mapolas\] gsd_m"):
+        pipeline(workspace, settings).run_stage("mapolas")
+
+
+def test_a_covering_makes_mapolas_where_the_returns_are(workspace: Workspace) -> None:
+    write_obj(workspace.root / "SHAPEFILES" / "ball.obj", ball())
+    settings = Settings().with_table("mapolas", source="cover", gsd_m=1.0, half_size=6)
+    run = pipeline(workspace, settings).run_stage("mapolas")
+    assert 0 < run.summary["mapolas"] < run.summary["grids"]
+    for name in workspace.mapola_names():
+        known = workspace.mapola(name)
+        radii = np.linalg.norm(known.points()[known.valid], axis=1)
+        np.testing.assert_allclose(radii, RADIUS, atol=0.05, rtol=0)
+
+
+def test_the_record_says_what_mapolas_were_made_from(workspace: Workspace) -> None:
+    pipeline(workspace).run_stage("mapolas")
+    record = json.loads((workspace.root / "provenance" / "mapolas.json").read_text())
+    assert set(record["inputs"]) == {
+        "scans/one.h5",
+        "scans/two.h5",
+        "MAPFILES/AA0001.MAP",
+        "MAPFILES/AA0002.MAP",
+        "MAPFILES/ZZ0001.MAP",
+    }
+    assert set(record["outputs"]) == {
+        "mapolas/AA0001.MAP",
+        "mapolas/AA0002.MAP",
+        "mapolas/mapolas.h5",
+    }
+
+
+def ball() -> Mesh:
+    """A sphere of RADIUS, by latitude and longitude."""
+    bands, around = 24, 48
+    latitude = np.linspace(-np.pi / 2, np.pi / 2, bands + 1)[1:-1]
+    longitude = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)
+    lat, lon = np.meshgrid(latitude, longitude, indexing="ij")
+    rings = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=-1)
+    vertices = np.concatenate([rings.reshape(-1, 3), [[0, 0, -1.0], [0, 0, 1.0]]])
+    south, north = len(vertices) - 2, len(vertices) - 1
+    facets = []
+    for i in range(around):
+        j = (i + 1) % around
+        for ring in range(bands - 2):
+            a, b = ring * around, (ring + 1) * around
+            facets += [[a + i, a + j, b + j], [a + i, b + j, b + i]]
+        top = (bands - 2) * around
+        facets += [[south, j, i], [top + i, top + j, north]]
+    return Mesh(RADIUS * vertices, np.array(facets))
