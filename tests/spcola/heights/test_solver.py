@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from scipy.sparse import coo_array, csc_array
@@ -10,6 +12,7 @@ from scipy.sparse.linalg import spsolve
 from spcola.errors import InvalidValueError, SettingsError
 from spcola.heights import HeightProblem, SolverOptions, solve_heights
 from spcola.heights.components import find_components
+from spcola.heights.conjugate import LinearSystem
 
 EXACT = SolverOptions(tolerance_m=1e-10)
 
@@ -321,3 +324,55 @@ def test_masked_points_and_heights_do_not_take_part():
         problem.mask,
     )
     np.testing.assert_array_equal(solve_heights(problem).height, solve_heights(shaken).height)
+
+
+@pytest.mark.parametrize("decades", [0.0, 6.0])
+def test_preconditioner_is_symmetric_and_positive(decades):
+    """What conjugate gradients need; for holes, islands and wild weights too."""
+    rng = np.random.default_rng(12)
+    problem = random_problem(rng, (21, 26), decades=decades, holes=0.3, cuts=0.3, sparse=0.05)
+    system = LinearSystem(problem, problem.weight, find_components(problem))
+
+    def inside():
+        vector = np.zeros((23, 28))
+        vector[1:-1, 1:-1][problem.mask] = rng.normal(size=problem.mask.sum())
+        return vector
+
+    for _ in range(10):
+        u, v = inside(), inside()
+        mu, mv = system.precondition(u).copy(), system.precondition(v).copy()
+        assert np.sum(u * mv) == pytest.approx(np.sum(v * mu), rel=1e-9, abs=1e-9 * np.sum(u * mu))
+        assert np.sum(u * mu) > 0
+
+
+def test_wild_weights_and_a_floating_part_together():
+    """The sparse factors that take over hold the floating part; it keeps the mean of the start."""
+    rng = np.random.default_rng(13)
+    joined = random_problem(rng, (48, 60), decades=6.0, sparse=0.1)
+    weight_x, weight = joined.weight_x.copy(), joined.weight.copy()
+    weight_x[:, 29] = 0.0
+    weight[:, 30:] = 0.0
+    parts = (joined.step_x, joined.step_y, weight_x, joined.weight_y, joined.height, weight)
+    start = np.full((48, 60), 5.0)
+    solution = solve_heights(HeightProblem(*parts), options=EXACT, start=start)
+    assert solution.converged, solution.reason
+    assert list(solution.floating) == [1]
+    assert solution.height[:, 30:].mean() == pytest.approx(5.0, abs=1e-9)
+    left = HeightProblem(
+        joined.step_x[:, :29],
+        joined.step_y[:, :30],
+        weight_x[:, :29],
+        joined.weight_y[:, :30],
+        joined.height[:, :30],
+        weight[:, :30],
+    )
+    np.testing.assert_allclose(solution.height[:, :30], direct(left), atol=1e-9)
+
+
+def test_threads_do_not_disturb_each_other():
+    problems = [random_problem(np.random.default_rng(k), (40, 40), sparse=0.1) for k in range(8)]
+    alone = [solve_heights(problem).height for problem in problems]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(lambda problem: solve_heights(problem).height, problems))
+    for one, other in zip(alone, together, strict=True):
+        np.testing.assert_array_equal(one, other)
