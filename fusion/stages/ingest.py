@@ -250,7 +250,7 @@ def _write(
     # Columns are stated for tables only, and one whose own names say nothing is not recognised.
     chosen = source.format or ("table" if source.columns else recognise(source.path))
     chunks = open_lidar(source.path, format=chosen, options=lidar_options(source, settings, name))
-    parameters = {
+    parameters: dict[str, str | float | int] = {
         "source": str(source.path.resolve()),
         "format": chosen,
         "columns": json.dumps(dict(source.columns)),
