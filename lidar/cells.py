@@ -9,6 +9,7 @@ which the returns arrive.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -51,7 +52,7 @@ class CellReturns:
         """Returns in each cell, of the grid's shape."""
         return np.diff(self.start).reshape(self.shape)
 
-    @property
+    @cached_property
     def cell(self) -> IntArray:
         """Cell (row-major) of each return (K,)."""
         return np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
