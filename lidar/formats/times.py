@@ -10,9 +10,12 @@ from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import FormatError
 from spcola.time import et_from_utc, et_from_utcs
 
-_TIME = re.compile(r"\d{4}-(\d{2}-\d{2}|\d{3})T\d{2}:\d{2}:\d{2}(\.\d*)?Z?")
+_TIME = re.compile(r"(19|20|21)\d\d-(\d{2}-\d{2}|\d{3})T\d{2}:\d{2}:\d{2}(\.\d*)?Z?")
 # UTC may be rounded to a second; the ephemeris time is what is used.
 _SAME_TIME_S = 1.5
+_FEW = 100
+_EVEN_SPAN_S = 2 * 86400.0
+_LEAP_S = 0.5
 
 
 def is_time(text: str) -> bool:
@@ -31,10 +34,33 @@ def times_of(texts: list[str]) -> FloatArray:
 
 def _converted(texts: list[str]) -> FloatArray:
     try:
-        return et_from_utcs(texts)
+        times = _interpolated(texts)
+        return et_from_utcs(texts) if times is None else times
     except FormatError:
         # One is no time after all (month 13): take them singly to find out which.
         return np.array([_time_or_nan(text) for text in texts])
+
+
+def _interpolated(texts: list[str]) -> FloatArray | None:
+    """Count times (N,) from the first and last, which SPICE converts: it takes 20 µs for each.
+
+    None if that is not exact: a leap second between them, a span over which TDB does not run
+    evenly against UTC to a microsecond, or a form that only SPICE reads.
+    """
+    if len(texts) < _FEW:
+        return None
+    try:
+        clock = np.array(texts, dtype="datetime64[ns]")
+    except ValueError:
+        return None
+    first, last = int(np.argmin(clock)), int(np.argmax(clock))
+    elapsed: FloatArray = (clock - clock[first]) / np.timedelta64(1, "s")
+    begin, end = et_from_utcs([texts[first], texts[last]])
+    drift = (end - begin) - elapsed[last]
+    if elapsed[last] > _EVEN_SPAN_S or abs(drift) > _LEAP_S:
+        return None
+    share = elapsed / elapsed[last] if elapsed[last] > 0 else np.zeros(len(texts))
+    return begin + elapsed + drift * share
 
 
 def _time_or_nan(text: str) -> float:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from lidar.formats.native import write_scan
+from lidar.formats.ola import write_ola
 from lidar.formats.options import LidarOptions
 from lidar.formats.reader import open_lidar
 from lidar.formats.recognise import FORMATS, recognise
+from lidar.scan import Scan
 from spcola.errors import FormatError, SettingsError
 
 
@@ -58,3 +64,25 @@ def test_empty_files_are_refused(tmp_path: Path, name: str | None) -> None:
 def test_bad_options_are_refused(bad: dict[str, object]) -> None:
     with pytest.raises(SettingsError, match=next(iter(bad))):
         LidarOptions(**bad)  # type: ignore[arg-type]
+
+
+def write_table(path: Path, scans: list[Scan]) -> None:
+    np.savetxt(path, scans[0].points, delimiter=",", header="x_m,y_m,z_m", comments="")
+
+
+@pytest.mark.parametrize("write", [write_ola, write_scan, write_table])
+def test_memory_is_bounded_by_the_chunk(
+    tmp_path: Path, write: Callable[[Path, list[Scan]], object]
+) -> None:
+    count, chunk = 60_000, 500
+    points = np.random.default_rng(2).normal(size=(count, 3)) * 250
+    scan = Scan.of_points("a", points, spacecraft=points * 3, time=np.full(count, 6e8))
+    write(tmp_path / "a", [scan])
+    list(open_lidar(tmp_path / "a", options=LidarOptions(chunk=count)))  # imports and caches
+    tracemalloc.start()
+    found = sum(len(part) for part in open_lidar(tmp_path / "a", options=LidarOptions(chunk=chunk)))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert found == count
+    # A return takes at most 14 numbers in a scan; some ten times as much comes and goes.
+    assert peak < 2_000_000 < scan.points.nbytes * 14 / 3
