@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from lidar.formats.binary import check_whole, mapped_chunks
+from lidar.formats.lzf import decompress
 from lidar.formats.options import LidarOptions
 from lidar.formats.rows import RowLayout, read_rows
 from lidar.formats.screening import Agreement, Records, Screen
@@ -39,13 +40,13 @@ class _CloudLayout:
         Points.
     begin : int
         Byte (binary) or line (text) at which they begin, from 0.
-    text : bool
+    data : {"ascii", "binary", "binary_compressed"}
     """
 
     record: np.dtype[Any]
     count: int
     begin: int
-    text: bool
+    data: str
 
 
 def is_cloud(head: bytes) -> bool:
@@ -73,8 +74,7 @@ def read_cloud(path: Path, options: LidarOptions) -> Iterator[Scan]:
         raise FormatError("holds no points", path)
     screen = Screen(path, _UNUSED, options)
     unit = options.unit_m("m")
-    chunks = _text_chunks if layout.text else _binary_chunks
-    for fields, unreadable in chunks(path, layout, options.chunk):
+    for fields, unreadable in _CHUNKS[layout.data](path, layout, options.chunk):
         intensity = next((fields[name] for name in _INTENSITIES if name in fields), None)
         yield screen.scan(
             Records(
@@ -103,6 +103,39 @@ def _text_chunks(path: Path, layout: _CloudLayout, chunk: int) -> _Chunks:
         yield dict(zip(names, part.numbers, strict=True)), part.unreadable
 
 
+def _compressed_chunks(path: Path, layout: _CloudLayout, chunk: int) -> _Chunks:
+    """Yield the points of a compressed PCD file, which holds field after field.
+
+    It is one compressed block, so that all of it is in memory.
+    """
+    with path.open("rb") as stream:
+        stream.seek(layout.begin)
+        head, packed = stream.read(8), np.frombuffer(stream.read(), dtype=np.uint8)
+    sizes = np.frombuffer(head.ljust(8, b"\0"), dtype="<u4")
+    whole = layout.count * layout.record.itemsize
+    unpacked = None
+    if sizes[1] == whole and len(packed) >= sizes[0]:
+        unpacked = decompress(packed[: sizes[0]], whole)
+    if unpacked is None:
+        raise FormatError("has compressed points cut off or broken", path, "fetch it again")
+    fields = {}
+    begin = 0
+    for name in layout.record.names or ():
+        kind = layout.record[name]
+        end = begin + layout.count * kind.itemsize
+        fields[name] = unpacked[begin:end].view(kind).astype(np.float64)
+        begin = end
+    for start in range(0, layout.count, chunk):
+        yield {name: values[start : start + chunk] for name, values in fields.items()}, 0
+
+
+_CHUNKS = {
+    "ascii": _text_chunks,
+    "binary": _binary_chunks,
+    "binary_compressed": _compressed_chunks,
+}
+
+
 def _ply_layout(head: bytes, path: Path) -> _CloudLayout:
     header = parse_header(head, path)
     order = ">" if header.encoding == "big" else "<"
@@ -110,7 +143,8 @@ def _ply_layout(head: bytes, path: Path) -> _CloudLayout:
     begin = header.line_count if text else header.data_begin
     for element in header.elements:
         if element.name == "vertex":
-            return _CloudLayout(_ply_record(element, order, path), element.count, begin, text)
+            record = _ply_record(element, order, path)
+            return _CloudLayout(record, element.count, begin, "ascii" if text else "binary")
         begin += element.count * (1 if text else _ply_record(element, order, path).itemsize)
     raise FormatError(f"has no vertex among {_named(header)}", f"{path}, header")
 
@@ -153,8 +187,8 @@ def _pcd_checked(words: dict[str, list[str]], begin: int, lines: int, path: Path
     if lacking:
         raise FormatError(f"has no {', '.join(lacking)}", place, "is it a PCD file?")
     data = words["DATA"][0]
-    if data not in ("ascii", "binary"):
-        raise FormatError(f"has DATA {data}", place, "save it with DATA binary or ascii")
+    if data not in _CHUNKS:
+        raise FormatError(f"has DATA {data}", place, f"save it as one of {', '.join(_CHUNKS)}")
     names = words["FIELDS"]
     repeats = words.get("COUNT", ["1"] * len(names))
     fields: list[tuple[str, str]] = []
@@ -173,7 +207,7 @@ def _pcd_checked(words: dict[str, list[str]], begin: int, lines: int, path: Path
     if count < 0:
         raise FormatError(f"has {count} points", place)
     _check_extent(words, count, place)
-    return _CloudLayout(record, count, lines if data == "ascii" else begin, data == "ascii")
+    return _CloudLayout(record, count, lines if data == "ascii" else begin, data)
 
 
 def _check_extent(words: dict[str, list[str]], count: int, place: str) -> None:

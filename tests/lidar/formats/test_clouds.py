@@ -143,11 +143,47 @@ def test_rows_of_text_clouds_garbled_once_are_counted(tmp_path: Path) -> None:
         assert dict(read_scan(path).rejected) == {"unreadable record": 1}
 
 
-def test_compressed_pcd_is_refused_with_what_to_do(tmp_path: Path) -> None:
-    path = pcd(tmp_path / "a", "binary")
-    path.write_bytes(path.read_bytes().replace(b"DATA binary", b"DATA binary_compressed"))
-    with pytest.raises(FormatError, match="save it with DATA binary or ascii"):
-        read_scan(path)
+def compressed(path: Path) -> Path:
+    content = pcd(path, "binary").read_bytes()
+    header, data = content.split(b"DATA binary\n")
+    kind = np.dtype([(name, "<f8") for name in "xyz"] + [("_", "u1", 3), ("intensity", "<f4")])
+    table = np.frombuffer(data, kind)
+    fields = [np.frombuffer(table[name].tobytes(), np.uint8) for name in "xyz"]
+    # The padding repeats (3 times 20 zeros); it comes before the intensity but field by field.
+    plain = b"".join(f.tobytes() for f in fields)
+    packed = b"".join(bytes([len(p) - 1]) + p for p in pieces(plain, 32))
+    # One zero, then 59 more copied from one byte back: length 57 = 7 + 50, and 2.
+    packed += bytes([0, 0, 7 << 5, 50, 0])
+    tail = table["intensity"].tobytes()
+    packed += b"".join(bytes([len(p) - 1]) + p for p in pieces(tail, 32))
+    size = len(plain) + 60 + len(tail)
+    path.write_bytes(
+        header + b"DATA binary_compressed\n" + struct.pack("<II", len(packed), size) + packed
+    )
+    return path
+
+
+def pieces(content: bytes, size: int) -> list[bytes]:
+    return [content[i : i + size] for i in range(0, len(content), size)]
+
+
+def test_compressed_pcd(tmp_path: Path) -> None:
+    path = compressed(tmp_path / "a.pcd")
+    scan = read_scan(path, options=LidarOptions(chunk=7))
+    np.testing.assert_array_equal(scan.points, POINTS)
+    np.testing.assert_array_equal(scan.intensity, INTENSITY)
+    content = path.read_bytes()
+    begin = content.index(b"compressed\n") + len(b"compressed\n")
+    for cut in (begin, begin + 5, len(content) - 1):
+        path.write_bytes(content[:cut])
+        with pytest.raises(FormatError, match=r"a\.pcd: has compressed points cut off"):
+            read_scan(path)
+    for index in (begin, begin + 4, begin + 8, begin + 8 + 33):
+        damaged = bytearray(content)
+        damaged[index] ^= 0xE1
+        path.write_bytes(damaged)
+        with pytest.raises(FormatError, match=r"a\.pcd: has compressed points cut off"):
+            read_scan(path)
 
 
 def las(path: Path, **changed: object) -> Path:
