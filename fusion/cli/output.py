@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sized
 from typing import Annotated, Any
 
 import typer
 
 from fusion.pipeline import StageRun
 from fusion.workspace import json_text
+
+MANY_LINES = 25
+"""A table in a summary longer than this is not printed for people, only counted."""
 
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on standard output, nothing else.")
@@ -46,16 +49,20 @@ def value_lines(summary: Mapping[str, Any], indent: str = "  ") -> list[str]:
     for key, value in summary.items():
         if isinstance(value, Mapping):
             inner = value_lines(value, indent + "  ")
-            if inner and len(inner) <= 12:
-                lines += [f"{indent}{key}:", *inner]
+            short = len(inner) <= MANY_LINES
+            lines += [f"{indent}{key}:", *inner] if short else [f"{indent}{key}: {_entries(value)}"]
         elif isinstance(value, list | tuple):
             if len(value) <= 7 and all(_is_single(item) for item in value):
                 lines.append(f"{indent}{key}: {', '.join(_text(item) for item in value)}")
             else:
-                lines.append(f"{indent}{key}: {len(value)} entries")
+                lines.append(f"{indent}{key}: {_entries(value)}")
         elif _is_single(value):
             lines.append(f"{indent}{key}: {_text(value)}")
     return lines
+
+
+def _entries(values: Sized) -> str:
+    return f"{len(values)} entr{'y' if len(values) == 1 else 'ies'}"
 
 
 def _is_single(value: Any) -> bool:
