@@ -190,6 +190,10 @@ class Workspace:
         """Return the fused maplets."""
         return self._stems("fused", ".MAP")
 
+    def fused_paths(self) -> list[Path]:
+        """Return the files of all fused maplets: maps, sigmas and the HDF5 of the rest."""
+        return self._files(self.root / "fused")
+
     def fused_path(self, name: str) -> Path:
         """Return where the fused maplet `name` lies."""
         return self.root / "fused" / f"{name}.MAP"

@@ -129,16 +129,7 @@ def fuse_maplet(
             tolerance_m=options.tolerance_m, loss=options.loss, loss_scale=options.loss_scale
         ),
     )
-    final = HeightProblem(
-        problem.step_x,
-        problem.step_y,
-        problem.weight_x,
-        problem.weight_y,
-        problem.height,
-        solution.constraint_weight,
-        problem.mask,
-    )
-    own = posterior_sigma(final)
+    own = posterior_sigma(problem, weight=solution.constraint_weight)
     with_lidar = np.isfinite(lidar.height)
     source = np.select(
         [~problem.mask, parts.spc.valid & with_lidar, with_lidar, parts.spc.valid],

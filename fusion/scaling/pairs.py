@@ -1,0 +1,196 @@
+"""Paired bigmaps: for each image one of SPC maplets and one of lidar returns, compared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from fusion.registration.match import Match, MatchOptions, match_surfaces
+from fusion.registration.resolution import estimate_blur
+from fusion.scaling.observation import ScaleObservations, Trajectory
+from fusion.scaling.shots import utc_date
+from lidar.gridding import Returns, make_mapola
+from lidar.mapola import Mapola
+from spcola.arrays import FloatArray
+from spcola.image import SpcImage
+from spcola.maplet import Maplet, MapletGrid
+from spcola.projection import ray
+from spcola.rays import RayCaster
+from spcola.time import et_from_utc
+
+
+@dataclass(frozen=True)
+class PairOptions:
+    """How pairs are made and chosen.
+
+    Parameters
+    ----------
+    size_m : float
+        Side of the square, metres (100 at Bennu).
+    gsd_m : float
+        GSD of both bigmaps, metres (0.5 at Bennu).
+    match : MatchOptions
+        How the two are compared, and what is left out.
+    """
+
+    size_m: float
+    gsd_m: float
+    match: MatchOptions
+
+    @property
+    def half_size(self) -> int:
+        """Half-size of the bigmaps."""
+        return max(4, round(self.size_m / self.gsd_m / 2.0))
+
+
+@dataclass(frozen=True, eq=False)
+class PairFrame:
+    """Where an image looks, and the grid that is laid there.
+
+    Attributes
+    ----------
+    image : str
+    time : float
+        Ephemeris time, s.
+    grid : MapletGrid
+        Centred where the ray of the central pixel meets the shape, Uz along the mean normal.
+    beam : (3,) ndarray
+        Unit vector from the spacecraft to that point.
+    range : float
+        Distance to it, metres.
+    normal : (3,) ndarray
+        Outward unit normal there.
+    local_time_h : float
+        Local solar time, hours.
+    """
+
+    image: str
+    time: float
+    grid: MapletGrid
+    beam: FloatArray
+    range: float
+    normal: FloatArray
+    local_time_h: float
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """The two bigmaps of an image and how they lie to each other.
+
+    Attributes
+    ----------
+    frame : PairFrame
+    spc : Maplet
+    lidar : Mapola
+    match : Match
+        Displacement that takes the lidar's surface to SPC's.
+    """
+
+    frame: PairFrame
+    spc: Maplet
+    lidar: Mapola
+    match: Match
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """An image that gives no pair, and why."""
+
+    image: str
+    reason: str
+
+
+def frame_of_image(image: SpcImage, caster: RayCaster, options: PairOptions) -> PairFrame | LeftOut:
+    """Lay a grid where the central pixel of `image` meets the shape."""
+    camera = image.camera
+    beam = ray(image, (camera.width + 1) / 2.0, (camera.height + 1) / 2.0)
+    hit = caster.cast(image.position[None], beam[None])
+    if not np.isfinite(hit.distance[0]):
+        return LeftOut(image.name, "the central pixel looks past the body")
+    point, normal = hit.points[0], hit.normals[0]
+    if float(-normal @ beam) < _MIN_COSINE:
+        return LeftOut(image.name, "the central pixel grazes the surface")
+    return PairFrame(
+        image=image.name,
+        time=et_from_utc(image.utc),
+        grid=MapletGrid.facing(point, normal, options.gsd_m, options.half_size),
+        beam=beam,
+        range=float(hit.distance[0]),
+        normal=normal,
+        local_time_h=local_time(point, image.sun),
+    )
+
+
+# Seen more obliquely than this a height difference is no range difference any more.
+_MIN_COSINE = 0.2
+
+
+def local_time(point: FloatArray, sun: FloatArray) -> float:
+    """Local solar time, hours, at a body-fixed point with the Sun in direction `sun`."""
+    east = np.arctan2(point[1], point[0]) - np.arctan2(sun[1], sun[0])
+    return float((12.0 + np.degrees(east) / 15.0) % 24.0)
+
+
+def make_pair(
+    frame: PairFrame, spc: Maplet, returns: Returns, options: PairOptions, *, blur_cells: float
+) -> Pair | LeftOut:
+    """Grid the returns in the frame of the image and match them to the SPC bigmap."""
+    if not spc.valid.any():
+        return LeftOut(frame.image, "no maplet lies there")
+    lidar = make_mapola(frame.image, frame.grid, returns)
+    if not lidar.valid.any():
+        return LeftOut(frame.image, "no return of that time lies there")
+    return compare_pair(frame, spc, lidar, options, blur_cells=blur_cells)
+
+
+def compare_pair(
+    frame: PairFrame, spc: Maplet, lidar: Mapola, options: PairOptions, *, blur_cells: float
+) -> Pair | LeftOut:
+    """Match two bigmaps in one frame."""
+    match = match_surfaces(
+        frame.image,
+        frame.grid,
+        lidar.height,
+        spc.height,
+        blur_cells=blur_cells,
+        options=options.match,
+    )
+    return Pair(frame, spc, lidar, match) if match.usable else LeftOut(frame.image, match.reason)
+
+
+def common_blur(pairs: Sequence[Pair]) -> float:
+    """Blur of the SPC bigmaps against the lidar's, cells: the median over the pairs."""
+    blurs = [
+        estimate_blur(pair.spc.height - pair.match.residual, pair.spc.height) for pair in pairs
+    ]
+    known = [blur for blur in blurs if np.isfinite(blur)]
+    return float(np.median(known)) if known else 0.0
+
+
+def pair_observations(pairs: Sequence[Pair], trajectory: Trajectory) -> ScaleObservations:
+    """What the pairs say about the scale.
+
+    Raises
+    ------
+    InvalidValueError
+        If there is no pair.
+    """
+    frames = [pair.frame for pair in pairs]
+    kind: Literal["pairs"] = "pairs"
+    return ScaleObservations(
+        kind=kind,
+        label=tuple(frame.image for frame in frames),
+        day=tuple(utc_date(frame.time) for frame in frames),
+        # The match moves the lidar onto SPC; what is observed is where the lidar lies.
+        value=-np.array([pair.match.displacement for pair in pairs]).reshape(-1, 3),
+        covariance=np.array([pair.match.covariance for pair in pairs]).reshape(-1, 3, 3),
+        point=np.array([frame.grid.center for frame in frames]).reshape(-1, 3),
+        beam=np.array([frame.beam for frame in frames]).reshape(-1, 3),
+        range=np.array([frame.range for frame in frames]),
+        normal=np.array([frame.normal for frame in frames]).reshape(-1, 3),
+        local_time_h=np.array([frame.local_time_h for frame in frames]),
+        trajectory=trajectory,
+    )

@@ -1,0 +1,173 @@
+"""Single shots: the measured range against the range predicted on the SPC surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+from fusion.scaling.observation import ScaleObservations, Trajectory
+from lidar.scan import Scan
+from spcola.arrays import FloatArray
+from spcola.rays import RayCaster
+from spcola.robust import mad
+from spcola.time import utc_from_et
+
+# A hit seen more obliquely than this says little of the range and much of the slope.
+_MIN_COSINE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class ShotComparison:
+    """Shots against a shape.
+
+    Attributes
+    ----------
+    observations : ScaleObservations
+        Of the shots whose beam meets the shape.
+    missed : int
+        Shots whose predicted beam misses the shape or grazes it.
+    """
+
+    observations: ScaleObservations
+    missed: int
+
+
+def compare_shots(
+    scan: Scan,
+    caster: RayCaster,
+    *,
+    trajectory: Trajectory = "reference",
+    sigma_m: float = 0.1,
+    turn_rad: float = 0.0,
+) -> ShotComparison:
+    """Predict the range of each shot by casting its beam on the shape.
+
+    The measured range is taken from the spacecraft to the point, so that it is counted from the
+    spacecraft's position whatever the instrument's own reference point is.
+
+    Parameters
+    ----------
+    scan : Scan
+        With spacecraft positions and beams, in the frame of the shape.
+    caster : RayCaster
+        Of the SPC surface.
+    trajectory : {"spc", "reference"}
+        Whose the spacecraft positions are; see :class:`ScaleObservations`.
+    sigma_m : float
+        Of a range, metres, where the scan does not say.
+    turn_rad : float
+        Turns the lidar (spacecraft and beam) about the body's Z axis first: to see what a wrong
+        prime meridian would give.
+    """
+    turn = Rotation.from_rotvec([0.0, 0.0, turn_rad]).as_matrix()
+    spacecraft, beam = scan.spacecraft @ turn.T, scan.beam @ turn.T
+    measured = np.linalg.norm(scan.points - scan.spacecraft, axis=1)
+    known = np.isfinite(spacecraft).all(axis=1) & np.isfinite(beam).all(axis=1)
+    distance = np.full(len(scan), np.nan)
+    normal = np.full((len(scan), 3), np.nan)
+    if known.any():
+        hits = caster.cast(spacecraft[known], beam[known])
+        distance[known], normal[known] = hits.distance, hits.normals
+    with np.errstate(invalid="ignore"):
+        good = np.isfinite(distance) & (-np.sum(normal * beam, axis=1) > _MIN_COSINE)
+    sigma = np.where(np.isfinite(scan.sigma), scan.sigma, sigma_m)[good]
+    point = spacecraft[good] + distance[good, None] * beam[good]
+    return ShotComparison(
+        ScaleObservations(
+            kind="shots",
+            label=(scan.name,) * int(good.sum()),
+            day=tuple(_day(time) for time in scan.time[good]),
+            value=(measured - distance)[good, None],
+            covariance=(sigma**2)[:, None, None],
+            point=point,
+            beam=beam[good],
+            range=distance[good],
+            normal=normal[good],
+            local_time_h=np.full(int(good.sum()), np.nan),
+            trajectory=trajectory,
+        ),
+        int(np.count_nonzero(~good)),
+    )
+
+
+def _day(time: float) -> str:
+    """UTC date of ephemeris time; "unknown" where the time is not known."""
+    if not np.isfinite(time):
+        return "unknown"
+    return utc_date(time)
+
+
+def utc_date(time: float) -> str:
+    """UTC date ``YYYY-MM-DD`` of ephemeris time (s)."""
+    year, month, day = utc_from_et(time, 0).split()[:3]
+    return f"{year}-{_MONTHS.index(month) + 1:02d}-{int(day):02d}"
+
+
+_MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
+
+
+@dataclass(frozen=True, eq=False)
+class LongitudeCheck:
+    """Whether the shots fit the shape best where they claim to be.
+
+    The statistic is the scatter of the range residuals (1.4826 × median absolute deviation about
+    their median), with the lidar turned about the Z axis through the full circle; the median is
+    left free, because a wrong radius of the centre must not be taken for a wrong longitude.
+
+    Attributes
+    ----------
+    turn_deg : (T,) ndarray
+        Turns that were tried.
+    scatter_m : (T,) ndarray
+        Scatter at each; NaN where less than half of the shots meet the shape.
+    here_m, best_m : float
+        Scatter at 0° and the least one, metres.
+    best_deg : float
+        Turn with the least scatter, in (−180, 180].
+    p_value : float
+        Chance that the scatter here exceeds the least one as much as it does (F test on the
+        variances), if here were as good.
+    misfit : bool
+        True if p < 0.001 and the best turn is more than `tolerance_deg` away.
+    """
+
+    turn_deg: FloatArray
+    scatter_m: FloatArray
+    here_m: float
+    best_m: float
+    best_deg: float
+    p_value: float
+    misfit: bool
+
+
+def check_longitude(
+    scan: Scan, caster: RayCaster, *, step_deg: float = 2.0, tolerance_deg: float = 10.0
+) -> LongitudeCheck:
+    """Turn the lidar about the Z axis through 360° and compare the scatter of the residuals."""
+    turns = np.arange(0.0, 360.0, step_deg)
+    scatter = np.array([_scatter(scan, caster, np.radians(turn)) for turn in turns])
+    signed = (turns + 180.0) % 360.0 - 180.0
+    best = int(np.nanargmin(scatter)) if np.isfinite(scatter).any() else 0
+    here, least = float(scatter[0]), float(scatter[best])
+    freedom = max(len(scan) - 1, 1)
+    if not np.isfinite(here):
+        p_value = 0.0
+    elif least <= 0:
+        p_value = 1.0 if here <= 0 else 0.0
+    else:
+        p_value = float(stats.f.sf((here / least) ** 2, freedom, freedom))
+    far = abs(float(signed[best])) > tolerance_deg
+    return LongitudeCheck(
+        signed, scatter, here, least, float(signed[best]), p_value, far and p_value < 1e-3
+    )
+
+
+def _scatter(scan: Scan, caster: RayCaster, turn_rad: float) -> float:
+    """Scatter of the range residuals, metres; NaN where half of the shots miss."""
+    compared = compare_shots(scan, caster, turn_rad=turn_rad)
+    if compared.missed > len(scan) / 2:
+        return float("nan")
+    return float(mad(compared.observations.value[:, 0]))

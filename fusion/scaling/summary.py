@@ -1,0 +1,152 @@
+"""The scale as other programs read it (``scale.json``)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from fusion.scaling.joint import ScaleEstimate
+from fusion.scaling.observation import PARAMETERS, ScaleObservations
+from fusion.scaling.pairs import LeftOut, Pair
+from fusion.scaling.shots import LongitudeCheck, ShotComparison
+
+
+def scale_json(
+    observations: ScaleObservations, estimate: ScaleEstimate, *, mean_radius: float
+) -> dict[str, Any]:
+    """What pairs and shots have in common in ``scale.json`` (DESIGN: keys that others read).
+
+    Parameters
+    ----------
+    observations : ScaleObservations
+    estimate : ScaleEstimate
+    mean_radius : float
+        Of the body, metres: the size correction is ε times it.
+    """
+    fit = estimate.fit
+    sigma, value = fit.sigma, fit.estimate
+    return {
+        "method": observations.kind,
+        "trajectory": observations.trajectory,
+        "epsilon": value[0],
+        "epsilon_sigma": sigma[0],
+        "size_correction_m": value[0] * mean_radius,
+        "size_correction_sigma_m": sigma[0] * mean_radius,
+        "center_offset_m": value[1:4],
+        "center_offset_sigma_m": sigma[1:4],
+        "pole_deg": np.degrees(value[4:6]),
+        "pole_sigma_deg": np.degrees(sigma[4:6]),
+        "prime_meridian_deg": np.degrees(value[6]),
+        "prime_meridian_sigma_deg": np.degrees(sigma[6]),
+        "range_bias_m": value[7],
+        "range_bias_sigma_m": sigma[7],
+        "single_sigma_m": fit.sizes.independent,
+        "day_sigma_m": fit.sizes.shared,
+        "n_used": int(np.count_nonzero(fit.used)),
+        "n_rejected": int(np.count_nonzero(~fit.used)),
+        "parameters": list(PARAMETERS),
+        "covariance": fit.covariance,
+        "per_day": [
+            {
+                "day": day.day,
+                "n": day.count,
+                "epsilon": day.epsilon,
+                "epsilon_sigma": day.epsilon_sigma,
+                "size_correction_m": day.epsilon * mean_radius,
+            }
+            for day in estimate.days
+        ],
+        "trends": {name: asdict(trend) for name, trend in estimate.trends.items()},
+        "reasons": list(estimate.reasons),
+        "converged": fit.converged,
+        "reason": fit.reason,
+    }
+
+
+def per_pair(
+    pairs: Sequence[Pair],
+    left_out: Sequence[LeftOut],
+    observations: ScaleObservations,
+    estimate: ScaleEstimate,
+) -> list[dict[str, Any]]:
+    """Entries of ``per_pair``: what each image says, and why one says nothing.
+
+    `dx_m` and `dy_m` are how far the lidar lies from SPC along the bigmap's Ux and Uy.
+    """
+    epsilon, sigma = observations.epsilon()
+    used, rest = estimate.fit.used, estimate.fit.conditional
+    rows: list[dict[str, Any]] = []
+    for row, pair in enumerate(pairs):
+        frame, match = pair.frame, pair.match
+        rows.append(
+            {
+                "image": frame.image,
+                "day": observations.day[row],
+                "epsilon": epsilon[row],
+                "epsilon_sigma": sigma[row],
+                "range_m": frame.range,
+                "dx_m": -match.local[0],
+                "dy_m": -match.local[1],
+                "dz_m": -match.local[2],
+                "residual_m": rest[row],
+                "correlation": match.correlation,
+                "coverage": match.coverage,
+                "longitude_deg": np.degrees(observations.longitude[row]),
+                "local_time_h": frame.local_time_h,
+                "used": bool(used[row]),
+                "reason": "" if used[row] else "disagrees with the other pairs",
+            }
+        )
+    silent = [{"image": item.image, "used": False, "reason": item.reason} for item in left_out]
+    return sorted([*rows, *silent], key=lambda entry: str(entry["image"]))
+
+
+def per_shot(comparison: ShotComparison, estimate: ScaleEstimate) -> list[dict[str, Any]]:
+    """Entries of ``per_shot``: what each shot says."""
+    observations, fit = comparison.observations, estimate.fit
+    epsilon, _ = observations.epsilon()
+    return [
+        {
+            "scan": observations.label[row],
+            "day": observations.day[row],
+            "epsilon": epsilon[row],
+            "range_m": observations.range[row],
+            "residual_m": observations.value[row, 0],
+            "fitted_residual_m": fit.residual[row, 0],
+            "longitude_deg": np.degrees(observations.longitude[row]),
+            "used": bool(fit.used[row]),
+        }
+        for row in range(len(observations))
+    ]
+
+
+def longitude_json(check: LongitudeCheck) -> dict[str, Any]:
+    """Entry ``longitude_check``: whether the shots fit where they claim to be."""
+    return {
+        "statistic": "scatter of range residuals against a turn about Z (F test of variances)",
+        "scatter_here_m": check.here_m,
+        "scatter_best_m": check.best_m,
+        "best_turn_deg": check.best_deg,
+        "p_value": check.p_value,
+        "misfit": check.misfit,
+    }
+
+
+def consistency(scale: Mapping[str, Any], registration: Mapping[str, Any]) -> dict[str, Any]:
+    """Compare the scale of the registration with ε: (1 + ε) · scale is to be 1.
+
+    The two are taken as independent, which errs to the safe side where they share lidar data.
+    """
+    product = (1.0 + float(scale["epsilon"])) * float(registration["scale"]) - 1.0
+    sigma = float(np.hypot(scale["epsilon_sigma"], registration["scale_sigma"]))
+    z = product / sigma if sigma > 0 else float("nan")
+    return {
+        "difference": product,
+        "difference_sigma": sigma,
+        "z": z,
+        "p_value": float(2.0 * stats.norm.sf(abs(z))),
+    }

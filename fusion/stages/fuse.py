@@ -1,0 +1,236 @@
+"""Fuse: SPC maplets and registered mapolas become fused maplets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fusion.fused import FusedMaplet, Source
+from fusion.fusing.constraints import Constraints, lidar_constraints, overlaps
+from fusion.fusing.fuse import FuseInput, FuseOptions, FuseResult, fuse_maplet
+from fusion.fusing.information import Comparison, SlopeInformation, estimate_information
+from fusion.products.fused import write_fused
+from fusion.registration.summary import position_covariance, transform_of
+from fusion.settings import BodySettings, FuseSettings, Settings, Table
+from fusion.stages.base import StageContext, StageResult
+from fusion.stages.register import maplets_around
+from fusion.workspace import Workspace, make_folder
+from lidar.mapola import Mapola
+from spcola.arrays import FloatArray
+from spcola.bigmap import make_bigmap
+from spcola.maplet import Maplet, MapletGrid
+from spcola.rays import RayCaster
+from spcola.shapegrid import shape_heights
+from spcola.similarity import Affine
+
+
+@dataclass(frozen=True)
+class FuseStage:
+    """Maplets, mapolas, registration → fused maplets."""
+
+    name: str = "fuse"
+    version: int = 1
+    tables: tuple[type[Table], ...] = (FuseSettings, BodySettings)
+
+    def missing(self, workspace: Workspace, settings: Settings) -> str:
+        """Return why there is nothing to fuse."""
+        if not workspace.registration_path.is_file():
+            return f"there is no registration; run: spcola register {workspace.root}"
+        return ""
+
+    def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
+        """Return registration, mapolas, maplets, and the shape where there is one."""
+        return [
+            workspace.registration_path,
+            *workspace.mapola_paths(),
+            *(workspace.maplet_path(name) for name in workspace.maplet_names()),
+            *([workspace.shape_path()] if workspace.has_shape() else []),
+        ]
+
+    def run(self, context: StageContext) -> StageResult:
+        """Estimate how much slopes and heights know, then fuse every maplet."""
+        workspace, table = context.workspace, context.table(FuseSettings)
+        scene = Scene.of(workspace)
+        sample = scene.targets[:: max(1, len(scene.targets) // _SAMPLE)]
+        compared = context.map("compare lidar and SPC", scene.comparison, sample)
+        information = estimate_information([pair for pair in compared if pair is not None])
+        options = FuseOptions(
+            loss=table.loss,
+            fraction=table.constraint_fraction,
+            seed=table.seed,
+            fill_sigma_m=table.fill_sigma_m,
+        )
+        tally = _Tally()
+
+        def fused(name: str) -> FuseResult:
+            return fuse_maplet(scene.parts(name), information, options=options)
+
+        done = context.stream("fuse maplets", fused, scene.targets, total=len(scene.targets))
+        folder = workspace.root / "fused"
+        make_folder(folder)
+        write_fused(folder, tally.passed(done))
+        return StageResult(tuple(workspace.fused_paths()), tally.summary(information))
+
+
+STAGE = FuseStage()
+
+# The information is one for the whole solution; about this many maplets tell it.
+_SAMPLE = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What the fusion of one maplet may need of the workspace.
+
+    Attributes
+    ----------
+    workspace : Workspace
+    transform : Affine
+        Lidar → SPC.
+    registration : dict
+        Content of ``registration.json``.
+    residuals : dict of str to (3,) ndarray
+        How far the SPC surface of each matched mapola lies from the registered lidar, metres.
+    grids, mapola_grids : dict of str to MapletGrid
+        Of the maplets; of the mapolas in SPC coordinates.
+    prior : callable
+        Heights of the shape on a grid.
+    """
+
+    workspace: Workspace
+    transform: Affine
+    registration: dict[str, Any]
+    residuals: dict[str, FloatArray]
+    grids: dict[str, MapletGrid]
+    mapola_grids: dict[str, MapletGrid]
+    prior: Callable[[MapletGrid], FloatArray]
+
+    @classmethod
+    def of(cls, workspace: Workspace) -> Scene:
+        """Read the frame of the scene; maplets and mapolas are read when their turn comes."""
+        where = workspace.registration_path.name
+        registration = workspace.read_json(where)
+        transform = transform_of(registration, where)
+        residuals: dict[str, FloatArray] = {
+            entry["name"]: np.array(entry["residual_m"], dtype=np.float64)
+            for entry in registration["per_mapola"]
+            if entry["used"]
+        }
+        grids = {name: workspace.maplet(name).grid for name in workspace.maplet_names()}
+        mapolas = {
+            name: workspace.mapola(name).grid.moved(transform) for name in workspace.mapola_names()
+        }
+        return cls(workspace, transform, registration, residuals, grids, mapolas, _prior(workspace))
+
+    @property
+    def targets(self) -> list[str]:
+        """Names to be fused: all maplets, and the mapolas of places without one."""
+        return [*self.grids, *(name for name in self.mapola_grids if name not in self.grids)]
+
+    def parts(self, name: str) -> FuseInput:
+        """Gather what goes into the fused maplet `name`."""
+        spc = self._spc(name)
+        mapolas = list(self._mapolas(name, spc.grid))
+        return FuseInput(
+            name=name,
+            grid=spc.grid,
+            spc=spc,
+            lidar=lidar_constraints(spc.grid, mapolas),
+            prior=self.prior(spc.grid),
+            common_covariance=self._common(spc.grid, mapolas),
+        )
+
+    def comparison(self, name: str) -> Comparison | None:
+        """Lidar and SPC heights of one maplet, aligned; None where they do not meet."""
+        spc = self._spc(name)
+        lidar: Constraints = lidar_constraints(spc.grid, self._mapolas(name, spc.grid))
+        if not (spc.valid & np.isfinite(lidar.height)).any():
+            return None
+        return Comparison(lidar.height, spc.height, lidar.sigma, spc.grid.gsd)
+
+    def _spc(self, name: str) -> Maplet:
+        """The SPC maplet on the grid of the result.
+
+        Its centre is moved onto the registered lidar by what its own match says, as SPC itself
+        would solve it anew: slopes of a displaced maplet would blur every boulder.
+        """
+        if name not in self.grids:
+            grid = self.mapola_grids[name]
+            around = maplets_around(self.workspace, self.grids, grid)
+            return make_bigmap(name, grid, around)
+        maplet = self.workspace.maplet(name)
+        if name not in self.residuals:
+            return maplet
+        grid = replace(maplet.grid, center=maplet.grid.center - self.residuals[name])
+        return replace(maplet, grid=grid, center_sigma=np.zeros(3))
+
+    def _mapolas(self, name: str, grid: MapletGrid) -> Iterator[Mapola]:
+        """Registered mapolas over `grid`: the one of the same place first, then the nearest."""
+
+        def order(other: str) -> tuple[bool, float]:
+            away = float(np.linalg.norm(self.mapola_grids[other].center - grid.center))
+            return (other != name, away)
+
+        near = [other for other, place in self.mapola_grids.items() if overlaps(grid, place)]
+        for other in sorted(near, key=order):
+            yield self.workspace.mapola(other).moved(self.transform)
+
+    def _common(self, grid: MapletGrid, mapolas: list[Mapola]) -> FloatArray:
+        """Covariance (3, 3), m², of what all lidar heights of a maplet share."""
+        center = self.transform.inverse().apply(grid.center)[None]
+        covariance = position_covariance(self.registration, center, "registration.json")[0]
+        if mapolas:
+            shares = np.array(list(mapolas[0].scan_share.values()))
+            scan_sigma = float(self.registration["scan_sigma_m"])
+            covariance = covariance + scan_sigma**2 * float(shares @ shares) * np.eye(3)
+        return covariance
+
+
+def _prior(workspace: Workspace) -> Callable[[MapletGrid], FloatArray]:
+    """Heights of the shape on a grid; NaN everywhere where there is no shape."""
+    if not workspace.has_shape():
+        return lambda grid: np.full(grid.shape, np.nan)
+    caster = RayCaster(workspace.shape())
+    return lambda grid: shape_heights(caster, grid, reach=grid.radius)
+
+
+class _Tally:
+    """Counts what the fused maplets rest on while they pass by."""
+
+    def __init__(self) -> None:
+        self.sources = dict.fromkeys(Source, 0)
+        self.sigma: list[float] = []
+        self.untied = self.downweighted = self.not_converged = 0
+
+    def passed(self, results: Iterable[FuseResult]) -> Iterator[FusedMaplet]:
+        """Yield the maplets."""
+        for result in results:
+            maplet = result.maplet
+            for source in Source:
+                self.sources[source] += int(np.count_nonzero(maplet.source == source))
+            if maplet.valid.any():
+                self.sigma.append(float(np.nanmedian(maplet.sigma)))
+            self.untied += result.untied
+            self.downweighted += result.downweighted
+            self.not_converged += not result.solution.converged
+            yield maplet
+
+    def summary(self, information: SlopeInformation) -> dict[str, Any]:
+        """Return what the command prints."""
+        total = max(sum(self.sources.values()), 1)
+        return {
+            "maplets": len(self.sigma),
+            **{f"share_{s.name.lower()}": n / total for s, n in self.sources.items()},
+            "median_sigma_m": float(np.median(self.sigma)) if self.sigma else float("nan"),
+            "parts_without_lidar": self.untied,
+            "downweighted_heights": self.downweighted,
+            "not_converged": self.not_converged,
+            "spc_step_sigma_m": information.step_sigma_m,
+            "spc_steep_sigma": information.steep_sigma,
+            "spc_height_sigma_m": information.height_sigma_m,
+            "spc_correlated_cells": information.correlated_cells,
+        }

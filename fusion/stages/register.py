@@ -1,0 +1,162 @@
+"""Register: mapolas are matched to the SPC surface, and one transform is fitted to all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fusion.fusing.constraints import overlaps
+from fusion.registration.fit import FitOptions, fit_transform, share_matrix
+from fusion.registration.match import Match, MatchOptions, match_surfaces
+from fusion.registration.resolution import estimate_blur
+from fusion.registration.summary import registration_json
+from fusion.settings import BodySettings, RegisterSettings, Settings, Table
+from fusion.stages.base import StageContext, StageResult
+from fusion.workspace import Workspace
+from spcola.arrays import FloatArray
+from spcola.bigmap import BigmapOptions, make_bigmap
+from spcola.errors import NotObservableError
+from spcola.maplet import Maplet, MapletGrid
+from spcola.rays import RayCaster
+from spcola.regrid import project_maplet
+from spcola.shapegrid import shape_heights
+
+Reference = Callable[[str, MapletGrid], FloatArray]
+"""Heights (metres) of the SPC surface on a grid, for the mapola of a name."""
+
+
+@dataclass(frozen=True)
+class RegisterStage:
+    """Mapolas and SPC surface → registration.json."""
+
+    name: str = "register"
+    version: int = 1
+    tables: tuple[type[Table], ...] = (RegisterSettings, BodySettings)
+
+    def missing(self, workspace: Workspace, settings: Settings) -> str:
+        """Return why there is nothing to register."""
+        if not workspace.mapola_names():
+            return f"there are no mapolas; run: spcola mapolas {workspace.root}"
+        if settings.registration.against == "shape" and not workspace.has_shape():
+            return "there is no shape in SHAPEFILES to register against"
+        if settings.registration.against != "shape" and not workspace.maplet_names():
+            return 'there are no maplets in MAPFILES; set [register] against = "shape"'
+        return ""
+
+    def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
+        """Return the mapolas, and the maplets or the shape."""
+        if settings.registration.against == "shape":
+            return [*workspace.mapola_paths(), workspace.shape_path()]
+        maplets = [workspace.maplet_path(name) for name in workspace.maplet_names()]
+        return [*workspace.mapola_paths(), *maplets]
+
+    def run(self, context: StageContext) -> StageResult:
+        """Match every mapola, bring both surfaces to one resolution, match again, fit.
+
+        Raises
+        ------
+        NotObservableError
+            If too few mapolas match, or a parameter of the model is free.
+        """
+        workspace, table = context.workspace, context.table(RegisterSettings)
+        reference = surface_reference(workspace, table.against)
+        options = MatchOptions(
+            capture_m=table.capture_m,
+            min_coverage=table.min_coverage,
+            min_correlation=table.min_correlation,
+        )
+        names = workspace.mapola_names()
+
+        def matched(name: str, blur: float) -> Match:
+            mapola = workspace.mapola(name)
+            return match_surfaces(
+                name,
+                mapola.grid,
+                mapola.height,
+                reference(name, mapola.grid),
+                blur_cells=blur,
+                options=options,
+            )
+
+        def measured(name: str) -> float:
+            return _blur(matched(name, 0.0), reference, workspace.mapola(name).grid)
+
+        blurs = np.array(context.map("compare resolutions", measured, _sample(names)))
+        blur = float(np.nanmedian(blurs)) if np.isfinite(blurs).any() else 0.0
+        matches = context.map("match mapolas", lambda name: matched(name, blur), names)
+        usable = [match for match in matches if match.usable]
+        if not usable:
+            raise NotObservableError(
+                f"none of {len(names)} mapolas matches the SPC surface ({matches[0].reason})",
+                where=workspace.root / "mapolas",
+                do="check that lidar and SPC are of one body and one frame, or raise [register] "
+                "capture_m",
+            )
+        shares, scans = share_matrix([workspace.mapola(m.name).scan_share for m in usable])
+        registration = fit_transform(
+            np.stack([match.center for match in usable]),
+            np.stack([match.displacement for match in usable]),
+            np.stack([match.covariance for match in usable]),
+            shares,
+            options=FitOptions(
+                model=table.model,
+                center_sigma_m=table.center_sigma_m,
+                scan_sigma_m=table.scan_sigma_m,
+                reject=table.reject_sigmas,
+            ),
+        )
+        content = registration_json(registration, matches, blur_cells=blur, scans=scans)
+        path = context.write_json(workspace.registration_path.name, content)
+        summary = {k: v for k, v in content.items() if k not in _LONG}
+        return StageResult((path,), summary)
+
+
+STAGE = RegisterStage()
+
+_LONG = frozenset({"per_mapola", "per_scan", "covariance", "parameters"})
+
+# The blur is one number for the whole solution; this many mapolas tell it.
+_BLUR_SAMPLE = 40
+
+
+def _sample(names: list[str]) -> list[str]:
+    """At most twice that many names, spread over the list, the same in each run."""
+    return names[:: max(1, len(names) // _BLUR_SAMPLE)]
+
+
+def _blur(match: Match, reference: Reference, grid: MapletGrid) -> float:
+    """Blur of the SPC surface against the lidar, cells; NaN where the match is not usable."""
+    if not match.usable:
+        return float("nan")
+    spc = reference(match.name, grid)
+    return estimate_blur(spc - match.residual, spc)
+
+
+def surface_reference(workspace: Workspace, against: str) -> Reference:
+    """The SPC surface as heights on any grid: the maplet itself, a bigmap, or the shape."""
+    if against == "shape":
+        caster = RayCaster(workspace.shape())
+        return lambda _, grid: shape_heights(caster, grid, reach=grid.radius)
+    grids = {name: workspace.maplet(name).grid for name in workspace.maplet_names()}
+
+    def own(name: str, grid: MapletGrid) -> FloatArray:
+        if name in grids and overlaps(grid, grids[name]):
+            return project_maplet(workspace.maplet(name), grid).height
+        return together(name, grid)
+
+    def together(name: str, grid: MapletGrid) -> FloatArray:
+        return make_bigmap(
+            name, grid, maplets_around(workspace, grids, grid), options=BigmapOptions()
+        ).height
+
+    return own if against == "maplets" else together
+
+
+def maplets_around(
+    workspace: Workspace, grids: dict[str, MapletGrid], grid: MapletGrid
+) -> list[Maplet]:
+    """Read the maplets that share ground with `grid`."""
+    return [workspace.maplet(name) for name, other in grids.items() if overlaps(grid, other)]

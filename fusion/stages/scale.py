@@ -1,0 +1,278 @@
+"""Scale: lidar ranges against the SPC solution, by paired bigmaps or by single shots."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fusion.registration.match import MatchOptions
+from fusion.scaling.joint import ScaleOptions, estimate_scale
+from fusion.scaling.pairs import (
+    LeftOut,
+    Pair,
+    PairFrame,
+    PairOptions,
+    common_blur,
+    compare_pair,
+    frame_of_image,
+    make_pair,
+    pair_observations,
+)
+from fusion.scaling.shots import check_longitude, compare_shots
+from fusion.scaling.summary import consistency, longitude_json, per_pair, per_shot, scale_json
+from fusion.settings import BodySettings, ScaleSettings, Settings, Table
+from fusion.stages.base import StageContext, StageResult
+from fusion.stages.register import maplets_around
+from fusion.workspace import Workspace, make_folder
+from lidar.formats.native import iter_scan, scan_summary
+from lidar.reprojection import reproject
+from lidar.returns import Returns
+from lidar.scan import Scan, join
+from spcola.bigmap import make_bigmap
+from spcola.errors import NotObservableError
+from spcola.formats.map import write_maplet
+from spcola.maplet import MapletGrid
+from spcola.rays import RayCaster
+from spcola.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class ScaleStage:
+    """Scans, images and SPC surface → scale.json and pairs/."""
+
+    name: str = "scale"
+    version: int = 1
+    tables: tuple[type[Table], ...] = (ScaleSettings, BodySettings)
+
+    def missing(self, workspace: Workspace, settings: Settings) -> str:
+        """Return why there is no scale to be found."""
+        if not workspace.scan_names():
+            return f"there are no scans; run: spcola import {workspace.root} FILE"
+        if not workspace.has_shape():
+            return "there is no shape in SHAPEFILES to cast rays on"
+        if settings.scale.method == "pairs":
+            if not workspace.image_names():
+                return "there are no images in SUMFILES to pair; use --method shots"
+            if not workspace.maplet_names():
+                return "there are no maplets in MAPFILES to pair; use --method shots"
+        return ""
+
+    def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
+        """Return scans, shape, the registration where there is one; for pairs maplets and images."""
+        paths = [*workspace.scan_paths(), workspace.shape_path()]
+        if workspace.registration_path.is_file():
+            paths.append(workspace.registration_path)
+        if settings.scale.method == "pairs":
+            paths += [workspace.maplet_path(name) for name in workspace.maplet_names()]
+            paths += [workspace.image_path(name) for name in workspace.image_names()]
+        return paths
+
+    def run(self, context: StageContext) -> StageResult:
+        """Compare, estimate jointly, write.
+
+        Raises
+        ------
+        NotObservableError
+            If fewer than two comparisons are usable.
+        """
+        workspace, table = context.workspace, context.table(ScaleSettings)
+        shape = workspace.shape()
+        radius = context.table(BodySettings).mean_radius_m or shape.mean_radius
+        caster = RayCaster(shape)
+        if table.method == "shots":
+            content, files = _shots(context, caster, radius), []
+        else:
+            content, files = _pairs(context, caster, radius)
+        if workspace.registration_path.is_file():
+            registration = workspace.read_json(workspace.registration_path.name)
+            content["registration_consistency"] = consistency(content, registration)
+        path = context.write_json(workspace.scale_path.name, content)
+        summary = {k: v for k, v in content.items() if k not in _LONG}
+        return StageResult((path, *files), summary)
+
+
+STAGE = ScaleStage()
+
+_LONG = frozenset({"per_pair", "per_shot", "covariance", "parameters"})
+
+
+def _scale_options(table: ScaleSettings) -> ScaleOptions:
+    return ScaleOptions(
+        center_prior_m=table.center_prior_m,
+        meridian_prior_deg=table.meridian_prior_deg,
+        pole_prior_deg=table.pole_prior_deg,
+        range_bias_prior_m=table.range_bias_prior_m,
+        single_sigma_m=table.single_sigma_m,
+        day_sigma_m=table.day_sigma_m,
+        reject=table.reject_sigmas,
+    )
+
+
+def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str, Any]:
+    """Single shots of all scans against the shape."""
+    workspace, table = context.workspace, context.table(ScaleSettings)
+    scan = _thinned(workspace, table.max_shots)
+    compared = compare_shots(scan, caster, trajectory=table.trajectory)
+    if len(compared.observations) < 2:
+        raise NotObservableError(
+            f"{compared.missed} of {len(scan)} shots do not meet the shape",
+            where=workspace.shape_path(),
+            do="check that shots and shape are in one frame and unit",
+        )
+    estimate = estimate_scale(compared.observations, options=_scale_options(table))
+    check = check_longitude(scan, caster)
+    content = scale_json(compared.observations, estimate, mean_radius=radius)
+    if check.misfit:
+        content["reasons"].append(
+            f"misfit: turned by {check.best_deg:+.0f} deg about Z the shots scatter by "
+            f"{check.best_m:.2f} m instead of {check.here_m:.2f} m (p = {check.p_value:.1e})"
+        )
+    content["longitude_check"] = longitude_json(check)
+    content["missed"] = compared.missed
+    content["per_shot"] = per_shot(compared, estimate)
+    return content
+
+
+def _thinned(workspace: Workspace, most: int) -> Scan:
+    """Join the shots of all scans, evenly thinned to about `most`."""
+    paths = workspace.scan_paths()
+    total = sum(scan_summary(path).count for path in paths)
+    step = max(1, -(-total // most))
+    parts = [part.select(slice(None, None, step)) for path in paths for part in iter_scan(path)]
+    return join("shots", parts)
+
+
+def _pairs(
+    context: StageContext, caster: RayCaster, radius: float
+) -> tuple[dict[str, Any], list[Path]]:
+    """Paired bigmaps of all images."""
+    workspace, table = context.workspace, context.table(ScaleSettings)
+    options = PairOptions(
+        size_m=table.size_m,
+        gsd_m=table.gsd_m,
+        match=MatchOptions(
+            capture_m=table.capture_m,
+            min_coverage=table.min_coverage,
+            min_correlation=table.min_correlation,
+        ),
+    )
+    frames, left_out = _frames(workspace, caster, options)
+    maker = _PairMaker(workspace, table, options, frames)
+    groups = maker.groups()
+    made = context.stream("pair bigmaps", maker.pairs_of_scan, groups.items(), total=len(groups))
+    first = [item for group in made for item in group]
+    seen = {item.frame.image for item in first if isinstance(item, Pair)}
+    seen |= {item.image for item in first if isinstance(item, LeftOut)}
+    left_out += [
+        LeftOut(frame.image, f"no scan within {table.max_gap_s:g} s of the image")
+        for frame in frames
+        if frame.image not in seen
+    ]
+    pairs = [item for item in first if isinstance(item, Pair)]
+    left_out += [item for item in first if isinstance(item, LeftOut)]
+    blur = common_blur(pairs)
+    again = [
+        compare_pair(pair.frame, pair.spc, pair.lidar, options, blur_cells=blur) for pair in pairs
+    ]
+    pairs = [item for item in again if isinstance(item, Pair)]
+    left_out += [item for item in again if isinstance(item, LeftOut)]
+    if len(pairs) < 2:
+        reasons = "; ".join(sorted({item.reason for item in left_out})) or "there are no images"
+        raise NotObservableError(
+            f"{len(pairs)} of {len(pairs) + len(left_out)} images give a pair ({reasons})",
+            where=workspace.root / "SUMFILES",
+            do="add scans taken with the images, or widen [scale] max_gap_s or capture_m",
+        )
+    observations = pair_observations(pairs, table.trajectory)
+    estimate = estimate_scale(observations, options=_scale_options(table))
+    content = scale_json(observations, estimate, mean_radius=radius)
+    content["blur_cells"] = blur
+    content["per_pair"] = per_pair(pairs, left_out, observations, estimate)
+    return content, _write_pairs(workspace, pairs)
+
+
+def _frames(
+    workspace: Workspace, caster: RayCaster, options: PairOptions
+) -> tuple[list[PairFrame], list[LeftOut]]:
+    """Where all images look; those that look past the body are left out."""
+    found = [frame_of_image(image, caster, options) for image in workspace.images()]
+    frames = [item for item in found if isinstance(item, PairFrame)]
+    return frames, [item for item in found if isinstance(item, LeftOut)]
+
+
+def _write_pairs(workspace: Workspace, pairs: list[Pair]) -> list[Path]:
+    """Write both bigmaps of each pair."""
+    files = []
+    make_folder(workspace.root / "pairs")
+    for pair in pairs:
+        for kind, bigmap in (("maplets", pair.spc), ("returns", pair.lidar)):
+            path = workspace.pair_path(pair.frame.image, kind)
+            write_maplet(path, bigmap)
+            files.append(path)
+    return files
+
+
+class _PairMaker:
+    """Makes the pairs of one scan at a time, so that no more than that is in memory."""
+
+    def __init__(
+        self,
+        workspace: Workspace,
+        table: ScaleSettings,
+        options: PairOptions,
+        frames: list[PairFrame],
+    ) -> None:
+        self._workspace, self._table, self._options = workspace, table, options
+        self._frames = frames
+        self._grids: dict[str, MapletGrid] = {
+            name: workspace.maplet(name).grid for name in workspace.maplet_names()
+        }
+        self._trajectory = Trajectory.from_images(workspace.images())
+
+    def groups(self) -> dict[Path, list[PairFrame]]:
+        """The images of each scan: each image goes to the scan that is nearest in time."""
+        spans = {
+            path: scan_summary(path).time_span for path in self._workspace.scan_paths()
+        }
+        groups: dict[Path, list[PairFrame]] = {}
+        for frame in self._frames:
+            away = {path: _away(frame.time, span) for path, span in spans.items()}
+            nearest = min(away, key=lambda path: away[path])
+            if away[nearest] <= self._table.max_gap_s:
+                groups.setdefault(nearest, []).append(frame)
+        return groups
+
+    def pairs_of_scan(self, item: tuple[Path, list[PairFrame]]) -> list[Pair | LeftOut]:
+        """Read and locate one scan, and pair the images that were taken with it."""
+        path, frames = item
+        scan = self._located(path)
+        return [self._pair(frame, scan) for frame in frames]
+
+    def _located(self, path: Path) -> Scan:
+        """The scan, located by the SPC trajectory if so asked."""
+        scan = join(path.stem, list(iter_scan(path)))
+        if self._table.trajectory == "reference":
+            return scan
+        return reproject(scan, self._trajectory, max_gap_s=self._table.max_gap_s)
+
+    def _pair(self, frame: PairFrame, scan: Scan) -> Pair | LeftOut:
+        around = maplets_around(self._workspace, self._grids, frame.grid)
+        spc = make_bigmap(frame.image, frame.grid, around)
+        reach = 1.5 * frame.grid.radius
+        near = np.linalg.norm(scan.points - frame.grid.center, axis=1) < reach
+        chosen = scan.select(near & (np.abs(scan.time - frame.time) < self._table.max_gap_s))
+        returns = Returns.of_scans([chosen])
+        return make_pair(frame, spc, returns, self._options, blur_cells=0.0)
+
+
+def _away(time: float, span: tuple[float, float]) -> float:
+    """How far a time lies outside of a span, s; infinite where the span is not known."""
+    if not np.isfinite(span).all():
+        return float("inf")
+    return max(span[0] - time, time - span[1], 0.0)
+
+
