@@ -10,6 +10,7 @@ import numpy as np
 from spcola import atomic
 from spcola.errors import InvalidValueError
 from spcola.formats.fortran import format_d, format_fixed
+from spcola.formats.layout import in_layout_of
 from spcola.formats.lines import LineCursor
 from spcola.formats.sections import (
     END,
@@ -73,10 +74,19 @@ def read_landmark(path: str | Path) -> Landmark:
     )
 
 
-def write_landmark(path: str | Path, landmark: Landmark) -> None:
+def write_landmark(path: str | Path, landmark: Landmark, *, like: str | Path | None = None) -> None:
     """Write a .LMK file; an unknown sigma is written as −1.
 
     Empty lists of overlaps and limb observations get no heading, as in the published files.
+
+    Parameters
+    ----------
+    path : str or Path
+        Written whole or not at all.
+    landmark : Landmark
+        Metres.
+    like : str or Path, optional
+        A file whose layout is kept wherever it says the same (:mod:`spcola.formats.layout`).
 
     Raises
     ------
@@ -85,7 +95,7 @@ def write_landmark(path: str | Path, landmark: Landmark) -> None:
     WorkspaceError
         If the file cannot be written.
     """
-    atomic.write_text(path, "".join(_lines(landmark)))
+    atomic.write_text(path, in_layout_of("".join(_lines(landmark)), like))
 
 
 def _known(value: float) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 
 from spcola import atomic
 from spcola.arrays import FloatArray
+from spcola.formats.layout import in_layout_of
 from spcola.formats.lines import LineCursor
 from spcola.formats.source import KM, check_name
 from spcola.formats.sum import read_axes, read_image_name, read_scobj, vector_line
@@ -37,8 +38,17 @@ def read_nominal(path: str | Path) -> NominalState:
     return NominalState(name, velocity, scobj, axes, scobj_sigma, pointing_sigma, frame, rest)
 
 
-def write_nominal(path: str | Path, state: NominalState) -> None:
+def write_nominal(path: str | Path, state: NominalState, *, like: str | Path | None = None) -> None:
     """Write a .NOM file; an unknown sigma is written as −1.
+
+    Parameters
+    ----------
+    path : str or Path
+        Written whole or not at all.
+    state : NominalState
+        Metres, metres per second and radians.
+    like : str or Path, optional
+        A file whose layout is kept wherever it says the same (:mod:`spcola.formats.layout`).
 
     Raises
     ------
@@ -57,7 +67,7 @@ def write_nominal(path: str | Path, state: NominalState) -> None:
         vector_line(state.pointing_sigma, "SIGMA_PTG"),
         *(f"{line}\n" for line in state.rest),
     ]
-    atomic.write_text(path, "".join(lines))
+    atomic.write_text(path, in_layout_of("".join(lines), like))
 
 
 def _read_velocity(cursor: LineCursor) -> tuple[FloatArray, str]:

@@ -12,6 +12,7 @@ from spcola.arrays import FloatArray, check_axes
 from spcola.camera import Camera
 from spcola.errors import FormatError, InvalidValueError
 from spcola.formats.fortran import format_d, format_fixed
+from spcola.formats.layout import in_layout_of
 from spcola.formats.lines import LineCursor
 from spcola.formats.sections import (
     END,
@@ -90,10 +91,19 @@ def read_summary(path: str | Path) -> SpcImage:
         )
 
 
-def write_summary(path: str | Path, image: SpcImage) -> None:
+def write_summary(path: str | Path, image: SpcImage, *, like: str | Path | None = None) -> None:
     """Write a .SUM file (the pixels go into a .DAT file, :mod:`spcola.formats.dat`).
 
     An unknown sigma is written as −1, a value that SPC takes for a weak prior.
+
+    Parameters
+    ----------
+    path : str or Path
+        Written whole or not at all.
+    image : SpcImage
+        Metres and radians.
+    like : str or Path, optional
+        A file whose layout is kept wherever it says the same (:mod:`spcola.formats.layout`).
 
     Raises
     ------
@@ -104,7 +114,7 @@ def write_summary(path: str | Path, image: SpcImage) -> None:
         If the file cannot be written.
     """
     check_name(image.name, "image", path)
-    atomic.write_text(path, "".join(_lines(image)))
+    atomic.write_text(path, in_layout_of("".join(_lines(image)), like))
 
 
 def labelled(text: str, label: str) -> str:
