@@ -12,6 +12,7 @@ from spcola.time import utc_from_et
 from spcola.truth.solution import lattice
 
 _DAY = 86400.0
+_MONTHS = "JANFEBMARAPRMAYJUNJULAUGSEPOCTNOVDEC"
 
 
 @dataclass(frozen=True)
@@ -94,8 +95,9 @@ class Pass:
 
     @property
     def day(self) -> str:
-        """UTC date of the middle, as ``2019 JUL 01``."""
-        return utc_from_et(self.middle)[:11]
+        """UTC date of the middle, ``YYYY-MM-DD``."""
+        year, month, day = utc_from_et(self.middle).split()[:3]
+        return f"{year}-{_MONTHS.index(month) // 3 + 1:02d}-{day}"
 
     def position(self, time: FloatArray) -> FloatArray:
         """Return true positions (N, 3), metres, body-fixed, at times (N,), s."""
