@@ -6,7 +6,7 @@ of the current surface; the median of a cell is the new surface; and so on until
 changes. ([35] is printed with Ux for the height; it is Uz.)
 
 The slope of a cell is that of a plane through the 3 × 3 cells around it, fitted not at their
-grid points but where their returns lie (see :mod:`lidar.neighbourhood`). Against differences
+grid points but where their returns lie (see :mod:`lidar.planes`). Against differences
 of the gridded heights this averages noise over nine cells, bears gaps, and makes the iteration
 contract quickly: a plane is recovered exactly from returns at any places.
 """
@@ -19,8 +19,8 @@ import numpy as np
 
 from lidar.cells import CellReturns, sort_into_cells
 from lidar.mapola import Mapola
-from lidar.neighbourhood import PlaneFit, fit_planes
 from lidar.outliers import RejectionOptions, find_outliers, find_strays
+from lidar.planes import PlaneFit, fit_planes
 from lidar.returns import Returns
 from lidar.sigma import height_sigma
 from spcola.arrays import AnyArray, FloatArray

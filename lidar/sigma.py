@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter
 
 from lidar.cells import CellReturns
-from lidar.neighbourhood import PlaneFit
+from lidar.planes import PlaneFit
 from spcola.arrays import AnyArray, FloatArray
 
 # 1.4826 MAD of n Gaussian values is too small by these factors on average (Croux & Rousseeuw

@@ -132,8 +132,8 @@ def dense_walk(grid, points, mapola, mask, step_sigma):
     pairs = [p for p in pairs_x + pairs_y if mask.flat[p[0]] and mask.flat[p[1]]]
     weight = np.where(mapola.valid, 1 / mapola.sigma**2, 0.0)
     constraint, slopes = mapola.height.copy(), (np.zeros(mask.shape), np.zeros(mask.shape))
-    inside = np.flatnonzero(mask)
-    for _ in range(400):
+    inside, height = np.flatnonzero(mask), np.zeros(mask.shape)
+    for _ in range(1000):
         steps = steps_from_slopes(*slopes, grid.gsd)
         matrix = np.diag(weight.ravel())
         right = (weight * np.nan_to_num(constraint)).ravel()
@@ -142,8 +142,10 @@ def dense_walk(grid, points, mapola, mask, step_sigma):
                 matrix[i, i] += step_sigma**-2
                 matrix[i, j] -= step_sigma**-2
                 right[i] += sign * step_sigma**-2 * steps[axis][r, c]
-        height = np.full(mask.shape, np.nan)
+        before, height = height, np.full(mask.shape, np.nan)
         height[mask] = np.linalg.solve(matrix[np.ix_(inside, inside)], right[inside])
+        if np.nanmax(np.abs(height - before)) < 1e-10:
+            break
         slopes = tuple(np.nan_to_num(s) for s in slopes_of(height, grid.gsd))
         for r, c in zip(*np.nonzero(mapola.valid), strict=True):
             mine = (row == r) & (column == c)

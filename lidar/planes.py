@@ -1,0 +1,177 @@
+"""Planes through the heights of neighbouring cells: the slopes of gridded returns.
+
+The heights stand at the cells' own *places* (the median position of their returns), not at the
+grid points. A plane through such heights has the slope of the ground whatever the returns'
+positions in their cells, so that slopes need no good start, bear gaps, and the iteration of
+:mod:`lidar.gridding` cannot feed on its own errors: with one return in each cell it is exact
+after a single round.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spcola.arrays import FloatArray
+from spcola.kernel import kernel
+
+Moments = tuple[float, float, float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneFit:
+    """Slopes of planes fitted around each cell; layers of the grid's shape.
+
+    Attributes
+    ----------
+    slope_x, slope_y : ndarrays
+        Along Ux and Uy, metres per grid step; 0 where nothing determines them.
+    leverage : ndarray
+        Variance that the slopes' uncertainty adds to a height carried from the cell's place to
+        its grid point, in units of the variance of one weight-1 height.
+    own : ndarray
+        Share of the cell's own height in that correction: its error is in the slopes as well,
+        and partly takes itself back.
+    unresolved : ndarray
+        Square of that carrying distance along directions in which the slope is not
+        determined, square grid steps.
+    """
+
+    slope_x: FloatArray
+    slope_y: FloatArray
+    leverage: FloatArray
+    own: FloatArray
+    unresolved: FloatArray
+
+
+def fit_planes(
+    place_x: FloatArray,
+    place_y: FloatArray,
+    height: FloatArray,
+    weight: FloatArray,
+    *,
+    baseline: float,
+    max_radius: int,
+) -> PlaneFit:
+    """Fit a plane to the 3 × 3 cells around each cell that has a height.
+
+    Where those leave a direction in which the places scatter by less than `baseline` (grid
+    steps, standard deviation), 5 × 5 cells are taken, and so on up to `max_radius`; a direction
+    that is still not determined is given the slope 0.
+
+    Parameters
+    ----------
+    place_x, place_y : (R, C) ndarrays
+        Place of each cell's height less that of its grid point, grid steps.
+    height : (R, C) ndarray
+        Metres at that place; NaN where empty.
+    weight : (R, C) ndarray
+        Relative weights of the heights.
+    """
+    layers = _fit_planes(place_x, place_y, height, weight, baseline**2, max_radius)
+    return PlaneFit(layers[0], layers[1], layers[2], layers[3], layers[4])
+
+
+@kernel
+def _fit_planes(
+    place_x: FloatArray,
+    place_y: FloatArray,
+    height: FloatArray,
+    weight: FloatArray,
+    least: float,
+    max_radius: int,
+) -> FloatArray:
+    rows, columns = height.shape
+    layers = np.zeros((5, rows, columns))
+    for row in range(rows):
+        for column in range(columns):
+            if np.isnan(height[row, column]):
+                continue
+            radius, fitted = 1, False
+            while not fitted and radius <= max_radius:
+                moments = _moments(place_x, place_y, height, weight, row, column, radius)
+                fitted = _smaller_variance(moments) >= least
+                radius += 1
+            layers[:, row, column] = _slope(
+                moments,
+                least,
+                place_x[row, column],
+                place_y[row, column],
+                weight[row, column],
+            )
+    return layers
+
+
+@kernel
+def _moments(
+    place_x: FloatArray,
+    place_y: FloatArray,
+    height: FloatArray,
+    weight: FloatArray,
+    row: int,
+    column: int,
+    radius: int,
+) -> Moments:
+    """Σw, mean x and y, and the moments xx, xy, yy, xh, yh about the mean divided by Σw."""
+    rows, columns = height.shape
+    total = mean_x = mean_y = mean_h = 0.0
+    xx = xy = yy = xh = yh = 0.0
+    # Welford's update keeps full accuracy although the heights may be far from zero.
+    for r in range(max(0, row - radius), min(rows, row + radius + 1)):
+        for c in range(max(0, column - radius), min(columns, column + radius + 1)):
+            if np.isnan(height[r, c]):
+                continue
+            w = weight[r, c]
+            total += w
+            from_x = c - column + place_x[r, c] - mean_x
+            from_y = r - row + place_y[r, c] - mean_y
+            mean_x += w / total * from_x
+            mean_y += w / total * from_y
+            mean_h += w / total * (height[r, c] - mean_h)
+            to_x = c - column + place_x[r, c] - mean_x
+            to_y = r - row + place_y[r, c] - mean_y
+            to_h = height[r, c] - mean_h
+            xx += w * from_x * to_x
+            xy += w * from_x * to_y
+            yy += w * from_y * to_y
+            xh += w * from_x * to_h
+            yh += w * from_y * to_h
+    return total, mean_x, mean_y, xx / total, xy / total, yy / total, xh / total, yh / total
+
+
+@kernel
+def _smaller_variance(moments: Moments) -> float:
+    """Variance of the places along the direction in which they scatter least."""
+    _, _, _, xx, xy, yy, _, _ = moments
+    return 0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy)
+
+
+@kernel
+def _slope(
+    moments: Moments,
+    least: float,
+    place_x: float,
+    place_y: float,
+    weight: float,
+) -> FloatArray:
+    """Slopes x and y, leverage, own share and unresolved distance², by principal axes."""
+    total, mean_x, mean_y, xx, xy, yy, xh, yh = moments
+    half, mean = np.hypot(0.5 * (xx - yy), xy), 0.5 * (xx + yy)
+    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    result = np.zeros(5)
+    for axis in range(2):
+        along_x = np.cos(angle) if axis == 0 else -np.sin(angle)
+        along_y = np.sin(angle) if axis == 0 else np.cos(angle)
+        variance = mean + half if axis == 0 else mean - half
+        carried = along_x * place_x + along_y * place_y
+        if variance >= least:
+            slope = (along_x * xh + along_y * yh) / variance
+            result[0] += slope * along_x
+            result[1] += slope * along_y
+            result[2] += carried * carried / (total * variance)
+            lever = along_x * (place_x - mean_x) + along_y * (place_y - mean_y)
+            result[3] -= carried * weight * lever / (total * variance)
+        else:
+            result[4] += carried * carried
+    return result
