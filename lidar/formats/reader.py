@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+
 from lidar.formats.options import LidarOptions
 from lidar.formats.recognise import FORMATS, recognise
 from lidar.scan import Scan, join
@@ -55,7 +57,13 @@ def read_scan(
 
 def _checked(path: Path, chunks: Iterator[Scan]) -> Iterator[Scan]:
     """Pass chunks on; what the operating system says becomes one line that names the file."""
-    try:
-        yield from chunks
-    except OSError as error:
-        raise FormatError(f"cannot be read ({error.strerror or error})", path) from error
+    while True:
+        try:
+            # Garbled numbers overflow on their way to being refused; that is no news to the user.
+            with np.errstate(all="ignore"):
+                chunk = next(chunks, None)
+        except OSError as error:
+            raise FormatError(f"cannot be read ({error.strerror or error})", path) from error
+        if chunk is None:
+            return
+        yield chunk

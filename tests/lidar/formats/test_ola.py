@@ -140,7 +140,9 @@ def test_the_no_echo_sentinel_never_becomes_a_point(tmp_path: Path, bad_range: f
 
 
 @pytest.mark.parametrize("name", USED)
-@pytest.mark.parametrize("garbage", [b"\xff" * 8, b"\x00" * 8, b"\x5a" * 8])
+@pytest.mark.parametrize(
+    "garbage", [b"\xff" * 8, b"\x00" * 8, b"\x5a" * 8, b"\x01\0\0\0\0\0\xf0\x7f", b"\xee" * 8]
+)
 def test_one_garbled_field_is_counted_and_harms_no_other(
     tmp_path: Path, name: str, garbage: bytes
 ) -> None:
@@ -153,6 +155,7 @@ def test_one_garbled_field_is_counted_and_harms_no_other(
     path.write_bytes(content)
     scan = read_scan(path)
     expected = 9 if (name, garbage[0]) == ("flag_status", 0) else 8
+    # Flag 1 is an overflow; the fourth garbage is a signalling NaN, which numpy warns of.
     # An ephemeris time of zero is a time: of 1 January 2000, as good as any.
     expected = 9 if (name, garbage[0]) == ("et", 0) else expected
     assert len(scan) == expected
