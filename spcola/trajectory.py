@@ -114,15 +114,17 @@ class Trajectory:
             positions[covered] = straight_lines(self.time, self.position, wanted[covered])
         return positions
 
-    def offset_from(self, reference: Trajectory) -> Offset:
+    def offset_from(self, reference: Trajectory, *, max_gap_s: float = np.inf) -> Offset:
         """Return this trajectory less `reference`, at those of its times that `reference` covers.
+
+        A gap in `reference` longer than `max_gap_s` (seconds) covers nothing.
 
         Raises
         ------
         InvalidValueError
             If `reference` covers none of the times.
         """
-        there = reference.at(self.time)
+        there = reference.at(self.time, max_gap_s=max_gap_s)
         known = np.isfinite(there).all(axis=1)
         if not known.any():
             raise InvalidValueError(

@@ -1,0 +1,128 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spcola.covering import COVERED, cover, covering, inside, sample_surface
+from spcola.errors import InvalidValueError
+from spcola.maplet import MapletGrid
+from spcola.mesh import Mesh
+
+
+def ellipsoid(a: float, b: float, c: float, step: int = 24) -> Mesh:
+    lat, lon = np.linspace(-90, 90, step + 1)[1:-1], np.arange(2 * step) * 180 / step
+    grid_lat, grid_lon = np.meshgrid(np.radians(lat), np.radians(lon), indexing="ij")
+    level = np.cos(grid_lat)
+    ring = np.stack([level * np.cos(grid_lon), level * np.sin(grid_lon), np.sin(grid_lat)], axis=-1)
+    vertices = np.vstack([ring.reshape(-1, 3), [[0, 0, -1], [0, 0, 1]]]) * [a, b, c]
+    index = np.arange(ring[..., 0].size).reshape(ring.shape[:2])
+    east = np.roll(index, -1, axis=1)
+    south, north = index.size, index.size + 1
+    return Mesh(
+        vertices,
+        np.vstack([
+            np.stack([index[:-1], east[:-1], east[1:]], axis=-1).reshape(-1, 3),
+            np.stack([index[:-1], east[1:], index[1:]], axis=-1).reshape(-1, 3),
+            np.stack([np.full(2 * step, south), east[0], index[0]], axis=-1),
+            np.stack([np.full(2 * step, north), index[-1], east[-1]], axis=-1),
+        ]),
+    )  # fmt: skip
+
+
+def random_points(mesh: Mesh, count: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(3)
+    area = np.linalg.norm(mesh.area_vectors, axis=1)
+    facet = rng.choice(len(area), count, p=area / area.sum())
+    inside_facet = rng.dirichlet([1.0, 1.0, 1.0], count)
+    points = np.einsum("nk,nkj->nj", inside_facet, mesh.corners[facet])
+    return points, mesh.normals[facet]
+
+
+def covered(mesh: Mesh, grids: list[MapletGrid], side: float) -> np.ndarray:
+    points, normals = random_points(mesh, 30_000)
+    found = np.zeros(len(points), dtype=bool)
+    for grid in grids:
+        half = grid.half_size * grid.gsd
+        found |= inside(grid, points, normals, side=side * half, depth=half)
+    return found
+
+
+@pytest.mark.parametrize("overlap", [0.0, 0.2, 0.5])
+def test_every_surface_point_lies_in_a_grid(overlap: float) -> None:
+    mesh = ellipsoid(120.0, 100.0, 80.0)
+    grids = covering(mesh, 1.0, 30, overlap=overlap)
+    assert covered(mesh, grids, 1 - overlap).all()
+
+
+def test_the_number_of_grids_is_near_what_the_area_asks_for() -> None:
+    mesh = ellipsoid(120.0, 100.0, 80.0)
+    area = np.linalg.norm(mesh.area_vectors, axis=1).sum()
+    grids = covering(mesh, 1.0, 20, overlap=0.0)
+    least = area / 40.0**2
+    assert least < len(grids) < 3.5 * least
+
+
+def test_grids_stand_on_the_surface_and_face_outward() -> None:
+    mesh = ellipsoid(100.0, 100.0, 100.0)
+    for grid in covering(mesh, 2.0, 15):
+        assert np.linalg.norm(grid.center) == pytest.approx(100.0, abs=2.0)
+        assert grid.uz @ grid.center / np.linalg.norm(grid.center) > 0.95
+        assert (grid.gsd, grid.half_size) == (2.0, 15)
+
+
+def test_kernel_equals_its_formula() -> None:
+    samples = sample_surface(ellipsoid(50.0, 40.0, 30.0), 3.0)
+    grid = MapletGrid.facing(samples.points[7], samples.normals[7], 1.0, 20)
+    distance = np.random.default_rng(4).uniform(0, 2000.0, len(samples.points))
+    distance[::5] = COVERED
+    squared = np.sum((samples.points - grid.center) ** 2, axis=1)
+    within = inside(grid, samples.points, samples.normals, side=15.0, depth=18.0)
+    expected = np.where(within | (distance < 0), COVERED, np.minimum(distance, squared))
+    index = cover(samples.points, samples.normals, distance, grid.center, grid.axes, (15.0, 18.0))
+    np.testing.assert_allclose(distance, expected, rtol=1e-12)
+    assert index == np.argmax(expected)
+    assert cover(samples.points[:1], samples.normals, np.array([COVERED]), grid.center, grid.axes,
+                 (15.0, 18.0)) == -1  # fmt: skip
+
+
+def test_more_overlap_takes_more_grids() -> None:
+    mesh = ellipsoid(100.0, 90.0, 80.0)
+    counts = [len(covering(mesh, 2.0, 15, overlap=o)) for o in (0.0, 0.3, 0.6)]
+    assert counts[0] < counts[1] < counts[2]
+
+
+def test_samples_carry_the_area_and_lie_within_the_step() -> None:
+    mesh = ellipsoid(50.0, 40.0, 30.0, step=8)
+    samples = sample_surface(mesh, 2.0)
+    area = np.linalg.norm(mesh.area_vectors, axis=1).sum()
+    assert samples.areas.sum() == pytest.approx(area, rel=1e-12)
+    points, _ = random_points(mesh, 3000)
+    nearest = [np.linalg.norm(samples.points - p, axis=1).min() for p in points[:500]]
+    assert max(nearest) <= 2.0
+
+
+@pytest.mark.parametrize("overlap", [-0.1, 0.9, np.nan])
+def test_refuses_an_overlap_out_of_range(overlap: float) -> None:
+    with pytest.raises(InvalidValueError, match="overlap"):
+        covering(ellipsoid(10.0, 10.0, 10.0, step=6), 1.0, 5, overlap=overlap)
+
+
+def test_refuses_a_shape_without_area() -> None:
+    flat = Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]))
+    with pytest.raises(InvalidValueError, match="no area"):
+        covering(flat, 1.0, 5)
+
+
+@pytest.mark.real_data
+def test_bennu_is_covered(shared_data: Path) -> None:
+    path = shared_data / "bennu" / "g_12570mm_alt_obj_0000n00000_v014.obj"
+    rows = [line.split() for line in path.read_text().splitlines()]
+    mesh = Mesh(
+        1000.0 * np.array([row[1:4] for row in rows if row and row[0] == "v"], dtype=float),
+        np.array([row[1:4] for row in rows if row and row[0] == "f"], dtype=int) - 1,
+    )
+    grids = covering(mesh, 1.0, 49)
+    assert covered(mesh, grids, 0.8).all()
+    assert len(grids) < 400
