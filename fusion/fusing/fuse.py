@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy import ndimage
 
 from fusion.fused import FusedMaplet, Source
 from fusion.fusing.constraints import Constraints
-from fusion.fusing.information import SlopeInformation
+from fusion.fusing.information import SlopeInformation, roughness
 from fusion.registration.resolution import filled, plane_of
 from spcola.arrays import BoolArray, FloatArray
 from spcola.heights import (
@@ -21,7 +22,6 @@ from spcola.heights import (
     solve_heights,
 )
 from spcola.maplet import Maplet, MapletGrid
-from spcola.robust import mad
 
 
 @dataclass(frozen=True)
@@ -182,16 +182,20 @@ def _problem(
     """Put steps, weights and constraints together."""
     valid, gsd = parts.spc.valid, parts.grid.gsd
     mask = valid | np.isfinite(lidar.height) | np.isfinite(parts.prior)
-    roughness = _roughness(lidar, parts.prior, information)
+    bridge = _bridge_sigma(lidar, parts.prior, information)
     surface = np.where(valid, parts.spc.height, 0.0)
+    # A stray return is one cell wide, a boulder is not: the median keeps the one from
+    # loosening the steps around it that are to hold it off.
+    ground = ndimage.median_filter(prior, size=3, mode="nearest")
     steps, weights = [], []
     for axis in (1, 0):
         spc_step, prior_step = np.diff(surface, axis=axis), np.diff(prior, axis=axis)
         seen = _both(valid, axis)
         # SPC errs where the ground is steep and its own slope is then too small: the lidar's,
-        # which the prior surface follows, says so too.
-        slope = np.maximum(np.abs(spc_step), np.abs(prior_step)) / gsd
-        sigma = np.where(seen, information.step_sigma(slope, gsd), roughness)
+        # which the ground follows, says so too.
+        ground_step = np.diff(ground, axis=axis)
+        slope = np.maximum(np.abs(spc_step), np.abs(ground_step)) / gsd
+        sigma = np.where(seen, information.step_sigma(slope, gsd), bridge)
         steps.append(np.where(seen, spc_step, prior_step))
         weights.append(np.where(_both(mask, axis), 1.0 / sigma**2, 0.0))
     height, weight = _heights(parts, lidar, information, options)
@@ -204,19 +208,16 @@ def _both(mask: BoolArray, axis: int) -> BoolArray:
     return np.take(mask, range(1, count), axis) & np.take(mask, range(count - 1), axis)
 
 
-def _roughness(lidar: Constraints, prior: FloatArray, information: SlopeInformation) -> float:
+def _bridge_sigma(lidar: Constraints, prior: FloatArray, information: SlopeInformation) -> float:
     """Spread, metres, of the steps of the lidar surface about those of the shape (or a plane).
 
-    It is how far a step of the prior surface may be off where nothing better is known. The
-    lidar's own noise is left in, which errs to the safe side.
+    It is how far a step of the prior surface may be off where nothing better is known.
     """
     smooth = filled(prior) if np.isfinite(prior).any() else plane_of(lidar.height)
-    rest = lidar.height - smooth
-    steps = np.concatenate([np.diff(rest, axis=axis).ravel() for axis in (0, 1)])
-    steps = steps[np.isfinite(steps)]
-    if steps.size < 50:
+    step = roughness(lidar.height - smooth)
+    if not np.isfinite(step):
         return 2.0 * information.step_sigma_m
-    return max(float(mad(steps)), information.step_sigma_m)
+    return max(step, information.step_sigma_m)
 
 
 def _heights(

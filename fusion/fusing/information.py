@@ -11,6 +11,9 @@ from spcola.robust import mad
 
 # Fewer differences than this do not give a spread.
 _ENOUGH = 200
+# Lags, cells, over which steps are relied upon: further apart, heights of the lidar or of the
+# maplet itself take over.
+_STEP_REACH = 3
 
 
 @dataclass(frozen=True)
@@ -20,8 +23,9 @@ class SlopeInformation:
     Parameters
     ----------
     step_sigma_m : float
-        Standard deviation of the error of a height step between neighbours on gentle ground,
-        metres, such that the error over L steps grows as √L in the way the data show.
+        Standard deviation of the error of a height step between neighbours, metres, as if
+        steps erred independently; such that over a few cells the surface is no more certain
+        than the data show.
     steep_sigma : float
         What is added (in quadrature) per unit of slope: SPC smooths where the surface is steep.
         Dimensionless; times the GSD it is metres.
@@ -72,10 +76,9 @@ class Comparison:
 def estimate_information(comparisons: list[Comparison], *, reach: int = 8) -> SlopeInformation:
     """Estimate the uncertainty of SPC slopes and heights from their differences to a lidar.
 
-    The lidar's own variance is taken off. Over L cells the difference of two heights has the
-    variance γ(L); a surface whose steps err independently would show γ(L) = L · σ_step². SPC errors
-    hold together over some cells, so σ_step² is the largest γ(L)/L: the random walk that is
-    nowhere more certain than the data.
+    The lidar's own variance is taken off. SPC errors hold together over some cells, while energy
+    (A) knows only steps that err independently: their size is chosen so that over one to three
+    cells the surface is nowhere more certain than the differences show (:func:`walk_sigma`).
 
     Returns
     -------
@@ -88,15 +91,55 @@ def estimate_information(comparisons: list[Comparison], *, reach: int = 8) -> Sl
         return DEFAULT_INFORMATION
     steps = [_steps(comparisons, errors, lag) for lag in range(1, reach + 1)]
     variogram = np.array([_excess(step.square, step.noise) for step in steps])
-    step_variance = float(np.max(variogram / np.arange(1, reach + 1)))
     noise = float(np.nanmedian([np.nanmedian(pair.sigma) for pair in comparisons]))
     height = float(np.sqrt(max(float(mad(spread)) ** 2 - noise**2, 1e-8)))
     return SlopeInformation(
-        step_sigma_m=float(np.sqrt(max(step_variance, 1e-8))),
+        step_sigma_m=walk_sigma(variogram[:_STEP_REACH]),
         steep_sigma=_steep(steps[0], comparisons[0].gsd),
         height_sigma_m=height,
         correlated_cells=_correlated_cells(variogram, height),
     )
+
+
+def walk_sigma(variogram: FloatArray) -> float:
+    """Sigma of a step, metres, with which the grid is nowhere more certain than the variogram.
+
+    On a square grid whose steps err independently with σ, the difference over L cells has the
+    variance σ² R(L), R being the resistance between two nodes of a grid of unit resistors: 1/2 for
+    neighbours, about (ln L + 1.617) / π beyond (Cserti 2000, Am. J. Phys. 68, 896). It grows far
+    less than along a line, because there are many ways around.
+
+    Parameters
+    ----------
+    variogram : (L,) ndarray
+        Variance of the difference over 1 … L cells, square metres.
+    """
+    lags = np.arange(1, len(variogram) + 1)
+    resistance = np.where(lags == 1, 0.5, (np.log(lags) + 1.617) / np.pi)
+    return float(np.sqrt(max(float(np.max(variogram / resistance)), 1e-8)))
+
+
+def roughness(height: FloatArray, *, reach: int = 8) -> float:
+    """The same for a rough surface about a smooth one; its noise is left in (the safe side).
+
+    Parameters
+    ----------
+    height : (2q+1, 2q+1) ndarray
+        Metres; NaN where unknown.
+
+    Returns
+    -------
+    float
+        Metres; NaN where fewer than 50 neighbours are known.
+    """
+    variogram = []
+    for lag in range(1, reach + 1):
+        steps = np.concatenate([np.subtract(*_ends(height, lag, axis)).ravel() for axis in (0, 1)])
+        steps = steps[np.isfinite(steps)]
+        if steps.size < 50:
+            return float("nan")
+        variogram.append(float(mad(steps)) ** 2)
+    return walk_sigma(np.array(variogram))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,243 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from fusion.fused import Source
+from fusion.fusing.constraints import Constraints, lidar_constraints
+from fusion.fusing.fuse import FuseInput, FuseOptions, fuse_maplet
+from fusion.fusing.information import (
+    DEFAULT_INFORMATION,
+    Comparison,
+    SlopeInformation,
+    estimate_information,
+)
+from lidar.mapola import Mapola
+from spcola.maplet import Maplet, MapletGrid
+
+GRID = MapletGrid.facing([80.0, 10.0, 5.0], [1.0, 0.1, 0.1], 0.5, 30)
+SIZE = GRID.size
+
+
+def correlated(generator, sigma, cells):
+    field = ndimage.gaussian_filter(generator.normal(size=(SIZE + 40, SIZE + 40)), cells)
+    field = field[20:-20, 20:-20]
+    return sigma * field / field.std()
+
+
+def truth(generator):
+    return correlated(generator, 0.5, 4.0) + correlated(generator, 0.1, 1.0)
+
+
+def scene(seed, *, lidar_sigma=0.03, cover=1.0, dark=None, common=0.0):
+    """Truth, and what goes into a fused maplet: SPC heights smoothed and wrong by 10 cm."""
+    generator = np.random.default_rng(seed)
+    surface = truth(generator)
+    spc = ndimage.gaussian_filter(surface, 1.0) + correlated(generator, 0.1, 2.5)
+    if dark is not None:
+        spc[dark] = np.nan
+    lidar = surface + lidar_sigma * generator.normal(size=surface.shape)
+    lidar[generator.random(surface.shape) >= cover] = np.nan
+    known = np.isfinite(lidar)
+    parts = FuseInput(
+        name="AA0001",
+        grid=GRID,
+        spc=Maplet("AA0001", GRID, spc),
+        lidar=Constraints(
+            lidar, np.where(known, lidar_sigma, np.nan), np.where(known, 4, 0).astype(np.int32)
+        ),
+        prior=ndimage.gaussian_filter(surface, 8.0),
+        common_covariance=common**2 * np.eye(3),
+    )
+    return surface, parts
+
+
+def information_of(parts):
+    pair = Comparison(parts.lidar.height, parts.spc.height, parts.lidar.sigma, GRID.gsd)
+    return estimate_information([pair])
+
+
+def rms(values):
+    return float(np.sqrt(np.nanmean(np.square(values))))
+
+
+@pytest.mark.parametrize(("cover", "gain"), [(1.0, 0.95), (0.3, 1.0)])
+def test_fused_heights_are_better_than_either_source(cover, gain):
+    # With gaps the fused heights of all points stand against lidar heights of a third of them.
+    gains = []
+    for seed in range(5):
+        surface, parts = scene(seed, lidar_sigma=0.06, cover=cover)
+        fused = fuse_maplet(parts, information_of(parts)).maplet
+        lidar_only = rms(parts.lidar.height - surface)
+        spc_only = rms(parts.spc.height - surface)
+        gains.append(rms(fused.height - surface) / min(lidar_only, spc_only))
+    assert np.mean(gains) < gain
+
+
+def test_sigma_tells_the_size_of_the_errors():
+    inside = {1: [], 2: []}
+    for seed in range(6):
+        surface, parts = scene(100 + seed, cover=0.5)
+        fused = fuse_maplet(parts, information_of(parts)).maplet
+        pull = np.abs(fused.height - surface) / fused.sigma
+        for times, shares in inside.items():
+            shares.append(np.mean(pull < times))
+    assert 0.60 < np.mean(inside[1]) < 0.85
+    assert 0.90 < np.mean(inside[2]) <= 1.0
+
+
+def test_shadow_is_filled_from_the_lidar_without_a_step_at_its_border():
+    dark = np.zeros((SIZE, SIZE), dtype=bool)
+    dark[:, :25] = True
+    steps = {"border": [], "inside": []}
+    for seed in range(6):
+        surface, parts = scene(200 + seed, dark=dark)
+        fused = fuse_maplet(parts, information_of(parts)).maplet
+        assert np.all(fused.source[:, :25] == Source.LIDAR)
+        assert np.all(fused.source[:, 25:] == Source.BOTH)
+        error = np.diff(fused.height - surface, axis=1)
+        steps["border"].append(rms(error[:, 24]))
+        steps["inside"].append(rms(error[:, :24]))
+        assert rms((fused.height - surface)[:, :25]) < 1.05 * rms(
+            (parts.lidar.height - surface)[:, :25]
+        )
+    assert np.mean(steps["border"]) < 1.15 * np.mean(steps["inside"])
+
+
+def test_gaps_of_both_are_filled_from_the_shape_and_said_to_be():
+    hole = np.zeros((SIZE, SIZE), dtype=bool)
+    hole[20:35, 20:35] = True
+    surface, parts = scene(7, dark=hole)
+    height = np.where(hole, np.nan, parts.lidar.height)
+    lidar = Constraints(
+        height, np.where(hole, np.nan, parts.lidar.sigma), np.where(hole, 0, parts.lidar.count)
+    )
+    bare = FuseInput(parts.name, GRID, parts.spc, lidar, parts.prior, parts.common_covariance)
+    fused = fuse_maplet(bare, information_of(bare)).maplet
+    assert np.all(fused.source[hole] == Source.FILLED)
+    assert np.all(fused.count[hole] == 0)
+    assert np.nanmedian(fused.sigma[25:30, 25:30]) > 3 * np.nanmedian(fused.sigma[~hole])
+    assert np.mean(np.abs(fused.height - surface)[hole] < 2 * fused.sigma[hole]) > 0.9
+    nothing = FuseInput(
+        parts.name, GRID, parts.spc, lidar, np.full(GRID.shape, np.nan), parts.common_covariance
+    )
+    unknown = fuse_maplet(nothing, information_of(bare)).maplet
+    assert np.isnan(unknown.height[hole]).all()
+    assert np.all(unknown.source[hole] == Source.NONE)
+
+
+def test_without_lidar_the_maplet_is_kept_and_the_part_named():
+    _, parts = scene(8)
+    none = np.full(GRID.shape, np.nan)
+    dry = FuseInput(
+        parts.name,
+        GRID,
+        parts.spc,
+        Constraints(none, none, np.zeros(GRID.shape, dtype=np.int32)),
+        parts.prior,
+        parts.common_covariance,
+    )
+    result = fuse_maplet(dry, DEFAULT_INFORMATION)
+    assert result.untied == 1
+    np.testing.assert_allclose(result.maplet.height, parts.spc.height, atol=1e-3)
+    assert np.all(result.maplet.source == Source.IMAGE)
+
+
+def test_stray_heights_are_held_off_by_the_loss():
+    surface, parts = scene(9)
+    height = parts.lidar.height.copy()
+    height[10:50:8, 12:50:8] += 3.0
+    spiked = FuseInput(
+        parts.name,
+        GRID,
+        parts.spc,
+        Constraints(height, parts.lidar.sigma, parts.lidar.count),
+        parts.prior,
+        parts.common_covariance,
+    )
+    robust = fuse_maplet(spiked, information_of(parts), options=FuseOptions(loss="cauchy"))
+    plain = fuse_maplet(spiked, information_of(parts), options=FuseOptions(loss="l2"))
+    assert robust.downweighted >= 25
+    assert rms(robust.maplet.height - surface) < 0.5 * rms(plain.maplet.height - surface)
+
+
+def test_a_subset_is_reproducible_and_its_own_for_each_maplet():
+    _, parts = scene(10)
+    options = FuseOptions(fraction=0.1, seed=3)
+    one = fuse_maplet(parts, DEFAULT_INFORMATION, options=options).maplet
+    two = fuse_maplet(parts, DEFAULT_INFORMATION, options=options).maplet
+    np.testing.assert_array_equal(one.height, two.height)
+    assert 0.05 < one.share(Source.BOTH) < 0.15
+    other = FuseInput("BB0002", GRID, parts.spc, parts.lidar, parts.prior, parts.common_covariance)
+    moved = fuse_maplet(other, DEFAULT_INFORMATION, options=options).maplet
+    assert not np.array_equal(one.source, moved.source)
+
+
+def test_what_all_heights_share_enters_the_sigma_also_through_the_slope():
+    _, parts = scene(11)
+    _, shared = scene(11, common=0.1)
+    alone = fuse_maplet(parts, DEFAULT_INFORMATION).maplet
+    both = fuse_maplet(shared, DEFAULT_INFORMATION).maplet
+    added = np.sqrt(both.sigma**2 - alone.sigma**2)
+    assert added.min() == pytest.approx(0.1, rel=0.02)
+    slope = np.hypot(*np.gradient(both.height, GRID.gsd))
+    np.testing.assert_allclose(added, 0.1 * np.hypot(1.0, slope), rtol=0.02, atol=2e-3)
+
+
+def test_information_recovers_a_planted_random_walk():
+    generator = np.random.default_rng(12)
+    pairs = []
+    for _ in range(8):
+        surface = truth(generator)
+        # Independent steps along x: an error whose variogram is linear, lag by lag.
+        walk = np.cumsum(0.02 * generator.normal(size=(SIZE, SIZE)), axis=1)
+        lidar = surface + 0.03 * generator.normal(size=surface.shape)
+        pairs.append(Comparison(lidar, surface + walk, np.full(GRID.shape, 0.03), GRID.gsd))
+    found = estimate_information(pairs)
+    # Along y neighbours are independent walks, so that the estimate lies above 0.02.
+    assert 0.02 < found.step_sigma_m < 0.2
+
+
+def test_information_takes_the_lidar_noise_off():
+    generator = np.random.default_rng(13)
+    surface = truth(generator)
+    pair = Comparison(
+        surface + 0.05 * generator.normal(size=GRID.shape),
+        surface,
+        np.full(GRID.shape, 0.05),
+        GRID.gsd,
+    )
+    found = estimate_information([pair])
+    assert found.step_sigma_m < 0.02
+    assert found.height_sigma_m < 0.02
+    assert estimate_information([]) == DEFAULT_INFORMATION
+
+
+def test_steps_on_steep_ground_are_less_certain():
+    information = SlopeInformation(0.03, 0.4, 0.1, 20.0)
+    assert information.step_sigma(np.array(0.0), 0.5) == pytest.approx(0.03)
+    assert information.step_sigma(np.array(-1.0), 0.5) == pytest.approx(np.hypot(0.03, 0.2))
+
+
+def test_constraints_take_one_mapola_for_each_point():
+    low = Mapola(
+        "A",
+        GRID,
+        np.zeros(GRID.shape),
+        sigma=np.full(GRID.shape, 0.02),
+        count=np.full(GRID.shape, 3),
+    )
+    gap = np.zeros(GRID.shape)
+    gap[:, :20] = np.nan
+    first = Mapola(
+        "B", GRID, gap + 1.0, sigma=np.full(GRID.shape, 0.01), count=np.where(np.isnan(gap), 0, 7)
+    )
+    found = lidar_constraints(GRID, [first, low])
+    # A cell beside the gap has an unknown corner, so that its edge comes from the other mapola.
+    assert np.all(found.height[1:-1, 22:-1] == pytest.approx(1.0))
+    assert np.all(found.height[1:-1, 1:18] == pytest.approx(0.0))
+    assert np.all(found.count[1:-1, 22:-1] == 7)
+    assert np.all(found.count[1:-1, 1:18] == 3)
+    far = MapletGrid(-GRID.center, GRID.axes * np.array([[1.0], [-1.0], [-1.0]]), 0.5, 30)
+    assert np.isnan(lidar_constraints(far, [low]).height).all()
