@@ -10,6 +10,10 @@ from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.kernel import kernel
 from spcola.maplet import Maplet, MapletGrid
 
+_BORDER = 1e-4
+"""Share of a cell by which a point may lie outside of it: axes read from files are orthonormal to
+seven digits only, and a point on the rim of a maplet must not be lost for that."""
+
 
 @dataclass(frozen=True, eq=False)
 class ProjectedMaplet:
@@ -93,7 +97,7 @@ def project_window(source: Maplet, grid: MapletGrid) -> ProjectedMaplet:
     layers = tuple(np.full(shape, np.nan) for _ in range(5))
     if shape[0] > 0 and shape[1] > 0:
         corners = np.stack([row - rows.start, column - columns.start, height])
-        _project_cells(corners, source.albedo, source.sigma, layers, 1e-6 * grid.gsd)
+        _project_cells(corners, source.albedo, source.sigma, layers, 10 * _BORDER * grid.gsd)
     level, slope_x, slope_y, albedo, sigma = layers
     slope_x, slope_y = slope_x / grid.gsd, slope_y / grid.gsd
     # A surface moved along the source's Uz moves, at fixed x and y of this grid, by this factor.
@@ -107,8 +111,8 @@ def _span(position: FloatArray, size: int) -> slice:
     known = position[np.isfinite(position)]
     if known.size == 0:
         return slice(0, 0)
-    low = int(np.clip(np.ceil(known.min() - 1e-6), 0, size))
-    high = int(np.clip(np.floor(known.max() + 1e-6) + 1, 0, size))
+    low = int(np.clip(np.ceil(known.min() - _BORDER), 0, size))
+    high = int(np.clip(np.floor(known.max() + _BORDER) + 1, 0, size))
     return slice(low, max(low, high))
 
 
@@ -198,8 +202,8 @@ def _bounds(
         b = row if axis == 0 else column
         low = min(b[i, j], b[i + 1, j], b[i, j + 1], b[i + 1, j + 1])
         high = max(b[i, j], b[i + 1, j], b[i, j + 1], b[i + 1, j + 1])
-        box[2 * axis] = max(0, int(np.ceil(low - 1e-7)))
-        box[2 * axis + 1] = min(shape[axis], int(np.floor(high + 1e-7)) + 1)
+        box[2 * axis] = max(0, int(np.ceil(low - _BORDER)))
+        box[2 * axis + 1] = min(shape[axis], int(np.floor(high + _BORDER)) + 1)
 
 
 @kernel
@@ -229,6 +233,6 @@ def _inside(
         # Newton squares the error: the step after one of 1e-8 would be below rounding.
         if abs(d_mu) + abs(d_nu) < 1e-8 or abs(mu) + abs(nu) > 100.0:
             break
-    if -1e-7 <= mu <= 1 + 1e-7 and -1e-7 <= nu <= 1 + 1e-7:
+    if -_BORDER <= mu <= 1 + _BORDER and -_BORDER <= nu <= 1 + _BORDER:
         return mu, nu
     return np.nan, np.nan

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from spcola.formats.map import read_maplet
 from spcola.heights import slopes_of
 from spcola.maplet import Maplet, MapletGrid
 from spcola.regrid import project_maplet, project_window
@@ -151,3 +152,17 @@ def test_window_is_the_part_of_the_grid_that_is_reached():
     assert project_window(far, grid).height.size == 0
     nothing = Maplet("C", grid, np.full(grid.shape, np.nan))
     assert not project_maplet(nothing, grid).valid.any()
+
+
+@pytest.mark.real_data
+def test_real_maplet_onto_itself(shared_data):
+    """Its unknown points stay unknown, all others keep their height."""
+    source = read_maplet(shared_data / "bennu" / "OLA001.MAP")
+    out = project_maplet(source, source.grid)
+    assert not (out.valid & ~source.valid).any()
+    # A point without a whole cell beside it cannot be interpolated.
+    lost = source.valid & ~out.valid
+    assert lost.sum() <= 40
+    np.testing.assert_allclose(
+        out.height[out.valid], source.height[out.valid], atol=1e-5 * source.grid.gsd
+    )
