@@ -1,0 +1,97 @@
+"""What the report shows; every part may be missing, and is then said to be missing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from fusion.fused import FusedMaplet
+from spcola.arrays import FloatArray, check_shape, frozen
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """One place as images, lidar and both see it, on the grid of the fused maplet.
+
+    Parameters
+    ----------
+    fused : FusedMaplet
+    spc : (2q+1, 2q+1) array_like
+        Heights of the SPC surface on the same grid, metres; NaN where unknown.
+    lidar : (2q+1, 2q+1) array_like
+        Heights of the registered mapola, metres; NaN where no return fell.
+    why : str
+        Why this place is shown.
+    """
+
+    fused: FusedMaplet
+    spc: FloatArray
+    lidar: FloatArray
+    why: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("spc", "lidar"):
+            layer = frozen(getattr(self, name), self.fused.grid.shape, name)
+            object.__setattr__(self, name, layer)
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """Where maplets lie and how much of each the lidar covers.
+
+    Parameters
+    ----------
+    centers : (N, 3) ndarray
+        V of each, body-fixed, metres.
+    share : (N,) ndarray
+        Share of the grid points with a lidar height, 0 … 1; NaN: no mapola.
+    """
+
+    centers: FloatArray
+    share: FloatArray
+
+    def __post_init__(self) -> None:
+        check_shape(self.centers, (None, 3), "centers")
+        check_shape(self.share, (len(self.centers),), "share")
+
+
+@dataclass(frozen=True)
+class Planted:
+    """One planted number and what was recovered."""
+
+    name: str
+    unit: str
+    planted: float
+    recovered: float
+    sigma: float
+
+    @property
+    def pull(self) -> float:
+        """(recovered − planted) / sigma; NaN where there is no sigma."""
+        return (self.recovered - self.planted) / self.sigma if self.sigma > 0 else float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class ReportData:
+    """All that a report is made of.
+
+    Parameters
+    ----------
+    body : str
+    surfaces : tuple of Surfaces
+    coverage : Coverage, optional
+    registration, scale : mapping, optional
+        Contents of ``registration.json`` and ``scale.json``.
+    planted : tuple of Planted
+        In the demo: what was planted.
+    versions : mapping of str to str
+    """
+
+    body: str = "body"
+    surfaces: tuple[Surfaces, ...] = ()
+    coverage: Coverage | None = None
+    registration: Mapping[str, Any] | None = None
+    scale: Mapping[str, Any] | None = None
+    planted: tuple[Planted, ...] = ()
+    versions: Mapping[str, str] | None = None

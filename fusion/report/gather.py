@@ -1,0 +1,136 @@
+"""Gathers what the report shows from a workspace."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fusion.fused import FusedMaplet
+from fusion.products.fused import FUSED_HDF5, fused_names, read_fused
+from fusion.products.manifest import versions
+from fusion.registration.summary import transform_of
+from fusion.report.data import Coverage, Planted, ReportData, Surfaces
+from fusion.workspace import Workspace
+from spcola.arrays import FloatArray
+from spcola.errors import FormatError
+from spcola.regrid import project_maplet
+from spcola.similarity import Affine
+
+PLANTED_FILE = "planted.json"
+"""Where a demo keeps what it planted: a list under ``planted``, keys as in Planted."""
+
+# Choosing the places to show looks at this many maplets at most, evenly taken from all.
+_LOOKED_AT = 200
+
+
+def gather_report(workspace: Workspace, *, body: str) -> ReportData:
+    """Read what is there; what is not is left out.
+
+    Raises
+    ------
+    SpcolaError
+        If a file that is there cannot be used.
+    """
+    registration = _optional_json(workspace, workspace.registration_path)
+    scale = _optional_json(workspace, workspace.scale_path)
+    return ReportData(
+        body=body,
+        surfaces=_places(workspace, registration),
+        coverage=_coverage(workspace),
+        registration=registration,
+        scale=scale,
+        planted=_planted(workspace),
+        versions=versions(),
+    )
+
+
+def choose_places(surfaces: list[Surfaces]) -> list[Surfaces]:
+    """Choose, each once: the largest lidar coverage, the most shadow, the largest difference.
+
+    Shadow is where SPC has no height (or only a filled one) and the lidar has.
+    """
+    chosen: list[Surfaces] = []
+    for why, worth in (
+        ("largest lidar coverage", _covered),
+        ("most that only lidar sees", _only_lidar),
+        ("largest difference of fused and SPC heights", _difference),
+    ):
+        best = max(surfaces, key=worth, default=None)
+        if best is None or worth(best) <= 0 or best.fused.name in {c.fused.name for c in chosen}:
+            continue
+        chosen.append(Surfaces(best.fused, best.spc, best.lidar, why))
+    return chosen
+
+
+def _covered(place: Surfaces) -> float:
+    return float(np.mean(np.isfinite(place.lidar)))
+
+
+def _only_lidar(place: Surfaces) -> float:
+    return float(np.mean(np.isfinite(place.lidar) & ~np.isfinite(place.spc)))
+
+
+def _difference(place: Surfaces) -> float:
+    gap = place.fused.height - place.spc
+    known = gap[np.isfinite(gap)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else 0.0
+
+
+def _places(workspace: Workspace, registration: dict[str, Any] | None) -> tuple[Surfaces, ...]:
+    """Read candidates one after another and keep the best for each reason."""
+    folder = workspace.root / "fused"
+    if not (folder / FUSED_HDF5).is_file():
+        return ()
+    names = fused_names(folder)
+    transform = None if registration is None else transform_of(registration, "registration.json")
+    kept: list[Surfaces] = []
+    for name in names[:: max(1, len(names) // _LOOKED_AT)]:
+        # Only the best so far stay in memory.
+        kept = choose_places([*kept, _surfaces(workspace, read_fused(folder, name), transform)])
+    return tuple(kept)
+
+
+def _surfaces(workspace: Workspace, fused: FusedMaplet, transform: Affine | None) -> Surfaces:
+    """Bring the SPC maplet and the registered mapola of one name to the fused maplet's grid."""
+    spc = lidar = np.full(fused.grid.shape, np.nan)
+    if workspace.maplet_path(fused.name).is_file():
+        spc = project_maplet(workspace.maplet(fused.name), fused.grid).height
+    if transform is not None and fused.name in workspace.mapola_names():
+        moved = workspace.mapola(fused.name).moved(transform)
+        lidar = project_maplet(moved, fused.grid).height
+    return Surfaces(fused, spc, lidar)
+
+
+def _coverage(workspace: Workspace) -> Coverage | None:
+    """Centres of maplets and mapolas, and what the lidar covers of each."""
+    centers: dict[str, FloatArray] = {}
+    share: dict[str, float] = {}
+    for name in workspace.maplet_names():
+        if workspace.maplet_path(name).is_file():
+            centers[name], share[name] = workspace.maplet(name).grid.center, np.nan
+    for name in workspace.mapola_names():
+        mapola = workspace.mapola(name)
+        centers.setdefault(name, mapola.grid.center)
+        share[name] = mapola.coverage
+    if not centers:
+        return None
+    return Coverage(np.stack(list(centers.values())), np.array([share[name] for name in centers]))
+
+
+def _optional_json(workspace: Workspace, path: Path) -> dict[str, Any] | None:
+    """Read a JSON artefact if it is there."""
+    return workspace.read_json(path.name) if path.is_file() else None
+
+
+def _planted(workspace: Workspace) -> tuple[Planted, ...]:
+    """Read what a demo planted."""
+    content = _optional_json(workspace, workspace.root / PLANTED_FILE)
+    if content is None:
+        return ()
+    try:
+        return tuple(Planted(**entry) for entry in content["planted"])
+    except (KeyError, TypeError) as error:
+        path = workspace.root / PLANTED_FILE
+        raise FormatError(f"does not say what was planted ({error})", path) from error

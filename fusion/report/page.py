@@ -1,0 +1,143 @@
+"""The report as one HTML page that needs nothing else."""
+
+from __future__ import annotations
+
+from html import escape
+from importlib.resources import files
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from fusion.report.data import ReportData, Surfaces
+from fusion.report.maps import coverage_figure, registration_figure
+from fusion.report.scale import scale_figure
+from fusion.report.style import data_uri
+from fusion.report.surfaces import surfaces_figure
+from fusion.report.tables import (
+    planted_table,
+    registration_tables,
+    rejected_table,
+    scale_tables,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_SECTIONS = (
+    ("planted", "Planted and recovered"),
+    ("surfaces", "Surfaces"),
+    ("coverage", "Coverage"),
+    ("registration", "Registration"),
+    ("scale", "Scale"),
+)
+
+
+def make_report(data: ReportData) -> str:
+    """Return the report as HTML: style and figures inside, no link to anything outside.
+
+    A part that is missing in `data` is said to be missing; what was planted is left out unless
+    given, as only a demo plants anything. Equal data give equal text.
+    """
+    parts = {
+        "planted": planted_table(data.planted) if data.planted else "",
+        "surfaces": "".join(_surfaces(place) for place in data.surfaces)
+        or _missing("There are no fused maplets yet."),
+        "coverage": _coverage(data),
+        "registration": _registration(data),
+        "scale": _scale(data),
+    }
+    shown = [(key, title) for key, title in _SECTIONS if parts[key]]
+    links = "".join(f'<a href="#{key}">{title}</a>' for key, title in shown)
+    body = "".join(
+        f'<section id="{key}"><h2>{title}</h2>{parts[key]}</section>' for key, title in shown
+    )
+    style = files("fusion.report").joinpath("report.css").read_text(encoding="utf-8")
+    name = escape(data.body)
+    made = ", ".join(f"{key} {value}" for key, value in (data.versions or {}).items())
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{name}: lidar and SPC</title><style>{style}</style></head><body>"
+        f"<header><h1>{name}: lidar and stereophotoclinometry together</h1><nav>{links}</nav>"
+        f"</header><main>{body}</main><footer>{escape(made)}</footer></body></html>\n"
+    )
+
+
+def _surfaces(place: Surfaces) -> str:
+    """One place: heading, figure, caption."""
+    fused = place.fused
+    both = np.isfinite(place.lidar) & np.isfinite(fused.height)
+    caption = (
+        f"{escape(fused.name)}, {fused.grid.size} × {fused.grid.size} points at "
+        f"{fused.grid.gsd:.4g} m. Top: hillshades, lit from the upper left at 45°. Middle: "
+        "differences of height along Uz, on one colour scale. Bottom: one standard deviation of "
+        "the fused height, lidar returns in each cell, and what each height rests on. Pale green: "
+        f"unknown. The lidar holds {100 * np.mean(both):.0f} % of the points. Rows run along −Ux, "
+        "columns along Uy, metres from the centre; N is the direction of the body's north."
+    )
+    why = f": {escape(place.why)}" if place.why else ""
+    figure = _figure(surfaces_figure(place), caption, f"surfaces of {fused.name}", "png")
+    return f"<h3>{escape(fused.name)}{why}</h3>{figure}"
+
+
+def _coverage(data: ReportData) -> str:
+    """The map of maplets and mapolas."""
+    if data.coverage is None or not len(data.coverage.centers):
+        return _missing("There are no maplets or mapolas yet.")
+    share = data.coverage.share[np.isfinite(data.coverage.share)]
+    mean = f"; on average {100 * share.mean():.0f} % of a mapola's points" if share.size else ""
+    caption = (
+        f"Centres of {len(data.coverage.centers)} maplets, coloured by the share of their points "
+        f"that hold a lidar height{mean}. Planetocentric coordinates."
+    )
+    return _figure(coverage_figure(data.coverage), caption, "coverage of the body")
+
+
+def _registration(data: ReportData) -> str:
+    """Numbers and residuals of the registration."""
+    if data.registration is None:
+        return _missing("There is no registration yet.")
+    intro = (
+        "<p>The transform takes lidar to SPC coordinates: "
+        "V<sub>SPC</sub> = translation + scale · R · V<sub>lidar</sub>.</p>"
+    )
+    caption = (
+        "Top: what the fit leaves of each mapola's displacement (SPC minus registered lidar); "
+        "arrows east and north, their key at the lower right, colour upward. Bottom: the same "
+        "along the body-fixed axes; dashed: one standard deviation of those used; the outermost "
+        "bins hold what lies beyond."
+    )
+    figure = _figure(registration_figure(data.registration), caption, "registration residuals")
+    return (
+        intro + registration_tables(data.registration) + figure + rejected_table(data.registration)
+    )
+
+
+def _scale(data: ReportData) -> str:
+    """Numbers and figures of the scale."""
+    if data.scale is None:
+        return _missing("There is no scale yet.")
+    intro = (
+        "<p>ε &gt; 0 means that the lidar range is longer than predicted: all SPC lengths are to "
+        "be multiplied by 1 + ε.</p>"
+    )
+    caption = (
+        "ε of the paired bigmaps: per day, against local solar time and against longitude. "
+        "Line and grey band: joint fit and its standard deviation. A slope over the day would "
+        "speak of errors of lighting or pointing, a wave once around of an offset of the centre."
+    )
+    figure = _figure(scale_figure(data.scale), caption, "scale by day, local time and longitude")
+    return intro + scale_tables(data.scale) + figure
+
+
+def _figure(
+    figure: Figure, caption: str, alternative: str, kind: Literal["png", "svg"] = "svg"
+) -> str:
+    return (
+        f'<figure><img alt="{escape(alternative)}" src="{data_uri(figure, kind)}">'
+        f"<figcaption>{caption}</figcaption></figure>"
+    )
+
+
+def _missing(text: str) -> str:
+    return f'<p class="missing">{text}</p>'

@@ -1,0 +1,63 @@
+"""How all figures of the report look, and how they get into the page."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SPC, LIDAR, FUSED, REJECTED = "#0072b2", "#e69f00", "#009e73", "#cc3311"
+"""Colours (Okabe and Ito; Tol) that remain distinct for colour-blind readers."""
+INK, MUTED = "#222222", "#8a8a8a"
+
+_SETTINGS: dict[str, Any] = {
+    "font.size": 9,
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9,
+    "axes.edgecolor": "#666666",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.6,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "svg.hashsalt": "spcola",
+}
+
+
+@contextmanager
+def drawing(width: float, height: float) -> Iterator[Figure]:
+    """Yield an empty figure (inches) in the report's style, without any global state left."""
+    import matplotlib as mpl  # noqa: PLC0415  (0.4 s at start-up)
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    with mpl.rc_context(_SETTINGS):
+        yield Figure(figsize=(width, height), layout="constrained")
+
+
+def data_uri(figure: Figure, kind: Literal["png", "svg"] = "svg", *, dpi: int = 130) -> str:
+    """Return the figure as a data URI; equal figures give equal text."""
+    import matplotlib as mpl  # noqa: PLC0415
+
+    stream = io.BytesIO()
+    with mpl.rc_context(_SETTINGS):
+        if kind == "svg":
+            figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+        else:
+            figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
+    mime = "image/svg+xml" if kind == "svg" else "image/png"
+    return f"data:{mime};base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"

@@ -1,0 +1,55 @@
+"""Report: everything that is there, on one page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from fusion.products.fused import FUSED_HDF5
+from fusion.report.gather import PLANTED_FILE, gather_report
+from fusion.report.page import make_report
+from fusion.settings import BodySettings, Settings, Table
+from fusion.stages.base import StageContext, StageResult
+from fusion.workspace import Workspace
+from spcola import atomic
+
+
+@dataclass(frozen=True)
+class ReportStage:
+    """Whatever the stages made → report.html."""
+
+    name: str = "report"
+    version: int = 1
+    tables: tuple[type[Table], ...] = (BodySettings,)
+
+    def missing(self, workspace: Workspace, settings: Settings) -> str:
+        """Return why there is nothing to report."""
+        if self.inputs(workspace, settings):
+            return ""
+        return f"there is nothing to show yet; run: spcola run {workspace.root}"
+
+    def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
+        """Return all that the report reads and that is there."""
+        root = workspace.root
+        maplets = [workspace.maplet_path(name) for name in workspace.maplet_names()]
+        results = [root / "fused" / FUSED_HDF5, workspace.registration_path, workspace.scale_path]
+        candidates = [*results, root / PLANTED_FILE, *maplets, *workspace.mapola_paths()]
+        return [path for path in candidates if path.is_file()]
+
+    def run(self, context: StageContext) -> StageResult:
+        """Gather the parts, compose the page, write it whole or not at all."""
+        workspace = context.workspace
+        data = gather_report(workspace, body=context.table(BodySettings).name)
+        with context.progress.task("report", 1) as task:
+            page = make_report(data)
+            task.advance()
+        atomic.write_text(workspace.report_path, page)
+        summary = {
+            "report": workspace.relative(workspace.report_path),
+            "surfaces": len(data.surfaces),
+            "megabytes": len(page.encode("utf-8")) / 1e6,
+        }
+        return StageResult((workspace.report_path,), summary)
+
+
+STAGE = ReportStage()

@@ -1,0 +1,114 @@
+"""The page: self-contained, complete, honest about what is missing."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from fusion.report.data import ReportData
+from fusion.report.page import make_report
+
+VOID = {"meta", "img", "br", "link"}
+
+
+class Outline(HTMLParser):
+    """Checks that tags nest, and gathers text and links."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open, self.text, self.targets, self.ids = [], [], [], set()
+
+    def handle_starttag(self, tag, attrs):
+        attrs = dict(attrs)
+        self.targets += [attrs[key] for key in ("src", "href") if key in attrs]
+        self.ids.add(attrs.get("id"))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+@pytest.fixture(scope="module")
+def page(report_data) -> str:
+    return make_report(report_data)
+
+
+def outline(page: str) -> Outline:
+    parsed = Outline()
+    parsed.feed(page)
+    assert parsed.open == []
+    return parsed
+
+
+def test_needs_nothing_from_outside(page) -> None:
+    parsed = outline(page)
+    for target in parsed.targets:
+        assert target.startswith(("data:image/", "#"))
+        if target.startswith("#"):
+            assert target[1:] in parsed.ids
+    without_images = re.sub(r'src="data:[^"]*"', "", page)
+    assert "http" not in without_images
+    assert "url(" not in without_images
+    assert "<script" not in page
+    assert len(page) < 5e6
+
+
+def test_equal_data_give_equal_pages(report_data) -> None:
+    part = replace(report_data, surfaces=(), registration=None)
+    assert make_report(part) == make_report(part)
+
+
+def test_shows_every_part(page) -> None:
+    text = " ".join(outline(page).text)
+    for wanted in (
+        "Bennu <test>", "BE0012", "largest lidar coverage", "213", "0.01050", "−0.0024",
+        "disagrees with the rest", "coverage < 0.3", "142", "0.0348", "within 20° of the equator",
+        "5.45",
+    ):  # fmt: skip
+        assert wanted in text, wanted
+    assert page.count("<img") == 5
+
+
+def test_planted_that_is_not_recovered_stands_out(page) -> None:
+    assert page.count('<td class="off">') == 1
+    assert '<td class="off">5.45' in page
+
+
+def test_missing_parts_are_said_to_be_missing() -> None:
+    text = " ".join(outline(make_report(ReportData())).text)
+    for wanted in ("no fused maplets", "no maplets or mapolas", "no registration", "no scale"):
+        assert wanted in text
+    assert "Planted" not in text
+
+
+def test_sparse_results_are_shown_too(report_data) -> None:
+    registration = {
+        **report_data.registration, "scale_sigma": None, "residual_std_m": [None, None, None],
+        "per_mapola": [
+            {**entry, "used": False, "residual_m": [None] * 3, "reason": "no <lidar>"}
+            for entry in report_data.registration["per_mapola"][:2]
+        ],
+    }  # fmt: skip
+    scale = {"epsilon": None, "epsilon_sigma": None, "per_day": [], "per_pair": [], "reasons": []}
+    page = make_report(ReportData("B", registration=registration, scale=scale))
+    text = " ".join(outline(page).text)
+    assert "no <lidar>" in text
+    one = {"day": "2019-03-07", "n": 1, "epsilon": 1e-4, "epsilon_sigma": None}
+    pair = {"epsilon": 1e-4, "longitude_deg": 5.0, "local_time_h": None, "used": True}
+    scale |= {"epsilon": 1e-4, "per_day": [one], "per_pair": [pair]}
+    outline(make_report(ReportData("B", scale=scale)))
+
+
+def test_empty_surfaces_do_not_stop_the_report(places) -> None:
+    place = places[0]
+    nothing = np.full(place.fused.grid.shape, np.nan)
+    empty = type(place)(place.fused, nothing, nothing, "no SPC, no lidar")
+    outline(make_report(ReportData("B", surfaces=(empty,))))
