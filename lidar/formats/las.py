@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -56,6 +57,7 @@ def read_las(path: Path, options: LidarOptions) -> Iterator[Scan]:
 
 
 def _opened(path: Path) -> Any:
+    _check_records(path)
     # laspy takes a while to import, and most runs read no LAS.
     import laspy  # noqa: PLC0415
 
@@ -66,6 +68,29 @@ def _opened(path: Path) -> Any:
     # laspy lets through whatever its struct, numpy and Rust parts raise on a broken header.
     except Exception as error:
         raise FormatError(f"is no whole LAS file ({error})", path, _AGAIN) from error
+
+
+def _check_records(path: Path) -> None:
+    """Refuse a header that promises more variable-length records than have room.
+
+    Four thousand million of them would keep the reader busy for hours.
+    """
+    with path.open("rb") as stream:
+        header = stream.read(247)
+    size = path.stat().st_size
+    if len(header) < 104 or not is_las(header):
+        raise FormatError("is no whole LAS file", path, _AGAIN)
+    begin, points, count = struct.unpack_from("<HII", header, 94)
+    fits = count * 54 <= points - begin and points <= size
+    if header[25] >= 4 and len(header) >= 247:
+        extended_begin, extended_count = struct.unpack_from("<QI", header, 235)
+        fits &= extended_count == 0 or extended_count * 60 <= size - extended_begin
+    if not fits:
+        raise FormatError(
+            f"promises {count} records before its points, more than have room",
+            f"{path}, header",
+            _AGAIN,
+        )
 
 
 def _chunks(path: Path, reader: Any, size: int) -> Iterator[Any]:
