@@ -28,9 +28,13 @@ from spcola.robust import mad
 # Noise variance of a step less the mean of the central slopes at its ends, in units of the
 # variance of one height: 2 (3/4)² + 2 (1/4)².
 _STEP_NOISE = 1.25
+# The four steps at a point err alike where the ground bends: they tell no more than one would,
+# which is said by doubling their standard deviation. Without it relief of some six cells is
+# flattened by more than its sigma.
+_STEPS_ALIKE = 2.0
 # Least standard deviation of a step beside that of a height. Steps are read from the surface
 # that they then hold, so that stiffer ones would only make the iteration slow.
-_STIFFEST = 0.5
+_STIFFEST = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +120,8 @@ class BigmapGridding:
     returns : GriddingReport
         What happened to the returns.
     step_sigma_m : float
-        Standard deviation of a height step about the mean slope of its ends, metres: the
-        roughness by which gaps grow uncertain.
+        Standard deviation that a height step about the mean slope of its ends was given,
+        metres: the roughness by which gaps grow uncertain.
     rounds : int
         Integrations.
     largest_change_m : float
@@ -237,7 +241,7 @@ def _integrate(
 
 
 def _step_sigma(mapola: Mapola) -> float:
-    """Robust standard deviation of the steps about the slopes, metres, without the noise."""
+    """Return the standard deviation of steps about the slopes, metres, without the noise."""
     step_x, step_y = steps_from_slopes(*slopes_of(mapola.height, mapola.grid.gsd), mapola.grid.gsd)
     departure = np.concatenate(
         [
@@ -248,7 +252,8 @@ def _step_sigma(mapola: Mapola) -> float:
     known = mapola.sigma[mapola.valid]
     noise = float(np.median(known)) if known.size else mapola.grid.gsd
     seen = float(np.nan_to_num(mad(departure)))
-    return float(np.sqrt(max(seen**2 - _STEP_NOISE * noise**2, (_STIFFEST * noise) ** 2)))
+    rough = np.sqrt(max(seen**2 - _STEP_NOISE * noise**2, 0.0))
+    return float(max(_STEPS_ALIKE * rough, _STIFFEST * noise))
 
 
 def _sigma(mapola: Mapola, mask: BoolArray, step_sigma: float) -> FloatArray:
