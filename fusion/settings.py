@@ -69,7 +69,9 @@ class MapolaSettings(Table):
     half_size: int = Field(
         default=0, ge=0, description="q of the (2q+1)² grid; 0: that of the maplet"
     )
-    overlap: Fraction = Field(default=0.3, description="of neighbours in a covering")
+    overlap: float = Field(
+        default=0.3, ge=0.0, le=0.8, description="of neighbours in a covering, in half sides"
+    )
     min_count: int = Field(default=1, ge=1, description="returns that a cell needs to get a height")
     min_coverage: Fraction = Field(
         default=0.1, description="share of the cells that a mapola must hold to be kept"
@@ -123,13 +125,38 @@ class FuseSettings(Table):
     )
 
 
-class BigmapSettings(Table):
-    """[bigmap]: maplets, mapolas and fused maplets averaged over a larger square."""
+class BigmapSite(Table):
+    """One entry of [bigmap] sites."""
 
+    name: str = Field(pattern=r"^[A-Za-z0-9_]{1,6}$")
+    latitude_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
+    longitude_deg: float = 0.0
+    size_m: NotNegative = 0.0
+    gsd_m: NotNegative = 0.0
+
+
+POLES = [
+    BigmapSite(name="NPOLE", latitude_deg=90.0),
+    BigmapSite(name="SPOLE", latitude_deg=-90.0),
+]
+
+
+class BigmapSettings(Table):
+    """[bigmap]: maplets, returns and fused maplets joined over larger squares."""
+
+    sites: list[BigmapSite] = Field(
+        default=POLES, description="where; size_m 0: half the mean radius; gsd_m 0: the maplets'"
+    )
     constraint_fraction: Fraction = Field(default=1.0, description="share of averaged heights used")
     seed: int = Field(default=1, ge=0, description="of the random subset")
     max_gsd_m: NotNegative = Field(
         default=0.0, description="coarser maplets are left out; 0: none is"
+    )
+    max_distance_m: NotNegative = Field(
+        default=0.0, description="heights further from the shape are left out; 0: none is"
+    )
+    max_gap: int = Field(
+        default=3, ge=0, description="widest gap of the returns that is bridged, cells"
     )
 
 
@@ -304,12 +331,14 @@ def _choices(annotation: Any) -> str:
 
 
 def _toml(value: Any) -> str:
-    """Return a TOML literal of a string, number, truth value or list of them."""
+    """Return a TOML literal of a string, number, truth value, or list or table of them."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
         escaped = value.replace("\\", "\\\\").replace('"', '\\"')
         return '"' + "".join(c if c >= " " else f"\\u{ord(c):04x}" for c in escaped) + '"'
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list):
         return "[" + ", ".join(_toml(item) for item in value) + "]"
     return repr(value)

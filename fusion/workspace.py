@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from fusion.fused import FusedMaplet
+from fusion.products.fused import read_fused
 from fusion.settings import Settings, load_settings, write_settings
 from lidar.formats.mapola import read_mapola
 from lidar.mapola import Mapola
@@ -198,6 +200,11 @@ class Workspace:
         """Return where the fused maplet `name` lies."""
         return self.root / "fused" / f"{name}.MAP"
 
+    def fused(self, name: str) -> FusedMaplet:
+        """Read the fused maplet `name`."""
+        self._present(self.fused_path(name), "fused maplet")
+        return read_fused(self.root / "fused", name)
+
     def pair_path(self, image: str, kind: str) -> Path:
         """Return where a bigmap of the pair of `image` lies; `kind` is "maplets" or "returns"."""
         return self.root / "pairs" / f"{image}-{kind}.MAP"
@@ -287,19 +294,19 @@ def make_folder(path: Path) -> None:
 
 def json_text(content: Mapping[str, Any]) -> str:
     """Return `content` as JSON: keys sorted, arrays as lists, NaN and infinity as null."""
-    return json.dumps(_plain(content), indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+    return json.dumps(plain(content), indent=2, sort_keys=True, ensure_ascii=False) + "\n"
 
 
-def _plain(value: Any) -> Any:
-    """Return `value` in the types that JSON knows."""
+def plain(value: Any) -> Any:
+    """Return `value` in the types that JSON knows; NaN and infinity are None."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, np.generic):
-        return _plain(value.item())
+        return plain(value.item())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     return str(value) if isinstance(value, Path) else value

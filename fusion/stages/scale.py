@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -62,7 +61,7 @@ class ScaleStage:
         return ""
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return scans, shape, the registration where there is one; for pairs maplets and images."""
+        """Return scans, shape, the registration if there is one; for pairs maplets and images."""
         paths = [*workspace.scan_paths(), workspace.shape_path()]
         if workspace.registration_path.is_file():
             paths.append(workspace.registration_path)
@@ -83,8 +82,9 @@ class ScaleStage:
         shape = workspace.shape()
         radius = context.table(BodySettings).mean_radius_m or shape.mean_radius
         caster = RayCaster(shape)
+        files: list[Path] = []
         if table.method == "shots":
-            content, files = _shots(context, caster, radius), []
+            content = _shots(context, caster, radius)
         else:
             content, files = _pairs(context, caster, radius)
         if workspace.registration_path.is_file():
@@ -142,7 +142,9 @@ def _thinned(workspace: Workspace, most: int) -> Scan:
     paths = workspace.scan_paths()
     total = sum(scan_summary(path).count for path in paths)
     step = max(1, -(-total // most))
-    parts = [part.select(slice(None, None, step)) for path in paths for part in iter_scan(path)]
+    parts = [
+        part.select(np.arange(0, len(part), step)) for path in paths for part in iter_scan(path)
+    ]
     return join("shots", parts)
 
 
@@ -235,9 +237,7 @@ class _PairMaker:
 
     def groups(self) -> dict[Path, list[PairFrame]]:
         """The images of each scan: each image goes to the scan that is nearest in time."""
-        spans = {
-            path: scan_summary(path).time_span for path in self._workspace.scan_paths()
-        }
+        spans = {path: scan_summary(path).time_span for path in self._workspace.scan_paths()}
         groups: dict[Path, list[PairFrame]] = {}
         for frame in self._frames:
             away = {path: _away(frame.time, span) for path, span in spans.items()}
@@ -274,5 +274,3 @@ def _away(time: float, span: tuple[float, float]) -> float:
     if not np.isfinite(span).all():
         return float("inf")
     return max(span[0] - time, time - span[1], 0.0)
-
-

@@ -1,0 +1,176 @@
+"""Bigmap: fused maplets, SPC maplets and lidar returns over larger squares, in one frame each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fusion.fusing.constraints import overlaps
+from fusion.registration.summary import transform_of
+from fusion.settings import BigmapSettings, BigmapSite, BodySettings, Settings, Table
+from fusion.stages.base import StageContext, StageResult
+from fusion.workspace import Workspace, make_folder
+from lidar.bigmap import LidarBigmapOptions, bigmap_from_returns
+from lidar.formats.native import iter_scan
+from lidar.returns import Returns
+from lidar.scan import Scan
+from spcola.arrays import FloatArray
+from spcola.bigmap import BigmapOptions, make_bigmap
+from spcola.errors import WorkspaceError
+from spcola.formats.map import write_maplet
+from spcola.maplet import Maplet, MapletGrid
+from spcola.rays import RayCaster
+from spcola.shapegrid import shape_heights
+from spcola.similarity import Affine
+
+
+@dataclass(frozen=True)
+class BigmapStage:
+    """Fused maplets, maplets, scans → bigmaps of each site in one frame.
+
+    ``bigmaps/SITE.MAP`` is of the fused maplets, ``bigmaps/maplets/`` holds the same of the SPC
+    maplets, ``bigmaps/returns/`` of the registered returns; each with its sigma beside it.
+    """
+
+    name: str = "bigmap"
+    version: int = 1
+    tables: tuple[type[Table], ...] = (BigmapSettings, BodySettings)
+
+    def missing(self, workspace: Workspace, settings: Settings) -> str:
+        """Return why there is no bigmap to be made."""
+        if not workspace.fused_names():
+            return f"there are no fused maplets; run: spcola fuse {workspace.root}"
+        if not workspace.has_shape():
+            return "there is no shape in SHAPEFILES on which to lay a bigmap"
+        return ""
+
+    def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
+        """Return fused maplets, maplets, scans, registration and shape."""
+        return [
+            *workspace.fused_paths(),
+            *(workspace.maplet_path(name) for name in workspace.maplet_names()),
+            *workspace.scan_paths(),
+            workspace.registration_path,
+            workspace.shape_path(),
+        ]
+
+    def run(self, context: StageContext) -> StageResult:
+        """Make the three bigmaps of every site.
+
+        Raises
+        ------
+        WorkspaceError
+            If two sites bear one name, or no ray meets the shape at a site.
+        """
+        workspace, table = context.workspace, context.table(BigmapSettings)
+        names = [site.name for site in table.sites]
+        if len(set(names)) < len(names):
+            raise WorkspaceError("two sites bear one name", "[bigmap] sites")
+        shape = workspace.shape()
+        radius = context.table(BodySettings).mean_radius_m or shape.mean_radius
+        builder = _Builder(workspace, table, RayCaster(shape), radius)
+        for folder in ("bigmaps", "bigmaps/maplets", "bigmaps/returns"):
+            make_folder(workspace.root / folder)
+        made = context.map("bigmaps", builder.write_site, table.sites)
+        return StageResult(
+            tuple(path for paths, _ in made for path in paths),
+            {"bigmaps": len(made), "sites": [summary for _, summary in made]},
+        )
+
+
+STAGE = BigmapStage()
+
+
+class _Builder:
+    """Makes the bigmaps of one site at a time."""
+
+    def __init__(
+        self, workspace: Workspace, table: BigmapSettings, caster: RayCaster, radius: float
+    ) -> None:
+        self._workspace, self._table = workspace, table
+        self._caster, self._radius = caster, radius
+        registration = workspace.read_json(workspace.registration_path.name)
+        self._transform: Affine = transform_of(registration, workspace.registration_path.name)
+        self._maplets = {name: workspace.maplet(name).grid for name in workspace.maplet_names()}
+        self._fused = {name: workspace.fused(name).grid for name in workspace.fused_names()}
+
+    def write_site(self, site: BigmapSite) -> tuple[list[Path], dict[str, Any]]:
+        """Make and write the bigmaps of `site`; return the files and what to tell."""
+        grid = self._grid(site)
+        spc = (self._workspace.maplet(name) for name in _over(grid, self._maplets))
+        fused = (self._workspace.fused(name) for name in _over(grid, self._fused))
+        root = self._workspace.root / "bigmaps"
+        bigmaps = {
+            root / f"{site.name}.MAP": self._joined(site.name, grid, fused),
+            root / "maplets" / f"{site.name}.MAP": self._joined(site.name, grid, spc),
+            root / "returns" / f"{site.name}.MAP": self._gridded(site.name, grid),
+        }
+        files = []
+        for path, bigmap in bigmaps.items():
+            write_maplet(path, bigmap, sigma_companion=True)
+            files += [path, path.with_suffix(".SIG")]
+        shares = [float(np.mean(bigmap.valid)) for bigmap in bigmaps.values()]
+        keys = ("coverage_fused", "coverage_maplets", "coverage_returns")
+        summary = {"name": site.name, "gsd_m": grid.gsd, "size": grid.size}
+        return files, {**summary, **dict(zip(keys, shares, strict=True))}
+
+    def _grid(self, site: BigmapSite) -> MapletGrid:
+        """Lay the site's grid where its latitude and longitude meet the shape."""
+        latitude, longitude = np.radians([site.latitude_deg, site.longitude_deg])
+        away = np.array(
+            [
+                np.cos(latitude) * np.cos(longitude),
+                np.cos(latitude) * np.sin(longitude),
+                np.sin(latitude),
+            ]
+        )
+        hits = self._caster.cast(10.0 * self._radius * away[None], -away[None])
+        if not hits.hit[0]:
+            raise WorkspaceError(
+                "no ray towards the centre meets the shape there", f"[bigmap] site {site.name}"
+            )
+        gsd = site.gsd_m or float(np.median([grid.gsd for grid in self._fused.values()]))
+        size = site.size_m or 0.5 * self._radius
+        half_size = max(2, round(size / gsd / 2.0))
+        # The plane is square to the radius: a single facet's normal would tilt it.
+        return MapletGrid.facing(hits.points[0], away, gsd, half_size)
+
+    def _joined(self, name: str, grid: MapletGrid, maplets: Iterable[Maplet]) -> Maplet:
+        """Bigmap of maplets (MATH §6)."""
+        table = self._table
+        reference = None
+        if table.max_distance_m:
+            reference = shape_heights(self._caster, grid, reach=grid.radius)
+        options = BigmapOptions(
+            max_gsd=table.max_gsd_m or None,
+            max_distance=table.max_distance_m or None,
+            constraint_fraction=table.constraint_fraction,
+            seed=table.seed,
+        )
+        return make_bigmap(name, grid, maplets, options=options, reference=reference)
+
+    def _gridded(self, name: str, grid: MapletGrid) -> Maplet:
+        """Bigmap of all registered returns over the grid (MATH §7)."""
+        options = LidarBigmapOptions(max_gap=self._table.max_gap)
+        near = [
+            self._near(part, grid)
+            for path in self._workspace.scan_paths()
+            for part in iter_scan(path)
+        ]
+        returns = Returns.of_scans([scan for scan in near if len(scan)])
+        return bigmap_from_returns(name, grid, returns, options=options)
+
+    def _near(self, scan: Scan, grid: MapletGrid) -> Scan:
+        """Returns of a chunk, in SPC coordinates, that may fall on the grid."""
+        points: FloatArray = self._transform.apply(scan.points)
+        close = np.linalg.norm(points - grid.center, axis=1) < 1.5 * grid.radius
+        return scan.with_points(points).select(close)
+
+
+def _over(grid: MapletGrid, grids: dict[str, MapletGrid]) -> list[str]:
+    """Names of the grids that may share ground with `grid`."""
+    return [name for name, other in grids.items() if overlaps(grid, other)]
