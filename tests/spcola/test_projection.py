@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from spcola.arrays import FloatArray
 from spcola.camera import Camera
+from spcola.formats.lmk import read_landmark
+from spcola.formats.sum import read_summary
 from spcola.image import SpcImage
 from spcola.projection import (
     partials_position,
@@ -166,13 +168,11 @@ def test_rotated_axes_stay_orthonormal_and_follow_eq_11() -> None:
 
 @pytest.mark.real_data
 def test_67p_landmarks_fall_within_1_5_px_of_the_recorded_place(shared_data: Path) -> None:
-    sums = pytest.importorskip("spcola.formats.sum")
-    lmks = pytest.importorskip("spcola.formats.lmk")
     folder = shared_data / "rosetta_67p"
-    shot = sums.read_summary(folder / "W48230079013.SUM")
+    shot = read_summary(folder / "W48230079013.SUM")
     distances = []
     for seen in shot.landmarks:
-        landmark = lmks.read_landmark(folder / f"{seen.name}.LMK")
+        landmark = read_landmark(folder / f"{seen.name}.LMK")
         pixel, line = project_image(shot, landmark.grid.center)
         distances.append(np.hypot(pixel - seen.pixel, line - seen.line))
     assert len(distances) == 3
