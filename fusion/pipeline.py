@@ -18,7 +18,7 @@ from fusion.executor import Executor, ThreadExecutor
 from fusion.progress import Progress
 from fusion.settings import Settings
 from fusion.stages.base import Stage, StageContext, StageResult, find_table
-from fusion.workspace import Workspace, make_folder
+from fusion.workspace import Workspace, make_folder, plain
 from spcola.errors import WorkspaceError
 
 State = Literal["ran", "up to date", "cannot run"]
@@ -166,7 +166,7 @@ class Pipeline:
                 key.settings,
                 key.inputs,
                 outputs,
-                result.summary,
+                plain(result.summary),
                 finished,
             )
         )

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fusion.catalog import CATALOG_FILE, Catalog
@@ -49,7 +50,9 @@ class Copy:
             atomic.write_text(made, path.read_text().upper())
             outputs.append(made)
         self.act(context)
-        return StageResult(tuple(outputs), {"files": len(outputs), "nan": float("nan")})
+        return StageResult(
+            tuple(outputs), {"files": len(outputs), "nan": float("nan"), "array": np.eye(2)}
+        )
 
 
 @pytest.fixture
@@ -242,7 +245,7 @@ def test_one_stage_runs_alone(workspace: Workspace, stages: list[Copy]) -> None:
 def test_a_stage_reads_only_the_tables_it_declared(
     workspace: Workspace, stages: list[Copy]
 ) -> None:
-    stages[0].act = lambda context: print(context.table(FuseSettings))
+    stages[0].act = lambda context: context.progress.note(str(context.table(FuseSettings)))
     with pytest.raises(SettingsError, match="does not declare FuseSettings"):
         pipeline(workspace, stages).run()
 

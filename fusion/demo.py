@@ -1,0 +1,126 @@
+"""The demonstration: a synthetic mission through the whole program, and what it recovers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from fusion.executor import Executor
+from fusion.initialise import new_workspace
+from fusion.pipeline import Pipeline, StageRun, opened
+from fusion.progress import Progress
+from fusion.stages import load_stages
+from fusion.stages.ingest import Source, Workers, import_files
+from fusion.truth.mission import LIDAR_FOLDER, SPC_FOLDER, make_mission
+from fusion.truth.planted import TRUTH_FILE, MissionSettings, Planted, read_truth
+from fusion.truth.recovery import Recovered, compare
+from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
+from spcola.errors import FormatError, WorkspaceError
+
+MISSION_FOLDER, WORKSPACE_FOLDER = "mission", "workspace"
+
+
+@dataclass(frozen=True)
+class Demonstration:
+    """What the demonstration showed.
+
+    Attributes
+    ----------
+    workspace : Workspace
+    runs : list of StageRun
+    recovered : list of Recovered
+        Planted values beside what the program found of them.
+    """
+
+    workspace: Workspace
+    runs: list[StageRun]
+    recovered: list[Recovered]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all of it in JSON types."""
+        return {
+            "workspace": str(self.workspace.root),
+            "report": str(self.workspace.report_path),
+            "stages": [asdict(run) for run in self.runs],
+            "recovered": [{**asdict(row), "pull": row.pull} for row in self.recovered],
+        }
+
+
+def demonstrate(
+    folder: Path,
+    executor: Executor,
+    progress: Progress,
+    *,
+    settings: MissionSettings | None = None,
+) -> Demonstration:
+    """Make a mission in `folder`, run all stages on it, and compare with what was planted.
+
+    A mission and a workspace that are there from the last time are used again.
+
+    Raises
+    ------
+    WorkspaceError
+        If `folder` holds other things, or cannot be written.
+    """
+    known = (MISSION_FOLDER, WORKSPACE_FOLDER)
+    if folder.is_dir() and any(entry.name not in known for entry in folder.iterdir()):
+        raise WorkspaceError("holds other things than a demo", folder, "choose an empty folder")
+    make_folder(folder)
+    mission = folder / MISSION_FOLDER
+    planted = _planted(mission, settings or MissionSettings.demo(), progress)
+    workspace = _workspace(folder / WORKSPACE_FOLDER, mission)
+    chosen = workspace.settings()
+    sources = [Source(path) for path in sorted((mission / LIDAR_FOLDER).iterdir())]
+    with opened(workspace) as catalog:
+        import_files(workspace, chosen, sources, Workers(executor, progress, catalog.digest))
+    runs = Pipeline(workspace, chosen, load_stages(), executor, progress).run()
+    recovered = compare(
+        planted,
+        workspace.read_json(workspace.registration_path.name),
+        workspace.read_json(workspace.scale_path.name),
+    )
+    return Demonstration(workspace, runs, recovered)
+
+
+def recovery_table(rows: Sequence[Recovered]) -> Iterator[str]:
+    """Yield the lines of a table: planted, recovered, sigma, and their difference in sigmas."""
+    yield f"{'':28}{'planted':>12}{'recovered':>12}{'sigma':>11}{'off by':>9}"
+    for row in rows:
+        values = "".join(
+            f"{_figure(value):>{width}}"
+            for value, width in ((row.planted, 12), (row.recovered, 12), (row.sigma, 11))
+        )
+        off = "" if math.isnan(row.pull) else f"{row.pull:+.1f} σ"
+        yield f"{row.name:28}{values}{off:>9}{'  ' + row.unit if row.unit else ''}".rstrip()
+
+
+def _figure(value: float) -> str:
+    """Return a number in at most ten characters; numbers near 1 with seven decimals."""
+    if math.isnan(value):
+        return "unknown"
+    if 0.9 < abs(value) < 1.1:
+        return f"{value:.7f}"
+    return f"{value:.3e}" if 0 < abs(value) < 1e-3 else f"{value:.5f}"
+
+
+def _planted(mission: Path, settings: MissionSettings, progress: Progress) -> Planted:
+    """Return what is planted in the mission there, which is made unless it is there, whole."""
+    if (mission / TRUTH_FILE).is_file():
+        try:
+            planted = read_truth(mission)
+        except FormatError:
+            progress.note(f"{mission / TRUTH_FILE} is damaged: the mission is made again")
+        else:
+            if planted.settings == settings:
+                return planted
+    return make_mission(mission, settings=settings, progress=progress)
+
+
+def _workspace(root: Path, mission: Path) -> Workspace:
+    """Return the workspace there, made over the mission's SPC folder unless it is there."""
+    if (root / SETTINGS_FILE).is_file():
+        return Workspace.open(root)
+    return new_workspace(root, body="Truth", spc=mission / SPC_FOLDER)
