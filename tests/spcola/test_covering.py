@@ -7,6 +7,7 @@ import pytest
 
 from spcola.covering import COVERED, cover, covering, inside, sample_surface
 from spcola.errors import InvalidValueError
+from spcola.formats.obj import read_obj
 from spcola.maplet import MapletGrid
 from spcola.mesh import Mesh
 
@@ -117,12 +118,7 @@ def test_refuses_a_shape_without_area() -> None:
 
 @pytest.mark.real_data
 def test_bennu_is_covered(shared_data: Path) -> None:
-    path = shared_data / "bennu" / "g_12570mm_alt_obj_0000n00000_v014.obj"
-    rows = [line.split() for line in path.read_text().splitlines()]
-    mesh = Mesh(
-        1000.0 * np.array([row[1:4] for row in rows if row and row[0] == "v"], dtype=float),
-        np.array([row[1:4] for row in rows if row and row[0] == "f"], dtype=int) - 1,
-    )
+    mesh = read_obj(shared_data / "bennu" / "g_12570mm_alt_obj_0000n00000_v014.obj")
     grids = covering(mesh, 1.0, 49)
     assert covered(mesh, grids, 0.8).all()
     assert len(grids) < 400

@@ -8,6 +8,7 @@ import pytest
 
 from spcola.arrays import FloatArray, IntArray
 from spcola.errors import InvalidValueError
+from spcola.formats.obj import read_obj
 from spcola.mesh import Mesh
 from spcola.rays import RayCaster, facets_around_vertices, intersect, refine
 
@@ -224,12 +225,7 @@ def test_a_caster_can_be_sent_to_another_process(caster: RayCaster) -> None:
 
 @pytest.mark.real_data
 def test_bennu_is_met_from_7_km_to_a_micrometre(shared_data: Path) -> None:
-    path = shared_data / "bennu" / "g_12570mm_alt_obj_0000n00000_v014.obj"
-    rows = [line.split() for line in path.read_text().splitlines()]
-    mesh = Mesh(
-        1000.0 * np.array([row[1:4] for row in rows if row and row[0] == "v"], dtype=float),
-        np.array([row[1:4] for row in rows if row and row[0] == "f"], dtype=int) - 1,
-    )
+    mesh = read_obj(shared_data / "bennu" / "g_12570mm_alt_obj_0000n00000_v014.obj")
     points, facet = surface_points(mesh, 50_000, 9)
     origins = points + 7000.0 * mesh.normals[facet]
     hits = RayCaster(mesh).cast(origins, points - origins)

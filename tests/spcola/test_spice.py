@@ -7,7 +7,7 @@ import pytest
 import spiceypy
 
 from spcola.errors import KernelError
-from spcola.mesh import Mesh
+from spcola.formats.obj import read_obj
 from spcola.rays import RayCaster
 from spcola.spice import KernelSet, body_fixed_axes, body_fixed_trajectory, state_times
 from spcola.time import SPICE_LOCK, et_from_utc, utc_from_et
@@ -216,16 +216,7 @@ def test_mapcam_boresight_meets_bennu(shared_data: Path) -> None:
     with kernels.load():
         position = body_fixed_trajectory("mapcam", -64, BENNU, [et]).position
         axes = body_fixed_axes("ORX_OCAMS_MAPCAM", BENNU, [et])[0]
-    rows = [
-        line.split()
-        for line in (shared_data / "bennu" / "g_12570mm_alt_obj_0000n00000_v014.obj")
-        .read_text()
-        .splitlines()
-    ]
-    shape = Mesh(
-        1000.0 * np.array([row[1:4] for row in rows if row and row[0] == "v"], dtype=float),
-        np.array([row[1:4] for row in rows if row and row[0] == "f"], dtype=int) - 1,
-    )
+    shape = read_obj(shared_data / "bennu" / "g_12570mm_alt_obj_0000n00000_v014.obj")
     hit = RayCaster(shape).cast(position, axes[2:3])
     assert hit.hit[0]
     assert hit.distance[0] == pytest.approx(6351.6, abs=30.0)
