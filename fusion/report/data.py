@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fusion.fused import FusedMaplet
+from fusion.truth.recovery import Recovered
 from spcola.arrays import FloatArray, check_shape, frozen
 
 
@@ -56,22 +57,6 @@ class Coverage:
         check_shape(self.share, (len(self.centers),), "share")
 
 
-@dataclass(frozen=True)
-class Planted:
-    """One planted number and what was recovered."""
-
-    name: str
-    unit: str
-    planted: float
-    recovered: float
-    sigma: float
-
-    @property
-    def pull(self) -> float:
-        """(recovered − planted) / sigma; NaN where there is no sigma."""
-        return (self.recovered - self.planted) / self.sigma if self.sigma > 0 else float("nan")
-
-
 @dataclass(frozen=True, eq=False)
 class ReportData:
     """All that a report is made of.
@@ -83,8 +68,8 @@ class ReportData:
     coverage : Coverage, optional
     registration, scale : mapping, optional
         Contents of ``registration.json`` and ``scale.json``.
-    planted : tuple of Planted
-        In the demo: what was planted.
+    planted : tuple of Recovered
+        In the demo: what was planted, and what was found of it.
     versions : mapping of str to str
     """
 
@@ -93,5 +78,5 @@ class ReportData:
     coverage: Coverage | None = None
     registration: Mapping[str, Any] | None = None
     scale: Mapping[str, Any] | None = None
-    planted: tuple[Planted, ...] = ()
+    planted: tuple[Recovered, ...] = ()
     versions: Mapping[str, str] | None = None

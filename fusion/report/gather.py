@@ -11,7 +11,8 @@ from fusion.fused import FusedMaplet
 from fusion.products.fused import FUSED_HDF5, fused_names, read_fused
 from fusion.products.manifest import versions
 from fusion.registration.summary import transform_of
-from fusion.report.data import Coverage, Planted, ReportData, Surfaces
+from fusion.report.data import Coverage, ReportData, Surfaces
+from fusion.truth.recovery import Recovered
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError
@@ -19,7 +20,8 @@ from spcola.regrid import project_maplet
 from spcola.similarity import Affine
 
 PLANTED_FILE = "planted.json"
-"""Where a demo keeps what it planted: a list under ``planted``, keys as in Planted."""
+"""Where a demo tells the report what it planted: a list under ``planted``, each entry with the
+keys of :class:`~fusion.truth.recovery.Recovered`, null for NaN."""
 
 # Choosing the places to show looks at this many maplets at most, evenly taken from all.
 _LOOKED_AT = 200
@@ -124,13 +126,22 @@ def _optional_json(workspace: Workspace, path: Path) -> dict[str, Any] | None:
     return workspace.read_json(path.name) if path.is_file() else None
 
 
-def _planted(workspace: Workspace) -> tuple[Planted, ...]:
+def _planted(workspace: Workspace) -> tuple[Recovered, ...]:
     """Read what a demo planted."""
     content = _optional_json(workspace, workspace.root / PLANTED_FILE)
     if content is None:
         return ()
     try:
-        return tuple(Planted(**entry) for entry in content["planted"])
-    except (KeyError, TypeError) as error:
+        return tuple(_recovered(entry) for entry in content["planted"])
+    except (KeyError, TypeError, ValueError) as error:
         path = workspace.root / PLANTED_FILE
         raise FormatError(f"does not say what was planted ({error})", path) from error
+
+
+def _recovered(entry: dict[str, Any]) -> Recovered:
+    """Read one planted value; null is NaN."""
+    planted, recovered, sigma = (
+        float("nan") if entry[key] is None else float(entry[key])
+        for key in ("planted", "recovered", "sigma")
+    )
+    return Recovered(str(entry["name"]), planted, recovered, sigma, str(entry["unit"]))

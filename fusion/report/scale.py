@@ -17,8 +17,12 @@ PPM = 1e6
 
 
 def scale_figure(scale: Mapping[str, Any]) -> Figure:
-    """Three panels over one axis of ε: per day, per local time, per longitude."""
-    pairs = [pair for pair in scale.get("per_pair") or [] if pair.get("epsilon") is not None]
+    """Three panels over one axis of ε: per day, per local time, per longitude.
+
+    Single values are those of pairs or, where there are none, of single shots.
+    """
+    single = scale.get("per_pair") or scale.get("per_shot") or []
+    pairs = [entry for entry in single if entry.get("epsilon") is not None]
     with drawing(9.4, 6.6) as figure:
         panels: dict[str, Any] = figure.subplot_mosaic([["day", "day"], ["hour", "longitude"]])
         _by_day(panels["day"], scale)
@@ -67,7 +71,7 @@ def _by_angle(
         return
     angle, epsilon = _numbers(shown, key), _numbers(shown, "epsilon") * PPM
     used = np.array([bool(pair.get("used", True)) for pair in shown])
-    panel.plot(angle[used], epsilon[used], ".", color=SPC, ms=4, alpha=0.45, label="pair")
+    panel.plot(angle[used], epsilon[used], ".", color=SPC, ms=4, alpha=0.45, label="single")
     if (~used).any():
         panel.plot(angle[~used], epsilon[~used], "x", color=REJECTED, ms=5, label="rejected")
     edges = np.linspace(low, high, 13)

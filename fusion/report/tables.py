@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fusion.report.data import Planted
+from fusion.truth.recovery import Recovered
 
 # Beyond this many sigmas a recovered number disagrees with what was planted.
 _SUSPICIOUS_PULL = 3.0
@@ -106,7 +106,7 @@ def scale_tables(scale: Mapping[str, Any]) -> str:
     return table(["", "value", "sigma"], rows, caption="Joint fit") + (notes if said else "")
 
 
-def planted_table(planted: Sequence[Planted]) -> str:
+def planted_table(planted: Sequence[Recovered]) -> str:
     """Table of what was planted and what was recovered; large pulls stand out."""
     rows = []
     for entry in planted:

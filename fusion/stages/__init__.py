@@ -6,7 +6,7 @@ from importlib import import_module
 
 from fusion.stages.base import Stage
 
-ORDER = ("ingest", "mapolas", "register", "fuse", "bigmap", "scale", "release")
+ORDER = ("ingest", "mapolas", "register", "fuse", "bigmap", "scale", "release", "report")
 
 
 def load_stage(name: str) -> Stage:

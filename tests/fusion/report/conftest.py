@@ -7,7 +7,8 @@ import pytest
 from scipy import ndimage
 
 from fusion.fused import FusedMaplet, Source
-from fusion.report.data import Coverage, Planted, ReportData, Surfaces
+from fusion.report.data import Coverage, ReportData, Surfaces
+from fusion.truth.recovery import Recovered
 from spcola.maplet import MapletGrid
 
 
@@ -129,9 +130,9 @@ def report_data(places) -> ReportData:
         registration(),
         scale(),
         (
-            Planted("scale ε", "10⁻⁶", 150.0, 142.0, 12.0),
-            Planted("rotation z", "°", 0.01, 0.0105, 0.0009),
-            Planted("translation x", "m", 0.1, 0.16, 0.011),
+            Recovered("epsilon", 1.5e-4, 1.42e-4, 1.2e-5, ""),
+            Recovered("rotation z", 0.01, 0.0105, 0.0009, "deg"),
+            Recovered("translation x", 0.1, 0.16, 0.011, "m"),
         ),
         {"spcola": "0.1.0"},
     )
