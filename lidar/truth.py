@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidar.scan import Scan
-from spcola.arrays import FloatArray
+from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import SettingsError
 from spcola.truth.body import TruthBody
 from spcola.truth.passes import Pass
@@ -169,7 +169,7 @@ def _measured(
     settings: LidarSettings,
     errors: ScanErrors,
     generator: np.random.Generator,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[BoolArray, FloatArray]:
     """Return which shots have an echo (N,), and the ranges (N,) that the table states, metres."""
     count = len(distance)
     measured = distance * (1.0 + errors.range_scale) - settings.reference_offset

@@ -188,9 +188,10 @@ def read_truth(path: str | Path) -> Planted:
 
 def _settings(values: dict[str, Any]) -> MissionSettings:
     body = dict(values["body"])
-    laws = {name: PowerLaw(**body.pop(name)) for name in ("craters", "boulders")}
-    parts = {
-        "body": BodySettings(**body, **laws),
+    for name in ("craters", "boulders"):
+        body[name] = PowerLaw(**body[name])
+    parts: dict[str, Any] = {
+        "body": BodySettings(**body),
         "passes": PassSettings(**_tuples(values["passes"])),
         "lidar": LidarSettings(**values["lidar"]),
         "solution": SolutionSettings(**values["solution"]),

@@ -165,7 +165,8 @@ def assess_heights(
         dark.append(shadowed(maplet, planted)[known])
     error, sigma, shade = (np.concatenate(part) for part in (errors, sigmas, dark))
     known = np.isfinite(error)
-    regions = {"all": known, "lit": known & ~shade, "shadowed": known & shade}
+    lit = np.logical_not(shade)
+    regions = {"all": known, "lit": known & lit, "shadowed": known & np.logical_not(lit)}
     return [_region(name, error[mask], sigma[mask]) for name, mask in regions.items()]
 
 

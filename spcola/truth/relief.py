@@ -13,7 +13,7 @@ from spcola.kernel import kernel
 from spcola.truth.streams import stream
 
 # A boulder is an ellipsoid of which the equator lies this share of its third semi-axis below the
-# ground: sides then end at a finite slope, and the radius stays a function of direction.
+# ground: sides then end at 61° at most, and the radius stays a function of direction.
 BURIED = 0.4
 CRATER_DEPTH = 0.12
 """Depth of a crater below the ground, in diameters."""
@@ -138,7 +138,7 @@ def draw_boulders(law: PowerLaw, radius: float, seed: int) -> Features:
     across = np.cross(direction, along)
     semi = diameter / 2.0
     second = semi * generator.uniform(0.65, 1.0, size=count)
-    third = semi * generator.uniform(0.6, 1.0, size=count)
+    third = second * generator.uniform(0.55, 0.8, size=count)
     numbers = np.column_stack(
         [direction, along / semi[:, None], across / second[:, None], third, BURIED * third]
     )

@@ -47,7 +47,7 @@ def lattice_gradient(i: int, j: int, k: int, seed: int) -> int:
     word += np.uint64(k) * _AXIS_Z
     word = (word ^ (word >> _S30)) * _MIX_1
     word = (word ^ (word >> _S27)) * _MIX_2
-    return np.int64((word ^ (word >> _S31)) >> _S60)
+    return int((word ^ (word >> _S31)) >> _S60)
 
 
 @kernel
@@ -67,7 +67,7 @@ def _ease(t: float) -> float:
 def gradient_noise(x: float, y: float, z: float, seed: int) -> float:
     """Return gradient noise (Perlin 2002) at a point in units of the lattice; mean 0."""
     fx, fy, fz = np.floor(x), np.floor(y), np.floor(z)
-    i, j, k = np.int64(fx), np.int64(fy), np.int64(fz)
+    i, j, k = int(fx), int(fy), int(fz)
     x, y, z = x - fx, y - fy, z - fz
     u, v, w = _ease(x), _ease(y), _ease(z)
     value = 0.0

@@ -154,7 +154,7 @@ def measure_landmarks(
     points = np.round(measured, 2)
     return tuple(
         ImagePoint(maplets[k].name, float(points[0, k]), float(points[1, k]))
-        for k in np.flatnonzero(seen)
+        for k in np.flatnonzero(seen).tolist()
     )
 
 

@@ -11,8 +11,8 @@ from spcola.kernel import kernel
 from spcola.truth.relief import boulder_height, cell_of, crater_height
 from spcola.truth.roughness import fractal_noise
 
-# A ray goes on by this share of its height above the ground: the ground, with slopes up to 63°
-# (twice that of a boulder's side), cannot come to meet it within the step.
+# A ray goes on by this share of its height above the ground: the ground, with slopes up to 63°,
+# cannot come to meet it within the step.
 _STEP_SHARE = 0.45
 _LEAST_STEP = 0.02
 # Above all relief only the smooth shape counts, of which the slopes stay under 40°.

@@ -1,0 +1,202 @@
+"""The synthetic body: a sphere by formula, hits on the surface, catalogues by their power laws."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spcola.errors import SettingsError
+from spcola.maplet import MapletGrid
+from spcola.truth.body import BodySettings, TruthBody
+from spcola.truth.relief import (
+    PowerLaw,
+    boulder_height,
+    cell_directions,
+    cell_of,
+    crater_height,
+    directions,
+)
+from spcola.truth.roughness import _GRADIENTS, NOISE_RMS, gradient_noise, noise_field
+from spcola.truth.streams import stream
+from spcola.truth.surface import low_degree
+
+
+@pytest.fixture(scope="module")
+def body() -> TruthBody:
+    return TruthBody(BodySettings(seed=7, radius=40.0))
+
+
+def _directions(count: int, seed: int = 0) -> np.ndarray:
+    vectors = np.random.default_rng(seed).normal(size=(count, 3))
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def test_a_sphere_has_one_radius_and_one_albedo() -> None:
+    sphere = TruthBody(BodySettings.sphere(75.0))
+    np.testing.assert_allclose(sphere.radius(_directions(100)), 75.0, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(sphere.albedo(_directions(10)), np.ones(10))
+
+
+def test_rays_meet_a_sphere_where_the_formula_says() -> None:
+    sphere = TruthBody(BodySettings.sphere(75.0))
+    out = _directions(400)
+    origins = 3500.0 * out
+    aim = 70.0 * _directions(400, seed=1)
+    beam = aim - origins
+    beam /= np.linalg.norm(beam, axis=1, keepdims=True)
+    b = np.sum(origins * beam, axis=1)
+    distance = -b - np.sqrt(b**2 - 3500.0**2 + 75.0**2)
+    expected = origins + distance[:, None] * beam
+    np.testing.assert_allclose(sphere.cast(origins, 5.0 * beam), expected, rtol=0, atol=1e-9)
+
+
+def test_a_ray_beside_or_away_from_the_body_misses() -> None:
+    sphere = TruthBody(BodySettings.sphere(75.0))
+    origins = np.array([[3500.0, 0.0, 0.0]] * 3)
+    beams = np.array([[-1.0, 0.0, 0.03], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    assert np.isnan(sphere.cast(origins, beams)).all()
+
+
+def test_heights_of_a_sphere_are_its_bulge() -> None:
+    sphere = TruthBody(BodySettings.sphere(75.0))
+    grid = MapletGrid.facing([60.0, 20.0, 30.0], [60.0, 20.0, 30.0], 1.0, 12)
+    m, n = np.meshgrid(grid.offsets, grid.offsets, indexing="ij")
+    expected = np.sqrt(75.0**2 - m**2 - n**2) - 70.0
+    np.testing.assert_allclose(sphere.heights(grid), expected, rtol=0, atol=1e-9)
+
+
+def test_heights_and_hits_lie_on_the_surface(body: TruthBody) -> None:
+    center, normal = body.mean_plane(np.array([0.3, -0.8, 0.2]), 20.0)
+    points = MapletGrid.facing(center, normal, 0.5, 20)
+    points = points.points(body.heights(points)).reshape(-1, 3)
+    error = np.linalg.norm(points, axis=1) - body.radius(points)
+    assert np.max(np.abs(error)) < 1e-9
+
+
+def test_nothing_lies_before_the_first_hit(body: TruthBody) -> None:
+    origins = 300.0 * _directions(60, seed=3)
+    aim = 25.0 * _directions(60, seed=4)
+    hits = body.cast(origins, aim - origins)
+    share = np.linspace(0.75, 0.9999, 4000)
+    for origin, hit in zip(origins, hits, strict=True):
+        along = origin + share[:, None] * (hit - origin)
+        assert np.all(np.linalg.norm(along, axis=1) > body.radius(along) - 0.02)
+
+
+def test_the_index_finds_every_crater_and_boulder(body: TruthBody) -> None:
+    d = _directions(300, seed=5)
+    surface = body._surface
+    size = surface.radius
+    for x, y, z in d:
+        point = np.array([[x, y, z]]) * size
+        noise = np.empty(1)
+        noise_field(surface.octaves, surface.seed, point, noise)
+        ground = size * low_degree(surface, x, y, z)
+        ground += (1.0 + surface.roughness_contrast * (y * y - x * x)) * noise[0]
+        ground += sum(crater_height(x, y, z, size, crater) for crater in surface.craters)
+        near = surface.boulders[surface.boulders[:, :3] @ [x, y, z] > 0]
+        ground += max(boulder_height(x, y, z, size, boulder) for boulder in near)
+        assert body.radius(np.array([[x, y, z]]))[0] == pytest.approx(ground, abs=1e-11)
+
+
+def test_a_direction_falls_in_the_cell_of_the_nearest_face_place() -> None:
+    for number, (x, y, z) in enumerate(cell_directions(5)):
+        assert cell_of(x, y, z, 5) == number
+
+
+def test_the_surface_stays_under_its_ceiling(body: TruthBody) -> None:
+    assert body.radius(_directions(20_000)).max() < body._surface.ceiling
+
+
+def test_the_same_seed_gives_the_same_body_and_another_another() -> None:
+    d = _directions(50)
+    one, two = (TruthBody(BodySettings(seed=3, radius=40.0)).radius(d) for _ in range(2))
+    np.testing.assert_array_equal(one, two)
+    assert np.abs(TruthBody(BodySettings(seed=4, radius=40.0)).radius(d) - one).max() > 0.1
+
+
+def test_diameters_follow_the_power_law() -> None:
+    law = PowerLaw(1e4, 2.7, 0.5, 50.0)
+    d = law.draw(40_000, stream(1, "test"))
+    assert d.min() >= 0.5
+    assert d.max() <= 50.0
+    # Maximum-likelihood slope (Hill); the cut at 100 times the smallest is far in the tail.
+    slope = 1.0 / np.mean(np.log(d / 0.5))
+    assert slope == pytest.approx(2.7, abs=3 * 2.7 / np.sqrt(40_000))
+
+
+def test_there_are_as_many_features_as_the_density_says(body: TruthBody) -> None:
+    area = 4.0 * np.pi * 40.0**2
+    for features, law in (
+        (body.craters, body.settings.craters),
+        (body.boulders, body.settings.boulders),
+    ):
+        expected = law.expected(area)
+        assert abs(len(features) - expected) < 4.0 * np.sqrt(expected)
+    assert law.expected(1e6) == pytest.approx(2e4 * (0.7**-2.7 - 8.0**-2.7))
+
+
+def test_features_are_densest_at_180_degrees() -> None:
+    x = directions(100_000, 0.5, stream(1, "test"))[:, 0]
+    # Density (1 − x/2)/(4π): the mean of x is −1/6.
+    assert np.mean(x) == pytest.approx(-1.0 / 6.0, abs=0.006)
+
+
+def test_noise_is_the_reference_in_plain_python() -> None:
+    mask = 2**64 - 1
+
+    def gradient(i: int, j: int, k: int, seed: int) -> np.ndarray:
+        word = seed + i * 0x9E3779B97F4A7C15 + j * 0xC2B2AE3D27D4EB4F + k * 0x165667B19E3779F9
+        word &= mask
+        word = ((word ^ (word >> 30)) * 0xBF58476D1CE4E5B9) & mask
+        word = ((word ^ (word >> 27)) * 0x94D049BB133111EB) & mask
+        return _GRADIENTS[(word ^ (word >> 31)) >> 60]
+
+    def reference(point: np.ndarray, seed: int) -> float:
+        base = np.floor(point)
+        value = 0.0
+        for corner in np.ndindex(2, 2, 2):
+            away = point - base - corner
+            t = 1.0 - np.abs(away)
+            weight = np.prod(t**3 * (t * (t * 6.0 - 15.0) + 10.0))
+            place = (base + corner).astype(int)
+            value += weight * (gradient(*(int(c) for c in place), seed) @ away)
+        return value
+
+    points = np.random.default_rng(2).uniform(-9.0, 9.0, (200, 3))
+    for p in points:
+        assert gradient_noise(*p, 77) == pytest.approx(reference(p, 77), abs=1e-12)
+
+
+def test_noise_has_the_stated_rms() -> None:
+    points = np.random.default_rng(1).uniform(-500, 500, (200_000, 3))
+    out = np.empty(len(points))
+    noise_field(np.array([[1.0, 1.0]]), 5, points, out)
+    assert out.std() == pytest.approx(NOISE_RMS, rel=0.01)
+    assert abs(out.mean()) < 0.003
+
+
+def test_albedo_varies_as_stated() -> None:
+    albedo = TruthBody(BodySettings(radius=75.0)).albedo(_directions(50_000))
+    assert albedo.mean() == pytest.approx(1.0, abs=0.005)
+    assert albedo.std() == pytest.approx(0.04, rel=0.08)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"radius": -1.0},
+        {"roughness": -0.1},
+        {"shortest": 50.0},
+        {"albedo": 0.5},
+    ],
+)
+def test_settings_out_of_range_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(SettingsError):
+        BodySettings(**wrong)
+
+
+def test_power_laws_out_of_range_are_refused() -> None:
+    for wrong in [(-1.0, 2.0, 1.0, 2.0), (1.0, 0.0, 1.0, 2.0), (1.0, 2.0, 3.0, 2.0)]:
+        with pytest.raises(SettingsError):
+            PowerLaw(*wrong)
