@@ -123,8 +123,9 @@ def _scale(data: ReportData) -> str:
     )
     caption = (
         "ε of paired bigmaps (or single shots): per day, against local solar time and against "
-        "longitude. Line and grey band: joint fit and its standard deviation. A slope over the day would "
-        "speak of errors of lighting or pointing, a wave once around of an offset of the centre."
+        "longitude. Line and grey band: joint fit and its standard deviation. A slope over the "
+        "day would speak of errors of lighting or pointing, a wave once around of an offset of "
+        "the centre."
     )
     figure = _figure(scale_figure(data.scale), caption, "scale by day, local time and longitude")
     return intro + scale_tables(data.scale) + figure
