@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from fusion.executor import Executor
 from fusion.initialise import new_workspace
 from fusion.pipeline import Pipeline, StageRun, opened
 from fusion.progress import Progress
+from fusion.report.gather import PLANTED_FILE
 from fusion.stages import load_stages
 from fusion.stages.ingest import Source, Workers, import_files
 from fusion.truth.mission import LIDAR_FOLDER, SPC_FOLDER, make_mission
@@ -21,6 +22,7 @@ from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
 from spcola.errors import FormatError, WorkspaceError
 
 MISSION_FOLDER, WORKSPACE_FOLDER = "mission", "workspace"
+REPORT = "report"
 
 
 @dataclass(frozen=True)
@@ -76,13 +78,17 @@ def demonstrate(
     sources = [Source(path) for path in sorted((mission / LIDAR_FOLDER).iterdir())]
     with opened(workspace) as catalog:
         import_files(workspace, chosen, sources, Workers(executor, progress, catalog.digest))
-    runs = Pipeline(workspace, chosen, load_stages(), executor, progress).run()
+    stages = load_stages()
+    whole = Pipeline(workspace, chosen, stages, executor, progress)
+    # The report comes last, when it is known what was recovered.
+    runs = replace(whole, stages=[stage for stage in stages if stage.name != REPORT]).run()
     recovered = compare(
         planted,
         workspace.read_json(workspace.registration_path.name),
         workspace.read_json(workspace.scale_path.name),
     )
-    return Demonstration(workspace, runs, recovered)
+    workspace.write_json(PLANTED_FILE, {"planted": [asdict(row) for row in recovered]})
+    return Demonstration(workspace, [*runs, whole.run_stage(REPORT)], recovered)
 
 
 def recovery_table(rows: Sequence[Recovered]) -> Iterator[str]:

@@ -9,7 +9,7 @@ import typer
 
 from fusion.cli.output import JsonOption, run_content, run_lines, show
 from fusion.executor import ThreadExecutor
-from fusion.pipeline import Pipeline
+from fusion.pipeline import Pipeline, StageRun
 from fusion.progress import Progress
 from fusion.stages import load_stages
 from fusion.workspace import Workspace
@@ -41,7 +41,7 @@ def mapolas(
     Per cell the median of slope-corrected heights, their count, spread and sigma.
     """
     changed = {"source": source, "gsd_m": gsd}
-    _run_one(workspace, "mapolas", "mapolas", changed, (force, workers, as_json))
+    _run(workspace, ("mapolas",), ("mapolas", changed), (force, workers, as_json))
 
 
 def register(
@@ -63,7 +63,7 @@ def register(
     Each is matched in three components; one transform is fitted to all: registration.json.
     """
     changed = {"model": model, "against": against}
-    _run_one(workspace, "register", "register", changed, (force, workers, as_json))
+    _run(workspace, ("register",), ("register", changed), (force, workers, as_json))
 
 
 def fuse(
@@ -76,7 +76,7 @@ def fuse(
 
     Slopes are integrated with the registered lidar heights as constraints: fused/.
     """
-    _run_one(workspace, "fuse", "fuse", {}, (force, workers, as_json))
+    _run(workspace, ("fuse",), ("fuse", {}), (force, workers, as_json))
 
 
 def bigmap(
@@ -86,7 +86,7 @@ def bigmap(
     as_json: JsonOption = False,
 ) -> None:
     """Make bigmaps of maplets and of returns."""
-    _run_one(workspace, "bigmap", "bigmap", {}, (force, workers, as_json))
+    _run(workspace, ("bigmap",), ("bigmap", {}), (force, workers, as_json))
 
 
 def scale(
@@ -103,7 +103,7 @@ def scale(
 
     From paired bigmaps, or from single shots, with their sigmas: scale.json.
     """
-    _run_one(workspace, "scale", "scale", {"method": method}, (force, workers, as_json))
+    _run(workspace, ("scale",), ("scale", {"method": method}), (force, workers, as_json))
 
 
 def release(
@@ -117,7 +117,7 @@ def release(
     release/ gets every product in every format chosen, with its provenance; report.html shows
     the result.
     """
-    _run_one(workspace, "release", "release", {}, (force, workers, as_json))
+    _run(workspace, ("release", "report"), ("release", {}), (force, workers, as_json))
 
 
 def run(
@@ -139,19 +139,19 @@ def run(
         Progress.fitting(silent=as_json),
     )
     runs = pipeline.run(force=force)
-    content = {"workspace": str(workspace), "stages": [run_content(one) for one in runs]}
-    show(content, [line for one in runs for line in run_lines(one)], as_json=as_json)
+    lines = [line for one in runs for line in run_lines(one)]
+    show(_together(opened, runs), lines, as_json=as_json)
 
 
-def _run_one(
+def _run(
     workspace: Path,
-    stage: str,
-    table: str,
-    changed: dict[str, Any],
+    stages: tuple[str, ...],
+    change: tuple[str, dict[str, Any]],
     how: tuple[bool, int | None, bool],
 ) -> None:
-    """Run one stage with some of its settings changed (None: not changed), and print."""
+    """Run stages with some settings of one table changed (None: not changed), and print."""
     force, workers, as_json = how
+    table, changed = change
     opened = Workspace.open(workspace)
     settings = opened.settings()
     given = {key: value for key, value in changed.items() if value is not None}
@@ -162,5 +162,11 @@ def _run_one(
             raise typer.BadParameter(str(error)) from error
     progress = Progress.fitting(silent=as_json)
     pipeline = Pipeline(opened, settings, load_stages(), ThreadExecutor(workers), progress)
-    done = pipeline.run_stage(stage, force=force)
-    show(run_content(done), run_lines(done), as_json=as_json)
+    runs = [pipeline.run_stage(stage, force=force) for stage in stages]
+    content = run_content(runs[0]) if len(runs) == 1 else _together(opened, runs)
+    show(content, [line for one in runs for line in run_lines(one)], as_json=as_json)
+
+
+def _together(workspace: Workspace, runs: list[StageRun]) -> dict[str, Any]:
+    """Return what ``--json`` prints of several stages."""
+    return {"workspace": str(workspace.root), "stages": [run_content(one) for one in runs]}
