@@ -61,7 +61,7 @@ class MissionSettings:
 
     @classmethod
     def demo(cls, seed: int = 1) -> MissionSettings:
-        """Return the mission of the demo: a body of 75 m, 20 scans, 72 maplets."""
+        """Return the mission of the demo: a body of 75 m, 20 scans, 64 maplets."""
         return cls(seed=seed, body=BodySettings(seed=seed))
 
     @classmethod

@@ -51,7 +51,7 @@ class SolutionSettings:
 
     gsd: float = 0.5
     half_size: int = 49
-    maplets: int = 72
+    maplets: int = 64
     noise: float = 0.10
     correlation: float = 5.0
     center_sigma: float = 0.06
