@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import re
 
 import numpy as np
+
+LARGEST_NUMBER = 1e100
+"""Nothing measured is larger; its square still is a double."""
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([DdEe][+-]?\d+|[+-]\d{3})?")
 _EXPONENT = re.compile(r"(?<=[\d.])[Dd]?(?=[+-]\d)|[Dd]")
@@ -17,14 +19,14 @@ def parse_number(text: str) -> float:
     Raises
     ------
     ValueError
-        If it is not a finite number: ``NaN``, ``Infinity`` and the ``****`` of a number that
+        If it is not a number up to 1e100: ``NaN``, ``Infinity`` and the ``****`` of a number that
         overflowed its column are refused with the rest.
     """
     if not _NUMBER.fullmatch(text):
         reason = "a number that overflowed its column" if set(text) == {"*"} else "not a number"
         raise ValueError(f"{text!r} is {reason}")
     value = float(_EXPONENT.sub("E", text, count=1))
-    if not math.isfinite(value):
+    if not abs(value) <= LARGEST_NUMBER:
         raise ValueError(f"{text!r} is too large")
     return value
 

@@ -148,15 +148,16 @@ def _vertices(elements: dict[str, PlyValues], path: str | Path, metres: float) -
     columns = [elements.get("vertex", {}).get(name) for name in ("x", "y", "z")]
     if any(column is None for column in columns):
         raise FormatError("has no element 'vertex' with x, y and z", path)
-    table = np.column_stack([np.asarray(column, dtype=np.float64) for column in columns]) * metres
-    far = np.flatnonzero(~(np.linalg.norm(table, axis=1) <= LARGEST_RADIUS_KM * KM))
+    table = np.column_stack([np.asarray(column, dtype=np.float64) for column in columns])
+    largest = LARGEST_RADIUS_KM * KM / metres
+    far = np.flatnonzero(~np.all(np.abs(table) <= largest, axis=1))
     if len(far):
         raise FormatError(
             f"the vertex is not finite or more than {LARGEST_RADIUS_KM:g} km from the centre",
             f"{path}, vertex {far[0]}",
             "is it in another unit or byte order?",
         )
-    return table
+    return table * metres
 
 
 def _facets(elements: dict[str, PlyValues], vertex_count: int, path: str | Path) -> IntArray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from spcola.arrays import AnyArray, FloatArray, IntArray
 from spcola.errors import FormatError
-from spcola.formats.fortran import parse_number
+from spcola.formats.fortran import LARGEST_NUMBER, parse_number
 
 _NUMBER_BYTES = np.zeros(256, dtype=bool)
 _NUMBER_BYTES[np.frombuffer(b"0123456789+-.eEdD", np.uint8)] = True
@@ -118,7 +118,7 @@ def _parse_fast(text: bytes, count: int) -> FloatArray | None:
         values: FloatArray = np.fromstring(plain, dtype=np.float64, sep=" ")
     except (ValueError, DeprecationWarning):  # the warning: NumPy before 2.3
         return None
-    return values if len(values) == count and np.all(np.isfinite(values)) else None
+    return values if len(values) == count and np.all(np.abs(values) <= LARGEST_NUMBER) else None
 
 
 def _parse_words(text: bytes, rows: NumberRows, row: AnyArray) -> FloatArray:

@@ -26,7 +26,8 @@ def test_forms_that_are_numbers(text, value):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "x", "1x", "NaN", "Infinity", "1_0", "1D", "1.2.3", "0x1", "1D999", "--1", "1 2"]
+    "text",
+    ["", "x", "1x", "NaN", "Infinity", "1_0", "1D", "1.2.3", "0x1", "1D999", "--1", "1 2", "1D101"],
 )
 def test_forms_that_are_none(text):
     with pytest.raises(ValueError, match="is"):
