@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from fusion.initialise import new_workspace
 from fusion.pipeline import Pipeline, StageRun, opened
 from fusion.progress import Progress
 from fusion.report.gather import PLANTED_FILE
+from fusion.settings import write_settings
 from fusion.stages import load_stages
 from fusion.stages.ingest import Source, Workers, import_files
 from fusion.truth.mission import LIDAR_FOLDER, SPC_FOLDER, make_mission
@@ -23,6 +25,8 @@ from spcola.errors import FormatError, WorkspaceError
 
 MISSION_FOLDER, WORKSPACE_FOLDER = "mission", "workspace"
 REPORT = "report"
+PAIR_SIZE = 0.5
+"""Side of the paired bigmaps in radii of the body."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +64,8 @@ def demonstrate(
 ) -> Demonstration:
     """Make a mission in `folder`, run all stages on it, and compare with what was planted.
 
-    A mission and a workspace that are there from the last time are used again.
+    A mission and a workspace that are there from the last time are used again; if the mission
+    has to be made anew, the workspace of the old one is removed.
 
     Raises
     ------
@@ -72,8 +77,13 @@ def demonstrate(
         raise WorkspaceError("holds other things than a demo", folder, "choose an empty folder")
     make_folder(folder)
     mission = folder / MISSION_FOLDER
-    planted = _planted(mission, settings or MissionSettings.demo(), progress)
-    workspace = _workspace(folder / WORKSPACE_FOLDER, mission)
+    wanted = settings or MissionSettings.demo()
+    planted = _planted(mission, wanted, progress)
+    if planted is None:
+        # What was made of another mission (an earlier version's, say) says nothing of this one.
+        _remove(folder / WORKSPACE_FOLDER)
+        planted = make_mission(mission, settings=wanted, progress=progress)
+    workspace = _workspace(folder / WORKSPACE_FOLDER, mission, wanted.body.radius)
     chosen = workspace.settings()
     sources = [Source(path) for path in sorted((mission / LIDAR_FOLDER).iterdir())]
     with opened(workspace) as catalog:
@@ -112,21 +122,33 @@ def _figure(value: float) -> str:
     return f"{value:.3e}" if 0 < abs(value) < 1e-3 else f"{value:.5f}"
 
 
-def _planted(mission: Path, settings: MissionSettings, progress: Progress) -> Planted:
-    """Return what is planted in the mission there, which is made unless it is there, whole."""
-    if (mission / TRUTH_FILE).is_file():
-        try:
-            planted = read_truth(mission)
-        except FormatError:
-            progress.note(f"{mission / TRUTH_FILE} is damaged: the mission is made again")
-        else:
-            if planted.settings == settings:
-                return planted
-    return make_mission(mission, settings=settings, progress=progress)
+def _planted(mission: Path, settings: MissionSettings, progress: Progress) -> Planted | None:
+    """Return what is planted in the mission there; None if it is not whole or another one."""
+    if not (mission / TRUTH_FILE).is_file():
+        return None
+    try:
+        planted = read_truth(mission)
+    except FormatError as error:
+        progress.note(f"note: {error}")
+        return None
+    return planted if planted.settings == settings else None
 
 
-def _workspace(root: Path, mission: Path) -> Workspace:
+def _remove(folder: Path) -> None:
+    """Remove a folder, if it is there."""
+    try:
+        if folder.exists():
+            shutil.rmtree(folder)
+    except OSError as error:
+        raise WorkspaceError(f"cannot be removed ({error.strerror})", folder) from error
+
+
+def _workspace(root: Path, mission: Path, radius: float) -> Workspace:
     """Return the workspace there, made over the mission's SPC folder unless it is there."""
     if (root / SETTINGS_FILE).is_file():
         return Workspace.open(root)
-    return new_workspace(root, body="Truth", spc=mission / SPC_FOLDER)
+    workspace = new_workspace(root, body="Truth", spc=mission / SPC_FOLDER)
+    # At Bennu pairs of 100 m were taken, 0.4 radii: a smaller body is covered by smaller ones.
+    settings = workspace.settings().with_table("scale", size_m=PAIR_SIZE * radius)
+    write_settings(root / SETTINGS_FILE, settings)
+    return workspace

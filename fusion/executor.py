@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Protocol, TypeVar
 
+from threadpoolctl import threadpool_limits
+
 from spcola.errors import SettingsError
 
 Item = TypeVar("Item")
@@ -58,6 +60,9 @@ class ThreadExecutor:
         """
         pool = ThreadPoolExecutor(self.workers, thread_name_prefix="spcola")
         waiting: deque[Future[Result]] = deque()
+        # The workers are the parallelism: a BLAS that starts threads of its own in each of them
+        # makes small factorisations many times slower.
+        blas = threadpool_limits(limits=1, user_api="blas")
         try:
             for item in items:
                 waiting.append(pool.submit(function, item))
@@ -67,6 +72,7 @@ class ThreadExecutor:
                 yield waiting.popleft().result()
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+            blas.restore_original_limits()
 
     def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
         """Return the results in the order of `items`."""

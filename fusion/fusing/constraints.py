@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from lidar.mapola import Mapola
-from spcola.arrays import AnyArray, FloatArray
+from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.maplet import MapletGrid
 from spcola.regrid import project_maplet
 
@@ -43,7 +43,23 @@ class Constraints:
         )
 
 
-def lidar_constraints(grid: MapletGrid, mapolas: Iterable[Mapola]) -> Constraints:
+@dataclass(frozen=True)
+class Candidate:
+    """A registered mapola that may hold heights for a grid; read only if it is needed.
+
+    Parameters
+    ----------
+    grid : MapletGrid
+        Of the mapola, in SPC coordinates.
+    load : callable
+        Reads it, in SPC coordinates.
+    """
+
+    grid: MapletGrid
+    load: Callable[[], Mapola]
+
+
+def lidar_constraints(grid: MapletGrid, candidates: Iterable[Candidate]) -> Constraints:
     """Project registered mapolas onto `grid`, one height for each point.
 
     Overlapping mapolas hold the same returns, so averaging them would count returns twice. Each
@@ -54,20 +70,37 @@ def lidar_constraints(grid: MapletGrid, mapolas: Iterable[Mapola]) -> Constraint
     ----------
     grid : MapletGrid
         In SPC coordinates.
-    mapolas : iterable of Mapola
-        In SPC coordinates (moved by the registration), best first.
+    candidates : iterable of Candidate
+        Best first. Those that reach no point that is still without a height are not read.
     """
     height = np.full(grid.shape, np.nan)
     sigma = np.full(grid.shape, np.nan)
     count = np.zeros(grid.shape, dtype=np.int32)
-    for mapola in mapolas:
-        if overlaps(grid, mapola.grid):
-            projected = project_maplet(mapola, grid)
-            new = projected.valid & np.isfinite(projected.sigma) & ~np.isfinite(height)
-            height[new] = projected.height[new]
-            sigma[new] = projected.sigma[new]
-            count[new] = np.maximum(_nearest_count(mapola, grid, height)[new], 1)
+    for candidate in candidates:
+        unknown = ~np.isfinite(height)
+        if not overlaps(grid, candidate.grid) or not _reaches(candidate.grid, grid, unknown):
+            continue
+        mapola = candidate.load()
+        projected = project_maplet(mapola, grid)
+        new = projected.valid & np.isfinite(projected.sigma) & unknown
+        height[new] = projected.height[new]
+        sigma[new] = projected.sigma[new]
+        count[new] = np.maximum(_nearest_count(mapola, grid, height)[new], 1)
     return Constraints(height, sigma, count)
+
+
+def _reaches(other: MapletGrid, grid: MapletGrid, unknown: BoolArray) -> bool:
+    """Whether an `unknown` point of `grid` may lie over `other`, whatever its height is.
+
+    Relief shifts a point sideways where the planes are inclined; up to a quarter of the grid's
+    width of it is allowed for.
+    """
+    if not unknown.any():
+        return False
+    x, y, _ = other.project(grid.points(np.zeros(grid.shape))[unknown])
+    tilt = float(np.linalg.norm(np.cross(grid.uz, other.uz)))
+    limit = other.half_size + 0.5 * grid.half_size * grid.gsd / other.gsd * tilt
+    return bool(((np.abs(x) <= limit) & (np.abs(y) <= limit)).any())
 
 
 def overlaps(one: MapletGrid, other: MapletGrid) -> bool:

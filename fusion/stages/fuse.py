@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fusion.fused import FusedMaplet, Source
-from fusion.fusing.constraints import Constraints, lidar_constraints, overlaps
+from fusion.fusing.constraints import Candidate, lidar_constraints, overlaps
 from fusion.fusing.fuse import FuseInput, FuseOptions, FuseResult, fuse_maplet
 from fusion.fusing.information import Comparison, SlopeInformation, estimate_information
 from fusion.products.fused import write_fused
@@ -55,7 +55,7 @@ class FuseStage:
         """Estimate how much slopes and heights know, then fuse every maplet."""
         workspace, table = context.workspace, context.table(FuseSettings)
         scene = Scene.of(workspace)
-        sample = scene.targets[:: max(1, len(scene.targets) // _SAMPLE)]
+        sample = scene.targets[:: -(-len(scene.targets) // _SAMPLE)]
         compared = context.map("compare lidar and SPC", scene.comparison, sample)
         information = estimate_information([pair for pair in compared if pair is not None])
         options = FuseOptions(
@@ -78,8 +78,8 @@ class FuseStage:
 
 STAGE = FuseStage()
 
-# The information is one for the whole solution; about this many maplets tell it.
-_SAMPLE = 40
+# The information is one for the whole solution; at most this many maplets tell it.
+_SAMPLE = 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,20 +134,20 @@ class Scene:
     def parts(self, name: str) -> FuseInput:
         """Gather what goes into the fused maplet `name`."""
         spc = self._spc(name)
-        mapolas = list(self._mapolas(name, spc.grid))
+        candidates = self._candidates(name, spc.grid)
         return FuseInput(
             name=name,
             grid=spc.grid,
             spc=spc,
-            lidar=lidar_constraints(spc.grid, mapolas),
+            lidar=lidar_constraints(spc.grid, candidates),
             prior=self.prior(spc.grid),
-            common_covariance=self._common(spc.grid, mapolas),
+            common_covariance=self._common(spc.grid, candidates),
         )
 
     def comparison(self, name: str) -> Comparison | None:
         """Lidar and SPC heights of one maplet, aligned; None where they do not meet."""
         spc = self._spc(name)
-        lidar: Constraints = lidar_constraints(spc.grid, self._mapolas(name, spc.grid))
+        lidar = lidar_constraints(spc.grid, self._candidates(name, spc.grid))
         if not (spc.valid & np.isfinite(lidar.height)).any():
             return None
         return Comparison(lidar.height, spc.height, lidar.sigma, spc.grid.gsd)
@@ -168,23 +168,27 @@ class Scene:
         grid = replace(maplet.grid, center=maplet.grid.center - self.residuals[name])
         return replace(maplet, grid=grid, center_sigma=np.zeros(3))
 
-    def _mapolas(self, name: str, grid: MapletGrid) -> Iterator[Mapola]:
+    def _candidates(self, name: str, grid: MapletGrid) -> list[Candidate]:
         """Registered mapolas over `grid`: the one of the same place first, then the nearest."""
 
         def order(other: str) -> tuple[bool, float]:
             away = float(np.linalg.norm(self.mapola_grids[other].center - grid.center))
             return (other != name, away)
 
-        near = [other for other, place in self.mapola_grids.items() if overlaps(grid, place)]
-        for other in sorted(near, key=order):
-            yield self.workspace.mapola(other).moved(self.transform)
+        def loader(other: str) -> Callable[[], Mapola]:
+            return lambda: self.workspace.mapola(other).moved(self.transform)
 
-    def _common(self, grid: MapletGrid, mapolas: list[Mapola]) -> FloatArray:
+        near = [other for other, place in self.mapola_grids.items() if overlaps(grid, place)]
+        return [
+            Candidate(self.mapola_grids[other], loader(other)) for other in sorted(near, key=order)
+        ]
+
+    def _common(self, grid: MapletGrid, candidates: list[Candidate]) -> FloatArray:
         """Covariance (3, 3), m², of what all lidar heights of a maplet share."""
         center = self.transform.inverse().apply(grid.center)[None]
         covariance = position_covariance(self.registration, center, "registration.json")[0]
-        if mapolas:
-            shares = np.array(list(mapolas[0].scan_share.values()))
+        if candidates:
+            shares = np.array(list(candidates[0].load().scan_share.values()))
             scan_sigma = float(self.registration["scan_sigma_m"])
             covariance = covariance + scan_sigma**2 * float(shares @ shares) * np.eye(3)
         return covariance

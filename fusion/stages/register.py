@@ -119,12 +119,12 @@ STAGE = RegisterStage()
 _LONG = frozenset({"per_mapola", "per_scan", "covariance", "parameters"})
 
 # The blur is one number for the whole solution; this many mapolas tell it.
-_BLUR_SAMPLE = 40
+_BLUR_SAMPLE = 24
 
 
 def _sample(names: list[str]) -> list[str]:
-    """At most twice that many names, spread over the list, the same in each run."""
-    return names[:: max(1, len(names) // _BLUR_SAMPLE)]
+    """At most that many names, spread over the list, the same in each run."""
+    return names[:: -(-len(names) // _BLUR_SAMPLE)]
 
 
 def _blur(match: Match, reference: Reference, grid: MapletGrid) -> float:

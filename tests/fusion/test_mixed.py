@@ -7,7 +7,10 @@ from fusion.mixed import ErrorSizes, MixedOptions, Observations, fit_mixed
 from spcola.errors import InvalidValueError, NotObservableError
 
 
-def options(names=("a", "b"), *, sizes=ErrorSizes(0.0, 0.0), prior=np.inf, robust=True):
+NOTHING_UNKNOWN = ErrorSizes(0.0, 0.0)
+
+
+def options(names=("a", "b"), *, sizes=NOTHING_UNKNOWN, prior=np.inf, robust=True):
     count = len(names)
     return MixedOptions(
         prior=np.full(count, prior), sizes=sizes, scale=np.ones(count), names=names, robust=robust

@@ -5,7 +5,7 @@ import pytest
 from scipy import ndimage
 
 from fusion.fused import Source
-from fusion.fusing.constraints import Constraints, lidar_constraints
+from fusion.fusing.constraints import Candidate, Constraints, lidar_constraints
 from fusion.fusing.fuse import FuseInput, FuseOptions, fuse_maplet
 from fusion.fusing.information import (
     DEFAULT_INFORMATION,
@@ -220,6 +220,10 @@ def test_steps_on_steep_ground_are_less_certain():
     assert information.step_sigma(np.array(-1.0), 0.5) == pytest.approx(np.hypot(0.03, 0.2))
 
 
+def candidate(mapola):
+    return Candidate(mapola.grid, lambda: mapola)
+
+
 def test_constraints_take_one_mapola_for_each_point():
     low = Mapola(
         "A",
@@ -233,11 +237,28 @@ def test_constraints_take_one_mapola_for_each_point():
     first = Mapola(
         "B", GRID, gap + 1.0, sigma=np.full(GRID.shape, 0.01), count=np.where(np.isnan(gap), 0, 7)
     )
-    found = lidar_constraints(GRID, [first, low])
+    found = lidar_constraints(GRID, [candidate(first), candidate(low)])
     # A cell beside the gap has an unknown corner, so that its edge comes from the other mapola.
     assert np.all(found.height[1:-1, 22:-1] == pytest.approx(1.0))
     assert np.all(found.height[1:-1, 1:18] == pytest.approx(0.0))
     assert np.all(found.count[1:-1, 22:-1] == 7)
     assert np.all(found.count[1:-1, 1:18] == 3)
     far = MapletGrid(-GRID.center, GRID.axes * np.array([[1.0], [-1.0], [-1.0]]), 0.5, 30)
-    assert np.isnan(lidar_constraints(far, [low]).height).all()
+    assert np.isnan(lidar_constraints(far, [candidate(low)]).height).all()
+
+
+def test_a_mapola_that_is_not_needed_is_not_read():
+    full = Mapola(
+        "A",
+        GRID,
+        np.zeros(GRID.shape),
+        sigma=np.full(GRID.shape, 0.02),
+        count=np.full(GRID.shape, 3),
+    )
+    inner = MapletGrid(GRID.center, GRID.axes, 0.5, 20)
+
+    def refuse():
+        raise AssertionError("read for nothing")
+
+    found = lidar_constraints(inner, [candidate(full), Candidate(GRID, refuse)])
+    assert np.isfinite(found.height).all()
