@@ -83,7 +83,7 @@ def demonstrate(
         # What was made of another mission (an earlier version's, say) says nothing of this one.
         _remove(folder / WORKSPACE_FOLDER)
         planted = make_mission(mission, settings=wanted, progress=progress)
-    workspace = _workspace(folder / WORKSPACE_FOLDER, mission, wanted.body.radius)
+    workspace = _workspace(folder / WORKSPACE_FOLDER, mission, wanted)
     chosen = workspace.settings()
     sources = [Source(path) for path in sorted((mission / LIDAR_FOLDER).iterdir())]
     with opened(workspace) as catalog:
@@ -143,12 +143,13 @@ def _remove(folder: Path) -> None:
         raise WorkspaceError(f"cannot be removed ({error.strerror})", folder) from error
 
 
-def _workspace(root: Path, mission: Path, radius: float) -> Workspace:
+def _workspace(root: Path, mission: Path, wanted: MissionSettings) -> Workspace:
     """Return the workspace there, made over the mission's SPC folder unless it is there."""
     if (root / SETTINGS_FILE).is_file():
         return Workspace.open(root)
     workspace = new_workspace(root, body="Truth", spc=mission / SPC_FOLDER)
     # At Bennu pairs of 100 m were taken, 0.4 radii: a smaller body is covered by smaller ones.
-    settings = workspace.settings().with_table("scale", size_m=PAIR_SIZE * radius)
+    size, gsd = PAIR_SIZE * wanted.body.radius, wanted.solution.gsd
+    settings = workspace.settings().with_table("scale", size_m=size, gsd_m=gsd)
     write_settings(root / SETTINGS_FILE, settings)
     return workspace
