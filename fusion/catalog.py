@@ -152,7 +152,8 @@ class Catalog:
                 raise sqlite3.DatabaseError(f"schema {found}")
             self._base.executescript(f"{_SCHEMA} PRAGMA user_version = {_SCHEMA_VERSION};")
         else:
-            self._base.execute("SELECT count(*) FROM artefact, input, stage, file").fetchone()
+            for table in ("artefact", "input", "stage", "file"):
+                self._base.execute(f"SELECT 1 FROM {table} LIMIT 1").fetchone()
             if self._base.execute("PRAGMA quick_check").fetchone()[0] != "ok":
                 raise sqlite3.DatabaseError("damaged")
         if fresh:
