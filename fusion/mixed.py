@@ -6,8 +6,8 @@ say: independent, of one unknown size), and what many share (the trajectory erro
 bias of a day: random effects of another unknown size). Leaving out the third makes every sigma
 too small, because a hundred mapolas of one scan are then a hundred witnesses instead of one.
 
-The model is ``y_i = A_i p + Z_i u + e_i`` with ``e_i ~ N(0, C_i + σ_m² I)``, ``u ~ N(0, σ_g² I)``
-and Gaussian priors on ``p``. The two sizes σ_m, σ_g maximise the restricted likelihood (REML:
+The model is ``y_i = A_i p + Σ_g Z_ig u_g + e_i`` with ``e_i ~ N(0, C_i + σ_m² I)``,
+``u_g ~ N(0, σ_g² I)`` and Gaussian priors on ``p``. The sizes σ_m, σ_g maximise the restricted likelihood (REML:
 Patterson & Thompson 1971), which does not mistake the freedom of ``p`` for small errors. Robust
 weights (Huber) and a final rejection keep single bad matches from pulling.
 """
@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape
+from spcola.arrays import AnyArray, BoolArray, FloatArray, check_finite, check_shape
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.robust import huber_weight
 
@@ -30,7 +30,7 @@ _RANK_TOLERANCE = 1e-11
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """N observations of D components each, linear in P parameters and R random effects.
+    """N observations of D components each, linear in P parameters and G groups of effects.
 
     Parameters
     ----------
@@ -40,8 +40,9 @@ class Observations:
         Partial derivatives with respect to the parameters.
     covariance : (N, D, D) ndarray
         What each observation knows of its own error.
-    effects : (N, D, R) ndarray
-        How the random effects enter; R may be 0.
+    effects : tuple of (N, D, R_g) ndarrays
+        How the random effects of each group enter: scans, images, days …; all effects of a group
+        are of one size.
 
     Raises
     ------
@@ -52,21 +53,22 @@ class Observations:
     value: FloatArray
     design: FloatArray
     covariance: FloatArray
-    effects: FloatArray
+    effects: tuple[FloatArray, ...] = ()
 
     def __post_init__(self) -> None:
         count, size = self.value.shape
         check_shape(self.design, (count, size, None), "design")
         check_shape(self.covariance, (count, size, size), "covariance")
-        check_shape(self.effects, (count, size, None), "effects")
-        for name in ("value", "design", "covariance", "effects"):
+        for group in self.effects:
+            check_shape(group, (count, size, None), "effects")
+            check_finite(group, "effects")
+        for name in ("value", "design", "covariance"):
             check_finite(getattr(self, name), name)
 
     def select(self, keep: BoolArray) -> Observations:
         """Return the observations chosen by the mask `keep` (N,)."""
-        return Observations(
-            self.value[keep], self.design[keep], self.covariance[keep], self.effects[keep]
-        )
+        effects = tuple(group[keep] for group in self.effects)
+        return Observations(self.value[keep], self.design[keep], self.covariance[keep], effects)
 
 
 @dataclass(frozen=True)
@@ -74,12 +76,18 @@ class ErrorSizes:
     """Sizes of the errors that single observations cannot know, in the unit of the values.
 
     As a prior, each is the median of a log-normal distribution that is `width` wide (standard
-    deviation of the natural logarithm); a size of 0 is held at 0, and a width of 0 holds both.
+    deviation of the natural logarithm); a size of 0 is held at 0, and a width of 0 holds all.
+    `shared` has one size for each group of effects.
     """
 
     independent: float
-    shared: float
+    shared: tuple[float, ...] = ()
     width: float = 1.0
+
+    @property
+    def all(self) -> FloatArray:
+        """The sizes (1 + G,): independent, then those of the groups."""
+        return np.array([self.independent, *self.shared])
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,13 +97,15 @@ class MixedFit:
     Attributes
     ----------
     estimate : (P,) ndarray
+        In the units that the design matrix implies.
     covariance : (P, P) ndarray
+        Of the estimate, shared effects and priors included.
     residual : (N, D) ndarray
         Observed minus computed, shared effects **not** removed.
     conditional : (N, D) ndarray
         The same with the estimated shared effects removed.
-    effects : (R,) ndarray
-        Estimated random effects.
+    effects : tuple of (R_g,) ndarrays
+        Estimated random effects of each group.
     weight : (N,) ndarray
         Final robust weights; 0 where rejected.
     sizes : ErrorSizes
@@ -110,7 +120,7 @@ class MixedFit:
     covariance: FloatArray
     residual: FloatArray
     conditional: FloatArray
-    effects: FloatArray
+    effects: tuple[FloatArray, ...]
     weight: FloatArray
     sizes: ErrorSizes
     iterations: int
@@ -163,6 +173,20 @@ class MixedOptions:
 
 def fit_mixed(observations: Observations, options: MixedOptions) -> MixedFit:
     """Estimate parameters, error sizes and shared effects together.
+
+    At given sizes it solves Henderson's mixed-model equations; the sizes maximise the restricted
+    likelihood (Patterson & Thompson 1971). Docs: mathematics §12.
+
+    Parameters
+    ----------
+    observations : Observations
+        In one unit throughout; the error sizes and effects are in it too.
+    options : MixedOptions
+
+    Returns
+    -------
+    MixedFit
+        Its covariance holds the shared effects and is conditional on the error sizes found.
 
     Raises
     ------
@@ -252,7 +276,10 @@ def _round(
 def _residuals(observations: Observations, solution: _Solution) -> tuple[FloatArray, FloatArray]:
     """Residuals (N, D) with the shared effects in them, and without."""
     residual = observations.value - np.einsum("ndp,p->nd", observations.design, solution.estimate)
-    return residual, residual - np.einsum("ndr,r->nd", observations.effects, solution.effects)
+    conditional = residual
+    for group, effect in zip(observations.effects, solution.effects, strict=True):
+        conditional = conditional - np.einsum("ndr,r->nd", group, effect)
+    return residual, conditional
 
 
 def _reach(observations: Observations, options: MixedOptions) -> FloatArray:
@@ -267,7 +294,7 @@ def _reach(observations: Observations, options: MixedOptions) -> FloatArray:
 @dataclass(frozen=True, eq=False)
 class _Solution:
     estimate: FloatArray
-    effects: FloatArray
+    effects: tuple[FloatArray, ...]
     covariance: FloatArray
     deviance: float
 
@@ -280,19 +307,19 @@ def _solve(
     The shared effects are carried as parameters with a prior of 1/σ_g², which is Henderson's
     form of the same estimator: no N × N covariance is ever built.
     """
-    value, size = observations.value, observations.value.shape[1]
-    spread = (observations.covariance + sizes.independent**2 * np.eye(size)) / weight[:, None, None]
-    with_effects = sizes.shared > 0 and observations.effects.shape[2] > 0
-    parts = [observations.design, observations.effects] if with_effects else [observations.design]
-    design = np.concatenate(parts, axis=2)
+    spread = _spread(observations, sizes) / weight[:, None, None]
+    # A group of size 0 has no effects.
+    groups = [
+        (size, group)
+        for size, group in zip(sizes.shared, observations.effects, strict=True)
+        if size > 0
+    ]
+    design = np.concatenate([observations.design, *(group for _, group in groups)], axis=2)
     whitener = np.linalg.inv(np.linalg.cholesky(spread))
     rows = np.einsum("nij,njp->nip", whitener, design).reshape(-1, design.shape[2])
-    seen = np.einsum("nij,nj->ni", whitener, value).ravel()
-    parameters = observations.design.shape[2]
-    effects = design.shape[2] - parameters
-    precision = np.concatenate(
-        [1.0 / options.prior**2, np.full(effects, 1.0 / sizes.shared**2 if effects else 0.0)]
-    )
+    seen = np.einsum("nij,nj->ni", whitener, observations.value).ravel()
+    own = np.concatenate([np.full(group.shape[2], size) for size, group in groups] or [[]])
+    precision = np.concatenate([1.0 / options.prior**2, 1.0 / own**2])
     normal = rows.T @ rows + np.diag(precision)
     # Unit diagonal: metres, radians and scales differ by many orders of magnitude.
     scale = 1.0 / np.sqrt(np.diag(normal))
@@ -301,17 +328,33 @@ def _solve(
     right = rows.T @ seen
     inverse = np.linalg.inv(unitless) * np.outer(scale, scale)
     both = inverse @ right
-    covariance = inverse[:parameters, :parameters]
+    count = observations.design.shape[2]
     deviance = (
         float(seen @ seen - both @ right)
         - 2.0 * float(np.sum(np.log(np.einsum("nii->ni", whitener))))
         + 2.0 * float(np.sum(np.log(np.diag(lower) / scale)))
-        + 2.0 * effects * float(np.log(sizes.shared) if effects else 0.0)
+        + 2.0 * float(np.sum(np.log(own)))
     )
-    full = np.zeros(observations.effects.shape[2])
-    if effects:
-        full[:] = both[parameters:]
-    return _Solution(both[:parameters], full, covariance, deviance)
+    effects = _by_group(both[count:], observations, sizes)
+    return _Solution(both[:count], effects, inverse[:count, :count], deviance)
+
+
+def _spread(observations: Observations, sizes: ErrorSizes) -> FloatArray:
+    """Covariance (N, D, D) of each observation with the independent error added."""
+    size = observations.value.shape[1]
+    return observations.covariance + sizes.independent**2 * np.eye(size)
+
+
+def _by_group(
+    estimates: FloatArray, observations: Observations, sizes: ErrorSizes
+) -> tuple[FloatArray, ...]:
+    """Part the estimated effects into their groups; those of a group of size 0 are 0."""
+    parts, start = [], 0
+    for size, group in zip(sizes.shared, observations.effects, strict=True):
+        count = group.shape[2]
+        parts.append(estimates[start : start + count] if size > 0 else np.zeros(count))
+        start += count if size > 0 else 0
+    return tuple(parts)
 
 
 def check_rank(information: FloatArray, names: tuple[str, ...]) -> None:
@@ -339,48 +382,41 @@ def _estimate_sizes(
     observations: Observations, weight: FloatArray, options: MixedOptions, start: ErrorSizes
 ) -> ErrorSizes:
     """Maximise the restricted likelihood over the error sizes that are not held at 0."""
-    prior = options.sizes
-    names = [
-        name
-        for name in ("independent", "shared")
-        if getattr(prior, name) > 0
-        and prior.width > 0
-        and (name == "independent" or observations.effects.shape[2])
-    ]
-    if not names:
+    prior = options.sizes.all
+    free = np.flatnonzero(prior > 0)
+    if options.sizes.width <= 0 or not free.size:
         return start
-    center = np.log([getattr(prior, name) for name in names])
+    center = np.log(prior[free])
 
     def cost(logs: FloatArray) -> float:
-        sizes = _sized(start, names, logs, center)
+        sizes = _sized(start, free, logs, center)
         solution = _solve(observations, weight, options, sizes)
-        return solution.deviance + float(np.sum((logs - center) ** 2)) / prior.width**2
+        return solution.deviance + float(np.sum(((logs - center) / options.sizes.width) ** 2))
 
-    begin = np.log([max(getattr(start, name), 1e-12) for name in names])
-    simplex = np.vstack([begin, begin + 0.4 * np.eye(len(names))])
+    begin = np.log(np.maximum(start.all[free], 1e-12))
+    simplex = np.vstack([begin, begin + 0.4 * np.eye(len(free))])
     found = minimize(
         cost,
         begin,
         method="Nelder-Mead",
         options={"xatol": 1e-2, "fatol": 1e-3, "maxiter": 200, "initial_simplex": simplex},
     )
-    return _sized(start, names, found.x, center)
+    return _sized(start, free, found.x, center)
 
 
-def _sized(sizes: ErrorSizes, names: list[str], logs: FloatArray, center: FloatArray) -> ErrorSizes:
-    """`sizes` with those in `names` set; e⁻¹⁰ of what was expected is as good as none."""
-    values = np.exp(np.clip(logs, center - 10.0, center + 10.0))
-    return replace(sizes, **dict(zip(names, values.tolist(), strict=True)))
+def _sized(sizes: ErrorSizes, free: AnyArray, logs: FloatArray, center: FloatArray) -> ErrorSizes:
+    """`sizes` with the `free` ones set; e⁻¹⁰ of what was expected is as good as none."""
+    values = sizes.all
+    values[free] = np.exp(np.clip(logs, center - 10.0, center + 10.0))
+    return replace(sizes, independent=float(values[0]), shared=tuple(values[1:].tolist()))
 
 
 def _robust_weights(
     conditional: FloatArray, observations: Observations, sizes: ErrorSizes, reject: float
 ) -> FloatArray:
     """Huber weights (N,) by the size of each residual in its own standard deviations."""
-    size = conditional.shape[1]
-    spread = observations.covariance + sizes.independent**2 * np.eye(size)
-    solved = np.linalg.solve(spread, conditional[..., None])[..., 0]
-    distance = np.sqrt(np.einsum("ni,ni->n", conditional, solved) / size)
+    solved = np.linalg.solve(_spread(observations, sizes), conditional[..., None])[..., 0]
+    distance = np.sqrt(np.einsum("ni,ni->n", conditional, solved) / conditional.shape[1])
     weights: FloatArray = huber_weight(distance, k=2.0)
     weights[distance > reject] = 0.0
     return weights

@@ -61,13 +61,14 @@ def autocovariance(residual: FloatArray, reach: int) -> FloatArray:
     Parameters
     ----------
     residual : (N, N) ndarray
-        NaN where there is none.
+        Metres; NaN where there is none.
     reach : int
+        Largest lag, cells.
 
     Returns
     -------
     (2·reach + 1, 2·reach + 1) ndarray
-        Symmetric; the centre is the variance. A Bartlett window takes it to 0 at the edge, which
+        Square metres. Symmetric; the centre is the variance. A Bartlett window takes it to 0 at the edge, which
         keeps it positive definite.
     """
     known = np.isfinite(residual)

@@ -140,7 +140,7 @@ def fit_transform(
     reach = max(float(np.sqrt(np.mean(np.sum((centers - center) ** 2, axis=1)))), 1e-6)
     mixed = MixedOptions(
         prior=np.full(len(names), np.inf),
-        sizes=ErrorSizes(options.center_sigma_m, options.scan_sigma_m),
+        sizes=ErrorSizes(options.center_sigma_m, (options.scan_sigma_m,)),
         # Without extent (one point) rotation and scale are free whatever unit they are put in.
         scale=np.where([name.endswith("_m") for name in names], 1.0, 1.0 / max(reach, 1.0)),
         names=names,
@@ -154,7 +154,7 @@ def fit_transform(
         iterations += 1
         design = transform_partials(options.model, current.nearest_similarity(), centers, center)
         value = target - current.apply(centers)
-        fit = fit_mixed(Observations(value, design, covariances, effects), mixed)
+        fit = fit_mixed(Observations(value, design, covariances, (effects,)), mixed)
         current = _updated(current, fit.estimate, options.model, center)
         # The error sizes do not depend on where the transform is linearised.
         mixed = replace(mixed, sizes=replace(fit.sizes, width=0.0))

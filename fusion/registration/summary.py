@@ -44,7 +44,7 @@ def registration_json(
     scale, scale_sigma, rotation, rotation_sigma = similarity_numbers(registration)
     fit = registration.fit
     sigma = np.sqrt(np.diag(registration.covariance))
-    effects = fit.effects.reshape(-1, 3)
+    effects = fit.effects[0].reshape(-1, 3)
     content: dict[str, Any] = {
         "model": registration.model,
         "scale": scale,
@@ -59,7 +59,7 @@ def registration_json(
         "parameters": list(registration.parameters),
         "covariance": registration.covariance,
         "maplet_sigma_m": fit.sizes.independent,
-        "scan_sigma_m": fit.sizes.shared,
+        "scan_sigma_m": fit.sizes.shared[0],
         "per_scan": [
             {"scan": name, "offset_m": offset} for name, offset in zip(scans, effects, strict=True)
         ],
