@@ -32,7 +32,7 @@ class Constraints:
     count: AnyArray
 
     def subset(self, fraction: float, generator: np.random.Generator) -> Constraints:
-        """Keep a random fraction of the heights (Gaskell et al. §3.3), reproducibly."""
+        """Keep a random fraction (0 … 1) of the heights (Gaskell et al. §3.3), reproducibly."""
         if fraction >= 1.0:
             return self
         dropped = generator.random(self.height.shape) >= fraction
@@ -72,6 +72,11 @@ def lidar_constraints(grid: MapletGrid, candidates: Iterable[Candidate]) -> Cons
         In SPC coordinates.
     candidates : iterable of Candidate
         Best first. Those that reach no point that is still without a height are not read.
+
+    Returns
+    -------
+    Constraints
+        Metres along the grid's Uz; a sigma is carried over from the mapola's Uz [24–27].
     """
     height = np.full(grid.shape, np.nan)
     sigma = np.full(grid.shape, np.nan)

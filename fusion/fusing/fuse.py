@@ -112,9 +112,18 @@ def fuse_maplet(
     - The sigma is that of the inverse normal matrix, with what all lidar heights share added:
       vertically, and horizontally times the slope.
 
+    Parameters
+    ----------
+    parts : FuseInput
+        SPC maplet, lidar heights and shape on one grid, SPC coordinates, metres.
+    information : SlopeInformation
+        Of the whole solution.
+    options : FuseOptions, optional
+
     Returns
     -------
     FuseResult
+        ``solution.converged`` and its reason say whether the tolerance was reached.
     """
     options = options or FuseOptions()
     generator = np.random.default_rng([options.seed, _name_number(parts.name)])

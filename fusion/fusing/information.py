@@ -41,7 +41,7 @@ class SlopeInformation:
     correlated_cells: float
 
     def step_sigma(self, slope: FloatArray, gsd: float) -> FloatArray:
-        """Standard deviation, metres, of steps whose slope is `slope` (rise over run)."""
+        """Standard deviation, metres, of steps by `slope` (rise over run, any shape); GSD in m."""
         return np.hypot(self.step_sigma_m, self.steep_sigma * gsd * np.abs(slope))
 
 
@@ -80,6 +80,13 @@ def estimate_information(comparisons: list[Comparison], *, reach: int = 8) -> Sl
     (A) knows only steps that err independently: their size is chosen so that over one to three
     cells the surface is nowhere more certain than the differences show (:func:`walk_sigma`).
 
+    Parameters
+    ----------
+    comparisons : list of Comparison
+        Of one GSD, registered; gaps as NaN.
+    reach : int
+        Largest lag of the variogram, cells.
+
     Returns
     -------
     SlopeInformation
@@ -113,6 +120,11 @@ def walk_sigma(variogram: FloatArray) -> float:
     ----------
     variogram : (L,) ndarray
         Variance of the difference over 1 … L cells, square metres.
+
+    Returns
+    -------
+    float
+        Metres; at least 0.1 mm.
     """
     lags = np.arange(1, len(variogram) + 1)
     resistance = np.where(lags == 1, 0.5, (np.log(lags) + 1.617) / np.pi)
@@ -126,6 +138,8 @@ def roughness(height: FloatArray, *, reach: int = 8) -> float:
     ----------
     height : (2q+1, 2q+1) ndarray
         Metres; NaN where unknown.
+    reach : int
+        Largest lag, cells.
 
     Returns
     -------

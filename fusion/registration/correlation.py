@@ -68,8 +68,8 @@ def autocovariance(residual: FloatArray, reach: int) -> FloatArray:
     Returns
     -------
     (2·reach + 1, 2·reach + 1) ndarray
-        Square metres. Symmetric; the centre is the variance. A Bartlett window takes it to 0 at the edge, which
-        keeps it positive definite.
+        Square metres. Symmetric; the centre is the variance. A Bartlett window takes it to 0 at
+        the edge, which keeps it positive definite.
     """
     known = np.isfinite(residual)
     values = np.where(known, residual, 0.0)
@@ -95,13 +95,14 @@ def residual_covariance(
     weight : (N, N) ndarray
         0 where nothing was compared.
     residual : (N, N) ndarray
-        NaN where nothing was compared.
+        Metres; NaN where nothing was compared.
     reach : int
-        Largest lag, cells.
+        Largest lag, cells; at most a quarter of the grid is used.
 
     Returns
     -------
     (P, P) ndarray
+        In the units of the estimate squared. Source: Huber (1967); docs: mathematics §13.
     """
     reach = min(reach, residual.shape[0] // 4)
     covariance = autocovariance(residual, reach)

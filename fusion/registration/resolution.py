@@ -20,7 +20,10 @@ _MIN_SUPPORT = 0.5
 
 
 def plane_of(height: FloatArray) -> FloatArray:
-    """Least-squares plane (2q+1, 2q+1) through the known points, metres; 0 if there are none."""
+    """Least-squares plane (R, C) through the known points of `height` (R, C), metres.
+
+    0 if fewer than three points are known.
+    """
     known = np.isfinite(height)
     rows, columns = np.indices(height.shape)
     design = np.stack([np.ones(height.size), rows.ravel(), columns.ravel()], axis=1)
@@ -32,7 +35,7 @@ def plane_of(height: FloatArray) -> FloatArray:
 
 
 def filled(height: FloatArray) -> FloatArray:
-    """Return `height` with gaps closed by the nearest known point about the common plane.
+    """Return `height` (R, C), metres, with gaps closed by the nearest known point about its plane.
 
     Only so that splines can be run over it; what was a gap stays out of every comparison.
     """
@@ -82,6 +85,13 @@ def estimate_blur(lidar: FloatArray, spc: FloatArray, *, largest_cells: float = 
     The blur is the one with which the smoothed lidar surface differs least from the SPC
     surface, in the robust sense, the same points being compared at every blur. Negative if it is
     the lidar that has to be compared with a smoothed SPC surface.
+
+    Parameters
+    ----------
+    lidar, spc : (R, C) ndarrays
+        Heights, metres; NaN where unknown.
+    largest_cells : float
+        Largest blur that is tried, cells.
 
     Returns
     -------
