@@ -182,6 +182,21 @@ def transform_partials(
 
     Rotations are small ones about the body-fixed axes, applied after the transform; rotation,
     scale and matrix act about the image of `center`.
+
+    Parameters
+    ----------
+    model : {"rigid", "similarity", "affine"}
+    transform : Similarity
+        Lidar to SPC coordinates; where the partials are taken.
+    points : (N, 3) ndarray
+        Lidar coordinates, metres.
+    center : (3,) ndarray
+        Lidar coordinates, metres; zeros for partials that go with ``Registration.covariance``.
+
+    Returns
+    -------
+    (N, 3, P) ndarray
+        Order of :data:`PARAMETERS`; metres per metre, radian, or unit of scale or matrix.
     """
     arms = transform.scale * transform.turn(points - center)
     count = len(points)
@@ -265,7 +280,7 @@ def shear_significance(registration: Registration) -> tuple[FloatArray, FloatArr
 
 
 def share_matrix(shares: Sequence[dict[str, float]]) -> tuple[FloatArray, tuple[str, ...]]:
-    """Turn per-mapola shares by scan name into a matrix (N, S) and the scans' names."""
+    """Turn the shares of N mapolas by scan name into a matrix (N, S) and the S scans' names."""
     names = tuple(sorted({name for share in shares for name in share}))
     column = {name: index for index, name in enumerate(names)}
     matrix = np.zeros((len(shares), len(names)))

@@ -40,6 +40,11 @@ def registration_json(
         Blur of the SPC surface against the lidar, cells, that was applied.
     scans : sequence of str
         Names of the scans whose shared error was estimated.
+
+    Returns
+    -------
+    dict
+        Units stand in the keys; arrays and NaN are turned into JSON where it is written.
     """
     scale, scale_sigma, rotation, rotation_sigma = similarity_numbers(registration)
     fit = registration.fit
@@ -103,7 +108,9 @@ def _per_mapola(registration: Registration, matches: Sequence[Match]) -> list[di
 
 
 def transform_of(content: Mapping[str, Any], where: str) -> Affine:
-    """Read the transform from lidar to SPC coordinates out of ``registration.json``.
+    """Read the transform from lidar to SPC coordinates (metres) out of ``registration.json``.
+
+    `where` is named in errors.
 
     Raises
     ------
@@ -117,7 +124,9 @@ def transform_of(content: Mapping[str, Any], where: str) -> Affine:
         turn = np.radians(np.array(content["rotation_deg"], dtype=np.float64))
         scale = float(content["scale"])
     except (KeyError, TypeError, ValueError) as error:
-        raise InvalidValueError(f"has no usable transform ({error})", where) from error
+        raise InvalidValueError(
+            f"has no usable transform ({error})", where, "remove it and register again"
+        ) from error
     return Similarity.from_rotation_vector(
         turn, translation, scale, SPC_FRAME, LIDAR_FRAME
     ).as_affine()
@@ -139,4 +148,6 @@ def position_covariance(content: Mapping[str, Any], points: FloatArray, where: s
         covariance = np.array(content["covariance"], dtype=np.float64)
         return np.einsum("nip,pq,njq->nij", design, covariance, design)
     except (KeyError, TypeError, ValueError) as error:
-        raise InvalidValueError(f"has no usable covariance ({error})", where) from error
+        raise InvalidValueError(
+            f"has no usable covariance ({error})", where, "remove it and register again"
+        ) from error

@@ -143,7 +143,13 @@ class Stage(Protocol):
 
 
 def find_table(settings: Settings, kind: type[AnyTable]) -> AnyTable:
-    """Return the table of class `kind`."""
+    """Return the table of class `kind`.
+
+    Raises
+    ------
+    SettingsError
+        If the settings have none.
+    """
     for name in Settings.model_fields:
         table = getattr(settings, name)
         if isinstance(table, kind):

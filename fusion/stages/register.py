@@ -50,8 +50,7 @@ class RegisterStage:
         """Return the mapolas, and the maplets or the shape."""
         if settings.registration.against == "shape":
             return [*workspace.mapola_paths(), workspace.shape_path()]
-        maplets = [workspace.maplet_path(name) for name in workspace.maplet_names()]
-        return [*workspace.mapola_paths(), *maplets]
+        return [*workspace.mapola_paths(), *workspace.maplet_files()]
 
     def run(self, context: StageContext) -> StageResult:
         """Match every mapola, bring both surfaces to one resolution, match again, fit.
@@ -136,7 +135,19 @@ def _blur(match: Match, reference: Reference, grid: MapletGrid) -> float:
 
 
 def surface_reference(workspace: Workspace, against: str) -> Reference:
-    """The SPC surface as heights on any grid: the maplet itself, a bigmap, or the shape."""
+    """The SPC surface as heights on any grid: the maplet itself, a bigmap, or the shape.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    against : {"maplets", "bigmap", "shape"}
+        As in [register]; "maplets" falls back to a bigmap where a mapola has no maplet.
+
+    Returns
+    -------
+    callable
+        (name, grid) → heights (2q+1, 2q+1), metres along the grid's Uz; NaN where SPC has none.
+    """
     if against == "shape":
         caster = RayCaster(workspace.shape())
         return lambda _, grid: shape_heights(caster, grid, reach=grid.radius)
