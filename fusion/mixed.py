@@ -7,9 +7,9 @@ bias of a day: random effects of another unknown size). Leaving out the third ma
 too small, because a hundred mapolas of one scan are then a hundred witnesses instead of one.
 
 The model is ``y_i = A_i p + Σ_g Z_ig u_g + e_i`` with ``e_i ~ N(0, C_i + σ_m² I)``,
-``u_g ~ N(0, σ_g² I)`` and Gaussian priors on ``p``. The sizes σ_m, σ_g maximise the restricted likelihood (REML:
-Patterson & Thompson 1971), which does not mistake the freedom of ``p`` for small errors. Robust
-weights (Huber) and a final rejection keep single bad matches from pulling.
+``u_g ~ N(0, σ_g² I)`` and Gaussian priors on ``p``. The sizes σ_m, σ_g maximise the restricted
+likelihood (REML: Patterson & Thompson 1971), which does not mistake the freedom of ``p`` for
+small errors. Robust weights (Huber) and a final rejection keep single bad matches from pulling.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import minimize
+from threadpoolctl import threadpool_limits
 
 from spcola.arrays import AnyArray, BoolArray, FloatArray, check_finite, check_shape
 from spcola.errors import InvalidValueError, NotObservableError
@@ -200,19 +201,9 @@ def fit_mixed(observations: Observations, options: MixedOptions) -> MixedFit:
     if count == 0:
         raise InvalidValueError("there is no observation", "fit")
     check_rank(_reach(observations, options), options.names)
-    state = _State(np.ones(count), options.sizes)
-    # Nothing is rejected before the weights have settled: a fit that outliers still pull would
-    # reject the good ones.
-    for reject in (np.inf, options.reject):
-        for _ in range(options.max_rounds):
-            state = _round(observations, options, state, reject)
-            if state.settled:
-                break
-        if not options.robust:
-            break
-    solution = _solve(
-        observations.select(state.used), state.before[state.used], options, state.sizes
-    )
+    # The matrices are small: threads of BLAS would cost more than they bring.
+    with threadpool_limits(limits=1, user_api="blas"):
+        state, solution = _settle(observations, options)
     residual, conditional = _residuals(observations, solution)
     return MixedFit(
         estimate=solution.estimate,
@@ -228,6 +219,22 @@ def fit_mixed(observations: Observations, options: MixedOptions) -> MixedFit:
         if state.settled
         else f"weights still moved after {state.rounds} rounds",
     )
+
+
+def _settle(observations: Observations, options: MixedOptions) -> tuple[_State, _Solution]:
+    """Re-weight until the weights settle; the solution is that of the last weights."""
+    state = _State(np.ones(len(observations.value)), options.sizes)
+    # Nothing is rejected before the weights have settled: a fit that outliers still pull would
+    # reject the good ones.
+    for reject in (np.inf, options.reject):
+        for _ in range(options.max_rounds):
+            state = _round(observations, options, state, reject)
+            if state.settled:
+                break
+        if not options.robust:
+            break
+    chosen, weight = observations.select(state.used), state.before[state.used]
+    return state, _solve(chosen, weight, options, state.sizes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,11 +263,9 @@ def _round(
     sizes = _estimate_sizes(chosen, weight, options, state.sizes)
     solution = _solve(chosen, weight, options, sizes)
     _, conditional = _residuals(observations, solution)
-    new = (
-        _robust_weights(conditional, observations, sizes, reject)
-        if options.robust
-        else (state.weight)
-    )
+    new = state.weight
+    if options.robust:
+        new = _robust_weights(conditional, observations, sizes, reject)
     same_rejected = np.array_equal(new > 0, used)
     if np.count_nonzero(new) <= len(new) / 2:
         raise NotObservableError(
@@ -318,7 +323,7 @@ def _solve(
     whitener = np.linalg.inv(np.linalg.cholesky(spread))
     rows = np.einsum("nij,njp->nip", whitener, design).reshape(-1, design.shape[2])
     seen = np.einsum("nij,nj->ni", whitener, observations.value).ravel()
-    own = np.concatenate([np.full(group.shape[2], size) for size, group in groups] or [[]])
+    own = np.concatenate([np.empty(0), *(np.full(group.shape[2], size) for size, group in groups)])
     precision = np.concatenate([1.0 / options.prior**2, 1.0 / own**2])
     normal = rows.T @ rows + np.diag(precision)
     # Unit diagonal: metres, radians and scales differ by many orders of magnitude.

@@ -191,7 +191,10 @@ class ScaleSettings(Table):
         default=5.0, description="largest displacement of paired bigmaps that is searched"
     )
     single_sigma_m: Positive = Field(
-        default=0.1, description="expected error of one image's state; its size is estimated"
+        default=0.1, description="expected error of one pair or shot; its size is estimated"
+    )
+    state_sigma_m: NotNegative = Field(
+        default=0.2, description="expected error of an image's state or a scan's; estimated"
     )
     day_sigma_m: NotNegative = Field(
         default=0.02, description="expected error that a day's images share; estimated"

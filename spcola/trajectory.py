@@ -174,6 +174,23 @@ class Offset:
         sigma[covered] = np.sqrt(states + bridge)
         return value, sigma
 
+    def shares(self, times: ArrayLike) -> FloatArray:
+        """Return the mean share (K,) that each of the K differences has at covered times (M,).
+
+        What is interpolated between two states errs as they do: these are the weights. Zero
+        where no time is covered.
+        """
+        track = self.differences
+        wanted = np.asarray(times, dtype=np.float64)
+        inside = wanted[track.covers(wanted)]
+        shares = np.zeros(len(track))
+        if len(inside):
+            low, share = bracket(track.time, inside)
+            np.add.at(shares, low, 1.0 - share)
+            np.add.at(shares, np.minimum(low + 1, len(track) - 1), share)
+            shares /= len(inside)
+        return shares
+
     @property
     def drift(self) -> FloatArray:
         """Variance that the difference gathers per second (3,), m²/s; NaN from one time only."""

@@ -36,8 +36,11 @@ class ScaleOptions:
     range_bias_prior_m : float
         Constant error of the measured range, metres.
     single_sigma_m : float
-        Prior median of the error of one observation beyond its own covariance, metres (state
-        errors of the images; resolution of the shape); its size is estimated.
+        Prior median of the error of one observation beyond its own covariance, metres (of its
+        maplets; of the resolution of the shape); its size is estimated.
+    state_sigma_m : float
+        Prior median of the error of an image's state (or of a scan's trajectory), metres, per
+        axis; estimated. 0: none.
     day_sigma_m : float
         Prior median of the error that a day's observations share, metres; estimated. 0: none.
     reject : float
@@ -50,6 +53,7 @@ class ScaleOptions:
     pole_prior_deg: float = 0.1
     range_bias_prior_m: float = 0.1
     single_sigma_m: float = 0.1
+    state_sigma_m: float = 0.2
     day_sigma_m: float = 0.02
     reject: float = 5.0
 
@@ -121,7 +125,17 @@ class ScaleEstimate:
 def estimate_scale(
     observations: ScaleObservations, *, options: ScaleOptions | None = None
 ) -> ScaleEstimate:
-    """Estimate ε with all that could be mistaken for it (MATH §9), robustly.
+    """Estimate ε with all that could be mistaken for it, robustly (docs: mathematics §17).
+
+    Parameters
+    ----------
+    observations : ScaleObservations
+    options : ScaleOptions, optional
+
+    Returns
+    -------
+    ScaleEstimate
+        Terms that the data leave to their priors are named in its `reasons`: no error is raised.
 
     Raises
     ------
@@ -136,9 +150,16 @@ def estimate_scale(
             do="add images or scans, or relax the selection",
         )
     days = sorted(set(observations.day))
+    member = np.array([[day == other for other in days] for day in observations.day], dtype=float)
     mixed = MixedOptions(
         prior=options.prior,
-        sizes=ErrorSizes(options.single_sigma_m, options.day_sigma_m if len(days) > 1 else 0.0),
+        sizes=ErrorSizes(
+            options.single_sigma_m,
+            (
+                options.state_sigma_m if observations.shares.shape[1] > 1 else 0.0,
+                options.day_sigma_m if len(days) > 1 else 0.0,
+            ),
+        ),
         scale=options.prior,
         names=PARAMETERS,
         reject=options.reject,
@@ -148,7 +169,7 @@ def estimate_scale(
             observations.value,
             observations.design(),
             observations.covariance,
-            _day_effects(observations, days),
+            (_effects(observations.shares, observations), _effects(member, observations)),
         ),
         mixed,
     )
@@ -156,18 +177,18 @@ def estimate_scale(
     return ScaleEstimate(fit, _by_day(observations, fit, days), _trends(observations, fit), reasons)
 
 
-def _day_effects(observations: ScaleObservations, days: list[str]) -> FloatArray:
-    """Each day's own displacement (pairs: three components; shots: one range) (N, D, R)."""
-    member = np.array([[day == other for other in days] for day in observations.day], dtype=float)
+def _effects(shares: FloatArray, observations: ScaleObservations) -> FloatArray:
+    """Displacements (pairs: three components; shots: one range) of S sources (N, D, R)."""
     size = observations.value.shape[1]
-    return np.einsum("nk,ij->nikj", member, np.eye(size)).reshape(len(member), size, -1)
+    return np.einsum("ns,ij->nisj", shares, np.eye(size)).reshape(len(shares), size, -1)
 
 
 def _total_epsilon(observations: ScaleObservations, fit: MixedFit) -> tuple[FloatArray, FloatArray]:
-    """ε of each observation and its sigma with the estimated single error included (N,)."""
+    """ε of each observation and its sigma with single and state errors included (N,)."""
     epsilon, own = observations.epsilon()
     range_per_epsilon = np.abs(np.sum(observations.along_range * observations.arm, axis=1))
-    return epsilon, np.hypot(own, fit.sizes.independent / range_per_epsilon)
+    states = fit.sizes.shared[0] * np.linalg.norm(observations.shares, axis=1)
+    return epsilon, np.hypot(own, np.hypot(fit.sizes.independent, states) / range_per_epsilon)
 
 
 def _by_day(

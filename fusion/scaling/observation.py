@@ -54,6 +54,10 @@ class ScaleObservations:
         Outward unit normal of the surface there.
     local_time_h : (N,) ndarray
         Local solar time, hours; NaN if the Sun is not known.
+    shares : (N, S) ndarray
+        Share that each of S other sources of error has in each observation: the states of the
+        images between which a trajectory was interpolated, or the scan that it belongs to.
+        Observations that lean on one state err together.
     trajectory : {"spc", "reference"}
         By which trajectory the returns are located: with SPC's own, spacecraft and surface are
         scaled together and a scale error shows as ε r along the beam; with an independent one it
@@ -75,6 +79,7 @@ class ScaleObservations:
     range: FloatArray
     normal: FloatArray
     local_time_h: FloatArray
+    shares: FloatArray
     trajectory: Trajectory
 
     def __post_init__(self) -> None:
@@ -83,7 +88,8 @@ class ScaleObservations:
             raise InvalidValueError(f"has {size} component(s)", f"value of {self.kind}")
         check_shape(self.covariance, (count, size, size), "covariance")
         check_shape(self.range, (count,), "range")
-        for name in ("value", "covariance", "point", "beam", "range", "normal"):
+        check_shape(self.shares, (count, None), "shares")
+        for name in ("value", "covariance", "point", "beam", "range", "normal", "shares"):
             check_finite(getattr(self, name), name)
         for name in ("point", "beam", "normal"):
             check_shape(getattr(self, name), (count, 3), name)

@@ -87,12 +87,15 @@ class Pair:
     lidar : Mapola
     match : Match
         Displacement that takes the lidar's surface to SPC's.
+    shares : (S,) ndarray
+        Share that each image's state (or each scan) has in where the returns lie.
     """
 
     frame: PairFrame
     spc: Maplet
     lidar: Mapola
     match: Match
+    shares: FloatArray
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,25 @@ class LeftOut:
 
 
 def frame_of_image(image: SpcImage, caster: RayCaster, options: PairOptions) -> PairFrame | LeftOut:
-    """Lay a grid where the central pixel of `image` meets the shape."""
+    """Lay a grid where the central pixel of `image` meets the shape (Gaskell et al. §6.2).
+
+    Parameters
+    ----------
+    image : SpcImage
+    caster : RayCaster
+        Of the SPC shape, body-fixed.
+    options : PairOptions
+
+    Returns
+    -------
+    PairFrame or LeftOut
+        The latter where the pixel looks past the body or grazes it.
+
+    Raises
+    ------
+    FormatError
+        If the image's UTC is not a time.
+    """
     camera = image.camera
     beam = ray(image, (camera.width + 1) / 2.0, (camera.height + 1) / 2.0)
     hit = caster.cast(image.position[None], beam[None])
@@ -129,27 +150,57 @@ _MIN_COSINE = 0.2
 
 
 def local_time(point: FloatArray, sun: FloatArray) -> float:
-    """Local solar time, hours, at a body-fixed point with the Sun in direction `sun`."""
+    """Local solar time, hours in [0, 24), at a body-fixed point with the Sun toward `sun`.
+
+    `point` and `sun` (3,) are body-fixed, of any length; 12 h is noon, later toward the east.
+    """
     east = np.arctan2(point[1], point[0]) - np.arctan2(sun[1], sun[0])
     return float((12.0 + np.degrees(east) / 15.0) % 24.0)
 
 
 def make_pair(
-    frame: PairFrame, spc: Maplet, returns: Returns, options: PairOptions, *, blur_cells: float
+    frame: PairFrame, spc: Maplet, returns: Returns, shares: FloatArray, options: PairOptions
 ) -> Pair | LeftOut:
-    """Grid the returns in the frame of the image and match them to the SPC bigmap."""
+    """Grid the returns in the frame of the image and match them to the SPC bigmap.
+
+    Parameters
+    ----------
+    frame : PairFrame
+    spc : Maplet
+        The SPC bigmap on ``frame.grid``.
+    returns : Returns
+        Body-fixed, metres, located by the trajectory that is to be judged.
+    shares : (S,) ndarray
+        See :class:`Pair`.
+    options : PairOptions
+
+    Returns
+    -------
+    Pair or LeftOut
+        The latter with the reason where there is nothing to match, or no match.
+    """
     if not spc.valid.any():
         return LeftOut(frame.image, "no maplet lies there")
     lidar = make_mapola(frame.image, frame.grid, returns)
     if not lidar.valid.any():
         return LeftOut(frame.image, "no return of that time lies there")
-    return compare_pair(frame, spc, lidar, options, blur_cells=blur_cells)
+    return _judged(frame, spc, lidar, shares, options, 0.0)
 
 
-def compare_pair(
-    frame: PairFrame, spc: Maplet, lidar: Mapola, options: PairOptions, *, blur_cells: float
+def sharpened(pair: Pair, options: PairOptions, *, blur_cells: float) -> Pair | LeftOut:
+    """Match the bigmaps of a pair again, both brought to one resolution."""
+    return _judged(pair.frame, pair.spc, pair.lidar, pair.shares, options, blur_cells)
+
+
+def _judged(
+    frame: PairFrame,
+    spc: Maplet,
+    lidar: Mapola,
+    shares: FloatArray,
+    options: PairOptions,
+    blur_cells: float,
 ) -> Pair | LeftOut:
-    """Match two bigmaps in one frame."""
+    """Match two bigmaps on ``frame.grid``."""
     match = match_surfaces(
         frame.image,
         frame.grid,
@@ -158,20 +209,20 @@ def compare_pair(
         blur_cells=blur_cells,
         options=options.match,
     )
-    return Pair(frame, spc, lidar, match) if match.usable else LeftOut(frame.image, match.reason)
+    if not match.usable:
+        return LeftOut(frame.image, match.reason)
+    return Pair(frame, spc, lidar, match, shares)
 
 
-def common_blur(pairs: Sequence[Pair]) -> float:
-    """Blur of the SPC bigmaps against the lidar's, cells: the median over the pairs."""
-    blurs = [
-        estimate_blur(pair.spc.height - pair.match.residual, pair.spc.height) for pair in pairs
-    ]
-    known = [blur for blur in blurs if np.isfinite(blur)]
-    return float(np.median(known)) if known else 0.0
+def blur_of(pair: Pair) -> float:
+    """Blur of the SPC bigmap against the lidar's, cells; NaN where they share too little."""
+    return estimate_blur(pair.spc.height - pair.match.residual, pair.spc.height)
 
 
 def pair_observations(pairs: Sequence[Pair], trajectory: Trajectory) -> ScaleObservations:
-    """What the pairs say about the scale.
+    """What the pairs say about the scale: lidar minus SPC surface, body-fixed, metres.
+
+    `trajectory` is the one by which the returns of the pairs were located.
 
     Raises
     ------
@@ -192,5 +243,6 @@ def pair_observations(pairs: Sequence[Pair], trajectory: Trajectory) -> ScaleObs
         range=np.array([frame.range for frame in frames]),
         normal=np.array([frame.normal for frame in frames]).reshape(-1, 3),
         local_time_h=np.array([frame.local_time_h for frame in frames]),
+        shares=np.array([pair.shares for pair in pairs]).reshape(len(pairs), -1),
         trajectory=trajectory,
     )

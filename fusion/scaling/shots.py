@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -11,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from fusion.scaling.observation import ScaleObservations, Trajectory
 from lidar.scan import Scan
 from spcola.arrays import FloatArray
+from spcola.errors import InvalidValueError
 from spcola.rays import RayCaster
 from spcola.robust import mad
 from spcola.time import utc_from_et
@@ -60,7 +63,13 @@ def compare_shots(
         Of a range, metres, where the scan does not say.
     turn_rad : float
         Turns the lidar (spacecraft and beam) about the body's Z axis first: to see what a wrong
-        prime meridian would give.
+        prime meridian would give. Radians, eastward.
+
+    Returns
+    -------
+    ShotComparison
+        Without the shots whose spacecraft position or beam is unknown, that miss, or that graze;
+        it may be empty.
     """
     turn = Rotation.from_rotvec([0.0, 0.0, turn_rad]).as_matrix()
     spacecraft, beam = scan.spacecraft @ turn.T, scan.beam @ turn.T
@@ -87,10 +96,36 @@ def compare_shots(
             range=distance[good],
             normal=normal[good],
             local_time_h=np.full(int(good.sum()), np.nan),
+            shares=np.ones((int(good.sum()), 1)),
             trajectory=trajectory,
         ),
         int(np.count_nonzero(~good)),
     )
+
+
+def join_shots(compared: Sequence[ShotComparison]) -> ShotComparison:
+    """Put the comparisons of several scans together; each scan has an error of its own.
+
+    Raises
+    ------
+    InvalidValueError
+        If there is nothing to join.
+    """
+    if not compared:
+        raise InvalidValueError("there are no shots", "shots")
+    parts = [one.observations for one in compared]
+    names = list(dict.fromkeys(label for part in parts for label in part.label))
+    labels = tuple(label for part in parts for label in part.label)
+    shares = np.array([[label == name for name in names] for label in labels], dtype=np.float64)
+    layers: dict[str, Any] = {
+        layer: np.concatenate([getattr(part, layer) for part in parts])
+        for layer in ("value", "covariance", "point", "beam", "range", "normal", "local_time_h")
+    }
+    days = tuple(day for part in parts for day in part.day)
+    joined = replace(
+        parts[0], label=labels, day=days, shares=shares.reshape(len(labels), -1), **layers
+    )
+    return ShotComparison(joined, sum(one.missed for one in compared))
 
 
 def _day(time: float) -> str:
@@ -146,7 +181,24 @@ class LongitudeCheck:
 def check_longitude(
     scan: Scan, caster: RayCaster, *, step_deg: float = 2.0, tolerance_deg: float = 10.0
 ) -> LongitudeCheck:
-    """Turn the lidar about the Z axis through 360° and compare the scatter of the residuals."""
+    """Turn the lidar about the Z axis through 360° and compare the scatter of the residuals.
+
+    Parameters
+    ----------
+    scan : Scan
+        With spacecraft positions and beams, in the frame of the shape.
+    caster : RayCaster
+        Of the SPC surface.
+    step_deg : float
+        Between the turns tried, degrees.
+    tolerance_deg : float
+        A best turn no further away than this is no misfit, degrees.
+
+    Returns
+    -------
+    LongitudeCheck
+        Its p-value is nominal: the best of many turns is compared, by a robust scatter.
+    """
     turns = np.arange(0.0, 360.0, step_deg)
     scatter = np.array([_scatter(scan, caster, np.radians(turn)) for turn in turns])
     signed = (turns + 180.0) % 360.0 - 180.0

@@ -26,6 +26,11 @@ def scale_json(
     estimate : ScaleEstimate
     mean_radius : float
         Of the body, metres: the size correction is ε times it.
+
+    Returns
+    -------
+    dict
+        Units stand in the keys; arrays and NaN are turned into JSON where it is written.
     """
     fit = estimate.fit
     sigma, value = fit.sigma, fit.estimate
@@ -45,7 +50,8 @@ def scale_json(
         "range_bias_m": value[7],
         "range_bias_sigma_m": sigma[7],
         "single_sigma_m": fit.sizes.independent,
-        "day_sigma_m": fit.sizes.shared,
+        "state_sigma_m": fit.sizes.shared[0],
+        "day_sigma_m": fit.sizes.shared[1],
         "n_used": int(np.count_nonzero(fit.used)),
         "n_rejected": int(np.count_nonzero(~fit.used)),
         "parameters": list(PARAMETERS),
@@ -140,6 +146,17 @@ def consistency(scale: Mapping[str, Any], registration: Mapping[str, Any]) -> di
     """Compare the scale of the registration with ε: (1 + ε) · scale is to be 1.
 
     The two are taken as independent, which errs to the safe side where they share lidar data.
+
+    Parameters
+    ----------
+    scale, registration : mapping
+        Content of ``scale.json`` and ``registration.json``.
+
+    Returns
+    -------
+    dict
+        `difference` (1 + ε) · scale − 1, its sigma, z, and the two-sided p-value; NaN without a
+        sigma.
     """
     product = (1.0 + float(scale["epsilon"])) * float(registration["scale"]) - 1.0
     sigma = float(np.hypot(scale["epsilon_sigma"], registration["scale_sigma"]))

@@ -15,28 +15,29 @@ from fusion.scaling.pairs import (
     Pair,
     PairFrame,
     PairOptions,
-    common_blur,
-    compare_pair,
+    blur_of,
     frame_of_image,
     make_pair,
     pair_observations,
+    sharpened,
 )
-from fusion.scaling.shots import check_longitude, compare_shots
+from fusion.scaling.shots import ShotComparison, check_longitude, compare_shots, join_shots
 from fusion.scaling.summary import consistency, longitude_json, per_pair, per_shot, scale_json
 from fusion.settings import BodySettings, ScaleSettings, Settings, Table
 from fusion.stages.base import StageContext, StageResult
 from fusion.stages.register import maplets_around
 from fusion.workspace import Workspace, make_folder
 from lidar.formats.native import iter_scan, scan_summary
-from lidar.reprojection import reproject
+from lidar.reprojection import reproject, scan_trajectory
 from lidar.returns import Returns
 from lidar.scan import Scan, join
+from spcola.arrays import FloatArray
 from spcola.bigmap import make_bigmap
 from spcola.errors import NotObservableError
 from spcola.formats.map import write_maplet
 from spcola.maplet import MapletGrid
 from spcola.rays import RayCaster
-from spcola.trajectory import Trajectory
+from spcola.trajectory import Offset, Trajectory
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,7 @@ def _scale_options(table: ScaleSettings) -> ScaleOptions:
         pole_prior_deg=table.pole_prior_deg,
         range_bias_prior_m=table.range_bias_prior_m,
         single_sigma_m=table.single_sigma_m,
+        state_sigma_m=table.state_sigma_m,
         day_sigma_m=table.day_sigma_m,
         reject=table.reject_sigmas,
     )
@@ -115,8 +117,13 @@ def _scale_options(table: ScaleSettings) -> ScaleOptions:
 def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str, Any]:
     """Single shots of all scans against the shape."""
     workspace, table = context.workspace, context.table(ScaleSettings)
-    scan = _thinned(workspace, table.max_shots)
-    compared = compare_shots(scan, caster, trajectory=table.trajectory)
+    scans = _thinned(workspace, table.max_shots)
+
+    def one(scan: Scan) -> ShotComparison:
+        return compare_shots(scan, caster, trajectory=table.trajectory)
+
+    compared = join_shots(context.map("cast shots", one, scans))
+    scan = join("shots", scans)
     if len(compared.observations) < 2:
         raise NotObservableError(
             f"{compared.missed} of {len(scan)} shots do not meet the shape",
@@ -137,15 +144,18 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
     return content
 
 
-def _thinned(workspace: Workspace, most: int) -> Scan:
-    """Join the shots of all scans, evenly thinned to about `most`."""
+def _thinned(workspace: Workspace, most: int) -> list[Scan]:
+    """The shots of each scan, evenly thinned to about `most` in all."""
     paths = workspace.scan_paths()
     total = sum(scan_summary(path).count for path in paths)
     step = max(1, -(-total // most))
-    parts = [
-        part.select(np.arange(0, len(part), step)) for path in paths for part in iter_scan(path)
+    return [
+        join(
+            path.stem,
+            [part.select(np.arange(0, len(part), step)) for part in iter_scan(path)],
+        )
+        for path in paths
     ]
-    return join("shots", parts)
 
 
 def _pairs(
@@ -170,16 +180,17 @@ def _pairs(
     seen = {item.frame.image for item in first if isinstance(item, Pair)}
     seen |= {item.image for item in first if isinstance(item, LeftOut)}
     left_out += [
-        LeftOut(frame.image, f"no scan within {table.max_gap_s:g} s of the image")
+        LeftOut(frame.image, "no scan was taken with the image")
         for frame in frames
         if frame.image not in seen
     ]
     pairs = [item for item in first if isinstance(item, Pair)]
     left_out += [item for item in first if isinstance(item, LeftOut)]
-    blur = common_blur(pairs)
-    again = [
-        compare_pair(pair.frame, pair.spc, pair.lidar, options, blur_cells=blur) for pair in pairs
-    ]
+    blurs = np.array(context.map("compare resolutions", blur_of, pairs[:: -(-len(pairs) // 24)]))
+    blur = float(np.nanmedian(blurs)) if np.isfinite(blurs).any() else 0.0
+    again = context.map(
+        "match pairs", lambda pair: sharpened(pair, options, blur_cells=blur), pairs
+    )
     pairs = [item for item in again if isinstance(item, Pair)]
     left_out += [item for item in again if isinstance(item, LeftOut)]
     if len(pairs) < 2:
@@ -234,39 +245,47 @@ class _PairMaker:
             name: workspace.maplet(name).grid for name in workspace.maplet_names()
         }
         self._trajectory = Trajectory.from_images(workspace.images())
+        self._spans = {path: scan_summary(path).time_span for path in workspace.scan_paths()}
 
     def groups(self) -> dict[Path, list[PairFrame]]:
-        """The images of each scan: each image goes to the scan that is nearest in time."""
-        spans = {path: scan_summary(path).time_span for path in self._workspace.scan_paths()}
+        """The images of each scan: those taken during it (with another trajectory, near it)."""
+        near = self._table.max_gap_s if self._table.trajectory == "reference" else 0.0
         groups: dict[Path, list[PairFrame]] = {}
         for frame in self._frames:
-            away = {path: _away(frame.time, span) for path, span in spans.items()}
+            away = {path: _away(frame.time, span) for path, span in self._spans.items()}
             nearest = min(away, key=lambda path: away[path])
-            if away[nearest] <= self._table.max_gap_s:
+            if away[nearest] <= near:
                 groups.setdefault(nearest, []).append(frame)
         return groups
 
     def pairs_of_scan(self, item: tuple[Path, list[PairFrame]]) -> list[Pair | LeftOut]:
         """Read and locate one scan, and pair the images that were taken with it."""
         path, frames = item
-        scan = self._located(path)
-        return [self._pair(frame, scan) for frame in frames]
-
-    def _located(self, path: Path) -> Scan:
-        """The scan, located by the SPC trajectory if so asked."""
         scan = join(path.stem, list(iter_scan(path)))
-        if self._table.trajectory == "reference":
-            return scan
-        return reproject(scan, self._trajectory, max_gap_s=self._table.max_gap_s)
+        offset = None
+        if self._table.trajectory == "spc":
+            gap = self._table.max_gap_s
+            offset = self._trajectory.offset_from(scan_trajectory(scan), max_gap_s=gap)
+            scan = reproject(scan, self._trajectory, max_gap_s=gap)
+        return [self._pair(frame, scan, offset) for frame in frames]
 
-    def _pair(self, frame: PairFrame, scan: Scan) -> Pair | LeftOut:
+    def _pair(self, frame: PairFrame, scan: Scan, offset: Offset | None) -> Pair | LeftOut:
         around = maplets_around(self._workspace, self._grids, frame.grid)
         spc = make_bigmap(frame.image, frame.grid, around)
         reach = 1.5 * frame.grid.radius
         near = np.linalg.norm(scan.points - frame.grid.center, axis=1) < reach
         chosen = scan.select(near & (np.abs(scan.time - frame.time) < self._table.max_gap_s))
-        returns = Returns.of_scans([chosen])
-        return make_pair(frame, spc, returns, self._options, blur_cells=0.0)
+        shares = self._shares(scan.name, chosen.time, offset)
+        return make_pair(frame, spc, Returns.of_scans([chosen]), shares, self._options)
+
+    def _shares(self, scan: str, times: FloatArray, offset: Offset | None) -> FloatArray:
+        """Share of each image's state in where the returns lie; of each scan without states."""
+        if offset is None:
+            return np.array([path.stem == scan for path in self._spans], dtype=np.float64)
+        shares = np.zeros(len(self._trajectory))
+        states = np.searchsorted(self._trajectory.time, offset.differences.time)
+        shares[states] = offset.shares(times)
+        return shares
 
 
 def _away(time: float, span: tuple[float, float]) -> float:

@@ -6,7 +6,6 @@ import pytest
 from fusion.mixed import ErrorSizes, MixedOptions, Observations, fit_mixed
 from spcola.errors import InvalidValueError, NotObservableError
 
-
 NOTHING_UNKNOWN = ErrorSizes(0.0, (0.0,))
 
 

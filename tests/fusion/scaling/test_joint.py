@@ -25,6 +25,8 @@ def mission(
     day_noise=0.0,
     ranges=(3000.0, 7000.0),
     longitudes=(0.0, 2 * np.pi),
+    shares=None,
+    state_noise=0.0,
 ):
     """Lidar minus SPC on a body of 245 m, built vector by vector, not by the design matrix."""
     longitude = generator.uniform(*longitudes, count)
@@ -47,6 +49,8 @@ def mission(
     own = {name: day_noise * generator.normal(size=3) for name in DAYS}
     shift = shift + np.array([own[name] for name in day])
     shift = shift + noise * generator.normal(size=shift.shape)
+    if shares is not None:
+        shift = shift + state_noise * shares @ generator.normal(size=(shares.shape[1], 3))
     covariance = np.broadcast_to(1e-4 * np.eye(3), (count, 3, 3))
     if kind == "shots":
         shift = (np.sum(normal * shift, axis=1) / np.sum(normal * beam, axis=1))[:, None]
@@ -62,6 +66,7 @@ def mission(
         range=distance,
         normal=normal,
         local_time_h=generator.uniform(0, 24, count),
+        shares=np.ones((count, 1)) if shares is None else shares,
         trajectory=trajectory,
     )
 
@@ -109,6 +114,20 @@ def test_pulls_are_of_unit_width_with_biased_days():
         )
     width = np.sqrt(np.mean(np.square(pulls), axis=0))
     assert np.all((width > 0.6) & (width < 1.4)), width
+
+
+def test_pulls_are_of_unit_width_where_pairs_lean_on_the_same_states():
+    # Three images a scan; the returns of each lie between their states.
+    block = np.array([[0.5, 0.5, 0.0], [0.25, 0.5, 0.25], [0.0, 0.5, 0.5]])
+    shares = np.kron(np.eye(15), block)
+    pulls = []
+    for seed in range(20):
+        data = mission(
+            np.random.default_rng(seed), count=45, noise=0.02, shares=shares, state_noise=0.2
+        )
+        estimate = estimate_scale(data)
+        pulls.append((estimate.epsilon - 2e-4) / estimate.epsilon_sigma)
+    assert 0.6 < np.sqrt(np.mean(np.square(pulls))) < 1.4
 
 
 def test_epsilon_of_one_pair_is_range_difference_over_range():
