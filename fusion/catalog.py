@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import sqlite3
@@ -104,7 +105,13 @@ class Catalog:
                 return str(row[3])
             digest = file_digest(path)
         except OSError as error:
-            raise WorkspaceError(f"cannot be read ({error.strerror})", path) from error
+            raise WorkspaceError(
+                f"cannot be read ({error.strerror})",
+                path,
+                "restore it, or take its name off the list that holds it"
+                if error.errno == errno.ENOENT
+                else "check that it is a file, and its permissions",
+            ) from error
         with self._writing() as base:
             base.execute(
                 "INSERT OR REPLACE INTO file VALUES (?, ?, ?, ?, ?)", (name, *known, digest)

@@ -81,6 +81,9 @@ def demonstrate(
     planted = _planted(mission, wanted, progress)
     if planted is None:
         # What was made of another mission (an earlier version's, say) says nothing of this one.
+        # A workspace without any mission beside it was not made by a demo.
+        if (folder / WORKSPACE_FOLDER).exists() and not (mission / TRUTH_FILE).exists():
+            raise WorkspaceError("holds other things than a demo", folder, "choose an empty folder")
         _remove(folder / WORKSPACE_FOLDER)
         planted = make_mission(mission, settings=wanted, progress=progress)
     workspace = _workspace(folder / WORKSPACE_FOLDER, mission, wanted)

@@ -18,9 +18,9 @@ from lidar.formats.mapola import read_mapola
 from lidar.mapola import Mapola
 from spcola import atomic
 from spcola.errors import WorkspaceError
-from spcola.formats.lists import read_list
+from spcola.formats.lists import ListKind, read_list
 from spcola.formats.lmk import read_landmark
-from spcola.formats.map import read_maplet
+from spcola.formats.map import read_maplet, sigma_path
 from spcola.formats.shape import read_shape
 from spcola.formats.sum import read_summary
 from spcola.image import SpcImage
@@ -31,6 +31,9 @@ from spcola.mesh import Mesh
 SETTINGS_FILE = "spcola.toml"
 SPC_FOLDERS = ("MAPFILES", "LMKFILES", "SUMFILES", "IMAGEFILES", "SHAPEFILES", "NOMINALS")
 SPC_LISTS = ("PICTLIST.TXT", "LMRKLIST.TXT", "MAPLIST.TXT")
+# No surface point of a body is nearer or further than this from its mean radius; a unit that is
+# mistaken (metres for kilometres) is a factor of a thousand.
+_UNIT_FACTOR = 30.0
 OWN_FOLDERS = ("scans", "mapolas", "fused", "bigmaps", "pairs", "release")
 
 
@@ -93,13 +96,22 @@ class Workspace:
     def maplet_names(self) -> list[str]:
         """Return the maplets: those of MAPLIST.TXT or LMRKLIST.TXT, else all in MAPFILES."""
         for listing in ("MAPLIST.TXT", "LMRKLIST.TXT"):
-            if (self.root / listing).is_file():
-                return read_list(self.root / listing)
+            if _is_there(self.root / listing):
+                return self._listed(listing, "landmark", "MAPFILES", ".MAP")
         return self._stems("MAPFILES", ".MAP")
 
     def maplet_path(self, name: str) -> Path:
         """Return where the maplet `name` lies."""
         return self.root / "MAPFILES" / f"{name}.MAP"
+
+    def maplet_files(self) -> list[Path]:
+        """Return the files of all maplets: each .MAP, and its sigma companion where it has one."""
+        paths = []
+        for name in self.maplet_names():
+            path = self.maplet_path(name)
+            companion = sigma_path(path)
+            paths += [path, companion] if _is_there(companion) else [path]
+        return paths
 
     def maplet(self, name: str) -> Maplet:
         """Read the maplet `name`."""
@@ -107,8 +119,8 @@ class Workspace:
 
     def landmark_names(self) -> list[str]:
         """Return the landmarks: those of LMRKLIST.TXT, else all in LMKFILES."""
-        if (self.root / "LMRKLIST.TXT").is_file():
-            return read_list(self.root / "LMRKLIST.TXT")
+        if _is_there(self.root / "LMRKLIST.TXT"):
+            return self._listed("LMRKLIST.TXT", "landmark", "LMKFILES", ".LMK")
         return self._stems("LMKFILES", ".LMK")
 
     def landmark(self, name: str) -> Landmark:
@@ -117,8 +129,8 @@ class Workspace:
 
     def image_names(self) -> list[str]:
         """Return the images: those of PICTLIST.TXT, else all in SUMFILES."""
-        if (self.root / "PICTLIST.TXT").is_file():
-            return read_list(self.root / "PICTLIST.TXT")
+        if _is_there(self.root / "PICTLIST.TXT"):
+            return self._listed("PICTLIST.TXT", "image", "SUMFILES", ".SUM")
         return self._stems("SUMFILES", ".SUM")
 
     def image_path(self, name: str) -> Path:
@@ -160,8 +172,26 @@ class Workspace:
         return bool(self._files(self.root / "SHAPEFILES"))
 
     def shape(self) -> Mesh:
-        """Read the shape model."""
-        return read_shape(self.shape_path(), unit=self.settings().body.shape_unit)
+        """Read the shape model.
+
+        Raises
+        ------
+        WorkspaceError
+            If it cannot be in the unit of the maplets.
+        """
+        path = self.shape_path()
+        mesh = read_shape(path, unit=self.settings().body.shape_unit)
+        names = self.maplet_names()
+        if names and self.maplet_path(names[0]).is_file():
+            away = float(np.linalg.norm(self.maplet(names[0]).grid.center))
+            if not mesh.mean_radius / _UNIT_FACTOR < away < mesh.mean_radius * _UNIT_FACTOR:
+                raise WorkspaceError(
+                    f"has a mean radius of {mesh.mean_radius:.4g} m, but the maplet {names[0]} "
+                    f"lies {away:.4g} m from the centre",
+                    path,
+                    "check the units: [body] shape_unit for an OBJ or PLY, km in all SPC files",
+                )
+        return mesh
 
     def scan_names(self) -> list[str]:
         """Return the imported scans."""
@@ -252,28 +282,57 @@ class Workspace:
             raise WorkspaceError("holds no JSON object", path, "remove it and run again")
         return content
 
+    def _listed(self, listing: str, kind: ListKind, folder: str, suffix: str) -> list[str]:
+        """Return the names in `listing`; an empty list beside a full folder is refused."""
+        names = read_list(self.root / listing, kind=kind)
+        if not names and (there := len(self._stems(folder, suffix))):
+            raise WorkspaceError(
+                f"lists nothing, but {folder} holds {there} files",
+                self.root / listing,
+                "write their names into it, or remove it to take all of them",
+            )
+        return names
+
     def _stems(self, folder: str, suffix: str) -> list[str]:
         """Return the names of the files with `suffix` in a folder of the workspace, sorted."""
-        return [p.stem for p in self._files(self.root / folder) if p.suffix == suffix]
+        return [p.stem for p in self._files(self.root / folder, suffix) if p.suffix == suffix]
 
     @staticmethod
-    def _files(folder: Path) -> list[Path]:
-        """Return the visible files of a folder, sorted; none where there is no folder."""
+    def _files(folder: Path, suffix: str = "") -> list[Path]:
+        """Return the visible files of a folder, sorted; none where there is no folder.
+
+        A link that leads nowhere, and a folder that bears the `suffix` of a file, are refused:
+        what they stand for would be left out and nobody told.
+        """
         try:
-            entries = sorted(folder.iterdir())
+            entries = sorted(entry for entry in folder.iterdir() if entry.name[0] != ".")
+            for entry in entries:
+                if entry.is_symlink() and not entry.exists():
+                    raise WorkspaceError(
+                        f"is a link to {entry.readlink()}, which is not there",
+                        entry,
+                        "bring that back, or remove the link",
+                    )
+                if suffix and entry.suffix == suffix and not entry.is_file():
+                    raise WorkspaceError("is no file", entry, "move it elsewhere")
+            return [entry for entry in entries if entry.is_file()]
         except FileNotFoundError:
             return []
         except OSError as error:
             raise WorkspaceError(
                 f"cannot be listed ({error.strerror})", folder, "check its permissions"
             ) from error
-        return [entry for entry in entries if entry.is_file() and not entry.name.startswith(".")]
 
     def _present(self, path: Path, what: str) -> Path:
         """Return `path`, refused unless it is a file."""
         if not path.is_file():
             raise WorkspaceError(f"the {what} is not there", path, f"see: spcola info {self.root}")
         return path
+
+
+def _is_there(path: Path) -> bool:
+    """Tell whether anything bears this name, be it a link that leads nowhere."""
+    return path.exists() or path.is_symlink()
 
 
 def make_folder(path: Path) -> None:

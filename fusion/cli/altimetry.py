@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fusion.cli.output import JsonOption, show
 from fusion.cli.stages import WorkersOption
-from fusion.executor import ThreadExecutor
-from fusion.pipeline import Pipeline, opened
-from fusion.progress import Progress
-from fusion.stages.ingest import STAGE, Imported, Source, Workers, import_files
-from fusion.workspace import Workspace
+
+if TYPE_CHECKING:
+    from fusion.stages.ingest import Imported
 
 
 def import_(
@@ -45,6 +43,13 @@ def import_(
     Returns without an echo, or flagged as bad, are left out and counted by reason. A file that
     was imported before is recognised by its content.
     """
+    # The machinery is imported here and not above, so that help comes at once.
+    from fusion.executor import ThreadExecutor
+    from fusion.pipeline import Pipeline, opened
+    from fusion.progress import Progress
+    from fusion.stages.ingest import STAGE, Source, Workers, import_files
+    from fusion.workspace import Workspace
+
     if name and len(files) > 1:
         raise typer.BadParameter("names one file only", param_hint="--name")
     there = Workspace.open(workspace)

@@ -9,9 +9,6 @@ import typer
 
 from fusion.cli.output import JsonOption, show
 from fusion.cli.stages import WorkersOption
-from fusion.demo import demonstrate, recovery_table
-from fusion.executor import ThreadExecutor
-from fusion.progress import Progress
 
 
 def demo(
@@ -26,6 +23,11 @@ def demo(
     Lidar scans and an SPC solution are made of a body that is known, with errors planted in them;
     all stages run; what they recover is printed beside what was planted.
     """
+    # The machinery is imported here and not above, so that help comes at once.
+    from fusion.demo import demonstrate, recovery_table
+    from fusion.executor import ThreadExecutor
+    from fusion.progress import Progress
+
     progress = Progress.fitting(silent=as_json)
     shown = demonstrate(folder, ThreadExecutor(workers), progress)
     ran = [f"{run.stage}: {run.state} ({run.seconds:.1f} s)" for run in shown.runs]

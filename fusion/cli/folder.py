@@ -8,9 +8,6 @@ from typing import Annotated, Literal
 import typer
 
 from fusion.cli.output import JsonOption, show, value_lines
-from fusion.describe import describe_file, describe_workspace
-from fusion.initialise import new_workspace
-from fusion.workspace import SETTINGS_FILE, Workspace
 
 
 def init(
@@ -38,6 +35,11 @@ def init(
     Every setting stands, with its default and what it means, in spcola.toml. What is in the
     folder already stays.
     """
+    # The machinery is imported here and not above, so that help comes at once.
+    from fusion.describe import describe_workspace
+    from fusion.initialise import new_workspace
+    from fusion.workspace import SETTINGS_FILE
+
     if spc is not None and shape is not None:
         raise typer.BadParameter("give --spc or --shape, not both", param_hint="--shape")
     made = new_workspace(workspace, body=body, spc=spc, shape=shape, shape_unit=unit)
@@ -57,5 +59,8 @@ def info(
     as_json: JsonOption = False,
 ) -> None:
     """Tell what a workspace holds, or what a file is."""
+    from fusion.describe import describe_file, describe_workspace
+    from fusion.workspace import Workspace
+
     content = describe_workspace(Workspace.open(path)) if path.is_dir() else describe_file(path)
     show(content, [str(path), *value_lines(content)], as_json=as_json)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sized
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fusion.pipeline import StageRun
-from fusion.workspace import json_text
+if TYPE_CHECKING:
+    from fusion.pipeline import StageRun
 
 MANY_LINES = 25
 """A table in a summary longer than this is not printed for people, only counted."""
@@ -22,6 +22,9 @@ JsonOption = Annotated[
 def show(content: Mapping[str, Any], lines: Iterable[str], *, as_json: bool) -> None:
     """Print `content` as JSON, or `lines`."""
     if as_json:
+        # What it needs is imported by now, or the command would not have run.
+        from fusion.workspace import json_text
+
         typer.echo(json_text(content), nl=False)
         return
     for line in lines:

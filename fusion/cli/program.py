@@ -36,6 +36,14 @@ def guarded(command: Callable[Options, None]) -> Callable[Options, None]:
         except KeyboardInterrupt as error:
             _tell("interrupted: what was finished is kept, and the command can be given again")
             raise typer.Exit(INTERRUPTED) from error
+        except MemoryError as error:
+            what = " ".join(str(error).split()) or "no more to be had"
+            _tell(
+                f"error: out of memory ({what}); take fewer --workers, a smaller [import] chunk, "
+                "coarser or smaller grids, and check units",
+                error,
+            )
+            raise typer.Exit(FAILED) from error
         except Exception as error:  # whatever it is, the user gets one line and a way to more
             what = " ".join(str(error).split()) or "no message"
             _tell(

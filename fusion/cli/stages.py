@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from fusion.cli.output import JsonOption, run_content, run_lines, show
-from fusion.executor import ThreadExecutor
-from fusion.pipeline import Pipeline, StageRun
-from fusion.progress import Progress
-from fusion.stages import load_stages
-from fusion.workspace import Workspace
 from spcola.errors import SettingsError
+
+if TYPE_CHECKING:
+    from fusion.pipeline import Pipeline, StageRun
 
 WorkspaceArgument = Annotated[Path, typer.Argument(metavar="WS", help="The workspace.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Run even what is up to date.")]
@@ -130,17 +128,10 @@ def run(
 
     An interrupted run goes on where it was; a changed setting or file re-runs what depends on it.
     """
-    opened = Workspace.open(workspace)
-    pipeline = Pipeline(
-        opened,
-        opened.settings(),
-        load_stages(),
-        ThreadExecutor(workers),
-        Progress.fitting(silent=as_json),
-    )
+    pipeline = _pipeline(workspace, ("", {}), workers, as_json)
     runs = pipeline.run(force=force)
     lines = [line for one in runs for line in run_lines(one)]
-    show(_together(opened, runs), lines, as_json=as_json)
+    show(_together(pipeline, runs), lines, as_json=as_json)
 
 
 def _run(
@@ -151,6 +142,23 @@ def _run(
 ) -> None:
     """Run stages with some settings of one table changed (None: not changed), and print."""
     force, workers, as_json = how
+    pipeline = _pipeline(workspace, change, workers, as_json)
+    runs = [pipeline.run_stage(stage, force=force) for stage in stages]
+    content = run_content(runs[0]) if len(runs) == 1 else _together(pipeline, runs)
+    show(content, [line for one in runs for line in run_lines(one)], as_json=as_json)
+
+
+def _pipeline(
+    workspace: Path, change: tuple[str, dict[str, Any]], workers: int | None, silent: bool
+) -> Pipeline:
+    """Return all stages over a workspace, with some settings of one table changed."""
+    # The machinery is imported here and not above, so that help comes at once.
+    from fusion.executor import ThreadExecutor
+    from fusion.pipeline import Pipeline
+    from fusion.progress import Progress
+    from fusion.stages import load_stages
+    from fusion.workspace import Workspace
+
     table, changed = change
     opened = Workspace.open(workspace)
     settings = opened.settings()
@@ -160,13 +168,10 @@ def _run(
             settings = settings.with_table(table, **given)
         except SettingsError as error:
             raise typer.BadParameter(str(error)) from error
-    progress = Progress.fitting(silent=as_json)
-    pipeline = Pipeline(opened, settings, load_stages(), ThreadExecutor(workers), progress)
-    runs = [pipeline.run_stage(stage, force=force) for stage in stages]
-    content = run_content(runs[0]) if len(runs) == 1 else _together(opened, runs)
-    show(content, [line for one in runs for line in run_lines(one)], as_json=as_json)
+    progress = Progress.fitting(silent=silent)
+    return Pipeline(opened, settings, load_stages(), ThreadExecutor(workers), progress)
 
 
-def _together(workspace: Workspace, runs: list[StageRun]) -> dict[str, Any]:
+def _together(pipeline: Pipeline, runs: list[StageRun]) -> dict[str, Any]:
     """Return what ``--json`` prints of several stages."""
-    return {"workspace": str(workspace.root), "stages": [run_content(one) for one in runs]}
+    return {"workspace": str(pipeline.workspace.root), "stages": [run_content(one) for one in runs]}

@@ -86,7 +86,8 @@ def _places(workspace: Workspace, registration: dict[str, Any] | None) -> tuple[
     if not (folder / FUSED_HDF5).is_file():
         return ()
     names = fused_names(folder)
-    transform = None if registration is None else transform_of(registration, "registration.json")
+    where = str(workspace.registration_path)
+    transform = None if registration is None else transform_of(registration, where)
     kept: list[Surfaces] = []
     for name in names[:: max(1, len(names) // _LOOKED_AT)]:
         # Only the best so far stay in memory.

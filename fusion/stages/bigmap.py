@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from fusion.fusing.constraints import overlaps
+from fusion.memory import check_grid
 from fusion.registration.summary import transform_of
 from fusion.settings import BigmapSettings, BigmapSite, BodySettings, Settings, Table
 from fusion.stages.base import StageContext, StageResult
@@ -52,7 +53,7 @@ class BigmapStage:
         """Return fused maplets, maplets, scans, registration and shape."""
         return [
             *workspace.fused_paths(),
-            *(workspace.maplet_path(name) for name in workspace.maplet_names()),
+            *workspace.maplet_files(),
             *workspace.scan_paths(),
             workspace.registration_path,
             workspace.shape_path(),
@@ -94,7 +95,7 @@ class _Builder:
         self._workspace, self._table = workspace, table
         self._caster, self._radius = caster, radius
         registration = workspace.read_json(workspace.registration_path.name)
-        self._transform: Affine = transform_of(registration, workspace.registration_path.name)
+        self._transform: Affine = transform_of(registration, str(workspace.registration_path))
         self._maplets = {name: workspace.maplet(name).grid for name in workspace.maplet_names()}
         self._fused = {name: workspace.fused(name).grid for name in workspace.fused_names()}
 
@@ -136,6 +137,11 @@ class _Builder:
         gsd = site.gsd_m or float(np.median([grid.gsd for grid in self._fused.values()]))
         size = site.size_m or 0.5 * self._radius
         half_size = max(2, round(size / gsd / 2.0))
+        check_grid(
+            half_size,
+            f"[bigmap] site {site.name}",
+            f"check its size_m and gsd_m, and the unit of the shape (its radius: {self._radius:g})",
+        )
         # The plane is square to the radius: a single facet's normal would tilt it.
         return MapletGrid.facing(hits.points[0], away, gsd, half_size)
 

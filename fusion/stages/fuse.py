@@ -22,6 +22,7 @@ from fusion.workspace import Workspace, make_folder
 from lidar.mapola import Mapola
 from spcola.arrays import FloatArray
 from spcola.bigmap import make_bigmap
+from spcola.errors import WorkspaceError
 from spcola.maplet import Maplet, MapletGrid
 from spcola.rays import RayCaster
 from spcola.shapegrid import shape_heights
@@ -47,7 +48,7 @@ class FuseStage:
         return [
             workspace.registration_path,
             *workspace.mapola_paths(),
-            *(workspace.maplet_path(name) for name in workspace.maplet_names()),
+            *workspace.maplet_files(),
             *([workspace.shape_path()] if workspace.has_shape() else []),
         ]
 
@@ -95,6 +96,8 @@ class Scene:
         Content of ``registration.json``.
     residuals : dict of str to (3,) ndarray
         How far the SPC surface of each matched mapola lies from the registered lidar, metres.
+    scan_sigma_m : float
+        Error that the returns of one scan share.
     grids, mapola_grids : dict of str to MapletGrid
         Of the maplets; of the mapolas in SPC coordinates.
     prior : callable
@@ -105,6 +108,7 @@ class Scene:
     transform: Affine
     registration: dict[str, Any]
     residuals: dict[str, FloatArray]
+    scan_sigma_m: float
     grids: dict[str, MapletGrid]
     mapola_grids: dict[str, MapletGrid]
     prior: Callable[[MapletGrid], FloatArray]
@@ -112,19 +116,24 @@ class Scene:
     @classmethod
     def of(cls, workspace: Workspace) -> Scene:
         """Read the frame of the scene; maplets and mapolas are read when their turn comes."""
-        where = workspace.registration_path.name
-        registration = workspace.read_json(where)
-        transform = transform_of(registration, where)
-        residuals: dict[str, FloatArray] = {
-            entry["name"]: np.array(entry["residual_m"], dtype=np.float64)
-            for entry in registration["per_mapola"]
-            if entry["used"]
-        }
+        path = workspace.registration_path
+        registration = workspace.read_json(path.name)
+        transform = transform_of(registration, str(path))
+        residuals, scan_sigma = _stored_match(registration, path)
         grids = {name: workspace.maplet(name).grid for name in workspace.maplet_names()}
         mapolas = {
             name: workspace.mapola(name).grid.moved(transform) for name in workspace.mapola_names()
         }
-        return cls(workspace, transform, registration, residuals, grids, mapolas, _prior(workspace))
+        return cls(
+            workspace,
+            transform,
+            registration,
+            residuals,
+            scan_sigma,
+            grids,
+            mapolas,
+            _prior(workspace),
+        )
 
     @property
     def targets(self) -> list[str]:
@@ -186,12 +195,33 @@ class Scene:
     def _common(self, grid: MapletGrid, candidates: list[Candidate]) -> FloatArray:
         """Covariance (3, 3), m², of what all lidar heights of a maplet share."""
         center = self.transform.inverse().apply(grid.center)[None]
-        covariance = position_covariance(self.registration, center, "registration.json")[0]
+        where = str(self.workspace.registration_path)
+        covariance = position_covariance(self.registration, center, where)[0]
         if candidates:
             shares = np.array(list(candidates[0].load().scan_share.values()))
-            scan_sigma = float(self.registration["scan_sigma_m"])
-            covariance = covariance + scan_sigma**2 * float(shares @ shares) * np.eye(3)
+            covariance = covariance + self.scan_sigma_m**2 * float(shares @ shares) * np.eye(3)
         return covariance
+
+
+def _stored_match(registration: dict[str, Any], path: Path) -> tuple[dict[str, FloatArray], float]:
+    """Residuals (3,) of the mapolas that were used, and the sigma of a scan, metres.
+
+    Raises
+    ------
+    WorkspaceError
+        If a key is missing or does not hold what it should.
+    """
+    try:
+        residuals: dict[str, FloatArray] = {
+            str(entry["name"]): np.array(entry["residual_m"], dtype=np.float64).reshape(3)
+            for entry in registration["per_mapola"]
+            if entry["used"]
+        }
+        return residuals, float(registration["scan_sigma_m"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise WorkspaceError(
+            f"is damaged ({error})", path, "remove it and register again"
+        ) from error
 
 
 def _prior(workspace: Workspace) -> Callable[[MapletGrid], FloatArray]:

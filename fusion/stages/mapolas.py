@@ -7,16 +7,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from spcola.covering import covering
 
+from fusion.memory import check_grid
 from fusion.settings import BodySettings, MapolaSettings, Settings, Table
 from fusion.stages.base import StageContext, StageResult
-from fusion.workspace import Workspace
+from fusion.workspace import SETTINGS_FILE, Workspace
 from lidar.formats.mapola import write_mapolas
 from lidar.formats.native import iter_scan
 from lidar.gridding import Gridding, GriddingOptions, RejectionOptions, grid_returns
 from lidar.mapola import Mapola
 from lidar.tiles import TileReader, TileWriter
+from spcola.covering import covering
 from spcola.errors import SettingsError, WorkspaceError
 from spcola.maplet import MapletGrid
 
@@ -46,8 +47,7 @@ class MapolasStage:
         """Return the scans, and the maplets or the shape."""
         if settings.mapolas.source == "cover":
             return [*workspace.scan_paths(), workspace.shape_path()]
-        names = workspace.maplet_names()
-        return [*workspace.scan_paths(), *(workspace.maplet_path(name) for name in names)]
+        return [*workspace.scan_paths(), *workspace.maplet_files()]
 
     def run(self, context: StageContext) -> StageResult:
         """Grid every mapola from the returns around it.
@@ -92,19 +92,19 @@ def mapola_grids(workspace: Workspace, settings: Settings) -> dict[str, MapletGr
         If a covering is asked for without a ground sample distance.
     """
     table = settings.mapolas
+    where = f"{workspace.root / SETTINGS_FILE}: [mapolas]"
+    if table.half_size:
+        check_grid(table.half_size, where, "lower half_size")
     if table.source == "maplets":
         names = workspace.maplet_names()
         return {name: _adapted(workspace.maplet(name).grid, table) for name in names}
     if not table.gsd_m:
-        raise SettingsError(
-            "must be given for a covering", workspace.root / "spcola.toml: [mapolas] gsd_m"
-        )
-    grids = covering(
-        workspace.shape(),
-        table.gsd_m,
-        table.half_size or COVER_HALF_SIZE,
-        overlap=table.overlap,
-    )
+        raise SettingsError("must be given for a covering", f"{where} gsd_m", "in metres")
+    half_size = table.half_size or COVER_HALF_SIZE
+    shape = workspace.shape()
+    # As fine as its grids, a covering of the body has as many points as its circumference squared.
+    check_grid(np.pi * shape.mean_radius / table.gsd_m, where, "raise gsd_m")
+    grids = covering(shape, table.gsd_m, half_size, overlap=table.overlap)
     # SPC allows names of six characters.
     return {f"C{number:05d}": grid for number, grid in enumerate(grids, start=1)}
 

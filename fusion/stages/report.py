@@ -31,9 +31,9 @@ class ReportStage:
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
         """Return all that the report reads and that is there."""
         root = workspace.root
-        maplets = [workspace.maplet_path(name) for name in workspace.maplet_names()]
         results = [root / "fused" / FUSED_HDF5, workspace.registration_path, workspace.scale_path]
-        candidates = [*results, root / PLANTED_FILE, *maplets, *workspace.mapola_paths()]
+        candidates = [*results, root / PLANTED_FILE, *workspace.maplet_files()]
+        candidates += workspace.mapola_paths()
         return [path for path in candidates if path.is_file()]
 
     def run(self, context: StageContext) -> StageResult:

@@ -15,7 +15,7 @@ from fusion.truth.planted import TRUTH_FILE, MissionSettings, Planted, write_tru
 from fusion.workspace import SPC_FOLDERS
 from lidar.formats.ola import write_ola
 from lidar.truth import ScanErrors, draw_errors, make_scan, scan_name
-from spcola.atomic import write_error
+from spcola.atomic import write_error, write_text
 from spcola.errors import WorkspaceError
 from spcola.formats.icq import write_icq
 from spcola.formats.lists import write_list
@@ -33,6 +33,7 @@ from spcola.truth.states import landmark_of, make_states, measure_landmarks
 from spcola.truth.streams import stream
 
 SPC_FOLDER, LIDAR_FOLDER = "spc", "lidar"
+_MAKING = ".making"
 # Writing one file waits for the disk while the next is computed.
 _WRITERS = 2
 
@@ -80,19 +81,23 @@ def make_mission(
     write_icq(root / SPC_FOLDER / "SHAPEFILES" / "SHAPE.TXT", shape, digits=7)
     planted = Planted(settings, scans, days)
     write_truth(root / TRUTH_FILE, planted)
+    (root / _MAKING).unlink()
     return planted
 
 
 def _clear(root: Path) -> None:
     """Make the folders of a mission anew; leave a folder of other things alone."""
     parts = (SPC_FOLDER, LIDAR_FOLDER)
-    known = {*parts, TRUTH_FILE}
+    known = {*parts, TRUTH_FILE, _MAKING}
     try:
         root.mkdir(parents=True, exist_ok=True)
-        if any(entry.name not in known for entry in root.iterdir()):
+        there = {entry.name for entry in root.iterdir()}
+        # Folders of these names may be somebody's data: only those of a mission made here go.
+        if there - known or (there and not there & {TRUTH_FILE, _MAKING}):
             raise WorkspaceError(
                 "holds other things than a synthetic mission", root, "choose an empty folder"
             )
+        write_text(root / _MAKING, "an unfinished synthetic mission\n")
         (root / TRUTH_FILE).unlink(missing_ok=True)
         for part in parts:
             if (root / part).exists():

@@ -70,7 +70,7 @@ class MapStore(Generic[M]):
             If two maplets bear one name, or a name is no file name.
         """
         folder = Path(folder)
-        former = self.names(folder) if (folder / self.file).exists() else []
+        former = self._former(folder)
         try:
             staging = Path(tempfile.mkdtemp(prefix=".maps.", suffix=".part", dir=folder))
         except OSError as error:
@@ -124,6 +124,13 @@ class MapStore(Generic[M]):
                 f"is not the map that {self.file} describes", map_path, "make it again"
             )
         return maplet
+
+    def _former(self, folder: Path) -> list[str]:
+        """Names that the HDF5 holds so far; none if it is damaged, for it is being replaced."""
+        try:
+            return self.names(folder) if (folder / self.file).exists() else []
+        except (FormatError, WorkspaceError):
+            return []
 
     def _stage(
         self, hdf5: Path, staging: Path, maplets: Iterable[M], companions: bool

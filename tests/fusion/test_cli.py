@@ -229,7 +229,7 @@ def test_what_nobody_expected_is_one_line_and_a_way_to_more(
     def fail(_: Workspace) -> None:
         raise ZeroDivisionError("of two\nlines")
 
-    monkeypatch.setattr("fusion.cli.folder.describe_workspace", fail)
+    monkeypatch.setattr("fusion.describe.describe_workspace", fail)
     assert "unexpected ZeroDivisionError: of two lines; set SPCOLA_DEBUG=1" in refused(
         "info", folder
     )
@@ -241,7 +241,7 @@ def test_an_interrupt_exits_with_130(folder: Path, monkeypatch: pytest.MonkeyPat
     def interrupt(_: Workspace) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("fusion.cli.folder.describe_workspace", interrupt)
+    monkeypatch.setattr("fusion.describe.describe_workspace", interrupt)
     result = call("info", folder, code=130)
     assert result.stderr.startswith("interrupted")
 
