@@ -14,7 +14,7 @@ from fusion.memory import check_grid
 from fusion.registration.summary import transform_of
 from fusion.settings import BigmapSettings, BigmapSite, BodySettings, Settings, Table
 from fusion.stages.base import StageContext, StageResult
-from fusion.workspace import Workspace, make_folder
+from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
 from lidar.bigmap import LidarBigmapOptions, bigmap_from_returns
 from lidar.formats.native import iter_scan
 from lidar.returns import Returns
@@ -70,7 +70,8 @@ class BigmapStage:
         workspace, table = context.workspace, context.table(BigmapSettings)
         names = [site.name for site in table.sites]
         if len(set(names)) < len(names):
-            raise WorkspaceError("two sites bear one name", "[bigmap] sites")
+            where = f"{workspace.root / SETTINGS_FILE}: [bigmap] sites"
+            raise WorkspaceError("two sites bear one name", where, "rename one")
         shape = workspace.shape()
         radius = context.table(BodySettings).mean_radius_m or shape.mean_radius
         builder = _Builder(workspace, table, RayCaster(shape), radius)
@@ -139,7 +140,7 @@ class _Builder:
         half_size = max(2, round(size / gsd / 2.0))
         check_grid(
             half_size,
-            f"[bigmap] site {site.name}",
+            f"{self._workspace.root / SETTINGS_FILE}: [bigmap] site {site.name}",
             f"check its size_m and gsd_m, and the unit of the shape (its radius: {self._radius:g})",
         )
         # The plane is square to the radius: a single facet's normal would tilt it.

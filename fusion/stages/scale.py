@@ -67,7 +67,7 @@ class ScaleStage:
         if workspace.registration_path.is_file():
             paths.append(workspace.registration_path)
         if settings.scale.method == "pairs":
-            paths += [workspace.maplet_path(name) for name in workspace.maplet_names()]
+            paths += workspace.maplet_files()
             paths += [workspace.image_path(name) for name in workspace.image_names()]
         return paths
 
