@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 from typing import Literal
 
-from fusion.settings import BodySettings, Settings
+from fusion.settings import Settings
 from fusion.workspace import SETTINGS_FILE, SPC_FOLDERS, SPC_LISTS, Workspace
 from spcola.atomic import replacing, write_error
 from spcola.errors import WorkspaceError
@@ -41,16 +41,18 @@ def new_workspace(
         If `root` is a workspace already, or `spc` is no SPC folder.
     FormatError
         If `shape` is no shape model.
+    SettingsError
+        If `body` is no name in ASCII.
     """
     if (root / SETTINGS_FILE).exists():
         raise WorkspaceError("is a workspace already", root, f"edit its {SETTINGS_FILE}")
+    settings = Settings().with_table(
+        "body", name=body, shape="" if shape is None else shape.name, shape_unit=shape_unit
+    )
     if shape is not None:
         read_shape(shape, unit=shape_unit)
     linked = [] if spc is None or _same(spc, root) else spc_files(spc)
-    chosen = BodySettings(
-        name=body, shape="" if shape is None else shape.name, shape_unit=shape_unit
-    )
-    workspace = Workspace.create(root, Settings(body=chosen))
+    workspace = Workspace.create(root, settings)
     for source, place in linked:
         _link(source, root / place)
     if shape is not None and not _same(shape.parent, root / "SHAPEFILES"):

@@ -26,7 +26,11 @@ class Table(BaseModel):
 class BodySettings(Table):
     """[body]: what the workspace is about."""
 
-    name: str = Field(default="body", description="name of the body (and of its body-fixed frame)")
+    name: str = Field(
+        default="body",
+        pattern=r"^[!-~]([ -~]{0,38}[!-~])?$",  # FITS and SPICE know ASCII only
+        description="name of the body (and of its body-fixed frame), in ASCII",
+    )
     mean_radius_m: NotNegative = Field(default=0.0, description="mean radius; 0: that of the shape")
     shape: str = Field(
         default="", description="file in SHAPEFILES; empty: the only one, or SHAPE.TXT"

@@ -56,7 +56,7 @@ class FuseStage:
         """Estimate how much slopes and heights know, then fuse every maplet."""
         workspace, table = context.workspace, context.table(FuseSettings)
         scene = Scene.of(workspace)
-        sample = scene.targets[:: -(-len(scene.targets) // _SAMPLE)]
+        sample = scene.targets[:: max(1, -(-len(scene.targets) // _SAMPLE))]
         compared = context.map("compare lidar and SPC", scene.comparison, sample)
         information = estimate_information([pair for pair in compared if pair is not None])
         options = FuseOptions(

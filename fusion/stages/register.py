@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from fusion.fusing.constraints import overlaps
+from fusion.memory import check_grid
 from fusion.registration.fit import FitOptions, fit_transform, share_matrix
 from fusion.registration.match import Match, MatchOptions, match_surfaces
 from fusion.registration.resolution import estimate_blur
 from fusion.registration.summary import registration_json
 from fusion.settings import BodySettings, RegisterSettings, Settings, Table
 from fusion.stages.base import StageContext, StageResult
-from fusion.workspace import Workspace
+from fusion.workspace import SETTINGS_FILE, Workspace
 from spcola.arrays import FloatArray
 from spcola.bigmap import BigmapOptions, make_bigmap
 from spcola.errors import NotObservableError
@@ -71,6 +72,11 @@ class RegisterStage:
 
         def matched(name: str, blur: float) -> Match:
             mapola = workspace.mapola(name)
+            check_grid(
+                mapola.grid.half_size + table.capture_m / mapola.grid.gsd,
+                f"{workspace.root / SETTINGS_FILE}: [register] capture_m",
+                "lower it",
+            )
             return match_surfaces(
                 name,
                 mapola.grid,

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fusion.memory import check_grid
 from fusion.registration.match import MatchOptions
 from fusion.scaling.joint import ScaleOptions, estimate_scale
 from fusion.scaling.pairs import (
@@ -26,7 +27,7 @@ from fusion.scaling.summary import consistency, longitude_json, per_pair, per_sh
 from fusion.settings import BodySettings, ScaleSettings, Settings, Table
 from fusion.stages.base import StageContext, StageResult
 from fusion.stages.register import maplets_around
-from fusion.workspace import Workspace, make_folder
+from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
 from lidar.formats.native import iter_scan, scan_summary
 from lidar.reprojection import reproject, scan_trajectory
 from lidar.returns import Returns
@@ -172,6 +173,11 @@ def _pairs(
             min_correlation=table.min_correlation,
         ),
     )
+    check_grid(
+        (table.size_m / 2.0 + table.capture_m) / table.gsd_m,
+        f"{workspace.root / SETTINGS_FILE}: [scale]",
+        "check size_m, gsd_m and capture_m",
+    )
     frames, left_out = _frames(workspace, caster, options)
     maker = _PairMaker(workspace, table, options, frames)
     groups = maker.groups()
@@ -186,7 +192,9 @@ def _pairs(
     ]
     pairs = [item for item in first if isinstance(item, Pair)]
     left_out += [item for item in first if isinstance(item, LeftOut)]
-    blurs = np.array(context.map("compare resolutions", blur_of, pairs[:: -(-len(pairs) // 24)]))
+    blurs = np.array(
+        context.map("compare resolutions", blur_of, pairs[:: max(1, -(-len(pairs) // 24))])
+    )
     blur = float(np.nanmedian(blurs)) if np.isfinite(blurs).any() else 0.0
     again = context.map(
         "match pairs", lambda pair: sharpened(pair, options, blur_cells=blur), pairs
