@@ -20,14 +20,19 @@ from lidar.formats.native import scan_summary
 from lidar.formats.reader import open_lidar
 from lidar.formats.recognise import recognise
 from spcola.errors import FormatError, WorkspaceError
+from spcola.formats.kernel_text import prime_meridians
 from spcola.formats.lists import read_list
 from spcola.formats.lmk import read_landmark
 from spcola.formats.map import read_map, read_maplet
 from spcola.formats.nom import read_nominal
 from spcola.formats.shape import read_shape, recognise_shape
+from spcola.formats.source import read_bytes
 from spcola.formats.sum import read_summary
+from spcola.formats.transfer import read_transfer
 from spcola.maplet import Maplet
 
+# Comments before the first data block of a kernel are shorter than this, bytes.
+_HEAD = 1 << 17
 BYTES_PER_RETURN = 14 * 8
 """Fourteen numbers of eight bytes: what one return takes in memory."""
 
@@ -75,11 +80,35 @@ def describe_file(path: Path) -> dict[str, Any]:
     reader = _describe_list if path.name in SPC_LISTS else _READERS.get(path.suffix.lower())
     if reader is not None:
         return reader(path)
+    content = _describe_kernel(path)
+    if content is not None:
+        return content
     try:
         recognise_shape(path)
     except FormatError:
         return _describe_lidar(path, recognise(path))
     return _describe_shape(path)
+
+
+def _describe_kernel(path: Path) -> dict[str, Any] | None:
+    """Describe a SPICE kernel; None if it is none.
+
+    Its first word says what it is; older text kernels lack it, and are known by their data blocks.
+    """
+    head = read_bytes(path, most=_HEAD)
+    words = head[:80].decode("ascii", errors="replace").split()
+    word = words[0] if words else ""
+    if word == "DAFETF":
+        return {"kind": "SPICE kernel (transfer text)", "form": read_transfer(path).word.strip()}
+    if word.startswith("KPL/") or b"\\begindata" in head:
+        stated = prime_meridians(path)
+        return {
+            "kind": "SPICE kernel (text)",
+            "form": word if word.startswith("KPL/") else "not stated",
+            "prime_meridian_deg": {str(one.body): one.w0_deg for one in stated},
+        }
+    form = word[:8].rstrip("\0")
+    return {"kind": "SPICE kernel (binary)", "form": form} if form.startswith("DAF/") else None
 
 
 def _describe_map(path: Path) -> dict[str, Any]:

@@ -75,7 +75,7 @@ def spc_files(folder: Path) -> list[tuple[Path, str]]:
             for name in SPC_FOLDERS
             if (folder / name).is_dir()
             for entry in sorted((folder / name).iterdir())
-            if entry.is_file() and not entry.name.startswith(".")
+            if not entry.name.startswith(".") and (entry.is_file() or entry.is_symlink())
         ]
     except OSError as error:
         raise WorkspaceError(f"cannot be listed ({error.strerror})", folder) from error
@@ -83,7 +83,13 @@ def spc_files(folder: Path) -> list[tuple[Path, str]]:
         raise WorkspaceError(
             "is no SPC working folder", folder, f"it should have some of {', '.join(SPC_FOLDERS)}"
         )
-    return inside + [(folder / name, name) for name in SPC_LISTS if (folder / name).is_file()]
+    inside += [(folder / name, name) for name in SPC_LISTS if (folder / name).is_file()]
+    for entry, _ in inside:
+        if not entry.exists():
+            raise WorkspaceError(
+                "is a link that leads nowhere", entry, "bring its file back, or remove the link"
+            )
+    return inside
 
 
 def _link(source: Path, target: Path) -> None:

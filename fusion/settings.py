@@ -289,7 +289,7 @@ def _refusal(problem: ErrorDetails, where: str | Path) -> SettingsError:
     location = [str(part) for part in problem["loc"]]
     place = f"{where}: [{location[0]}]" + "".join(f" {part}" for part in location[1:])
     if problem["type"] != "extra_forbidden":
-        text = problem["msg"].removeprefix("Input ")
+        text = problem["msg"].removeprefix("Input ").removeprefix("String ")
         text = "should be a table" if problem["type"] == "model_type" else text
         return SettingsError(f"{text}, not {problem['input']!r}", place)
     if len(location) == 1:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from spcola.errors import SpcolaError
+
 if TYPE_CHECKING:
     from fusion.pipeline import StageRun
 
@@ -20,15 +22,22 @@ JsonOption = Annotated[
 
 
 def show(content: Mapping[str, Any], lines: Iterable[str], *, as_json: bool) -> None:
-    """Print `content` as JSON, or `lines`."""
-    if as_json:
-        # What it needs is imported by now, or the command would not have run.
-        from fusion.workspace import json_text
+    """Print `content` as JSON, or `lines`.
 
-        typer.echo(json_text(content), nl=False)
-        return
-    for line in lines:
-        typer.echo(line)
+    Raises
+    ------
+    SpcolaError
+        If standard output cannot be written (a full disk, say).
+    """
+    # What it needs is imported by now, or the command would not have run.
+    from fusion.workspace import json_text
+
+    try:
+        typer.echo(json_text(content) if as_json else "".join(f"{x}\n" for x in lines), nl=False)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise SpcolaError(f"cannot be written ({error.strerror})", "standard output") from error
 
 
 def run_content(run: StageRun) -> dict[str, Any]:

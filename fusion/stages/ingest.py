@@ -99,6 +99,8 @@ def import_files(
     FormatError
         If a file does not hold what its format promises.
     """
+    for source in sources:
+        _check_name(source)
     digests = [workers.digest(source.path) for source in sources]
     scans = {name: scan_summary(workspace.scan_path(name)) for name in workspace.scan_names()}
     taken = {name: scan.digest for name, scan in scans.items()}
@@ -241,6 +243,17 @@ def lidar_options(source: Source, settings: Settings, name: str) -> LidarOptions
         range_tolerance_m=table.range_tolerance_m or None,
         radius_limits_m=None if limits == (0.0, math.inf) else limits,
     )
+
+
+def _check_name(source: Source) -> None:
+    """Refuse a scan's name that would lead out of its folder, or hide the scan in it."""
+    name = source.scan_name
+    if Path(name).name != name or name.startswith(".") or not name.isprintable():
+        raise WorkspaceError(
+            f"{name!r} is no name for a scan",
+            source.path,
+            "give one with --name, without a slash and not beginning with a dot",
+        )
 
 
 def _write(

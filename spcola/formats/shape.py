@@ -15,6 +15,8 @@ from spcola.mesh import Mesh
 
 ShapeFormat = Literal["icq", "obj", "ply"]
 
+# Comments before the first statement are shorter than this, bytes.
+_HEAD = 1 << 20
 _OBJ_WORDS = frozenset({"v", "vn", "vt", "vp", "f", "o", "g", "s", "mtllib", "usemtl"})
 
 
@@ -29,7 +31,7 @@ def recognise_shape(path: str | Path) -> ShapeFormat:
     FormatError
         If it is none of them.
     """
-    content = read_bytes(path)
+    content = read_bytes(path, most=_HEAD)
     if content.startswith(b"ply"):
         return "ply"
     for line in content.splitlines():

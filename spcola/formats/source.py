@@ -22,8 +22,8 @@ LARGEST_RANGE_KM = 1e7
 _LONGEST_NAME = {"image": 12, "landmark": 6}
 
 
-def read_bytes(path: str | Path) -> bytes:
-    """Return the content of `path`.
+def read_bytes(path: str | Path, *, most: int = -1) -> bytes:
+    """Return the content of `path`, or its first `most` bytes.
 
     Raises
     ------
@@ -31,7 +31,8 @@ def read_bytes(path: str | Path) -> bytes:
         If the file cannot be read, or is empty.
     """
     try:
-        content = Path(path).read_bytes()
+        with Path(path).open("rb") as stream:
+            content = stream.read(most)
     except OSError as error:
         raise FormatError(
             f"cannot be read ({error.strerror or error})", path, "check its name and permissions"
