@@ -80,13 +80,39 @@ def autocovariance(residual: FloatArray, reach: int) -> FloatArray:
     return raw * np.outer(taper, taper)
 
 
+def independent_patches(residual: FloatArray, *, reach: int = 20) -> float:
+    """Number of patches of a residual field whose errors are about independent.
+
+    The number of known points over the area, in cells, that the autocorrelation covers.
+
+    Parameters
+    ----------
+    residual : (N, N) ndarray
+        NaN where there is none.
+    reach : int
+        Largest lag, cells; at most a quarter of the grid is used.
+    """
+    covariance = autocovariance(residual, _usable(reach, residual))
+    variance = float(covariance[covariance.shape[0] // 2, covariance.shape[1] // 2])
+    if variance <= 0:
+        return float(np.count_nonzero(np.isfinite(residual)))
+    area = max(float(np.sum(covariance)) / variance, 1.0)
+    return float(np.count_nonzero(np.isfinite(residual))) / area
+
+
+def _usable(reach: int, residual: FloatArray) -> int:
+    """Largest lag that a field can tell about."""
+    return max(1, min(reach, residual.shape[0] // 4))
+
+
 def residual_covariance(
     design: FloatArray, weight: FloatArray, residual: FloatArray, *, reach: int = 20
 ) -> FloatArray:
     """Covariance of a weighted least-squares estimate under the errors that the residual shows.
 
     ``H⁻¹ (Σ_ij g_i w_i C(i − j) w_j g_jᵀ) H⁻¹`` with C the autocovariance of the residuals: errors
-    that neighbours share count as shared (the "sandwich" estimate).
+    that neighbours share count as shared (the "sandwich" estimate). What P parameters have
+    taken out of the residuals is put back by n / (n − P), n the independent patches.
 
     Parameters
     ----------
@@ -102,16 +128,21 @@ def residual_covariance(
     Returns
     -------
     (P, P) ndarray
-        In the units of the estimate squared. Source: Huber (1967); docs: mathematics §13.
+        In the units of the estimate squared; infinite where there are no more patches than
+        parameters. Source: Huber (1967); docs: mathematics §13.
     """
-    reach = min(reach, residual.shape[0] // 4)
+    reach = _usable(reach, residual)
     covariance = autocovariance(residual, reach)
+    patches = independent_patches(residual, reach=reach)
+    freedom = patches - design.shape[2]
     fields = np.moveaxis(design * weight[..., None], -1, 0)
     information = np.einsum("prc,rcq->pq", fields, design)
+    if freedom <= 0:
+        return np.full((design.shape[2],) * 2, np.inf)
     size = tuple(fft.next_fast_len(n + 2 * reach, real=True) for n in residual.shape)
     kernel = np.zeros(size)
     index = np.arange(-reach, reach + 1)
-    kernel[np.ix_(index, index)] = covariance
+    kernel[np.ix_(index, index)] = covariance * patches / freedom
     spread = fft.irfft2(fft.rfft2(fields, size) * fft.rfft2(kernel), size)
     smeared = spread[:, : residual.shape[0], : residual.shape[1]]
     middle = np.einsum("prc,qrc->pq", fields, smeared)

@@ -7,7 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from fusion.registration.correlation import residual_covariance, shift_variances
+from fusion.registration.correlation import (
+    independent_patches,
+    residual_covariance,
+    shift_variances,
+)
 from fusion.registration.resolution import blur, filled
 from spcola.arrays import BoolArray, FloatArray
 from spcola.maplet import MapletGrid
@@ -15,6 +19,8 @@ from spcola.robust import huber_weight, mad
 
 # Two displacements further apart than this many cells are two answers.
 _APART = 3.0
+# Fewer independent differences than twice the parameters of a match give no covariance.
+_MIN_PATCHES = 10.0
 
 
 @dataclass(frozen=True)
@@ -300,8 +306,13 @@ def _judged(name: str, grid: MapletGrid, pair: _Pair, fine: _Fine, options: Matc
     correlation = _correlation(pair.fixed, fine.moved, fine.compared)
     coverage = float(np.mean(fine.compared))
     reason = ""
+    patches = independent_patches(fine.residual)
     if coverage < options.min_coverage:
         reason = f"only {coverage:.0%} of the grid could be compared"
+    elif patches < _MIN_PATCHES:
+        reason = (
+            f"the differences hold together over so far that only {patches:.0f} are independent"
+        )
     elif correlation < options.min_correlation:
         reason = f"the surfaces correlate by {correlation:.2f} only"
     elif np.hypot(local[0], local[1]) > options.capture_m:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -12,8 +12,8 @@ from fusion.registration.match import Match, MatchOptions, match_surfaces
 from fusion.registration.resolution import estimate_blur
 from fusion.scaling.observation import ScaleObservations, Trajectory
 from fusion.scaling.shots import utc_date
-from lidar.gridding import Returns, make_mapola
-from lidar.mapola import Mapola
+from lidar.bigmap import LidarBigmapOptions, bigmap_from_returns
+from lidar.returns import Returns
 from spcola.arrays import FloatArray
 from spcola.image import SpcImage
 from spcola.maplet import Maplet, MapletGrid
@@ -58,7 +58,7 @@ class PairFrame:
     grid : MapletGrid
         Centred where the ray of the central pixel meets the shape, Uz along the mean normal.
     beam : (3,) ndarray
-        Unit vector from the spacecraft to that point.
+        Unit vector from the spacecraft to that point: of the image, then of the returns.
     range : float
         Distance to it, metres.
     normal : (3,) ndarray
@@ -84,7 +84,7 @@ class Pair:
     ----------
     frame : PairFrame
     spc : Maplet
-    lidar : Mapola
+    lidar : Maplet
     match : Match
         Displacement that takes the lidar's surface to SPC's.
     shares : (S,) ndarray
@@ -93,7 +93,7 @@ class Pair:
 
     frame: PairFrame
     spc: Maplet
-    lidar: Mapola
+    lidar: Maplet
     match: Match
     shares: FloatArray
 
@@ -145,6 +145,20 @@ def frame_of_image(image: SpcImage, caster: RayCaster, options: PairOptions) -> 
     )
 
 
+def seen_from(frame: PairFrame, station: FloatArray) -> PairFrame:
+    """The frame with the line of sight of the returns, from `station` (3,), metres.
+
+    A scan takes minutes, in which the spacecraft moves by degrees over the body: the range error
+    of a return lies along its own beam, not along the boresight of an image taken before or after.
+    """
+    away = frame.grid.center - station
+    distance = float(np.linalg.norm(away))
+    return replace(frame, beam=away / distance, range=distance)
+
+
+# A single scan leaves cells empty; gaps of two cells are bridged, as MATH §7 does it.
+_BRIDGING = LidarBigmapOptions(max_gap=2)
+
 # Seen more obliquely than this a height difference is no range difference any more.
 _MIN_COSINE = 0.2
 
@@ -181,7 +195,7 @@ def make_pair(
     """
     if not spc.valid.any():
         return LeftOut(frame.image, "no maplet lies there")
-    lidar = make_mapola(frame.image, frame.grid, returns)
+    lidar = bigmap_from_returns(frame.image, frame.grid, returns, options=_BRIDGING)
     if not lidar.valid.any():
         return LeftOut(frame.image, "no return of that time lies there")
     return _judged(frame, spc, lidar, shares, options, 0.0)
@@ -195,7 +209,7 @@ def sharpened(pair: Pair, options: PairOptions, *, blur_cells: float) -> Pair | 
 def _judged(
     frame: PairFrame,
     spc: Maplet,
-    lidar: Mapola,
+    lidar: Maplet,
     shares: FloatArray,
     options: PairOptions,
     blur_cells: float,

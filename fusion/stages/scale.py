@@ -20,6 +20,7 @@ from fusion.scaling.pairs import (
     frame_of_image,
     make_pair,
     pair_observations,
+    seen_from,
     sharpened,
 )
 from fusion.scaling.shots import ShotComparison, check_longitude, compare_shots, join_shots
@@ -280,9 +281,14 @@ class _PairMaker:
     def _pair(self, frame: PairFrame, scan: Scan, offset: Offset | None) -> Pair | LeftOut:
         around = maplets_around(self._workspace, self._grids, frame.grid)
         spc = make_bigmap(frame.image, frame.grid, around)
-        reach = 1.5 * frame.grid.radius
-        near = np.linalg.norm(scan.points - frame.grid.center, axis=1) < reach
-        chosen = scan.select(near & (np.abs(scan.time - frame.time) < self._table.max_gap_s))
+        x, y, height = frame.grid.project(scan.points)
+        side = frame.grid.half_size + 0.5
+        # Only what lies on the grid: its times say on which states the pair leans.
+        inside = (np.abs(x) <= side) & (np.abs(y) <= side) & (np.abs(height) < frame.grid.radius)
+        chosen = scan.select(inside & (np.abs(scan.time - frame.time) < self._table.max_gap_s))
+        if not len(chosen):
+            return LeftOut(frame.image, "no return of that time lies there")
+        frame = seen_from(frame, np.mean(chosen.spacecraft, axis=0))
         shares = self._shares(scan.name, chosen.time, offset)
         return make_pair(frame, spc, Returns.of_scans([chosen]), shares, self._options)
 
