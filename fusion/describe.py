@@ -100,6 +100,9 @@ def _describe_kernel(path: Path) -> dict[str, Any] | None:
     word = words[0] if words else ""
     if word == "DAFETF":
         return {"kind": "SPICE kernel (transfer text)", "form": read_transfer(path).word.strip()}
+    form = word[:8].rstrip("\0")
+    if form.startswith("DAF/"):
+        return {"kind": "SPICE kernel (binary)", "form": form}
     if word.startswith("KPL/") or b"\\begindata" in head:
         stated = prime_meridians(path)
         return {
@@ -107,8 +110,7 @@ def _describe_kernel(path: Path) -> dict[str, Any] | None:
             "form": word if word.startswith("KPL/") else "not stated",
             "prime_meridian_deg": {str(one.body): one.w0_deg for one in stated},
         }
-    form = word[:8].rstrip("\0")
-    return {"kind": "SPICE kernel (binary)", "form": form} if form.startswith("DAF/") else None
+    return None
 
 
 def _describe_map(path: Path) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from fusion.executor import Executor, ThreadExecutor
 from fusion.progress import Progress
 from fusion.settings import Settings
 from fusion.stages.base import Stage, StageContext, StageResult, find_table
-from fusion.workspace import Workspace, make_folder, plain
+from fusion.workspace import OWN_FOLDERS, Workspace, make_folder, plain
 from spcola.errors import WorkspaceError
 
 State = Literal["ran", "up to date", "cannot run"]
@@ -237,5 +237,16 @@ def opened(workspace: Workspace) -> Iterator[Catalog]:
             raise WorkspaceError(
                 "another spcola is at work here", workspace.root, "wait until it is done"
             ) from error
+        _clear_leftovers(workspace)
         with closing(Catalog(workspace)) as catalog:
             yield catalog
+
+
+def _clear_leftovers(workspace: Workspace) -> None:
+    """Remove what a killed run was writing: under the lock it is nobody's."""
+    for folder in (workspace.root, *(workspace.root / name for name in OWN_FOLDERS)):
+        for left in folder.glob(".*.part"):
+            if left.is_dir():
+                shutil.rmtree(left, ignore_errors=True)
+            else:
+                left.unlink(missing_ok=True)

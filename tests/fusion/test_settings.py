@@ -26,7 +26,7 @@ def test_written_defaults_are_read_back_equal(tmp_path: Path) -> None:
 def test_changed_values_survive_the_file(tmp_path: Path) -> None:
     settings = (
         Settings()
-        .with_table("body", name='a "quoted" \\ name\n')
+        .with_table("body", name='a "quoted" \\ name', shape="line\nfeed")
         .with_table("scale", method="shots", size_m=12.5)
         .with_table("release", products=["map", "ply"])
     )
