@@ -1,0 +1,128 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fusion.registration.match import MatchOptions
+from fusion.scaling.pairs import (
+    LeftOut,
+    Pair,
+    PairOptions,
+    blur_of,
+    frame_of_image,
+    local_time,
+    make_pair,
+    pair_observations,
+    seen_from,
+    sharpened,
+)
+from lidar.returns import Returns
+from spcola.camera import Camera
+from spcola.image import SpcImage
+from spcola.maplet import Maplet
+from spcola.mesh import Mesh
+from spcola.rays import RayCaster
+
+CAMERA = Camera(125.0, [512.5, 512.5], [[117.0, 0, 0], [0, 117.0, 0]], 1024, 1024)
+OPTIONS = PairOptions(size_m=40.0, gsd_m=0.5, match=MatchOptions(capture_m=3.0))
+CUBE = Mesh(
+    50.0 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]),
+    [
+        [0, 1, 3],
+        [0, 3, 2],
+        [4, 6, 7],
+        [4, 7, 5],
+        [0, 4, 5],
+        [0, 5, 1],
+        [2, 3, 7],
+        [2, 7, 6],
+        [0, 2, 6],
+        [0, 6, 4],
+        [1, 5, 7],
+        [1, 7, 3],
+    ],
+)
+
+
+def image(position, aim, name="I1"):
+    cz = np.subtract(aim, position)
+    cz = cz / np.linalg.norm(cz)
+    cx = np.cross([0.0, 0.0, 1.0], cz)
+    cx /= np.linalg.norm(cx)
+    return SpcImage(
+        name,
+        "2019 MAR 07 12:00:00",
+        CAMERA,
+        -np.asarray(position, dtype=float),
+        np.stack([cx, np.cross(cz, cx), cz]),
+        [0.0, 1.0, 0.0],
+    )
+
+
+def relief(y, z):
+    """Hills of some metres on the +X face of the cube."""
+    return (
+        0.8 * np.sin(y / 2.3) * np.cos(z / 3.1)
+        + 0.4 * np.sin(z / 1.7 + 0.4 * y)
+        + 0.3 * np.cos(y / 1.3 - z / 4.0)
+    )
+
+
+def test_the_frame_lies_where_the_central_pixel_looks():
+    frame = frame_of_image(
+        image([2000.0, 300.0, 100.0], [50.0, 5.0, -3.0]), RayCaster(CUBE), OPTIONS
+    )
+    np.testing.assert_allclose(frame.grid.center, [50.0, 5.0, -3.0], atol=1e-9)
+    np.testing.assert_allclose(frame.normal, [1.0, 0.0, 0.0], atol=1e-12)
+    assert frame.range == pytest.approx(np.linalg.norm([1950.0, 295.0, 103.0]))
+    # The Sun stands over +Y: at +X it is six hours before noon.
+    assert frame.local_time_h == pytest.approx(6.0, abs=0.5)
+
+
+def test_images_past_the_body_or_grazing_it_are_left_out():
+    past = frame_of_image(image([2000.0, 0.0, 0.0], [0.0, 300.0, 0.0]), RayCaster(CUBE), OPTIONS)
+    assert past == LeftOut("I1", "the central pixel looks past the body")
+    flat = frame_of_image(image([300.0, 2000.0, 1.0], [50.0, -49.0, 0.0]), RayCaster(CUBE), OPTIONS)
+    assert isinstance(flat, LeftOut)
+
+
+def test_local_time_is_noon_under_the_sun():
+    assert local_time(np.array([0.0, 9.0, 1.0]), np.array([0.0, 1.0, 0.0])) == pytest.approx(12.0)
+    assert local_time(np.array([-9.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])) == pytest.approx(18.0)
+
+
+def test_a_pair_finds_how_far_the_lidar_lies_from_spc():
+    frame = frame_of_image(image([2000.0, 0.0, 0.0], [50.0, 0.0, 0.0]), RayCaster(CUBE), OPTIONS)
+    grid = frame.grid
+    node = grid.points(np.zeros(grid.shape))
+    spc = Maplet("I1", grid, relief(node[..., 1], node[..., 2]))
+    generator = np.random.default_rng(1)
+    y, z = generator.uniform(-21.0, 21.0, (2, 60_000))
+    shift = np.array([-0.4, 0.3, -0.2])
+    surface = np.stack([50.0 + relief(y, z), y, z], axis=1) + shift
+    returns = Returns(surface, np.full(len(y), 0.03), np.zeros(len(y), dtype=np.int32), ("S",))
+    pair = make_pair(frame, spc, returns, np.array([1.0]), OPTIONS)
+    assert isinstance(pair, Pair)
+    observed = pair_observations([pair, pair], "spc")
+    np.testing.assert_allclose(observed.value[0], shift, atol=0.01)
+    # The surface lies 0.4 m further along the beam than SPC has it.
+    assert observed.epsilon()[0][0] == pytest.approx(0.4 / 1950.0, rel=0.03)
+    assert abs(blur_of(pair)) < 0.5
+    assert isinstance(sharpened(pair, OPTIONS, blur_cells=0.0), Pair)
+
+
+def test_without_maplet_or_returns_there_is_no_pair():
+    frame = frame_of_image(image([2000.0, 0.0, 0.0], [50.0, 0.0, 0.0]), RayCaster(CUBE), OPTIONS)
+    unknown = Maplet("I1", frame.grid, np.full(frame.grid.shape, np.nan))
+    none = Returns(np.empty((0, 3)), np.empty(0), np.empty(0, dtype=np.int32), ())
+    assert make_pair(frame, unknown, none, np.zeros(1), OPTIONS).reason == "no maplet lies there"
+    flat = Maplet("I1", frame.grid, np.zeros(frame.grid.shape))
+    left_out = make_pair(frame, flat, none, np.zeros(1), OPTIONS)
+    assert left_out.reason == "no return of that time lies there"
+
+
+def test_the_line_of_sight_is_that_of_the_returns():
+    frame = frame_of_image(image([2000.0, 0.0, 0.0], [50.0, 0.0, 0.0]), RayCaster(CUBE), OPTIONS)
+    moved = seen_from(frame, np.array([1000.0, 950.0, 0.0]))
+    np.testing.assert_allclose(moved.beam, [-1 / np.sqrt(2), -1 / np.sqrt(2), 0.0], atol=1e-12)
+    assert moved.range == pytest.approx(950.0 * np.sqrt(2))
