@@ -51,7 +51,7 @@ class ScaleOptions:
     center_prior_m: float = 10.0
     meridian_prior_deg: float = 1.0
     pole_prior_deg: float = 0.1
-    range_bias_prior_m: float = 0.1
+    range_bias_prior_m: float = 0.03
     single_sigma_m: float = 0.1
     state_sigma_m: float = 0.2
     day_sigma_m: float = 0.02

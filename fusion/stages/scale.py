@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -120,12 +120,16 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
     """Single shots of all scans against the shape."""
     workspace, table = context.workspace, context.table(ScaleSettings)
     scans = _thinned(workspace, table.max_shots)
+    located = table.trajectory if workspace.image_names() else "reference"
+    if located == "spc":
+        states = Trajectory.from_images(workspace.images())
+        scans = [_relocated(scan, states, table.max_gap_s) for scan in scans]
 
     def one(scan: Scan) -> ShotComparison:
-        return compare_shots(scan, caster, trajectory=table.trajectory)
+        return compare_shots(scan, caster, trajectory=located)
 
     compared = join_shots(context.map("cast shots", one, scans))
-    scan = join("shots", scans)
+    scan = join("shots", [replace(scan, trajectory=located) for scan in scans])
     if len(compared.observations) < 2:
         raise NotObservableError(
             f"{compared.missed} of {len(scan)} shots do not meet the shape",
@@ -135,6 +139,11 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
     estimate = estimate_scale(compared.observations, options=_scale_options(table))
     check = check_longitude(scan, caster)
     content = scale_json(compared.observations, estimate, mean_radius=radius)
+    if located != table.trajectory:
+        content["reasons"].append(
+            "trajectory: there are no images with SPC states, so the shots are located by their "
+            "own reference trajectory: epsilon is that of the shape alone"
+        )
     if check.misfit:
         content["reasons"].append(
             f"misfit: turned by {check.best_deg:+.0f} deg about Z the shots scatter by "
@@ -144,6 +153,14 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
     content["missed"] = compared.missed
     content["per_shot"] = per_shot(compared, estimate)
     return content
+
+
+def _relocated(scan: Scan, states: Trajectory, max_gap_s: float) -> Scan:
+    """Locate shots by SPC states; none is left where no state falls into the scan."""
+    first, last = scan_trajectory(scan).span
+    if not ((states.time >= first) & (states.time <= last)).any():
+        return scan.select(np.zeros(len(scan), dtype=bool))
+    return reproject(scan, states, max_gap_s=max_gap_s)
 
 
 def _thinned(workspace: Workspace, most: int) -> list[Scan]:
