@@ -146,7 +146,7 @@ class Pipeline:
         result = stage.run(context)
         self._keep(stage, catalog, key, result)
         shutil.rmtree(scratch.parent, ignore_errors=True)
-        return StageRun(stage.name, "ran", time.monotonic() - begun, result.summary)
+        return StageRun(stage.name, "ran", time.monotonic() - begun, plain(result.summary))
 
     def _keep(self, stage: Stage, catalog: Catalog, key: _Key, result: StageResult) -> None:
         """Record what `stage` made, and remove what its last run made and this one did not."""

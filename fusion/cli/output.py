@@ -64,7 +64,9 @@ def value_lines(summary: Mapping[str, Any], indent: str = "  ") -> list[str]:
             short = len(inner) <= MANY_LINES
             lines += [f"{indent}{key}:", *inner] if short else [f"{indent}{key}: {_entries(value)}"]
         elif isinstance(value, list | tuple):
-            if len(value) <= 7 and all(_is_single(item) for item in value):
+            if value and all(isinstance(item, str) and " " in item for item in value):
+                lines += [f"{indent}{key}:", *(f"{indent}  - {item}" for item in value)]
+            elif len(value) <= 7 and all(_is_single(item) for item in value):
                 lines.append(f"{indent}{key}: {', '.join(_text(item) for item in value)}")
             else:
                 lines.append(f"{indent}{key}: {_entries(value)}")
