@@ -30,30 +30,32 @@ def guarded(command: Callable[Options, None]) -> Callable[Options, None]:
             command(*args, **kwargs)
         except (typer.Exit, typer.BadParameter, BrokenPipeError):
             raise
-        except SpcolaError as error:
-            _tell(f"error: {error}", error)
-            raise typer.Exit(FAILED) from error
         except KeyboardInterrupt as error:
             _tell("interrupted: what was finished is kept, and the command can be given again")
             raise typer.Exit(INTERRUPTED) from error
-        except MemoryError as error:
-            what = " ".join(str(error).split()) or "no more to be had"
-            _tell(
-                f"error: out of memory ({what}); take fewer --workers, a smaller [import] chunk, "
-                "coarser or smaller grids, and check units",
-                error,
-            )
-            raise typer.Exit(FAILED) from error
-        except Exception as error:  # whatever it is, the user gets one line and a way to more
-            what = " ".join(str(error).split()) or "no message"
-            _tell(
-                f"error: unexpected {type(error).__name__}: {what}; "
-                f"set {DEBUG_VARIABLE}=1 to see where, and please report it",
-                error,
-            )
+        except Exception as error:
+            _tell(_line_of(error), error)
             raise typer.Exit(FAILED) from error
 
     return guard
+
+
+def _line_of(error: Exception) -> str:
+    """Say in one line what happened; of what nobody expected, also how to learn more."""
+    text = " ".join(str(error).split()) or "no message"
+    if isinstance(error, SpcolaError):
+        return f"error: {text}"
+    if isinstance(error, MemoryError):
+        return (
+            f"error: out of memory ({text}); take fewer --workers, a smaller [import] chunk, "
+            "coarser or smaller grids, and check units"
+        )
+    if isinstance(error, OSError) and isinstance(error.filename, str):
+        return f"error: {error.filename}: cannot be used ({error.strerror}); check its permissions"
+    return (
+        f"error: unexpected {type(error).__name__}: {text}; "
+        f"set {DEBUG_VARIABLE}=1 to see where, and please report it"
+    )
 
 
 def _tell(line: str, error: BaseException | None = None) -> None:

@@ -149,7 +149,7 @@ class IngestStage:
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
         """Return the files that the scans came from, as far as they still exist."""
         sources = (recorded_source(scan_summary(path)) for path in workspace.scan_paths())
-        return [source.path for source in sources if source is not None and source.path.is_file()]
+        return [source.path for source in sources if source is not None and _in_reach(source.path)]
 
     def run(self, context: StageContext) -> StageResult:
         """Import again what was read by other settings, or has changed since.
@@ -243,6 +243,14 @@ def lidar_options(source: Source, settings: Settings, name: str) -> LidarOptions
         range_tolerance_m=table.range_tolerance_m or None,
         radius_limits_m=None if limits == (0.0, math.inf) else limits,
     )
+
+
+def _in_reach(path: Path) -> bool:
+    """Tell whether a file is there; one in a folder that is closed to this user is not."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
 
 
 def _check_name(source: Source) -> None:

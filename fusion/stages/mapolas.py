@@ -70,17 +70,27 @@ class MapolasStage:
                 return grid_returns(name, grid, around, options=options)
 
             done = context.stream("mapolas", one, grids.items(), total=len(grids))
-            names = write_mapolas(workspace.root / "mapolas", counts.passed(done, table))
-        if not names:
-            raise WorkspaceError(
+            empty = WorkspaceError(
                 f"none of {len(grids)} grids is covered to {table.min_coverage:.0%} by returns",
                 workspace.root / "mapolas",
-                "check that scans and maplets lie in one frame, or lower [mapolas] min_coverage",
+                "check that scans and maplets are in one frame and unit, or lower [mapolas] "
+                "min_coverage",
             )
+            kept = _some(counts.passed(done, table), empty)
+            names = write_mapolas(workspace.root / "mapolas", kept)
         return StageResult(tuple(workspace.mapola_paths()), counts.summary(len(grids), len(names)))
 
 
 STAGE = MapolasStage()
+
+
+def _some(mapolas: Iterator[Mapola], empty: WorkspaceError) -> Iterator[Mapola]:
+    """Pass mapolas on; where there is none, raise before those of an earlier run are replaced."""
+    first = next(mapolas, None)
+    if first is None:
+        raise empty
+    yield first
+    yield from mapolas
 
 
 def mapola_grids(workspace: Workspace, settings: Settings) -> dict[str, MapletGrid]:
