@@ -25,7 +25,7 @@ from spcola.errors import FormatError, WorkspaceError
 
 MISSION_FOLDER, WORKSPACE_FOLDER = "mission", "workspace"
 REPORT = "report"
-PAIR_SIZE = 0.8
+PAIR_SIZE = 0.6
 """Side of the paired bigmaps in radii of the body."""
 
 

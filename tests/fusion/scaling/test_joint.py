@@ -120,14 +120,16 @@ def test_pulls_are_of_unit_width_where_pairs_lean_on_the_same_states():
     # Three images a scan; the returns of each lie between their states.
     block = np.array([[0.5, 0.5, 0.0], [0.25, 0.5, 0.25], [0.0, 0.5, 0.5]])
     shares = np.kron(np.eye(15), block)
-    pulls = []
+    pulls, days = [], []
     for seed in range(20):
         data = mission(
             np.random.default_rng(seed), count=45, noise=0.02, shares=shares, state_noise=0.2
         )
         estimate = estimate_scale(data)
         pulls.append((estimate.epsilon - 2e-4) / estimate.epsilon_sigma)
+        days += [(day.epsilon - 2e-4) / day.epsilon_sigma for day in estimate.days]
     assert 0.6 < np.sqrt(np.mean(np.square(pulls))) < 1.4
+    assert 0.8 < np.sqrt(np.mean(np.square(days))) < 1.25
 
 
 def test_epsilon_of_one_pair_is_range_difference_over_range():
