@@ -73,6 +73,46 @@ def scale_json(
     }
 
 
+def unobserved_json(kind: str, trajectory: str, reason: str) -> dict[str, Any]:
+    """Content of ``scale.json`` where the data tell nothing: every number unknown, and why.
+
+    Parameters
+    ----------
+    kind : {"pairs", "shots"}
+    trajectory : {"spc", "reference"}
+    reason : str
+        One clause.
+    """
+    single = ("epsilon", "size_correction_m", "prime_meridian_deg", "range_bias_m")
+    vectors = {"center_offset_m": 3, "pole_deg": 2}
+    unknown: dict[str, Any] = dict.fromkeys([name for key in single for name in _both(key)])
+    for key, length in vectors.items():
+        unknown |= {name: [None] * length for name in _both(key)}
+    return {
+        **unknown,
+        "method": kind,
+        "trajectory": trajectory,
+        "single_sigma_m": None,
+        "state_sigma_m": None,
+        "day_sigma_m": None,
+        "n_used": 0,
+        "n_rejected": 0,
+        "parameters": list(PARAMETERS),
+        "covariance": None,
+        "per_day": [],
+        "trends": {},
+        "reasons": [f"nothing is observed: {reason}"],
+        "converged": False,
+        "reason": reason,
+    }
+
+
+def _both(key: str) -> tuple[str, str]:
+    """A key and that of its sigma: ``size_m`` → ``size_m``, ``size_sigma_m``."""
+    stem, _, unit = key.rpartition("_") if key.endswith(("_m", "_deg")) else (key, "", "")
+    return key, f"{stem}_sigma_{unit}" if unit else f"{key}_sigma"
+
+
 def per_pair(
     pairs: Sequence[Pair],
     left_out: Sequence[LeftOut],
@@ -107,8 +147,12 @@ def per_pair(
                 "reason": "" if used[row] else "disagrees with the other pairs",
             }
         )
-    silent = [{"image": item.image, "used": False, "reason": item.reason} for item in left_out]
-    return sorted([*rows, *silent], key=lambda entry: str(entry["image"]))
+    return sorted([*rows, *silent_pairs(left_out)], key=lambda entry: str(entry["image"]))
+
+
+def silent_pairs(left_out: Sequence[LeftOut]) -> list[dict[str, Any]]:
+    """Entries of ``per_pair`` for the images that say nothing, and why."""
+    return [{"image": item.image, "used": False, "reason": item.reason} for item in left_out]
 
 
 def per_shot(comparison: ShotComparison, estimate: ScaleEstimate) -> list[dict[str, Any]]:
@@ -158,6 +202,8 @@ def consistency(scale: Mapping[str, Any], registration: Mapping[str, Any]) -> di
         `difference` (1 + ε) · scale − 1, its sigma, z, and the two-sided p-value; NaN without a
         sigma.
     """
+    if scale["epsilon"] is None:
+        return dict.fromkeys(("difference", "difference_sigma", "z", "p_value"))
     product = (1.0 + float(scale["epsilon"])) * float(registration["scale"]) - 1.0
     sigma = float(np.hypot(scale["epsilon_sigma"], registration["scale_sigma"]))
     z = product / sigma if sigma > 0 else float("nan")

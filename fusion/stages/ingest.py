@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fusion.catalog import content_digest
 from fusion.executor import Executor
 from fusion.progress import Progress
@@ -116,12 +118,15 @@ def import_files(
         here.append(same[0] if same else source.scan_name)
         taken[here[-1]] = digest
 
+    limits = radius_limits(workspace, settings)
+
     def one(item: tuple[Source, str, str]) -> Imported:
         source, digest, name = item
         before = scans.get(name)
         if before is not None and before.parameters.get("import_key") == _key(source, settings):
             return Imported(source, "imported already", before)
-        scan = _write(workspace, settings, source, digest, name)
+        options = lidar_options(source, settings, name, limits)
+        scan = _write(workspace.scan_path(name), options, source, settings, digest)
         return Imported(source, "imported" if before is None else "imported again", scan)
 
     with workers.progress.task("import", len(sources)) as task:
@@ -160,6 +165,7 @@ class IngestStage:
             If that is so of a scan whose file is gone.
         """
         workspace, settings = context.workspace, context.settings
+        limits = radius_limits(workspace, settings)
 
         def one(path: Path) -> ScanSummary:
             scan = scan_summary(path)
@@ -177,7 +183,8 @@ class IngestStage:
                     source.path,
                     "restore the file or the settings",
                 )
-            return _write(workspace, settings, source, digest, path.stem)
+            options = lidar_options(source, settings, path.stem, limits)
+            return _write(path, options, source, settings, digest)
 
         paths = workspace.scan_paths()
         scans = context.map("import", one, paths)
@@ -228,10 +235,26 @@ def utc_or_none(et: float) -> str | None:
     return utc_from_et(et) if math.isfinite(et) else None
 
 
-def lidar_options(source: Source, settings: Settings, name: str) -> LidarOptions:
-    """Return how `source` is read."""
+def radius_limits(workspace: Workspace, settings: Settings) -> tuple[float, float]:
+    """Return between which radii, metres, a return can be of this body.
+
+    Those of the settings; where they say nothing and there is a shape, a tenth of its least and
+    ten times its largest radius: wide enough for every stray return, too narrow for a file in
+    kilometres that is read as metres.
+    """
     table = settings.ingest
-    limits = (table.min_radius_m, table.max_radius_m or math.inf)
+    stated = (table.min_radius_m, table.max_radius_m or math.inf)
+    if stated != (0.0, math.inf) or not workspace.has_shape():
+        return stated
+    radii = np.linalg.norm(workspace.shape().vertices, axis=1)
+    return float(radii.min()) / 10.0, float(radii.max()) * 10.0
+
+
+def lidar_options(
+    source: Source, settings: Settings, name: str, limits: tuple[float, float]
+) -> LidarOptions:
+    """Return how `source` is read; returns beyond the `limits` of the radius, metres, are not."""
+    table = settings.ingest
     return LidarOptions(
         name=name,
         body=settings.body.name,
@@ -265,12 +288,12 @@ def _check_name(source: Source) -> None:
 
 
 def _write(
-    workspace: Workspace, settings: Settings, source: Source, digest: str, name: str
+    path: Path, options: LidarOptions, source: Source, settings: Settings, digest: str
 ) -> ScanSummary:
-    """Read `source` and write it as the scan `name`, which remembers where it came from."""
+    """Read `source` and write it as the scan `path`, which remembers where it came from."""
     # Columns are stated for tables only, and one whose own names say nothing is not recognised.
     chosen = source.format or ("table" if source.columns else recognise(source.path))
-    chunks = open_lidar(source.path, format=chosen, options=lidar_options(source, settings, name))
+    chunks = open_lidar(source.path, format=chosen, options=options)
     parameters: dict[str, str | float | int] = {
         "source": str(source.path.resolve()),
         "format": chosen,
@@ -279,7 +302,7 @@ def _write(
         "gps_time": int(source.gps_time),
         "import_key": _key(source, settings),
     }
-    return write_scan(workspace.scan_path(name), chunks, digest=digest, parameters=parameters)
+    return write_scan(path, chunks, digest=digest, parameters=parameters)
 
 
 def _key(source: Source, settings: Settings) -> str:

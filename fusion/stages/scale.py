@@ -24,7 +24,15 @@ from fusion.scaling.pairs import (
     sharpened,
 )
 from fusion.scaling.shots import ShotComparison, check_longitude, compare_shots, join_shots
-from fusion.scaling.summary import consistency, longitude_json, per_pair, per_shot, scale_json
+from fusion.scaling.summary import (
+    consistency,
+    longitude_json,
+    per_pair,
+    per_shot,
+    scale_json,
+    silent_pairs,
+    unobserved_json,
+)
 from fusion.settings import BodySettings, ScaleSettings, Settings, Table
 from fusion.stages.base import StageContext, StageResult
 from fusion.stages.register import maplets_around
@@ -35,7 +43,6 @@ from lidar.returns import Returns
 from lidar.scan import Scan, join
 from spcola.arrays import FloatArray
 from spcola.bigmap import make_bigmap
-from spcola.errors import NotObservableError
 from spcola.formats.map import write_maplet
 from spcola.maplet import MapletGrid
 from spcola.rays import RayCaster
@@ -74,13 +81,7 @@ class ScaleStage:
         return paths
 
     def run(self, context: StageContext) -> StageResult:
-        """Compare, estimate jointly, write.
-
-        Raises
-        ------
-        NotObservableError
-            If fewer than two comparisons are usable.
-        """
+        """Compare, estimate jointly, write; that nothing can be compared is written too."""
         workspace, table = context.workspace, context.table(ScaleSettings)
         shape = workspace.shape()
         radius = context.table(BodySettings).mean_radius_m or shape.mean_radius
@@ -131,10 +132,11 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
     compared = join_shots(context.map("cast shots", one, scans))
     scan = join("shots", [replace(scan, trajectory=located) for scan in scans])
     if len(compared.observations) < 2:
-        raise NotObservableError(
-            f"{compared.missed} of {len(scan)} shots do not meet the shape",
-            where=workspace.shape_path(),
-            do="check that shots and shape are in one frame and unit",
+        return unobserved_json(
+            "shots",
+            located,
+            f"{compared.missed} of {len(scan)} shots do not meet the shape, or have no spacecraft "
+            "position; check that shots and shape are in one frame and unit",
         )
     estimate = estimate_scale(compared.observations, options=_scale_options(table))
     check = check_longitude(scan, caster)
@@ -220,12 +222,14 @@ def _pairs(
     pairs = [item for item in again if isinstance(item, Pair)]
     left_out += [item for item in again if isinstance(item, LeftOut)]
     if len(pairs) < 2:
-        reasons = "; ".join(sorted({item.reason for item in left_out})) or "there are no images"
-        raise NotObservableError(
-            f"{len(pairs)} of {len(pairs) + len(left_out)} images give a pair ({reasons})",
-            where=workspace.root / "SUMFILES",
-            do="add scans taken with the images, or widen [scale] max_gap_s or capture_m",
+        why = "; ".join(sorted({item.reason for item in left_out})) or "there are no images"
+        content = unobserved_json(
+            "pairs",
+            table.trajectory,
+            f"{len(pairs)} of {len(pairs) + len(left_out)} images give a pair ({why}); add scans "
+            "taken with the images, or widen [scale] capture_m",
         )
+        return content | {"per_pair": silent_pairs(left_out)}, _write_pairs(workspace, pairs)
     observations = pair_observations(pairs, table.trajectory)
     estimate = estimate_scale(observations, options=_scale_options(table))
     content = scale_json(observations, estimate, mean_radius=radius)

@@ -5,7 +5,7 @@ import pytest
 
 from fusion.scaling.joint import ScaleOptions, estimate_scale
 from fusion.scaling.observation import PARAMETERS, ScaleObservations
-from fusion.scaling.summary import consistency, scale_json
+from fusion.scaling.summary import consistency, scale_json, unobserved_json
 from spcola.errors import InvalidValueError, NotObservableError
 
 DAYS = ("2019-03-07", "2019-03-14", "2019-03-21", "2019-03-28", "2019-04-04")
@@ -232,6 +232,16 @@ def test_json_has_the_keys_that_other_programs_read():
     assert all(key in content for key in keys)
     assert content["size_correction_m"] == pytest.approx(245.0 * content["epsilon"])
     assert np.shape(content["covariance"]) == (len(PARAMETERS),) * 2
+
+
+def test_a_scale_that_is_not_observed_has_the_same_keys_and_says_why():
+    data = mission(np.random.default_rng(8))
+    full = scale_json(data, estimate_scale(data), mean_radius=245.0)
+    none = unobserved_json("pairs", "spc", "no image looks at the body")
+    assert none.keys() == full.keys()
+    assert none["epsilon"] is None
+    assert "no image looks at the body" in none["reasons"][0]
+    assert consistency(none, {"scale": 1.0, "scale_sigma": 1e-4})["difference"] is None
 
 
 def test_consistency_of_registration_and_scale():
