@@ -618,13 +618,22 @@ def test_a_full_disk_leaves_what_was_there(workspace: Path, stage: str, place: s
 
 
 @pytest.mark.parametrize("json_mode", [[], ["--json"]])
+@pytest.mark.parametrize("buffering", [{}, {"PYTHONUNBUFFERED": "1"}])
 def test_a_full_disk_under_standard_output_is_one_line(
-    workspace: Path, json_mode: list[str]
+    workspace: Path, json_mode: list[str], buffering: dict[str, str]
 ) -> None:
     command = [sys.executable, "-m", "fusion.cli", "info", str(workspace), *json_mode]
+    # With and without a buffer between the program and the disk.
+    buffered = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
-            command, stdout=full, stderr=subprocess.PIPE, text=True, check=False, cwd=ROOT
+            command,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+            cwd=ROOT,
+            env={**buffered, **buffering},
         )
     assert done.returncode == 1
     assert done.stderr == "error: standard output: cannot be written (No space left on device)\n"

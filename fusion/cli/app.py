@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Annotated, Any
 
 import typer
@@ -68,6 +69,8 @@ def main() -> None:
             raise
         # HDF5 crashes in its own clean-up if a file could not be flushed (a full disk): after an
         # error, which has been told by now, the process ends without it.
-        sys.stdout.flush()
-        sys.stderr.flush()
+        with suppress(OSError):
+            sys.stdout.flush()
+        with suppress(OSError):
+            sys.stderr.flush()
         os._exit(end.code if isinstance(end.code, int) else 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterable, Mapping, Sized
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -34,6 +35,8 @@ def show(content: Mapping[str, Any], lines: Iterable[str], *, as_json: bool) -> 
 
     try:
         typer.echo(json_text(content) if as_json else "".join(f"{x}\n" for x in lines), nl=False)
+        # What waits in a buffer would fail when the interpreter ends, where nobody can tell it.
+        sys.stdout.flush()
     except BrokenPipeError:
         raise
     except OSError as error:
