@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 
 from fusion.fused import FusedMaplet
-from spcola.arrays import AnyArray
 from spcola.formats.mapstore import MapStore
-from spcola.maplet import MapletGrid
 
 FUSED_HDF5 = "fused.h5"
 """Name of the HDF5 file in a folder of fused maplets."""
-
-
-def _make(name: str, grid: MapletGrid, layers: Mapping[str, AnyArray]) -> FusedMaplet:
-    return FusedMaplet(name, grid, **layers)
-
 
 _STORE = MapStore(
     kind="fused maplet",
     file=FUSED_HDF5,
     form="spcola fused maplets 1",
     layers=("height", "sigma", "albedo", "count", "source"),
-    make=_make,
+    make=FusedMaplet,
 )
 
 

@@ -8,11 +8,10 @@ from pathlib import Path
 from lidar.formats.options import LidarOptions
 from lidar.formats.rows import RowLayout, first_lines, mostly, read_rows
 from lidar.formats.screening import Agreement, Records, Screen
-from lidar.formats.times import is_time, times_of
+from lidar.formats.times import times_of
 from lidar.scan import Scan
 
 _KM = 1e3
-_COLUMNS = 31
 # Positions come from another reduction than the range, and no offset between them is published.
 _AGREEMENT = Agreement(offset_m=0.0, tolerance_m=20.0)
 
@@ -22,17 +21,14 @@ def _split(line: str) -> list[str]:
     return [line[:10], line[11:34], *line[35:].replace(",", " ").split()]
 
 
-_LAYOUT = RowLayout(
-    count=_COLUMNS, numbers=tuple(range(2, 9)), texts=(1,), fixed=True, split=_split
-)
+_LAYOUT = RowLayout(count=31, numbers=tuple(range(2, 9)), texts=(1,), fixed=True, split=_split)
 
 
 def is_hayabusa(head: bytes) -> bool:
     """Tell whether the first bytes of a file are Hayabusa CDR records."""
 
     def fits(line: str) -> bool:
-        fields = _LAYOUT.fields(line)
-        return len(fields) == _COLUMNS and fields[0].isdigit() and is_time(fields[1])
+        return _LAYOUT.is_timed_row(line) and _LAYOUT.fields(line)[0].isdigit()
 
     return mostly(first_lines(head), fits)
 

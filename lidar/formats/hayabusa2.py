@@ -8,7 +8,7 @@ from pathlib import Path
 from lidar.formats.options import LidarOptions
 from lidar.formats.rows import RowLayout, first_lines, mostly, read_rows
 from lidar.formats.screening import Agreement, Records, Screen, spherical_of
-from lidar.formats.times import is_time, times_of
+from lidar.formats.times import times_of
 from lidar.scan import Scan
 
 _LAYOUT = RowLayout(count=11, numbers=tuple(range(1, 11)), texts=(0,), separator=",")
@@ -18,12 +18,7 @@ _AGREEMENT = Agreement(offset_m=0.0, tolerance_m=5.0)
 
 def is_hayabusa2(head: bytes) -> bool:
     """Tell whether the first bytes of a file are rows of a Hayabusa2 L2 table."""
-
-    def fits(line: str) -> bool:
-        fields = _LAYOUT.fields(line)
-        return len(fields) == _LAYOUT.count and is_time(fields[0])
-
-    return mostly(first_lines(head), fits)
+    return mostly(first_lines(head), _LAYOUT.is_timed_row)
 
 
 def read_hayabusa2(path: Path, options: LidarOptions) -> Iterator[Scan]:

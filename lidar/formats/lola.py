@@ -13,7 +13,7 @@ from lidar.formats.binary import check_whole, mapped_chunks, probed
 from lidar.formats.options import LidarOptions
 from lidar.formats.rows import RowLayout, first_lines, flags_of, mostly, read_rows
 from lidar.formats.screening import Agreement, Records, Screen, cartesian, spherical_of
-from lidar.formats.times import is_time, times_differ
+from lidar.formats.times import times_differ
 from lidar.scan import Scan
 from spcola.errors import FormatError
 
@@ -56,13 +56,9 @@ _MISSING_RANGE = 0xFFFFFFFF
 
 def is_lola(path: Path, head: bytes, size: int) -> bool:
     """Tell whether a file holds LOLA RDR rows, as text or binary."""
-
-    def fits(line: str) -> bool:
-        fields = _LAYOUT.fields(line)
-        return len(fields) == _LAYOUT.count and is_time(fields[0])
-
     lines = first_lines(head)
-    return mostly(lines[int(_has_header(lines)) :], fits) or _is_binary(path, size)
+    rows = lines[int(_has_header(lines)) :]
+    return mostly(rows, _LAYOUT.is_timed_row) or _is_binary(path, size)
 
 
 def read_lola(path: Path, options: LidarOptions) -> Iterator[Scan]:

@@ -10,7 +10,7 @@ import numpy as np
 from lidar.formats.options import LidarOptions
 from lidar.formats.rows import RowLayout, first_lines, flags_of, mostly, read_rows
 from lidar.formats.screening import Agreement, Records, Screen, cartesian, spherical_of
-from lidar.formats.times import is_time, times_differ
+from lidar.formats.times import times_differ
 from lidar.scan import Scan
 
 _NAMES = (
@@ -34,12 +34,7 @@ _AGREEMENT = Agreement(offset_m=0.0, tolerance_m=20.0)
 
 def is_nlr(head: bytes) -> bool:
     """Tell whether the first bytes of a file are two header lines and NLR records."""
-
-    def fits(line: str) -> bool:
-        fields = _LAYOUT.fields(line)
-        return len(fields) == _LAYOUT.count and is_time(fields[_NAMES.index("UTC")])
-
-    return mostly(first_lines(head)[_LAYOUT.skip :], fits)
+    return mostly(first_lines(head)[_LAYOUT.skip :], _LAYOUT.is_timed_row)
 
 
 def read_nlr(path: Path, options: LidarOptions) -> Iterator[Scan]:

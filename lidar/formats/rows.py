@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lidar.formats.times import is_time
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.errors import FormatError
 
@@ -51,6 +52,11 @@ class RowLayout:
         """Return the fields of a row, stripped of blanks."""
         fields = self.split(line) if self.split else line.split(self.separator)
         return [field.strip() for field in fields]
+
+    def is_timed_row(self, line: str) -> bool:
+        """Tell whether a line has as many fields, and a UTC for the first wanted text."""
+        fields = self.fields(line)
+        return len(fields) == self.count and is_time(fields[self.texts[0]])
 
     def parse(self, line: str) -> tuple[list[float], list[str]] | None:
         """Return the wanted numbers and texts of a row, None if it has no such fields."""

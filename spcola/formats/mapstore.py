@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import h5py
+import numpy as np
 
-from spcola.arrays import AnyArray
 from spcola.atomic import replacing, write_error
 from spcola.errors import FormatError, InvalidValueError, WorkspaceError
 from spcola.formats.map import sigma_path, write_maplet
@@ -36,7 +36,7 @@ class MapStore(Generic[M]):
     Parameters
     ----------
     kind : str
-        What they are, in words ("fused maplet").
+        What one of them is, in words ("fused maplet").
     file : str
         Name of the HDF5 file.
     form : str
@@ -44,14 +44,18 @@ class MapStore(Generic[M]):
     layers : tuple of str
         Attributes that are kept as arrays, height, sigma and albedo among them.
     make : callable
-        Makes the value again from name, grid and the layers with ``center_sigma``.
+        Makes the value again from name and grid, and from layers, ``center_sigma`` and mappings
+        as keywords: as a rule the class.
+    mappings : tuple of str
+        Attributes that are kept as mappings of str to float.
     """
 
     kind: str
     file: str
     form: str
     layers: tuple[str, ...]
-    make: Callable[[str, MapletGrid, Mapping[str, AnyArray]], M]
+    make: Callable[..., M]
+    mappings: tuple[str, ...] = ()
 
     def write(
         self, folder: str | Path, maplets: Iterable[M], *, sigma_companions: bool = False
@@ -111,19 +115,20 @@ class MapStore(Generic[M]):
         path = Path(folder) / self.file
         with self._opened(path) as file:
             if name not in file:
-                raise WorkspaceError(f"holds no {self.kind} {name}", path, "make it again")
+                raise WorkspaceError(f"holds no {self.kind} {name}", path, self._again)
             try:
                 maplet, digest = self._load(file[name], name)
             except (KeyError, OSError, ValueError, TypeError, InvalidValueError) as error:
-                raise FormatError(
-                    f"is damaged at {name} ({error})", path, "make it again"
-                ) from error
+                raise FormatError(f"is damaged at {name} ({error})", path, self._again) from error
         map_path = Path(folder) / f"{name}.MAP"
-        if _digest(map_path) != digest:
-            raise FormatError(
-                f"is not the map that {self.file} describes", map_path, "make it again"
-            )
+        if self._digest(map_path) != digest:
+            raise FormatError(f"is not the map that {self.file} describes", map_path, self._again)
         return maplet
+
+    @property
+    def _again(self) -> str:
+        """What to do about a folder that cannot be used."""
+        return f"make the {self.kind}s again"
 
     def _former(self, folder: Path) -> list[str]:
         """Names that the HDF5 holds so far; none if it is damaged, for it is being replaced."""
@@ -140,15 +145,19 @@ class MapStore(Generic[M]):
         with h5py.File(hdf5, "w") as file:
             file.attrs["format"] = self.form
             for maplet in maplets:
-                if maplet.name in names:
-                    raise InvalidValueError(f"two {self.kind}s bear this name", maplet.name)
-                if Path(maplet.name).name != maplet.name or maplet.name.startswith("."):
-                    raise InvalidValueError("is no name for a file", repr(maplet.name))
+                self._check_name(maplet.name, names)
                 path = staging / f"{maplet.name}.MAP"
                 write_maplet(path, maplet, sigma_companion=companions)
                 self._store(file.create_group(maplet.name), maplet, path)
                 names.append(maplet.name)
         return names
+
+    def _check_name(self, name: str, taken: list[str]) -> None:
+        """Refuse a name that is taken, or that would hide the file or lead out of the folder."""
+        if name in taken:
+            raise InvalidValueError(f"two {self.kind}s bear this name", name)
+        if not name or Path(name).name != name or name.startswith("."):
+            raise InvalidValueError("is no name for a file", repr(name))
 
     def _store(self, group: Any, maplet: M, map_path: Path) -> None:
         """Write one maplet into its group."""
@@ -159,31 +168,45 @@ class MapStore(Generic[M]):
             center=grid.center, axes=grid.axes, gsd=grid.gsd, half_size=grid.half_size
         )
         group.attrs["center_sigma"] = maplet.center_sigma
-        group.attrs["map_sha256"] = _digest(map_path)
+        group.attrs["map_sha256"] = self._digest(map_path)
+        for mapping in self.mappings:
+            _store_mapping(group.create_group(mapping), getattr(maplet, mapping))
 
     def _load(self, group: Any, name: str) -> tuple[M, str]:
         """Read one maplet from its group, and the digest of its .MAP."""
         kept = group.attrs
         grid = MapletGrid(kept["center"], kept["axes"], float(kept["gsd"]), int(kept["half_size"]))
         layers = {layer: group[layer][:] for layer in self.layers}
-        layers["center_sigma"] = kept["center_sigma"]
-        return self.make(name, grid, layers), str(kept["map_sha256"])
+        mappings = {mapping: _load_mapping(group[mapping]) for mapping in self.mappings}
+        maplet = self.make(name, grid, **layers, center_sigma=kept["center_sigma"], **mappings)
+        return maplet, str(kept["map_sha256"])
 
     def _opened(self, path: Path) -> Any:
         """Open the HDF5 for reading, refused if it is something else."""
         try:
             file = h5py.File(path, "r")
         except OSError as error:
-            raise WorkspaceError("cannot be read as HDF5", path, "make it again") from error
+            raise WorkspaceError("cannot be read as HDF5", path, self._again) from error
         if file.attrs.get("format") != self.form:
             file.close()
-            raise FormatError(f"is not {self.form!r}", path, "make it again")
+            raise FormatError(f"is not {self.form!r}", path, self._again)
         return file
 
+    def _digest(self, path: Path) -> str:
+        """SHA-256 of a file."""
+        try:
+            return hashlib.sha256(path.read_bytes()).hexdigest()
+        except OSError as error:
+            raise WorkspaceError(f"cannot be read ({error.strerror})", path, self._again) from error
 
-def _digest(path: Path) -> str:
-    """SHA-256 of a file."""
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise WorkspaceError(f"cannot be read ({error.strerror})", path, "make it again") from error
+
+def _store_mapping(group: Any, mapping: Mapping[str, float]) -> None:
+    """Write a mapping into its group, as two arrays: attributes end at 64 KiB."""
+    group["keys"] = np.array(list(mapping), dtype=h5py.string_dtype())
+    group["values"] = np.array(list(mapping.values()), dtype=np.float64)
+
+
+def _load_mapping(group: Any) -> dict[str, float]:
+    """Read a mapping from its group."""
+    values = [float(value) for value in group["values"][:]]
+    return dict(zip(group["keys"].asstr()[:], values, strict=True))

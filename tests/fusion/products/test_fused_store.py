@@ -57,8 +57,9 @@ def test_an_error_leaves_the_folder_as_it_was(tmp_path, make_fused, assert_same)
         write_fused(tmp_path, failing())
     with pytest.raises(InvalidValueError, match="bear this name"):
         write_fused(tmp_path, [first, first])
-    with pytest.raises(InvalidValueError, match="no name for a file"):
-        write_fused(tmp_path, [make_fused("../AA0001", 5)])
+    for name in ("", "../AA0001"):
+        with pytest.raises(InvalidValueError, match="no name for a file"):
+            write_fused(tmp_path, [make_fused(name, 5)])
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
@@ -81,7 +82,7 @@ def test_each_part_corrupted_once(tmp_path, fused) -> None:
             read_fused(tmp_path, "BE0042")
         path.write_bytes(whole)
     with h5py.File(path, "r+") as file:
-        file.attrs["format"] = "spcola mapolas 1"
+        file.attrs["format"] = "spcola mapolas 2"
     with pytest.raises(FormatError, match="is not 'spcola fused maplets 1'"):
         fused_names(tmp_path)
     path.write_bytes(whole[: len(whole) // 3])

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import errno
+from dataclasses import replace
 
 import h5py
 import numpy as np
 import pytest
 
-import lidar.formats.mapola as mapola_files
 from lidar.formats.mapola import mapola_names, read_mapola, write_mapolas
 from lidar.mapola import Mapola
 from spcola.errors import FormatError, InvalidValueError, WorkspaceError
 from spcola.formats.map import read_maplet
+from spcola.formats.mapstore import MapStore
 from spcola.maplet import MapletGrid
 
 
@@ -50,6 +51,12 @@ def test_round_trip_at_full_precision(tmp_path):
     for mapola in mapolas:
         assert_equal(read_mapola(tmp_path, mapola.name), mapola)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["AA0001.MAP", "AA0002.MAP", "mapolas.h5"]
+
+
+@pytest.mark.parametrize("shares", [{}, {f"OLA {n}/é": n / 5000 for n in range(5000)}])
+def test_shares_of_no_scan_and_of_thousands(tmp_path, shares):
+    write_mapolas(tmp_path, [replace(made("AA0001"), scan_share=shares)])
+    assert read_mapola(tmp_path, "AA0001").scan_share == shares
 
 
 def test_the_map_holds_the_heights_to_its_quantum(tmp_path):
@@ -92,7 +99,7 @@ def test_a_full_disk_leaves_the_folder_as_it_was(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(mapola_files, "_store", full)
+    monkeypatch.setattr(MapStore, "_store", full)
     with pytest.raises(WorkspaceError, match=r"mapolas\.h5: cannot be written \(No space left"):
         write_mapolas(tmp_path, [made("AA0001", 8)])
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
@@ -132,7 +139,8 @@ def test_a_changed_map_is_noticed(tmp_path):
         read_mapola(tmp_path, "AA0001")
 
 
-LAYERS = ["height", "sigma", "albedo", "count", "spread", "scan_names", "scan_shares"]
+LAYERS = ["height", "sigma", "albedo", "count", "spread"]
+LAYERS += ["scan_share", "scan_share/keys", "scan_share/values"]
 ATTRIBUTES = ["center", "axes", "gsd", "half_size", "center_sigma", "map_sha256"]
 
 
@@ -152,7 +160,10 @@ def test_a_part_that_is_gone_is_noticed(tmp_path, part):
         ("height", np.zeros((3, 3))),
         ("sigma", np.full((13, 13), -1.0)),
         ("count", np.zeros((13, 13))),
-        ("scan_shares", np.zeros(5)),
+        ("scan_share", np.zeros(5)),
+        ("scan_share/values", np.zeros(5)),
+        ("scan_share/values", [b"half", b"half"]),
+        ("scan_share/keys", np.zeros(2)),
         ("axes", np.zeros((3, 3))),
         ("gsd", -1.0),
         ("center", np.full(3, np.nan)),
@@ -177,5 +188,5 @@ def test_a_damaged_hdf5_is_named_and_can_be_replaced(tmp_path, content):
     assert_equal(read_mapola(tmp_path, "AA0001"), made("AA0001"))
     with h5py.File(tmp_path / "mapolas.h5", "r+") as file:
         file.attrs["format"] = "something else"
-    with pytest.raises(FormatError, match="is not 'spcola mapolas 1'"):
+    with pytest.raises(FormatError, match="is not 'spcola mapolas 2'"):
         mapola_names(tmp_path)
