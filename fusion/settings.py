@@ -207,7 +207,7 @@ class ScaleSettings(Table):
         default=5.0, description="pairs or shots further off than this are rejected"
     )
     max_shots: int = Field(
-        default=20_000, ge=10, description="single shots used; more are thinned evenly"
+        default=4_000, ge=10, description="single shots used; more are thinned evenly"
     )
     max_gap_s: Positive = Field(
         default=600.0, description="longest gap of the trajectory interpolated over"

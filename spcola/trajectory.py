@@ -175,20 +175,18 @@ class Offset:
         return value, sigma
 
     def shares(self, times: ArrayLike) -> FloatArray:
-        """Return the mean share (K,) that each of the K differences has at covered times (M,).
+        """Return the share (M, K) that each of the K differences has at times (M,).
 
-        What is interpolated between two states errs as they do: these are the weights. Zero
-        where no time is covered.
+        What is interpolated between two states errs as they do: these are the weights. A row is
+        zero where its time is not covered.
         """
         track = self.differences
         wanted = np.asarray(times, dtype=np.float64)
-        inside = wanted[track.covers(wanted)]
-        shares = np.zeros(len(track))
-        if len(inside):
-            low, share = bracket(track.time, inside)
-            np.add.at(shares, low, 1.0 - share)
-            np.add.at(shares, np.minimum(low + 1, len(track) - 1), share)
-            shares /= len(inside)
+        covered = np.flatnonzero(track.covers(wanted))
+        low, share = bracket(track.time, wanted[covered])
+        shares = np.zeros((len(wanted), len(track)))
+        shares[covered, low] += 1.0 - share
+        shares[covered, np.minimum(low + 1, len(track) - 1)] += share
         return shares
 
     @property

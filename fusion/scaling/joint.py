@@ -178,17 +178,15 @@ def estimate_scale(
 
 
 def _effects(shares: FloatArray, observations: ScaleObservations) -> FloatArray:
-    """Displacements (pairs: three components; shots: one range) of S sources (N, D, R)."""
-    size = observations.value.shape[1]
-    return np.einsum("ns,ij->nisj", shares, np.eye(size)).reshape(len(shares), size, -1)
+    """How displacements (3,) of S sources enter the observations (N, D, 3 S).
 
-
-def _total_epsilon(observations: ScaleObservations, fit: MixedFit) -> tuple[FloatArray, FloatArray]:
-    """ε of each observation and its sigma with single and state errors included (N,)."""
-    epsilon, own = observations.epsilon()
-    range_per_epsilon = np.abs(np.sum(observations.along_range * observations.arm, axis=1))
-    states = fit.sizes.shared[0] * np.linalg.norm(observations.shares, axis=1)
-    return epsilon, np.hypot(own, np.hypot(fit.sizes.independent, states) / range_per_epsilon)
+    A pair sees all three components, a shot what they change of its range.
+    """
+    count = len(shares)
+    seen: FloatArray = np.broadcast_to(np.eye(3), (count, 3, 3))
+    if observations.kind == "shots":
+        seen = observations.along_range[:, None, :]
+    return np.einsum("ns,ndi->ndsi", shares, seen).reshape(count, seen.shape[1], -1)
 
 
 def _by_day(
@@ -204,31 +202,52 @@ def _by_day(
         chosen = (day == name) & fit.used
         if not chosen.any():
             continue
-        mean = _mean_epsilon(observations, fit, chosen)
+        mean = _fit_epsilon(observations, fit, chosen, np.ones((len(day), 1)))
         rows.append(
             DayScale(name, int(chosen.sum()), float(mean.estimate[0]), float(mean.sigma[0]))
         )
     return tuple(rows)
 
 
-def _mean_epsilon(observations: ScaleObservations, fit: MixedFit, chosen: BoolArray) -> MixedFit:
-    """Generalised mean of ε over the `chosen` observations, with the error sizes of `fit`."""
-    epsilon, own = observations.epsilon()
-    gain = np.abs(np.sum(observations.along_range * observations.arm, axis=1))
-    variance = (own**2 + (fit.sizes.independent / gain) ** 2) / np.maximum(fit.weight, 1e-12)
-    shares = observations.shares / gain[:, None]
+def _fit_epsilon(
+    observations: ScaleObservations, fit: MixedFit, chosen: BoolArray, design: FloatArray
+) -> MixedFit:
+    """Fit `design` (N, P) to the ε of the `chosen` observations, with the error sizes of `fit`.
+
+    Raises
+    ------
+    NotObservableError
+        If they leave a column of the design free.
+    """
+    gain = observations.range_per_epsilon
+    # Rotation and range bias are known from the joint estimate; an offset of the centre is what
+    # a dependence on longitude may be.
+    known = observations.design()[:, :, 4:] @ fit.estimate[4:]
+    residual = observations.in_range(observations.value - known)
+    variance = (observations.range_variance + fit.sizes.independent**2) / np.maximum(
+        fit.weight, 1e-12
+    )
+    days = sorted(set(np.array(observations.day)[chosen]))
+    member = np.array([[day == name for name in days] for day in observations.day], dtype=float)
+    groups = [(observations.shares, fit.sizes.shared[0]), (member, fit.sizes.shared[1])]
+    # One day cannot be told from its mean; its own error stays out of its standard error.
+    groups = groups if len(days) > 1 else groups[:1]
+    effects = [
+        np.einsum("ns,ni->nsi", shares, observations.sight).reshape(len(shares), 1, -1)
+        for shares, _ in groups
+    ]
     return fit_mixed(
         Observations(
-            epsilon[chosen, None],
-            np.ones((int(chosen.sum()), 1, 1)),
+            residual[chosen, None],
+            (design * gain[:, None])[chosen, None, :],
             variance[chosen, None, None],
-            (shares[chosen, None, :],),
+            tuple(group[chosen] for group in effects),
         ),
         MixedOptions(
-            prior=np.array([np.inf]),
-            sizes=ErrorSizes(0.0, (fit.sizes.shared[0],), width=0.0),
-            scale=np.ones(1),
-            names=("epsilon",),
+            prior=np.full(design.shape[1], np.inf),
+            sizes=ErrorSizes(0.0, tuple(size for _, size in groups), width=0.0),
+            scale=np.full(design.shape[1], 1.0 / float(np.mean(np.abs(gain)))),
+            names=("mean", "cosine", "sine")[: design.shape[1]],
             robust=False,
         ),
     )
@@ -236,31 +255,25 @@ def _mean_epsilon(observations: ScaleObservations, fit: MixedFit, chosen: BoolAr
 
 def _trends(observations: ScaleObservations, fit: MixedFit) -> dict[str, Trend]:
     """Dependence of ε, as each observation gives it, on longitude and on local time."""
-    epsilon, sigma = _total_epsilon(observations, fit)
     angles = {"longitude": observations.longitude}
     if np.isfinite(observations.local_time_h).all():
         angles["local_time"] = observations.local_time_h * (np.pi / 12.0)
     found = {}
     for name, angle in angles.items():
-        trend = _once_around(angle, epsilon, sigma, fit.used)
+        trend = _once_around(observations, fit, angle)
         if trend is not None:
             found[name] = trend
     return found
 
 
-def _once_around(
-    angle: FloatArray, epsilon: FloatArray, sigma: FloatArray, used: BoolArray
-) -> Trend | None:
+def _once_around(observations: ScaleObservations, fit: MixedFit, angle: FloatArray) -> Trend | None:
     """Fit mean + a cos + b sin; None where the angles do not spread enough to tell."""
-    angle, epsilon, sigma = angle[used], epsilon[used], sigma[used]
     design = np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=1)
-    rows = design / sigma[:, None]
-    normal = rows.T @ rows
-    if len(angle) < 5 or np.linalg.cond(normal) > 1e6:
+    used = design[fit.used]
+    if len(used) < 5 or np.linalg.cond(used.T @ used) > 1e4:
         return None
-    covariance = np.linalg.inv(normal)
-    terms = covariance @ (rows.T @ (epsilon / sigma))
-    part, spread = terms[1:], covariance[1:, 1:]
+    wave = _fit_epsilon(observations, fit, fit.used, design)
+    part, spread = wave.estimate[1:], wave.covariance[1:, 1:]
     amplitude = float(np.hypot(*part))
     toward = part / amplitude if amplitude > 0 else np.array([1.0, 0.0])
     chi_square = float(part @ np.linalg.solve(spread, part))

@@ -135,16 +135,39 @@ class ScaleObservations:
             return displacement
         return np.einsum("ni,nip->np", self.along_range, displacement)[:, None, :]
 
+    @property
+    def sight(self) -> FloatArray:
+        """Rows (N, 3) along which a displacement is read as a range difference.
+
+        The beam where the two surfaces are matched and the trajectory is SPC's (Δr along the line
+        of sight, MATH §9); else what :attr:`along_range` says.
+        """
+        matched = self.kind == "pairs" and self.trajectory == "spc"
+        return self.beam if matched else self.along_range
+
+    def in_range(self, components: FloatArray) -> FloatArray:
+        """Turn quantities (N, D, …) of the observations into ranges (N, …)."""
+        if self.kind == "shots":
+            return components[:, 0]
+        return np.einsum("ni,ni...->n...", self.sight, components)
+
+    @property
+    def range_per_epsilon(self) -> FloatArray:
+        """Range difference (N,), metres, that ε = 1 would make."""
+        return np.sum(self.sight * self.arm, axis=1)
+
+    @property
+    def range_variance(self) -> FloatArray:
+        """Variance (N,), m², of the range difference from the observation's own covariance."""
+        if self.kind == "shots":
+            return self.covariance[:, 0, 0]
+        return np.einsum("ni,nij,nj->n", self.sight, self.covariance, self.sight)
+
     def epsilon(self) -> tuple[FloatArray, FloatArray]:
         """ε of each observation alone (N,), and its sigma from its own covariance (N,).
 
         Everything but a scale error is taken to be absent: ε = Δr / r where the trajectory is
         SPC's (MATH §9).
         """
-        if self.kind == "shots":
-            gain = self.design()[:, 0, 0]
-            return self.value[:, 0] / gain, np.sqrt(self.covariance[:, 0, 0]) / np.abs(gain)
-        along = self.along_range if self.trajectory == "reference" else self.beam
-        gain = np.sum(along * self.arm, axis=1)
-        spread = np.sqrt(np.einsum("ni,nij,nj->n", along, self.covariance, along))
-        return np.sum(along * self.value, axis=1) / gain, spread / np.abs(gain)
+        gain = self.range_per_epsilon
+        return self.in_range(self.value) / gain, np.sqrt(self.range_variance) / np.abs(gain)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from scipy import stats
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from fusion.scaling.observation import ScaleObservations, Trajectory
@@ -43,6 +44,7 @@ def compare_shots(
     caster: RayCaster,
     *,
     trajectory: Trajectory = "reference",
+    shares: FloatArray | None = None,
     sigma_m: float = 0.1,
     turn_rad: float = 0.0,
 ) -> ShotComparison:
@@ -59,6 +61,9 @@ def compare_shots(
         Of the SPC surface.
     trajectory : {"spc", "reference"}
         Whose the spacecraft positions are; see :class:`ScaleObservations`.
+    shares : (N, S) ndarray, optional
+        Share of each of S image states in where the shots lie; by default the scan has one error
+        of its own.
     sigma_m : float
         Of a range, metres, where the scan does not say.
     turn_rad : float
@@ -96,7 +101,7 @@ def compare_shots(
             range=distance[good],
             normal=normal[good],
             local_time_h=np.full(int(good.sum()), np.nan),
-            shares=np.ones((int(good.sum()), 1)),
+            shares=(np.ones((len(scan), 1)) if shares is None else shares)[good],
             trajectory=trajectory,
         ),
         int(np.count_nonzero(~good)),
@@ -104,7 +109,7 @@ def compare_shots(
 
 
 def join_shots(compared: Sequence[ShotComparison]) -> ShotComparison:
-    """Put the comparisons of several scans together; each scan has an error of its own.
+    """Put the comparisons of several scans together.
 
     Raises
     ------
@@ -114,17 +119,17 @@ def join_shots(compared: Sequence[ShotComparison]) -> ShotComparison:
     if not compared:
         raise InvalidValueError("there are no shots", "shots")
     parts = [one.observations for one in compared]
-    names = list(dict.fromkeys(label for part in parts for label in part.label))
     labels = tuple(label for part in parts for label in part.label)
-    shares = np.array([[label == name for name in names] for label in labels], dtype=np.float64)
+    # States are the same for all scans; errors of whole scans are each its own.
+    shared = parts[0].trajectory == "spc"
+    shares = [part.shares for part in parts]
+    joint = np.concatenate(shares) if shared else block_diag(*shares)
     layers: dict[str, Any] = {
         layer: np.concatenate([getattr(part, layer) for part in parts])
         for layer in ("value", "covariance", "point", "beam", "range", "normal", "local_time_h")
     }
     days = tuple(day for part in parts for day in part.day)
-    joined = replace(
-        parts[0], label=labels, day=days, shares=shares.reshape(len(labels), -1), **layers
-    )
+    joined = replace(parts[0], label=labels, day=days, shares=joint, **layers)
     return ShotComparison(joined, sum(one.missed for one in compared))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -122,15 +122,16 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
     workspace, table = context.workspace, context.table(ScaleSettings)
     scans = _thinned(workspace, table.max_shots)
     located = table.trajectory if workspace.image_names() else "reference"
-    if located == "spc":
-        states = Trajectory.from_images(workspace.images())
-        scans = [_relocated(scan, states, table.max_gap_s) for scan in scans]
+    states = Trajectory.from_images(workspace.images()) if located == "spc" else None
 
     def one(scan: Scan) -> ShotComparison:
-        return compare_shots(scan, caster, trajectory=located)
+        if states is None:
+            return compare_shots(scan, caster, trajectory=located)
+        again, shares = _relocated(scan, states, table.max_gap_s)
+        return compare_shots(again, caster, trajectory=located, shares=shares)
 
     compared = join_shots(context.map("cast shots", one, scans))
-    scan = join("shots", [replace(scan, trajectory=located) for scan in scans])
+    scan = join("shots", scans)
     if len(compared.observations) < 2:
         return unobserved_json(
             "shots",
@@ -157,12 +158,25 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
     return content
 
 
-def _relocated(scan: Scan, states: Trajectory, max_gap_s: float) -> Scan:
-    """Locate shots by SPC states; none is left where no state falls into the scan."""
-    first, last = scan_trajectory(scan).span
+def _relocated(scan: Scan, states: Trajectory, max_gap_s: float) -> tuple[Scan, FloatArray]:
+    """Locate shots by SPC states, and tell on which of these (N, S) each leans.
+
+    No shot is left where no state falls into the scan.
+    """
+    reference = scan_trajectory(scan)
+    first, last = reference.span
     if not ((states.time >= first) & (states.time <= last)).any():
-        return scan.select(np.zeros(len(scan), dtype=bool))
-    return reproject(scan, states, max_gap_s=max_gap_s)
+        return scan.select(np.zeros(len(scan), dtype=bool)), np.zeros((0, len(states)))
+    offset = states.offset_from(reference, max_gap_s=max_gap_s)
+    again = reproject(scan, states, max_gap_s=max_gap_s)
+    return again, state_shares(states, offset, again.time)
+
+
+def state_shares(states: Trajectory, offset: Offset, times: FloatArray) -> FloatArray:
+    """Share (M, S) that each of S states has in what is located at times (M,)."""
+    shares = np.zeros((len(times), len(states)))
+    shares[:, np.searchsorted(states.time, offset.differences.time)] = offset.shares(times)
+    return shares
 
 
 def _thinned(workspace: Workspace, most: int) -> list[Scan]:
@@ -317,10 +331,7 @@ class _PairMaker:
         """Share of each image's state in where the returns lie; of each scan without states."""
         if offset is None:
             return np.array([path.stem == scan for path in self._spans], dtype=np.float64)
-        shares = np.zeros(len(self._trajectory))
-        states = np.searchsorted(self._trajectory.time, offset.differences.time)
-        shares[states] = offset.shares(times)
-        return shares
+        return state_shares(self._trajectory, offset, times).mean(axis=0)
 
 
 def _away(time: float, span: tuple[float, float]) -> float:

@@ -121,3 +121,13 @@ def test_no_time_in_common() -> None:
 def test_refuses_bad_values(time: list[float], position: np.ndarray, message: str) -> None:
     with pytest.raises(InvalidValueError, match=message):
         Trajectory("t", time, position)
+
+
+def test_shares_say_on_which_states_a_time_leans():
+    reference = Trajectory("reference", [0.0, 10.0, 20.0, 40.0], np.zeros((4, 3)))
+    newer = Trajectory("spc", [0.0, 10.0, 20.0, 40.0], np.ones((4, 3)))
+    offset = newer.offset_from(reference)
+    shares = offset.shares([0.0, 2.5, 15.0, 40.0, 50.0])
+    np.testing.assert_allclose(
+        shares, [[1, 0, 0, 0], [0.75, 0.25, 0, 0], [0, 0.5, 0.5, 0], [0, 0, 0, 1], [0, 0, 0, 0]]
+    )
