@@ -482,15 +482,26 @@ def test_a_damaged_lidar_file_leaves_nothing_behind(
     assert files_in(tmp_path / "ws").keys() == {"spcola.toml"}
 
 
-def test_returns_in_another_unit_are_told_by_the_mapolas(
-    finished: Path, mission: Path, tmp_path: Path
+def test_returns_in_another_unit_than_the_shape_are_refused_at_import(
+    mission: Path, tmp_path: Path
 ) -> None:
-    """Metres that are called kilometres cannot be seen in a table, but nothing is there."""
+    """Metres that are called kilometres cannot be seen in a table, but beside a shape."""
     root = tmp_path / "ws"
     call("init", root, "--spc", mission / "spc")
     far = np.random.default_rng(3).normal(size=(500, 3)) * 40.0
     table = write_table(tmp_path / "far.csv", far, "x_km,y_km,z_km")
-    call("import", root, table)
+    line = line_of(call("import", root, table, code=1))
+    assert "outside the radius limits" in line
+    assert "km for m" in line
+    assert not (root / "scans" / "far.h5").exists()
+
+
+def test_returns_beside_the_grids_are_told_by_the_mapolas(mission: Path, tmp_path: Path) -> None:
+    """Another body of the same size: its returns lie where no maplet is."""
+    root = tmp_path / "ws"
+    call("init", root, "--spc", mission / "spc")
+    away = np.random.default_rng(3).normal(size=(500, 3)) + [150.0, 0.0, 0.0]
+    call("import", root, write_table(tmp_path / "away.csv", away, "x_m,y_m,z_m"))
     line = refused(root, "mapolas")
     assert "one frame and unit" in line
     assert "is covered" in line
