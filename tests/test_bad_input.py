@@ -500,7 +500,7 @@ def test_returns_beside_the_grids_are_told_by_the_mapolas(mission: Path, tmp_pat
     """Another body of the same size: its returns lie where no maplet is."""
     root = tmp_path / "ws"
     call("init", root, "--spc", mission / "spc")
-    away = np.random.default_rng(3).normal(size=(500, 3)) + [150.0, 0.0, 0.0]
+    away = np.random.default_rng(3).normal(loc=(150.0, 0.0, 0.0), size=(500, 3))
     call("import", root, write_table(tmp_path / "away.csv", away, "x_m,y_m,z_m"))
     line = refused(root, "mapolas")
     assert "one frame and unit" in line
