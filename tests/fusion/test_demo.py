@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import json
 import math
+import re
+import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
+from fusion.cli.app import app
 from fusion.demo import Demonstration, demonstrate, recovery_table
 from fusion.executor import ThreadExecutor
 from fusion.progress import Progress
@@ -70,6 +75,61 @@ def test_the_table_puts_planted_beside_recovered(shown: Demonstration) -> None:
     assert head.split() == ["planted", "recovered", "sigma", "off", "by"]
     assert len(lines) == len(shown.recovered)
     assert any(line.startswith("epsilon") and "σ" in line for line in lines)
+
+
+@pytest.fixture(scope="module")
+def copied(shown: Demonstration, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The finished workspace, to be changed."""
+    root = tmp_path_factory.mktemp("copy") / "WS"
+    shutil.copytree(shown.workspace.root, root, symlinks=True)
+    return root
+
+
+def command(*arguments: object) -> dict[str, Any]:
+    result = CliRunner().invoke(app, [*map(str, arguments), "--json"])
+    assert result.exit_code == 0, result.output
+    summary: dict[str, Any] = json.loads(result.stdout)["summary"]
+    return summary
+
+
+@pytest.mark.parametrize("against", ["maplets", "bigmap", "shape"])
+@pytest.mark.parametrize("model", ["rigid", "similarity", "affine"])
+def test_mapolas_are_registered_by_every_model_against_every_surface(
+    shown: Demonstration, copied: Path, model: str, against: str
+) -> None:
+    summary = command("register", copied, "--model", model, "--against", against)
+    planted = {row.name: row.planted for row in shown.recovered}
+    content = json.loads((copied / "registration.json").read_text(encoding="utf-8"))
+    assert len(content["covariance"]) == {"rigid": 6, "similarity": 7, "affine": 12}[model]
+    assert summary["n_used"] >= 18
+    # A shape model smooths more than the blur of maplets makes up for; the others are unbiased.
+    limit = 8.0 if against == "shape" else 4.5
+    for axis, letter in enumerate("xyz"):
+        error = summary["translation_m"][axis] - planted[f"registration translation {letter}"]
+        assert abs(error) < limit * summary["translation_sigma_m"][axis]
+    if model != "rigid":
+        error = summary["scale"] - planted["registration scale"]
+        assert abs(error) < limit * summary["scale_sigma"]
+
+
+def test_single_shots_give_the_same_scale(shown: Demonstration, copied: Path) -> None:
+    summary = command("scale", copied, "--method", "shots")
+    planted = {row.name: row.planted for row in shown.recovered}
+    assert abs(summary["epsilon"] - planted["epsilon"]) < 4.0 * summary["epsilon_sigma"]
+    meridian = summary["prime_meridian_deg"] - planted["prime meridian"]
+    assert abs(meridian) < 4.0 * summary["prime_meridian_sigma_deg"]
+
+
+def test_images_that_match_nowhere_give_no_scale_and_it_is_said(copied: Path) -> None:
+    settings = copied / "spcola.toml"
+    text = settings.read_text(encoding="utf-8")
+    settings.write_text(re.sub(r"capture_m = 5\.0", "capture_m = 0.01", text), encoding="utf-8")
+    summary = command("scale", copied)
+    assert summary["epsilon"] is None
+    assert "nothing is observed" in summary["reasons"][0]
+    ran = json.loads(CliRunner().invoke(app, ["run", str(copied), "--json"]).stdout)
+    assert {stage["state"] for stage in ran["stages"]} <= {"ran", "up to date"}
+    assert (copied / "report.html").is_file()
 
 
 def test_a_folder_of_other_things_is_left_alone(tmp_path: Path) -> None:
