@@ -55,7 +55,7 @@ class ImportSettings(Table):
         default=0.0, description="returns nearer to the centre of the body are rejected"
     )
     max_radius_m: NotNegative = Field(
-        default=0.0, description="returns further from it are rejected; 0: none is"
+        default=0.0, description="returns further from it are rejected; both 0: by the shape"
     )
     chunk: int = Field(default=1_000_000, ge=1000, description="returns held in memory at a time")
 
@@ -171,7 +171,7 @@ class ScaleSettings(Table):
         default="pairs", description="paired bigmaps, or single shots against the shape"
     )
     trajectory: Literal["spc", "reference"] = Field(
-        default="spc", description="by which returns are located before bigmaps are paired"
+        default="spc", description="by which returns are located, for pairs and for shots"
     )
     size_m: Positive = Field(default=100.0, description="side of the paired bigmaps")
     gsd_m: Positive = Field(default=0.5, description="ground sample distance of the paired bigmaps")

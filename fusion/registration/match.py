@@ -235,6 +235,7 @@ class _Fine:
     compared: BoolArray
     moved: FloatArray
     iterations: int
+    settled: bool
 
 
 def _refine(pair: _Pair, start: FloatArray, options: MatchOptions) -> _Fine | None:
@@ -270,7 +271,9 @@ def _refine(pair: _Pair, start: FloatArray, options: MatchOptions) -> _Fine | No
     weights = np.zeros_like(moved)
     weights[compared] = weight
     covariance = residual_covariance(design, weights, residual)[:3, :3]
-    return _Fine(shift, float(offsets[2]), covariance, residual, compared, moved, iterations)
+    return _Fine(
+        shift, float(offsets[2]), covariance, residual, compared, moved, iterations, settled
+    )
 
 
 def _robust_step(rows: FloatArray, difference: FloatArray) -> tuple[FloatArray, FloatArray] | None:
@@ -309,6 +312,8 @@ def _judged(name: str, grid: MapletGrid, pair: _Pair, fine: _Fine, options: Matc
     patches = independent_patches(fine.residual)
     if coverage < options.min_coverage:
         reason = f"only {coverage:.0%} of the grid could be compared"
+    elif not fine.settled:
+        reason = f"the displacement still moved after {fine.iterations} steps"
     elif patches < _MIN_PATCHES:
         reason = (
             f"the differences hold together over so far that only {patches:.0f} are independent"

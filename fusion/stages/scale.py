@@ -43,6 +43,7 @@ from lidar.returns import Returns
 from lidar.scan import Scan, join
 from spcola.arrays import FloatArray
 from spcola.bigmap import make_bigmap
+from spcola.errors import InvalidValueError
 from spcola.formats.map import write_maplet
 from spcola.maplet import MapletGrid
 from spcola.rays import RayCaster
@@ -71,13 +72,13 @@ class ScaleStage:
         return ""
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return scans, shape, the registration if there is one; for pairs maplets and images."""
+        """Return scans, shape, images, the registration if there is one; for pairs maplets."""
         paths = [*workspace.scan_paths(), workspace.shape_path()]
         if workspace.registration_path.is_file():
             paths.append(workspace.registration_path)
+        paths += [workspace.image_path(name) for name in workspace.image_names()]
         if settings.scale.method == "pairs":
             paths += workspace.maplet_files()
-            paths += [workspace.image_path(name) for name in workspace.image_names()]
         return paths
 
     def run(self, context: StageContext) -> StageResult:
@@ -163,11 +164,10 @@ def _relocated(scan: Scan, states: Trajectory, max_gap_s: float) -> tuple[Scan, 
 
     No shot is left where no state falls into the scan.
     """
-    reference = scan_trajectory(scan)
-    first, last = reference.span
-    if not ((states.time >= first) & (states.time <= last)).any():
+    try:
+        offset = states.offset_from(scan_trajectory(scan), max_gap_s=max_gap_s)
+    except InvalidValueError:
         return scan.select(np.zeros(len(scan), dtype=bool)), np.zeros((0, len(states)))
-    offset = states.offset_from(reference, max_gap_s=max_gap_s)
     again = reproject(scan, states, max_gap_s=max_gap_s)
     return again, state_shares(states, offset, again.time)
 
@@ -309,7 +309,10 @@ class _PairMaker:
         offset = None
         if self._table.trajectory == "spc":
             gap = self._table.max_gap_s
-            offset = self._trajectory.offset_from(scan_trajectory(scan), max_gap_s=gap)
+            try:
+                offset = self._trajectory.offset_from(scan_trajectory(scan), max_gap_s=gap)
+            except InvalidValueError as error:
+                return [LeftOut(frame.image, str(error)) for frame in frames]
             scan = reproject(scan, self._trajectory, max_gap_s=gap)
         return [self._pair(frame, scan, offset) for frame in frames]
 
@@ -321,8 +324,9 @@ class _PairMaker:
         # Only what lies on the grid: its times say on which states the pair leans.
         inside = (np.abs(x) <= side) & (np.abs(y) <= side) & (np.abs(height) < frame.grid.radius)
         chosen = scan.select(inside & (np.abs(scan.time - frame.time) < self._table.max_gap_s))
+        chosen = chosen.select(np.all(np.isfinite(chosen.spacecraft), axis=1))
         if not len(chosen):
-            return LeftOut(frame.image, "no return of that time lies there")
+            return LeftOut(frame.image, "no return of that time and a known station lies there")
         frame = seen_from(frame, np.mean(chosen.spacecraft, axis=0))
         shares = self._shares(scan.name, chosen.time, offset)
         return make_pair(frame, spc, Returns.of_scans([chosen]), shares, self._options)
