@@ -238,7 +238,8 @@ class _Tally:
     def __init__(self) -> None:
         self.sources = dict.fromkeys(Source, 0)
         self.sigma: list[float] = []
-        self.untied = self.downweighted = self.not_converged = 0
+        self.untied: list[str] = []
+        self.downweighted = self.not_converged = 0
 
     def passed(self, results: Iterable[FuseResult]) -> Iterator[FusedMaplet]:
         """Yield the maplets."""
@@ -248,7 +249,7 @@ class _Tally:
                 self.sources[source] += int(np.count_nonzero(maplet.source == source))
             if maplet.valid.any():
                 self.sigma.append(float(np.nanmedian(maplet.sigma)))
-            self.untied += result.untied
+            self.untied += [maplet.name] * result.untied
             self.downweighted += result.downweighted
             self.not_converged += not result.solution.converged
             yield maplet
@@ -260,7 +261,8 @@ class _Tally:
             "maplets": len(self.sigma),
             **{f"share_{s.name.lower()}": n / total for s, n in self.sources.items()},
             "median_sigma_m": float(np.median(self.sigma)) if self.sigma else float("nan"),
-            "parts_without_lidar": self.untied,
+            "parts_without_lidar": len(self.untied),
+            "maplets_with_parts_without_lidar": sorted(set(self.untied)),
             "downweighted_heights": self.downweighted,
             "not_converged": self.not_converged,
             "spc_step_sigma_m": information.step_sigma_m,
