@@ -18,7 +18,12 @@ def import_(
     workspace: Annotated[Path, typer.Argument(metavar="WS", help="The workspace.")],
     files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Lidar files.")],
     format: Annotated[
-        str, typer.Option(metavar="F", help="Format; told from the content if not given.")
+        str,
+        typer.Option(
+            metavar="F",
+            help="native, las, cloud, ola, table, lola, hayabusa, hayabusa2, nlr or track; told "
+            "from the content if not given.",
+        ),
     ] = "",
     columns: Annotated[
         list[str] | None,
@@ -32,7 +37,8 @@ def import_(
         str, typer.Option(metavar="m|km|cm|mm", help="Of coordinates, if the file states none.")
     ] = "",
     name: Annotated[
-        str, typer.Option(help="Name of the scan (one file only); else the file's name.")
+        str,
+        typer.Option(metavar="NAME", help="Of the scan (one file only); else the file's name."),
     ] = "",
     gps_time: Annotated[bool, typer.Option("--gps-time", help="Keep the GPS time of LAS.")] = False,
     workers: WorkersOption = None,
@@ -40,8 +46,8 @@ def import_(
 ) -> None:
     """Read lidar files into the workspace.
 
-    Returns without an echo, or flagged as bad, are left out and counted by reason. A file that
-    was imported before is recognised by its content.
+    Returns without an echo, flagged as bad, or far off the shape are left out and counted by
+    reason. A file that was imported before is recognised by its content.
     """
     # The machinery is imported here and not above, so that help comes at once.
     from fusion.executor import ThreadExecutor

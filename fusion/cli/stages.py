@@ -83,7 +83,10 @@ def bigmap(
     workers: WorkersOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Make bigmaps of maplets and of returns."""
+    """Make bigmaps of fused maplets, of SPC maplets and of returns.
+
+    One frame for each site of [bigmap] sites in spcola.toml; by default the two poles.
+    """
     _run(workspace, ("bigmap",), ("bigmap", {}), (force, workers, as_json))
 
 
