@@ -49,8 +49,10 @@ make_environment() {
     local python fingerprint=$1
     python=$(find_python) || exit 1
     if ! "$python" -c 'import ensurepip, venv' 2>/dev/null; then
+        # A machine as bare as that lacks the libraries of open3d too: all is named at once.
         need_packages "$python cannot make environments" \
-            "python$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')-venv"
+            "python$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')-venv" \
+            "${SYSTEM_LIBRARIES[@]}"
     fi
     if [[ ! -x "$VENV/bin/python" || $(cat "$VENV/begun" 2>/dev/null) != "$fingerprint" ]]; then
         printf 'Making an environment in %s\n' "$VENV"
