@@ -217,6 +217,20 @@ def test_las_returns(tmp_path: Path, suffix: str) -> None:
     np.testing.assert_allclose(timed.time, expected + np.arange(20), atol=1e-6)
 
 
+def test_copc_returns_of_all_levels_are_read() -> None:
+    """A file of copclib 2.6: three nodes of an octree, chunks of unequal length.
+
+    The points are those of the seed, rounded to the file's quantum of 1 mm.
+    """
+    path = Path(__file__).parent / "data" / "random.copc.laz"
+    points = np.random.default_rng(1).uniform(-100, 100, (500, 3)).round(3)
+    assert recognise(path) == "las"
+    scan = read_scan(path)
+    order = [np.lexsort(cloud.T) for cloud in (points, scan.points)]
+    np.testing.assert_allclose(scan.points[order[1]], points[order[0]], atol=1e-9)
+    assert not scan.rejected
+
+
 def test_las_noise_and_withheld_are_counted(tmp_path: Path) -> None:
     classes = np.full(20, 2, dtype=np.uint8)
     classes[3], classes[4], classes[5] = 7, 18, 7
