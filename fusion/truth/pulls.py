@@ -1,0 +1,87 @@
+"""Pulls over many missions: whether the stated sigmas are the true ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from fusion.truth.recovery import Recovered
+
+CONFIDENCE = 0.95
+"""Of the interval that is given for a standard deviation."""
+
+
+@dataclass(frozen=True)
+class PullStatistics:
+    """Errors of one parameter over N missions.
+
+    Attributes
+    ----------
+    name, unit : str
+    count : int
+        Missions that recovered the parameter with a sigma.
+    missing : int
+        Missions that did not.
+    mean, mean_sigma : float
+        Mean of the pulls (recovered − planted) / sigma and its standard error, from their own
+        scatter.
+    deviation, lowest, highest : float
+        Root mean square of the pulls about **zero**, which a bias raises too, and the interval
+        that holds the true one at :data:`CONFIDENCE` if the pulls are normal.
+    error, sigma : float
+        Root mean squares of recovered − planted and of the stated sigmas, in `unit`.
+    """
+
+    name: str
+    unit: str
+    count: int
+    missing: int
+    mean: float
+    mean_sigma: float
+    deviation: float
+    lowest: float
+    highest: float
+    error: float
+    sigma: float
+
+
+def pull_statistics(missions: Sequence[Sequence[Recovered]]) -> list[PullStatistics]:
+    """Return the statistics of every parameter that the missions' tables name.
+
+    Parameters
+    ----------
+    missions : sequence of sequences of Recovered
+        One table for each mission.
+
+    Returns
+    -------
+    list of PullStatistics
+        In the order in which the names first come.
+    """
+    tables = [{row.name: row for row in rows} for rows in missions]
+    names = dict.fromkeys(name for table in tables for name in table)
+    return [_statistics(name, tables) for name in names]
+
+
+def _statistics(name: str, tables: Sequence[Mapping[str, Recovered]]) -> PullStatistics:
+    rows = [table[name] for table in tables if name in table]
+    found = [row for row in rows if np.isfinite(row.pull)]
+    missing = len(tables) - len(found)
+    if not found:
+        return PullStatistics(name, rows[0].unit, 0, missing, *[float("nan")] * 7)
+    pulls = np.array([row.pull for row in found])
+    errors = np.array([row.recovered - row.planted for row in found])
+    sigmas = np.array([row.sigma for row in found])
+    count = len(pulls)
+    deviation = float(np.sqrt(np.mean(pulls**2)))
+    tail = (1.0 - CONFIDENCE) / 2.0
+    low, high = (deviation * np.sqrt(count / chi2.ppf(p, count)) for p in (1.0 - tail, tail))
+    spread = float(np.std(pulls, ddof=1) / np.sqrt(count)) if count > 1 else float("nan")
+    return PullStatistics(
+        name, rows[0].unit, count, missing, float(np.mean(pulls)), spread,
+        deviation, float(low), float(high),
+        float(np.sqrt(np.mean(errors**2))), float(np.sqrt(np.mean(sigmas**2))),
+    )  # fmt: skip

@@ -1,0 +1,57 @@
+"""Statistics of pulls, of errors that are known to be right, too small or biased."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fusion.truth.pulls import pull_statistics
+from fusion.truth.recovery import Recovered
+
+SIGMA = 2e-5
+
+
+def missions(count: int, *, factor: float = 1.0, bias: float = 0.0) -> list[list[Recovered]]:
+    """Tables of one parameter whose errors have `factor` times the stated sigma."""
+    errors = SIGMA * (factor * np.random.default_rng(7).normal(size=count) + bias)
+    return [[Recovered("epsilon", 2.5e-4, 2.5e-4 + e, SIGMA, "")] for e in errors]
+
+
+def test_true_sigmas_give_a_deviation_of_one() -> None:
+    (found,) = pull_statistics(missions(4000))
+    assert (found.count, found.missing) == (4000, 0)
+    assert found.lowest < 1.0 < found.highest
+    assert found.highest - found.lowest == pytest.approx(2 * 1.96 / np.sqrt(2 * 4000), rel=0.02)
+    assert abs(found.mean) < 3 * found.mean_sigma
+    assert found.error == pytest.approx(SIGMA * found.deviation)
+    assert found.sigma == pytest.approx(SIGMA)
+
+
+def test_sigmas_half_too_small_are_told() -> None:
+    (found,) = pull_statistics(missions(60, factor=2.0))
+    assert found.lowest > 1.0
+
+
+def test_a_bias_is_told_and_raises_the_deviation() -> None:
+    (found,) = pull_statistics(missions(400, bias=1.0))
+    assert found.mean == pytest.approx(1.0, abs=3 * found.mean_sigma)
+    assert found.deviation == pytest.approx(np.sqrt(2.0), rel=0.1)
+
+
+def test_the_interval_holds_one_in_95_of_100_trials() -> None:
+    rng = np.random.default_rng(3)
+    inside = 0
+    for _ in range(400):
+        rows = [[Recovered("x", 0.0, float(e), 1.0, "m")] for e in rng.normal(size=12)]
+        (found,) = pull_statistics(rows)
+        inside += found.lowest < 1.0 < found.highest
+    assert inside / 400 == pytest.approx(0.95, abs=0.03)
+
+
+def test_what_was_not_recovered_is_counted_not_averaged() -> None:
+    lost = [Recovered("epsilon", 2.5e-4, float("nan"), float("nan"), "")]
+    (found,) = pull_statistics([*missions(5), lost])
+    assert (found.count, found.missing) == (5, 1)
+    (none,) = pull_statistics([lost])
+    assert none.count == 0
+    assert np.isnan(none.deviation)
