@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -14,6 +15,13 @@ from spcola.truth.solution import lattice
 _DAY = 86400.0
 _MONTHS = "JANFEBMARAPRMAYJUNJULAUGSEPOCTNOVDEC"
 
+Pattern = Literal["lattice", "poles-belt-samples"]
+# Of all passes, these shares go to each pole and to the belt; the rest are samples between.
+_POLE_SHARE, _BELT_SHARE = 0.15, 0.4
+# One pass of a pole looks straight at it, the others stand around: their scans overlap there.
+_POLE_LATITUDE, _NEAR_POLE_LATITUDE = np.radians(88.0), np.radians(75.0)
+_SAMPLES_FROM, _SAMPLES_TO = np.radians(20.0), np.radians(62.0)
+
 
 @dataclass(frozen=True)
 class PassSettings:
@@ -22,7 +30,12 @@ class PassSettings:
     Parameters
     ----------
     count : int
-        Number of passes; their directions are spread evenly over the sphere.
+        Number of passes.
+    pattern : {"lattice", "poles-belt-samples"}
+        Where they go: evenly over the sphere; or both poles several times, a closed belt along
+        the equator, and samples of the middle latitudes.
+    directions_deg : tuple of (float, float)
+        Longitude and latitude of each pass, degrees, instead of a pattern (and of `count`).
     days : int
         Days that they are dealt to.
     local_times_h : tuple of float
@@ -40,6 +53,8 @@ class PassSettings:
     """
 
     count: int = 20
+    pattern: Pattern = "lattice"
+    directions_deg: tuple[tuple[float, float], ...] = ()
     days: int = 5
     local_times_h: tuple[float, ...] = (9.5, 11.0, 12.5, 14.0, 15.5)
     nearest: float = 3000.0
@@ -50,14 +65,21 @@ class PassSettings:
     epoch: float = 615_211_269.184
 
     def __post_init__(self) -> None:
-        if self.count < 4 or self.days < 1 or not self.local_times_h:
+        places = tuple((float(place[0]), float(place[1])) for place in self.directions_deg)
+        object.__setattr__(self, "directions_deg", places)
+        if (self.count < 4 and not places) or self.days < 1 or not self.local_times_h:
             raise SettingsError("needs four passes, a day and a local time at least", "passes")
+        if self.pattern not in get_args(Pattern):
+            patterns = ", ".join(get_args(Pattern))
+            raise SettingsError(f"is none of {patterns}: {self.pattern!r}", "pattern of the passes")
+        if any(abs(latitude) > 90.0 for _, latitude in places):
+            raise SettingsError("a latitude lies beyond a pole", "directions of the passes")
         if not (0 < self.nearest <= self.farthest and 0 < self.duration < self.period):
             raise SettingsError("distances, duration or period out of range", "passes")
 
     def sun(self, time: float) -> FloatArray:
         """Return the unit vector (3,) to the Sun, body-fixed, at ephemeris time `time`, s."""
-        return _direction(self.sun_longitude(time), np.radians(self.sun_latitude_deg))
+        return direction_of(self.sun_longitude(time), np.radians(self.sun_latitude_deg))
 
     def sun_longitude(self, time: float) -> float:
         """Return the longitude of the sub-solar point, radians: 0 at the epoch."""
@@ -102,7 +124,7 @@ class Pass:
     def position(self, time: FloatArray) -> FloatArray:
         """Return true positions (N, 3), metres, body-fixed, at times (N,), s."""
         turned = 2.0 * np.pi * (np.asarray(time) - self.middle) / self.period
-        return self.distance * _direction(self.longitude - turned, self.latitude)
+        return self.distance * direction_of(self.longitude - turned, self.latitude)
 
     def velocity(self, time: FloatArray) -> FloatArray:
         """Return the rate (N, 3), m/s, of the body-fixed position."""
@@ -115,32 +137,87 @@ class Pass:
 def plan_passes(settings: PassSettings, generator: np.random.Generator) -> list[Pass]:
     """Return the passes in order of time.
 
-    The directions are dealt to the days in turn; within a day each takes the first moment, after
-    the one before, at which the body shows the wanted longitude at the day's local time.
+    The directions are dealt to the days in turn. A day has one local time; the next pass is always
+    the one whose longitude shows that time soonest after the pass before, so that few rotations
+    serve many passes.
+
+    Raises
+    ------
+    SettingsError
+        If the passes of a day do not fit into it.
     """
-    directions = lattice(settings.count)
-    distances = generator.uniform(settings.nearest, settings.farthest, size=settings.count)
+    places = pass_directions(settings)
+    distances = generator.uniform(settings.nearest, settings.farthest, size=len(places))
     passes: list[Pass] = []
     for day in range(settings.days):
         free = settings.epoch + day * _DAY
         local_time_h = settings.local_times_h[day % len(settings.local_times_h)]
-        for k in range(day, settings.count, settings.days):
-            x, y, z = directions[k]
-            longitude, latitude = float(np.arctan2(y, x)), float(np.arcsin(z))
-            noon = longitude - np.radians(15.0 * (local_time_h - 12.0))
-            phase = (settings.sun_longitude(free + settings.duration / 2.0) - noon) / (2.0 * np.pi)
-            start = free + (phase % 1.0) * settings.period
+        waiting = list(range(day, len(places), settings.days))
+        while waiting:
+            waits = [_wait(settings, places[k, 0], local_time_h, free) for k in waiting]
+            soonest = int(np.argmin(waits))
+            k, start = waiting.pop(soonest), free + waits[soonest]
             free = start + settings.duration
+            longitude, latitude = map(float, places[k])
             passes.append(
                 Pass(
                     len(passes) + 1, start, settings.duration, settings.period,
                     longitude, latitude, float(distances[k]),
                 )
             )  # fmt: skip
+        if free > settings.epoch + (day + 1) * _DAY:
+            raise SettingsError(
+                f"{len(places)} do not fit into {settings.days} days", "passes", "allow more days"
+            )
     return passes
 
 
-def _direction(longitude: float | FloatArray, latitude: float) -> FloatArray:
+def pass_directions(settings: PassSettings) -> FloatArray:
+    """Return longitudes and latitudes (N, 2), radians, under the spacecraft, of all passes."""
+    if settings.directions_deg:
+        return np.radians(np.array(settings.directions_deg))
+    if settings.pattern == "lattice":
+        x, y, z = lattice(settings.count).T
+        return np.stack([np.arctan2(y, x), np.arcsin(z)], axis=1)
+    polar = max(1, round(_POLE_SHARE * settings.count))
+    belt = max(1, round(_BELT_SHARE * settings.count))
+    north = _pole(polar)
+    parts = [north, north * [1.0, -1.0], _ring(belt, 0.0)]
+    parts.append(_samples(settings.count - belt - 2 * polar))
+    return np.concatenate(parts)
+
+
+def _pole(count: int) -> FloatArray:
+    """Return passes (N, 2) over the north pole and around it."""
+    return np.concatenate(
+        [np.array([[0.0, _POLE_LATITUDE]]), _ring(count - 1, _NEAR_POLE_LATITUDE)]
+    )
+
+
+def _ring(count: int, latitude: float) -> FloatArray:
+    """Return places (N, 2) at equal steps of longitude."""
+    longitude = 2.0 * np.pi * np.arange(count) / max(count, 1)
+    return np.stack([longitude, np.full(count, latitude)], axis=1)
+
+
+def _samples(count: int) -> FloatArray:
+    """Return places (N, 2) in the middle latitudes, north and south in turn."""
+    share = (np.arange(count) + 0.5) / max(count, 1)
+    low, high = np.sin(_SAMPLES_FROM), np.sin(_SAMPLES_TO)
+    # Fibonacci's spiral on either hemisphere: no two samples near each other.
+    latitude = np.arcsin(low + (high - low) * share) * np.where(np.arange(count) % 2, -1.0, 1.0)
+    longitude = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(count)
+    return np.stack([longitude % (2.0 * np.pi), latitude], axis=1)
+
+
+def _wait(settings: PassSettings, longitude: float, local_time_h: float, free: float) -> float:
+    """Return how long after `free`, s, a pass begins whose middle has the local time."""
+    noon = longitude - np.radians(15.0 * (local_time_h - 12.0))
+    phase = (settings.sun_longitude(free + settings.duration / 2.0) - noon) / (2.0 * np.pi)
+    return float((phase % 1.0) * settings.period)
+
+
+def direction_of(longitude: float | FloatArray, latitude: float) -> FloatArray:
     """Return unit vectors (…, 3) of longitudes (…) at one latitude, radians."""
     ring = np.cos(latitude)
     z = np.full(np.shape(longitude), np.sin(latitude))
