@@ -181,22 +181,21 @@ def pass_directions(settings: PassSettings) -> FloatArray:
         return np.stack([np.arctan2(y, x), np.arcsin(z)], axis=1)
     polar = max(1, round(_POLE_SHARE * settings.count))
     belt = max(1, round(_BELT_SHARE * settings.count))
-    north = _pole(polar)
-    parts = [north, north * [1.0, -1.0], _ring(belt, 0.0)]
-    parts.append(_samples(settings.count - belt - 2 * polar))
-    return np.concatenate(parts)
+    rest = settings.count - belt - 2 * polar
+    # The rings begin at different longitudes: passes of one longitude wait for a rotation each.
+    north, south = _pole(polar, 0.25), _pole(polar, 0.75) * [1.0, -1.0]
+    return np.concatenate([north, south, _ring(belt, 0.0, 0.0), _samples(rest)])
 
 
-def _pole(count: int) -> FloatArray:
+def _pole(count: int, first: float) -> FloatArray:
     """Return passes (N, 2) over the north pole and around it."""
-    return np.concatenate(
-        [np.array([[0.0, _POLE_LATITUDE]]), _ring(count - 1, _NEAR_POLE_LATITUDE)]
-    )
+    around = _ring(count - 1, _NEAR_POLE_LATITUDE, first)
+    return np.concatenate([np.array([[np.pi * first, _POLE_LATITUDE]]), around])
 
 
-def _ring(count: int, latitude: float) -> FloatArray:
-    """Return places (N, 2) at equal steps of longitude."""
-    longitude = 2.0 * np.pi * np.arange(count) / max(count, 1)
+def _ring(count: int, latitude: float, first: float) -> FloatArray:
+    """Return places (N, 2) at equal steps of longitude, the `first` of them in steps from 0."""
+    longitude = 2.0 * np.pi * (np.arange(count) + first) / max(count, 1)
     return np.stack([longitude, np.full(count, latitude)], axis=1)
 
 
