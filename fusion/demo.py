@@ -17,8 +17,10 @@ from fusion.report.gather import PLANTED_FILE
 from fusion.settings import write_settings
 from fusion.stages import load_stages
 from fusion.stages.ingest import Source, Workers, import_files
-from fusion.truth.mission import LIDAR_FOLDER, SPC_FOLDER, make_mission
-from fusion.truth.planted import TRUTH_FILE, MissionSettings, Planted, read_truth
+from fusion.truth.generation import LIDAR_FOLDER, SPC_FOLDER
+from fusion.truth.mission import make_mission
+from fusion.truth.planted import TRUTH_FILE, Planted, read_truth
+from fusion.truth.presets import MissionSettings
 from fusion.truth.recovery import Recovered, compare
 from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
 from spcola.errors import FormatError, WorkspaceError
@@ -77,7 +79,7 @@ def demonstrate(
         raise WorkspaceError("holds other things than a demo", folder, "choose an empty folder")
     make_folder(folder)
     mission = folder / MISSION_FOLDER
-    wanted = settings or MissionSettings.demo()
+    wanted = settings or MissionSettings.mini()
     planted = _planted(mission, wanted, progress)
     if planted is None:
         # What was made of another mission (an earlier version's, say) says nothing of this one.
@@ -85,7 +87,9 @@ def demonstrate(
         if (folder / WORKSPACE_FOLDER).exists() and not (mission / TRUTH_FILE).exists():
             raise WorkspaceError("holds other things than a demo", folder, "choose an empty folder")
         _remove(folder / WORKSPACE_FOLDER)
-        planted = make_mission(mission, settings=wanted, progress=progress)
+        planted = make_mission(
+            mission, settings=wanted, executor=executor, progress=progress, replace=True
+        )
     workspace = _workspace(folder / WORKSPACE_FOLDER, mission, wanted)
     chosen = workspace.settings()
     sources = [Source(path) for path in sorted((mission / LIDAR_FOLDER).iterdir())]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,6 +14,7 @@ from typing import Any, Literal
 import spcola
 from fusion.catalog import Catalog, StageRecord, content_digest
 from fusion.executor import Executor, ThreadExecutor
+from fusion.lock import clear_leftovers, locked
 from fusion.progress import Progress
 from fusion.settings import Settings
 from fusion.stages.base import Stage, StageContext, StageResult, find_table
@@ -225,28 +225,8 @@ def opened(workspace: Workspace) -> Iterator[Catalog]:
     WorkspaceError
         If another program is at work in it, or it cannot be written.
     """
-    path = workspace.root / LOCK_FILE
-    try:
-        lock = path.open("w", encoding="utf-8")
-    except OSError as error:
-        raise WorkspaceError(f"cannot be written ({error.strerror})", path) from error
-    with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise WorkspaceError(
-                "another spcola is at work here", workspace.root, "wait until it is done"
-            ) from error
-        _clear_leftovers(workspace)
+    own = [workspace.root, *(workspace.root / name for name in OWN_FOLDERS)]
+    with locked(workspace.root / LOCK_FILE):
+        clear_leftovers(own)
         with closing(Catalog(workspace)) as catalog:
             yield catalog
-
-
-def _clear_leftovers(workspace: Workspace) -> None:
-    """Remove what a killed run was writing: under the lock it is nobody's."""
-    for folder in (workspace.root, *(workspace.root / name for name in OWN_FOLDERS)):
-        for left in folder.glob(".*.part"):
-            if left.is_dir():
-                shutil.rmtree(left, ignore_errors=True)
-            else:
-                left.unlink(missing_ok=True)

@@ -29,7 +29,7 @@ from fusion.cli.app import app
 from fusion.demo import PAIR_SIZE
 from fusion.settings import load_settings, write_settings
 from fusion.truth.mission import make_mission
-from fusion.truth.planted import MissionSettings
+from fusion.truth.presets import MissionSettings
 
 ROOT = Path(__file__).resolve().parents[1]
 MAP, SUM, SHAPE = "MAPFILES/TR0003.MAP", "SUMFILES/P03I02.SUM", "SHAPEFILES/SHAPE.TXT"

@@ -16,7 +16,7 @@ from fusion.cli.app import app
 from fusion.demo import Demonstration, demonstrate, recovery_table
 from fusion.executor import ThreadExecutor
 from fusion.progress import Progress
-from fusion.truth.planted import MissionSettings
+from fusion.truth.presets import MissionSettings
 from spcola.errors import WorkspaceError
 
 

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from fusion.truth.mission import make_mission
-from fusion.truth.planted import MissionSettings, Planted, read_truth
+from fusion.truth.planted import Planted, read_truth
+from fusion.truth.presets import MissionSettings
 from fusion.truth.recovery import assess_heights, compare, height_errors
 from lidar.formats.reader import read_scan
 from spcola.errors import FormatError, WorkspaceError

@@ -1,0 +1,151 @@
+"""The folder of a mission while it is made: what is finished stays, whatever happens."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import spcola
+from fusion.lock import clear_leftovers, locked
+from fusion.truth.planted import TRUTH_FILE, read_truth
+from fusion.truth.presets import MissionSettings
+from fusion.workspace import SPC_FOLDERS, make_folder
+from spcola.atomic import write_error, write_text
+from spcola.errors import SpcolaError, WorkspaceError
+
+SPC_FOLDER, LIDAR_FOLDER, IMAGE_FOLDER = "spc", "lidar", "images"
+MAKING_FOLDER = ".making"
+_PARTS = (SPC_FOLDER, LIDAR_FOLDER, IMAGE_FOLDER)
+_STAMP = "mission.json"
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where a mission is being made.
+
+    Every file is written whole or not at all, and none depends on the order in which they are
+    made: one that is there is finished, and a killed run goes on behind it. What later files need
+    of earlier ones, and the files do not hold to the last digit, is kept in notes.
+
+    Attributes
+    ----------
+    root : Path
+    """
+
+    root: Path
+
+    @property
+    def spc(self) -> Path:
+        """The SPC working folder."""
+        return self.root / SPC_FOLDER
+
+    @property
+    def lidar(self) -> Path:
+        """The folder of the scans."""
+        return self.root / LIDAR_FOLDER
+
+    @property
+    def images(self) -> Path:
+        """The folder of the images that are not SPC's own format."""
+        return self.root / IMAGE_FOLDER
+
+    def note(self, name: str) -> Any:
+        """Return what was noted under `name` by :meth:`keep`; None if nothing was."""
+        path = self._note_path(name)
+        return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
+
+    def keep(self, name: str, content: Any) -> None:
+        """Note `content`, numbers to the last digit; an item with a note is finished."""
+        write_text(self._note_path(name), json.dumps(content))
+
+    def _note_path(self, name: str) -> Path:
+        return self.root / MAKING_FOLDER / f"{name}.json"
+
+
+@contextmanager
+def building(root: Path, settings: MissionSettings, *, replace: bool) -> Iterator[Site]:
+    """Open the folder of a mission to make it, or to go on making it.
+
+    Parameters
+    ----------
+    root : Path
+        Made if missing.
+    settings : MissionSettings
+        What is there of a mission of the same settings, made by the same version, stays.
+    replace : bool
+        Whether a mission of other settings may be removed.
+
+    Raises
+    ------
+    WorkspaceError
+        If `root` holds other things, or another mission that may not be removed; if another
+        program is at work in it, or it cannot be written.
+    """
+    making = root / MAKING_FOLDER
+    there = _names(root)
+    stamp = json.dumps({"digest": settings.digest, "version": spcola.__version__})
+    folders = [root / SPC_FOLDER, *(root / SPC_FOLDER / name for name in SPC_FOLDERS)]
+    folders += [root / LIDAR_FOLDER]
+    make_folder(making)
+    with locked(making / "lock"):
+        if there and not (_stamp_of(making) == stamp or _is_finished(root, settings)):
+            if not replace:
+                raise WorkspaceError(
+                    "holds another mission, or a part of one",
+                    root,
+                    "choose another folder, or remove it",
+                )
+            _clear(root)
+        write_text(making / _STAMP, stamp)
+        (root / TRUTH_FILE).unlink(missing_ok=True)
+        for folder in folders:
+            make_folder(folder)
+        clear_leftovers([root, making, *folders])
+        yield Site(root)
+        shutil.rmtree(making)
+
+
+def _names(root: Path) -> set[str]:
+    """Return what is in the folder; refuse one of other things."""
+    try:
+        there = {entry.name for entry in root.iterdir()} if root.exists() else set()
+    except OSError as error:
+        raise WorkspaceError(f"cannot be listed ({error.strerror})", root) from error
+    # Folders of these names may be somebody's data: only those of a mission made here go.
+    ours = {TRUTH_FILE, MAKING_FOLDER}
+    if there - {*_PARTS, *ours} or (there and not there & ours):
+        raise WorkspaceError(
+            "holds other things than a synthetic mission", root, "choose an empty folder"
+        )
+    return there
+
+
+def _stamp_of(making: Path) -> str:
+    path = making / _STAMP
+    return path.read_text(encoding="utf-8") if path.is_file() else ""
+
+
+def _is_finished(root: Path, settings: MissionSettings) -> bool:
+    """Return whether the mission was finished once, with these settings."""
+    try:
+        return read_truth(root).settings == settings
+    except SpcolaError:
+        return False
+
+
+def _clear(root: Path) -> None:
+    """Remove a mission."""
+    try:
+        (root / TRUTH_FILE).unlink(missing_ok=True)
+        for part in _PARTS:
+            if (root / part).exists():
+                shutil.rmtree(root / part)
+        for note in (root / MAKING_FOLDER).glob("*.json"):
+            note.unlink()
+    except OSError as error:
+        raise write_error(root, error) from error

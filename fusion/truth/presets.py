@@ -1,0 +1,113 @@
+"""The settings of a synthetic mission, and the missions that have a name."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+
+from lidar.truth import LidarSettings
+from spcola.errors import SettingsError
+from spcola.similarity import Similarity
+from spcola.truth.body import BodySettings
+from spcola.truth.passes import PassSettings
+from spcola.truth.solution import SolutionSettings
+from spcola.truth.states import StateSettings
+
+LIDAR_FRAME, SPC_FRAME = "lidar", "spc"
+LIDAR_FORMATS = {"ola": ".dat"}
+"""Formats that scans can be written in, and the endings of their files."""
+
+
+@dataclass(frozen=True)
+class MissionSettings:
+    """A whole synthetic mission: its body, its errors, and what is planted.
+
+    Parameters
+    ----------
+    seed : int
+        Of everything but the body, which has its own.
+    body, passes, lidar, solution, states
+        Settings of the parts.
+    epsilon : float
+        All lengths of the SPC solution have to be multiplied by 1 + ε.
+    rotation_deg : tuple of 3 float
+        Rotation vector from lidar to SPC coordinates, degrees; its third component is the
+        difference of the prime meridians.
+    translation_m : tuple of 3 float
+    day_scale_bias : tuple of float
+        Relative bias of all ranges of a day, for each day in turn; empty for none.
+    shape_q : int
+        Q of the solution's ICQ shape.
+    lidar_format : str
+        One of :data:`LIDAR_FORMATS`.
+    spc : bool
+        Whether there is an SPC solution; else there is its shape alone.
+    """
+
+    seed: int = 1
+    body: BodySettings = field(default_factory=BodySettings)
+    passes: PassSettings = field(default_factory=PassSettings)
+    lidar: LidarSettings = field(default_factory=LidarSettings)
+    solution: SolutionSettings = field(default_factory=SolutionSettings)
+    states: StateSettings = field(default_factory=StateSettings)
+    epsilon: float = 2.5e-4
+    rotation_deg: tuple[float, float, float] = (0.006, -0.008, 0.012)
+    translation_m: tuple[float, float, float] = (0.07, -0.05, 0.04)
+    day_scale_bias: tuple[float, ...] = ()
+    shape_q: int = 64
+    lidar_format: str = "ola"
+    spc: bool = True
+
+    def __post_init__(self) -> None:
+        if self.lidar_format not in LIDAR_FORMATS:
+            known = ", ".join(LIDAR_FORMATS)
+            raise SettingsError(f"{self.lidar_format!r} is none of {known}", "format of the scans")
+        if not abs(self.epsilon) < 0.1:
+            raise SettingsError(f"must lie within ± 0.1, not {self.epsilon}", "epsilon")
+        if self.shape_q < 2:
+            raise SettingsError(f"must be at least 2, not {self.shape_q}", "Q of the shape")
+
+    @classmethod
+    def tiny(cls, seed: int = 1) -> MissionSettings:
+        """Return a mission for tests: 40 m, 8 scans, 24 maplets; the same error levels."""
+        return cls(
+            seed=seed,
+            body=BodySettings(seed=seed, radius=40.0),
+            passes=PassSettings(count=8, days=2),
+            lidar=LidarSettings(shots=8_100, width=1.5),
+            solution=SolutionSettings(half_size=27, gsd=0.75, maplets=24),
+            shape_q=24,
+        )
+
+    @classmethod
+    def mini(cls, seed: int = 1) -> MissionSettings:
+        """Return the mission of the demo: a body of 75 m, 20 scans, 64 maplets."""
+        return cls(seed=seed, body=BodySettings(seed=seed, radius=75.0))
+
+    @property
+    def to_spc(self) -> Similarity:
+        """The planted similarity: ``V_spc = T + R V_lidar / (1 + ε)``."""
+        return Similarity.from_rotation_vector(
+            np.radians(self.rotation_deg),
+            self.translation_m,
+            1.0 / (1.0 + self.epsilon),
+            target=SPC_FRAME,
+            source=LIDAR_FRAME,
+        )
+
+    @property
+    def digest(self) -> str:
+        """Hexadecimal digest of all settings: two missions with the same one are the same."""
+        text = json.dumps(asdict(self), sort_keys=True)
+        return hashlib.sha256(text.encode("utf-8")).hexdigest()
+
+
+PRESETS: dict[str, Callable[[int], MissionSettings]] = {
+    "tiny": MissionSettings.tiny,
+    "mini": MissionSettings.mini,
+}
+"""The named missions; each is called with a seed."""
