@@ -1,0 +1,451 @@
+"""Rays over the tiles of a cube: which tiles they may need, and what they hit.
+
+On a face a ray is a straight line, and along it the distance from O is least at the ray's foot
+and grows to both sides. So whether a ray stays above all of a tile, or of a block of cells, is
+told by the ends of its way over it and the block's maximum (Tevs et al. 2008, "Maximum mipmaps
+for fast, accurate, and scalable dynamic height field rendering", here on a sphere). What is left
+are single cells, where the crossing with the bilinear surface is found. A ray that dips into a
+cell and comes out again through its saddle is taken to pass.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from spcola.arrays import AnyArray, FloatArray, IntArray
+from spcola.kernel import kernel
+from spcola.truth.cube import Tiling, face_axes, face_of, place_of, tile_of, value_in
+
+Vector = tuple[float, float, float]
+
+_MOST_REFINEMENTS = 60
+_ON_SURFACE = 1e-9
+
+
+class Tiles(NamedTuple):
+    """The tiles as the kernels take them; see :class:`spcola.truth.tilestore.TileStore`.
+
+    `ceiling` (1,) is a radius that no point of the surface exceeds.
+    """
+
+    tiling: Tiling
+    slots: IntArray
+    pool: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    ceiling: FloatArray
+
+
+class Line(NamedTuple):
+    """A ray on a face: w = w0 + t·wd, and u, v in cells are (x0 + t·xd)/w, (y0 + t·yd)/w.
+
+    `across` and `along` tell which way u and v go: 1, −1, or 0 for not at all.
+    """
+
+    w0: float
+    wd: float
+    x0: float
+    xd: float
+    y0: float
+    yd: float
+    across: int
+    along: int
+
+
+@kernel
+def at(start: Vector, beam: Vector, t: float) -> Vector:
+    """Return the point at t along a ray."""
+    return start[0] + t * beam[0], start[1] + t * beam[1], start[2] + t * beam[2]
+
+
+@kernel
+def line_on(tiling: Tiling, face: int, foot: Vector, beam: Vector) -> Line:
+    """Return a ray, as foot and unit vector, on a face."""
+    a, b, c, sign = face_axes(face)
+    half = 0.5 * tiling.across * tiling.size
+    w0, wd = sign * foot[a], sign * beam[a]
+    x0, xd = half * (w0 + foot[b]), half * (wd + beam[b])
+    y0, yd = half * (w0 + foot[c]), half * (wd + beam[c])
+    turn_x, turn_y = xd * w0 - x0 * wd, yd * w0 - y0 * wd
+    across = 1 if turn_x > 0.0 else (-1 if turn_x < 0.0 else 0)
+    along = 1 if turn_y > 0.0 else (-1 if turn_y < 0.0 else 0)
+    return Line(w0, wd, x0, xd, y0, yd, across, along)
+
+
+@kernel
+def _meets(start: float, rate: float, line: Line, border: int, t: float) -> float:
+    """Return where a coordinate reaches `border`, t at least; infinity if it never does."""
+    slope = rate - border * line.wd
+    if slope == 0.0:
+        return np.inf
+    at = (border * line.w0 - start) / slope
+    # On the far side of the pole of the projection the line belongs to the opposite face.
+    if not line.w0 + line.wd * at > 0.0:
+        return np.inf
+    return max(at, t)
+
+
+@kernel
+def _leaves(line: Line, first: tuple[int, int], size: int, t: float) -> tuple[float, bool]:
+    """Return where a ray leaves a square of cells, and whether through a side of u.
+
+    `first` is the column and row of its first cell on the face, `size` its side in cells.
+    """
+    across, along = np.inf, np.inf
+    if line.across != 0:
+        border = first[0] + size if line.across > 0 else first[0]
+        across = _meets(line.x0, line.xd, line, border, t)
+    if line.along != 0:
+        border = first[1] + size if line.along > 0 else first[1]
+        along = _meets(line.y0, line.yd, line, border, t)
+    return (across, True) if across <= along else (along, False)
+
+
+@kernel
+def _square_of(line: Line, t: float, size: int, count: int) -> tuple[int, int]:
+    """Return the column and row, of squares of `size` cells, at t."""
+    w = line.w0 + line.wd * t
+    column = int((line.x0 + line.xd * t) / w) // size
+    row = int((line.y0 + line.yd * t) / w) // size
+    return min(count - 1, max(0, column)), min(count - 1, max(0, row))
+
+
+@kernel
+def _next_face(face: int, line: Line, through_u: bool) -> int:
+    """Return the face behind the side through which a ray leaves `face`."""
+    _, b, c, _ = face_axes(face)
+    if through_u:
+        return 2 * b + (line.across < 0)
+    return 2 * c + (line.along < 0)
+
+
+@kernel
+def _nearest(square: float, t: float, end: float) -> float:
+    """Return the least squared distance from O between t and `end`, both from the foot."""
+    if t > 0.0:
+        return square + t * t
+    return square + end * end if end < 0.0 else square
+
+
+@kernel
+def _at_cell(
+    line: Line, tile: FloatArray, k: int, side: int, place: tuple[int, int, float, float], t: float
+) -> float:
+    """Return the height of the ray at t above the bilinear surface of a cell.
+
+    `place` is the cell's column and row on the face, the base radius, and the squared distance
+    of the foot from O; `k` is where its first node stands in the tile.
+    """
+    column, row, base, square = place
+    w = line.w0 + line.wd * t
+    p = (line.x0 + line.xd * t) / w - column
+    q = (line.y0 + line.yd * t) / w - row
+    near = tile[k] + p * (tile[k + 1] - tile[k])
+    far = tile[k + side] + p * (tile[k + side + 1] - tile[k + side])
+    return np.sqrt(square + t * t) - (base + near + q * (far - near))
+
+
+@kernel
+def _crossing(
+    line: Line,
+    tile: FloatArray,
+    k: int,
+    side: int,
+    place: tuple[int, int, float, float],
+    ends: tuple[float, float, float, float],
+) -> float:
+    """Return where a ray goes through a cell's surface: regula falsi in the Illinois form."""
+    above, f_above, below, f_below = ends
+    last = 0
+    for step in range(_MOST_REFINEMENTS):
+        middle = 0.5 * (above + below)
+        if step % 8 != 7:
+            middle = above + (below - above) * f_above / (f_above - f_below)
+        value = _at_cell(line, tile, k, side, place, middle)
+        if abs(value) < _ON_SURFACE or below - above < _ON_SURFACE:
+            return middle
+        if value > 0.0:
+            above, f_above = middle, value
+            f_below *= 0.5 if last == 1 else 1.0
+            last = 1
+        else:
+            below, f_below = middle, value
+            f_above *= 0.5 if last == -1 else 1.0
+            last = -1
+    return 0.5 * (above + below)
+
+
+@kernel
+def _in_tile(
+    tiling: Tiling,
+    tile: FloatArray,
+    line: Line,
+    corner: tuple[int, int],
+    way: tuple[float, float, float, float],
+) -> float:
+    """Return where a ray hits the surface of a tile: NaN if it does not, −∞ if from below.
+
+    `corner` is the column and row, in cells, of the tile's first node; `way` where the ray comes
+    in, where it leaves, its squared distance from O at the foot, and where it began.
+    """
+    t, end, square, start = way
+    size, side, base = tiling.size, tiling.size + 3, tiling.base
+    level = len(tiling.starts) - 1
+    w = line.w0 + line.wd * t
+    column = min(size - 1, max(0, int((line.x0 + line.xd * t) / w) - corner[0]))
+    row = min(size - 1, max(0, int((line.y0 + line.yd * t) / w) - corner[1]))
+    while True:
+        i, j, block = column >> level, row >> level, 1 << level
+        first = (corner[0] + i * block, corner[1] + j * block)
+        leave, through_u = _leaves(line, first, block, t)
+        leave = min(leave, end)
+        k = (row + 1) * side + column + 1
+        if level > 0:
+            most = tile[tiling.starts[level] + j * (size >> level) + i]
+        else:
+            most = max(tile[k], tile[k + 1], tile[k + side], tile[k + side + 1])
+        passes = _nearest(square, t, leave) > (base + most) ** 2
+        if not passes:
+            if level > 0:
+                level -= 1
+                continue
+            place = (corner[0] + column, corner[1] + row, base, square)
+            above = _at_cell(line, tile, k, side, place, t)
+            if above <= 0.0:
+                # What began below the ground hits nothing; else it is the border's rounding.
+                return -np.inf if t == start else t
+            below = _at_cell(line, tile, k, side, place, leave)
+            if below <= 0.0:
+                return _crossing(line, tile, k, side, place, (t, above, leave, below))
+        if leave >= end:
+            return np.nan
+        t = leave
+        w = line.w0 + line.wd * t
+        if through_u:
+            column = (i + 1) * block if line.across > 0 else i * block - 1
+            inside = int((line.y0 + line.yd * t) / w) - corner[1]
+            row = min((j + 1) * block - 1, max(j * block, inside))
+        else:
+            row = (j + 1) * block if line.along > 0 else j * block - 1
+            inside = int((line.x0 + line.xd * t) / w) - corner[0]
+            column = min((i + 1) * block - 1, max(i * block, inside))
+        if column < 0 or row < 0 or column >= size or row >= size:
+            return np.nan
+        if column >> (level + 1) != i >> 1 or row >> (level + 1) != j >> 1:
+            level = min(level + 1, len(tiling.starts) - 1)
+
+
+@kernel
+def _span(origin: Vector, beam: Vector, ceiling: float) -> tuple[float, float, float, Vector]:
+    """Return the distance of a ray's foot, where the ray is below the ceiling, and its foot.
+
+    Start and end are distances from the foot, which are of the body's size whatever the range;
+    the start is NaN for a ray that stays above or goes away.
+    """
+    closest = -(origin[0] * beam[0] + origin[1] * beam[1] + origin[2] * beam[2])
+    foot = at(origin, beam, closest)
+    half = ceiling * ceiling - (foot[0] ** 2 + foot[1] ** 2 + foot[2] ** 2)
+    if not half > 0.0 or closest + np.sqrt(half) < 0.0:
+        return closest, np.nan, np.nan, foot
+    end = np.sqrt(half)
+    return closest, max(-end, -closest), end, foot
+
+
+@kernel
+def needs(tiles: Tiles, origin: Vector, beam: Vector, wanted: AnyArray) -> None:
+    """Mark in `wanted` (tiles,) all tiles that a ray may dip into, up to where it must have hit."""
+    tiling = tiles.tiling
+    _, t, end, foot = _span(origin, beam, tiles.ceiling[0])
+    if np.isnan(t):
+        return
+    square = foot[0] ** 2 + foot[1] ** 2 + foot[2] ** 2
+    x, y, z = at(foot, beam, t)
+    face = face_of(x, y, z)
+    while t < end:
+        line = line_on(tiling, face, foot, beam)
+        column, row = _square_of(line, t, tiling.size, tiling.across)
+        while t < end:
+            first = (column * tiling.size, row * tiling.size)
+            leave, through_u = _leaves(line, first, tiling.size, t)
+            leave = min(leave, end)
+            tile = (face * tiling.across + row) * tiling.across + column
+            near = _nearest(square, t, leave)
+            if near <= tiles.upper[tile] ** 2:
+                wanted[tile] = True
+                if near < tiles.lower[tile] ** 2:
+                    return
+            t = leave
+            column += line.across if through_u else 0
+            row += 0 if through_u else line.along
+            if min(column, row) < 0 or max(column, row) >= tiling.across:
+                face = _next_face(face, line, through_u)
+                break
+
+
+@kernel
+def hit(tiles: Tiles, origin: Vector, beam: Vector, wanted: AnyArray) -> tuple[float, int]:
+    """Return the distance of the first hit, NaN for none, and the tile, −1 for none.
+
+    A tile that is not there is marked in `wanted`, and −2 is returned for it.
+    """
+    tiling = tiles.tiling
+    closest, t, end, foot = _span(origin, beam, tiles.ceiling[0])
+    if np.isnan(t):
+        return np.nan, -1
+    start = t
+    square = foot[0] ** 2 + foot[1] ** 2 + foot[2] ** 2
+    x, y, z = at(foot, beam, t)
+    face = face_of(x, y, z)
+    while t < end:
+        line = line_on(tiling, face, foot, beam)
+        column, row = _square_of(line, t, tiling.size, tiling.across)
+        while t < end:
+            first = (column * tiling.size, row * tiling.size)
+            leave, through_u = _leaves(line, first, tiling.size, t)
+            leave = min(leave, end)
+            tile = (face * tiling.across + row) * tiling.across + column
+            if _nearest(square, t, leave) <= tiles.upper[tile] ** 2:
+                slot = tiles.slots[tile]
+                if slot < 0:
+                    wanted[tile] = True
+                    return np.nan, -2
+                way = (t, leave, square, start)
+                found = _in_tile(tiling, tiles.pool[slot], line, first, way)
+                if found == -np.inf:
+                    return np.nan, -1
+                if not np.isnan(found):
+                    return closest + found, tile
+            t = leave
+            column += line.across if through_u else 0
+            row += 0 if through_u else line.along
+            if min(column, row) < 0 or max(column, row) >= tiling.across:
+                face = _next_face(face, line, through_u)
+                break
+    return np.nan, -1
+
+
+@kernel
+def normal_at(tiles: Tiles, point: Vector) -> Vector:
+    """Return the outward unit normal at a point of the surface, whose tile is there.
+
+    Slopes are central differences at the four nodes around, and bilinear between them, so that
+    the normal is continuous; the surface itself has creases at the borders of cells.
+    """
+    tiling = tiles.tiling
+    face, across, along = place_of(tiling, *point)
+    number = tile_of(tiling, face, across, along)
+    column = number % tiling.across * tiling.size
+    row = number // tiling.across % tiling.across * tiling.size
+    tile = tiles.pool[tiles.slots[number]]
+    side = tiling.size + 3
+    i = min(tiling.size - 1, max(0, int(across) - column))
+    j = min(tiling.size - 1, max(0, int(along) - row))
+    p, q = across - column - i, along - row - j
+    slope_u, slope_v = 0.0, 0.0
+    for dj in range(2):
+        for di in range(2):
+            weight = (p if di else 1.0 - p) * (q if dj else 1.0 - q)
+            k = (j + dj + 1) * side + i + di + 1
+            slope_u += weight * (tile[k + 1] - tile[k - 1])
+            slope_v += weight * (tile[k + side] - tile[k - side])
+    # Two cells of 2/cells each; the radius depends on the direction alone, hence r = |p|.
+    cells = tiling.across * tiling.size
+    slope_u, slope_v = 0.25 * cells * slope_u, 0.25 * cells * slope_v
+    a, b, c, sign = face_axes(face)
+    u, v = 2.0 * across / cells - 1.0, 2.0 * along / cells - 1.0
+    length = np.sqrt(point[0] ** 2 + point[1] ** 2 + point[2] ** 2)
+    w = sign * point[a]
+    falls = (sign * (u * slope_u + v * slope_v) / w, -slope_u / w, -slope_v / w)
+    normal = (
+        point[0] / length + _part(falls, (a, b, c), 0),
+        point[1] / length + _part(falls, (a, b, c), 1),
+        point[2] / length + _part(falls, (a, b, c), 2),
+    )
+    norm = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+    return normal[0] / norm, normal[1] / norm, normal[2] / norm
+
+
+@kernel
+def _part(values: Vector, axes: tuple[int, int, int], axis: int) -> float:
+    """Return which of the values along w, u, v belongs to the axis 0, 1 or 2 of space."""
+    if axes[0] == axis:
+        return values[0]
+    return values[1] if axes[1] == axis else values[2]
+
+
+@kernel
+def mark_needed(tiles: Tiles, origins: FloatArray, beams: FloatArray, wanted: AnyArray) -> None:
+    """Mark in `wanted` (tiles,) the tiles that rays (N, 3), (N, 3) may need."""
+    for i in range(len(origins)):
+        origin = (origins[i, 0], origins[i, 1], origins[i, 2])
+        needs(tiles, origin, (beams[i, 0], beams[i, 1], beams[i, 2]), wanted)
+
+
+@kernel
+def first_hits(
+    tiles: Tiles,
+    rays: tuple[FloatArray, FloatArray],
+    distance: FloatArray,
+    normals: FloatArray,
+    wanted: AnyArray,
+) -> bool:
+    """Fill distance (N,) and normals (N, 3) of the hits of rays; False if a tile is missing.
+
+    The missing tiles are marked in `wanted` (tiles,); the results are void then.
+    """
+    origins, beams = rays
+    complete = True
+    for i in range(len(origins)):
+        origin = (origins[i, 0], origins[i, 1], origins[i, 2])
+        beam = (beams[i, 0], beams[i, 1], beams[i, 2])
+        found, tile = hit(tiles, origin, beam, wanted)
+        distance[i] = found
+        if tile < 0:
+            complete = complete and tile != -2
+            normals[i] = np.nan
+            continue
+        nx, ny, nz = normal_at(tiles, at(origin, beam, found))
+        normals[i, 0], normals[i, 1], normals[i, 2] = nx, ny, nz
+    return complete
+
+
+@kernel
+def shadows(
+    tiles: Tiles,
+    rays: tuple[FloatArray, FloatArray],
+    lift: float,
+    out: AnyArray,
+    wanted: AnyArray,
+) -> bool:
+    """Tell in `out` (N,) which rays from points of the ground meet ground; False as above.
+
+    The points are lifted by `lift` above the ground, or onto it first if they lie below.
+    """
+    points, beams = rays
+    tiling = tiles.tiling
+    complete = True
+    for i in range(len(points)):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        if not np.isfinite(x + y + z):
+            out[i] = False
+            continue
+        face, across, along = place_of(tiling, x, y, z)
+        tile = tile_of(tiling, face, across, along)
+        slot = tiles.slots[tile]
+        if slot < 0:
+            wanted[tile] = True
+            complete = False
+            continue
+        column = tile % tiling.across * tiling.size
+        row = tile // tiling.across % tiling.across * tiling.size
+        ground = value_in(tiling, tiles.pool[slot], across - column, along - row)
+        length = np.sqrt(x * x + y * y + z * z)
+        share = (max(length, ground) + lift) / length
+        origin = (share * x, share * y, share * z)
+        beam = (beams[i, 0], beams[i, 1], beams[i, 2])
+        _, met = hit(tiles, origin, beam, wanted)
+        complete = complete and met != -2
+        out[i] = met >= 0
+    return complete
