@@ -49,7 +49,7 @@ class Tiling(NamedTuple):
         return cls(across, size, np.array(starts), base)
 
     @property
-    def count(self) -> int:
+    def total(self) -> int:
         """Number of tiles on all faces."""
         return 6 * self.across**2
 

@@ -151,7 +151,7 @@ class SampledSurface:
         part: slice,
     ) -> None:
         """Call `fill` for a part with all tiles that it needs; by halves if they are too many."""
-        wanted = np.zeros(self._store.tiling.count, dtype=np.bool_)
+        wanted = np.zeros(self._store.tiling.total, dtype=np.bool_)
         mark_needed(self._tiles, origins[part], beams[part], wanted)
         complete = False
         while not complete:

@@ -35,22 +35,22 @@ class TileStore:
         self, field: Callable[[FloatArray], FloatArray], tiling: Tiling, *, memory_bytes: int
     ) -> None:
         self.tiling = tiling
-        self.capacity = int(min(memory_bytes // (4 * tiling.length), tiling.count))
+        self.capacity = int(min(memory_bytes // (4 * tiling.length), tiling.total))
         if self.capacity < 1:
             raise SettingsError(
                 f"{memory_bytes} bytes hold no tile of {4 * tiling.length}", "memory of tiles"
             )
-        self.slots: IntArray = np.full(tiling.count, -1, dtype=np.int32)
-        self.lower = np.full(tiling.count, -np.inf)
-        self.upper = np.full(tiling.count, np.inf)
+        self.slots: IntArray = np.full(tiling.total, -1, dtype=np.int32)
+        self.lower = np.full(tiling.total, -np.inf)
+        self.upper = np.full(tiling.total, np.inf)
         # Memory is taken by the system page by page as tiles are written.
         self.pool: FloatArray = np.empty((self.capacity, tiling.length), dtype=np.float32)
         self.made = 0
         self._field = field
         self._holder: IntArray = np.full(self.capacity, -1, dtype=np.int64)
         self._used: IntArray = np.zeros(self.capacity, dtype=np.int64)
-        self._leases: IntArray = np.zeros(tiling.count, dtype=np.int64)
-        self._place: IntArray = np.full(tiling.count, -1, dtype=np.int64)
+        self._leases: IntArray = np.zeros(tiling.total, dtype=np.int64)
+        self._place: IntArray = np.full(tiling.total, -1, dtype=np.int64)
         self._leased = 0
         self._clock = 0
         self._change = threading.Condition()
@@ -89,7 +89,7 @@ class TileStore:
 
     def _look(self, directions: FloatArray, out: FloatArray) -> None:
         """Fill `out` (N,) with the values in `directions`, by halves if memory is short."""
-        wanted = np.zeros(self.tiling.count, dtype=np.bool_)
+        wanted = np.zeros(self.tiling.total, dtype=np.bool_)
         tiles_of(self.tiling, directions, wanted)
         tiles = np.flatnonzero(wanted)
         if len(tiles) > self.capacity:
