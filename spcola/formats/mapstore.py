@@ -76,6 +76,8 @@ class MapStore(Generic[M]):
         folder = Path(folder)
         former = self._former(folder)
         try:
+            # Somebody may have removed it, to have its content made again.
+            folder.mkdir(exist_ok=True)
             staging = Path(tempfile.mkdtemp(prefix=".maps.", suffix=".part", dir=folder))
         except OSError as error:
             raise write_error(folder, error) from error

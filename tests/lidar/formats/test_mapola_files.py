@@ -118,9 +118,14 @@ def test_two_of_one_name_are_refused(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_folder_that_was_removed_is_made_again(tmp_path):
+    write_mapolas(tmp_path / "mapolas", [made("AA0001")])
+    assert read_mapola(tmp_path / "mapolas", "AA0001").name == "AA0001"
+
+
 def test_what_is_missing_is_named(tmp_path):
     with pytest.raises(WorkspaceError, match="create the folder first"):
-        write_mapolas(tmp_path / "absent", [])
+        write_mapolas(tmp_path / "absent" / "mapolas", [])
     with pytest.raises(WorkspaceError, match=r"mapolas\.h5: cannot be read as HDF5"):
         read_mapola(tmp_path, "AA0001")
     write_mapolas(tmp_path, [made("AA0001")])
