@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 import spcola
-from fusion.cli import altimetry, demo, folder, stages
+from fusion.cli import altimetry, demo, folder, stages, truth
 from fusion.cli.program import guarded
 
 app = typer.Typer(
@@ -40,6 +40,7 @@ COMMANDS: tuple[tuple[str, Callable[..., Any], str], ...] = (
 
 for _name, _function, _example in COMMANDS:
     app.command(_name, epilog=f"Example: {_example}")(guarded(_function))
+app.add_typer(truth.app)
 
 
 def _print_version(wanted: bool) -> None:

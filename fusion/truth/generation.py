@@ -12,7 +12,7 @@ from typing import Any
 
 import spcola
 from fusion.lock import clear_leftovers, locked
-from fusion.truth.planted import TRUTH_FILE, read_truth
+from fusion.truth.planted import TRUTH_FILE, Planted, read_truth
 from fusion.truth.presets import MissionSettings
 from fusion.workspace import SPC_FOLDERS, make_folder
 from spcola.atomic import write_error, write_text
@@ -87,19 +87,17 @@ def building(root: Path, settings: MissionSettings, *, replace: bool) -> Iterato
         program is at work in it, or it cannot be written.
     """
     making = root / MAKING_FOLDER
-    there = _names(root)
     stamp = json.dumps({"digest": settings.digest, "version": spcola.__version__})
     folders = [root / SPC_FOLDER, *(root / SPC_FOLDER / name for name in SPC_FOLDERS)]
     folders += [root / LIDAR_FOLDER]
+    strange = bool(_names(root) - {MAKING_FOLDER}) and not _is_of(root, settings, stamp)
+    if strange and not replace:
+        raise WorkspaceError(
+            "holds another mission, or a part of one", root, "choose another folder, or remove it"
+        )
     make_folder(making)
     with locked(making / "lock"):
-        if there and not (_stamp_of(making) == stamp or _is_finished(root, settings)):
-            if not replace:
-                raise WorkspaceError(
-                    "holds another mission, or a part of one",
-                    root,
-                    "choose another folder, or remove it",
-                )
+        if strange:
             _clear(root)
         write_text(making / _STAMP, stamp)
         (root / TRUTH_FILE).unlink(missing_ok=True)
@@ -108,6 +106,23 @@ def building(root: Path, settings: MissionSettings, *, replace: bool) -> Iterato
         clear_leftovers([root, making, *folders])
         yield Site(root)
         shutil.rmtree(making)
+
+
+def finished(root: Path, settings: MissionSettings) -> Planted | None:
+    """Return what is planted in a mission of these settings if it is there, whole; else None."""
+    planted = _planted(root)
+    if planted is None or planted.settings != settings:
+        return None
+    whole = planted.files.items() <= files_of(root).items()
+    return planted if whole else None
+
+
+def files_of(root: Path) -> dict[str, int]:
+    """Return the size in bytes of every file of a mission, by its path, without ``truth.json``."""
+    paths = [path for part in _PARTS for path in sorted((root / part).rglob("*"))]
+    return {
+        path.relative_to(root).as_posix(): path.stat().st_size for path in paths if path.is_file()
+    }
 
 
 def _names(root: Path) -> set[str]:
@@ -125,17 +140,21 @@ def _names(root: Path) -> set[str]:
     return there
 
 
-def _stamp_of(making: Path) -> str:
-    path = making / _STAMP
-    return path.read_text(encoding="utf-8") if path.is_file() else ""
+def _is_of(root: Path, settings: MissionSettings, stamp: str) -> bool:
+    """Return whether what is there was made of these settings, finished or not."""
+    path = root / MAKING_FOLDER / _STAMP
+    if path.is_file():
+        return path.read_text(encoding="utf-8") == stamp
+    planted = _planted(root)
+    return planted is not None and planted.settings == settings
 
 
-def _is_finished(root: Path, settings: MissionSettings) -> bool:
-    """Return whether the mission was finished once, with these settings."""
+def _planted(root: Path) -> Planted | None:
+    """Return what is planted in the mission there; None if it says nothing that can be read."""
     try:
-        return read_truth(root).settings == settings
+        return read_truth(root)
     except SpcolaError:
-        return False
+        return None
 
 
 def _clear(root: Path) -> None:

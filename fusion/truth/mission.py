@@ -11,7 +11,7 @@ import numpy as np
 
 from fusion.executor import Executor, ThreadExecutor
 from fusion.progress import Progress
-from fusion.truth.generation import Site, building
+from fusion.truth.generation import Site, building, files_of, finished
 from fusion.truth.planted import TRUTH_FILE, Planted, write_truth
 from fusion.truth.presets import LIDAR_FORMATS, MissionSettings
 from fusion.truth.size import check_room, mission_size
@@ -83,6 +83,8 @@ def make_mission(
     """
     root = Path(folder)
     settings = settings or MissionSettings.mini()
+    if (there := finished(root, settings)) is not None:
+        return there
     check_room(root, mission_size(settings))
     with building(root, settings, replace=replace) as site:
         body = TruthBody(settings.body)
@@ -93,7 +95,7 @@ def make_mission(
         scans = _write_scans(work, passes, days)
         if settings.spc:
             _write_states(work, passes, _write_maplets(work))
-        planted = Planted(settings, scans, days)
+        planted = Planted(settings, scans, days, files_of(root))
         write_truth(root / TRUTH_FILE, planted)
     return planted
 

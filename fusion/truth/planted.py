@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -33,11 +33,14 @@ class Planted:
         Errors of each scan, by its name.
     days : mapping of str to float
         Relative bias of the ranges of each day (``YYYY-MM-DD``).
+    files : mapping of str to int
+        Size in bytes of every file of the mission, by its path in the mission's folder.
     """
 
     settings: MissionSettings
     scans: Mapping[str, ScanErrors]
     days: Mapping[str, float]
+    files: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def similarity(self) -> Similarity:
@@ -62,18 +65,24 @@ class Planted:
         """Mean error (3,) of the spacecraft positions over the scans, metres."""
         return np.mean([errors.offset_m for errors in self.scans.values()], axis=0)
 
-    def to_json(self) -> dict[str, Any]:
-        """Content of ``truth.json``: the planted values in view, the settings to rebuild them."""
-        similarity = self.similarity
+    def in_view(self) -> dict[str, Any]:
+        """Return the planted values that a user looks for, in JSON types."""
         return {
             "epsilon": self.epsilon,
-            "scale": similarity.scale,
+            "scale": self.similarity.scale,
             "rotation_deg": list(self.settings.rotation_deg),
             "translation_m": list(self.settings.translation_m),
             "prime_meridian_deg": self.prime_meridian_deg,
             "day_scale_bias": dict(self.days),
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """Content of ``truth.json``: the planted values in view, the settings to rebuild them."""
+        return {
+            **self.in_view(),
             "scans": {name: asdict(errors) for name, errors in self.scans.items()},
             "settings": asdict(self.settings),
+            "files": dict(self.files),
         }
 
 
@@ -111,7 +120,7 @@ def read_truth(path: str | Path) -> Planted:
     try:
         settings = restored(MissionSettings, content["settings"])
         scans = {name: restored(ScanErrors, values) for name, values in content["scans"].items()}
-        return Planted(settings, scans, dict(content["day_scale_bias"]))
+        return Planted(settings, scans, dict(content["day_scale_bias"]), dict(content["files"]))
     except SpcolaError as error:
         raise FormatError(str(error), path, "make the mission again") from error
     except (KeyError, TypeError, AttributeError, ValueError) as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from spcola.truth.solution import SolutionSettings
 from spcola.truth.states import StateSettings
 
 LIDAR_FRAME, SPC_FRAME = "lidar", "spc"
-LIDAR_FORMATS = {"ola": ".dat"}
+LIDAR_FORMATS = {"ola": ".dat", "hdf5": ".h5", "laz": ".laz"}
 """Formats that scans can be written in, and the endings of their files."""
 
 
@@ -46,6 +46,8 @@ class MissionSettings:
         One of :data:`LIDAR_FORMATS`.
     spc : bool
         Whether there is an SPC solution; else there is its shape alone.
+    images : bool
+        Whether images are rendered.
     """
 
     seed: int = 1
@@ -61,6 +63,7 @@ class MissionSettings:
     shape_q: int = 64
     lidar_format: str = "ola"
     spc: bool = True
+    images: bool = False
 
     def __post_init__(self) -> None:
         if self.lidar_format not in LIDAR_FORMATS:
@@ -88,6 +91,30 @@ class MissionSettings:
         """Return the mission of the demo: a body of 75 m, 20 scans, 64 maplets."""
         return cls(seed=seed, body=BodySettings(seed=seed, radius=75.0))
 
+    @classmethod
+    def bennu(cls, seed: int = 1) -> MissionSettings:
+        """Return a mission like that to Bennu: 245 m, 40 scans, maplets of the whole body."""
+        radius = 245.0
+        return cls(
+            seed=seed,
+            body=BodySettings(seed=seed, radius=radius),
+            passes=PassSettings(40, "poles-belt-samples", nearest=900.0, farthest=1100.0),
+            lidar=LidarSettings(shots=1_210_000, width=100.0 / radius),
+            solution=SolutionSettings(gsd=0.35, maplets=1600),
+            shape_q=256,
+        )
+
+    @classmethod
+    def mission(cls, seed: int = 1) -> MissionSettings:
+        """Return the lidar of a whole mission: 640 scans; no SPC solution but its shape."""
+        bennu = cls.bennu(seed)
+        passes = replace(bennu.passes, count=640, pattern="lattice", days=35)
+        return replace(bennu, passes=passes, spc=False)
+
+    def with_images(self, images: bool) -> MissionSettings:
+        """Return the mission with or without rendered images; what has images has a solution."""
+        return replace(self, images=images, spc=self.spc or images)
+
     @property
     def to_spc(self) -> Similarity:
         """The planted similarity: ``V_spc = T + R V_lidar / (1 + ε)``."""
@@ -109,5 +136,7 @@ class MissionSettings:
 PRESETS: dict[str, Callable[[int], MissionSettings]] = {
     "tiny": MissionSettings.tiny,
     "mini": MissionSettings.mini,
+    "bennu": MissionSettings.bennu,
+    "mission": MissionSettings.mission,
 }
 """The named missions; each is called with a seed."""

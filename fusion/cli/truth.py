@@ -1,0 +1,89 @@
+"""``spcola truth``: a synthetic mission, made and measured against."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from fusion.cli.output import JsonOption, show
+from fusion.cli.program import guarded
+from fusion.cli.stages import WorkersOption
+
+app = typer.Typer(
+    name="truth",
+    help="Synthetic missions of a known body, and how far a model is from it.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+
+def make(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="A new folder, or that of a mission to finish.")
+    ],
+    preset: Annotated[
+        Literal["tiny", "mini", "bennu", "mission"],
+        typer.Option(
+            help="tiny: for tests. mini: 75 m, as the demo. bennu: 245 m, 40 scans, images and "
+            "maplets of the whole body. mission: 640 scans, lidar only unless --images is given."
+        ),
+    ] = "mini",
+    seed: Annotated[int, typer.Option(metavar="N", help="Another seed, another mission.")] = 1,
+    format: Annotated[
+        Literal["ola", "hdf5", "laz"], typer.Option(help="Of the scans: what they are written as.")
+    ] = "ola",
+    images: Annotated[
+        bool | None,
+        typer.Option(
+            "--images/--no-images", help="Whether images are rendered; else as the preset has it."
+        ),
+    ] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say how large it is.")] = False,
+    workers: WorkersOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Make a synthetic mission: lidar scans, images and an SPC solution of a known body.
+
+    Its size is said first, and it is refused if the disk lacks room. A killed run goes on where
+    it was if the command is given again. What is planted comes last, into truth.json.
+    """
+    # The machinery is imported here and not above, so that help comes at once.
+    from fusion.executor import ThreadExecutor
+    from fusion.progress import Progress
+    from fusion.truth.mission import make_mission
+    from fusion.truth.presets import PRESETS
+    from fusion.truth.size import mission_size
+
+    settings = replace(PRESETS[preset](seed), lidar_format=format)
+    if images is not None:
+        settings = settings.with_images(images)
+    size = mission_size(settings)
+    progress = Progress.fitting(silent=as_json)
+    content: dict[str, Any] = {
+        "folder": str(folder),
+        "preset": preset,
+        "seed": seed,
+        "size": size.as_dict(),
+    }
+    if dry_run:
+        show(content, size.lines(), as_json=as_json)
+        return
+    for line in size.lines():
+        progress.note(line)
+    planted = make_mission(
+        folder, settings=settings, executor=ThreadExecutor(workers), progress=progress
+    )
+    content["planted"] = planted.in_view()
+    lines = [
+        f"Made {folder}: {preset}, seed {seed}. What is planted is in {folder / 'truth.json'}.",
+        f"Next: spcola init WS --spc {folder / 'spc'}, spcola import WS {folder / 'lidar'}/*",
+    ]
+    show(content, lines, as_json=as_json)
+
+
+app.command("make", epilog="Example: spcola truth make /tmp/bennu --preset bennu --seed 2")(
+    guarded(make)
+)

@@ -1,0 +1,178 @@
+"""A mission goes on where it was killed, whatever the workers; its folder is nobody else's."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fusion.executor import ThreadExecutor
+from fusion.lock import locked
+from fusion.truth import mission as mission_module
+from fusion.truth import size as size_module
+from fusion.truth.generation import MAKING_FOLDER
+from fusion.truth.mission import make_mission
+from fusion.truth.presets import PRESETS, MissionSettings
+from fusion.truth.size import mission_size
+from spcola.errors import WorkspaceError
+
+TINY = MissionSettings.tiny()
+SMALLEST = replace(
+    TINY,
+    passes=replace(TINY.passes, count=4),
+    lidar=replace(TINY.lidar, shots=400),
+    solution=replace(TINY.solution, maplets=8),
+    shape_q=8,
+)
+
+
+def files_of(root: Path) -> dict[str, str]:
+    """Return the digest of every file below `root`, by its path."""
+    return {
+        path.relative_to(root).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(root.rglob("*"))
+        if path.is_file()
+    }
+
+
+def times_of(root: Path) -> dict[str, int]:
+    """Return when every file below `root` was written, by its path."""
+    return {
+        path.relative_to(root).as_posix(): path.stat().st_mtime_ns
+        for path in root.rglob("*")
+        if path.is_file() and MAKING_FOLDER not in path.parts
+    }
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("undisturbed")
+    make_mission(root, settings=SMALLEST, executor=ThreadExecutor(1))
+    return root
+
+
+def failing(function: Callable[..., Any], after: int) -> Callable[..., Any]:
+    """Return `function` as it is interrupted at its call number `after`."""
+    calls = 0
+
+    def call(*arguments: Any, **options: Any) -> Any:
+        nonlocal calls
+        calls += 1
+        if calls > after:
+            raise KeyboardInterrupt
+        return function(*arguments, **options)
+
+    return call
+
+
+@pytest.mark.parametrize(
+    ("writer", "after"),
+    [
+        ("write_icq", 0),
+        ("write_ola", 2),
+        ("write_maplet", 0),
+        ("write_maplet", 5),
+        ("write_summary", 3),
+        ("write_nominal", 3),
+        ("write_landmark", 4),
+        ("write_truth", 0),
+    ],
+)
+def test_an_interrupted_mission_goes_on_to_the_same_bytes(
+    writer: str, after: int, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(mission_module, writer, failing(getattr(mission_module, writer), after))
+        with pytest.raises(KeyboardInterrupt):
+            make_mission(tmp_path, settings=SMALLEST, executor=ThreadExecutor(2))
+    assert not (tmp_path / "truth.json").exists()
+    before = times_of(tmp_path)
+    make_mission(tmp_path, settings=SMALLEST, executor=ThreadExecutor(2))
+    assert files_of(tmp_path) == files_of(undisturbed)
+    made = {k: v for k, v in before.items() if not k.endswith("LIST.TXT") and "MAPFILES" not in k}
+    assert made.items() <= times_of(tmp_path).items()
+
+
+@pytest.mark.parametrize("workers", [2, 5])
+def test_the_number_of_workers_leaves_no_trace(
+    workers: int, undisturbed: Path, tmp_path: Path
+) -> None:
+    make_mission(tmp_path, settings=SMALLEST, executor=ThreadExecutor(workers))
+    assert files_of(tmp_path) == files_of(undisturbed)
+
+
+def test_a_finished_mission_stays_and_a_lost_file_comes_back(
+    undisturbed: Path, tmp_path: Path
+) -> None:
+    root = tmp_path / "mission"
+    shutil.copytree(undisturbed, root)
+    (root / "lidar" / "scan02.dat").unlink()
+    (root / "spc" / "MAPFILES" / "TR0003.MAP").unlink()
+    before = times_of(root)
+    make_mission(root, settings=SMALLEST)
+    assert files_of(root) == files_of(undisturbed)
+    after = times_of(root)
+    assert {k for k in before if before[k] == after[k]} >= {k for k in before if "lidar" in k}
+    make_mission(root, settings=SMALLEST)
+    assert times_of(root) == after
+
+
+def test_another_mission_is_removed_only_if_that_is_wanted(
+    undisturbed: Path, tmp_path: Path
+) -> None:
+    root = tmp_path / "mission"
+    shutil.copytree(undisturbed, root)
+    other = replace(SMALLEST, seed=2)
+    with pytest.raises(WorkspaceError, match="holds another mission"):
+        make_mission(root, settings=other)
+    assert files_of(root) == files_of(undisturbed)
+    make_mission(root, settings=other, replace=True)
+    assert json.loads((root / "truth.json").read_text())["settings"]["seed"] == 2
+
+
+def test_parts_of_files_that_a_killed_run_left_are_removed(
+    undisturbed: Path, tmp_path: Path
+) -> None:
+    root = tmp_path / "mission"
+    shutil.copytree(undisturbed, root)
+    (root / "truth.json").rename(tmp_path / "truth.json")
+    with pytest.raises(WorkspaceError, match="other things"):
+        make_mission(root, settings=SMALLEST)
+    (tmp_path / "truth.json").rename(root / "truth.json")
+    (root / "lidar" / ".scan02.dat.abc.part").write_bytes(b"half")
+    (root / "lidar" / "scan02.dat").unlink()
+    make_mission(root, settings=SMALLEST)
+    assert files_of(root) == files_of(undisturbed)
+
+
+def test_two_programs_do_not_make_one_mission(tmp_path: Path) -> None:
+    (tmp_path / MAKING_FOLDER).mkdir()
+    with (
+        locked(tmp_path / MAKING_FOLDER / "lock"),
+        pytest.raises(WorkspaceError, match="another spcola"),
+    ):
+        make_mission(tmp_path, settings=SMALLEST)
+
+
+def test_a_disk_without_room_is_told_before_anything_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full = shutil.disk_usage(tmp_path)._replace(free=1000)
+    monkeypatch.setattr(size_module.shutil, "disk_usage", lambda _: full)
+    with pytest.raises(WorkspaceError, match="the disk has 1 kB free"):
+        make_mission(tmp_path / "new", settings=SMALLEST)
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("preset", sorted(PRESETS))
+def test_every_preset_has_a_size_and_settings_of_its_own(preset: str) -> None:
+    settings = PRESETS[preset](3)
+    assert settings.seed == settings.body.seed == 3
+    assert mission_size(settings).returns > 0
+    assert settings.digest != PRESETS[preset](4).digest
