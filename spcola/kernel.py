@@ -20,6 +20,16 @@ def kernel(function: F) -> F:
     return cast(F, numba.njit(nogil=True, cache=True, error_model="numpy")(function))
 
 
+def inlined_kernel(function: F) -> F:
+    """Compile `function` into each kernel that calls it.
+
+    For the innermost arithmetic of a loop: a loop with a call in it is not vectorised, and the
+    compiler does not inline what is long.
+    """
+    compiled = numba.njit(nogil=True, inline="always", error_model="numpy")(function)
+    return cast(F, compiled)
+
+
 def parallel_kernel(function: F) -> F:
     """Compile `function` with ``numba.prange`` loops spread over the cores."""
     compiled = numba.njit(nogil=True, cache=True, error_model="numpy", parallel=True)(function)

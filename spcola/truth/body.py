@@ -5,87 +5,39 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from spcola.arrays import FloatArray
-from spcola.errors import SettingsError
+from spcola.arrays import AnyArray, FloatArray
+from spcola.icq import IcqShape, icq_directions
 from spcola.maplet import MapletGrid
-from spcola.truth.relief import (
-    BURIED,
-    CRATER_RIM,
-    Features,
-    PowerLaw,
-    draw_boulders,
-    draw_craters,
-    index_features,
-)
-from spcola.truth.roughness import fractal_octaves, noise_field
+from spcola.mesh import Mesh
+from spcola.truth.albedo import AlbedoField, albedos
+from spcola.truth.bodysettings import BodySettings
+from spcola.truth.bounds import Bounds, make_bounds
+from spcola.truth.cells import Indexed, cells_for, index_features
+from spcola.truth.hits import BodyHits
+from spcola.truth.nearest import Nearest, hexagons, nearest_points, normals
+from spcola.truth.relief import Features, draw_boulders, draw_craters, draw_spots
+from spcola.truth.roughness import fractal_octaves
 from spcola.truth.streams import stream
-from spcola.truth.surface import Surface, hits, radii
+from spcola.truth.surface import Surface, radii
+from spcola.truth.terrain import flag
+from spcola.truth.tracing import hits
 
-_CELLS = 48
+__all__ = ["BodySettings", "TruthBody"]
+
 _CHUNK = 16_384
-# Gradient noise stays within ± 1.04 (Perlin's gradients of length √2, in three dimensions).
-_NOISE_BOUND = 1.05
-
-
-@dataclass(frozen=True)
-class BodySettings:
-    """What the body is like.
-
-    Parameters
-    ----------
-    seed : int
-        The same seed and settings give the same body on every machine.
-    radius : float
-        Of the smooth shape's mean, metres.
-    shape : float
-        1 for a spinning top, 0 for a sphere: factor of the low-degree coefficients.
-    roughness : float
-        Rms of the roughness at a wavelength of 4 m, metres; 0 for none.
-    roughness_exponent : float
-        The rms grows with this power of the wavelength.
-    longest, shortest : float
-        Wavelengths between which the body is rough, metres.
-    roughness_contrast : float
-        The amplitude goes as ``1 + contrast · (y² − x²)`` of the direction: greatest at 90° and
-        270° of longitude (Weirich et al., section 2).
-    craters, boulders : PowerLaw
-        How many there are. Slopes are those of Weirich et al., who have 1e4 rocks on a
-        square kilometre; a body so small would show hardly any.
-    albedo : float
-        Rms of the relative albedo about 1.
-    """
-
-    seed: int = 1
-    radius: float = 75.0
-    shape: float = 1.0
-    roughness: float = 0.06
-    roughness_exponent: float = 0.9
-    longest: float = 38.4
-    shortest: float = 1.2
-    roughness_contrast: float = 0.3
-    craters: PowerLaw = field(default_factory=lambda: PowerLaw(3.0e5, 2.9, 4.0, 25.0))
-    boulders: PowerLaw = field(default_factory=lambda: PowerLaw(2.0e4, 2.7, 0.7, 8.0))
-    albedo: float = 0.04
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.radius) and self.radius > 0):
-            raise SettingsError(f"must be positive, not {self.radius} m", "radius")
-        if self.roughness < 0 or not 0 < self.shortest <= self.longest:
-            raise SettingsError("must be ≥ 0 over wavelengths 0 < shortest ≤ longest", "roughness")
-        if not 0 <= self.albedo < 0.2:
-            raise SettingsError(f"must lie in 0 … 0.2, not {self.albedo}", "albedo")
-
-    @classmethod
-    def sphere(cls, radius: float = 75.0) -> BodySettings:
-        """Return settings of a smooth sphere of even albedo, for which formulas are known."""
-        none = PowerLaw(0.0, 2.7, 1.0, 2.0)
-        return cls(0, radius, shape=0.0, roughness=0.0, craters=none, boulders=none, albedo=0.0)
+# The site is as rough as elsewhere at this distance from its middle, in its radii.
+_SITE_EDGE = 1.5
+# A ray may leap this share of the smallest boulder: it cannot pass unseen through more of one
+# than its thinnest edge.
+_LEAP_SHARE = 0.3
+_RINGS = 3
+# Craters larger than this, in the smallest boulder that counts, count as such terrain.
+_CRATER_FACTOR = 2.0
 
 
 class TruthBody:
@@ -106,36 +58,65 @@ class TruthBody:
     @cached_property
     def craters(self) -> Features:
         """Catalogue of the craters, largest first."""
-        return draw_craters(self.settings.craters, self.settings.radius, self.settings.seed)
+        s = self.settings
+        return draw_craters(s.craters, s.radius, s.seed, s.site)
 
     @cached_property
     def boulders(self) -> Features:
         """Catalogue of the boulders, largest first."""
-        return draw_boulders(self.settings.boulders, self.settings.radius, self.settings.seed)
+        s = self.settings
+        return draw_boulders(s.boulders, s.radius, s.seed, s.site)
+
+    @cached_property
+    def spots(self) -> Features:
+        """Catalogue of the bright and dark spots, largest first."""
+        s = self.settings
+        return draw_spots(s.spots, s.radius, s.seed, (s.bright, s.dark))
 
     @cached_property
     def _surface(self) -> Surface:
         s = self.settings
-        zonal, tesseral = _low_degree(s)
-        octaves = fractal_octaves(s.roughness, 4.0, s.roughness_exponent, s.longest, s.shortest)
-        low = s.radius * (np.abs(zonal).sum() + np.abs(tesseral).sum())
-        rough = _NOISE_BOUND * octaves[:, 1].sum() * (1.0 + s.roughness_contrast)
-        rims = 2.0 * CRATER_RIM * self.craters.diameter.max(initial=0.0)
-        boulder = (1.0 - BURIED) * self.boulders.diameter.max(initial=0.0) / 2.0
-        cover = float(rough + rims + boulder + 0.1)
-        crater_lists = index_features(self.craters, s.radius, _CELLS)
-        boulder_lists = index_features(self.boulders, s.radius, _CELLS)
+        octaves = fractal_octaves(
+            s.roughness, 4.0, s.roughness_exponent, s.longest_used, s.shortest
+        )
+        site = _site_numbers(s)
+        long = (2.0 / octaves[:, 0] > 2.0 * s.site.radius_on(s.radius)) if s.site else slice(0)
+        swells = octaves[long]
         return Surface(
-            s.radius, zonal, tesseral, octaves, s.roughness_contrast,
-            _noise_seed(s.seed, "roughness"), _CELLS,
-            self.craters.numbers, *crater_lists, self.boulders.numbers, *boulder_lists,
-            s.radius + low + cover, cover,
+            s.radius, *_low_degree(s), swells, octaves[len(swells) :], s.roughness_contrast,
+            _noise_seed(s.seed, "roughness"), site,
+            self._indexed(self.craters), self._indexed(self.boulders),
         )  # fmt: skip
+
+    @cached_property
+    def _bounds(self) -> Bounds:
+        leap = _LEAP_SHARE * self.settings.boulders.smallest
+
+        def radii_of(surface: Surface, unit: FloatArray) -> FloatArray:
+            return _spread(radii, (surface,), (unit,))
+
+        return make_bounds(self._surface, self.boulders, radii_of, leap)
+
+    @cached_property
+    def _albedo_field(self) -> AlbedoField:
+        s = self.settings
+        octaves = fractal_octaves(s.albedo, 4.0, 0.0, 64.0, 1.0)
+        octaves[:, 1] /= np.sqrt(max(len(octaves), 1))
+        seed = _noise_seed(s.seed, "albedo")
+        return AlbedoField(s.radius, octaves, seed, self._indexed(self.spots))
+
+    def _indexed(self, features: Features) -> Indexed:
+        chords = features.reach / self.settings.radius
+        cells = cells_for(len(features))
+        return index_features(features.numbers, features.direction, chords, cells)
 
     def radius(self, directions: FloatArray) -> FloatArray:
         """Return the radius (N,), metres, in the `directions` (N, 3) of any length."""
-        unit = _unit(directions)
-        return _spread(radii, (self._surface,), (unit,))
+        return _spread(radii, (self._surface,), (_unit(directions),))
+
+    def normals(self, directions: FloatArray) -> FloatArray:
+        """Return the outward unit normals (N, 3) of the surface in the `directions` (N, 3)."""
+        return _spread(normals, (self._surface,), (_unit(directions),), 3)
 
     def cast(self, origins: FloatArray, directions: FloatArray) -> FloatArray:
         """Return the first hits (N, 3), metres, of rays on the surface; NaN where one misses.
@@ -147,27 +128,79 @@ class TruthBody:
         directions : (N, 3) ndarray
             Of any length.
         """
+        return self._hits(origins, directions)[1]
+
+    def first_hits(self, origins: FloatArray, directions: FloatArray) -> BodyHits:
+        """Return distance, points and outward normals of the first hits of rays.
+
+        Parameters
+        ----------
+        origins : (N, 3) ndarray
+            Metres; outside the body.
+        directions : (N, 3) ndarray
+            Of any length.
+        """
+        distance, points = self._hits(origins, directions)
+        across = np.full_like(points, np.nan)
+        hit = np.isfinite(distance)
+        across[hit] = self.normals(points[hit])
+        return BodyHits(distance, points, across)
+
+    def _hits(self, origins: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
         unit = _unit(directions)
         starts = np.ascontiguousarray(np.broadcast_to(origins, unit.shape), dtype=np.float64)
-        distance = _spread(hits, (self._surface,), (starts, unit))
-        points: FloatArray = starts + distance[:, None] * unit
-        return points
+        distance = _spread(hits, (self._surface, self._bounds), (starts, unit))
+        return distance, starts + distance[:, None] * unit
+
+    def nearest(self, points: FloatArray) -> Nearest:
+        """Return the points of the surface nearest to `points` (N, 3), metres.
+
+        The place found is a point of the surface to rounding, and its distance a local minimum
+        to 1e-7 m. It is the least of all where the surface, within that distance of the point,
+        has no detail narrower than a third of the distance: far from the ground another bump may
+        be nearer, by less than that detail is high.
+        """
+        rows = np.ascontiguousarray(points, dtype=np.float64)
+        found = _spread(nearest_points, (self._surface, hexagons(_RINGS)), (rows,), 7)
+        return Nearest(found[:, :3], found[:, 3], found[:, 4:])
 
     def heights(self, grid: MapletGrid) -> FloatArray:
         """Return the heights (2q+1, 2q+1) along Uz of the outermost surface, metres."""
-        reach = 2.0 * self._surface.ceiling + grid.radius
+        reach = 2.0 * self._bounds.ceiling + grid.radius
         nodes = grid.points(np.full(grid.shape, reach)).reshape(-1, 3)
         found = self.cast(nodes, np.broadcast_to(-grid.uz, nodes.shape))
         height: FloatArray = ((found - grid.center) @ grid.uz).reshape(grid.shape)
         return height
 
+    def icq(self, q: int) -> IcqShape:
+        """Return the surface as an ICQ shape of Q = `q`: its vertices lie on it exactly."""
+        directions = icq_directions(q)
+        radius = self.radius(directions.reshape(-1, 3)).reshape(directions.shape[:-1])
+        return IcqShape(radius[..., None] * directions, name="truth")
+
+    def mesh(self, q: int) -> Mesh:
+        """Return the surface as 12 `q`² triangles, of which the vertices lie on it exactly."""
+        return self.icq(q).mesh()
+
     def albedo(self, directions: FloatArray) -> FloatArray:
         """Return the relative albedo (N,), about 1, in the `directions` (N, 3)."""
-        octaves = fractal_octaves(self.settings.albedo, 4.0, 0.0, 32.0, 1.0)
-        octaves[:, 1] /= np.sqrt(max(len(octaves), 1))
-        points = self.settings.radius * _unit(directions)
-        seed = _noise_seed(self.settings.seed, "albedo")
-        return 1.0 + _spread(noise_field, (octaves, seed), (points,))
+        return _spread(albedos, (self._albedo_field,), (_unit(directions),))
+
+    def terrain(self, directions: FloatArray, *, smallest: float) -> AnyArray:
+        """Return what ground lies in the `directions` (N, 3): flags (N,) of uint8.
+
+        The flags, of :mod:`spcola.truth.terrain`: BOULDER inside the outline of a boulder whose
+        longest axis is at least `smallest`, metres; CRATER inside the rim of a crater at least
+        twice as wide; SMOOTH on the smooth site.
+        """
+        unit = _unit(directions)
+        counts = (
+            int(np.count_nonzero(self.boulders.diameter >= smallest)),
+            int(np.count_nonzero(self.craters.diameter >= _CRATER_FACTOR * smallest)),
+        )
+        flags = np.empty(len(unit), np.uint8)
+        flag(self._surface, unit, *counts, flags)
+        return flags
 
     def mean_plane(self, direction: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
         """Return centroid (3,), metres, and outward unit normal (3,) of the ground about.
@@ -192,6 +225,15 @@ def _low_degree(settings: BodySettings) -> tuple[FloatArray, FloatArray]:
     return settings.shape * zonal, settings.shape * tesseral
 
 
+def _site_numbers(settings: BodySettings) -> FloatArray:
+    """Return the `site` (6,) of a :class:`Surface`; of no extent where there is none."""
+    if settings.site is None:
+        return np.array([1.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    chord = settings.site.radius_on(settings.radius) / settings.radius
+    ends = [chord, _SITE_EDGE * chord, settings.site.share]
+    return np.concatenate([settings.site.direction, ends])
+
+
 def _noise_seed(seed: int, purpose: str) -> int:
     """Return a 32-bit seed of the lattice hash."""
     return int(stream(seed, purpose).integers(2**32))
@@ -205,15 +247,18 @@ def _unit(vectors: FloatArray) -> FloatArray:
 
 
 def _spread(
-    fill: Callable[..., None], fixed: tuple[Any, ...], rows: tuple[FloatArray, ...]
+    fill: Callable[..., None],
+    fixed: tuple[Any, ...],
+    rows: tuple[FloatArray, ...],
+    width: int | None = None,
 ) -> FloatArray:
     """Call ``fill(*fixed, *rows, out)`` by chunks of the `rows` (N, 3), on all cores.
 
-    Plain threads over kernels without the GIL rather than one parallel kernel: these may be
-    called from worker threads, where parallel regions must not meet. Each result depends on its
-    own row alone, so that chunks and threads leave no trace in it.
+    `out` is (N,), or (N, `width`). Plain threads over kernels without the GIL rather than one
+    parallel kernel: these may be called from worker threads, where parallel regions must not
+    meet. Each result depends on its own row alone, so that chunks and threads leave no trace.
     """
-    out = np.empty(len(rows[0]))
+    out = np.empty(len(rows[0]) if width is None else (len(rows[0]), width))
     cuts = [slice(i, i + _CHUNK) for i in range(0, len(out), _CHUNK)]
 
     def work(cut: slice) -> None:

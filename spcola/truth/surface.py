@@ -1,4 +1,4 @@
-"""The radius of the synthetic body in any direction, and the first hit of a ray on it."""
+"""The radius of the synthetic body in any direction."""
 
 from __future__ import annotations
 
@@ -6,48 +6,37 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spcola.arrays import FloatArray, IntArray
+from spcola.arrays import FloatArray
 from spcola.kernel import kernel
-from spcola.truth.relief import boulder_height, cell_of, crater_height
-from spcola.truth.roughness import fractal_noise
+from spcola.truth.cells import Indexed, cell_at, face_place
+from spcola.truth.relief import boulder_height, crater_height
+from spcola.truth.roughness import add_noise
 
-# A ray goes on by this share of its height above the ground: the ground, with slopes up to 63°,
-# cannot come to meet it within the step.
-_STEP_SHARE = 0.45
-_LEAST_STEP = 0.02
-# Above all relief only the smooth shape counts, of which the slopes stay under 40°.
-_SMOOTH_SHARE = 0.7
-_NEAR_COVER = 0.3
-_ON_SURFACE = 1e-11
-_MOST_STEPS = 20_000
-_MOST_REFINEMENTS = 80
+BLOCK = 256
+"""Directions that are worked on together: their scratch stays in the fastest cache."""
 
 
 class Surface(NamedTuple):
     """All numbers of a surface, as the kernels take them; lengths in metres.
 
     `zonal` (3,) are the coefficients of P2, P3, P4; `tesseral` (4, 2) those of the real and
-    imaginary part of ``z·(x+iy)``, ``(x+iy)²``, ``(x+iy)³``, ``(x+iy)⁴``. `octaves` are those of
-    the roughness, of which the amplitude goes as ``1 + roughness_contrast · (y² − x²)``; features
-    are listed by cells of a cube (see :func:`spcola.truth.relief.index_features`). No point of the
-    surface is further from O than `ceiling`, or more than `cover` above the smooth shape.
+    imaginary part of ``z·(x+iy)``, ``(x+iy)²``, ``(x+iy)³``, ``(x+iy)⁴``. `swells` and `octaves`
+    are those of the roughness, longer and shorter than the smooth site, of which the amplitude
+    goes as ``1 + roughness_contrast · (y² − x²)``; the shorter ones are weaker on the `site`
+    (6,): its direction, the chords of the unit sphere at which it ends and at which the ground is
+    as rough as elsewhere, and the share that is left.
     """
 
     radius: float
     zonal: FloatArray
     tesseral: FloatArray
+    swells: FloatArray
     octaves: FloatArray
     roughness_contrast: float
     seed: int
-    cells: int
-    craters: FloatArray
-    crater_start: IntArray
-    crater_items: IntArray
-    boulders: FloatArray
-    boulder_start: IntArray
-    boulder_items: IntArray
-    ceiling: float
-    cover: float
+    site: FloatArray
+    craters: Indexed
+    boulders: Indexed
 
 
 @kernel
@@ -68,131 +57,58 @@ def low_degree(surface: Surface, x: float, y: float, z: float) -> float:
 
 
 @kernel
-def radius_at(surface: Surface, x: float, y: float, z: float) -> float:
-    """Return the radius, metres, in the unit direction (x, y, z)."""
-    size = surface.radius
-    ground = size * low_degree(surface, x, y, z)
-    rough = 1.0 + surface.roughness_contrast * (y * y - x * x)
-    ground += rough * fractal_noise(x * size, y * size, z * size, surface.octaves, surface.seed)
-    cell = cell_of(x, y, z, surface.cells)
-    for item in range(surface.crater_start[cell], surface.crater_start[cell + 1]):
-        ground += crater_height(x, y, z, size, surface.craters[surface.crater_items[item]])
-    boulder = 0.0
-    for item in range(surface.boulder_start[cell], surface.boulder_start[cell + 1]):
-        height = boulder_height(x, y, z, size, surface.boulders[surface.boulder_items[item]])
-        boulder = max(boulder, height)
-    return ground + boulder
+def smoothed(surface: Surface, x: float, y: float, z: float) -> float:
+    """Return the share of the short roughness that the site leaves in a unit direction."""
+    s = surface.site
+    dx, dy, dz = x - s[0], y - s[1], z - s[2]
+    square = dx * dx + dy * dy + dz * dz
+    if square >= s[4] * s[4]:
+        return 1.0
+    rise = max(0.0, (np.sqrt(square) - s[3]) / (s[4] - s[3]))
+    return s[5] + (1.0 - s[5]) * rise * rise * (3.0 - 2.0 * rise)
+
+
+@kernel
+def relief_at(surface: Surface, x: float, y: float, z: float) -> float:
+    """Return what craters and boulders add to the radius in a unit direction, metres."""
+    face, s, t = face_place(x, y, z)
+    size, relief, top = surface.radius, 0.0, 0.0
+    craters, boulders = surface.craters, surface.boulders
+    cell = cell_at(face, s, t, craters.cells)
+    for place in range(craters.start[cell], craters.start[cell + 1]):
+        relief += crater_height(x, y, z, size, craters.numbers[craters.items[place]])
+    cell = cell_at(face, s, t, boulders.cells)
+    for place in range(boulders.start[cell], boulders.start[cell + 1]):
+        height = boulder_height(x, y, z, size, boulders.numbers[boulders.items[place]])
+        top = max(top, height)
+    return relief + top
+
+
+@kernel
+def block_radii(surface: Surface, d: FloatArray, out: FloatArray, scratch: FloatArray) -> None:
+    """Fill `out` (N,) with the radius in the unit directions `d` (N, 3).
+
+    `scratch` is (5, M), M ≥ N.
+    """
+    count, size = len(out), surface.radius
+    swell, rough = scratch[3], scratch[4]
+    for i in range(count):
+        for axis in range(3):
+            scratch[axis, i] = size * d[i, axis]
+        swell[i], rough[i] = 0.0, 0.0
+    add_noise(scratch, surface.swells, surface.seed, swell, count)
+    add_noise(scratch, surface.octaves, surface.seed, rough, count)
+    for i in range(count):
+        x, y, z = d[i, 0], d[i, 1], d[i, 2]
+        strength = 1.0 + surface.roughness_contrast * (y * y - x * x)
+        noise = strength * (swell[i] + smoothed(surface, x, y, z) * rough[i])
+        out[i] = size * low_degree(surface, x, y, z) + noise + relief_at(surface, x, y, z)
 
 
 @kernel
 def radii(surface: Surface, directions: FloatArray, out: FloatArray) -> None:
     """Fill `out` (N,) with the radius in each of the unit `directions` (N, 3)."""
-    for i in range(len(directions)):
-        out[i] = radius_at(surface, directions[i, 0], directions[i, 1], directions[i, 2])
-
-
-@kernel
-def clearance(surface: Surface, px: float, py: float, pz: float) -> float:
-    """Return how far a point lies above the surface along its own radius, metres."""
-    length = np.sqrt(px * px + py * py + pz * pz)
-    return length - radius_at(surface, px / length, py / length, pz / length)
-
-
-@kernel
-def _along(surface: Surface, origin: FloatArray, beam: FloatArray, t: float) -> float:
-    """Clearance at `origin` + t·`beam`."""
-    return clearance(
-        surface,
-        origin[0] + t * beam[0],
-        origin[1] + t * beam[1],
-        origin[2] + t * beam[2],
-    )
-
-
-@kernel
-def _crossing(
-    surface: Surface,
-    origin: FloatArray,
-    beam: FloatArray,
-    above: tuple[float, float],
-    below: tuple[float, float],
-) -> float:
-    """Return where the clearance crosses zero between `above` and `below`: (t, clearance) each.
-
-    Regula falsi in the Illinois form, which halves the value of an end that stays twice; every
-    eighth step bisects, so that a kink cannot stall it.
-    """
-    side = 0
-    (t_above, f_above), (t_below, f_below) = above, below
-    for step in range(_MOST_REFINEMENTS):
-        middle = 0.5 * (t_above + t_below)
-        if step % 8 != 7:
-            middle = t_above + (t_below - t_above) * f_above / (f_above - f_below)
-        value = _along(surface, origin, beam, middle)
-        if abs(value) < _ON_SURFACE or t_below - t_above < _ON_SURFACE:
-            return middle
-        if value > 0.0:
-            t_above, f_above = middle, value
-            f_below *= 0.5 if side == 1 else 1.0
-            side = 1
-        else:
-            t_below, f_below = middle, value
-            f_above *= 0.5 if side == -1 else 1.0
-            side = -1
-    return 0.5 * (t_above + t_below)
-
-
-@kernel
-def _above_relief(
-    surface: Surface, origin: FloatArray, beam: FloatArray, t: float, end: float
-) -> float:
-    """Return how far a ray may go from t (to `end` at most) without meeting any relief."""
-    while t < end:
-        x = origin[0] + t * beam[0]
-        y = origin[1] + t * beam[1]
-        z = origin[2] + t * beam[2]
-        length = np.sqrt(x * x + y * y + z * z)
-        smooth = surface.radius * low_degree(surface, x / length, y / length, z / length)
-        gap = length - smooth - surface.cover
-        if gap < _NEAR_COVER:
-            break
-        t += _SMOOTH_SHARE * gap
-    return t
-
-
-@kernel
-def first_hit(surface: Surface, origin: FloatArray, beam: FloatArray) -> float:
-    """Return the distance along the unit vector `beam` to the surface, NaN for a miss, metres.
-
-    The ray is followed from where it enters the sphere around the body, in steps that shrink with
-    the height above the ground, until it is below; what is grazed by less than 2 cm may be missed.
-    """
-    closest = -(origin[0] * beam[0] + origin[1] * beam[1] + origin[2] * beam[2])
-    foot = origin + closest * beam
-    square = surface.ceiling**2 - (foot[0] ** 2 + foot[1] ** 2 + foot[2] ** 2)
-    if square <= 0.0 or closest + np.sqrt(square) < 0.0:
-        return np.nan
-    # Distances from the foot (the point next to O): of the body's size, not of the range's.
-    end = np.sqrt(square)
-    t = max(-end, -closest)
-    last = (t, 0.0)
-    for _ in range(_MOST_STEPS):
-        t = _above_relief(surface, foot, beam, t, end)
-        if t >= end:
-            break
-        height = _along(surface, foot, beam, t)
-        if height < 0.0:
-            # A ray that begins below the ground has nothing to hit.
-            return (
-                closest + _crossing(surface, foot, beam, last, (t, height)) if last[1] else np.nan
-            )
-        last = (t, height)
-        t += max(_STEP_SHARE * height, _LEAST_STEP)
-    return np.nan
-
-
-@kernel
-def hits(surface: Surface, origins: FloatArray, beams: FloatArray, out: FloatArray) -> None:
-    """Fill `out` (N,) with the distance of the first hit of each ray, NaN where it misses."""
-    for i in range(len(origins)):
-        out[i] = first_hit(surface, origins[i], beams[i])
+    scratch = np.empty((5, BLOCK))
+    for start in range(0, len(out), BLOCK):
+        end = min(start + BLOCK, len(out))
+        block_radii(surface, directions[start:end], out[start:end], scratch)
