@@ -107,8 +107,9 @@ def _leaves(line: Line, first: tuple[int, int], size: int, t: float) -> tuple[fl
 def _square_of(line: Line, t: float, size: int, count: int) -> tuple[int, int]:
     """Return the column and row, of squares of `size` cells, at t."""
     w = line.w0 + line.wd * t
-    column = int((line.x0 + line.xd * t) / w) // size
-    row = int((line.y0 + line.yd * t) / w) // size
+    # Sizes are powers of two, and the division of integers is slow.
+    column = int((line.x0 + line.xd * t) / w / size)
+    row = int((line.y0 + line.yd * t) / w / size)
     return min(count - 1, max(0, column)), min(count - 1, max(0, row))
 
 
@@ -222,15 +223,16 @@ def _in_tile(
         if leave >= end:
             return np.nan
         t = leave
-        w = line.w0 + line.wd * t
         if through_u:
             column = (i + 1) * block if line.across > 0 else i * block - 1
-            inside = int((line.y0 + line.yd * t) / w) - corner[1]
-            row = min((j + 1) * block - 1, max(j * block, inside))
+            if level > 0:
+                inside = int((line.y0 + line.yd * t) / (line.w0 + line.wd * t)) - corner[1]
+                row = min((j + 1) * block - 1, max(j * block, inside))
         else:
             row = (j + 1) * block if line.along > 0 else j * block - 1
-            inside = int((line.x0 + line.xd * t) / w) - corner[0]
-            column = min((i + 1) * block - 1, max(i * block, inside))
+            if level > 0:
+                inside = int((line.x0 + line.xd * t) / (line.w0 + line.wd * t)) - corner[0]
+                column = min((i + 1) * block - 1, max(i * block, inside))
         if column < 0 or row < 0 or column >= size or row >= size:
             return np.nan
         if column >> (level + 1) != i >> 1 or row >> (level + 1) != j >> 1:
