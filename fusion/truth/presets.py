@@ -18,6 +18,8 @@ from spcola.truth.solution import SolutionSettings
 from spcola.truth.states import StateSettings
 
 LIDAR_FRAME, SPC_FRAME = "lidar", "spc"
+FAR_DIVERGENCE = 4.0e-5
+"""Divergence, rad, by which the footprint at 3.5 km is what OLA's is at 750 m."""
 LIDAR_FORMATS = {"ola": ".dat", "hdf5": ".h5", "laz": ".laz"}
 """Formats that scans can be written in, and the endings of their files."""
 
@@ -81,7 +83,7 @@ class MissionSettings:
             seed=seed,
             body=BodySettings(seed=seed, radius=40.0),
             passes=PassSettings(count=8, days=2),
-            lidar=LidarSettings(shots=8_100, width=1.5),
+            lidar=LidarSettings(width=60.0, spacing=60.0 / 90, divergence=FAR_DIVERGENCE),
             solution=SolutionSettings(half_size=27, gsd=0.75, maplets=24),
             shape_q=24,
         )
@@ -89,7 +91,11 @@ class MissionSettings:
     @classmethod
     def mini(cls, seed: int = 1) -> MissionSettings:
         """Return the mission of the demo: a body of 75 m, 20 scans, 64 maplets."""
-        return cls(seed=seed, body=BodySettings(seed=seed, radius=75.0))
+        return cls(
+            seed=seed,
+            body=BodySettings(seed=seed, radius=75.0),
+            lidar=LidarSettings(width=105.0, spacing=0.42, divergence=FAR_DIVERGENCE),
+        )
 
     @classmethod
     def bennu(cls, seed: int = 1) -> MissionSettings:
@@ -99,7 +105,7 @@ class MissionSettings:
             seed=seed,
             body=BodySettings(seed=seed, radius=radius),
             passes=PassSettings(40, "poles-belt-samples", nearest=900.0, farthest=1100.0),
-            lidar=LidarSettings(shots=1_210_000, width=100.0 / radius),
+            lidar=LidarSettings(width=100.0, spacing=100.0 / 1100),
             solution=SolutionSettings(gsd=0.35, maplets=1600),
             shape_q=256,
         )

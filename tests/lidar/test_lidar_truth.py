@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -16,7 +14,7 @@ from spcola.truth.body import BodySettings, TruthBody
 from spcola.truth.passes import Pass, PassSettings, plan_passes
 from spcola.truth.streams import stream
 
-QUIET = LidarSettings(shots=1600, range_sigma=0.0, stray_share=0.0, dropout_share=0.0, width=1.2)
+QUIET = LidarSettings.exact(48.0, 1.2)
 AT = Pass(1, 615_211_269.184, 300.0, 15465.6, 0.7, 0.4, 3500.0)
 
 
@@ -63,27 +61,37 @@ def test_a_pointing_error_moves_points_across_the_beam(body: TruthBody) -> None:
     assert np.max(np.abs(np.sum(shift * moved.beam, axis=1))) < 2e-3
 
 
-def test_noise_strays_and_lost_shots_come_as_often_as_stated(body: TruthBody) -> None:
-    settings = LidarSettings(shots=40_000, width=1.2)
-    scan = _scan(body, settings)
-    exact = _scan(body, replace(QUIET, shots=40_000))
-    lost = scan.flag % 100 == 2
-    assert np.mean(lost) == pytest.approx(0.01, abs=0.002)
+def test_noise_strays_and_lost_shots_come_as_often_as_stated() -> None:
+    # On a sphere seen at its middle no shot goes in at a steep angle.
+    body = TruthBody(BodySettings.sphere(60.0))
+    settings = LidarSettings(width=40.0, spacing=0.2, slope_noise=0.0, overflow_share=0.02)
+    scan, exact = _scan(body, settings), _scan(body, LidarSettings.exact(40.0, 0.2))
+    flag = scan.flag % 100
+    assert np.mean(flag == 2) == pytest.approx(0.01, abs=0.0015)
+    assert np.mean(flag == 1) == pytest.approx(0.02, abs=0.002)
+    assert np.mean(flag == 3) == pytest.approx(0.0005, abs=0.0003)
+    lost = (flag == 2) | (flag == 3)
     np.testing.assert_allclose(scan.range[lost], -1.12892)
-    beside = np.linalg.norm(scan.points - scan.spacecraft, axis=1)[lost]
-    assert np.max(beside) < 0.1
+    assert np.max(np.linalg.norm(scan.points - scan.spacecraft, axis=1)[lost]) < 0.1
+    assert np.all((scan.intensity == 0) == lost)
     error = (scan.range - exact.range)[~lost]
-    assert np.mean(np.abs(error) > 0.2) == pytest.approx(0.005, abs=0.0015)
-    assert np.std(error[np.abs(error) < 0.2]) == pytest.approx(0.03, rel=0.02)
+    strays = np.abs(error) > 0.2
+    assert np.mean(strays) == pytest.approx(0.005, abs=0.0015)
+    assert np.max(np.abs(error)) < 30.2
+    assert np.std(error[~strays]) == pytest.approx(0.03, rel=0.02)
 
 
 def test_the_table_reads_back_without_its_rejects(body: TruthBody, tmp_path) -> None:
-    scan = _scan(body, LidarSettings(shots=2500, width=2.2))
+    settings = LidarSettings(width=88.0, spacing=88.0 / 50, overflow_share=0.02)
+    scan = _scan(body, settings)
     write_ola(tmp_path / "scan01.dat", [scan])
     back = read_scan(tmp_path / "scan01.dat")
-    good = scan.flag % 100 == 0
+    flag = scan.flag % 100
+    good = flag == 0
     assert 0 < good.sum() < 2500
-    assert dict(back.rejected) == {"no return": 2500 - good.sum()}
+    names = {1: "overflow", 2: "no return", 3: "missing"}
+    counts = {name: np.sum(flag == value) for value, name in names.items()}
+    assert dict(back.rejected) == {name: count for name, count in counts.items() if count}
     np.testing.assert_array_equal(back.points, scan.points[good])
     np.testing.assert_array_equal(back.spacecraft, scan.spacecraft[good])
 
@@ -127,7 +135,7 @@ def test_passes_keep_their_local_time_and_their_order() -> None:
 
 
 def test_settings_out_of_range_are_refused() -> None:
-    for wrong in ({"shots": 1}, {"range_sigma": -1.0}, {"stray_share": 1.5}):
+    for wrong in ({"width": 0.1}, {"range_sigma": -1.0}, {"stray_share": 1.5}):
         with pytest.raises(SettingsError):
             LidarSettings(**wrong)
     with pytest.raises(SettingsError):

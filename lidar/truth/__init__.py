@@ -1,0 +1,19 @@
+"""Lidar of the synthetic body: raster scans and nadir tracks, their errors, their files."""
+
+from lidar.truth.scan import make_scan, scan_chunks, scan_name, track_chunks, track_name
+from lidar.truth.settings import LidarSettings, ScanErrors, draw_errors
+from lidar.truth.track import Track, TrackSettings, plan_tracks
+
+__all__ = [
+    "LidarSettings",
+    "ScanErrors",
+    "Track",
+    "TrackSettings",
+    "draw_errors",
+    "make_scan",
+    "plan_tracks",
+    "scan_chunks",
+    "scan_name",
+    "track_chunks",
+    "track_name",
+]

@@ -1,0 +1,122 @@
+"""Scans of the synthetic body, with the errors and the rejects of a real altimeter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from lidar.scan import Scan, join
+from lidar.truth.echoes import flags, meet, stated_range, strengths
+from lidar.truth.settings import DEMODULATOR, LidarSettings, ScanErrors
+from lidar.truth.shots import Shots, raster_shots, track_shots, unit
+from lidar.truth.track import Track
+from spcola.truth.body import TruthBody
+from spcola.truth.passes import Pass
+
+CHUNK = 250_000
+"""Shots that are in memory at once, if not stated otherwise."""
+
+
+def scan_chunks(
+    body: TruthBody,
+    at: Pass,
+    *,
+    settings: LidarSettings,
+    errors: ScanErrors,
+    generator: np.random.Generator,
+    chunk: int = CHUNK,
+) -> Iterator[Scan]:
+    """Yield every shot of a raster scan as a table states it, rejects included.
+
+    A real table holds the shots without echo too (flag 2, sentinel range, a position beside the
+    spacecraft): write them with :func:`lidar.truth.files.write_scans`, do not use them as they
+    are. The scan is the same however it is cut into chunks.
+
+    Parameters
+    ----------
+    body : TruthBody
+        Its body-fixed frame is that of the scan.
+    at : Pass
+        Where the spacecraft is.
+    settings : LidarSettings
+    errors : ScanErrors
+        What is wrong with the whole scan.
+    generator : numpy.random.Generator
+        Of the noise of single shots.
+    chunk : int
+        Shots that are in memory at once.
+    """
+    on = DEMODULATOR if settings.demodulator and at.number % 2 else 0
+    for shots in raster_shots(body, at, settings, generator, chunk):
+        yield _scan(scan_name(at), body, shots, settings, errors, on)
+
+
+def track_chunks(
+    body: TruthBody,
+    at: Track,
+    *,
+    settings: LidarSettings,
+    errors: ScanErrors,
+    generator: np.random.Generator,
+    chunk: int = CHUNK,
+) -> Iterator[Scan]:
+    """Yield every shot of a nadir track as a table states it, rejects included.
+
+    Of the `settings` all but the raster holds. Errors of pointing are along and across the track.
+    """
+    on = DEMODULATOR if settings.demodulator and at.number % 2 else 0
+    for shots in track_shots(body, at, generator, chunk):
+        yield _scan(track_name(at), body, shots, settings, errors, on)
+
+
+def make_scan(
+    body: TruthBody,
+    at: Pass,
+    *,
+    settings: LidarSettings,
+    errors: ScanErrors,
+    generator: np.random.Generator,
+) -> Scan:
+    """Return all that :func:`scan_chunks` yields as one scan; for those that fit into memory."""
+    chunks = scan_chunks(body, at, settings=settings, errors=errors, generator=generator)
+    return join(scan_name(at), list(chunks))
+
+
+def scan_name(at: Pass) -> str:
+    """Return the name of the scan of a pass."""
+    return f"scan{at.number:02d}"
+
+
+def track_name(at: Track) -> str:
+    """Return the name of the table of a track."""
+    return f"track{at.number:02d}"
+
+
+def _scan(
+    name: str,
+    body: TruthBody,
+    shots: Shots,
+    settings: LidarSettings,
+    errors: ScanErrors,
+    demodulator: int,
+) -> Scan:
+    """Return the shots of a chunk as a table states them."""
+    ground = meet(body, shots, settings)
+    flag = flags(shots, ground, settings)
+    measured = stated_range(shots, ground, settings, errors, flag)
+    along, across = errors.pointing_m
+    beam = unit(shots.beam + (along * shots.along + across * shots.across) / shots.gap)
+    spacecraft = shots.spacecraft + np.array(errors.offset_m)
+    return Scan(
+        name=name,
+        time=shots.time,
+        range=measured,
+        spacecraft=spacecraft,
+        beam=beam,
+        points=spacecraft + (measured + settings.reference_offset)[:, None] * beam,
+        intensity=strengths(body, shots, ground, settings, flag),
+        flag=(flag + demodulator).astype(np.int16),
+        # What a table's user is told of the noise: the level at normal incidence.
+        sigma=np.full(len(shots), settings.range_sigma),
+    )

@@ -1,0 +1,157 @@
+"""What the scans of a synthetic mission are like, and how wrong they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from spcola.errors import SettingsError
+
+NO_ECHO_RANGE = -1.12892
+"""Range, metres, that OLA's tables give where no echo came back."""
+VALID, OVERFLOW, NO_RETURN, MISSING = 0, 1, 2, 3
+"""Values of the flag in OLA's tables."""
+DEMODULATOR = 100
+"""What is added to the flag while the demodulator is on."""
+
+_SIGMAS = ("range_sigma", "slope_noise", "trajectory_sigma", "pointing_sigma", "intensity_noise")
+_SHARES = ("stray_share", "dropout_share", "overflow_share", "missing_share")
+
+
+@dataclass(frozen=True)
+class LidarSettings:
+    """What the scans are like; the error levels are what is published for Bennu.
+
+    Parameters
+    ----------
+    width : float
+        Of the square raster on the ground, metres.
+    spacing : float
+        Between neighbouring shots and lines of a raster, metres.
+    range_sigma : float
+        Of a single return at normal incidence, metres (1 σ).
+    divergence : float
+        Full width of the beam to 1/e², radians: twice a beam of 100 µrad, for what lies at some
+        750 m. The footprint's standard deviation is a quarter of that times the distance.
+    slope_noise : float
+        Share of the depth that the footprint spans on sloping ground, its standard deviation
+        times the tangent of the incidence, which is added (in squares) to `range_sigma`.
+    subrays : int
+        Rays over the footprint of which the range is the mean; 1: the axis of the beam alone.
+    dropout_share : float
+        Of the shots, at normal incidence: without echo.
+    grazing_deg : float
+        Beyond this incidence more and more echoes are lost, at 90° all.
+    stray_share, stray_reach : float
+        Share of the returns with a range that has nothing to do with the surface: they lie up to
+        `stray_reach` before and behind it, metres.
+    overflow_share, missing_share : float
+        Of the shots: flagged as overflow; never recorded.
+    intensity_noise : float
+        Relative, of the strength of each echo (1 σ).
+    trajectory_sigma : float
+        Of each scan's error of the spacecraft position, for each axis, metres.
+    pointing_sigma : float
+        Of each scan's error of pointing, on the ground, for each direction, metres.
+    range_bias : float
+        What all ranges are too long by, metres.
+    reference_offset : float
+        Distance from spacecraft to surface less the range as the tables give it, metres.
+    demodulator : bool
+        Whether the passes of odd number have the demodulator on.
+    """
+
+    width: float = 100.0
+    spacing: float = 0.07
+    range_sigma: float = 0.03
+    divergence: float = 2.0e-4
+    slope_noise: float = 0.5
+    subrays: int = 1
+    dropout_share: float = 0.01
+    grazing_deg: float = 60.0
+    stray_share: float = 0.005
+    stray_reach: float = 30.0
+    overflow_share: float = 0.0005
+    missing_share: float = 0.0005
+    intensity_noise: float = 0.05
+    trajectory_sigma: float = 0.05
+    pointing_sigma: float = 0.05
+    range_bias: float = 0.0
+    reference_offset: float = 1.1
+    demodulator: bool = True
+
+    def __post_init__(self) -> None:
+        if not 0 < 2 * self.spacing <= self.width < np.inf:
+            raise SettingsError("needs a width of two spacings at least, metres", "scans")
+        if not all(0 <= getattr(self, name) < np.inf for name in _SIGMAS):
+            raise SettingsError("must not be negative", "error levels of the scans")
+        shares = [getattr(self, name) for name in _SHARES]
+        if min(shares) < 0 or sum(shares) >= 1:
+            raise SettingsError("shares of strays and lost shots must stay below 1", "scans")
+        if self.subrays < 1 or not 0 <= self.divergence < 0.1:
+            raise SettingsError("needs a ray, and a divergence of 0 … 0.1 rad", "beam")
+        if not 0 < self.grazing_deg < 90 or self.stray_reach < 0:
+            raise SettingsError("grazing incidence or reach of strays out of range", "scans")
+
+    @classmethod
+    def exact(cls, width: float, spacing: float) -> LidarSettings:
+        """Return settings of scans without any error or loss of single shots."""
+        none: dict[str, Any] = dict.fromkeys((*_SIGMAS, *_SHARES), 0.0)
+        return cls(width=width, spacing=spacing, grazing_deg=89.999, **none)
+
+    @property
+    def lines(self) -> int:
+        """Lines of a raster, and shots of a line."""
+        return max(2, round(self.width / self.spacing))
+
+    @property
+    def shots(self) -> int:
+        """Shots of a raster."""
+        return self.lines**2
+
+    @property
+    def expected_share(self) -> float:
+        """Share of the shots at ground that is not steep which become returns."""
+        return 1.0 - self.dropout_share - self.overflow_share - self.missing_share
+
+
+@dataclass(frozen=True)
+class ScanErrors:
+    """What is wrong with a whole scan.
+
+    Attributes
+    ----------
+    offset_m : tuple of 3 float
+        Stated minus true position of the spacecraft, body-fixed.
+    pointing_m : tuple of 2 float
+        Error of pointing on the ground, along and across the raster's lines.
+    range_scale : float
+        Stated ranges are true ones times 1 + this (the bias of a day).
+    range_bias_m : float
+        Stated ranges are longer than true ones by this, beside.
+    """
+
+    offset_m: tuple[float, ...] = (0.0, 0.0, 0.0)
+    pointing_m: tuple[float, ...] = (0.0, 0.0)
+    range_scale: float = 0.0
+    range_bias_m: float = 0.0
+
+
+def draw_errors(
+    settings: LidarSettings,
+    generator: np.random.Generator,
+    *,
+    range_scale: float = 0.0,
+    range_bias: float = 0.0,
+) -> ScanErrors:
+    """Draw the errors of one scan; `range_bias` (of its day, m) adds to that of the settings."""
+    offset = settings.trajectory_sigma * generator.normal(size=3)
+    pointing = settings.pointing_sigma * generator.normal(size=2)
+    return ScanErrors(
+        tuple(offset.tolist()),
+        tuple(pointing.tolist()),
+        range_scale,
+        settings.range_bias + range_bias,
+    )
