@@ -1,25 +1,25 @@
-"""Images of the synthetic body as states: where SPC puts the spacecraft, and what it sees."""
+"""States of the synthetic images: the true one, the one SPC solved for, and navigation's."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from spcola.arrays import FloatArray
-from spcola.camera import Camera
 from spcola.errors import SettingsError
 from spcola.image import ImagePoint, SpcImage
 from spcola.landmark import Landmark, MapOverlap
 from spcola.maplet import Maplet
 from spcola.nominal import NominalState
-from spcola.projection import project
+from spcola.projection import project, rotate_axes
 from spcola.similarity import Similarity
 from spcola.time import utc_from_et
+from spcola.truth.cameras import framing_camera, looking, turned_to
 from spcola.truth.passes import Pass, PassSettings
+from spcola.truth.stations import Station
 
-_PIXELS_PER_MM = 1.0 / 0.0085
 # Beyond these angles from the normal a landmark is not measured, or too dark.
 _MOST_EMISSION_DEG = 65.0
 _MOST_INCIDENCE_DEG = 80.0
@@ -40,44 +40,133 @@ class StateSettings:
     nominal_sigmas : tuple of 3 float
         Of nominal positions, for each axis, metres: each deviation is capped at 1 σ
         (Weirich et al., section 3).
+    nominal_pointing_sigma : float
+        Of nominal pointing, about each camera axis, radians.
+    bits : int
+        Depth of the images, from which the thresholds of brightness follow.
+    most_emission_deg, most_incidence_deg : float
+        Beyond these angles from the maplet's normal a landmark is not measured, or too dark.
+    coarsest : float
+        An image of which a pixel covers more GSDs than this has nothing to say about a maplet.
     """
 
     per_pass: int = 3
     position_sigma: float = 0.20
     pixel_sigma: float = 0.3
     nominal_sigmas: tuple[float, float, float] = (6.4, 6.4, 6.4)
+    nominal_pointing_sigma: float = 1.0e-4
+    bits: int = 16
+    most_emission_deg: float = 65.0
+    most_incidence_deg: float = 80.0
+    coarsest: float = 3.0
 
     def __post_init__(self) -> None:
         if self.per_pass < 1:
             raise SettingsError(f"must be at least 1, not {self.per_pass}", "images of a pass")
-        if min(self.position_sigma, self.pixel_sigma, *self.nominal_sigmas) < 0:
+        sigmas = (self.position_sigma, self.pixel_sigma, self.nominal_pointing_sigma)
+        if min(*sigmas, *self.nominal_sigmas) < 0:
             raise SettingsError("must not be negative", "error levels of the states")
+        if not 8 <= self.bits <= 16:
+            raise SettingsError(f"must lie between 8 and 16, not {self.bits}", "bits of the images")
+        angles = (self.most_emission_deg, self.most_incidence_deg)
+        if not (0 < min(angles) <= max(angles) <= 90 and self.coarsest > 0):
+            raise SettingsError("angles or coarsest pixel out of range", "landmarks")
+
+    @property
+    def thresholds(self) -> tuple[int, int]:
+        """Lowest and highest brightness that counts, DN: above the noise, below saturation."""
+        return 2**self.bits // 256, 2**self.bits - 2
 
 
-def mapping_camera() -> Camera:
-    """Return a framing camera like MapCam: 125 mm, 68 µrad pixels, 1024²."""
-    return _camera(125.2)
+@dataclass(frozen=True, eq=False)
+class SolvedState:
+    """One image in three states.
 
-
-def narrow_camera() -> Camera:
-    """Return a framing camera like PolyCam: 629 mm, 13.5 µrad pixels, 1024²."""
-    return _camera(628.9)
-
-
-def _camera(focal_length_mm: float) -> Camera:
-    k_matrix = [[_PIXELS_PER_MM, 0.0, 0.0], [0.0, _PIXELS_PER_MM, 0.0]]
-    return Camera(focal_length_mm, np.full(2, 512.5), np.array(k_matrix), 1024, 1024)
-
-
-def looking(position: FloatArray, target: FloatArray) -> FloatArray:
-    """Return camera axes (3, 3), body-fixed, at `position` with the boresight to `target`.
-
-    Cx lies in the body's equatorial plane.
+    Attributes
+    ----------
+    truth : SpcImage
+        In the body frame; with it the image is rendered.
+    solved : SpcImage
+        As the SPC solution has it, in its frame.
+    nominal : NominalState
+        As navigation had it before, in the frame of the solution.
     """
-    cz = (target - position) / np.linalg.norm(target - position)
-    cx = np.cross(cz, [0.0, 0.0, 1.0])
-    cx /= np.linalg.norm(cx)
-    return np.stack([cx, np.cross(cz, cx), cz])
+
+    truth: SpcImage
+    solved: SpcImage
+    nominal: NominalState
+
+
+def make_state(
+    station: Station,
+    to_spc: Similarity,
+    sun: FloatArray,
+    *,
+    settings: StateSettings,
+    generator: np.random.Generator,
+) -> SolvedState:
+    """Return the states of an image.
+
+    The solved place is off by the settings' sigma on each axis. The solved axes look from there at
+    the same ground, by the smallest turn: the solution has turned them until its landmarks fit, so
+    that errors of position and pointing go together, and the stated sigma of pointing is what is
+    left of it at a known place.
+
+    Parameters
+    ----------
+    station : Station
+    to_spc : Similarity
+        Planted similarity, from the body frame to that of the solution.
+    sun : (3,) ndarray
+        Unit vector to the Sun, in the body frame.
+    settings : StateSettings
+    generator : numpy.random.Generator
+    """
+    truth = SpcImage(
+        name=station.name,
+        utc=utc_from_et(station.time),
+        camera=station.camera,
+        scobj=-station.position,
+        axes=looking(station.position, station.target),
+        sun=sun,
+        thresholds=settings.thresholds,
+        scobj_sigma=np.zeros(3),
+        pointing_sigma=np.zeros(3),
+    )
+    position = to_spc.apply(station.position)
+    wrong = position + settings.position_sigma * generator.normal(size=3)
+    axes = to_spc.turn(truth.axes)
+    sight = to_spc.apply(station.target) - wrong
+    solved = replace(
+        truth,
+        scobj=-wrong,
+        axes=turned_to(axes, sight / np.linalg.norm(sight)),
+        sun=to_spc.turn(sun),
+        scobj_sigma=np.full(3, settings.position_sigma),
+        pointing_sigma=np.full(3, settings.pixel_sigma * station.camera.pixel_angle),
+    )
+    deviation = station.nominal_sigma * _capped_deviation(generator)
+    turns = settings.nominal_pointing_sigma * generator.normal(size=3)
+    nominal = NominalState(
+        station.name,
+        to_spc.scale * to_spc.turn(station.velocity),
+        -(position + deviation),
+        rotate_axes(axes, turns),
+        scobj_sigma=np.full(3, station.nominal_sigma),
+        pointing_sigma=np.full(3, settings.nominal_pointing_sigma),
+    )
+    return SolvedState(truth, solved, nominal)
+
+
+def _capped_deviation(generator: np.random.Generator) -> FloatArray:
+    """Return a deviation (3,) of σ = 1 as a distance: none further than 1, a third just there.
+
+    So the paper's kernels were made: some 70 % lie within σ, and what lies beyond is set to it
+    (Weirich et al., section 2.6).
+    """
+    direction = generator.normal(size=3)
+    distance = min(abs(float(generator.normal())), 1.0)
+    return distance * direction / np.linalg.norm(direction)
 
 
 def make_states(
@@ -97,7 +186,7 @@ def make_states(
     for number, share in enumerate(np.linspace(0.02, 0.98, settings.per_pass)):
         # Times are kept as exact as a .SUM file writes them.
         time = round(at.start + share * at.duration, 3)
-        camera = narrow_camera() if 2 * number + 1 == settings.per_pass else mapping_camera()
+        camera = framing_camera("PolyCam" if 2 * number + 1 == settings.per_pass else "MapCam")
         true_position = to_spc.apply(at.position(np.array([time]))[0])
         position = true_position + settings.position_sigma * generator.normal(size=3)
         sigma = np.full(3, settings.position_sigma)
