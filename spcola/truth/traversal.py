@@ -54,6 +54,22 @@ class Line(NamedTuple):
     along: int
 
 
+class Cell(NamedTuple):
+    """A cell on a face, of which the radius is ``radius + p·rise_u + q·rise_v + p·q·twist``.
+
+    p and q run from 0 to 1 over the cell, which begins at `column` and `row`; `square` is that of
+    the distance of the foot of the ray from O.
+    """
+
+    column: int
+    row: int
+    radius: float
+    rise_u: float
+    rise_v: float
+    twist: float
+    square: float
+
+
 @kernel
 def at(start: Vector, beam: Vector, t: float) -> Vector:
     """Return the point at t along a ray."""
@@ -131,32 +147,17 @@ def _nearest(square: float, t: float, end: float) -> float:
 
 
 @kernel
-def _at_cell(
-    line: Line, tile: FloatArray, k: int, side: int, place: tuple[int, int, float, float], t: float
-) -> float:
-    """Return the height of the ray at t above the bilinear surface of a cell.
-
-    `place` is the cell's column and row on the face, the base radius, and the squared distance
-    of the foot from O; `k` is where its first node stands in the tile.
-    """
-    column, row, base, square = place
+def _at_cell(line: Line, cell: Cell, t: float) -> float:
+    """Return the height of a ray at t above the bilinear surface of a cell."""
     w = line.w0 + line.wd * t
-    p = (line.x0 + line.xd * t) / w - column
-    q = (line.y0 + line.yd * t) / w - row
-    near = tile[k] + p * (tile[k + 1] - tile[k])
-    far = tile[k + side] + p * (tile[k + side + 1] - tile[k + side])
-    return np.sqrt(square + t * t) - (base + near + q * (far - near))
+    p = (line.x0 + line.xd * t) / w - cell.column
+    q = (line.y0 + line.yd * t) / w - cell.row
+    ground = cell.radius + p * cell.rise_u + q * (cell.rise_v + p * cell.twist)
+    return np.sqrt(cell.square + t * t) - ground
 
 
 @kernel
-def _crossing(
-    line: Line,
-    tile: FloatArray,
-    k: int,
-    side: int,
-    place: tuple[int, int, float, float],
-    ends: tuple[float, float, float, float],
-) -> float:
+def _crossing(line: Line, cell: Cell, ends: tuple[float, float, float, float]) -> float:
     """Return where a ray goes through a cell's surface: regula falsi in the Illinois form."""
     above, f_above, below, f_below = ends
     last = 0
@@ -164,7 +165,7 @@ def _crossing(
         middle = 0.5 * (above + below)
         if step % 8 != 7:
             middle = above + (below - above) * f_above / (f_above - f_below)
-        value = _at_cell(line, tile, k, side, place, middle)
+        value = _at_cell(line, cell, middle)
         if abs(value) < _ON_SURFACE or below - above < _ON_SURFACE:
             return middle
         if value > 0.0:
@@ -180,8 +181,8 @@ def _crossing(
 
 @kernel
 def _in_tile(
-    tiling: Tiling,
-    tile: FloatArray,
+    tiles: Tiles,
+    slot: int,
     line: Line,
     corner: tuple[int, int],
     way: tuple[float, float, float, float],
@@ -192,8 +193,9 @@ def _in_tile(
     in, where it leaves, its squared distance from O at the foot, and where it began.
     """
     t, end, square, start = way
-    size, side, base = tiling.size, tiling.size + 3, tiling.base
-    level = len(tiling.starts) - 1
+    starts, pool = tiles.tiling.starts, tiles.pool
+    size, side, base = tiles.tiling.size, tiles.tiling.size + 3, tiles.tiling.base
+    level = len(starts) - 1
     w = line.w0 + line.wd * t
     column = min(size - 1, max(0, int((line.x0 + line.xd * t) / w) - corner[0]))
     row = min(size - 1, max(0, int((line.y0 + line.yd * t) / w) - corner[1]))
@@ -204,22 +206,27 @@ def _in_tile(
         leave = min(leave, end)
         k = (row + 1) * side + column + 1
         if level > 0:
-            most = tile[tiling.starts[level] + j * (size >> level) + i]
+            most = pool[slot, starts[level] + j * (size >> level) + i]
         else:
-            most = max(tile[k], tile[k + 1], tile[k + side], tile[k + side + 1])
+            h, hu = pool[slot, k], pool[slot, k + 1]
+            hv, huv = pool[slot, k + side], pool[slot, k + side + 1]
+            most = max(h, hu, hv, huv)
         passes = _nearest(square, t, leave) > (base + most) ** 2
         if not passes:
             if level > 0:
                 level -= 1
                 continue
-            place = (corner[0] + column, corner[1] + row, base, square)
-            above = _at_cell(line, tile, k, side, place, t)
+            twist = np.float64(h) - hu - hv + huv
+            cell = Cell(
+                corner[0] + column, corner[1] + row, base + h, hu - h, hv - h, twist, square
+            )
+            above = _at_cell(line, cell, t)
             if above <= 0.0:
                 # What began below the ground hits nothing; else it is the border's rounding.
                 return -np.inf if t == start else t
-            below = _at_cell(line, tile, k, side, place, leave)
+            below = _at_cell(line, cell, leave)
             if below <= 0.0:
-                return _crossing(line, tile, k, side, place, (t, above, leave, below))
+                return _crossing(line, cell, (t, above, leave, below))
         if leave >= end:
             return np.nan
         t = leave
@@ -236,7 +243,7 @@ def _in_tile(
         if column < 0 or row < 0 or column >= size or row >= size:
             return np.nan
         if column >> (level + 1) != i >> 1 or row >> (level + 1) != j >> 1:
-            level = min(level + 1, len(tiling.starts) - 1)
+            level = min(level + 1, len(starts) - 1)
 
 
 @kernel
@@ -314,7 +321,7 @@ def hit(tiles: Tiles, origin: Vector, beam: Vector, wanted: AnyArray) -> tuple[f
                     wanted[tile] = True
                     return np.nan, -2
                 way = (t, leave, square, start)
-                found = _in_tile(tiling, tiles.pool[slot], line, first, way)
+                found = _in_tile(tiles, slot, line, first, way)
                 if found == -np.inf:
                     return np.nan, -1
                 if not np.isnan(found):
@@ -340,7 +347,7 @@ def normal_at(tiles: Tiles, point: Vector) -> Vector:
     number = tile_of(tiling, face, across, along)
     column = number % tiling.across * tiling.size
     row = number // tiling.across % tiling.across * tiling.size
-    tile = tiles.pool[tiles.slots[number]]
+    pool, slot = tiles.pool, tiles.slots[number]
     side = tiling.size + 3
     i = min(tiling.size - 1, max(0, int(across) - column))
     j = min(tiling.size - 1, max(0, int(along) - row))
@@ -350,8 +357,8 @@ def normal_at(tiles: Tiles, point: Vector) -> Vector:
         for di in range(2):
             weight = (p if di else 1.0 - p) * (q if dj else 1.0 - q)
             k = (j + dj + 1) * side + i + di + 1
-            slope_u += weight * (tile[k + 1] - tile[k - 1])
-            slope_v += weight * (tile[k + side] - tile[k - side])
+            slope_u += weight * (pool[slot, k + 1] - pool[slot, k - 1])
+            slope_v += weight * (pool[slot, k + side] - pool[slot, k - side])
     # Two cells of 2/cells each; the radius depends on the direction alone, hence r = |p|.
     cells = tiling.across * tiling.size
     slope_u, slope_v = 0.25 * cells * slope_u, 0.25 * cells * slope_v
