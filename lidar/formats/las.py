@@ -21,9 +21,15 @@ MAGIC = b"LASF"
 _NOISE_CLASSES = (7, 18)
 # 1980-01-06T00:00:00 of GPS time is 51.184 s TDB past that clock reading, 7300.5 days before J2000.
 _GPS_EPOCH_ET_S = -7300.5 * 86400.0 + 51.184
-_ADJUSTED_S = 1e9
+ADJUSTED_EPOCH_ET_S = _GPS_EPOCH_ET_S + 1e9
+"""Ephemeris time at which adjusted standard GPS time is 0, s."""
+RANGE, FLAG = "range", "flag"
+SPACECRAFT = ("spacecraft_x", "spacecraft_y", "spacecraft_z")
+"""Extra dimensions that make a file one of an altimeter, in its unit of length."""
+
 _AGAIN = "fetch the file again"
-_UNUSED = Agreement(offset_m=0.0, tolerance_m=1.0)
+# The range may have another reference point than the spacecraft position, as OLA's has.
+_AGREEMENT = Agreement(offset_m=0.0, tolerance_m=2.0)
 
 
 def is_las(head: bytes) -> bool:
@@ -35,7 +41,10 @@ def read_las(path: Path, options: LidarOptions) -> Iterator[Scan]:
     """Yield the returns of a LAS, LAZ or COPC file; the flag of a return is its class.
 
     Withheld returns and the noise classes 7 and 18 are refused, and those outside the box that
-    the header states. The spacecraft and the range are unknown.
+    the header states. The spacecraft and the range are unknown, but for a file with the extra
+    dimensions of an altimeter (``range``, ``spacecraft_x`` and so on, as
+    :func:`lidar.formats.las_writer.write_las` makes it): of that the range, the spacecraft, the
+    GPS time where it is adjusted standard time, and ``flag`` in place of the class are kept.
 
     Raises
     ------
@@ -45,7 +54,7 @@ def read_las(path: Path, options: LidarOptions) -> Iterator[Scan]:
     with _opened(path) as reader:
         header = reader.header
         _check_header(path, header, options)
-        screen = Screen(path, _UNUSED, options)
+        screen = Screen(path, _AGREEMENT, options)
         count = 0
         for chunk in _chunks(path, reader, options.chunk):
             count += len(chunk)
@@ -133,7 +142,7 @@ def _check_header(path: Path, header: Any, options: LidarOptions) -> None:
 def _check_time(path: Path, header: Any) -> None:
     if "gps_time" not in header.point_format.dimension_names:
         raise FormatError("has no GPS time", path, "import it without gps_time")
-    if header.global_encoding.gps_time_type.value != 1:
+    if not _is_adjusted(header):
         raise FormatError(
             "gives seconds of a GPS week that it does not name",
             path,
@@ -141,17 +150,30 @@ def _check_time(path: Path, header: Any) -> None:
         )
 
 
+def _is_adjusted(header: Any) -> bool:
+    """Tell whether times are adjusted standard GPS time."""
+    return bool(header.global_encoding.gps_time_type.value == 1)
+
+
 def _records(path: Path, chunk: Any, header: Any, options: LidarOptions) -> Records:
     stated = np.stack([np.asarray(chunk[axis]) for axis in "xyz"], axis=1).astype(np.float64)
     classes = np.asarray(chunk["classification"]).astype(np.int16)
-    time = None
-    if options.gps_time:
-        time = np.asarray(chunk["gps_time"]) + _ADJUSTED_S + _GPS_EPOCH_ET_S
+    names = set(header.point_format.dimension_names)
+    altimeter = {RANGE, *SPACECRAFT} <= names
+    time = measured = spacecraft = None
+    if altimeter:
+        measured = np.asarray(chunk[RANGE], dtype=np.float64) * options.unit_m("m")
+        spacecraft = np.stack([np.asarray(chunk[axis]) for axis in SPACECRAFT], axis=1)
+        spacecraft = spacecraft.astype(np.float64) * options.unit_m("m")
+    if options.gps_time or (altimeter and _is_adjusted(header)):
+        time = np.asarray(chunk["gps_time"]) + ADJUSTED_EPOCH_ET_S
     return Records(
         points=stated * options.unit_m("m"),
+        spacecraft=spacecraft,
+        range=measured,
         intensity=np.asarray(chunk["intensity"]).astype(np.float64),
         time=time,
-        flag=classes,
+        flag=np.asarray(chunk[FLAG]).astype(np.int16) if altimeter and FLAG in names else classes,
         refused={
             "withheld": np.asarray(chunk["withheld"]).astype(bool),
             "noise class": np.isin(classes, _NOISE_CLASSES),
