@@ -92,7 +92,7 @@ def read_fits_image(path: str | Path) -> SpcImage:
     if pixels.ndim != 2 or pixels.dtype.kind != "u" or pixels.dtype.itemsize > 2:
         raise FormatError("holds no image of 8 or 16 bits without sign", path)
     header = _Header(path, cards)
-    sigmas = [header.vector(key) if f"{key}_X" in cards else np.full(3, np.nan) for key in _SIGMAS]
+    position, pointing = (header.sigma(key) for key in _SIGMAS)
     with as_format_error(str(path)):
         return SpcImage(
             header.text("IMGNAME"),
@@ -132,6 +132,11 @@ class _Header:
         """Return three numbers (3,)."""
         return np.array([self.number(f"{key}_{axis}") for axis in "XYZ"])
 
+    def sigma(self, key: str) -> FloatArray:
+        """Return three numbers (3,), NaN if there is none of them."""
+        known = any(f"{key}_{axis}" in self._cards for axis in "XYZ")
+        return self.vector(key) if known else np.full(3, np.nan)
+
     def camera(self, width: int, height: int) -> Camera:
         """Return the interior orientation."""
         k_matrix = [[self.number(f"K_{row}{column}") for column in "123"] for row in "12"]
@@ -139,7 +144,7 @@ class _Header:
         model = self.text("DISTMOD")
         if model not in COEFFICIENTS:
             raise FormatError(f"{model!r} is no distortion", f"{self._path}: keyword DISTMOD")
-        count = sum(key.startswith("DIST_") for key in self._cards)
+        count = int(self.number("NDIST"))
         distortion = np.array([self.number(f"DIST_{number + 1}") for number in range(count)])
         focal_mm = self.number("FOCALMM")
         return Camera(
@@ -164,6 +169,7 @@ def _state_cards(image: SpcImage) -> dict[str, Card]:
             value = float(camera.k_matrix[row, column])
             cards[f"K_{row + 1}{column + 1}"] = (value, f"K-matrix, of {unit}")
     cards["DISTMOD"] = (camera.distortion_model, "model of the distortion")
+    cards["NDIST"] = (len(camera.distortion), "number of its coefficients")
     for number, value in enumerate(camera.distortion.tolist(), start=1):
         cards[f"DIST_{number}"] = (value, "coefficient of the distortion")
     cards["THRLOW"] = (image.thresholds[0], "lowest brightness that counts")
