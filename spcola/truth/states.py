@@ -42,8 +42,6 @@ class StateSettings:
         (Weirich et al., section 3).
     nominal_pointing_sigma : float
         Of nominal pointing, about each camera axis, radians.
-    bits : int
-        Depth of the images, from which the thresholds of brightness follow.
     most_emission_deg, most_incidence_deg : float
         Beyond these angles from the maplet's normal a landmark is not measured, or too dark.
     coarsest : float
@@ -55,10 +53,9 @@ class StateSettings:
     pixel_sigma: float = 0.3
     nominal_sigmas: tuple[float, float, float] = (6.4, 6.4, 6.4)
     nominal_pointing_sigma: float = 1.0e-4
-    bits: int = 16
     most_emission_deg: float = 65.0
     most_incidence_deg: float = 80.0
-    coarsest: float = 3.0
+    coarsest: float = 1.5
 
     def __post_init__(self) -> None:
         if self.per_pass < 1:
@@ -66,16 +63,9 @@ class StateSettings:
         sigmas = (self.position_sigma, self.pixel_sigma, self.nominal_pointing_sigma)
         if min(*sigmas, *self.nominal_sigmas) < 0:
             raise SettingsError("must not be negative", "error levels of the states")
-        if not 8 <= self.bits <= 16:
-            raise SettingsError(f"must lie between 8 and 16, not {self.bits}", "bits of the images")
         angles = (self.most_emission_deg, self.most_incidence_deg)
         if not (0 < min(angles) <= max(angles) <= 90 and self.coarsest > 0):
             raise SettingsError("angles or coarsest pixel out of range", "landmarks")
-
-    @property
-    def thresholds(self) -> tuple[int, int]:
-        """Lowest and highest brightness that counts, DN: above the noise, below saturation."""
-        return 2**self.bits // 256, 2**self.bits - 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +94,7 @@ def make_state(
     *,
     settings: StateSettings,
     generator: np.random.Generator,
+    bits: int = 16,
 ) -> SolvedState:
     """Return the states of an image.
 
@@ -121,6 +112,8 @@ def make_state(
         Unit vector to the Sun, in the body frame.
     settings : StateSettings
     generator : numpy.random.Generator
+    bits : int
+        Depth of the image: of its brightness, what is above the noise and below saturation counts.
     """
     truth = SpcImage(
         name=station.name,
@@ -129,7 +122,7 @@ def make_state(
         scobj=-station.position,
         axes=looking(station.position, station.target),
         sun=sun,
-        thresholds=settings.thresholds,
+        thresholds=(2**bits // 256, 2**bits - 2),
         scobj_sigma=np.zeros(3),
         pointing_sigma=np.zeros(3),
     )

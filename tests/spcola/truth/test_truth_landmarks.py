@@ -144,9 +144,9 @@ def test_what_lies_outside_the_frame_or_is_too_small_is_not_seen(sphere) -> None
     for point in seen:
         assert 1.0 < point.pixel < 1024.0
         assert 1.0 < point.line < 1024.0
-    # A pixel of 68 µrad is three GSDs of 0.5 m at 22 km.
-    assert _measure(_state([22_000.0, 0.0, 0.0], TOP), maplets, sphere)
-    assert not _measure(_state([22_400.0, 0.0, 0.0], TOP), maplets, sphere)
+    # A pixel of 68 µrad is one and a half GSDs of 0.5 m at 11 km.
+    assert _measure(_state([11_100.0, 0.0, 0.0], TOP), maplets, sphere)
+    assert not _measure(_state([11_200.0, 0.0, 0.0], TOP), maplets, sphere)
 
 
 def test_residuals_say_how_wrong_centres_and_states_are(sphere) -> None:

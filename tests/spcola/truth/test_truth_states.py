@@ -129,7 +129,8 @@ def test_a_seed_gives_the_same_states() -> None:
 
 @pytest.mark.parametrize("bits", [8, 12, 14, 16])
 def test_thresholds_follow_the_bit_depth(bits: int) -> None:
-    state = _state(_station(), replace(SETTINGS, bits=bits))
+    generator = stream(1, "state")
+    state = make_state(_station(), TO_SPC, SUN, settings=SETTINGS, generator=generator, bits=bits)
     low, high = state.truth.thresholds
     assert 0 < low < 0.01 * high
     assert high == 2**bits - 2
@@ -141,7 +142,6 @@ def test_thresholds_follow_the_bit_depth(bits: int) -> None:
     [
         {"position_sigma": -1.0},
         {"nominal_pointing_sigma": -1.0},
-        {"bits": 17},
         {"most_emission_deg": 91.0},
         {"coarsest": 0.0},
         {"per_pass": 0},
