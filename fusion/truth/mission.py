@@ -26,12 +26,16 @@ from spcola.formats.sum import write_summary
 from spcola.image import SpcImage
 from spcola.maplet import Maplet, MapletGrid
 from spcola.truth.body import TruthBody
+from spcola.truth.light import LightMap
 from spcola.truth.passes import Pass, plan_passes
-from spcola.truth.solution import lattice, make_maplet, spc_shape
+from spcola.truth.sampled import SampledSurface
+from spcola.truth.solution import make_maplet, maplet_directions, spc_shape
 from spcola.truth.states import landmark_of, make_states, measure_landmarks
 from spcola.truth.streams import stream
 
 _SHAPE = Path("SHAPEFILES") / "SHAPE.TXT"
+# What casts shadows on the light map is resolved to this, metres.
+_LIGHT_SPACING = 1.0
 
 
 @dataclass(frozen=True)
@@ -146,14 +150,16 @@ def _write_maplets(work: _Work) -> list[Maplet]:
     list of Maplet
         Without heights: where they are, and how well that is known.
     """
-    directions = lattice(work.settings.solution.maplets)
+    directions = maplet_directions(work.body, work.settings.solution)
+    latitude = np.radians(work.settings.passes.sun_latitude_deg)
+    light = LightMap.of(SampledSurface(work.body, _LIGHT_SPACING), sun_latitude=latitude)
     names = [f"TR{number + 1:04d}" for number in range(len(directions))]
 
     def make(item: tuple[str, Any]) -> dict[str, Any]:
         name, direction = item
         noted = work.site.note(name)
         if noted is None:
-            noted = _write_maplet(work, name, direction)
+            noted = _write_maplet(work, name, direction, light)
             work.site.keep(name, noted)
         content: dict[str, Any] = noted
         return content
@@ -168,16 +174,18 @@ def _write_maplets(work: _Work) -> list[Maplet]:
     return maplets
 
 
-def _write_maplet(work: _Work, name: str, direction: Any) -> dict[str, Any]:
+def _write_maplet(work: _Work, name: str, direction: Any, light: LightMap) -> dict[str, Any]:
     """Make and write one maplet; return what the landmarks need of it, nothing if it is dark."""
-    maplet = make_maplet(
+    solved = make_maplet(
         work.body,
         work.settings.to_spc,
         name,
         direction=direction,
+        light=light,
         settings=work.settings.solution,
         generator=work.stream(f"maplet {name}"),
     )
+    maplet = solved.maplet
     if not maplet.valid.any():
         return {}
     write_maplet(work.site.spc / "MAPFILES" / f"{name}.MAP", maplet, sigma_companion=True)

@@ -94,6 +94,7 @@ class MissionSettings:
         return cls(
             seed=seed,
             body=BodySettings(seed=seed, radius=75.0),
+            solution=SolutionSettings(gsd=0.5, maplets=64),
             lidar=LidarSettings(width=105.0, spacing=0.42, divergence=FAR_DIVERGENCE),
         )
 
@@ -106,7 +107,7 @@ class MissionSettings:
             body=BodySettings(seed=seed, radius=radius),
             passes=PassSettings(40, "poles-belt-samples", nearest=900.0, farthest=1100.0),
             lidar=LidarSettings(width=100.0, spacing=100.0 / 1100),
-            solution=SolutionSettings(gsd=0.35, maplets=1600),
+            solution=SolutionSettings(),
             shape_q=256,
         )
 

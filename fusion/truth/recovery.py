@@ -14,6 +14,9 @@ from spcola.maplet import Maplet
 from spcola.truth.body import TruthBody
 from spcola.truth.solution import heights_in_frame, latitudes_deg
 
+# South of minus this latitude, degrees, the Sun of the missions hardly reaches the ground.
+_TWILIGHT_DEG = 75.0
+
 
 @dataclass(frozen=True)
 class Recovered:
@@ -148,7 +151,7 @@ def height_errors(maplet: Maplet, body: TruthBody, planted: Planted) -> FloatArr
 def shadowed(maplet: Maplet, planted: Planted) -> BoolArray:
     """Return which points (2q+1, 2q+1) of a maplet lie where SPC saw nothing, or hardly."""
     places = planted.similarity.inverse().apply(maplet.points())
-    limit = -planted.settings.solution.twilight_latitude_deg
+    limit = -_TWILIGHT_DEG
     dark: BoolArray = latitudes_deg(places) < limit
     return dark
 

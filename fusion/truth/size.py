@@ -76,7 +76,7 @@ def mission_size(settings: MissionSettings) -> MissionSize:
     scans = settings.passes.count
     per_scan = int(np.ceil(np.sqrt(lidar.shots))) ** 2
     returns = scans * per_scan
-    maplets = solution.maplets if settings.spc else 0
+    maplets = solution.count(settings.body.radius) if settings.spc else 0
     nodes = maplets * (2 * solution.half_size + 1) ** 2
     states = scans * settings.states.per_pass if settings.spc else 0
     size = returns * _RETURN_BYTES[settings.lidar_format] + nodes * _NODE_BYTES

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 from spcola.arrays import FloatArray
 from spcola.errors import SettingsError
@@ -13,11 +12,21 @@ from spcola.icq import IcqShape, icq_directions
 from spcola.maplet import Maplet, MapletGrid
 from spcola.similarity import Similarity
 from spcola.truth.body import TruthBody
+from spcola.truth.degradation import (
+    Darkness,
+    Shade,
+    Softness,
+    filled,
+    shaded,
+    softened,
+    unresolved,
+)
+from spcola.truth.light import LightMap
+from spcola.truth.noise import correlated_noise, drift_noise
+from spcola.truth.streams import stream
 
 # Cells around a maplet that are evaluated too, so that smoothing has no edge.
-_MARGIN = 7
-# Slopes between which the surface passes from smooth to steep ground.
-_STEEP = (0.5, 1.2)
+_MARGIN = 8
 
 
 @dataclass(frozen=True)
@@ -30,45 +39,65 @@ class SolutionSettings:
         Of the maplets, metres.
     half_size : int
         q of the maplets.
-    maplets : int
-        How many cover the body.
+    maplets : int, optional
+        How many cover the body; by default as many as `overlap` asks for.
+    overlap : float
+        Share of a side that a maplet has in common with the next.
     noise : float
         Rms of the heights' error that is correlated over `correlation` cells, metres.
     correlation : float
         Distance, cells, at which its correlation has fallen to 1/e.
     center_sigma : float
         Of a maplet's centre, for each axis, metres.
-    smoothing, steep_smoothing : float
-        Gaussian (1 σ, cells) that even ground and steep edges are smoothed by.
     albedo_noise : float
         Rms of the error of the relative albedo.
-    dark_latitude_deg : float
-        The ground south of minus this latitude is never lit: no heights.
-    twilight_latitude_deg : float
-        Southward of minus this one the light is poor: the noise is `twilight` times stronger.
-    twilight : float
+    softness : Softness
+        How the solution smooths and shortens.
+    darkness : Darkness
+        What it does where light is poor.
     """
 
-    gsd: float = 0.5
+    gsd: float = 0.35
     half_size: int = 49
-    maplets: int = 64
+    maplets: int | None = None
+    overlap: float = 0.37
     noise: float = 0.10
     correlation: float = 5.0
     center_sigma: float = 0.06
-    smoothing: float = 1.2
-    steep_smoothing: float = 2.4
     albedo_noise: float = 0.01
-    dark_latitude_deg: float = 77.0
-    twilight_latitude_deg: float = 70.0
-    twilight: float = 4.0
+    softness: Softness = field(default_factory=Softness)
+    darkness: Darkness = field(default_factory=Darkness)
 
     def __post_init__(self) -> None:
-        if self.gsd <= 0 or self.half_size < 4 or self.maplets < 4 or self.correlation <= 0:
-            raise SettingsError("GSD, half-size, number or correlation too small", "maplets")
-        if min(self.noise, self.center_sigma, self.smoothing, self.albedo_noise) < 0:
+        if self.gsd <= 0 or self.half_size < 4 or self.correlation <= 0:
+            raise SettingsError("GSD, half-size or correlation too small", "maplets")
+        if (self.maplets is not None and self.maplets < 4) or not 0 <= self.overlap <= 0.9:
+            raise SettingsError("needs 4 at least, or an overlap of 0 … 0.9", "number of maplets")
+        if min(self.noise, self.center_sigma, self.albedo_noise) < 0:
             raise SettingsError("must not be negative", "error levels of the solution")
-        if not 0 < self.twilight_latitude_deg <= self.dark_latitude_deg <= 90:
-            raise SettingsError("must be 0 < twilight ≤ dark ≤ 90", "latitudes of the dark pole")
+
+    def count(self, radius: float) -> int:
+        """Return how many maplets cover a body of mean `radius`, metres."""
+        if self.maplets is not None:
+            return self.maplets
+        step = (1.0 - self.overlap) * 2.0 * self.half_size * self.gsd
+        return max(4, int(np.ceil(4.0 * np.pi * (radius / step) ** 2)))
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedMaplet:
+    """A maplet of the solution, and where its centre truly is.
+
+    Attributes
+    ----------
+    maplet : Maplet
+        In the frame of the solution.
+    true_center : (3,) ndarray
+        The point of the true surface that the centre stands for, body frame, metres.
+    """
+
+    maplet: Maplet
+    true_center: FloatArray
 
 
 def lattice(count: int) -> FloatArray:
@@ -78,6 +107,11 @@ def lattice(count: int) -> FloatArray:
     longitude = np.pi * (1.0 + np.sqrt(5.0)) * k
     ring = np.sqrt(1.0 - z**2)
     return np.stack([ring * np.cos(longitude), ring * np.sin(longitude), z], axis=1)
+
+
+def maplet_directions(body: TruthBody, settings: SolutionSettings) -> FloatArray:
+    """Return the directions (N, 3) about which the maplets lie that cover the whole body."""
+    return lattice(settings.count(body.settings.radius))
 
 
 def latitudes_deg(points: FloatArray) -> FloatArray:
@@ -111,90 +145,102 @@ def make_maplet(
     name: str,
     *,
     direction: FloatArray,
+    light: LightMap,
     settings: SolutionSettings,
     generator: np.random.Generator,
-) -> Maplet:
+) -> SolvedMaplet:
     """Return one maplet in the frame of the solution.
 
-    It faces the mean plane about `direction` (3,) and is wrong in the ways of `settings`; its
-    sigma states how wrong: the noise, with the twilight, and what smoothing took away. Its
-    centre lies on its own surface, except where that is dark.
+    It faces the mean plane about `direction` (3,) and is wrong in the ways of `settings`:
+    smoothed, boulders short, noisy where `light` is poor, adrift and without form in the dark,
+    and without heights deep in it. Its sigma states what a solution could know of that: its
+    noise, what the roughness that it has left lets expect to be lost, and that it has no light.
+    The centre is off by its own sigma (and by the drift, in the dark), which moves all of it.
     """
-    width = 2.0 * settings.half_size * settings.gsd
-    center, normal = body.mean_plane(direction, 0.6 * width)
-    grid = MapletGrid.facing(
-        to_spc.apply(center), to_spc.turn(normal), settings.gsd, settings.half_size
-    )
+    grid = _facing(body, to_spc, direction, settings)
     wide = MapletGrid(grid.center, grid.axes, grid.gsd, grid.half_size + _MARGIN)
     truth = heights_in_frame(body, wide, to_spc)
-    places = to_spc.inverse().apply(wide.points(truth))
-    south = -latitudes_deg(places)
-    smooth, loss = smoothed(truth, settings)
-    level = settings.noise * np.where(south > settings.twilight_latitude_deg, settings.twilight, 1)
-    height = smooth + level * correlated_noise(truth.shape, settings.correlation, generator)
-    height[south > settings.dark_latitude_deg] = np.nan
-    albedo = body.albedo(places.reshape(-1, 3)).reshape(truth.shape)
-    albedo = albedo + settings.albedo_noise * generator.normal(size=truth.shape)
+    whole = filled(truth)
+    back = to_spc.inverse()
+    places = back.apply(wide.points(whole))
+    shade = _shade(wide, whole, back, light, settings.darkness)
+    drift = _drift(body, places, shade, settings)
+    height, sigma = _degraded(whole, shade, settings, generator)
+    height, sigma = height + drift, np.hypot(sigma, settings.darkness.drift * shade.depth)
+    height[shade.lost | np.isnan(truth)] = np.nan
+    middle = (wide.half_size, wide.half_size)
+    risen = grid.center + whole[middle] * grid.uz
+    moved = drift[middle] * grid.uz + settings.center_sigma * generator.normal(size=3)
     inner = (slice(_MARGIN, -_MARGIN),) * 2
-    exact = Maplet(name, grid, height[inner], albedo[inner], np.hypot(level, loss)[inner])
-    return _displaced(exact, settings, generator)
+    maplet = Maplet(
+        name,
+        MapletGrid(risen + moved, grid.axes, grid.gsd, grid.half_size),
+        (height - whole[middle] - drift[middle])[inner],
+        _albedo(body, places[inner], shade.depth[inner], settings, generator),
+        sigma[inner],
+        np.hypot(settings.center_sigma, settings.darkness.drift * shade.depth[middle] * grid.uz),
+    )
+    return SolvedMaplet(maplet, back.apply(risen))
 
 
-def _displaced(
-    maplet: Maplet, settings: SolutionSettings, generator: np.random.Generator
-) -> Maplet:
-    """Put the centre on the surface and move the whole maplet by its centre's error."""
-    grid, height = maplet.grid, maplet.height
-    middle = height[grid.half_size, grid.half_size]
-    rise = middle if np.isfinite(middle) else 0.0
-    error = settings.center_sigma * generator.normal(size=3)
-    moved = MapletGrid(grid.center + rise * grid.uz + error, grid.axes, grid.gsd, grid.half_size)
-    return replace(
-        maplet,
-        grid=moved,
-        height=height - rise,
-        center_sigma=np.full(3, settings.center_sigma),
+def _facing(
+    body: TruthBody, to_spc: Similarity, direction: FloatArray, settings: SolutionSettings
+) -> MapletGrid:
+    """Return the grid on the mean plane about a direction, in the frame of the solution."""
+    center, normal = body.mean_plane(direction, 1.2 * settings.half_size * settings.gsd)
+    return MapletGrid.facing(
+        to_spc.apply(center), to_spc.turn(normal), settings.gsd, settings.half_size
     )
 
 
-def smoothed(height: FloatArray, settings: SolutionSettings) -> tuple[FloatArray, FloatArray]:
-    """Smooth heights (R, C), metres: more where it is steep, so that boulders come out short.
-
-    Returns
-    -------
-    height, loss : ndarrays (R, C)
-        Smoothed heights; a local rms of what smoothing takes away, as the solution itself
-        could tell it: from the difference of its two degrees of smoothing.
-    """
-    if settings.smoothing == 0.0:
-        return height.copy(), np.zeros_like(height)
-    even = gaussian_filter(height, settings.smoothing, mode="nearest")
-    soft = gaussian_filter(height, settings.steep_smoothing, mode="nearest")
-    detail = even - gaussian_filter(even, 4.0 * settings.steep_smoothing, mode="nearest")
-    rows, columns = np.gradient(detail, settings.gsd)
-    low, high = _STEEP
-    share = np.clip((np.hypot(rows, columns) - low) / (high - low), 0.0, 1.0)
-    mixed = even + share * (soft - even)
-    loss = np.sqrt(gaussian_filter((even - soft) ** 2, 1.5, mode="nearest"))
-    return mixed, loss
+def _shade(
+    grid: MapletGrid, height: FloatArray, back: Similarity, light: LightMap, darkness: Darkness
+) -> Shade:
+    """Return the shade on a grid; what lies beyond its edge counts, as far as it reaches in."""
+    margin = darkness.margin
+    around = MapletGrid(grid.center, grid.axes, grid.gsd, grid.half_size + margin)
+    places = back.apply(around.points(np.pad(height, margin, mode="edge")))
+    share = light.at(places.reshape(-1, 3)).reshape(around.shape)
+    return shaded(share, darkness).cropped(margin)
 
 
-def correlated_noise(
-    shape: tuple[int, ...], correlation: float, generator: np.random.Generator
+def _degraded(
+    truth: FloatArray, shade: Shade, settings: SolutionSettings, generator: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Return heights without their drift, and their sigma (R, C), metres."""
+    height = softened(truth, settings.gsd, settings.softness)
+    level = settings.noise * shade.noise
+    loss = unresolved(height, settings.softness)
+    noise = level * correlated_noise(truth.shape, settings.correlation, generator)
+    return shade.blurred(height) + noise, np.hypot(level, loss)
+
+
+def _drift(
+    body: TruthBody, places: FloatArray, shade: Shade, settings: SolutionSettings
 ) -> FloatArray:
-    """Return noise of rms 1 whose correlation is 1/e at a distance of `correlation` cells.
+    """Return by how much (R, C), metres, the heights drift: alike in all maplets of a place."""
+    if not shade.depth.any():
+        return np.zeros(shade.depth.shape)
+    seed = int(stream(body.settings.seed, "drift").integers(2**32))
+    wavelength = settings.darkness.wavelength * settings.gsd
+    drift: FloatArray = (
+        settings.darkness.drift * shade.depth * drift_noise(places, wavelength, seed)
+    )
+    return drift
 
-    White noise under a Gaussian of σ = correlation / 2, divided by the rms that it leaves in the
-    mean over all seeds: single samples are not scaled to their own.
-    """
-    width = correlation / 2.0
-    margin = int(np.ceil(4.0 * width))
-    white = generator.normal(size=(shape[0] + 2 * margin, shape[1] + 2 * margin))
-    impulse = np.zeros(2 * margin + 1)
-    impulse[margin] = 1.0
-    gain = np.sum(gaussian_filter(impulse, width) ** 2)
-    noise: FloatArray = gaussian_filter(white, width)[margin:-margin, margin:-margin] / gain
-    return noise
+
+def _albedo(
+    body: TruthBody,
+    places: FloatArray,
+    dark: FloatArray,
+    settings: SolutionSettings,
+    generator: np.random.Generator,
+) -> FloatArray:
+    """Return the relative albedo (R, C) as the solution has it: 1 where it cannot know."""
+    truth = body.albedo(places.reshape(-1, 3)).reshape(dark.shape)
+    noise = settings.albedo_noise * generator.normal(size=dark.shape)
+    albedo: FloatArray = 1.0 + (1.0 - dark) * (truth - 1.0) + noise
+    return albedo
 
 
 def spc_shape(body: TruthBody, to_spc: Similarity, q: int) -> IcqShape:
