@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from spcola.arrays import BoolArray, FloatArray
 from spcola.image import ImagePoint, SpcImage
 from spcola.landmark import Landmark, MapOverlap
-from spcola.maplet import Maplet
+from spcola.maplet import MapletGrid
 from spcola.projection import project_image
 from spcola.truth.sampled import SampledSurface
 from spcola.truth.states import SolvedState, StateSettings
@@ -22,11 +22,27 @@ _PRIOR_SIGMA = 5.0
 _NEAR, _FACING = 1.5, 0.5
 
 
+class PlacedMaplet(Protocol):
+    """Of a maplet, what a landmark is made of: its heights are not needed."""
+
+    @property
+    def name(self) -> str:
+        """Name of the landmark."""
+
+    @property
+    def grid(self) -> MapletGrid:
+        """In the frame of the solution."""
+
+    @property
+    def center_sigma(self) -> FloatArray:
+        """One standard deviation of the centre (3,), metres."""
+
+
 class SolvedCenter(Protocol):
     """A maplet of the solution that knows where its centre truly is."""
 
     @property
-    def maplet(self) -> Maplet:
+    def maplet(self) -> PlacedMaplet:
         """In the frame of the solution."""
 
     @property
@@ -81,13 +97,14 @@ def measure_landmarks(
 
 
 def landmarks_of(
-    maplets: Sequence[Maplet], images: Sequence[SpcImage], *, rms: float
+    maplets: Sequence[PlacedMaplet], images: Sequence[SpcImage], *, rms: float
 ) -> list[Landmark]:
     """Return the landmarks of all maplets: pictures as the images list them, and overlaps.
 
     Parameters
     ----------
-    maplets : sequence of Maplet
+    maplets : sequence of PlacedMaplet
+        Such as :class:`~spcola.maplet.Maplet`.
     images : sequence of SpcImage
         With their landmarks; each landmark's pictures follow their order.
     rms : float
@@ -111,7 +128,7 @@ def landmarks_of(
     ]
 
 
-def overlaps_of(maplets: Sequence[Maplet]) -> list[tuple[MapOverlap, ...]]:
+def overlaps_of(maplets: Sequence[PlacedMaplet]) -> list[tuple[MapOverlap, ...]]:
     """Return, for each maplet, those whose centre lies within its square or not far outside."""
     centers = np.array([maplet.grid.center for maplet in maplets]).reshape(-1, 3)
     normals = np.array([maplet.grid.uz for maplet in maplets]).reshape(-1, 3)
