@@ -83,7 +83,7 @@ class TruthBody:
         long = (2.0 / octaves[:, 0] > 2.0 * s.site.radius_on(s.radius)) if s.site else slice(0)
         swells = octaves[long]
         return Surface(
-            s.radius, *_low_degree(s), swells, octaves[len(swells) :], s.roughness_contrast,
+            s.radius, _low_degree(s), swells, octaves[len(swells) :], s.roughness_contrast,
             _noise_seed(s.seed, "roughness"), site,
             self._indexed(self.craters), self._indexed(self.boulders),
         )  # fmt: skip
@@ -217,12 +217,12 @@ class TruthBody:
         return centroid, normal if normal @ middle > 0 else -normal
 
 
-def _low_degree(settings: BodySettings) -> tuple[FloatArray, FloatArray]:
-    """Return the coefficients of a spinning top: flattened, ridged at the equator, a bit odd."""
+def _low_degree(settings: BodySettings) -> FloatArray:
+    """Return the `shape` (11,) of a spinning top: flattened, ridged at the equator, a bit odd."""
     draw = stream(settings.seed, "low degree").uniform(-1.0, 1.0, size=10)
     zonal = np.array([-0.07, 0.012 * draw[0], 0.06])
-    tesseral = draw[1:9].reshape(4, 2) * np.array([[0.010], [0.018], [0.010], [0.012]])
-    return settings.shape * zonal, settings.shape * tesseral
+    tesseral = draw[1:9] * np.repeat([0.010, 0.018, 0.010, 0.012], 2)
+    return settings.shape * np.concatenate([zonal, tesseral])
 
 
 def _site_numbers(settings: BodySettings) -> FloatArray:

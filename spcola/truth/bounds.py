@@ -31,10 +31,14 @@ _MARGIN = 1.1
 class Bounds(NamedTuple):
     """Heights that the relief does not exceed; lengths in metres.
 
-    ``tops[level, cell]`` is the height above the smooth shape under which everything stays within
+    ``tops[cell, level]`` is the height above the smooth shape under which everything stays within
     ``reach[level]`` of a cell. `slope` is that of the smooth shape at its steepest, `leap` a
-    length within which no crossing is looked for; nothing is further from O than `ceiling`.
+    length within which no crossing is looked for; nothing is further from O than `ceiling`. The
+    `radius` and the `shape` are the surface's, repeated so that kernels need no more than this.
     """
+
+    radius: float
+    shape: FloatArray
 
     cells: int
     tops: FloatArray
@@ -49,7 +53,7 @@ def _heights_above(surface: Surface, directions: FloatArray, radius: FloatArray)
     """Take the smooth shape from each `radius` (N,) in the unit `directions` (N, 3)."""
     for i in range(len(radius)):
         d = directions[i]
-        radius[i] -= surface.radius * low_degree(surface, d[0], d[1], d[2])
+        radius[i] -= surface.radius * low_degree(surface.shape, d[0], d[1], d[2])
 
 
 @kernel
@@ -63,8 +67,8 @@ def _steepest(surface: Surface, directions: FloatArray) -> float:
         a, b = directions[i], directions[i + 1]
         chord = np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
         if 0.0 < chord < 0.2:
-            one = low_degree(surface, a[0], a[1], a[2])
-            most = max(most, abs(low_degree(surface, b[0], b[1], b[2]) - one) / chord)
+            one = low_degree(surface.shape, a[0], a[1], a[2])
+            most = max(most, abs(low_degree(surface.shape, b[0], b[1], b[2]) - one) / chord)
     return most
 
 
@@ -134,7 +138,8 @@ def make_bounds(
         levels.append(tops.copy())
     reach = width * lowest * 2.0 ** np.arange(_LEVELS)
     ceiling = highest + float(stand.max(initial=0.0))
-    return Bounds(count, np.stack(levels), reach, slope, leap, ceiling)
+    tables = (count, np.stack(levels, axis=1), reach, slope, leap, ceiling)
+    return Bounds(surface.radius, surface.shape, *tables)
 
 
 def _tallest(boulders: Features, stand: FloatArray, surface: Surface, cells: int) -> FloatArray:
@@ -154,30 +159,32 @@ def _none(index: Indexed) -> Indexed:
 
 @kernel
 def fly(
-    surface: Surface,
     bounds: Bounds,
-    foot: FloatArray,
-    beam: FloatArray,
+    feet: FloatArray,
+    beams: FloatArray,
+    i: int,
     span: tuple[float, float],
 ) -> float:
-    """Return how far a ray may go from ``span[0]`` (to ``span[1]`` at most) without meeting relief.
+    """Return how far ray `i` may go from ``span[0]`` (to ``span[1]`` at most) over all relief.
 
     On its way by d the ray comes down by no more than d cos θ, with θ from the vertical at its
     beginning; and the smooth shape comes up by no more than its slope times d sin θ.
     """
     t, end = span
     while t < end:
-        x, y, z = foot[0] + t * beam[0], foot[1] + t * beam[1], foot[2] + t * beam[2]
+        x = feet[i, 0] + t * beams[i, 0]
+        y = feet[i, 1] + t * beams[i, 1]
+        z = feet[i, 2] + t * beams[i, 2]
         length = np.sqrt(x * x + y * y + z * z)
-        cosine = -(x * beam[0] + y * beam[1] + z * beam[2]) / length
+        cosine = -(x * beams[i, 0] + y * beams[i, 1] + z * beams[i, 2]) / length
         x, y, z = x / length, y / length, z / length
         sine = np.sqrt(max(0.0, 1.0 - cosine * cosine))
         rate = max(cosine + bounds.slope * sine, 0.02)
-        height = length - surface.radius * low_degree(surface, x, y, z)
+        height = length - bounds.radius * low_degree(bounds.shape, x, y, z)
         cell = cell_of(x, y, z, bounds.cells)
         step = 0.0
         for level in range(len(bounds.reach)):
-            gap = height - bounds.tops[level, cell]
+            gap = height - bounds.tops[cell, level]
             if gap > 0.0:
                 step = max(step, min(bounds.reach[level], gap / rate))
         if step < 0.05:

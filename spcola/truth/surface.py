@@ -19,8 +19,7 @@ BLOCK = 256
 class Surface(NamedTuple):
     """All numbers of a surface, as the kernels take them; lengths in metres.
 
-    `zonal` (3,) are the coefficients of P2, P3, P4; `tesseral` (4, 2) those of the real and
-    imaginary part of ``z·(x+iy)``, ``(x+iy)²``, ``(x+iy)³``, ``(x+iy)⁴``. `swells` and `octaves`
+    `shape` (11,) are the coefficients of :func:`low_degree`. `swells` and `octaves`
     are those of the roughness, longer and shorter than the smooth site, of which the amplitude
     goes as ``1 + roughness_contrast · (y² − x²)``; the shorter ones are weaker on the `site`
     (6,): its direction, the chords of the unit sphere at which it ends and at which the ground is
@@ -28,8 +27,7 @@ class Surface(NamedTuple):
     """
 
     radius: float
-    zonal: FloatArray
-    tesseral: FloatArray
+    shape: FloatArray
     swells: FloatArray
     octaves: FloatArray
     roughness_contrast: float
@@ -40,20 +38,21 @@ class Surface(NamedTuple):
 
 
 @kernel
-def low_degree(surface: Surface, x: float, y: float, z: float) -> float:
+def low_degree(shape: FloatArray, x: float, y: float, z: float) -> float:
     """Return the smooth shape in the unit direction (x, y, z), as a factor of the mean radius.
 
-    Polynomials of the components alone: no sine or logarithm that libraries round differently.
+    `shape` (11,) are the coefficients of P2, P3, P4 and those of the real and imaginary parts of
+    ``z·(x+iy)``, ``(x+iy)²``, ``(x+iy)³``, ``(x+iy)⁴``. Polynomials of the components alone: no
+    sine or logarithm that libraries round differently.
     """
-    zz = z * z
-    c, t = surface.zonal, surface.tesseral
+    zz, c = z * z, shape
     value = 1.0 + c[0] * 0.5 * (3.0 * zz - 1.0) + c[1] * 0.5 * z * (5.0 * zz - 3.0)
     value += c[2] * 0.125 * (35.0 * zz * zz - 30.0 * zz + 3.0)
-    value += z * (t[0, 0] * x + t[0, 1] * y)
+    value += z * (c[3] * x + c[4] * y)
     re, im = x * x - y * y, 2.0 * x * y
-    value += t[1, 0] * re + t[1, 1] * im
-    value += t[2, 0] * (re * x - im * y) + t[2, 1] * (re * y + im * x)
-    return value + t[3, 0] * (re * re - im * im) + t[3, 1] * 2.0 * re * im
+    value += c[5] * re + c[6] * im
+    value += c[7] * (re * x - im * y) + c[8] * (re * y + im * x)
+    return value + c[9] * (re * re - im * im) + c[10] * 2.0 * re * im
 
 
 @kernel
@@ -102,7 +101,7 @@ def block_radii(surface: Surface, d: FloatArray, out: FloatArray, scratch: Float
         x, y, z = d[i, 0], d[i, 1], d[i, 2]
         strength = 1.0 + surface.roughness_contrast * (y * y - x * x)
         noise = strength * (swell[i] + smoothed(surface, x, y, z) * rough[i])
-        out[i] = size * low_degree(surface, x, y, z) + noise + relief_at(surface, x, y, z)
+        out[i] = size * low_degree(surface.shape, x, y, z) + noise + relief_at(surface, x, y, z)
 
 
 @kernel

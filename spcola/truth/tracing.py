@@ -6,16 +6,20 @@ roughness, most of the work, is computed for several directions at once.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from spcola.arrays import FloatArray, IntArray
-from spcola.kernel import kernel
+from spcola.kernel import inlined_kernel, kernel
 from spcola.truth.bounds import Bounds, fly
 from spcola.truth.surface import BLOCK, Surface, block_radii
 
 # Tangent of a slope that no ground in the way of a ray exceeds for long: boulders' sides.
 _STEEPEST = 2.1
 _LEAST_STEP = 0.02
+# Closer to the ground than this the bounds hardly ever help.
+_WORTH_A_FLIGHT = 1.5
 _ON_SURFACE = 1e-11
 _MOST_LOOKS = 20_000
 
@@ -26,129 +30,144 @@ _MOST_LOOKS = 20_000
 _T, _END, _START, _ABOVE, _F_ABOVE, _BELOW, _F_BELOW, _SIDE, _LOOKS = range(9)
 
 
-@kernel
-def _begin(
-    surface: Surface, bounds: Bounds, ray: tuple[FloatArray, FloatArray, FloatArray], ceiling: float
-) -> tuple[float, float, float]:
-    """Return where a ray is to be looked at first, where it ends, and where it began.
+class Rays(NamedTuple):
+    """Rays on their way: each row is one, with unit `beams` (N, 3), `feet` (N, 3), `state` (N, 9).
 
-    The first is not before the end for a ray that misses. `ray` is origin, direction and foot.
+    Kernels take all of them and a number: a row cut out of an array is counted by each who holds
+    it, and that would take longer than the work.
     """
-    origin, beam, foot = ray
-    closest = -(origin[0] * beam[0] + origin[1] * beam[1] + origin[2] * beam[2])
-    square = ceiling * ceiling
-    for axis in range(3):
-        foot[axis] = origin[axis] + closest * beam[axis]
-        square -= foot[axis] * foot[axis]
-    if square <= 0.0:
-        return 0.0, 0.0, 0.0
-    end = np.sqrt(square)
-    start = max(-end, -closest)
-    return fly(surface, bounds, foot, beam, (start, end)), end, start
+
+    beams: FloatArray
+    feet: FloatArray
+    state: FloatArray
 
 
 @kernel
-def _march(
-    surface: Surface, bounds: Bounds, ray: tuple[FloatArray, FloatArray], state: FloatArray
-) -> float:
+def _begin(bounds: Bounds, rays: Rays, i: int, origins: FloatArray) -> bool:
+    """Set out a ray of the `origins` (N, 3); return whether it comes near the body at all."""
+    beams, feet, state = rays
+    state[i] = 0.0
+    closest = 0.0
+    for axis in range(3):
+        closest -= origins[i, axis] * beams[i, axis]
+    square = bounds.ceiling * bounds.ceiling
+    for axis in range(3):
+        feet[i, axis] = origins[i, axis] + closest * beams[i, axis]
+        square -= feet[i, axis] * feet[i, axis]
+    end = np.sqrt(max(square, 0.0))
+    start = max(-end, -closest)
+    state[i, _START], state[i, _END] = start, end
+    state[i, _T] = fly(bounds, feet, beams, i, (start, end)) if start < end else end
+    if state[i, _T] < end:
+        return True
+    state[i, _T] = np.nan
+    return False
+
+
+@inlined_kernel
+def _march(bounds: Bounds, rays: Rays, i: int) -> float:
     """Return the next place of a ray that is above the ground, by at least as far as is safe.
 
     The ground, with slopes up to the steepest, cannot come to meet it within the step; near the
     ground it leaps to where the last two looks say that it is.
     """
-    foot, beam = ray
-    t, height = state[_T], state[_F_ABOVE]
-    x, y, z = foot[0] + t * beam[0], foot[1] + t * beam[1], foot[2] + t * beam[2]
-    cosine = -(x * beam[0] + y * beam[1] + z * beam[2]) / np.sqrt(x * x + y * y + z * z)
+    beams, feet, state = rays
+    t, height = state[i, _T], state[i, _F_ABOVE]
+    square, along = 0.0, 0.0
+    for axis in range(3):
+        place = feet[i, axis] + t * beams[i, axis]
+        square += place * place
+        along -= place * beams[i, axis]
+    cosine = along / np.sqrt(square)
     rate = max(0.3, cosine + _STEEPEST * np.sqrt(max(0.0, 1.0 - cosine * cosine)))
     step = max(height / rate, _LEAST_STEP)
-    fall = state[_F_BELOW]
-    if fall > 0.0 and height / fall < bounds.leap:
+    fall = state[i, _F_BELOW]
+    if fall > 0.0 and height < fall * bounds.leap:
         step = max(step, 1.02 * height / fall + 1e-4)
-    return fly(surface, bounds, foot, beam, (t + step, state[_END]))
+    t += step
+    if height < _WORTH_A_FLIGHT:
+        return t
+    return fly(bounds, feet, beams, i, (t, state[i, _END]))
 
 
-@kernel
-def _narrow(state: FloatArray) -> float:
+@inlined_kernel
+def _narrow(state: FloatArray, i: int) -> float:
     """Return where to look next between the places above and below the ground.
 
     Regula falsi in the Illinois form; every eighth step bisects, so that a kink cannot stall it.
     """
-    above, below = state[_ABOVE], state[_BELOW]
-    if state[_LOOKS] % 8 == 7:
+    above, below = state[i, _ABOVE], state[i, _BELOW]
+    if state[i, _LOOKS] % 8 == 7:
         return 0.5 * (above + below)
-    return above + (below - above) * state[_F_ABOVE] / (state[_F_ABOVE] - state[_F_BELOW])
+    share = state[i, _F_ABOVE] / (state[i, _F_ABOVE] - state[i, _F_BELOW])
+    return above + (below - above) * share
 
 
-@kernel
-def _bracket(state: FloatArray, value: float) -> None:
-    """Take a clearance between the two places into account."""
+@inlined_kernel
+def _bracket(state: FloatArray, i: int, value: float) -> bool:
+    """Narrow the two places by the clearance between them; return whether that is not enough."""
     if value > 0.0:
-        state[_ABOVE], state[_F_ABOVE] = state[_T], value
-        state[_F_BELOW] *= 0.5 if state[_SIDE] == 1.0 else 1.0
-        state[_SIDE] = 1.0
+        state[i, _ABOVE], state[i, _F_ABOVE] = state[i, _T], value
+        state[i, _F_BELOW] *= 0.5 if state[i, _SIDE] == 1.0 else 1.0
+        state[i, _SIDE] = 1.0
     else:
-        state[_BELOW], state[_F_BELOW] = state[_T], value
-        state[_F_ABOVE] *= 0.5 if state[_SIDE] == -1.0 else 1.0
-        state[_SIDE] = -1.0
+        state[i, _BELOW], state[i, _F_BELOW] = state[i, _T], value
+        state[i, _F_ABOVE] *= 0.5 if state[i, _SIDE] == -1.0 else 1.0
+        state[i, _SIDE] = -1.0
+    width = state[i, _BELOW] - state[i, _ABOVE]
+    if width < _ON_SURFACE or abs(value) < _ON_SURFACE:
+        return False
+    state[i, _T] = _narrow(state, i)
+    return True
 
 
-@kernel
-def _advance(
-    surface: Surface,
-    bounds: Bounds,
-    ray: tuple[FloatArray, FloatArray],
-    state: FloatArray,
-    value: float,
-) -> bool:
+@inlined_kernel
+def _advance(bounds: Bounds, rays: Rays, i: int, value: float) -> bool:
     """Move a ray on by what is known of the clearance `value` where it is.
 
     Returns whether it is to be looked at again; if not, it hit at ``state[_T]`` (NaN: it missed).
     Until the ground is crossed ``state[_F_BELOW]`` holds how fast the clearance falls, ≥ 0.
     """
-    state[_LOOKS] += 1.0
-    if state[_F_BELOW] < 0.0:
-        _bracket(state, value)
-        narrow = state[_BELOW] - state[_ABOVE] < _ON_SURFACE
-        if narrow or abs(value) < _ON_SURFACE:
-            return False
-        state[_T] = _narrow(state)
-        return True
+    state = rays.state
+    state[i, _LOOKS] += 1.0
+    if state[i, _F_BELOW] < 0.0:
+        return _bracket(state, i, value)
     if value > 0.0:
-        if state[_F_ABOVE] > 0.0:
-            fall = (state[_F_ABOVE] - value) / (state[_T] - state[_ABOVE])
-            state[_F_BELOW] = max(0.0, fall)
-        state[_ABOVE], state[_F_ABOVE] = state[_T], value
-        state[_T] = _march(surface, bounds, ray, state)
-    elif state[_F_ABOVE] > 0.0:
-        state[_BELOW], state[_F_BELOW], state[_LOOKS] = state[_T], min(value, -1e-300), 0.0
-        state[_T] = _narrow(state)
-    elif state[_T] > state[_START]:
+        if state[i, _F_ABOVE] > 0.0:
+            fall = (state[i, _F_ABOVE] - value) / (state[i, _T] - state[i, _ABOVE])
+            state[i, _F_BELOW] = max(0.0, fall)
+        state[i, _ABOVE], state[i, _F_ABOVE] = state[i, _T], value
+        state[i, _T] = _march(bounds, rays, i)
+    elif state[i, _F_ABOVE] > 0.0:
+        state[i, _BELOW], state[i, _F_BELOW] = state[i, _T], min(value, -1e-300)
+        state[i, _LOOKS] = 0.0
+        state[i, _T] = _narrow(state, i)
+    elif state[i, _T] > state[i, _START]:
         # It flew too far, over ground steeper than the bounds allow for.
-        state[_T] = max(state[_START], state[_T] + 3.0 * value - 0.1)
+        state[i, _T] = max(state[i, _START], state[i, _T] + 3.0 * value - 0.1)
     else:
         # A ray that begins below the ground has nothing to hit.
-        state[_T] = np.nan
-    if not state[_T] < state[_END] or state[_LOOKS] > _MOST_LOOKS:
-        state[_T] = np.nan
-    return not np.isnan(state[_T])
+        state[i, _T] = np.nan
+    if not state[i, _T] < state[i, _END] or state[i, _LOOKS] > _MOST_LOOKS:
+        state[i, _T] = np.nan
+    return not np.isnan(state[i, _T])
 
 
 @kernel
 def _look(
     surface: Surface,
-    rays: tuple[FloatArray, FloatArray, FloatArray],
+    rays: Rays,
     under_way: IntArray,
     scratch: tuple[FloatArray, FloatArray, FloatArray],
     clear: FloatArray,
 ) -> None:
     """Fill `clear` with the height over the ground of each ray that is `under_way`."""
-    feet, beams, states = rays
+    beams, feet, state = rays
     directions, radius, block = scratch
     count = len(under_way)
     for j in range(count):
         i = under_way[j]
-        t = states[i, _T]
+        t = state[i, _T]
         x = feet[i, 0] + t * beams[i, 0]
         y = feet[i, 1] + t * beams[i, 1]
         z = feet[i, 2] + t * beams[i, 2]
@@ -162,37 +181,30 @@ def _look(
 
 @kernel
 def _trace(
-    surface: Surface,
-    bounds: Bounds,
-    origins: FloatArray,
-    beams: FloatArray,
-    out: FloatArray,
+    surface: Surface, bounds: Bounds, origins: FloatArray, beams: FloatArray, out: FloatArray
 ) -> None:
     """Fill `out` (N,) with the distances of the first hits of at most BLOCK rays."""
-    feet, states = np.empty((BLOCK, 3)), np.empty((BLOCK, 9))
+    rays = Rays(beams, np.empty((BLOCK, 3)), np.empty((BLOCK, 9)))
     scratch = np.empty((BLOCK, 3)), np.empty(BLOCK), np.empty((5, BLOCK))
     clear, under_way, count = np.empty(BLOCK), np.empty(BLOCK, np.int64), 0
     for i in range(len(out)):
-        ray = (origins[i], beams[i], feet[i])
-        first, end, start = _begin(surface, bounds, ray, bounds.ceiling)
-        states[i] = 0.0
-        states[i, _T] = first if first < end else np.nan
-        states[i, _END], states[i, _START] = end, start
-        if first < end:
+        if _begin(bounds, rays, i, origins):
             under_way[count] = i
             count += 1
     while count:
-        _look(surface, (feet, beams, states), under_way[:count], scratch, clear)
+        _look(surface, rays, under_way[:count], scratch, clear)
         left = 0
         for j in range(count):
             i = under_way[j]
-            if _advance(surface, bounds, (feet[i], beams[i]), states[i], clear[j]):
+            if _advance(bounds, rays, i, clear[j]):
                 under_way[left] = i
                 left += 1
         count = left
     for i in range(len(out)):
-        o, b = origins[i], beams[i]
-        out[i] = states[i, _T] - (o[0] * b[0] + o[1] * b[1] + o[2] * b[2])
+        closest = 0.0
+        for axis in range(3):
+            closest -= origins[i, axis] * beams[i, axis]
+        out[i] = closest + rays.state[i, _T]
 
 
 @kernel

@@ -87,7 +87,7 @@ def test_the_index_finds_every_crater_and_boulder(body: TruthBody) -> None:
         add_noise(point, surface.swells, surface.seed, swell, 1)
         add_noise(point, surface.octaves, surface.seed, rough, 1)
         noise = swell[0] + smoothed(surface, x, y, z) * rough[0]
-        ground = size * low_degree(surface, x, y, z)
+        ground = size * low_degree(surface.shape, x, y, z)
         ground += (1.0 + surface.roughness_contrast * (y * y - x * x)) * noise
         ground += sum(crater_height(x, y, z, size, crater) for crater in surface.craters.numbers)
         near = boulders[boulders[:, :3] @ [x, y, z] > 0]
