@@ -93,7 +93,7 @@ def write_ola(path: str | Path, chunks: Iterable[Scan]) -> None:
     """
     with replacing(path) as temporary, temporary.open("wb") as stream:
         for scan in chunks:
-            stream.write(_table(scan).tobytes())
+            stream.write(_table(scan).view(np.uint8).data)
 
 
 def _records(table: NDArray[Any]) -> Records:
@@ -212,10 +212,26 @@ def _utc_texts(time: FloatArray) -> AnyArray:
     known = np.isfinite(time)
     if known.any():
         first = float(time[known].min())
-        start = np.datetime64(_iso(utc_from_et(first, 6)), "us")
-        elapsed = np.round((time[known] - first) * 1e6).astype("timedelta64[us]")
-        texts[known] = np.datetime_as_string(start + elapsed, unit="ms").astype("S24")
+        start = np.datetime64(_iso(utc_from_et(first, 6)), "us").astype(np.int64)
+        elapsed = np.round((time[known] - first) * 1e6).astype(np.int64)
+        second, part = np.divmod((start + elapsed) // 1000, 1000)
+        # The texts of seconds and of thousandths are made once each, and put together as bytes.
+        seconds, which = np.unique(second, return_inverse=True)
+        clock = np.datetime_as_string(seconds.astype("datetime64[s]")).astype("S19")
+        characters = np.empty((len(second), 24), dtype=np.uint8)
+        characters[:, :19] = _characters(clock)[which]
+        characters[:, 19:23] = _MILLISECONDS[part]
+        characters[:, 23] = 0
+        texts[known] = characters.view("S24")[:, 0]
     return texts
+
+
+def _characters(texts: AnyArray) -> AnyArray:
+    """Return byte texts (N,) of equal length as numbers (N, length)."""
+    return texts.view(np.uint8).reshape(len(texts), -1)
+
+
+_MILLISECONDS = _characters(np.array([b".%03d" % part for part in range(1000)]))
 
 
 def _iso(calendar: str) -> str:
