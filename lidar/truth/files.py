@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
+import numpy as np
+
 from lidar.formats.las_writer import write_las
 from lidar.formats.native import write_scan
 from lidar.formats.ola import RECORD, write_ola
@@ -19,11 +21,12 @@ FORMATS: Mapping[str, str] = MappingProxyType({"ola": ".dat", "hdf5": ".h5", "la
 """Formats that scans can be written in, and the endings of their files."""
 
 _REASONS = {OVERFLOW: "overflow", NO_RETURN: "no return", MISSING: "missing"}
-# Of one return in a raster of 7 cm from 750 m, as measured; noise does not compress, so that other
-# scans differ by a few per cent.
-_NATIVE_BYTES, _LAZ_BYTES = 72.0, 14.0
-# What a file holds however few its returns are.
-_NATIVE_HEAD, _LAZ_HEAD = 30_000, 1_500
+# Bytes of a file, and of each return in it, as measured over rasters and tracks of several bodies:
+# right to a tenth. Noise does not compress; what does is how little neighbours differ.
+_NATIVE_HEAD, _LAZ_HEAD = 30_000, 20_000
+_NATIVE_BYTES, _TRACK_NATIVE_BYTES = 61.0, 67.0
+_LAZ_BYTES, _LAZ_BYTES_AN_OCTAVE, _LAZ_SPACING = 7.2, 0.45, 0.07
+_TRACK_LAZ_BYTES = 11.0
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,7 @@ class ScanSize:
     returns : int
         Expected, where all shots meet ground that is not steep.
     bytes : int
-        Of the file, expected.
+        Of the file, expected; right to a tenth.
     """
 
     shots: int
@@ -56,12 +59,15 @@ def scan_size(settings: LidarSettings, format: str, *, track: Track | None = Non
     _check_format(format)
     shots = settings.shots if track is None else track.shots
     returns = round(shots * settings.expected_share)
-    size = {
-        "ola": shots * RECORD.itemsize,
-        "hdf5": _NATIVE_HEAD + round(returns * _NATIVE_BYTES),
-        "laz": _LAZ_HEAD + round(returns * _LAZ_BYTES),
-    }
-    return ScanSize(shots, returns, size[format])
+    if format == "ola":
+        return ScanSize(shots, returns, shots * RECORD.itemsize)
+    if format == "hdf5":
+        each = _NATIVE_BYTES if track is None else _TRACK_NATIVE_BYTES
+        return ScanSize(shots, returns, _NATIVE_HEAD + round(returns * each))
+    octaves = np.log2(settings.spacing / _LAZ_SPACING)
+    each = max(1.0, _LAZ_BYTES + _LAZ_BYTES_AN_OCTAVE * float(octaves))
+    each = each if track is None else _TRACK_LAZ_BYTES
+    return ScanSize(shots, returns, _LAZ_HEAD + round(returns * each))
 
 
 def write_scans(path: str | Path, chunks: Iterable[Scan], *, format: str) -> None:
