@@ -63,13 +63,23 @@ class SampledSurface:
         size = int(np.clip(2 ** round(np.log2(cells / 90.0)), 16, 256))
         tiling = Tiling.of(-(-cells // size), size, largest)
         self._store = TileStore(body.radius, tiling, memory_bytes=memory_bytes)
-        lower, upper = _bounds(body, tiling.across, largest)
+        lower, upper, floor = _bounds(body, tiling.across, largest)
         self._store.lower[:], self._store.upper[:] = lower, upper
         self._lift = _LIFT_SHARE * self.spacing
         self._tiles = Tiles(
             tiling, self._store.slots, self._store.pool, self._store.lower, self._store.upper,
-            np.array([upper.max()]),
+            floor, float(upper.max()),
         )  # fmt: skip
+
+    @property
+    def tiling(self) -> Tiling:
+        """How the cube around the body is cut."""
+        return self._store.tiling
+
+    @property
+    def memory_bytes(self) -> int:
+        """What the tiles take at most."""
+        return 4 * self._store.capacity * self._store.tiling.length
 
     @property
     def tiles_made(self) -> int:
@@ -173,10 +183,11 @@ def _cube_nodes(cells: int) -> FloatArray:
     return directions.reshape(6, cells + 3, cells + 3, 3)[:, 1:-1, 1:-1]
 
 
-def _bounds(body: RadialBody, across: int, largest: float) -> tuple[FloatArray, FloatArray]:
+def _bounds(body: RadialBody, across: int, largest: float) -> tuple[FloatArray, FloatArray, float]:
     """Return radii (tiles,) that the surface does not go below or above in each tile.
 
-    From a coarse sampling, with what the ground may rise or fall between its nodes.
+    From a coarse sampling, with what the ground may rise or fall between its nodes. The third
+    value is a radius far below all of the ground.
     """
     per_tile = -(-_COARSE_CELLS // across)
     cells = across * per_tile
@@ -188,4 +199,4 @@ def _bounds(body: RadialBody, across: int, largest: float) -> tuple[FloatArray, 
         radius, (per_tile + 1, per_tile + 1), axis=(1, 2)
     )[:, ::per_tile, ::per_tile]
     lower, upper = windows.min(axis=(3, 4)) - margin, windows.max(axis=(3, 4)) + margin
-    return lower.ravel(), upper.ravel()
+    return lower.ravel(), upper.ravel(), 0.5 * float(radius.min())

@@ -27,7 +27,7 @@ _ON_SURFACE = 1e-9
 class Tiles(NamedTuple):
     """The tiles as the kernels take them; see :class:`spcola.truth.tilestore.TileStore`.
 
-    `ceiling` (1,) is a radius that no point of the surface exceeds.
+    `floor` and `ceiling` are radii between which the surface lies.
     """
 
     tiling: Tiling
@@ -35,7 +35,8 @@ class Tiles(NamedTuple):
     pool: FloatArray
     lower: FloatArray
     upper: FloatArray
-    ceiling: FloatArray
+    floor: float
+    ceiling: float
 
 
 class Line(NamedTuple):
@@ -247,26 +248,33 @@ def _in_tile(
 
 
 @kernel
-def _span(origin: Vector, beam: Vector, ceiling: float) -> tuple[float, float, float, Vector]:
-    """Return the distance of a ray's foot, where the ray is below the ceiling, and its foot.
+def _span(origin: Vector, beam: Vector, tiles: Tiles) -> tuple[float, float, float, Vector]:
+    """Return the distance of a ray's foot, where it is between ceiling and floor, and its foot.
 
     Start and end are distances from the foot, which are of the body's size whatever the range;
-    the start is NaN for a ray that stays above or goes away.
+    the start is NaN for a ray that stays above the ceiling, goes away, or begins under the floor.
+    Nobody follows a ray to where it passes O: its direction from there turns too fast.
     """
     closest = -(origin[0] * beam[0] + origin[1] * beam[1] + origin[2] * beam[2])
     foot = at(origin, beam, closest)
-    half = ceiling * ceiling - (foot[0] ** 2 + foot[1] ** 2 + foot[2] ** 2)
+    square = foot[0] ** 2 + foot[1] ** 2 + foot[2] ** 2
+    half = tiles.ceiling**2 - square
     if not half > 0.0 or closest + np.sqrt(half) < 0.0:
         return closest, np.nan, np.nan, foot
     end = np.sqrt(half)
-    return closest, max(-end, -closest), end, foot
+    start = max(-end, -closest)
+    under = tiles.floor**2 - square
+    if under > 0.0 and start < np.sqrt(under):
+        end = -np.sqrt(under)
+        start = start if start < end else np.nan
+    return closest, start, end, foot
 
 
 @kernel
 def needs(tiles: Tiles, origin: Vector, beam: Vector, wanted: AnyArray) -> None:
     """Mark in `wanted` (tiles,) all tiles that a ray may dip into, up to where it must have hit."""
     tiling = tiles.tiling
-    _, t, end, foot = _span(origin, beam, tiles.ceiling[0])
+    _, t, end, foot = _span(origin, beam, tiles)
     if np.isnan(t):
         return
     square = foot[0] ** 2 + foot[1] ** 2 + foot[2] ** 2
@@ -300,7 +308,7 @@ def hit(tiles: Tiles, origin: Vector, beam: Vector, wanted: AnyArray) -> tuple[f
     A tile that is not there is marked in `wanted`, and −2 is returned for it.
     """
     tiling = tiles.tiling
-    closest, t, end, foot = _span(origin, beam, tiles.ceiling[0])
+    closest, t, end, foot = _span(origin, beam, tiles)
     if np.isnan(t):
         return np.nan, -1
     start = t
