@@ -77,7 +77,7 @@ class Darkness:
     noise: float = 3.0
     dark: float = 0.08
     drift: float = 0.6
-    wavelength: float = 40.0
+    wavelength: float = 60.0
     reach: float = 20.0
 
     def __post_init__(self) -> None:
@@ -118,7 +118,9 @@ class Shade(NamedTuple):
         """Return heights (R, C) that lose their form in the dark."""
         if not self.depth.any():
             return height
-        soft = gaussian_filter(height, _BLURRED, mode="nearest")
+        once = gaussian_filter(height, _BLURRED, mode="nearest")
+        # Smoothed, but with its curvature kept: a small body does not sink.
+        soft = 2.0 * once - gaussian_filter(once, _BLURRED, mode="nearest")
         mixed: FloatArray = height + self.depth * (soft - height)
         return mixed
 
@@ -158,7 +160,7 @@ def softened(height: FloatArray, gsd: float, softness: Softness) -> FloatArray:
     share = np.clip((_slope(even - ground, gsd) - low) / (high - low), 0.0, 1.0)
     detail = even + share * (soft - even) - ground
     kept = (1.0 + (_slope(detail, gsd) / softness.steepest) ** 4) ** -0.25
-    return ground + _integrated(detail, kept, softness.anchor)
+    return ground + integrated(detail, kept, softness.anchor)
 
 
 def _slope(height: FloatArray, gsd: float) -> FloatArray:
@@ -168,7 +170,7 @@ def _slope(height: FloatArray, gsd: float) -> FloatArray:
     return slope
 
 
-def _integrated(height: FloatArray, kept: FloatArray, anchor: float) -> FloatArray:
+def integrated(height: FloatArray, kept: FloatArray, anchor: float) -> FloatArray:
     """Return the surface whose steps are those of `height` times `kept` (R, C), least squares.
 
     Minimises ``Σ |∇z − kept ∇h|² + Σ (z − h)² / anchor²``, whose normal equations the cosine
@@ -198,6 +200,8 @@ def unresolved(height: FloatArray, softness: Softness) -> FloatArray:
     if softness.smoothing == 0.0:
         return np.zeros(height.shape)
     taken = height - gaussian_filter(height, softness.steep_smoothing, mode="nearest")
+    # Without what it takes from the curvature of the body: that is no roughness.
+    taken -= gaussian_filter(taken, softness.steep_smoothing, mode="nearest")
     rms: FloatArray = np.sqrt(gaussian_filter(taken**2, 1.5, mode="nearest"))
     return softness.expected * rms
 
