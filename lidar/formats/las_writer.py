@@ -22,7 +22,8 @@ _FINEST_M = 1e-4
 _MOST_COUNTS = 2**31 - 2
 _UNCLASSIFIED = 1
 _MOST_INTENSITY = 65535
-_J2000 = date(2000, 1, 1)
+# Ephemeris time counts from the noon of this day.
+_J2000, _NOON_S = date(2000, 1, 1), 43_200.0
 
 
 def write_las(path: str | Path, chunks: Iterable[Scan], *, compressed: bool = True) -> None:
@@ -80,7 +81,7 @@ class _Layout:
         # The header names the day of the scan: today's would let equal scans differ.
         self.day = _J2000
         if self.timed:
-            self.day += timedelta(days=float(first.time[0]) // 86400.0)
+            self.day += timedelta(days=(float(first.time[0]) + _NOON_S) // 86400.0)
         # What comes later may lie further out than the first returns: four times at most.
         self.scale = _FINEST_M
         while 4.0 * largest > self.scale * _MOST_COUNTS:
@@ -102,6 +103,9 @@ class _Layout:
             header.add_extra_dim(
                 laspy.ExtraBytesParams(name, "i4", "metres", scales=scales, offsets=offsets)
             )
+        # laspy would state the first value of each chunk as least and greatest: state none.
+        for extra in header.vlrs.get("ExtraBytesVlr")[0].extra_bytes_structs:
+            extra.options &= ~(extra.MIN_BIT_MASK | extra.MAX_BIT_MASK)
         return header
 
     def checked(self, values: FloatArray, what: str) -> FloatArray:

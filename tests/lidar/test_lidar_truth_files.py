@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import laspy
 import numpy as np
 import pytest
 
@@ -155,7 +156,7 @@ def test_native_files_count_what_they_leave_out(scan: Scan, tmp_path: Path) -> N
     write_scans(path, pieces(scan, 5000), format="hdf5")
     summary = scan_summary(path)
     assert summary.count + sum(summary.rejected.values()) == SETTINGS.shots
-    kept = list(returns_of([scan]))[0]
+    kept = next(returns_of([scan]))
     assert summary.rejected == kept.rejected
 
 
@@ -201,6 +202,27 @@ def test_las_without_compression_reads_back_alike(scan: Scan, tmp_path: Path) ->
     for layer in ("points", "time", "range", "spacecraft", "intensity", "flag"):
         np.testing.assert_array_equal(getattr(plain, layer), getattr(packed, layer))
     assert (tmp_path / "scan.las").stat().st_size > 5 * (tmp_path / "scan.laz").stat().st_size
+
+
+def test_other_readers_find_all_that_a_laz_file_holds(scan: Scan, tmp_path: Path) -> None:
+    good = scan.select(scan.flag % 100 == 0)
+    write_scans(tmp_path / "scan.laz", pieces(scan, 6000), format="laz")
+    las = laspy.read(tmp_path / "scan.laz")
+    header = las.header
+    assert (str(header.version), header.point_format.id) == ("1.4", 6)
+    assert header.point_count == len(good)
+    np.testing.assert_allclose(header.mins, good.points.min(axis=0), rtol=0, atol=5.1e-5)
+    np.testing.assert_allclose(header.maxs, good.points.max(axis=0), rtol=0, atol=5.1e-5)
+    assert header.creation_date.isoformat() == "2019-07-01"
+    assert list(header.point_format.extra_dimension_names) == [
+        "flag", "range", "spacecraft_x", "spacecraft_y", "spacecraft_z",
+    ]  # fmt: skip
+    extras = header.vlrs.get("ExtraBytesVlr")[0].extra_bytes_structs
+    assert not any(extra.min_is_relevant() or extra.max_is_relevant() for extra in extras)
+    # 2019 JUL 01 00:00:00 UTC is 1 245 974 418 s of GPS time (18 leap seconds).
+    middle = las.gps_time[len(good) // 2] + 1e9
+    assert middle == pytest.approx(1_245_974_418 + 150, abs=1.0)
+    np.testing.assert_allclose(np.asarray(las["range"]), good.range, rtol=0, atol=5.1e-5)
 
 
 def test_a_damaged_laz_range_is_refused(scan: Scan, tmp_path: Path) -> None:
