@@ -1,0 +1,78 @@
+"""``spcola truth assess``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from fusion.cli.output import JsonOption, show
+from fusion.cli.stages import WorkersOption
+
+
+def assess(
+    workspace: Annotated[Path, typer.Argument(metavar="WS", help="The workspace.")],
+    truth: Annotated[
+        Path,
+        typer.Option(metavar="DIR", help="The synthetic mission (the folder of its truth.json)."),
+    ],
+    model: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="Another model to assess: .MAP, FITS, GeoTIFF, OBJ, PLY, ICQ, or the folder of a "
+            "release. Repeat it for several.",
+        ),
+    ] = None,
+    frame: Annotated[
+        Literal["spc", "body"],
+        typer.Option(
+            help="In whose coordinates the models of --model stand: those of the SPC solution, or "
+            "the body's own (the lidar's)."
+        ),
+    ] = "spc",
+    unit: Annotated[
+        Literal["km", "m"], typer.Option(help="Of an OBJ or PLY of --model that states none.")
+    ] = "km",
+    only: Annotated[
+        bool, typer.Option("--only", help="Assess the models of --model, not those of WS.")
+    ] = False,
+    patches: Annotated[
+        int, typer.Option(metavar="N", help="Compare the heights of at most so many maplets.")
+    ] = 200,
+    report: Annotated[
+        Path | None, typer.Option(metavar="FILE.html", help="Write the page of figures there.")
+    ] = None,
+    workers: WorkersOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare models with the truth of a synthetic mission.
+
+    3D rms and optimised 3D rms, height errors by region, slopes, resolution, calibration of the
+    stated sigmas, FormU, and what was recovered of what was planted.
+    """
+    # The machinery is imported here and not above, so that help comes at once.
+    from fusion.executor import ThreadExecutor
+    from fusion.progress import Progress
+    from fusion.truth.assessment.assess import assess as assess_models
+    from fusion.truth.assessment.gather import file_model, workspace_models
+    from fusion.truth.assessment.page import write_page
+    from fusion.truth.assessment.settings import AssessmentSettings
+    from fusion.truth.assessment.summary import assessment_json, assessment_lines
+    from fusion.truth.planted import read_truth
+    from fusion.workspace import Workspace
+
+    if only and not model:
+        raise typer.BadParameter("needs --model", param_hint="--only")
+    there, planted = Workspace.open(workspace), read_truth(truth)
+    models = [] if only else workspace_models(there)
+    models += [file_model(path, frame=frame, unit=unit) for path in model or []]
+    settings = AssessmentSettings(patches=patches)
+    executor, progress = ThreadExecutor(workers), Progress.fitting(silent=as_json)
+    found = assess_models(planted, models, there, executor, progress, settings=settings)
+    lines = list(assessment_lines(found))
+    if report is not None:
+        write_page(report, found)
+        lines.append(f"report: {report.resolve()}")
+    show(assessment_json(found), lines, as_json=as_json)

@@ -1,0 +1,108 @@
+"""Which models there are: those of a workspace, and those in files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from fusion.products.fits import read_fits_dtm
+from fusion.products.fused import FUSED_HDF5, fused_names, read_fused
+from fusion.products.geotiff import read_geotiff
+from fusion.products.surface import read_surface
+from fusion.registration.summary import transform_of
+from fusion.truth.assessment.model import Frame, MapletModel, MeshModel, Model
+from fusion.workspace import Workspace
+from spcola.errors import FormatError, WorkspaceError
+from spcola.formats.map import read_maplet
+from spcola.formats.shape import read_shape
+from spcola.maplet import Maplet
+
+_BIGMAPS = (
+    ("", "bigmaps of fused maplets"),
+    ("maplets", "bigmaps of SPC maplets"),
+    ("returns", "bigmaps of lidar returns"),
+)
+
+
+def workspace_models(workspace: Workspace) -> list[Model]:
+    """Return the models of a workspace, all in SPC coordinates; what is not there is left out.
+
+    SPC maplets, mapolas as the registration moves them, fused maplets, the three kinds of
+    bigmaps, and the shape.
+    """
+    models: list[Model] = []
+    if workspace.maplet_names():
+        models.append(MapletModel("SPC maplets", workspace.maplet_names(), workspace.maplet))
+    if workspace.mapola_names() and workspace.registration_path.is_file():
+        models.append(_registered_mapolas(workspace))
+    if workspace.fused_names():
+        models.append(MapletModel("fused maplets", workspace.fused_names(), workspace.fused))
+    for folder, title in _BIGMAPS:
+        paths = {path.stem: path for path in _maps(workspace.root / "bigmaps" / folder)}
+        if paths:
+            models.append(_maps_of(title, paths))
+    if workspace.has_shape():
+        models.append(MeshModel("shape", workspace.shape()))
+    return models
+
+
+def file_model(path: Path, *, frame: Frame = "spc", unit: Literal["km", "m"] = "km") -> Model:
+    """Return the model in a file or folder, recognised by content and ending.
+
+    A folder with ``fused.h5`` (``fused/`` or a release), ``.MAP``, FITS or GeoTIFF of ours, OBJ
+    or PLY of ours (with a frame: a maplet), ICQ, any other OBJ or PLY (a mesh).
+
+    Parameters
+    ----------
+    path : Path
+    frame : {"spc", "body"}
+        In whose coordinates it stands.
+    unit : {"km", "m"}
+        Of an OBJ or PLY that states none.
+
+    Raises
+    ------
+    FormatError, WorkspaceError
+        If it is none of these, or damaged.
+    """
+    if path.is_dir():
+        if not (path / FUSED_HDF5).is_file():
+            raise WorkspaceError(
+                f"holds no {FUSED_HDF5}", path, "name a release, a fused folder, or a file"
+            )
+        names = fused_names(path)
+        return MapletModel(str(path), names, lambda name: read_fused(path, name), frame)
+    readers = {".map": read_maplet, ".fits": read_fits_dtm, ".tif": read_geotiff}
+    reader = readers.get(path.suffix.lower())
+    if reader is not None:
+        return _single(path, reader(path), frame)
+    if path.suffix.lower() in (".obj", ".ply"):
+        try:
+            return _single(path, read_surface(path), frame)
+        except FormatError:
+            # No product of this program: a mesh of somebody else's.
+            return MeshModel(path.name, read_shape(path, unit=unit), frame)
+    return MeshModel(path.name, read_shape(path, unit=unit), frame)
+
+
+def _single(path: Path, maplet: Maplet, frame: Frame) -> Model:
+    return MapletModel(path.name, [maplet.name], lambda _: maplet, frame)
+
+
+def _registered_mapolas(workspace: Workspace) -> Model:
+    """Return the mapolas, moved by the registration."""
+    where = str(workspace.registration_path)
+    transform = transform_of(workspace.read_json(workspace.registration_path.name), where)
+
+    def load(name: str) -> Maplet:
+        return workspace.mapola(name).moved(transform)
+
+    return MapletModel("mapolas, registered", workspace.mapola_names(), load)
+
+
+def _maps(folder: Path) -> list[Path]:
+    return sorted(folder.glob("[!.]*.MAP"))
+
+
+def _maps_of(title: str, paths: dict[str, Path]) -> Model:
+    return MapletModel(title, list(paths), lambda name: read_maplet(paths[name], name=name))

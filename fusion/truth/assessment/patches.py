@@ -1,0 +1,114 @@
+"""Heights of a model against the truth, maplet by maplet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fusion.truth.assessment.regions import Ground, PointErrors
+from spcola.arrays import BoolArray, FloatArray
+from spcola.heights import slopes_of
+from spcola.maplet import Maplet, MapletGrid
+from spcola.similarity import Similarity
+
+
+@dataclass(frozen=True, eq=False)
+class PatchErrors:
+    """One maplet beside the truth, on its grid.
+
+    Attributes
+    ----------
+    maplet : Maplet
+        The model, in its own frame.
+    truth : (2q+1, 2q+1) ndarray
+        Heights of the truth on the same grid, metres.
+    points : PointErrors
+        Of the points that both know.
+    """
+
+    maplet: Maplet
+    truth: FloatArray
+    points: PointErrors
+
+    @property
+    def error(self) -> FloatArray:
+        """Height errors (2q+1, 2q+1), model minus truth, metres; NaN where either is unknown."""
+        error: FloatArray = self.maplet.height - self.truth
+        return error
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the height errors, metres; NaN if there are none."""
+        heights = self.points.height
+        return float(np.sqrt(np.mean(heights**2))) if len(heights) else float("nan")
+
+
+def patch_errors(maplet: Maplet, ground: Ground, to_model: Similarity) -> PatchErrors:
+    """Compare one maplet with the truth.
+
+    Parameters
+    ----------
+    maplet : Maplet
+        In the model's frame.
+    ground : Ground
+        The truth, in the body's own frame.
+    to_model : Similarity
+        From the body's frame to the model's: the planted similarity, or none. The truth is
+        brought to the maplet's grid by it, so that neither the scale, the turn nor the shift
+        that were planted count as an error of the heights.
+    """
+    grid, back = maplet.grid, to_model.inverse()
+    true_grid = MapletGrid(
+        back.apply(grid.center), back.turn(grid.axes), grid.gsd * back.scale, grid.half_size
+    )
+    true_height = ground.truth.heights(true_grid)
+    truth = to_model.scale * true_height
+    known = maplet.valid & np.isfinite(truth)
+    places = true_grid.points(true_height)[known]
+    points = PointErrors(
+        (maplet.height - truth)[known].astype(np.float32),
+        _angle(maplet.height, truth, grid.gsd)[known].astype(np.float32),
+        _stated_sigma(maplet)[known].astype(np.float32),
+        (places / np.linalg.norm(places, axis=1, keepdims=True)).astype(np.float32),
+        ground.regions(places),
+    )
+    return PatchErrors(maplet, truth, points)
+
+
+def _angle(model: FloatArray, truth: FloatArray, gsd: float) -> FloatArray:
+    """Return the angles (R, C) between the normals of two surfaces, radians.
+
+    Slopes are central differences over two steps; the outermost points, and those beside a gap,
+    have none.
+    """
+    normals = []
+    for height in (model, truth):
+        slope_x, slope_y = slopes_of(height, gsd)
+        normals.append(np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=-1))
+    one, other = normals
+    across = np.linalg.norm(np.cross(one, other), axis=-1)
+    angle = np.arctan2(across, np.sum(one * other, axis=-1))
+    return np.where(_surrounded(model) & _surrounded(truth), angle, np.nan)
+
+
+def _surrounded(height: FloatArray) -> BoolArray:
+    """Tell where all four neighbours are known."""
+    known = np.pad(np.isfinite(height), 1)
+    inside: BoolArray = known[:-2, 1:-1] & known[2:, 1:-1] & known[1:-1, :-2] & known[1:-1, 2:]
+    return inside
+
+
+def _stated_sigma(maplet: Maplet) -> FloatArray:
+    """Return what the maplet states of its heights (2q+1, 2q+1), metres; NaN where nothing.
+
+    The uncertainty of the centre, where it is stated, comes to that of the height: a surface
+    displaced by D is met at a height that is off by D·(Uz − ∂h/∂x Ux − ∂h/∂y Uy).
+    """
+    if not np.isfinite(maplet.center_sigma).all() or not maplet.center_sigma.any():
+        return maplet.sigma
+    slope_x, slope_y = slopes_of(maplet.height, maplet.grid.gsd)
+    lean = np.nan_to_num(np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=-1))
+    shared = (lean @ maplet.grid.axes) ** 2 @ maplet.center_sigma**2
+    sigma: FloatArray = np.sqrt(maplet.sigma**2 + shared)
+    return sigma

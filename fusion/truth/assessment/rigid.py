@@ -1,0 +1,223 @@
+"""The translation and rotation that bring a model closest to the truth: an ICP without scale."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.linalg import eigh, norm
+from scipy.spatial.transform import Rotation
+
+from fusion.truth.assessment.surface import TruthSurface
+from spcola.arrays import BoolArray, FloatArray, IntArray
+from spcola.robust import MAD_TO_SIGMA, huber_weight
+from spcola.truth.nearest import Nearest
+
+# Directions along which the mean square of the residuals hardly changes (relative to the mean of
+# all six) are not observed: a sphere may turn as it likes.
+_FREE = 1e-7
+# Errors of neighbouring vertices are alike: the covariance counts each cell of a cube about the
+# model, this many along a side, as one observation.
+_CELLS = 6
+
+
+@dataclass(frozen=True)
+class RigidOptions:
+    """How the fit works.
+
+    Parameters
+    ----------
+    rotation : bool
+        False: translation only.
+    most_iterations : int
+        Of each of the two passes.
+    tolerance_m : float
+        The fit has converged when a step moves no vertex further than about this, metres.
+    loss_scale : float
+        Huber's limit of the first pass in robust standard deviations of the distances.
+    """
+
+    rotation: bool = True
+    most_iterations: int = 30
+    tolerance_m: float = 2e-5
+    loss_scale: float = 2.5
+
+
+@dataclass(frozen=True, eq=False)
+class RigidFit:
+    """A rigid motion of a model: ``p' = pivot + translation + R (p − pivot)``.
+
+    Attributes
+    ----------
+    pivot : (3,) ndarray
+        Mean of the vertices fitted, metres.
+    translation : (3,) ndarray
+        Metres.
+    rotation : (3,) ndarray
+        Rotation vector, radians; zero if only a translation was fitted.
+    covariance : (6, 6) ndarray
+        Of translation and rotation (metres, radians), from the scatter of whole cells of the
+        body, because errors of neighbouring vertices are alike. NaN where a parameter is not
+        observed, or not fitted.
+    rms : float
+        Root mean square distance of the vertices fitted, metres.
+    count, iterations : int
+    converged : bool
+    reason : str
+        Why it did not converge, or what is not observed; else empty.
+    """
+
+    pivot: FloatArray
+    translation: FloatArray
+    rotation: FloatArray
+    covariance: FloatArray
+    rms: float
+    count: int
+    iterations: int
+    converged: bool
+    reason: str = ""
+
+    def apply(self, points: FloatArray) -> FloatArray:
+        """Move `points` (N, 3), metres."""
+        turned = (points - self.pivot) @ Rotation.from_rotvec(self.rotation).as_matrix().T
+        moved: FloatArray = self.pivot + self.translation + turned
+        return moved
+
+
+def fit_rigid(
+    points: FloatArray, truth: TruthSurface, *, options: RigidOptions | None = None
+) -> RigidFit:
+    """Return the motion of `points` (N, 3), metres, that makes their 3D rms least.
+
+    Point-to-plane Gauss–Newton (Chen & Medioni 1992): the distance of a vertex changes with its
+    motion along the truth's normal at the nearest point. A first pass under Huber's loss keeps
+    gross errors from leading astray; the second takes all vertices in full, so that what comes
+    out is the least root mean square of Weirich et al. (section 2.8). The size is never fitted.
+
+    Parameters
+    ----------
+    points : (N, 3) ndarray
+        Vertices of the model, body-fixed, metres; all finite.
+    truth : TruthSurface
+    options : RigidOptions, optional
+
+    Returns
+    -------
+    RigidFit
+        Not converged, with a reason, if there are fewer than 6 vertices.
+    """
+    options = options or RigidOptions()
+    fit = _Fit(points, truth, options)
+    if len(points) < 6:
+        return fit.result(0, converged=False, reason="fewer than 6 vertices")
+    done = 0
+    settled = False
+    for robust in (True, False):
+        settled = False
+        for _ in range(options.most_iterations):
+            done += 1
+            if fit.step(robust=robust) < options.tolerance_m:
+                settled = True
+                break
+    reason = "" if settled else f"still moving after {options.most_iterations} iterations"
+    return fit.result(done, converged=settled, reason=reason)
+
+
+class _Fit:
+    """A fit under way: the pose, and what the last step saw."""
+
+    def __init__(self, points: FloatArray, truth: TruthSurface, options: RigidOptions) -> None:
+        self.points, self.truth, self.options = points, truth, options
+        self.pivot = points.mean(axis=0) if len(points) else np.zeros(3)
+        arms = norm(points - self.pivot, axis=1)
+        self.arm = max(float(np.sqrt(np.mean(arms**2))) if len(points) else 1.0, 1e-9)
+        self.translation: FloatArray = np.zeros(3)
+        self.turn = Rotation.identity()
+
+    def moved(self) -> FloatArray:
+        """Vertices (N, 3) where they are now."""
+        turned: FloatArray = (self.points - self.pivot) @ self.turn.as_matrix().T
+        return self.pivot + self.translation + turned
+
+    def step(self, *, robust: bool) -> float:
+        """Move by one Gauss–Newton step; return its size, metres at the typical vertex."""
+        here = self.moved()
+        near = self.truth.nearest(here)
+        weight: FloatArray = np.ones(len(here))
+        if robust:
+            # About zero, not about the median: a model that is off all round is no outlier.
+            spread = MAD_TO_SIGMA * max(float(np.median(np.abs(near.distance))), 1e-9)
+            weight = huber_weight(near.distance / spread, self.options.loss_scale)
+        design = self._design(here, near)
+        normal = design.T @ (weight[:, None] * design)
+        change = _pseudo_inverse(normal)[0] @ (design.T @ (weight * -near.distance))
+        self.translation += change[:3]
+        self.turn = Rotation.from_rotvec(change[3:] / self.arm) * self.turn
+        return float(norm(change[:3]) + norm(change[3:]))
+
+    def _design(self, here: FloatArray, near: Nearest) -> FloatArray:
+        """Change of the distances (N, 6) with translation and rotation, both in metres."""
+        design = np.zeros((len(here), 6))
+        design[:, :3] = near.normals
+        if self.options.rotation:
+            arms = here - self.pivot - self.translation
+            design[:, 3:] = np.cross(arms, near.normals) / self.arm
+        return design
+
+    def result(self, iterations: int, *, converged: bool, reason: str) -> RigidFit:
+        """Return the fit as it is now."""
+        rms, covariance, free = float("nan"), np.full((6, 6), np.nan), ""
+        if len(self.points):
+            here = self.moved()
+            near = self.truth.nearest(here)
+            rms = float(np.sqrt(np.mean(near.distance**2)))
+            covariance, free = self._covariance(here, near)
+        why = "; ".join(part for part in (reason, free) if part)
+        return RigidFit(
+            self.pivot, self.translation, self.turn.as_rotvec(), covariance, rms,
+            len(self.points), iterations, converged, why,
+        )  # fmt: skip
+
+    def _covariance(self, here: FloatArray, near: Nearest) -> tuple[FloatArray, str]:
+        """Return the covariance, by cells, and what is not observed."""
+        design = self._design(here, near)
+        inverse, free = _pseudo_inverse(design.T @ design)
+        label = _cells(here - self.pivot)
+        scores = np.zeros((int(label.max()) + 1, 6))
+        np.add.at(scores, label, design * near.distance[:, None])
+        count = len(np.unique(label))
+        factor = count / max(count - 6, 1)
+        scale = np.array([1.0, 1.0, 1.0, *[1.0 / self.arm] * 3])
+        covariance = factor * inverse @ scores.T @ scores @ inverse * np.outer(scale, scale)
+        unseen = free.copy()
+        if not self.options.rotation:
+            unseen[3:] = True
+            free = np.append(free[:3], [False] * 3)
+        covariance[unseen] = np.nan
+        covariance[:, unseen] = np.nan
+        names = np.array(["x", "y", "z", "rotation x", "rotation y", "rotation z"])
+        left = ", ".join(names[free].tolist())
+        return covariance, f"not observed, not alone at least: {left}" if left else ""
+
+
+def _pseudo_inverse(normal: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Return the inverse (6, 6) over what is observed, and which have a part in the rest."""
+    values, vectors = eigh(normal)
+    seen = values > _FREE * max(float(np.trace(normal)) / 6.0, 1e-300)
+    inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
+    blind = vectors[:, np.logical_not(seen)]
+    return inverse, np.sum(blind**2, axis=1) > 1e-3
+
+
+def _cells(away: FloatArray) -> IntArray:
+    """Return to which cell (N,) of a cube about O each vector (N, 3) points."""
+    face = np.argmax(np.abs(away), axis=1)
+    row = np.arange(len(away))
+    largest = away[row, face]
+    others = np.stack([away[row, (face + k) % 3] for k in (1, 2)]) / np.where(
+        largest == 0.0, 1.0, np.abs(largest)
+    )
+    across = np.clip(((others + 1.0) / 2.0 * _CELLS).astype(np.int64), 0, _CELLS - 1)
+    side = 2 * face + (largest < 0)
+    label: IntArray = (side * _CELLS + across[0]) * _CELLS + across[1]
+    return label

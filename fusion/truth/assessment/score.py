@@ -1,0 +1,179 @@
+"""One model against the truth: every figure, and what its pictures are drawn from."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fusion.executor import Executor
+from fusion.progress import Progress
+from fusion.truth.assessment.distances import Distances, measure_distances
+from fusion.truth.assessment.model import Model, squares
+from fusion.truth.assessment.patches import PatchErrors, patch_errors
+from fusion.truth.assessment.regions import Ground, PointErrors, RegionScore, score_regions
+from fusion.truth.assessment.resolution import Spectra, Transfer
+from fusion.truth.assessment.settings import AssessmentSettings
+from spcola.arrays import FloatArray
+from spcola.maplet import Maplet
+from spcola.similarity import Similarity
+
+
+@dataclass(frozen=True, eq=False)
+class ModelScore:
+    """What the assessment says of one model.
+
+    Attributes
+    ----------
+    name : str
+    frame : str
+        "spc": heights are compared after the planted similarity; "body": as they stand.
+    gsd : float
+        Of its maplets (the finest), or the spacing of its vertices, metres.
+    patches, patches_there : int
+        Maplets whose heights were compared, and how many there are.
+    distances : Distances
+    regions : tuple of RegionScore
+    transfer : Transfer
+    errors : PointErrors
+        Of all points compared: what histograms and maps are drawn from.
+    examples : tuple of PatchErrors
+        The patches of least, median and largest rms.
+    """
+
+    name: str
+    frame: str
+    gsd: float
+    patches: int
+    patches_there: int
+    distances: Distances
+    regions: tuple[RegionScore, ...]
+    transfer: Transfer
+    errors: PointErrors
+    examples: tuple[PatchErrors, ...]
+
+
+def score_model(
+    model: Model,
+    ground: Ground,
+    to_spc: Similarity,
+    executor: Executor,
+    progress: Progress,
+) -> ModelScore | None:
+    """Compare one model with the truth; None if it holds no height at all.
+
+    Parameters
+    ----------
+    model : Model
+    ground : Ground
+        The truth in the body's frame, its light, and the settings.
+    to_spc : Similarity
+        What was planted.
+    executor : Executor
+    progress : Progress
+    """
+    settings = ground.settings
+    same = Similarity(target=to_spc.source, source=to_spc.source)
+    to_model = to_spc if model.frame == "spc" else same
+    keys = model.keys(settings.patches)
+    each = max(1, settings.patches // max(len(keys), 1))
+    quota = -(-settings.vertices // max(len(keys), 1))
+
+    def one(key: str) -> _Part:
+        parts = squares(model.patch(key), settings.patch_half_size, each)
+        found = [patch_errors(part, ground, to_model) for part in parts]
+        chosen = [_vertices(part, -(-quota // len(parts)), settings.seed) for part in parts]
+        return _Part([patch for patch in found if len(patch.points.height)], chosen)
+
+    sums = _Sums()
+    with progress.task(f"compare {model.name}", len(keys)) as task:
+        for part in executor.stream(one, keys):
+            sums.add(part)
+            task.advance()
+    if not sums.points:
+        return None
+    errors = sums.errors()
+    mesh = model.mesh
+    vertices = np.concatenate(sums.vertices) if mesh is None else _some(mesh.vertices, settings)
+    return ModelScore(
+        model.name,
+        model.frame,
+        sums.finest,
+        len(sums.points),
+        len(model.keys(1 << 40)),
+        measure_distances(vertices, ground.truth, settings, mesh),
+        tuple(score_regions(errors)),
+        sums.transfer(),
+        errors,
+        tuple(sums.examples()),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """What one key of a model comes to."""
+
+    patches: Sequence[PatchErrors]
+    vertices: Sequence[FloatArray]
+
+
+class _Sums:
+    """What is kept of the patches that have been compared."""
+
+    def __init__(self) -> None:
+        self.points: list[PointErrors] = []
+        self.vertices: list[FloatArray] = []
+        self.finest = float("inf")
+        self._spectra: dict[float, Spectra] = {}
+        self._ranked: list[PatchErrors] = []
+
+    def add(self, part: _Part) -> None:
+        """Add the patches of one key."""
+        self.vertices += part.vertices
+        for patch in part.patches:
+            grid = patch.maplet.grid
+            self.points.append(patch.points)
+            self.finest = min(self.finest, grid.gsd)
+            key = round(grid.gsd, 6)
+            spectra = self._spectra.setdefault(key, Spectra(grid.size, grid.gsd))
+            spectra.add(patch.maplet.height, patch.truth)
+            self._ranked.append(patch)
+
+    def errors(self) -> PointErrors:
+        """Return the errors of all points."""
+        parts = zip(*(_layers(points) for points in self.points), strict=True)
+        return PointErrors(*(np.concatenate(layer) for layer in parts))
+
+    def transfer(self) -> Transfer:
+        """Return the transfer at the GSD that most windows have."""
+        return max(self._spectra.values(), key=lambda s: s.windows).transfer()
+
+    def examples(self) -> list[PatchErrors]:
+        """Return the patches of least, median and largest rms of those nearly whole."""
+        whole = [p for p in self._ranked if len(p.points.height) > 0.5 * p.maplet.height.size]
+        ranked = sorted(whole or self._ranked, key=lambda patch: patch.rms)
+        places = sorted({0, len(ranked) // 2, len(ranked) - 1})
+        return [ranked[place] for place in places]
+
+
+def _layers(points: PointErrors) -> tuple[FloatArray, ...]:
+    return points.height, points.slope, points.sigma, points.direction, points.regions
+
+
+def _vertices(maplet: Maplet, most: int, seed: int) -> FloatArray:
+    """Return at most `most` of the maplet's points (N, 3), chosen by its name and `seed`."""
+    points = maplet.points()[maplet.valid]
+    if len(points) <= most:
+        return points
+    generator = np.random.default_rng([seed, zlib.crc32(maplet.name.encode())])
+    return points[np.sort(generator.choice(len(points), most, replace=False))]
+
+
+def _some(vertices: FloatArray, settings: AssessmentSettings) -> FloatArray:
+    """Return at most `settings.vertices` of a mesh's vertices (N, 3)."""
+    if len(vertices) <= settings.vertices:
+        return vertices
+    generator = np.random.default_rng(settings.seed)
+    return vertices[np.sort(generator.choice(len(vertices), settings.vertices, replace=False))]

@@ -1,0 +1,25 @@
+"""What the assessment asks of a truth: the questions that a known surface answers."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from spcola.arrays import AnyArray, FloatArray
+from spcola.maplet import MapletGrid
+from spcola.truth.nearest import Nearest
+
+
+class TruthSurface(Protocol):
+    """A surface that is known everywhere, as :class:`spcola.truth.body.TruthBody` is."""
+
+    def radius(self, directions: FloatArray) -> FloatArray:
+        """Return the radius (N,), metres, in `directions` (N, 3)."""
+
+    def nearest(self, points: FloatArray) -> Nearest:
+        """Return the points of the surface that are nearest to `points` (N, 3), metres."""
+
+    def heights(self, grid: MapletGrid) -> FloatArray:
+        """Return the heights (2q+1, 2q+1), metres, along Uz."""
+
+    def terrain(self, directions: FloatArray, *, smallest: float) -> AnyArray:
+        """Return flags (N,) of the ground, of features from `smallest` metres on."""
