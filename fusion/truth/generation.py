@@ -89,7 +89,7 @@ def building(root: Path, settings: MissionSettings, *, replace: bool) -> Iterato
     making = root / MAKING_FOLDER
     stamp = json.dumps({"digest": settings.digest, "version": spcola.__version__})
     folders = [root / SPC_FOLDER, *(root / SPC_FOLDER / name for name in SPC_FOLDERS)]
-    folders += [root / LIDAR_FOLDER]
+    folders += [root / part for part in _PARTS[1:]]
     strange = bool(_names(root) - {MAKING_FOLDER}) and not _is_of(root, settings, stamp)
     if strange and not replace:
         raise WorkspaceError(

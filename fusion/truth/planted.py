@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,10 +17,76 @@ from lidar.truth import ScanErrors
 from spcola import atomic
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError, SpcolaError, WorkspaceError
+from spcola.maplet import MapletGrid
 from spcola.similarity import Similarity
 from spcola.truth.body import TruthBody
 
 TRUTH_FILE = "truth.json"
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class PlacedCenter:
+    """Where a maplet of the solution is, without its heights.
+
+    Attributes
+    ----------
+    name : str
+    center_m : tuple of 3 float
+        In the frame of the solution.
+    axes : tuple of 3 tuples of 3 float
+        Ux, Uy, Uz, in the same frame.
+    gsd : float
+        Metres.
+    half_size : int
+    sigma_m : tuple of 3 float
+        One standard deviation of the centre.
+    true_center_m : tuple of 3 float
+        The point of the true surface that it stands for, body frame.
+    """
+
+    name: str
+    center_m: tuple[float, ...]
+    axes: tuple[tuple[float, ...], ...]
+    gsd: float
+    half_size: int
+    sigma_m: tuple[float, ...]
+    true_center_m: tuple[float, ...]
+
+    @cached_property
+    def grid(self) -> MapletGrid:
+        """Frame and spacing, in the frame of the solution."""
+        return MapletGrid(np.array(self.center_m), np.array(self.axes), self.gsd, self.half_size)
+
+    @property
+    def center_sigma(self) -> FloatArray:
+        """One standard deviation of the centre (3,), metres."""
+        return np.array(self.sigma_m)
+
+    @property
+    def true_center(self) -> FloatArray:
+        """The point (3,) of the true surface that it stands for, body frame, metres."""
+        return np.array(self.true_center_m)
+
+    @property
+    def maplet(self) -> PlacedCenter:
+        """Itself: it is all of the maplet that a landmark needs."""
+        return self
+
+
+@dataclass(frozen=True)
+class TrueState:
+    """Where an image was truly taken from, in the body frame.
+
+    Attributes
+    ----------
+    position_m : tuple of 3 float
+    axes : tuple of 3 tuples of 3 float
+        Cx, Cy, Cz.
+    """
+
+    position_m: tuple[float, ...]
+    axes: tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +100,10 @@ class Planted:
         Errors of each scan, by its name.
     days : mapping of str to float
         Relative bias of the ranges of each day (``YYYY-MM-DD``).
+    centers : mapping of str to PlacedCenter
+        Where the maplets are, and where they should be, by their names.
+    images : mapping of str to TrueState
+        By their names.
     files : mapping of str to int
         Size in bytes of every file of the mission, by its path in the mission's folder.
     """
@@ -40,6 +111,8 @@ class Planted:
     settings: MissionSettings
     scans: Mapping[str, ScanErrors]
     days: Mapping[str, float]
+    centers: Mapping[str, PlacedCenter] = field(default_factory=dict)
+    images: Mapping[str, TrueState] = field(default_factory=dict)
     files: Mapping[str, int] = field(default_factory=dict)
 
     @property
@@ -82,6 +155,8 @@ class Planted:
             **self.in_view(),
             "scans": {name: asdict(errors) for name, errors in self.scans.items()},
             "settings": asdict(self.settings),
+            "centers": {name: asdict(center) for name, center in self.centers.items()},
+            "images": {name: asdict(state) for name, state in self.images.items()},
             "files": dict(self.files),
         }
 
@@ -118,12 +193,21 @@ def read_truth(path: str | Path) -> Planted:
     except ValueError as error:
         raise FormatError("is not JSON text", path, "make the mission again") from error
     try:
-        settings = restored(MissionSettings, content["settings"])
-        scans = {name: restored(ScanErrors, values) for name, values in content["scans"].items()}
-        return Planted(settings, scans, dict(content["day_scale_bias"]), dict(content["files"]))
+        return Planted(
+            restored(MissionSettings, content["settings"]),
+            _all(ScanErrors, content["scans"]),
+            dict(content["day_scale_bias"]),
+            _all(PlacedCenter, content["centers"]),
+            _all(TrueState, content["images"]),
+            dict(content["files"]),
+        )
     except SpcolaError as error:
         raise FormatError(str(error), path, "make the mission again") from error
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise FormatError(
             f"lacks or garbles an entry: {error}", path, "make the mission again"
         ) from error
+
+
+def _all(kind: type[Value], entries: Mapping[str, Any]) -> dict[str, Value]:
+    return {name: restored(kind, values, name) for name, values in entries.items()}

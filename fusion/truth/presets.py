@@ -9,19 +9,22 @@ from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
-from lidar.truth import LidarSettings
+from lidar.truth import FORMATS, LidarSettings, TrackSettings
 from spcola.errors import SettingsError
 from spcola.similarity import Similarity
 from spcola.truth.body import BodySettings
+from spcola.truth.campaign import CampaignSettings
+from spcola.truth.imaging import IMAGE_FORMATS
 from spcola.truth.passes import PassSettings
+from spcola.truth.rendering import ImageSettings
 from spcola.truth.solution import SolutionSettings
 from spcola.truth.states import StateSettings
 
 LIDAR_FRAME, SPC_FRAME = "lidar", "spc"
 FAR_DIVERGENCE = 4.0e-5
 """Divergence, rad, by which the footprint at 3.5 km is what OLA's is at 750 m."""
-LIDAR_FORMATS = {"ola": ".dat", "hdf5": ".h5", "laz": ".laz"}
-"""Formats that scans can be written in, and the endings of their files."""
+# 2019 AUG 05: no spacecraft is at two places.
+_AFTER_THE_PASSES = 615_211_269.184 + 35 * 86400.0
 
 
 @dataclass(frozen=True)
@@ -32,8 +35,10 @@ class MissionSettings:
     ----------
     seed : int
         Of everything but the body, which has its own.
-    body, passes, lidar, solution, states
+    body, passes, lidar, solution, states, campaign, imaging
         Settings of the parts.
+    tracks : TrackSettings, optional
+        Nadir tracks of the lidar, beside the rasters of the passes.
     epsilon : float
         All lengths of the SPC solution have to be multiplied by 1 + ε.
     rotation_deg : tuple of 3 float
@@ -45,32 +50,40 @@ class MissionSettings:
     shape_q : int
         Q of the solution's ICQ shape.
     lidar_format : str
-        One of :data:`LIDAR_FORMATS`.
+        One of :data:`lidar.truth.FORMATS`.
+    image_formats : tuple of str
+        Of :data:`spcola.truth.imaging.IMAGE_FORMATS`.
     spc : bool
         Whether there is an SPC solution; else there is its shape alone.
     images : bool
-        Whether images are rendered.
+        Whether images are rendered; without, the solution has their states all the same.
     """
 
     seed: int = 1
     body: BodySettings = field(default_factory=BodySettings)
     passes: PassSettings = field(default_factory=PassSettings)
     lidar: LidarSettings = field(default_factory=LidarSettings)
+    tracks: TrackSettings | None = None
     solution: SolutionSettings = field(default_factory=SolutionSettings)
     states: StateSettings = field(default_factory=StateSettings)
+    campaign: CampaignSettings = field(default_factory=CampaignSettings)
+    imaging: ImageSettings = field(default_factory=lambda: ImageSettings(bits=16))
     epsilon: float = 2.5e-4
     rotation_deg: tuple[float, float, float] = (0.006, -0.008, 0.012)
     translation_m: tuple[float, float, float] = (0.07, -0.05, 0.04)
     day_scale_bias: tuple[float, ...] = ()
     shape_q: int = 64
     lidar_format: str = "ola"
+    image_formats: tuple[str, ...] = IMAGE_FORMATS
     spc: bool = True
     images: bool = False
 
     def __post_init__(self) -> None:
-        if self.lidar_format not in LIDAR_FORMATS:
-            known = ", ".join(LIDAR_FORMATS)
+        if self.lidar_format not in FORMATS:
+            known = ", ".join(FORMATS)
             raise SettingsError(f"{self.lidar_format!r} is none of {known}", "format of the scans")
+        if not set(self.image_formats) <= set(IMAGE_FORMATS):
+            raise SettingsError(f"must be of {', '.join(IMAGE_FORMATS)}", "formats of the images")
         if not abs(self.epsilon) < 0.1:
             raise SettingsError(f"must lie within ± 0.1, not {self.epsilon}", "epsilon")
         if self.shape_q < 2:
@@ -90,25 +103,37 @@ class MissionSettings:
 
     @classmethod
     def mini(cls, seed: int = 1) -> MissionSettings:
-        """Return the mission of the demo: a body of 75 m, 20 scans, 64 maplets."""
+        """Return the mission of the demo: a body of 75 m, 20 scans, 64 maplets, small images."""
+        radius = 75.0
         return cls(
             seed=seed,
-            body=BodySettings(seed=seed, radius=75.0),
-            solution=SolutionSettings(gsd=0.5, maplets=64),
+            body=BodySettings(seed=seed, radius=radius),
             lidar=LidarSettings(width=105.0, spacing=0.42, divergence=FAR_DIVERGENCE),
+            solution=SolutionSettings(gsd=0.5, maplets=64),
+            campaign=CampaignSettings.of_phases(
+                approach=9, preliminary_survey=15, detailed_survey=24, radius=radius, detector=256
+            ),
+            images=True,
         )
 
     @classmethod
     def bennu(cls, seed: int = 1) -> MissionSettings:
-        """Return a mission like that to Bennu: 245 m, 40 scans, maplets of the whole body."""
-        radius = 245.0
+        """Return a mission like that to Bennu: 245 m, 40 scans, maplets of the whole body.
+
+        Scans are 100 m wide, of 1.2 million shots, from some 1 km: both poles, a belt, samples
+        between. Images are 495 of 1024² in 16 bits.
+        """
         return cls(
             seed=seed,
-            body=BodySettings(seed=seed, radius=radius),
+            body=BodySettings(seed=seed),
             passes=PassSettings(40, "poles-belt-samples", nearest=900.0, farthest=1100.0),
             lidar=LidarSettings(width=100.0, spacing=100.0 / 1100),
-            solution=SolutionSettings(),
+            tracks=TrackSettings(epoch=_AFTER_THE_PASSES),
+            campaign=CampaignSettings.of_phases(
+                approach=45, preliminary_survey=90, detailed_survey=240
+            ),
             shape_q=256,
+            images=True,
         )
 
     @classmethod
@@ -116,7 +141,10 @@ class MissionSettings:
         """Return the lidar of a whole mission: 640 scans; no SPC solution but its shape."""
         bennu = cls.bennu(seed)
         passes = replace(bennu.passes, count=640, pattern="lattice", days=35)
-        return replace(bennu, passes=passes, spc=False)
+        campaign = CampaignSettings.of_phases()
+        return replace(
+            bennu, passes=passes, campaign=campaign, tracks=None, spc=False, images=False
+        )
 
     def with_images(self, images: bool) -> MissionSettings:
         """Return the mission with or without rendered images; what has images has a solution."""

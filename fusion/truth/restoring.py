@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from spcola.errors import SettingsError
 
+Kind = TypeVar("Kind")
 
-def restored(kind: type, values: Any, where: str = "settings") -> Any:
+
+def restored(kind: type[Kind], values: Any, where: str = "settings") -> Kind:
     """Return the dataclass `kind` from what :func:`dataclasses.asdict` and JSON made of it.
 
     Lists become tuples, inner mappings dataclasses, as the annotations say. The dataclasses check
@@ -32,8 +34,9 @@ def restored(kind: type, values: Any, where: str = "settings") -> Any:
     """
     if not isinstance(values, Mapping):
         raise SettingsError("is not a table of entries", where)
+    plain: Any = kind  # that it is a dataclass, annotations cannot say
     hints = get_type_hints(kind)
-    names = [field.name for field in fields(kind) if field.init]
+    names = [field.name for field in fields(plain) if field.init]
     for name in names:
         if name not in values:
             raise SettingsError(f"lacks the entry {name}", where)

@@ -8,25 +8,25 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from fusion.executor import usable_cores
 from fusion.truth.presets import MissionSettings
+from lidar.truth import plan_tracks, scan_size
 from spcola.errors import WorkspaceError
 
-# Of one core, as measured on the machine where the bench was built; a guide, not a promise.
-_SECONDS_PER_RETURN = 25e-6
-_SECONDS_PER_MAPLET_NODE = 25e-6
-# Of one state: its landmarks, its .SUM and .NOM.
-_SECONDS_PER_STATE = 0.01
-_RETURN_BYTES = {"ola": 170}
-# Heights and albedo of a .MAP and heights of a .SIG: two bytes and one, and one of sigma.
-_NODE_BYTES = 6
-_VERTEX_BYTES = 40
-_STATE_BYTES = 8_000
-# Numpy, Numba and the program itself; and what a worker holds of a scan in hand.
-_BASE_BYTES = 300e6
-_BYTES_PER_RETURN_IN_HAND = 400
+# Seconds of one core, as measured where the bench was built; a guide, not a promise.
+_BASE_SECONDS = 5.0
+_PER_SHOT = 13e-6
+_PER_NODE = 6e-6
+_PER_STATE = 0.02
+_PER_PIXEL = 4e-6
+# Of all ground that the images see, sampled anew for each width of pixel.
+_PER_IMAGE = 0.5
+# Bytes: heights, albedo and sigma of a node; a vertex of the shape; a state with its landmarks, a
+# landmark with its pictures; and what the head of a file takes.
+_NODE_BYTES, _VERTEX_BYTES, _STATE_BYTES, _LANDMARK_BYTES = 6.0, 40.0, 8_000.0, 6_000.0
+_PIXEL_BYTES, _HEAD_BYTES = 2.0, 8_640.0
+# Of memory: the program itself; what a worker has in hand; the surface that images share.
+_BASE_MEMORY, _WORKER_MEMORY, _SURFACE_MEMORY = 450e6, 250e6, 1.1e9
 # A disk that is full to the last byte helps nobody.
 _RESERVE = 1.02
 
@@ -37,10 +37,10 @@ class MissionSize:
 
     Attributes
     ----------
-    scans, returns : int
-        Lidar scans; shots of all of them together.
-    maplets, states : int
-        Of the SPC solution.
+    scans, shots, returns : int
+        Lidar files; shots of all of them together, and the returns that are expected of those.
+    maplets, states, images : int
+        Maplets and images' states of the SPC solution; images that are rendered.
     bytes : float
         On disk.
     seconds : float
@@ -50,19 +50,21 @@ class MissionSize:
     """
 
     scans: int
+    shots: int
     returns: int
     maplets: int
     states: int
+    images: int
     bytes: float
     seconds: float
     memory_bytes: float
 
     def lines(self) -> Iterator[str]:
         """Yield the size in words."""
-        yield f"{self.scans} scans, {self.returns:,} returns"
+        yield f"{self.scans} lidar files, {self.returns:,} returns"
         if self.maplets:
-            yield f"{self.maplets} maplets, {self.states} states"
-        yield f"{_amount(self.bytes)} on disk, {_amount(self.memory_bytes)} of memory"
+            yield f"{self.maplets} maplets, {self.states} states, {self.images} rendered images"
+        yield f"{_amount(self.bytes)} on disk, up to {_amount(self.memory_bytes)} of memory"
         yield f"about {_duration(self.seconds)} on {usable_cores()} cores"
 
     def as_dict(self) -> dict[str, Any]:
@@ -72,19 +74,28 @@ class MissionSize:
 
 def mission_size(settings: MissionSettings) -> MissionSize:
     """Return what a mission of these settings will be."""
-    lidar, solution = settings.lidar, settings.solution
-    scans = settings.passes.count
-    per_scan = int(np.ceil(np.sqrt(lidar.shots))) ** 2
-    returns = scans * per_scan
-    maplets = solution.count(settings.body.radius) if settings.spc else 0
-    nodes = maplets * (2 * solution.half_size + 1) ** 2
-    states = scans * settings.states.per_pass if settings.spc else 0
-    size = returns * _RETURN_BYTES[settings.lidar_format] + nodes * _NODE_BYTES
+    tracks = [] if settings.tracks is None else plan_tracks(settings.tracks)
+    raster = scan_size(settings.lidar, settings.lidar_format)
+    passes = len(settings.passes.directions_deg) or settings.passes.count
+    files = [raster] * passes
+    files += [scan_size(settings.lidar, settings.lidar_format, track=at) for at in tracks]
+    shots = sum(file.shots for file in files)
+    maplets = settings.solution.count(settings.body.radius) if settings.spc else 0
+    nodes = maplets * (2 * settings.solution.half_size + 1) ** 2
+    in_passes = passes * settings.states.per_pass
+    states = (in_passes + settings.campaign.images) if settings.spc else 0
+    images = states if settings.images else 0
+    pixels = images * settings.campaign.detector**2
+    size = sum(file.bytes for file in files) + nodes * _NODE_BYTES + maplets * _LANDMARK_BYTES
     size += 6 * (settings.shape_q + 1) ** 2 * _VERTEX_BYTES + states * _STATE_BYTES
-    seconds = returns * _SECONDS_PER_RETURN + nodes * _SECONDS_PER_MAPLET_NODE
-    seconds = (seconds + states * _SECONDS_PER_STATE) / usable_cores()
-    memory = _BASE_BYTES + usable_cores() * per_scan * _BYTES_PER_RETURN_IN_HAND
-    return MissionSize(scans, returns, maplets, states, float(size), seconds, memory)
+    size += len(settings.image_formats) * (pixels * _PIXEL_BYTES + images * _HEAD_BYTES)
+    seconds = shots * _PER_SHOT + nodes * _PER_NODE + states * _PER_STATE
+    seconds += pixels * _PER_PIXEL + images * _PER_IMAGE
+    memory = _BASE_MEMORY + usable_cores() * _WORKER_MEMORY + (_SURFACE_MEMORY if images else 0.0)
+    return MissionSize(
+        len(files), shots, sum(file.returns for file in files), maplets, states, images,
+        float(size), _BASE_SECONDS + seconds / usable_cores(), memory,
+    )  # fmt: skip
 
 
 def check_room(root: Path, size: MissionSize) -> None:

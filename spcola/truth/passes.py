@@ -118,8 +118,7 @@ class Pass:
     @property
     def day(self) -> str:
         """UTC date of the middle, ``YYYY-MM-DD``."""
-        year, month, day = utc_from_et(self.middle).split()[:3]
-        return f"{year}-{_MONTHS.index(month) // 3 + 1:02d}-{day}"
+        return day_of(self.middle)
 
     def position(self, time: FloatArray) -> FloatArray:
         """Return true positions (N, 3), metres, body-fixed, at times (N,), s."""
@@ -132,6 +131,12 @@ class Pass:
         rate = 2.0 * np.pi / self.period
         zero = np.zeros_like(position[..., 0])
         return rate * np.stack([position[..., 1], -position[..., 0], zero], axis=-1)
+
+
+def day_of(time: float) -> str:
+    """Return the UTC date, ``YYYY-MM-DD``, of an ephemeris time, s."""
+    year, month, day = utc_from_et(time).split()[:3]
+    return f"{year}-{_MONTHS.index(month) // 3 + 1:02d}-{day}"
 
 
 def plan_passes(settings: PassSettings, generator: np.random.Generator) -> list[Pass]:

