@@ -12,10 +12,12 @@ from fusion.truth.planted import Planted
 from spcola.arrays import BoolArray, FloatArray
 from spcola.maplet import Maplet
 from spcola.truth.body import TruthBody
-from spcola.truth.solution import heights_in_frame, latitudes_deg
+from spcola.truth.light import LightMap
+from spcola.truth.sampled import SampledSurface
+from spcola.truth.solution import heights_in_frame
 
-# South of minus this latitude, degrees, the Sun of the missions hardly reaches the ground.
-_TWILIGHT_DEG = 75.0
+# What casts shadows on the light map is resolved to this, metres.
+_LIGHT_SPACING = 1.0
 
 
 @dataclass(frozen=True)
@@ -148,12 +150,11 @@ def height_errors(maplet: Maplet, body: TruthBody, planted: Planted) -> FloatArr
     return errors
 
 
-def shadowed(maplet: Maplet, planted: Planted) -> BoolArray:
+def shadowed(maplet: Maplet, planted: Planted, light: LightMap) -> BoolArray:
     """Return which points (2q+1, 2q+1) of a maplet lie where SPC saw nothing, or hardly."""
-    places = planted.similarity.inverse().apply(maplet.points())
-    limit = -_TWILIGHT_DEG
-    dark: BoolArray = latitudes_deg(places) < limit
-    return dark
+    places = planted.similarity.inverse().apply(maplet.points()).reshape(-1, 3)
+    dark: BoolArray = light.at(places) < planted.settings.solution.darkness.dark
+    return dark.reshape(maplet.grid.shape)
 
 
 def assess_heights(
@@ -161,11 +162,13 @@ def assess_heights(
 ) -> list[RegionErrors]:
     """Return the height errors of maplets in SPC coordinates: all, lit and shadowed ground."""
     errors, sigmas, dark = [], [], []
+    latitude = np.radians(planted.settings.passes.sun_latitude_deg)
+    light = LightMap.of(SampledSurface(body, _LIGHT_SPACING), sun_latitude=latitude)
     for maplet in maplets:
         known = maplet.valid
         errors.append(height_errors(maplet, body, planted)[known])
         sigmas.append(maplet.sigma[known])
-        dark.append(shadowed(maplet, planted)[known])
+        dark.append(shadowed(maplet, planted, light)[known])
     error, sigma, shade = (np.concatenate(part) for part in (errors, sigmas, dark))
     known = np.isfinite(error)
     lit = np.logical_not(shade)

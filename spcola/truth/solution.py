@@ -114,13 +114,6 @@ def maplet_directions(body: TruthBody, settings: SolutionSettings) -> FloatArray
     return lattice(settings.count(body.settings.radius))
 
 
-def latitudes_deg(points: FloatArray) -> FloatArray:
-    """Return latitudes (…), degrees, of `points` (…, 3)."""
-    ring = np.hypot(points[..., 0], points[..., 1])
-    latitude: FloatArray = np.degrees(np.arctan2(points[..., 2], ring))
-    return latitude
-
-
 def heights_in_frame(body: TruthBody, grid: MapletGrid, to_frame: Similarity) -> FloatArray:
     """Return the truth's heights (2q+1, 2q+1), metres, on a grid of another frame.
 
