@@ -118,9 +118,7 @@ class Shade(NamedTuple):
         """Return heights (R, C) that lose their form in the dark."""
         if not self.depth.any():
             return height
-        once = gaussian_filter(height, _BLURRED, mode="nearest")
-        # Smoothed, but with its curvature kept: a small body does not sink.
-        soft = 2.0 * once - gaussian_filter(once, _BLURRED, mode="nearest")
+        soft = gaussian_filter(height, _BLURRED, mode="nearest")
         mixed: FloatArray = height + self.depth * (soft - height)
         return mixed
 
@@ -200,8 +198,6 @@ def unresolved(height: FloatArray, softness: Softness) -> FloatArray:
     if softness.smoothing == 0.0:
         return np.zeros(height.shape)
     taken = height - gaussian_filter(height, softness.steep_smoothing, mode="nearest")
-    # Without what it takes from the curvature of the body: that is no roughness.
-    taken -= gaussian_filter(taken, softness.steep_smoothing, mode="nearest")
     rms: FloatArray = np.sqrt(gaussian_filter(taken**2, 1.5, mode="nearest"))
     return softness.expected * rms
 
@@ -214,6 +210,22 @@ def _beyond(share: FloatArray, reach: float) -> BoolArray:
         return np.full(share.shape, np.isfinite(reach))
     deep: BoolArray = distance_transform_edt(share <= 0.0) > reach
     return deep
+
+
+def quadratic(height: FloatArray) -> FloatArray:
+    """Return the surface of second degree (R, C) next to heights (R, C), by least squares.
+
+    The body's own curvature and the tilt of the ground: what no smoothing should change, and what
+    would make it change heights at the edges.
+    """
+    rows, columns = (
+        np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, n), 3, increasing=True))[0]
+        for n in height.shape
+    )
+    terms = rows.T @ height @ columns
+    degree = np.add.outer(np.arange(3), np.arange(3))
+    surface: FloatArray = rows @ np.where(degree <= 2, terms, 0.0) @ columns.T
+    return surface
 
 
 def filled(height: FloatArray) -> FloatArray:

@@ -17,6 +17,7 @@ from spcola.truth.degradation import (
     Shade,
     Softness,
     filled,
+    quadratic,
     shaded,
     softened,
     unresolved,
@@ -201,11 +202,12 @@ def _degraded(
     truth: FloatArray, shade: Shade, settings: SolutionSettings, generator: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
     """Return heights without their drift, and their sigma (R, C), metres."""
-    height = softened(truth, settings.gsd, settings.softness)
+    trend = quadratic(truth)
+    height = softened(truth - trend, settings.gsd, settings.softness)
     level = settings.noise * shade.noise
     loss = unresolved(height, settings.softness)
     noise = level * correlated_noise(truth.shape, settings.correlation, generator)
-    return shade.blurred(height) + noise, np.hypot(level, loss)
+    return trend + shade.blurred(height) + noise, np.hypot(level, loss)
 
 
 def _drift(

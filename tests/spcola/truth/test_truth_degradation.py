@@ -14,6 +14,7 @@ from spcola.truth.degradation import (
     Softness,
     filled,
     integrated,
+    quadratic,
     shaded,
     softened,
     unresolved,
@@ -56,6 +57,17 @@ def test_a_plane_is_not_changed_by_smoothing() -> None:
     # But at the edges, where nothing is known beyond them.
     inner = (slice(36, -36),) * 2
     np.testing.assert_allclose(softened(plane, GSD, Softness())[inner], plane[inner], atol=2e-3)
+
+
+def test_tilt_and_curvature_are_told_exactly_and_leave_nothing_of_them() -> None:
+    generator = stream(6, "surface")
+    m, n = np.meshgrid(np.linspace(-1, 1, 30), np.linspace(-1, 1, 41), indexing="ij")
+    terms = np.stack([np.ones_like(m), m, n, m * m, m * n, n * n], axis=-1)
+    surface = terms @ generator.normal(size=6)
+    np.testing.assert_allclose(quadratic(surface), surface, atol=1e-12)
+    rough = generator.normal(size=m.shape)
+    fit = np.linalg.lstsq(terms.reshape(-1, 6), rough.ravel())[0]
+    np.testing.assert_allclose(quadratic(rough), terms @ fit, atol=1e-12)
 
 
 def test_no_smoothing_changes_nothing() -> None:
