@@ -181,6 +181,18 @@ def _crossing(line: Line, cell: Cell, ends: tuple[float, float, float, float]) -
 
 
 @kernel
+def _in_cell(line: Line, cell: Cell, t: float, leave: float) -> float:
+    """Return where a ray that is over a cell from t to `leave` hits it, NaN if it does not."""
+    above = _at_cell(line, cell, t)
+    if above <= 0.0:
+        return t
+    below = _at_cell(line, cell, leave)
+    if below <= 0.0:
+        return _crossing(line, cell, (t, above, leave, below))
+    return np.nan
+
+
+@kernel
 def _in_tile(
     tiles: Tiles,
     slot: int,
@@ -200,55 +212,51 @@ def _in_tile(
     w = line.w0 + line.wd * t
     column = min(size - 1, max(0, int((line.x0 + line.xd * t) / w) - corner[0]))
     row = min(size - 1, max(0, int((line.y0 + line.yd * t) / w) - corner[1]))
-    while True:
+    found = np.nan
+    inside = True
+    while inside:
         i, j, block = column >> level, row >> level, 1 << level
-        first = (corner[0] + i * block, corner[1] + j * block)
-        leave, through_u = _leaves(line, first, block, t)
+        leave, through_u = _leaves(line, (corner[0] + i * block, corner[1] + j * block), block, t)
         leave = min(leave, end)
-        k = (row + 1) * side + column + 1
         if level > 0:
             most = pool[slot, starts[level] + j * (size >> level) + i]
-        else:
-            h, hu = pool[slot, k], pool[slot, k + 1]
-            hv, huv = pool[slot, k + side], pool[slot, k + side + 1]
-            most = max(h, hu, hv, huv)
-        passes = _nearest(square, t, leave) > (base + most) ** 2
-        if not passes:
-            if level > 0:
+            if _nearest(square, t, leave) <= (base + most) ** 2:
                 level -= 1
                 continue
-            twist = np.float64(h) - hu - hv + huv
-            cell = Cell(
-                corner[0] + column, corner[1] + row, base + h, hu - h, hv - h, twist, square
-            )
-            above = _at_cell(line, cell, t)
-            if above <= 0.0:
+        else:
+            k = (row + 1) * side + column + 1
+            h, hu = pool[slot, k], pool[slot, k + 1]
+            hv, huv = pool[slot, k + side], pool[slot, k + side + 1]
+            if _nearest(square, t, leave) <= (base + max(h, hu, hv, huv)) ** 2:
+                twist = np.float64(h) - hu - hv + huv
+                cell = Cell(
+                    corner[0] + column, corner[1] + row, base + h, hu - h, hv - h, twist, square
+                )
+                found = _in_cell(line, cell, t, leave)
                 # What began below the ground hits nothing; else it is the border's rounding.
-                return -np.inf if t == start else t
-            below = _at_cell(line, cell, leave)
-            if below <= 0.0:
-                return _crossing(line, cell, (t, above, leave, below))
-        if leave >= end:
-            return np.nan
+                found = -np.inf if found == start else found
+        inside = np.isnan(found) and leave < end
         t = leave
         if through_u:
             column = (i + 1) * block if line.across > 0 else i * block - 1
             if level > 0:
-                inside = int((line.y0 + line.yd * t) / (line.w0 + line.wd * t)) - corner[1]
-                row = min((j + 1) * block - 1, max(j * block, inside))
+                place = int((line.y0 + line.yd * t) / (line.w0 + line.wd * t)) - corner[1]
+                row = min((j + 1) * block - 1, max(j * block, place))
         else:
             row = (j + 1) * block if line.along > 0 else j * block - 1
             if level > 0:
-                inside = int((line.x0 + line.xd * t) / (line.w0 + line.wd * t)) - corner[0]
-                column = min((i + 1) * block - 1, max(i * block, inside))
-        if column < 0 or row < 0 or column >= size or row >= size:
-            return np.nan
+                place = int((line.x0 + line.xd * t) / (line.w0 + line.wd * t)) - corner[0]
+                column = min((i + 1) * block - 1, max(i * block, place))
+        inside = inside and min(column, row) >= 0 and max(column, row) < size
         if column >> (level + 1) != i >> 1 or row >> (level + 1) != j >> 1:
             level = min(level + 1, len(starts) - 1)
+    return found
 
 
 @kernel
-def _span(origin: Vector, beam: Vector, tiles: Tiles) -> tuple[float, float, float, Vector]:
+def _span(
+    origin: Vector, beam: Vector, floor: float, ceiling: float
+) -> tuple[float, float, float, Vector]:
     """Return the distance of a ray's foot, where it is between ceiling and floor, and its foot.
 
     Start and end are distances from the foot, which are of the body's size whatever the range;
@@ -258,12 +266,12 @@ def _span(origin: Vector, beam: Vector, tiles: Tiles) -> tuple[float, float, flo
     closest = -(origin[0] * beam[0] + origin[1] * beam[1] + origin[2] * beam[2])
     foot = at(origin, beam, closest)
     square = foot[0] ** 2 + foot[1] ** 2 + foot[2] ** 2
-    half = tiles.ceiling**2 - square
+    half = ceiling**2 - square
     if not half > 0.0 or closest + np.sqrt(half) < 0.0:
         return closest, np.nan, np.nan, foot
     end = np.sqrt(half)
     start = max(-end, -closest)
-    under = tiles.floor**2 - square
+    under = floor**2 - square
     if under > 0.0 and start < np.sqrt(under):
         end = -np.sqrt(under)
         start = start if start < end else np.nan
@@ -274,16 +282,14 @@ def _span(origin: Vector, beam: Vector, tiles: Tiles) -> tuple[float, float, flo
 def needs(tiles: Tiles, origin: Vector, beam: Vector, wanted: AnyArray) -> None:
     """Mark in `wanted` (tiles,) all tiles that a ray may dip into, up to where it must have hit."""
     tiling = tiles.tiling
-    _, t, end, foot = _span(origin, beam, tiles)
-    if np.isnan(t):
-        return
+    _, t, end, foot = _span(origin, beam, tiles.floor, tiles.ceiling)
     square = foot[0] ** 2 + foot[1] ** 2 + foot[2] ** 2
-    x, y, z = at(foot, beam, t)
-    face = face_of(x, y, z)
+    face = face_of(*at(foot, beam, t))
     while t < end:
         line = line_on(tiling, face, foot, beam)
         column, row = _square_of(line, t, tiling.size, tiling.across)
-        while t < end:
+        on_face = True
+        while on_face and t < end:
             first = (column * tiling.size, row * tiling.size)
             leave, through_u = _leaves(line, first, tiling.size, t)
             leave = min(leave, end)
@@ -291,34 +297,31 @@ def needs(tiles: Tiles, origin: Vector, beam: Vector, wanted: AnyArray) -> None:
             near = _nearest(square, t, leave)
             if near <= tiles.upper[tile] ** 2:
                 wanted[tile] = True
-                if near < tiles.lower[tile] ** 2:
-                    return
-            t = leave
+            t = np.inf if near < tiles.lower[tile] ** 2 else leave
             column += line.across if through_u else 0
             row += 0 if through_u else line.along
             if min(column, row) < 0 or max(column, row) >= tiling.across:
                 face = _next_face(face, line, through_u)
-                break
+                on_face = False
 
 
 @kernel
 def hit(tiles: Tiles, origin: Vector, beam: Vector, wanted: AnyArray) -> tuple[float, int]:
     """Return the distance of the first hit, NaN for none, and the tile, −1 for none.
 
-    A tile that is not there is marked in `wanted`, and −2 is returned for it.
+    A tile that is not there is marked in `wanted`, and −2 is returned for it. (There is one way
+    out of this function and of those below it, because Numba then need not count references.)
     """
     tiling = tiles.tiling
-    closest, t, end, foot = _span(origin, beam, tiles)
-    if np.isnan(t):
-        return np.nan, -1
-    start = t
+    closest, t, end, foot = _span(origin, beam, tiles.floor, tiles.ceiling)
+    start, found, met = t, np.nan, -1
     square = foot[0] ** 2 + foot[1] ** 2 + foot[2] ** 2
-    x, y, z = at(foot, beam, t)
-    face = face_of(x, y, z)
+    face = face_of(*at(foot, beam, t))
     while t < end:
         line = line_on(tiling, face, foot, beam)
         column, row = _square_of(line, t, tiling.size, tiling.across)
-        while t < end:
+        on_face = True
+        while on_face and t < end:
             first = (column * tiling.size, row * tiling.size)
             leave, through_u = _leaves(line, first, tiling.size, t)
             leave = min(leave, end)
@@ -327,20 +330,18 @@ def hit(tiles: Tiles, origin: Vector, beam: Vector, wanted: AnyArray) -> tuple[f
                 slot = tiles.slots[tile]
                 if slot < 0:
                     wanted[tile] = True
-                    return np.nan, -2
-                way = (t, leave, square, start)
-                found = _in_tile(tiles, slot, line, first, way)
-                if found == -np.inf:
-                    return np.nan, -1
-                if not np.isnan(found):
-                    return closest + found, tile
+                    met, leave = -2, np.inf
+                else:
+                    found = _in_tile(tiles, slot, line, first, (t, leave, square, start))
+                    leave = leave if np.isnan(found) else np.inf
+                    met = tile if np.isfinite(found) else -1
             t = leave
             column += line.across if through_u else 0
             row += 0 if through_u else line.along
             if min(column, row) < 0 or max(column, row) >= tiling.across:
                 face = _next_face(face, line, through_u)
-                break
-    return np.nan, -1
+                on_face = False
+    return closest + found if met >= 0 else np.nan, met
 
 
 @kernel
