@@ -68,7 +68,8 @@ def assess(
     there, planted = Workspace.open(workspace), read_truth(truth)
     models = [] if only else workspace_models(there)
     models += [file_model(path, frame=frame, unit=unit) for path in model or []]
-    settings = AssessmentSettings(patches=patches)
+    dark = planted.settings.solution.darkness.dark
+    settings = AssessmentSettings(patches=patches, dark_share=dark)
     executor, progress = ThreadExecutor(workers), Progress.fitting(silent=as_json)
     found = assess_models(planted, models, there, executor, progress, settings=settings)
     lines = list(assessment_lines(found))

@@ -9,15 +9,7 @@ from typing import Any
 import numpy as np
 
 from fusion.truth.planted import Planted
-from spcola.arrays import BoolArray, FloatArray
-from spcola.maplet import Maplet
-from spcola.truth.body import TruthBody
-from spcola.truth.light import LightMap
-from spcola.truth.sampled import SampledSurface
-from spcola.truth.solution import heights_in_frame
-
-# What casts shadows on the light map is resolved to this, metres.
-_LIGHT_SPACING = 1.0
+from spcola.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -45,23 +37,6 @@ class Recovered:
         if not self.sigma > 0:
             return float("nan")
         return (self.recovered - self.planted) / self.sigma
-
-
-@dataclass(frozen=True)
-class RegionErrors:
-    """Errors of heights in one region: their number, mean, rms, and calibration, metres.
-
-    `pull_std` is the standard deviation of error / sigma: 1 where the sigmas are right.
-    `within_1`, `within_2` are the shares of errors within one and two sigma.
-    """
-
-    region: str
-    count: int
-    mean: float
-    rms: float
-    pull_std: float
-    within_1: float
-    within_2: float
 
 
 def compare(
@@ -137,51 +112,3 @@ def _ratio(found: Mapping[str, Any], above: str, below: str) -> float:
     """Return the mean radius that a size correction was made with."""
     denominator = _number(found.get(below))
     return _number(found.get(above)) / denominator if denominator else float("nan")
-
-
-def height_errors(maplet: Maplet, body: TruthBody, planted: Planted) -> FloatArray:
-    """Return the errors (2q+1, 2q+1) of a maplet's heights along its Uz, metres.
-
-    The maplet is in SPC coordinates; the truth is brought there by the planted similarity. NaN
-    where the maplet has no height.
-    """
-    truth = heights_in_frame(body, maplet.grid, planted.similarity)
-    errors: FloatArray = maplet.height - truth
-    return errors
-
-
-def shadowed(maplet: Maplet, planted: Planted, light: LightMap) -> BoolArray:
-    """Return which points (2q+1, 2q+1) of a maplet lie where SPC saw nothing, or hardly."""
-    places = planted.similarity.inverse().apply(maplet.points()).reshape(-1, 3)
-    dark: BoolArray = light.at(places) < planted.settings.solution.darkness.dark
-    return dark.reshape(maplet.grid.shape)
-
-
-def assess_heights(
-    maplets: Sequence[Maplet], body: TruthBody, planted: Planted
-) -> list[RegionErrors]:
-    """Return the height errors of maplets in SPC coordinates: all, lit and shadowed ground."""
-    errors, sigmas, dark = [], [], []
-    latitude = np.radians(planted.settings.passes.sun_latitude_deg)
-    light = LightMap.of(SampledSurface(body, _LIGHT_SPACING), sun_latitude=latitude)
-    for maplet in maplets:
-        known = maplet.valid
-        errors.append(height_errors(maplet, body, planted)[known])
-        sigmas.append(maplet.sigma[known])
-        dark.append(shadowed(maplet, planted, light)[known])
-    error, sigma, shade = (np.concatenate(part) for part in (errors, sigmas, dark))
-    known = np.isfinite(error)
-    lit = np.logical_not(shade)
-    regions = {"all": known, "lit": known & lit, "shadowed": known & np.logical_not(lit)}
-    return [_region(name, error[mask], sigma[mask]) for name, mask in regions.items()]
-
-
-def _region(name: str, error: FloatArray, sigma: FloatArray) -> RegionErrors:
-    if not len(error):
-        return RegionErrors(name, 0, *[float("nan")] * 5)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        pull = (error / sigma)[sigma > 0]
-    spread = float(np.std(pull)) if len(pull) else float("nan")
-    shares = [float(np.mean(np.abs(pull) < k)) if len(pull) else float("nan") for k in (1, 2)]
-    rms = float(np.sqrt(np.mean(error**2)))
-    return RegionErrors(name, len(error), float(np.mean(error)), rms, spread, *shares)

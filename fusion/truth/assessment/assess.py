@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from fusion.executor import Executor
 from fusion.progress import Progress
 from fusion.truth.assessment.formal import FormalUncertainty, formal_uncertainty
@@ -16,13 +14,13 @@ from fusion.truth.assessment.score import ModelScore, score_model
 from fusion.truth.assessment.settings import AssessmentSettings
 from fusion.truth.planted import Planted
 from fusion.truth.recovery import Recovered, compare
+from fusion.truth.solution import light_of
 from fusion.workspace import Workspace
 from spcola.truth.body import TruthBody
-from spcola.truth.light import LightMap
 from spcola.truth.sampled import SampledSurface
 
-# Shadows are cast by ground of at least this share of the radius.
-_LIGHT_SPACING = 0.008
+# What casts shadows is resolved to this, metres.
+_SHADOW_SPACING = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,10 +92,7 @@ def assess(
 
 def light_on(body: TruthBody, planted: Planted) -> Light:
     """Return how long the ground is lit in the mission: the map that its solution was made by."""
-    spacing = _LIGHT_SPACING * planted.settings.body.radius
-    latitude = float(np.radians(planted.settings.passes.sun_latitude_deg))
-    surface = SampledSurface(body, spacing)
-    return LightMap.of(surface, sun_latitude=latitude, spacing=spacing).at
+    return light_of(planted.settings, SampledSurface(body, _SHADOW_SPACING)).at
 
 
 def formal_of(workspace: Workspace) -> FormalUncertainty | None:

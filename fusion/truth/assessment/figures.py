@@ -53,6 +53,8 @@ def distances_figure(scores: Sequence[ModelScore], formu: float) -> Figure:
 
 def resolution_figure(scores: Sequence[ModelScore]) -> Figure:
     """Transfer² and coherence of every model against wavelength."""
+    from matplotlib.ticker import LogLocator  # noqa: PLC0415
+
     with drawing(9.4, 3.8) as figure:
         panels = figure.subplots(1, 2, sharey=True)
         for number, score in enumerate(scores):
@@ -67,7 +69,9 @@ def resolution_figure(scores: Sequence[ModelScore]) -> Figure:
             panel.set_title(title)
             panel.axhline(0.5, color=MUTED, ls="--", lw=1.0)
             panel.set(xscale="log", ylim=(-0.05, 1.25), xlabel="wavelength, m")
-            panel.xaxis.set_major_formatter("{x:g}")
+            panel.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+            for axis in (panel.xaxis.set_major_formatter, panel.xaxis.set_minor_formatter):
+                axis("{x:g}")
             panel.grid(visible=True, which="both")
         panels[0].legend(loc="upper left")
     return figure

@@ -19,6 +19,10 @@ _FREE = 1e-7
 # Errors of neighbouring vertices are alike: the covariance counts each cell of a cube about the
 # model, this many along a side, as one observation.
 _CELLS = 6
+GAIN = 1e-4
+"""A pass is at its end when two steps in a row have not brought down the rms by this share: on
+rough ground the nearest points change with every step, and the rms has no smooth bottom."""
+_IDLE_STEPS = 2
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,8 @@ class RigidOptions:
     most_iterations : int
         Of each of the two passes.
     tolerance_m : float
-        The fit has converged when a step moves no vertex further than about this, metres.
+        The fit has converged when a step moves no vertex further than about this, metres, or
+        when it has stopped to gain (see :data:`GAIN`).
     loss_scale : float
         Huber's limit of the first pass in robust standard deviations of the distances.
     """
@@ -113,10 +118,13 @@ def fit_rigid(
     done = 0
     settled = False
     for robust in (True, False):
-        settled = False
+        settled, best, idle = False, float("inf"), 0
         for _ in range(options.most_iterations):
             done += 1
-            if fit.step(robust=robust) < options.tolerance_m:
+            size, rms = fit.step(robust=robust)
+            idle = 0 if rms < (1.0 - GAIN) * best else idle + 1
+            best = min(rms, best)
+            if size < options.tolerance_m or idle == _IDLE_STEPS:
                 settled = True
                 break
     reason = "" if settled else f"still moving after {options.most_iterations} iterations"
@@ -139,8 +147,14 @@ class _Fit:
         turned: FloatArray = (self.points - self.pivot) @ self.turn.as_matrix().T
         return self.pivot + self.translation + turned
 
-    def step(self, *, robust: bool) -> float:
-        """Move by one Gauss–Newton step; return its size, metres at the typical vertex."""
+    def step(self, *, robust: bool) -> tuple[float, float]:
+        """Move by one Gauss–Newton step.
+
+        Returns
+        -------
+        size, rms : float
+            How far it moves the typical vertex, and the weighted rms before it, metres.
+        """
         here = self.moved()
         near = self.truth.nearest(here)
         weight: FloatArray = np.ones(len(here))
@@ -153,7 +167,8 @@ class _Fit:
         change = _pseudo_inverse(normal)[0] @ (design.T @ (weight * -near.distance))
         self.translation += change[:3]
         self.turn = Rotation.from_rotvec(change[3:] / self.arm) * self.turn
-        return float(norm(change[:3]) + norm(change[3:]))
+        rms = float(np.sqrt(np.mean(weight * near.distance**2)))
+        return float(norm(change[:3]) + norm(change[3:])), rms
 
     def _design(self, here: FloatArray, near: Nearest) -> FloatArray:
         """Change of the distances (N, 6) with translation and rotation, both in metres."""

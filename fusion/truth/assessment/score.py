@@ -97,13 +97,16 @@ def score_model(
     errors = sums.errors()
     mesh = model.mesh
     vertices = np.concatenate(sums.vertices) if mesh is None else _some(mesh.vertices, settings)
+    with progress.task(f"3D rms of {model.name}", 1) as task:
+        distances = measure_distances(vertices, ground.truth, settings, mesh)
+        task.advance()
     return ModelScore(
         model.name,
         model.frame,
         sums.finest,
         len(sums.points),
         len(model.keys(1 << 40)),
-        measure_distances(vertices, ground.truth, settings, mesh),
+        distances,
         tuple(score_regions(errors)),
         sums.transfer(),
         errors,

@@ -28,7 +28,8 @@ class AssessmentSettings:
         Boulders from this diameter on make the region of boulders (craters likewise, see
         :meth:`spcola.truth.body.TruthBody.terrain`), metres.
     dark_share : float
-        Ground that is lit for less than this share of a rotation is the region in shadow.
+        Ground that is lit for less than this share of a rotation is the region in shadow: by
+        default where synthetic solutions lose their hold, too.
     """
 
     patches: int = 200
@@ -37,7 +38,7 @@ class AssessmentSettings:
     fit_vertices: int = 10_000
     seed: int = 0
     smallest: float = 1.5
-    dark_share: float = 0.02
+    dark_share: float = 0.08
 
     def __post_init__(self) -> None:
         if min(self.patches, self.vertices, self.fit_vertices) < 1 or self.patch_half_size < 4:

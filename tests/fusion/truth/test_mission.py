@@ -13,7 +13,7 @@ import pytest
 from fusion.truth.mission import make_mission
 from fusion.truth.planted import Planted, read_truth
 from fusion.truth.presets import MissionSettings
-from fusion.truth.recovery import assess_heights, compare, height_errors
+from fusion.truth.recovery import compare
 from lidar.formats.reader import read_scan
 from spcola.errors import FormatError, WorkspaceError
 from spcola.formats.icq import read_icq
@@ -22,10 +22,8 @@ from spcola.formats.lmk import read_landmark
 from spcola.formats.map import read_maplet
 from spcola.formats.nom import read_nominal
 from spcola.formats.sum import read_summary
-from spcola.maplet import Maplet
 from spcola.projection import project_image
 from spcola.time import et_from_utc
-from spcola.truth.solution import heights_in_frame
 
 SMALLEST = replace(
     MissionSettings.tiny(),
@@ -154,29 +152,6 @@ def test_a_folder_of_other_things_is_left_alone(tmp_path) -> None:
     with pytest.raises(WorkspaceError, match="other things"):
         make_mission(tmp_path, settings=SMALLEST)
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
-
-
-def test_a_perfect_maplet_has_no_error_and_a_raised_one_its_rise(mission) -> None:
-    folder, planted = mission
-    body = planted.body()
-    spc = read_maplet(next((folder / "spc" / "MAPFILES").glob("TR0012.MAP")))
-    truth = heights_in_frame(body, spc.grid, planted.similarity)
-    sigma = np.full(spc.grid.shape, 0.1)
-    perfect = Maplet("TR0012", spc.grid, truth, sigma=sigma)
-    np.testing.assert_allclose(height_errors(perfect, body, planted), 0.0, atol=1e-12)
-    raised = Maplet("TR0012", spc.grid, truth + 0.1, sigma=sigma)
-    region = assess_heights([raised], body, planted)[0]
-    assert region.rms == pytest.approx(0.1)
-    assert region.mean == pytest.approx(0.1)
-    assert region.pull_std == pytest.approx(0.0, abs=1e-6)
-
-
-def test_the_shadowed_region_is_the_dark_pole(mission) -> None:
-    folder, planted = mission
-    maplets = [read_maplet(p) for p in sorted((folder / "spc" / "MAPFILES").glob("*.MAP"))]
-    everything, lit, dark = assess_heights([maplets[0], maplets[-1]], planted.body(), planted)
-    assert everything.count == lit.count + dark.count
-    assert dark.rms > lit.rms
 
 
 def test_pulls_are_errors_over_sigmas(mission) -> None:
