@@ -139,7 +139,7 @@ def _stations_of_leg(
     duration = leg.turns * passes.period
     spacing = (1.0 - campaign.overlap) * camera.width * camera.pixel_angle
     frames = _frames(leg, spacing * min(leg.ranges), campaign)
-    steps = max(leg.steps, -(-leg.images // len(frames)))
+    steps = max(min(leg.steps, leg.images), -(-leg.images // len(frames)))
     step = duration / steps
     cadence = min(campaign.cadence, step / len(frames))
     for k, (at, frame) in enumerate(_part(steps, len(frames), leg.images)):
@@ -163,12 +163,12 @@ def _stations_of_leg(
 def _part(steps: int, frames: int, count: int) -> list[tuple[int, int]]:
     """Return `count` of all pairs of a step and a frame, in order, spread evenly over both.
 
-    Those of the least fractions of multiples of the golden section, with which the steps go
-    around; the frames are spread over that circle, so that each is taken equally often.
+    Those next to opposite multiples of the golden section, with which the steps go around; the
+    frames are spread over that circle, so that each is taken equally often, the middle one first.
     """
     step, frame = np.divmod(np.arange(steps * frames), frames)
-    fraction = (step * ((np.sqrt(5.0) - 1.0) / 2.0) + frame / frames) % 1.0
-    chosen = np.sort(np.argsort(fraction, kind="stable")[:count])
+    fraction = (step * ((np.sqrt(5.0) - 1.0) / 2.0) + (frame + 0.5) / frames) % 1.0
+    chosen = np.sort(np.argsort(np.abs(fraction - 0.5), kind="stable")[:count])
     return list(zip(step[chosen].tolist(), frame[chosen].tolist(), strict=True))
 
 
