@@ -62,7 +62,7 @@ class BodySettings:
     seed: int = 1
     radius: float = 245.0
     shape: float = 1.0
-    roughness: float = 0.06
+    roughness: float = 0.05
     roughness_exponent: float = 0.9
     longest: float = 153.6
     shortest: float = 1.2

@@ -20,7 +20,7 @@ BOULDER_SLOPE = 2.1
 """Tangent of the steepest side of a boulder."""
 BOULDER_HEIGHT = 0.3
 """No boulder is higher above the ground than this, in diameters."""
-CRATER_DEPTH = 0.12
+CRATER_DEPTH = 0.14
 """Depth of a crater below the ground, in diameters."""
 CRATER_RIM = 0.03
 """Height of its rim above the ground, in diameters."""
@@ -248,14 +248,16 @@ def from_centre(x: float, y: float, z: float, radius: float, feature: FloatArray
 def crater_height(x: float, y: float, z: float, radius: float, crater: FloatArray) -> float:
     """Return what a crater adds to the radius in direction (x, y, z), metres.
 
-    A parabolic bowl up to the rim, then a parabola down to the ground at twice the radius.
+    A bowl ``−depth (1 − q)²`` up to the rim, q being the squared distance in crater radii, and a
+    round rim on it that has come down to the ground at twice the radius.
     """
     square = from_centre(x, y, z, radius, crater)
     if square < 1.0:
-        return (crater[4] + crater[5]) * square - crater[4]
+        flat = 1.0 - square
+        return crater[5] * square * square * (1.0 + 2.0 * flat) - crater[4] * flat * flat
     if square < CRATER_REACH**2:
-        fall = CRATER_REACH - np.sqrt(square)
-        return crater[5] * fall * fall
+        fall = (CRATER_REACH - np.sqrt(square)) / (CRATER_REACH - 1.0)
+        return crater[5] * fall * fall * (3.0 - 2.0 * fall)
     return 0.0
 
 

@@ -8,9 +8,8 @@ import pytest
 from spcola.errors import SettingsError
 from spcola.maplet import MapletGrid
 from spcola.truth.body import BodySettings, TruthBody
-from spcola.truth.relief import PowerLaw, boulder_height, crater_height, directions
+from spcola.truth.relief import boulder_height, crater_height
 from spcola.truth.roughness import add_noise
-from spcola.truth.streams import stream
 from spcola.truth.surface import low_degree, smoothed
 
 
@@ -99,40 +98,6 @@ def test_the_surface_stays_under_its_ceiling(body: TruthBody) -> None:
     assert body.radius(_directions(20_000)).max() < body._bounds.ceiling
 
 
-def test_the_same_seed_gives_the_same_body_and_another_another() -> None:
-    d = _directions(50)
-    one, two = (TruthBody(BodySettings(seed=3, radius=40.0)).radius(d) for _ in range(2))
-    np.testing.assert_array_equal(one, two)
-    assert np.abs(TruthBody(BodySettings(seed=4, radius=40.0)).radius(d) - one).max() > 0.1
-
-
-def test_diameters_follow_the_power_law() -> None:
-    law = PowerLaw(1e4, 2.7, 0.5, 50.0)
-    d = law.draw(40_000, stream(1, "test"))
-    assert d.min() >= 0.5
-    assert d.max() <= 50.0
-    # Maximum-likelihood slope (Hill); the cut at 100 times the smallest is far in the tail.
-    slope = 1.0 / np.mean(np.log(d / 0.5))
-    assert slope == pytest.approx(2.7, abs=3 * 2.7 / np.sqrt(40_000))
-
-
-def test_there_are_as_many_features_as_the_density_says(body: TruthBody) -> None:
-    area = 4.0 * np.pi * 40.0**2
-    for features, law in (
-        (body.craters, body.settings.craters),
-        (body.boulders, body.settings.boulders),
-    ):
-        expected = law.expected(area)
-        assert abs(len(features) - expected) < 4.0 * np.sqrt(expected)
-    assert law.expected(1e6) == pytest.approx(1e4 * (0.4**-2.7 - 10.0**-2.7))
-
-
-def test_features_are_densest_at_180_degrees() -> None:
-    x = directions(100_000, 0.5, stream(1, "test"))[:, 0]
-    # Density (1 − x/2)/(4π): the mean of x is −1/6.
-    assert np.mean(x) == pytest.approx(-1.0 / 6.0, abs=0.006)
-
-
 def test_albedo_varies_as_stated() -> None:
     albedo = TruthBody(BodySettings(radius=75.0)).albedo(_directions(50_000))
     assert albedo.mean() == pytest.approx(1.0, abs=0.005)
@@ -154,9 +119,3 @@ def test_albedo_varies_as_stated() -> None:
 def test_settings_out_of_range_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(SettingsError):
         BodySettings(**wrong)
-
-
-def test_power_laws_out_of_range_are_refused() -> None:
-    for wrong in [(-1.0, 2.0, 1.0, 2.0), (1.0, 0.0, 1.0, 2.0), (1.0, 2.0, 3.0, 2.0)]:
-        with pytest.raises(SettingsError):
-            PowerLaw(*wrong)
