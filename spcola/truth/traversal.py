@@ -16,6 +16,7 @@ import numpy as np
 
 from spcola.arrays import AnyArray, FloatArray, IntArray
 from spcola.kernel import kernel
+from spcola.truth.borrowing import borrowed
 from spcola.truth.cube import Tiling, face_axes, face_of, place_of, tile_of, value_in
 
 Vector = tuple[float, float, float]
@@ -394,11 +395,28 @@ def _part(values: Vector, axes: tuple[int, int, int], axis: int) -> float:
 
 
 @kernel
+def _borrowed(tiles: Tiles) -> Tiles:
+    """Return the tiles as arrays without an owner: see :mod:`spcola.truth.borrowing`."""
+    t = tiles.tiling
+    starts = borrowed(t.starts)
+    return Tiles(
+        Tiling(t.across, t.size, starts, t.base),
+        borrowed(tiles.slots),
+        borrowed(tiles.pool),
+        borrowed(tiles.lower),
+        borrowed(tiles.upper),
+        tiles.floor,
+        tiles.ceiling,
+    )
+
+
+@kernel
 def mark_needed(tiles: Tiles, origins: FloatArray, beams: FloatArray, wanted: AnyArray) -> None:
     """Mark in `wanted` (tiles,) the tiles that rays (N, 3), (N, 3) may need."""
+    ours, marks = _borrowed(tiles), borrowed(wanted)
     for i in range(len(origins)):
         origin = (origins[i, 0], origins[i, 1], origins[i, 2])
-        needs(tiles, origin, (beams[i, 0], beams[i, 1], beams[i, 2]), wanted)
+        needs(ours, origin, (beams[i, 0], beams[i, 1], beams[i, 2]), marks)
 
 
 @kernel
@@ -414,17 +432,18 @@ def first_hits(
     The missing tiles are marked in `wanted` (tiles,); the results are void then.
     """
     origins, beams = rays
+    ours, marks = _borrowed(tiles), borrowed(wanted)
     complete = True
     for i in range(len(origins)):
         origin = (origins[i, 0], origins[i, 1], origins[i, 2])
         beam = (beams[i, 0], beams[i, 1], beams[i, 2])
-        found, tile = hit(tiles, origin, beam, wanted)
+        found, tile = hit(ours, origin, beam, marks)
         distance[i] = found
         if tile < 0:
             complete = complete and tile != -2
             normals[i] = np.nan
             continue
-        nx, ny, nz = normal_at(tiles, at(origin, beam, found))
+        nx, ny, nz = normal_at(ours, at(origin, beam, found))
         normals[i, 0], normals[i, 1], normals[i, 2] = nx, ny, nz
     return complete
 
@@ -442,7 +461,8 @@ def shadows(
     The points are lifted by `lift` above the ground, or onto it first if they lie below.
     """
     points, beams = rays
-    tiling = tiles.tiling
+    ours, marks = _borrowed(tiles), borrowed(wanted)
+    tiling = ours.tiling
     complete = True
     for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -451,19 +471,19 @@ def shadows(
             continue
         face, across, along = place_of(tiling, x, y, z)
         tile = tile_of(tiling, face, across, along)
-        slot = tiles.slots[tile]
+        slot = ours.slots[tile]
         if slot < 0:
-            wanted[tile] = True
+            marks[tile] = True
             complete = False
             continue
         column = tile % tiling.across * tiling.size
         row = tile // tiling.across % tiling.across * tiling.size
-        ground = value_in(tiling, tiles.pool[slot], across - column, along - row)
+        ground = value_in(tiling, ours.pool[slot], across - column, along - row)
         length = np.sqrt(x * x + y * y + z * z)
         share = (max(length, ground) + lift) / length
         origin = (share * x, share * y, share * z)
         beam = (beams[i, 0], beams[i, 1], beams[i, 2])
-        _, met = hit(tiles, origin, beam, wanted)
+        _, met = hit(ours, origin, beam, marks)
         complete = complete and met != -2
         out[i] = met >= 0
     return complete
