@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from fusion.cli.assess import assess
 from fusion.cli.output import JsonOption, show
 from fusion.cli.program import guarded
 from fusion.cli.stages import WorkersOption
@@ -87,3 +88,6 @@ def make(
 app.command("make", epilog="Example: spcola truth make /tmp/bennu --preset bennu --seed 2")(
     guarded(make)
 )
+app.command(
+    "assess", epilog="Example: spcola truth assess WS --truth /tmp/bennu --report truth.html"
+)(guarded(assess))

@@ -27,6 +27,11 @@ FAR_DIVERGENCE = 4.0e-5
 _AFTER_THE_PASSES = 615_211_269.184 + 35 * 86400.0
 
 
+def _sixteen_bits() -> ImageSettings:
+    """Exposed so that the brightest spots at opposition are not cut."""
+    return ImageSettings(bits=16, exposure_share=0.55)
+
+
 @dataclass(frozen=True)
 class MissionSettings:
     """A whole synthetic mission: its body, its errors, and what is planted.
@@ -67,7 +72,7 @@ class MissionSettings:
     solution: SolutionSettings = field(default_factory=SolutionSettings)
     states: StateSettings = field(default_factory=StateSettings)
     campaign: CampaignSettings = field(default_factory=CampaignSettings)
-    imaging: ImageSettings = field(default_factory=lambda: ImageSettings(bits=16))
+    imaging: ImageSettings = field(default_factory=_sixteen_bits)
     epsilon: float = 2.5e-4
     rotation_deg: tuple[float, float, float] = (0.006, -0.008, 0.012)
     translation_m: tuple[float, float, float] = (0.07, -0.05, 0.04)

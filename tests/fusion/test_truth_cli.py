@@ -112,4 +112,6 @@ def test_another_mission_and_other_things_are_left_alone(
 def test_help_has_an_example_and_a_wrong_preset_is_wrong_usage(tmp_path: Path) -> None:
     assert "Example: spcola truth make" in call("--help").stdout
     assert "--preset" in call(tmp_path, "--preset", "ceres", code=2).stderr
-    assert "make" in CliRunner().invoke(app, ["truth", "--help"]).stdout
+    text = CliRunner().invoke(app, ["truth", "--help"]).stdout
+    assert "make" in text
+    assert "assess" in text
