@@ -55,6 +55,8 @@ def undistort(camera: Camera, x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, F
     Newton's method; NaN where it does not converge (far outside the calibrated field).
     """
     target = np.stack(np.broadcast_arrays(x, y), axis=-1).astype(np.float64)
+    if not camera.distortion.any():
+        return target[..., 0], target[..., 1]
     guess = target.copy()
     step = np.full(target.shape, np.inf)
     for _ in range(MAX_ITERATIONS):
