@@ -102,8 +102,7 @@ class SampledSurface:
         directions : (N, 3) ndarray
             Of any length.
         """
-        beams = np.asarray(directions, dtype=np.float64)
-        beams = np.ascontiguousarray(beams / np.linalg.norm(beams, axis=1, keepdims=True))
+        beams = _unit(directions)
         starts = np.ascontiguousarray(np.broadcast_to(origins, beams.shape), dtype=np.float64)
         distance, normals = np.empty(len(beams)), np.empty(beams.shape)
 
@@ -126,8 +125,7 @@ class SampledSurface:
             Direction to the light or the camera, of any length.
         """
         starts = np.ascontiguousarray(points, dtype=np.float64)
-        beams = np.broadcast_to(np.asarray(toward, dtype=np.float64), starts.shape)
-        beams = np.ascontiguousarray(beams / np.linalg.norm(beams, axis=1, keepdims=True))
+        beams = np.ascontiguousarray(np.broadcast_to(_unit(toward), starts.shape))
         covered = np.zeros(len(starts), dtype=np.bool_)
 
         def fill(part: slice, wanted: AnyArray) -> bool:
@@ -173,6 +171,13 @@ class SampledSurface:
                 return
             with self._store.lease(tiles):
                 complete = fill(part, wanted)
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    """Return vectors (…, 3) scaled to length 1, contiguous."""
+    array = np.asarray(vectors, dtype=np.float64)
+    length = np.sqrt(np.einsum("...i,...i->...", array, array))
+    return np.ascontiguousarray(array / length[..., None])
 
 
 def _cube_nodes(cells: int) -> FloatArray:
