@@ -100,12 +100,13 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3)
     options = parser.parse_args()
     body, image = TruthBody(BodySettings(radius=245.0)), station(options.pixels)
-    small = SampledSurface(TruthBody(BodySettings.sphere(245.0)), 5.0)
+    sphere = TruthBody(BodySettings.sphere(245.0))
+    small = SampledSurface(sphere, 5.0)
 
     def rendered(surface: SampledSurface, of: TruthBody, at: SpcImage) -> Rendered:
         return render(surface, of, at, generator=np.random.default_rng(0))
 
-    rendered(small, small.body, station(32))  # compiles
+    rendered(small, sphere, station(32))  # compiles
     body.radius(np.eye(3))
     body.albedo(np.eye(3))
     count = image.camera.width * image.camera.height
