@@ -68,7 +68,8 @@ def _write(work: Work, surface: SampledSurface, state: SolvedState) -> None:
     rendered = render(surface, work.body, state.truth, settings=settings, generator=generator)
     known = _as_known(state)
     for kind, path in zip(work.settings.image_formats, files_of_image(work, state), strict=True):
-        write_image(path.parent, name, rendered, known, formats=[kind], settings=settings)
+        if missing(path):
+            write_image(path.parent, name, rendered, known, formats=[kind], settings=settings)
 
 
 def _as_known(state: SolvedState) -> SpcImage:

@@ -11,17 +11,27 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pytest
 
 from fusion.executor import ThreadExecutor
 from fusion.lock import locked
-from fusion.truth import mission, scans, solution
+from fusion.truth import images, mission, scans, solution
 from fusion.truth import size as size_module
 from fusion.truth.generation import MAKING_FOLDER
 from fusion.truth.mission import make_mission
+from fusion.truth.planted import read_truth
 from fusion.truth.presets import PRESETS, MissionSettings
 from fusion.truth.size import mission_size
+from lidar.formats.reader import read_scan
+from lidar.truth import TrackSettings
 from spcola.errors import WorkspaceError
+from spcola.formats.dat import read_image_data
+from spcola.formats.fits import read_fits_image
+from spcola.formats.nom import read_nominal
+from spcola.projection import project_image, ray
+from spcola.truth.campaign import CampaignSettings
+from spcola.truth.solution import lattice
 
 TINY = MissionSettings.tiny()
 SMALLEST = replace(
@@ -29,6 +39,12 @@ SMALLEST = replace(
     passes=replace(TINY.passes, count=4),
     lidar=replace(TINY.lidar, spacing=3.0),
     solution=replace(TINY.solution, maplets=8),
+    states=replace(TINY.states, per_pass=1),
+    campaign=CampaignSettings.of_phases(
+        approach=1, preliminary_survey=1, detailed_survey=2, radius=40.0, detector=24
+    ),
+    tracks=TrackSettings(count=1, duration=300.0),
+    images=True,
     shape_q=8,
 )
 
@@ -82,6 +98,7 @@ def failing(function: Callable[..., Any], after: int) -> Callable[..., Any]:
         (solution, "write_summary", 3),
         (solution, "write_nominal", 3),
         (solution, "write_landmark", 4),
+        (images, "write_image", 5),
         (mission, "write_truth", 0),
     ],
 )
@@ -111,6 +128,54 @@ def test_the_number_of_workers_leaves_no_trace(
 ) -> None:
     make_mission(tmp_path, settings=SMALLEST, executor=ThreadExecutor(workers))
     assert files_of(tmp_path) == files_of(undisturbed)
+
+
+def test_images_are_what_the_true_state_sees_and_say_the_nominal_one(undisturbed: Path) -> None:
+    planted = read_truth(undisturbed)
+    names = {path.stem for path in (undisturbed / "images").iterdir()}
+    assert (
+        names == set(planted.images) == {p.stem for p in (undisturbed / "spc/SUMFILES").iterdir()}
+    )
+    for name in names:
+        image = read_fits_image(undisturbed / "images" / f"{name}.fits")
+        pixels = read_image_data(undisturbed / "spc" / "IMAGEFILES" / f"{name}.DAT", 24, 24)
+        np.testing.assert_array_equal(image.pixels, pixels)
+        nominal = read_nominal(undisturbed / "spc" / "NOMINALS" / f"{name}.NOM")
+        np.testing.assert_allclose(image.scobj, nominal.scobj, atol=1e-3)
+        truth = planted.similarity.apply(np.array(planted.images[name].position_m))
+        assert np.linalg.norm(image.position - truth) > 0.01
+
+
+def test_the_body_is_where_the_true_state_has_it(undisturbed: Path) -> None:
+    planted = read_truth(undisturbed)
+    body = planted.body()
+    directions = lattice(3000)
+    places = body.radius(directions)[:, None] * directions
+    normals = body.normals(directions)
+    for name, state in planted.images.items():
+        known = read_fits_image(undisturbed / "images" / f"{name}.fits")
+        sun = planted.similarity.inverse().turn(known.sun)
+        truth = replace(
+            known, scobj=-np.array(state.position_m), axes=np.array(state.axes), sun=sun
+        )
+        pixel, line = np.rint(np.stack(project_image(truth, places)) - 1.0)
+        facing = np.sum(normals * (truth.position - places), axis=1) > 0
+        inside = facing & (np.minimum(pixel, line) >= 0) & (np.maximum(pixel, line) < 24)
+        column, row = pixel[inside].astype(int), line[inside].astype(int)
+        lit = normals[inside] @ sun > 0.5
+        bright = known.pixels > 0.03 * 65535
+        assert np.sum(bright[row, column][lit]) >= 0.9 * np.sum(lit)
+        rows, columns = np.nonzero(bright)
+        beams = ray(truth, columns + 1.0, rows + 1.0)
+        nearest = np.linalg.norm(np.cross(truth.position, beams), axis=1)
+        assert nearest.max(initial=0.0) < 1.02 * np.linalg.norm(places, axis=1).max()
+
+
+def test_a_nadir_track_is_written_beside_the_scans(undisturbed: Path) -> None:
+    planted = read_truth(undisturbed)
+    assert set(planted.scans) == {"scan01", "scan02", "scan03", "scan04", "track01"}
+    scan = read_scan(undisturbed / "lidar" / "track01.dat")
+    assert 250 < len(scan.range) <= 300
 
 
 def test_a_finished_mission_stays_and_a_lost_file_comes_back(
