@@ -16,6 +16,8 @@ from spcola.truth.passes import Pass, PassSettings
 _DAY = 86400.0
 # Times are kept as exact as a .SUM file writes them.
 _DECIMALS = 3
+# The plastic number's reciprocal: with its square it fills the plane most evenly (Roberts 2018).
+_PLASTIC = 0.7548776662466927
 PASS_PHASE = "P"
 """Phase of the images that are taken during a lidar pass."""
 
@@ -163,12 +165,13 @@ def _stations_of_leg(
 def _part(steps: int, frames: int, count: int) -> list[tuple[int, int]]:
     """Return `count` of all pairs of a step and a frame, in order, spread evenly over both.
 
-    Those next to opposite multiples of the golden section, with which the steps go around; the
-    frames are spread over that circle, so that each is taken equally often, the middle one first.
+    Those that Roberts' sequence in the plane, counted from the middle step and frame, brings
+    closest to 0: a lattice, of which a smaller part is a coarser one, and a single pair the middle.
     """
     step, frame = np.divmod(np.arange(steps * frames), frames)
-    fraction = (step * ((np.sqrt(5.0) - 1.0) / 2.0) + (frame + 0.5) / frames) % 1.0
-    chosen = np.sort(np.argsort(np.abs(fraction - 0.5), kind="stable")[:count])
+    turned = _PLASTIC * (step - steps // 2) + _PLASTIC**2 * (frame - frames // 2)
+    off = np.abs((turned + 0.5) % 1.0 - 0.5)
+    chosen = np.sort(np.argsort(off, kind="stable")[:count])
     return list(zip(step[chosen].tolist(), frame[chosen].tolist(), strict=True))
 
 

@@ -290,3 +290,17 @@ def test_campaigns_out_of_range_are_refused() -> None:
 def test_images_are_dealt_out_to_the_last_one() -> None:
     for count in (0, 5, 100, 927, 1000):
         assert sum(leg.images for leg in approach_legs(count)) == count
+
+
+def test_few_images_of_a_leg_look_to_the_middle_and_to_both_sides_of_it():
+    campaign = CampaignSettings.of_phases(approach=0, preliminary_survey=0, detailed_survey=24)
+    stations = plan_stations(campaign, PassSettings())
+    heights = []
+    for station in stations:
+        cy = looking(station.position, np.zeros(3))[1]
+        along = station.target - station.position
+        foot = station.position - station.position @ along / (along @ along) * along
+        heights.append(foot @ cy / campaign.radius)
+    # Rows lie evenly from limb to limb.
+    assert np.mean(heights) == pytest.approx(0.0, abs=0.1)
+    assert np.mean(np.abs(heights)) == pytest.approx(0.5, abs=0.12)
