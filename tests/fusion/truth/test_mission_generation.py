@@ -41,7 +41,7 @@ SMALLEST = replace(
     solution=replace(TINY.solution, maplets=8),
     states=replace(TINY.states, per_pass=1),
     campaign=CampaignSettings.of_phases(
-        approach=1, preliminary_survey=1, detailed_survey=2, radius=40.0, detector=24
+        approach=0, preliminary_survey=0, detailed_survey=2, radius=40.0, detector=24
     ),
     tracks=TrackSettings(count=1, duration=300.0),
     images=True,
@@ -91,11 +91,8 @@ def failing(function: Callable[..., Any], after: int) -> Callable[..., Any]:
 @pytest.mark.parametrize(
     ("module", "writer", "after"),
     [
-        (solution, "write_icq", 0),
         (scans, "write_scans", 2),
-        (solution, "write_maplet", 0),
         (solution, "write_maplet", 5),
-        (solution, "write_summary", 3),
         (solution, "write_nominal", 3),
         (solution, "write_landmark", 4),
         (images, "write_image", 5),
@@ -122,11 +119,8 @@ def test_an_interrupted_mission_goes_on_to_the_same_bytes(
     assert made.items() <= times_of(tmp_path).items()
 
 
-@pytest.mark.parametrize("workers", [2, 5])
-def test_the_number_of_workers_leaves_no_trace(
-    workers: int, undisturbed: Path, tmp_path: Path
-) -> None:
-    make_mission(tmp_path, settings=SMALLEST, executor=ThreadExecutor(workers))
+def test_the_number_of_workers_leaves_no_trace(undisturbed: Path, tmp_path: Path) -> None:
+    make_mission(tmp_path, settings=SMALLEST, executor=ThreadExecutor(3))
     assert files_of(tmp_path) == files_of(undisturbed)
 
 
