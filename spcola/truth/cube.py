@@ -106,6 +106,15 @@ def tile_of(tiling: Tiling, face: int, across: float, along: float) -> int:
 
 
 @kernel
+def place_in_tile(tiling: Tiling, x: float, y: float, z: float) -> tuple[int, float, float]:
+    """Return the tile of a direction and its coordinates there, in cells from the first node."""
+    face, across, along = place_of(tiling, x, y, z)
+    tile = tile_of(tiling, face, across, along)
+    column, row = tile % tiling.across, tile // tiling.across % tiling.across
+    return tile, across - column * tiling.size, along - row * tiling.size
+
+
+@kernel
 def tiles_of(tiling: Tiling, directions: FloatArray, wanted: AnyArray) -> None:
     """Mark in `wanted` (tiles,) those that the `directions` (N, 3) fall in."""
     for i in range(len(directions)):
@@ -185,8 +194,6 @@ def look_up(
 ) -> None:
     """Fill `out` (N,) with the values in `directions` (N, 3), whose tiles are there."""
     for i in range(len(directions)):
-        face, across, along = place_of(tiling, directions[i, 0], directions[i, 1], directions[i, 2])
-        tile = tile_of(tiling, face, across, along)
-        column = tile % tiling.across * tiling.size
-        row = tile // tiling.across % tiling.across * tiling.size
-        out[i] = value_in(tiling, pool[slots[tile]], across - column, along - row)
+        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+        tile, across, along = place_in_tile(tiling, x, y, z)
+        out[i] = value_in(tiling, pool[slots[tile]], across, along)
