@@ -21,10 +21,11 @@ from spcola.truth.cells import Indexed, cells_for, index_features
 from spcola.truth.hits import BodyHits
 from spcola.truth.nearest import Nearest, hexagons, nearest_points, normals
 from spcola.truth.relief import Features, draw_boulders, draw_craters, draw_spots
+from spcola.truth.rocks import flag_rocks, make_rocks
 from spcola.truth.roughness import fractal_octaves
 from spcola.truth.streams import stream
 from spcola.truth.surface import Surface, radii
-from spcola.truth.terrain import flag
+from spcola.truth.terrain import BOULDER, flag
 from spcola.truth.tracing import hits
 
 __all__ = ["BodySettings", "TruthBody"]
@@ -86,11 +87,13 @@ class TruthBody:
             s.radius, _low_degree(s), swells, octaves[len(swells) :], s.roughness_contrast,
             _noise_seed(s.seed, "roughness"), site,
             self._indexed(self.craters), self._indexed(self.boulders),
+            make_rocks(s.boulders, s.smallest_rock, s.radius, _noise_seed(s.seed, "rocks"), s.site),
         )  # fmt: skip
 
     @cached_property
     def _bounds(self) -> Bounds:
-        leap = _LEAP_SHARE * self.settings.boulders.smallest
+        s = self.settings
+        leap = _LEAP_SHARE * (s.smallest_rock or s.boulders.smallest)
 
         def radii_of(surface: Surface, unit: FloatArray) -> FloatArray:
             return _spread(radii, (surface,), (unit,))
@@ -189,9 +192,9 @@ class TruthBody:
     def terrain(self, directions: FloatArray, *, smallest: float) -> AnyArray:
         """Return what ground lies in the `directions` (N, 3): flags (N,) of uint8.
 
-        The flags, of :mod:`spcola.truth.terrain`: BOULDER inside the outline of a boulder whose
-        longest axis is at least `smallest`, metres; CRATER inside the rim of a crater at least
-        twice as wide; SMOOTH on the smooth site.
+        The flags, of :mod:`spcola.truth.terrain`: BOULDER inside the outline of a boulder (or a
+        rock) whose longest axis is at least `smallest`, metres; CRATER inside the rim of a crater
+        at least twice as wide; SMOOTH on the smooth site.
         """
         unit = _unit(directions)
         counts = (
@@ -200,6 +203,7 @@ class TruthBody:
         )
         flags = np.empty(len(unit), np.uint8)
         flag(self._surface, unit, *counts, flags)
+        flag_rocks(self._surface.rocks, unit, smallest, BOULDER, flags)
         return flags
 
     def mean_plane(self, direction: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:

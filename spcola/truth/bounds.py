@@ -14,7 +14,7 @@ import numpy as np
 from spcola.arrays import FloatArray, IntArray
 from spcola.kernel import kernel
 from spcola.truth.cells import Indexed, cell_of, face_directions, index_features
-from spcola.truth.relief import Features
+from spcola.truth.relief import BOULDER_HEIGHT, Features
 from spcola.truth.surface import Surface, low_degree
 
 _CELL_WIDTH = 4.0
@@ -121,14 +121,16 @@ def make_bounds(
     fine = count * _SAMPLES
     samples = face_directions((np.arange(fine) + 0.5) * (2.0 / fine) - 1.0)
     flat = samples.reshape(-1, 3)
-    ground = radii_of(surface._replace(boulders=_none(surface.boulders)), flat)
+    ground = radii_of(_bare(surface), flat)
+    rock = BOULDER_HEIGHT * float(surface.rocks.largest.max(initial=0.0))
     spacing = 1.5 * surface.radius / fine
     margin = _GROUND_SLOPE * spacing * np.sqrt(0.5)
     lowest, highest = float(ground.min()) - margin, float(ground.max()) + margin
     _heights_above(surface, flat, ground)
     blocks = ground.reshape(6, count, _SAMPLES, count, _SAMPLES)
     stand = boulders.numbers[:, 9] - boulders.numbers[:, 10]
-    tops = blocks.max(axis=(2, 4)).ravel() + margin + _tallest(boulders, stand, surface, count)
+    on_it = np.maximum(_tallest(boulders, stand, surface, count), rock)
+    tops = blocks.max(axis=(2, 4)).ravel() + margin + on_it
     slope = _MARGIN * _steepest(surface, flat) * surface.radius / lowest
     corners, width = cell_corners(count)
     levels, at_corner = [], np.empty(int(corners.max()) + 1)
@@ -137,7 +139,7 @@ def make_bounds(
             _spread_tops(tops, corners, at_corner)
         levels.append(tops.copy())
     reach = width * lowest * 2.0 ** np.arange(_LEVELS)
-    ceiling = highest + float(stand.max(initial=0.0))
+    ceiling = highest + float(stand.max(initial=rock))
     tables = (count, np.stack(levels, axis=1), reach, slope, leap, ceiling)
     return Bounds(surface.radius, surface.shape, *tables)
 
@@ -152,9 +154,11 @@ def _tallest(boulders: Features, stand: FloatArray, surface: Surface, cells: int
     return tallest
 
 
-def _none(index: Indexed) -> Indexed:
-    """Return the `index` without its features."""
-    return Indexed(index.numbers, 1, np.zeros(7, np.int64), index.items[:0])
+def _bare(surface: Surface) -> Surface:
+    """Return the `surface` without its boulders and rocks."""
+    index, rocks = surface.boulders, surface.rocks
+    none = Indexed(index.numbers, 1, np.zeros(7, np.int64), index.items[:0])
+    return surface._replace(boulders=none, rocks=rocks._replace(cells=rocks.cells[:0]))
 
 
 @kernel

@@ -41,6 +41,18 @@ def warp(u: float) -> float:
 
 
 @kernel
+def unwarp(s: float) -> float:
+    """Return the gnomonic coordinate of the warped one."""
+    return s / (1.0 + _WARP - _WARP * abs(s))
+
+
+@kernel
+def warp_step(u: float) -> float:
+    """Return how fast the gnomonic coordinate u grows with the warped one."""
+    return (1.0 + _WARP * abs(u)) ** 2 / (1.0 + _WARP)
+
+
+@kernel
 def face_place(x: float, y: float, z: float) -> tuple[int, float, float]:
     """Return the face (0 … 5) that a direction falls on, and its warped coordinates there."""
     ax, ay, az = abs(x), abs(y), abs(z)

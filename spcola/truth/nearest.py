@@ -225,7 +225,7 @@ def nearest_points(
     work = (
         np.empty((max(_PATTERN, 8), 3)),
         np.empty(max(_PATTERN, 8)),
-        np.empty((5, max(_PATTERN, 8))),
+        np.empty((6, max(_PATTERN, 8))),
         np.empty(3),
         np.empty(3),
     )
@@ -256,6 +256,6 @@ def nearest_points(
 @kernel
 def normals(surface: Surface, directions: FloatArray, out: FloatArray) -> None:
     """Fill `out` (N, 3) with the outward unit normals in the unit `directions` (N, 3)."""
-    work = (np.empty((5, 3)), np.empty(5), np.empty((5, 5)), np.empty(3), np.empty(3))
+    work = (np.empty((5, 3)), np.empty(5), np.empty((6, 5)), np.empty(3), np.empty(3))
     for i in range(len(directions)):
         normal_at(surface, directions[i], out[i], work)

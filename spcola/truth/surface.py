@@ -8,8 +8,9 @@ import numpy as np
 
 from spcola.arrays import FloatArray
 from spcola.kernel import kernel
-from spcola.truth.cells import Indexed, cell_at, face_place
+from spcola.truth.cells import Indexed, cell_of
 from spcola.truth.relief import boulder_height, crater_height
+from spcola.truth.rocks import Rocks, raise_rocks
 from spcola.truth.roughness import add_noise
 
 BLOCK = 256
@@ -35,6 +36,7 @@ class Surface(NamedTuple):
     site: FloatArray
     craters: Indexed
     boulders: Indexed
+    rocks: Rocks
 
 
 @kernel
@@ -68,29 +70,35 @@ def smoothed(surface: Surface, x: float, y: float, z: float) -> float:
 
 
 @kernel
-def relief_at(surface: Surface, x: float, y: float, z: float) -> float:
-    """Return what craters and boulders add to the radius in a unit direction, metres."""
-    face, s, t = face_place(x, y, z)
-    size, relief, top = surface.radius, 0.0, 0.0
-    craters, boulders = surface.craters, surface.boulders
-    cell = cell_at(face, s, t, craters.cells)
+def crater_relief(surface: Surface, x: float, y: float, z: float) -> float:
+    """Return what craters add to the radius in a unit direction, metres."""
+    relief, craters = 0.0, surface.craters
+    cell = cell_of(x, y, z, craters.cells)
     for place in range(craters.start[cell], craters.start[cell + 1]):
-        relief += crater_height(x, y, z, size, craters.numbers[craters.items[place]])
-    cell = cell_at(face, s, t, boulders.cells)
+        crater = craters.numbers[craters.items[place]]
+        relief += crater_height(x, y, z, surface.radius, crater)
+    return relief
+
+
+@kernel
+def boulder_top(surface: Surface, x: float, y: float, z: float) -> float:
+    """Return how high a boulder stands in a unit direction, metres; 0 beside all."""
+    top, boulders = 0.0, surface.boulders
+    cell = cell_of(x, y, z, boulders.cells)
     for place in range(boulders.start[cell], boulders.start[cell + 1]):
-        height = boulder_height(x, y, z, size, boulders.numbers[boulders.items[place]])
-        top = max(top, height)
-    return relief + top
+        boulder = boulders.numbers[boulders.items[place]]
+        top = max(top, boulder_height(x, y, z, surface.radius, boulder))
+    return top
 
 
 @kernel
 def block_radii(surface: Surface, d: FloatArray, out: FloatArray, scratch: FloatArray) -> None:
     """Fill `out` (N,) with the radius in the unit directions `d` (N, 3).
 
-    `scratch` is (5, M), M ≥ N.
+    `scratch` is (6, M), M ≥ N.
     """
     count, size = len(out), surface.radius
-    swell, rough = scratch[3], scratch[4]
+    swell, rough, top = scratch[3], scratch[4], scratch[5]
     for i in range(count):
         for axis in range(3):
             scratch[axis, i] = size * d[i, axis]
@@ -101,13 +109,19 @@ def block_radii(surface: Surface, d: FloatArray, out: FloatArray, scratch: Float
         x, y, z = d[i, 0], d[i, 1], d[i, 2]
         strength = 1.0 + surface.roughness_contrast * (y * y - x * x)
         noise = strength * (swell[i] + smoothed(surface, x, y, z) * rough[i])
-        out[i] = size * low_degree(surface.shape, x, y, z) + noise + relief_at(surface, x, y, z)
+        ground = size * low_degree(surface.shape, x, y, z) + noise
+        out[i] = ground + crater_relief(surface, x, y, z)
+        top[i] = boulder_top(surface, x, y, z)
+    if len(surface.rocks.cells):
+        raise_rocks(surface.rocks, d, top, count)
+    for i in range(count):
+        out[i] += top[i]
 
 
 @kernel
 def radii(surface: Surface, directions: FloatArray, out: FloatArray) -> None:
     """Fill `out` (N,) with the radius in each of the unit `directions` (N, 3)."""
-    scratch = np.empty((5, BLOCK))
+    scratch = np.empty((6, BLOCK))
     for start in range(0, len(out), BLOCK):
         end = min(start + BLOCK, len(out))
         block_radii(surface, directions[start:end], out[start:end], scratch)

@@ -185,7 +185,7 @@ def _trace(
 ) -> None:
     """Fill `out` (N,) with the distances of the first hits of at most BLOCK rays."""
     rays = Rays(beams, np.empty((BLOCK, 3)), np.empty((BLOCK, 9)))
-    scratch = np.empty((BLOCK, 3)), np.empty(BLOCK), np.empty((5, BLOCK))
+    scratch = np.empty((BLOCK, 3)), np.empty(BLOCK), np.empty((6, BLOCK))
     clear, under_way, count = np.empty(BLOCK), np.empty(BLOCK, np.int64), 0
     for i in range(len(out)):
         if _begin(bounds, rays, i, origins):
