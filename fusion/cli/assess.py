@@ -41,6 +41,9 @@ def assess(
     patches: Annotated[
         int, typer.Option(metavar="N", help="Compare the heights of at most so many maplets.")
     ] = 200,
+    vertices: Annotated[
+        int, typer.Option(metavar="N", help="Of a model at most so many enter its 3D rms.")
+    ] = 40_000,
     report: Annotated[
         Path | None, typer.Option(metavar="FILE.html", help="Write the page of figures there.")
     ] = None,
@@ -69,7 +72,7 @@ def assess(
     models = [] if only else workspace_models(there)
     models += [file_model(path, frame=frame, unit=unit) for path in model or []]
     dark = planted.settings.solution.darkness.dark
-    settings = AssessmentSettings(patches=patches, dark_share=dark)
+    settings = AssessmentSettings(patches=patches, vertices=vertices, dark_share=dark)
     executor, progress = ThreadExecutor(workers), Progress.fitting(silent=as_json)
     found = assess_models(planted, models, there, executor, progress, settings=settings)
     lines = list(assessment_lines(found))

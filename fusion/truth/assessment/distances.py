@@ -62,6 +62,8 @@ def measure_distances(
     The motions are fitted to an even choice of `settings.fit_vertices`; all three rms are taken
     over all `vertices`.
     """
+    # A copy that may be written to: kernels are compiled anew for arrays that may not.
+    vertices = np.array(vertices, dtype=np.float64)
     some = vertices[:: max(1, -(-len(vertices) // settings.fit_vertices))]
     translation = fit_rigid(some, truth, options=RigidOptions(rotation=False))
     rigid = fit_rigid(some, truth)
