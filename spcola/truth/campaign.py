@@ -89,7 +89,7 @@ class Leg:
 
 @dataclass(frozen=True)
 class CampaignSettings:
-    """All images of a campaign beside those of the lidar passes.
+    """All images of a campaign beside those of the passes.
 
     Parameters
     ----------

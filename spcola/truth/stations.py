@@ -19,7 +19,7 @@ _DECIMALS = 3
 # The plastic number's reciprocal: with its square it fills the plane most evenly (Roberts 2018).
 _PLASTIC = 0.7548776662466927
 PASS_PHASE = "P"
-"""Phase of the images that are taken during a lidar pass."""
+"""Phase of the images that are taken during a pass."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ def stations_of_pass(
     detector: int = 1024,
     nominal_sigma: float = 6.4,
 ) -> list[Station]:
-    """Return the stations of a lidar pass, from its first to its last moment: they span it.
+    """Return the stations of a pass, from its first to its last moment: they span it.
 
     All look to O. The middle one has PolyCam, the others MapCam.
 
