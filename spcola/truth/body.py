@@ -19,7 +19,7 @@ from spcola.truth.bodysettings import BodySettings
 from spcola.truth.bounds import Bounds, make_bounds
 from spcola.truth.cells import Indexed, cells_for, index_features
 from spcola.truth.hits import BodyHits
-from spcola.truth.nearest import Nearest, hexagons, nearest_points, normals
+from spcola.truth.nearest import Nearest, nearest_points, normals, search_pattern
 from spcola.truth.relief import Features, draw_boulders, draw_craters, draw_spots
 from spcola.truth.rocks import flag_rocks, make_rocks
 from spcola.truth.roughness import fractal_octaves
@@ -36,7 +36,6 @@ _SITE_EDGE = 1.5
 # A ray may leap this share of the smallest boulder: it cannot pass unseen through more of one
 # than its thinnest edge.
 _LEAP_SHARE = 0.3
-_RINGS = 3
 # Craters larger than this, in the smallest boulder that counts, count as such terrain.
 _CRATER_FACTOR = 2.0
 
@@ -158,13 +157,13 @@ class TruthBody:
     def nearest(self, points: FloatArray) -> Nearest:
         """Return the points of the surface nearest to `points` (N, 3), metres.
 
-        The place found is a point of the surface to rounding, and its distance a local minimum
-        to 1e-7 m. It is the least of all where the surface, within that distance of the point,
+        The place found is a point of the surface to rounding, and the distance a local minimum
+        within 1e-8 m (for points further than 5 cm from it). It is the least of all where the surface, within that distance of the point,
         has no detail narrower than a third of the distance: far from the ground another bump may
         be nearer, by less than that detail is high.
         """
         rows = np.ascontiguousarray(points, dtype=np.float64)
-        found = _spread(nearest_points, (self._surface, hexagons(_RINGS)), (rows,), 7)
+        found = _spread(nearest_points, (self._surface, search_pattern()), (rows,), 7)
         return Nearest(found[:, :3], found[:, 3], found[:, 4:])
 
     def heights(self, grid: MapletGrid) -> FloatArray:

@@ -16,7 +16,11 @@ _ARC = 1e-5
 _RINGS = 3
 _PATTERN = 1 + 3 * _RINGS * (_RINGS + 1)
 _MOST_PROJECTIONS = 40
-_CLOSE = 1e-7
+# A place is known to this, metres: by its square over the distance, too little to count, is the
+# distance too large.
+_CLOSE = 1e-5
+# A place so far beside the normal is on an edge.
+_BESIDE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,12 +42,13 @@ class Nearest:
     normals: FloatArray
 
 
-def hexagons(rings: int) -> FloatArray:
-    """Return the points (1 + 3·rings·(rings+1), 2) of a triangular lattice in the unit disc."""
-    a, b = np.meshgrid(np.arange(-rings, rings + 1), np.arange(-rings, rings + 1), indexing="ij")
-    inside = np.abs(a + b) <= rings
+def search_pattern() -> FloatArray:
+    """Return the points (37, 2) of a triangular lattice in the unit disc, the inner ones first."""
+    steps = np.arange(-_RINGS, _RINGS + 1)
+    a, b = np.meshgrid(steps, steps, indexing="ij")
+    inside = np.abs(a + b) <= _RINGS
     a, b = a[inside], b[inside]
-    points: FloatArray = np.column_stack([a + 0.5 * b, np.sqrt(0.75) * b]) / rings
+    points: FloatArray = np.column_stack([a + 0.5 * b, np.sqrt(0.75) * b]) / _RINGS
     return points[np.argsort(np.round(np.sum(points**2, axis=1), 9), kind="stable")]
 
 
@@ -223,9 +228,9 @@ def nearest_points(
     found there followed again; on an edge, where projection gets stuck, by ever smaller hexagons.
     """
     work = (
-        np.empty((max(_PATTERN, 8), 3)),
-        np.empty(max(_PATTERN, 8)),
-        np.empty((6, max(_PATTERN, 8))),
+        np.empty((_PATTERN, 3)),
+        np.empty(_PATTERN),
+        np.empty((6, _PATTERN)),
         np.empty(3),
         np.empty(3),
     )
@@ -244,7 +249,7 @@ def nearest_points(
             best = _project(surface, point, (tried, normal), found, work)
             d[:] = tried
         size = normal_at(surface, d, normal, work)
-        if _sideways(point, d, size, normal) > _CLOSE:
+        if _sideways(point, d, size, normal) > _BESIDE:
             best = _descend(surface, point, d, (best / _RINGS, best), pattern, work)
             size = normal_at(surface, d, normal, work)
         for axis in range(3):

@@ -33,8 +33,6 @@ _HALF = 511.5
 
 NOISE_RMS = 0.1911
 """Root mean square of :func:`gradient_noise` over space (by sampling, ± 0.0002)."""
-NOISE_BOUND = 1.5
-"""No value of :func:`gradient_noise` lies further from 0 (each corner at its worst)."""
 
 
 @kernel

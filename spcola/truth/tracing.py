@@ -13,10 +13,9 @@ import numpy as np
 from spcola.arrays import FloatArray, IntArray
 from spcola.kernel import inlined_kernel, kernel
 from spcola.truth.bounds import Bounds, fly
+from spcola.truth.relief import BOULDER_SLOPE
 from spcola.truth.surface import BLOCK, Surface, block_radii
 
-# Tangent of a slope that no ground in the way of a ray exceeds for long: boulders' sides.
-_STEEPEST = 2.1
 _LEAST_STEP = 0.02
 # Closer to the ground than this the bounds hardly ever help.
 _WORTH_A_FLIGHT = 1.5
@@ -68,7 +67,7 @@ def _begin(bounds: Bounds, rays: Rays, i: int, origins: FloatArray) -> bool:
 def _march(bounds: Bounds, rays: Rays, i: int) -> float:
     """Return the next place of a ray that is above the ground, by at least as far as is safe.
 
-    The ground, with slopes up to the steepest, cannot come to meet it within the step; near the
+    The ground, no steeper for long than a boulder's side, cannot come to meet it within the step; near the
     ground it leaps to where the last two looks say that it is.
     """
     beams, feet, state = rays
@@ -79,7 +78,7 @@ def _march(bounds: Bounds, rays: Rays, i: int) -> float:
         square += place * place
         along -= place * beams[i, axis]
     cosine = along / np.sqrt(square)
-    rate = max(0.3, cosine + _STEEPEST * np.sqrt(max(0.0, 1.0 - cosine * cosine)))
+    rate = max(0.3, cosine + BOULDER_SLOPE * np.sqrt(max(0.0, 1.0 - cosine * cosine)))
     step = max(height / rate, _LEAST_STEP)
     fall = state[i, _F_BELOW]
     if fall > 0.0 and height < fall * bounds.leap:

@@ -13,7 +13,6 @@ from spcola.truth.cells import (
     index_features,
 )
 from spcola.truth.roughness import (
-    NOISE_BOUND,
     NOISE_RMS,
     add_noise,
     fractal_octaves,
@@ -80,7 +79,8 @@ def test_noise_has_the_stated_rms() -> None:
     add_noise(points, np.array([[1.0, 1.0, 0.0]]), 5, out, 200_000)
     assert out.std() == pytest.approx(NOISE_RMS, rel=0.005)
     assert abs(out.mean()) < 0.003
-    assert np.abs(out).max() < NOISE_BOUND
+    # Each corner at its worst would make 1.5.
+    assert np.abs(out).max() < 1.5
 
 
 def test_octaves_grow_with_the_wavelength() -> None:
