@@ -158,9 +158,9 @@ class TruthBody:
         """Return the points of the surface nearest to `points` (N, 3), metres.
 
         The place found is a point of the surface to rounding, and the distance a local minimum
-        within 1e-8 m (for points further than 5 cm from it). It is the least of all where the surface, within that distance of the point,
-        has no detail narrower than a third of the distance: far from the ground another bump may
-        be nearer, by less than that detail is high.
+        within 1e-8 m (for points further than 5 cm from it). It is the least of all where the
+        surface, within that distance of the point, has no detail narrower than a third of the
+        distance: another bump may be nearer, by less than that detail is high.
         """
         rows = np.ascontiguousarray(points, dtype=np.float64)
         found = _spread(nearest_points, (self._surface, search_pattern()), (rows,), 7)

@@ -67,8 +67,8 @@ def _begin(bounds: Bounds, rays: Rays, i: int, origins: FloatArray) -> bool:
 def _march(bounds: Bounds, rays: Rays, i: int) -> float:
     """Return the next place of a ray that is above the ground, by at least as far as is safe.
 
-    The ground, no steeper for long than a boulder's side, cannot come to meet it within the step; near the
-    ground it leaps to where the last two looks say that it is.
+    The ground, no steeper for long than a boulder's side, cannot come to meet it within the step;
+    near the ground it leaps to where the last two looks say that it is.
     """
     beams, feet, state = rays
     t, height = state[i, _T], state[i, _F_ABOVE]
