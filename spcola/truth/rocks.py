@@ -4,8 +4,8 @@ Each octave of diameters has its own cells on the cube around the body, so wide 
 reaches no further than into the next one; in each cell lies one rock or none. Whether, where and
 what is hashed from the cell's number. The chance of one is the power law's, by the area of the
 cell; where that would be over 1 (Weirich et al.'s rocks below 10 cm, around longitude 180°) some
-are missing: one in seventy of that octave. No rock lies in the outermost cells of a face of the cube, where it would be cut: a
-strip as wide as a few rocks, along the twelve edges of the cube, is without.
+are missing: one in seventy of that octave. No rock lies in the outermost cells of a face of the
+cube, where it would be cut: a strip as wide as a few rocks, along the cube's edges, is without.
 """
 
 from __future__ import annotations
