@@ -42,6 +42,16 @@ def make(
             "--images/--no-images", help="Whether images are rendered; else as the preset has it."
         ),
     ] = None,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="PATH=VALUE",
+            help="Change a setting of the preset, as truth.json names it under 'settings': "
+            "body.radius=120, solution.noise=0.2, body.smallest_rock=0.05, "
+            "campaign.legs.0.images=4. Repeat it for several.",
+        ),
+    ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say how large it is.")] = False,
     workers: WorkersOption = None,
     as_json: JsonOption = False,
@@ -56,11 +66,13 @@ def make(
     from fusion.progress import Progress
     from fusion.truth.mission import make_mission
     from fusion.truth.presets import PRESETS
+    from fusion.truth.restoring import changed
     from fusion.truth.size import mission_size
 
     settings = replace(PRESETS[preset](seed), lidar_format=format)
     if images is not None:
         settings = settings.with_images(images)
+    settings = changed(settings, changes or [])
     size = mission_size(settings)
     progress = Progress.fitting(silent=as_json)
     content: dict[str, Any] = {

@@ -1,11 +1,13 @@
-"""Settings back from JSON: nested frozen dataclasses, built by their annotations."""
+"""Settings back from JSON, and changed by their names: nested frozen dataclasses."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+import json
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields, is_dataclass
 from types import NoneType, UnionType
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from spcola.errors import SettingsError
 
@@ -78,3 +80,59 @@ def _number(hint: Any, value: Any, where: str) -> Any:
     if wanted is not None and (mistaken or not isinstance(value, wanted)):
         raise SettingsError(f"must be a {hint.__name__}, not {value!r}", where)
     return float(value) if hint is float else value
+
+
+def changed(settings: Kind, texts: Sequence[str]) -> Kind:
+    """Return `settings` with some entries replaced.
+
+    Parameters
+    ----------
+    settings : dataclass
+    texts : sequence of str
+        ``PATH=VALUE`` each: names of fields (and positions in lists, from 0) with dots between,
+        and the value as TOML writes it (``body.radius=120``, ``imaging.photometry="lambert"``,
+        ``campaign.legs.0.local_times_h=[10, 10]``); a bare word is taken as text, ``none`` as
+        nothing.
+
+    Raises
+    ------
+    SettingsError
+        If there is no such entry, or its value is not of its type or out of range.
+    """
+    values = json.loads(json.dumps(asdict(cast(Any, settings))))
+    for text in texts:
+        path, sign, value = text.partition("=")
+        if not (sign and path.strip()):
+            raise SettingsError("is not of the form PATH=VALUE", f"--set {text}")
+        _put(values, path.strip().split("."), _read(value.strip()), f"--set {text}")
+    return restored(type(settings), values)
+
+
+def _put(values: Any, path: Sequence[str], value: Any, where: str) -> None:
+    """Put `value` where the `path` leads in nested tables and lists."""
+    *way, last = path
+    for step in way:
+        values = values[_place(values, step, where)]
+    values[_place(values, last, where)] = value
+
+
+def _place(values: Any, step: str, where: str) -> Any:
+    """Return the key or the position that `step` names."""
+    if isinstance(values, dict) and step in values:
+        return step
+    if isinstance(values, list) and step.isdecimal() and int(step) < len(values):
+        return int(step)
+    if isinstance(values, list):
+        raise SettingsError(f"{step} is no position in a list of {len(values)}", where)
+    known = f"; known: {', '.join(values)}" if isinstance(values, dict) else ""
+    raise SettingsError(f"there is no entry {step}{known}", where)
+
+
+def _read(text: str) -> Any:
+    """Return the value that a text of TOML states; a bare word is text."""
+    if text.lower() == "none":
+        return None
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text

@@ -99,6 +99,18 @@ def test_the_size_alone_makes_nothing(tmp_path: Path) -> None:
     assert not (tmp_path / "new").exists()
 
 
+def test_settings_are_changed_by_their_names(tmp_path: Path) -> None:
+    def size(*more: str) -> dict[str, float]:
+        result = call(tmp_path / "new", "--preset", "tiny", "--dry-run", "--json", *more)
+        return dict(json.loads(result.output)["size"])
+
+    usual = size()
+    wide = size("--set", "lidar.width=120", "--set", "passes.count=16")
+    assert wide["returns"] == pytest.approx(8 * usual["returns"], rel=0.02)
+    refused = call(tmp_path / "new", "--set", "lidar.widht=120", code=1)
+    assert "there is no entry widht; known: width, spacing" in refused.output
+
+
 def test_another_mission_and_other_things_are_left_alone(
     undisturbed: tuple[Path, Result], tmp_path: Path
 ) -> None:

@@ -1,0 +1,95 @@
+"""Whether the sigmas are true: missions of many seeds through the whole program.
+
+For each parameter that is planted: the mean of the pulls (recovered − planted) / sigma, their
+root mean square with the interval of 95 %, and beside it the limit, 1; the rms error beside the
+rms of the stated sigmas. `--lines FILE` keeps a line for each mission and goes on from there.
+
+    python scripts/bench/pulls.py [--seeds 20] [--preset tiny|mini] [--lines pulls.jsonl]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+from fusion.demo import demonstrate
+from fusion.executor import ThreadExecutor, usable_cores
+from fusion.progress import Progress
+from fusion.truth.planted import MissionSettings
+from fusion.truth.pulls import PullStatistics, pull_statistics
+from fusion.truth.recovery import Recovered
+
+PRESETS = {"tiny": MissionSettings.tiny, "mini": MissionSettings.mini}
+
+
+def recovered(preset: str, seed: int) -> list[Recovered]:
+    """Make a mission, run all stages on it, and return what was found of the planted values."""
+    settings = PRESETS[preset](seed)
+    with tempfile.TemporaryDirectory() as folder:
+        shown = demonstrate(
+            Path(folder) / "demo",
+            ThreadExecutor(usable_cores()),
+            Progress.fitting(silent=True),
+            settings=settings,
+        )
+    return shown.recovered
+
+
+def missions(preset: str, seeds: range, lines: Path | None) -> Iterator[list[Recovered]]:
+    """Yield the table of each seed: from `lines` where it is there, else made now."""
+    known = {}
+    if lines and lines.exists():
+        for text in lines.read_text(encoding="utf-8").splitlines():
+            entry = json.loads(text)
+            known[entry["preset"], entry["seed"]] = [Recovered(**row) for row in entry["rows"]]
+    for seed in seeds:
+        if (preset, seed) not in known:
+            start = time.perf_counter()
+            rows = recovered(preset, seed)
+            entry = {"preset": preset, "seed": seed, "rows": [asdict(row) for row in rows]}
+            if lines:
+                with lines.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(entry) + "\n")
+            print(f"seed {seed}: {time.perf_counter() - start:.0f} s", flush=True)
+            known[preset, seed] = rows
+        yield known[preset, seed]
+
+
+def table(found: list[PullStatistics]) -> Iterator[str]:
+    """Yield the lines of the table."""
+    yield (
+        f"{'parameter':28}{'n':>4}{'mean pull':>16}{'rms pull':>10}{'95 %':>14}{'limit':>7}"
+        f"{'rms error':>12}{'rms sigma':>12}"
+    )
+    for row in found:
+        mean = f"{row.mean:+.2f} ± {row.mean_sigma:.2f}"
+        interval = f"{row.lowest:.2f} – {row.highest:.2f}"
+        yield (
+            f"{row.name:28}{row.count:>4}{mean:>16}{row.deviation:>10.2f}{interval:>14}{1:>7}"
+            f"{row.error:>12.2e}{row.sigma:>12.2e}  {row.unit}".rstrip()
+        )
+    for row in found:
+        if row.missing:
+            yield f"not recovered in {row.missing} missions: {row.name}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Pulls of the recovered parameters over seeds.")
+    parser.add_argument("--seeds", type=int, default=20, help="how many, from --first on")
+    parser.add_argument("--first", type=int, default=1)
+    parser.add_argument("--preset", choices=sorted(PRESETS), default="mini")
+    parser.add_argument("--lines", type=Path, help="keep a line for each mission in this file")
+    options = parser.parse_args()
+    seeds = range(options.first, options.first + options.seeds)
+    tables = list(missions(options.preset, seeds, options.lines))
+    print(f"\n{options.preset}, seeds {seeds.start} to {seeds.stop - 1}")
+    print("\n".join(table(pull_statistics(tables))))
+
+
+if __name__ == "__main__":
+    main()
