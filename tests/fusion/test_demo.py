@@ -46,6 +46,21 @@ def test_the_report_stands_alone(shown: Demonstration) -> None:
     assert 'href="http' not in page
 
 
+def test_every_model_of_the_workspace_is_held_against_the_truth(shown: Demonstration) -> None:
+    root = shown.workspace.root
+    words = ["truth", "assess", root, "--truth", root.parent / "mission", "--vertices", 2000]
+    result = CliRunner().invoke(app, [*map(str, words), "--json"])
+    assert result.exit_code == 0, result.output
+    content = json.loads(result.stdout)
+    models = {model["name"]: model for model in content["models"]}
+    assert len(models) == 7
+    spc, fused = models["SPC maplets"], models["fused maplets"]
+    assert fused["regions"]["all"]["rms_m"] < 0.7 * spc["regions"]["all"]["rms_m"]
+    assert fused["resolution_m"] < spc["resolution_m"]
+    assert models["mapolas, registered"]["rms_3d_optimised_m"] < spc["rms_3d_optimised_m"]
+    assert [row["name"] for row in content["recovered"]] == [row.name for row in shown.recovered]
+
+
 def test_every_output_is_accounted_for(shown: Demonstration) -> None:
     root = shown.workspace.root
     made = set()

@@ -13,7 +13,8 @@ def definitions(settings: AssessmentSettings) -> Mapping[str, str]:
     return {
         "rms_3d_m": "3D rms: root mean square, over the vertices, of the distance from a vertex "
         "of the model to the closest point of the truth surface; the model stands in its own "
-        "coordinates, taken as the body's (Weirich et al., section 2.8). Metres.",
+        "coordinates, taken as the body's (Weirich et al., section 2.8). Metres. "
+        "A whole body moved by d scores about d/√3, since a motion along the ground is none.",
         "rms_3d_without_offset_m": "The same after the translation of the model that makes it "
         "least: without the offset of the centre of figure.",
         "rms_3d_optimised_m": "Optimised 3D rms: the same after the translation and rotation that "

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spcola.errors import InvalidValueError
 from spcola.image import SpcImage
 from spcola.maplet import MapletGrid
 from spcola.projection import project_image
@@ -59,6 +60,11 @@ def formal_uncertainty(
         Frames of the maplets, by landmark, in the solution's coordinates.
     images : iterable of SpcImage
         With their landmarks.
+
+    Raises
+    ------
+    InvalidValueError
+        If a landmark that an image has measured lies behind its camera.
     """
     if not grids:
         return None
@@ -72,6 +78,13 @@ def formal_uncertainty(
             continue
         places = np.array([centers[point.name] for point in seen])
         pixel, line = project_image(image, places)
+        if np.isnan(pixel).any():
+            behind = seen[int(np.argmax(np.isnan(pixel)))].name
+            raise InvalidValueError(
+                f"has measured {behind}, which lies behind its camera",
+                f"image {image.name}",
+                "check its .SUM against the maplet",
+            )
         off = np.hypot(pixel - [p.pixel for p in seen], line - [p.line for p in seen])
         size = image.camera.pixel_angle * np.linalg.norm(places - image.position, axis=1)
         for point, distance in zip(seen, (off * size).tolist(), strict=True):

@@ -74,28 +74,11 @@ def score_model(
     executor : Executor
     progress : Progress
     """
-    settings = ground.settings
-    same = Similarity(target=to_spc.source, source=to_spc.source)
-    to_model = to_spc if model.frame == "spc" else same
-    keys = model.keys(settings.patches)
-    each = max(1, settings.patches // max(len(keys), 1))
-    quota = -(-settings.vertices // max(len(keys), 1))
-
-    def one(key: str) -> _Part:
-        parts = squares(model.patch(key), settings.patch_half_size, each)
-        found = [patch_errors(part, ground, to_model) for part in parts]
-        chosen = [_vertices(part, -(-quota // len(parts)), settings.seed) for part in parts]
-        return _Part([patch for patch in found if len(patch.points.height)], chosen)
-
-    sums = _Sums()
-    with progress.task(f"compare {model.name}", len(keys)) as task:
-        for part in executor.stream(one, keys):
-            sums.add(part)
-            task.advance()
+    settings, mesh = ground.settings, model.mesh
+    sums = _compared(model, ground, to_spc, executor, progress)
     if not sums.points:
         return None
     errors = sums.errors()
-    mesh = model.mesh
     vertices = np.concatenate(sums.vertices) if mesh is None else _some(mesh.vertices, settings)
     with progress.task(f"3D rms of {model.name}", 1) as task:
         distances = measure_distances(vertices, ground.truth, settings, mesh)
@@ -114,6 +97,31 @@ def score_model(
     )
 
 
+def _compared(
+    model: Model, ground: Ground, to_spc: Similarity, executor: Executor, progress: Progress
+) -> _Sums:
+    """Compare patch by patch, and choose vertices on the way."""
+    settings = ground.settings
+    same = Similarity(target=to_spc.source, source=to_spc.source)
+    to_model = to_spc if model.frame == "spc" else same
+    keys = model.keys(settings.patches)
+    each = max(1, settings.patches // max(len(keys), 1))
+    quota = -(-settings.vertices // max(len(keys), 1))
+
+    def one(key: str) -> _Part:
+        parts = squares(model.patch(key), settings.patch_half_size, each)
+        found = [patch_errors(part, ground, to_model) for part in parts]
+        chosen = [_vertices(part, -(-quota // len(parts)), settings.seed) for part in parts]
+        return _Part([patch for patch in found if len(patch.points.height)], chosen)
+
+    sums = _Sums()
+    with progress.task(f"compare {model.name}", len(keys)) as task:
+        for part in executor.stream(one, keys):
+            sums.add(part)
+            task.advance()
+    return sums
+
+
 @dataclass(frozen=True, eq=False)
 class _Part:
     """What one key of a model comes to."""
@@ -129,7 +137,7 @@ class _Sums:
         self.points: list[PointErrors] = []
         self.vertices: list[FloatArray] = []
         self.finest = float("inf")
-        self._spectra: dict[float, Spectra] = {}
+        self._spectra: dict[tuple[float, int], Spectra] = {}
         self._ranked: list[PatchErrors] = []
 
     def add(self, part: _Part) -> None:
@@ -139,7 +147,7 @@ class _Sums:
             grid = patch.maplet.grid
             self.points.append(patch.points)
             self.finest = min(self.finest, grid.gsd)
-            key = round(grid.gsd, 6)
+            key = (round(grid.gsd, 6), grid.size)
             spectra = self._spectra.setdefault(key, Spectra(grid.size, grid.gsd))
             spectra.add(patch.maplet.height, patch.truth)
             self._ranked.append(patch)
@@ -150,7 +158,7 @@ class _Sums:
         return PointErrors(*(np.concatenate(layer) for layer in parts))
 
     def transfer(self) -> Transfer:
-        """Return the transfer at the GSD that most windows have."""
+        """Return the transfer at the GSD and size that most windows have."""
         return max(self._spectra.values(), key=lambda s: s.windows).transfer()
 
     def examples(self) -> list[PatchErrors]:

@@ -9,6 +9,7 @@ import pytest
 
 from fusion.truth.assessment.formal import formal_uncertainty
 from spcola.camera import Camera
+from spcola.errors import InvalidValueError
 from spcola.image import ImagePoint, SpcImage
 from spcola.maplet import MapletGrid
 from spcola.projection import project_image
@@ -63,6 +64,13 @@ def test_only_the_finest_maplets_count_and_no_star() -> None:
     assert found.formu == pytest.approx(0.05, rel=1e-5)
     assert found.gsd == 0.5
     assert found.observations == 1
+
+
+def test_a_landmark_behind_the_camera_is_refused() -> None:
+    seen = image("I", 1000.0, {"A": (grid(0.0), 0.5)})
+    turned = replace(seen, axes=np.diag([1.0, -1.0, -1.0]) @ seen.axes)
+    with pytest.raises(InvalidValueError, match="A, which lies behind"):
+        formal_uncertainty({"A": grid(0.0)}, [turned])
 
 
 def test_without_maplets_there_is_none_and_without_measurements_it_is_unknown() -> None:
