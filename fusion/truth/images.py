@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fusion.truth.ground import ground_at
 from fusion.truth.work import Work, missing
 from spcola.image import SpcImage
 from spcola.truth.imaging import write_image
@@ -35,7 +36,7 @@ def write_images(work: Work, states: Sequence[SolvedState]) -> None:
         for spacing, group in groupby(
             wanted, lambda state: spacing_of(state.truth, work.settings.body.radius)
         ):
-            surface = SampledSurface(work.body, spacing, memory_bytes=_MEMORY_BYTES)
+            surface = ground_at(work.settings.body, spacing, memory_bytes=_MEMORY_BYTES)
             for _ in work.executor.stream(partial(_write, work, surface), group):
                 task.advance()
 

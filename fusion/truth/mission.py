@@ -7,6 +7,7 @@ from pathlib import Path
 from fusion.executor import Executor, ThreadExecutor
 from fusion.progress import Progress
 from fusion.truth.generation import building, files_of, finished
+from fusion.truth.ground import shadow_ground
 from fusion.truth.images import write_images
 from fusion.truth.planted import TRUTH_FILE, PlacedCenter, Planted, TrueState, write_truth
 from fusion.truth.presets import MissionSettings
@@ -17,10 +18,6 @@ from fusion.truth.work import Work
 from spcola.image import SpcImage
 from spcola.truth.body import TruthBody
 from spcola.truth.passes import Pass, plan_passes
-from spcola.truth.sampled import SampledSurface
-
-# What casts shadows on the light map, and stands before landmarks, is resolved to this, metres.
-_SHADOW_SPACING = 1.0
 
 
 def make_mission(
@@ -78,7 +75,7 @@ def _write_solution(
     work: Work, passes: list[Pass]
 ) -> tuple[dict[str, PlacedCenter], dict[str, TrueState]]:
     """Write the SPC solution, and the images if wanted; return what is true of them, by name."""
-    shadows = SampledSurface(work.body, _SHADOW_SPACING)
+    shadows = shadow_ground(work.settings.body)
     centers = write_maplets(work, shadows)
     states = plan_states(work, passes)
     write_states(work, states, centers, shadows)

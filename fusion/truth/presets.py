@@ -118,6 +118,7 @@ class MissionSettings:
             campaign=CampaignSettings.of_phases(
                 approach=9, preliminary_survey=15, detailed_survey=24, radius=radius, detector=256
             ),
+            day_scale_bias=(6e-6, -4e-6, 2e-6, -7e-6, 3e-6),
             images=True,
         )
 
@@ -130,13 +131,14 @@ class MissionSettings:
         """
         return cls(
             seed=seed,
-            body=BodySettings(seed=seed),
+            body=BodySettings(seed=seed, smallest_rock=0.05),
             passes=PassSettings(40, "poles-belt-samples", nearest=900.0, farthest=1100.0),
             lidar=LidarSettings(width=100.0, spacing=100.0 / 1100),
             tracks=TrackSettings(epoch=_AFTER_THE_PASSES),
             campaign=CampaignSettings.of_phases(
                 approach=45, preliminary_survey=90, detailed_survey=240
             ),
+            day_scale_bias=(2.1e-5, -1.4e-5, 0.7e-5, -2.4e-5, 1.0e-5),
             shape_q=256,
             images=True,
         )

@@ -14,13 +14,11 @@ from lidar.truth import plan_tracks, scan_size
 from spcola.errors import WorkspaceError
 
 # Seconds of one core, as measured where the bench was built; a guide, not a promise.
-_BASE_SECONDS = 5.0
-_PER_SHOT = 13e-6
-_PER_NODE = 6e-6
-_PER_STATE = 0.02
-_PER_PIXEL = 4e-6
-# Of all ground that the images see, sampled anew for each width of pixel.
-_PER_IMAGE = 0.5
+_BASE_SECONDS = 10.0
+_PER_SHOT, _PER_NODE, _PER_STATE = 6e-6, 7e-6, 0.01
+_PER_PIXEL, _PER_IMAGE = 3.3e-6, 0.1
+# Rocks down to centimetres make all questions to the body slower.
+_ROCKY = 1.3
 # Bytes: heights, albedo and sigma of a node; a vertex of the shape; a state with its landmarks, a
 # landmark with its pictures; and what the head of a file takes.
 _NODE_BYTES, _VERTEX_BYTES, _STATE_BYTES, _LANDMARK_BYTES = 6.0, 40.0, 8_000.0, 6_000.0
@@ -91,6 +89,7 @@ def mission_size(settings: MissionSettings) -> MissionSize:
     size += len(settings.image_formats) * (pixels * _PIXEL_BYTES + images * _HEAD_BYTES)
     seconds = shots * _PER_SHOT + nodes * _PER_NODE + states * _PER_STATE
     seconds += pixels * _PER_PIXEL + images * _PER_IMAGE
+    seconds *= 1.0 if settings.body.smallest_rock is None else _ROCKY
     memory = _BASE_MEMORY + usable_cores() * _WORKER_MEMORY + (_SURFACE_MEMORY if images else 0.0)
     return MissionSize(
         len(files), shots, sum(file.returns for file in files), maplets, states, images,

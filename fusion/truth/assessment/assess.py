@@ -12,15 +12,11 @@ from fusion.truth.assessment.model import Model
 from fusion.truth.assessment.regions import Ground, Light
 from fusion.truth.assessment.score import ModelScore, score_model
 from fusion.truth.assessment.settings import AssessmentSettings
+from fusion.truth.ground import shadow_ground
 from fusion.truth.planted import Planted
 from fusion.truth.recovery import Recovered, compare
 from fusion.truth.solution import light_of
 from fusion.workspace import Workspace
-from spcola.truth.body import TruthBody
-from spcola.truth.sampled import SampledSurface
-
-# What casts shadows is resolved to this, metres.
-_SHADOW_SPACING = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +67,7 @@ def assess(
     settings = settings or AssessmentSettings()
     body = planted.body()
     with progress.task("light", 1) as task:
-        light = light_on(body, planted)
+        light = light_on(planted)
         task.advance()
     ground = Ground(body, light, settings)
     scores = []
@@ -90,9 +86,9 @@ def assess(
     )
 
 
-def light_on(body: TruthBody, planted: Planted) -> Light:
+def light_on(planted: Planted) -> Light:
     """Return how long the ground is lit in the mission: the map that its solution was made by."""
-    return light_of(planted.settings, SampledSurface(body, _SHADOW_SPACING)).at
+    return light_of(planted.settings, shadow_ground(planted.settings.body)).at
 
 
 def formal_of(workspace: Workspace) -> FormalUncertainty | None:
