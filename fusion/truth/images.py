@@ -20,7 +20,8 @@ from spcola.truth.states import SolvedState
 
 FINEST = 0.05
 """The surface of images is sampled no finer than this, metres: as the truth of Weirich et al."""
-_MEMORY_BYTES = 2**30
+SURFACE_BYTES = 2**30
+"""Memory of that surface, at most."""
 
 
 def write_images(work: Work, states: Sequence[SolvedState]) -> None:
@@ -36,7 +37,7 @@ def write_images(work: Work, states: Sequence[SolvedState]) -> None:
         for spacing, group in groupby(
             wanted, lambda state: spacing_of(state.truth, work.settings.body.radius)
         ):
-            surface = ground_at(work.settings.body, spacing, memory_bytes=_MEMORY_BYTES)
+            surface = ground_at(work.settings.body, spacing, memory_bytes=SURFACE_BYTES)
             for _ in work.executor.stream(partial(_write, work, surface), group):
                 task.advance()
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fusion.executor import usable_cores
+from fusion.truth.images import FINEST, SURFACE_BYTES
 from fusion.truth.presets import MissionSettings
 from lidar.truth import plan_tracks, scan_size
 from spcola.errors import WorkspaceError
@@ -24,7 +25,7 @@ _ROCKY = 1.3
 _NODE_BYTES, _VERTEX_BYTES, _STATE_BYTES, _LANDMARK_BYTES = 6.0, 40.0, 8_000.0, 6_000.0
 _PIXEL_BYTES, _HEAD_BYTES = 2.0, 8_640.0
 # Of memory: the program itself; what a worker has in hand; the surface that images share.
-_BASE_MEMORY, _WORKER_MEMORY, _SURFACE_MEMORY = 450e6, 250e6, 1.1e9
+_BASE_MEMORY, _WORKER_MEMORY, _SAMPLE_BYTES = 450e6, 250e6, 4.5
 # A disk that is full to the last byte helps nobody.
 _RESERVE = 1.02
 
@@ -90,7 +91,10 @@ def mission_size(settings: MissionSettings) -> MissionSize:
     seconds = shots * _PER_SHOT + nodes * _PER_NODE + states * _PER_STATE
     seconds += pixels * _PER_PIXEL + images * _PER_IMAGE
     seconds *= 1.0 if settings.body.smallest_rock is None else _ROCKY
-    memory = _BASE_MEMORY + usable_cores() * _WORKER_MEMORY + (_SURFACE_MEMORY if images else 0.0)
+    memory = _BASE_MEMORY + usable_cores() * _WORKER_MEMORY
+    if images:
+        samples = 6.0 * (2.0 * settings.body.radius / FINEST) ** 2
+        memory += min(samples * _SAMPLE_BYTES, SURFACE_BYTES)
     return MissionSize(
         len(files), shots, sum(file.returns for file in files), maplets, states, images,
         float(size), _BASE_SECONDS + seconds / usable_cores(), memory,
