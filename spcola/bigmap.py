@@ -122,8 +122,10 @@ def make_bigmap(
     Returns
     -------
     Bigmap
-        Sigma is the weighted standard deviation of the heights that met in a point; where only
-        one maplet reached, that maplet's own sigma (NaN if it has none): never 0.
+        Sigma is the weighted standard deviation of the heights that met in a point, or the
+        weighted rms of the sigmas that the maplets state there if that is larger: two heights
+        may agree by chance, and maplets that share errors agree always. NaN where only one
+        maplet reached that states none.
 
     Raises
     ------
@@ -154,7 +156,7 @@ class _Average:
         self._reference = reference
         self.count = np.zeros(grid.shape, dtype=np.int32)
         self._weight, self._weight2, self._scatter = (np.zeros(grid.shape) for _ in range(3))
-        self._own_sigma = np.full(grid.shape, np.nan)
+        self._stated_weight, self._stated = np.zeros(grid.shape), np.zeros(grid.shape)
         # Height, two slopes, albedo.
         self._mean = np.zeros((4, *grid.shape))
 
@@ -179,7 +181,9 @@ class _Average:
             mean += share * apart
             if k == 0:
                 self._scatter[window] += weight * (1.0 - share) * apart * apart
-        self._own_sigma[window] = np.where(use, part.sigma, self._own_sigma[window])
+        stated = use & np.isfinite(part.sigma)
+        self._stated_weight[window] += weight * stated
+        self._stated[window] += weight * np.where(stated, part.sigma, 0.0) ** 2
 
     @property
     def height(self) -> FloatArray:
@@ -199,15 +203,16 @@ class _Average:
 
     @property
     def sigma(self) -> FloatArray:
-        """Weighted standard deviation (unbiased), or the sigma of the only maplet, metres."""
+        """Weighted standard deviation (unbiased) or rms stated sigma, the larger, metres."""
         several = self.count > 1
         freedom = self._weight - np.divide(
             self._weight2, self._weight, out=np.zeros(several.shape), where=several
         )
-        variance = np.divide(
-            self._scatter, freedom, out=np.full(several.shape, np.nan), where=several
-        )
-        return np.where(several, np.sqrt(variance), self._own_sigma)
+        unknown = np.full(several.shape, np.nan)
+        scatter = np.divide(self._scatter, freedom, out=unknown.copy(), where=several)
+        some = self._stated_weight > 0
+        stated = np.divide(self._stated, self._stated_weight, out=unknown, where=some)
+        return np.sqrt(np.fmax(scatter, stated))
 
 
 def _may_reach(maplet: Maplet, grid: MapletGrid, options: BigmapOptions) -> bool:

@@ -34,7 +34,7 @@ class FuseStage:
     """Maplets, mapolas, registration → fused maplets."""
 
     name: str = "fuse"
-    version: int = 1
+    version: int = 2
     tables: tuple[type[Table], ...] = (FuseSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:

@@ -34,7 +34,7 @@ class RegisterStage:
     """Mapolas and SPC surface → registration.json."""
 
     name: str = "register"
-    version: int = 1
+    version: int = 2
     tables: tuple[type[Table], ...] = (RegisterSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:

@@ -55,7 +55,7 @@ class ScaleStage:
     """Scans, images and SPC surface → scale.json and pairs/."""
 
     name: str = "scale"
-    version: int = 1
+    version: int = 2
     tables: tuple[type[Table], ...] = (ScaleSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:

@@ -111,6 +111,17 @@ def test_average_is_weighted_by_the_square_of_the_gsd():
     assert (bigmap.count == 2).all()
 
 
+def test_maplets_that_agree_by_chance_keep_the_sigma_that_they_state():
+    stated = [np.full((31, 31), sigma) for sigma in (0.03, 0.05)]
+    maplets = [cut("A", 0.0, 0.0, sigma=stated[0]), cut("B", 0.0, 0.0, sigma=stated[1])]
+    agreed = make_bigmap("BIG", maplets[0].grid, maplets)
+    rms = np.sqrt((0.03**2 + 0.05**2) / 2)
+    np.testing.assert_allclose(agreed.sigma[agreed.valid], rms)
+    apart = [maplets[0], cut("B", 0.0, 0.0, sigma=stated[1], offset=1.0)]
+    far = make_bigmap("BIG", maplets[0].grid, apart)
+    np.testing.assert_allclose(far.sigma[far.valid], np.sqrt(0.5), rtol=1e-3)
+
+
 def test_single_maplet_lends_its_own_sigma_or_none():
     plain = make_bigmap("B", GRID, [cut("A", 0.0, 0.0)])
     assert plain.valid.any()
