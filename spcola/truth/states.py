@@ -35,6 +35,9 @@ class StateSettings:
         Beyond these angles from the maplet's normal a landmark is not measured, or too dark.
     coarsest : float
         An image of which a pixel covers more GSDs than this has nothing to say about a maplet.
+    distortion : tuple of 4 float
+        Of the cameras, by Owen's model (:mod:`spcola.distortion`): images are rendered with it,
+        and the solution knows it.
     """
 
     per_pass: int = 3
@@ -44,6 +47,7 @@ class StateSettings:
     most_emission_deg: float = 65.0
     most_incidence_deg: float = 80.0
     coarsest: float = 1.5
+    distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         if self.per_pass < 1:
@@ -106,7 +110,7 @@ def make_state(
     truth = SpcImage(
         name=station.name,
         utc=utc_from_et(station.time),
-        camera=station.camera,
+        camera=replace(station.camera, distortion=np.array(settings.distortion)),
         scobj=-station.position,
         axes=looking(station.position, station.target),
         sun=sun,

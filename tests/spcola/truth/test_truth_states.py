@@ -150,3 +150,18 @@ def test_thresholds_follow_the_bit_depth(bits: int) -> None:
 def test_settings_out_of_range_are_refused(wrong) -> None:
     with pytest.raises(SettingsError):
         replace(SETTINGS, **wrong)
+
+
+def test_a_camera_distorts_the_image_and_the_solution_knows_it() -> None:
+    bent = replace(EXACT, distortion=(2e-5, 0.0, 0.0, 0.0))
+    straight, curved = _state(_station(), EXACT), _state(_station(), bent)
+    ground = 245.0 * np.array([[0.6, -0.25, 0.44]])
+    moved = np.subtract(
+        project_image(curved.truth, ground), project_image(straight.truth, ground)
+    ).ravel()
+    place = np.subtract(project_image(straight.truth, ground), 512.5).ravel()
+    # Owen's e2 moves what is r mm from the axis outward by e2 r³ mm.
+    pixel_mm = 0.0085
+    np.testing.assert_allclose(moved, 2e-5 * pixel_mm**2 * (place @ place) * place, rtol=1e-3)
+    assert np.hypot(*moved) > 0.01
+    np.testing.assert_array_equal(curved.solved.camera.distortion, bent.distortion)
