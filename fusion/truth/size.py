@@ -16,7 +16,7 @@ from spcola.errors import WorkspaceError
 
 # Seconds of one core, as measured where the bench was built; a guide, not a promise.
 _BASE_SECONDS = 10.0
-_PER_SHOT, _PER_NODE, _PER_STATE = 6e-6, 7e-6, 0.01
+_PER_SHOT, _PER_NODE, _PER_STATE = 8e-6, 7e-6, 0.01
 _PER_PIXEL, _PER_IMAGE = 3.3e-6, 0.1
 # Rocks down to centimetres make all questions to the body slower.
 _ROCKY = 1.3
