@@ -55,7 +55,9 @@ def meet(body: TruthBody, shots: Shots, settings: LidarSettings) -> Ground:
     cosine = -np.einsum("ij,ij->i", hits.normals, shots.beam)
     distance = hits.distance
     if settings.subrays > 1:
-        distance = _footprint_distance(body, shots, settings)
+        # Where the axis misses, no incidence is known: part of a footprint is no echo then.
+        footprint = _footprint_distance(body, shots, settings)
+        distance = np.where(np.isfinite(distance), footprint, np.nan)
     return Ground(distance, np.clip(cosine, 0.0, 1.0), hits.points)
 
 

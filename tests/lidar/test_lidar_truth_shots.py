@@ -167,6 +167,21 @@ def test_subrays_average_over_the_footprint(sphere: TruthBody) -> None:
     np.testing.assert_allclose(mean.range - single.range, expected, rtol=0.1)
 
 
+def test_a_footprint_over_the_limb_is_an_echo_or_none_and_never_half_known(
+    sphere: TruthBody,
+) -> None:
+    settings = replace(
+        LidarSettings.exact(130.0, 2.0), subrays=16, divergence=2e-2, overflow_share=0.5
+    )
+    scan = scan_of(sphere, settings)
+    echo = scan.flag % 100 < 2
+    assert 0.3 < echo.mean() < 0.7
+    assert np.isfinite(scan.range).all()
+    assert np.isfinite(scan.intensity).all()
+    single = scan_of(sphere, replace(settings, subrays=1))
+    assert not echo[single.flag % 100 == 2].any()
+
+
 def test_the_pattern_of_a_footprint_has_unit_variance() -> None:
     pattern = gaussian_pattern(200)
     np.testing.assert_allclose(pattern.mean(axis=0), 0.0, atol=1e-12)
