@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass
@@ -79,6 +80,9 @@ def _number(hint: Any, value: Any, where: str) -> Any:
     mistaken = isinstance(value, bool) and hint is not bool
     if wanted is not None and (mistaken or not isinstance(value, wanted)):
         raise SettingsError(f"must be a {hint.__name__}, not {value!r}", where)
+    # Comparisons with NaN are false: the dataclasses would let many through.
+    if isinstance(value, float) and math.isnan(value):
+        raise SettingsError("must be a number, not nan", where)
     return float(value) if hint is float else value
 
 

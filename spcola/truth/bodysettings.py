@@ -24,7 +24,7 @@ class BodySettings:
     Parameters
     ----------
     seed : int
-        The same seed and settings give the same body on every machine.
+        The same seed and settings give the same body on every machine; 0 or more.
     radius : float
         Of the smooth shape's mean, metres.
     shape : float
@@ -81,6 +81,8 @@ class BodySettings:
     dark: float = -0.3
 
     def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise SettingsError(f"must be at least 0, not {self.seed}", "seed")
         if not (np.isfinite(self.radius) and self.radius > 0):
             raise SettingsError(f"must be positive, not {self.radius} m", "radius")
         if self.roughness < 0 or not 0 < self.shortest <= self.longest:

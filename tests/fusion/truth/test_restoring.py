@@ -45,6 +45,9 @@ def test_entries_are_replaced_at_any_depth() -> None:
         ("body.radius=-3", "must be positive"),
         ("epsilon=none", "must be a float, not None"),
         ("solution.maplets=2.5", "must be a int"),
+        ("solution.noise=nan", "solution.noise: must be a number, not nan"),
+        ("day_scale_bias=[0.0, nan]", "day_scale_bias: must be a number, not nan"),
+        ("body.seed=-1", "seed: must be at least 0, not -1"),
     ],
 )
 def test_what_cannot_be_is_told(text: str, message: str) -> None:

@@ -107,6 +107,7 @@ def test_albedo_varies_as_stated() -> None:
 @pytest.mark.parametrize(
     "wrong",
     [
+        {"seed": -1},
         {"radius": -1.0},
         {"roughness": -0.1},
         {"shortest": 200.0},
