@@ -74,6 +74,10 @@ class PassSettings:
             raise SettingsError(f"is none of {patterns}: {self.pattern!r}", "pattern of the passes")
         if any(abs(latitude) > 90.0 for _, latitude in places):
             raise SettingsError("a latitude lies beyond a pole", "directions of the passes")
+        if not abs(self.sun_latitude_deg) <= 90.0:
+            raise SettingsError(
+                f"must lie within ± 90, not {self.sun_latitude_deg}", "sun_latitude_deg"
+            )
         if not (0 < self.nearest <= self.farthest and 0 < self.duration < self.period):
             raise SettingsError("distances, duration or period out of range", "passes")
 

@@ -96,6 +96,7 @@ def test_a_low_sun_leaves_a_pole_dark() -> None:
         ({"pattern": "spiral"}, "lattice"),
         ({"directions_deg": ((0.0, 91.0),)}, "pole"),
         ({"nearest": 0.0}, "distances"),
+        ({"sun_latitude_deg": 120.0}, "sun_latitude_deg: must lie within"),
     ],
 )
 def test_settings_out_of_range_are_refused(wrong, match: str) -> None:
