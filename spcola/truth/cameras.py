@@ -11,6 +11,8 @@ from spcola.errors import SettingsError
 # DellaGiustina et al., Table 1: both detectors, and the focal lengths (PolyCam's at infinity).
 _PIXEL_MM, _DETECTOR = 0.0085, 1024
 _FOCAL_LENGTHS_MM = {"MapCam": 125.0, "PolyCam": 628.9}
+LEAST_DETECTOR = 16
+"""Pixels across the smallest detector."""
 # As many decimals of the K-matrix as a .SUM file holds, so that it holds all of it.
 _K_DECIMALS = 4
 
@@ -33,8 +35,10 @@ def framing_camera(name: str, detector: int = _DETECTOR) -> Camera:
     """
     if name not in _FOCAL_LENGTHS_MM:
         raise SettingsError(f"{name!r} is none of {', '.join(_FOCAL_LENGTHS_MM)}", "camera")
-    if detector < 16:
-        raise SettingsError(f"needs at least 16 pixels across, not {detector}", "detector")
+    if detector < LEAST_DETECTOR:
+        raise SettingsError(
+            f"needs at least {LEAST_DETECTOR} pixels across, not {detector}", "detector"
+        )
     per_mm = round(detector / _DETECTOR / _PIXEL_MM, _K_DECIMALS)
     k_matrix = np.array([[per_mm, 0.0, 0.0], [0.0, per_mm, 0.0]])
     center = np.full(2, (detector + 1) / 2.0)

@@ -9,6 +9,7 @@ import numpy as np
 
 from spcola.arrays import FloatArray
 from spcola.errors import SettingsError
+from spcola.truth.cameras import LEAST_DETECTOR
 
 APPROACH, PRELIMINARY_SURVEY, DETAILED_SURVEY = "AP", "PS", "DS"
 """Codes of the phases, with which the names of their images begin."""
@@ -116,6 +117,11 @@ class CampaignSettings:
     def __post_init__(self) -> None:
         if not (self.radius > 0 and self.cadence > 0 and 0 <= self.overlap < 0.9):
             raise SettingsError("radius, cadence or overlap out of range", "imaging campaign")
+        # A camera refuses it too, but only after all the scans have been made.
+        if self.detector < LEAST_DETECTOR:
+            raise SettingsError(
+                f"needs at least {LEAST_DETECTOR} pixels across, not {self.detector}", "detector"
+            )
         if any(min(leg.ranges) <= self.radius for leg in self.legs):
             raise SettingsError("a leg begins or ends inside the body", "imaging campaign")
 

@@ -285,6 +285,8 @@ def test_campaigns_out_of_range_are_refused() -> None:
         CampaignSettings((NADIR,), radius=4000.0)
     with pytest.raises(SettingsError, match="overlap"):
         CampaignSettings((NADIR,), overlap=0.95)
+    with pytest.raises(SettingsError, match="16 pixels across, not 8"):
+        CampaignSettings(detector=8)
 
 
 def test_images_are_dealt_out_to_the_last_one() -> None:
