@@ -68,7 +68,9 @@ def _of_scale(planted: Planted, found: Mapping[str, Any]) -> list[Recovered]:
     """Rows of ``scale.json``, as its :mod:`fusion.scaling.observation` defines the signs.
 
     With SPC's trajectory spacecraft and surface are displaced alike, and no offset of the centre
-    is to be seen; with the reference trajectory the lidar surface lies off by −T.
+    is to be seen; with the reference trajectory the lidar surface lies off by −T, and ranges that
+    are too long by a share move it along the beam and not from O: the epsilon of a day with such a
+    bias is none that was planted, and is left out.
     """
     rows = [_row("epsilon", planted.epsilon, found, "epsilon", "")]
     radius = _ratio(found, "size_correction_m", "epsilon")
@@ -76,10 +78,13 @@ def _of_scale(planted: Planted, found: Mapping[str, Any]) -> list[Recovered]:
     shared = found.get("trajectory", "spc") == "spc"
     center = np.zeros(3) if shared else -planted.similarity.translation
     rows += _rows("centre offset", center, found, ("center_offset", "m"))
+    rows += _rows("pole", planted.settings.rotation_deg[:2], found, ("pole", "deg"))
     rows.append(_row("prime meridian", planted.prime_meridian_deg, found, "prime_meridian", "deg"))
     for day in found.get("per_day", ()):
-        expected = planted.epsilon + planted.days.get(day["day"], float("nan"))
-        rows.append(_row(f"epsilon of {day['day']}", expected, day, "epsilon", ""))
+        bias = planted.days.get(day["day"], float("nan"))
+        if shared or bias == 0.0:
+            expected = planted.epsilon + bias
+            rows.append(_row(f"epsilon of {day['day']}", expected, day, "epsilon", ""))
     return rows
 
 
@@ -94,13 +99,13 @@ def _row(name: str, planted: float, found: Mapping[str, Any], key: str, unit: st
 def _rows(
     name: str, planted: Sequence[float] | FloatArray, found: Mapping[str, Any], key: tuple[str, str]
 ) -> list[Recovered]:
-    """Read the three components of a vector."""
+    """Read the components of a vector: as many as were planted of x, y, z."""
     base, unit = key
     value = found.get(f"{base}_{unit}") or [None] * 3
     sigma = found.get(f"{base}_sigma_{unit}") or [None] * 3
     return [
         Recovered(f"{name} {axis}", float(planted[k]), _number(value[k]), _number(sigma[k]), unit)
-        for k, axis in enumerate("xyz")
+        for k, axis in enumerate("xyz"[: len(planted)])
     ]
 
 
