@@ -28,6 +28,8 @@ class PullStatistics:
     mean, mean_sigma : float
         Mean of the pulls (recovered − planted) / sigma and its standard error, from their own
         scatter.
+    scatter : float
+        Standard deviation of the pulls about their mean (N − 1); NaN of a single mission.
     deviation, lowest, highest : float
         Root mean square of the pulls about **zero**, which a bias raises too, and the interval
         that holds the true one at :data:`CONFIDENCE` if the pulls are normal.
@@ -41,6 +43,7 @@ class PullStatistics:
     missing: int
     mean: float
     mean_sigma: float
+    scatter: float
     deviation: float
     lowest: float
     highest: float
@@ -71,7 +74,7 @@ def _statistics(name: str, tables: Sequence[Mapping[str, Recovered]]) -> PullSta
     found = [row for row in rows if np.isfinite(row.pull)]
     missing = len(tables) - len(found)
     if not found:
-        return PullStatistics(name, rows[0].unit, 0, missing, *[float("nan")] * 7)
+        return PullStatistics(name, rows[0].unit, 0, missing, *[float("nan")] * 8)
     pulls = np.array([row.pull for row in found])
     errors = np.array([row.recovered - row.planted for row in found])
     sigmas = np.array([row.sigma for row in found])
@@ -79,9 +82,9 @@ def _statistics(name: str, tables: Sequence[Mapping[str, Recovered]]) -> PullSta
     deviation = float(np.sqrt(np.mean(pulls**2)))
     tail = (1.0 - CONFIDENCE) / 2.0
     low, high = (deviation * np.sqrt(count / chi2.ppf(p, count)) for p in (1.0 - tail, tail))
-    spread = float(np.std(pulls, ddof=1) / np.sqrt(count)) if count > 1 else float("nan")
+    scatter = float(np.std(pulls, ddof=1)) if count > 1 else float("nan")
     return PullStatistics(
-        name, rows[0].unit, count, missing, float(np.mean(pulls)), spread,
-        deviation, float(low), float(high),
+        name, rows[0].unit, count, missing, float(np.mean(pulls)),
+        scatter / float(np.sqrt(count)), scatter, deviation, float(low), float(high),
         float(np.sqrt(np.mean(errors**2))), float(np.sqrt(np.mean(sigmas**2))),
     )  # fmt: skip

@@ -1,8 +1,9 @@
 """Whether the sigmas are true: missions of many seeds through the whole program.
 
-For each parameter that is planted: the mean of the pulls (recovered − planted) / sigma, their
-root mean square with the interval of 95 %, and beside it the limit, 1; the rms error beside the
-rms of the stated sigmas. `--lines FILE` keeps a line for each mission and goes on from there.
+For each parameter that is planted: mean and standard deviation of the pulls (recovered −
+planted) / sigma; their root mean square about zero, which a bias raises too, with the interval of
+95 %, and beside it the limit, 1; the rms error beside the rms of the stated sigmas. `--lines FILE`
+keeps a line for each mission and goes on from there.
 
     python scripts/bench/pulls.py [--seeds 20] [--preset tiny|mini] [--lines pulls.jsonl]
 """
@@ -63,15 +64,15 @@ def missions(preset: str, seeds: range, lines: Path | None) -> Iterator[list[Rec
 def table(found: list[PullStatistics]) -> Iterator[str]:
     """Yield the lines of the table."""
     yield (
-        f"{'parameter':28}{'n':>4}{'mean pull':>16}{'rms pull':>10}{'95 %':>14}{'limit':>7}"
-        f"{'rms error':>12}{'rms sigma':>12}"
+        f"{'parameter':28}{'n':>4}{'mean pull':>16}{'std':>6}{'rms pull':>10}{'95 %':>14}"
+        f"{'limit':>7}{'rms error':>12}{'rms sigma':>12}"
     )
     for row in found:
         mean = f"{row.mean:+.2f} ± {row.mean_sigma:.2f}"
         interval = f"{row.lowest:.2f} – {row.highest:.2f}"
         yield (
-            f"{row.name:28}{row.count:>4}{mean:>16}{row.deviation:>10.2f}{interval:>14}{1:>7}"
-            f"{row.error:>12.2e}{row.sigma:>12.2e}  {row.unit}".rstrip()
+            f"{row.name:28}{row.count:>4}{mean:>16}{row.scatter:>6.2f}"
+            f"{row.deviation:>10.2f}{interval:>14}{1:>7}{row.error:>12.2e}{row.sigma:>12.2e}  {row.unit}".rstrip()
         )
     for row in found:
         if row.missing:

@@ -36,6 +36,8 @@ def test_a_bias_is_told_and_raises_the_deviation() -> None:
     (found,) = pull_statistics(missions(400, bias=1.0))
     assert found.mean == pytest.approx(1.0, abs=3 * found.mean_sigma)
     assert found.deviation == pytest.approx(np.sqrt(2.0), rel=0.1)
+    assert found.scatter == pytest.approx(1.0, rel=0.1)
+    assert found.mean_sigma == pytest.approx(found.scatter / 20.0)
 
 
 def test_the_interval_holds_one_in_95_of_100_trials() -> None:
