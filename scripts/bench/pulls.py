@@ -72,7 +72,8 @@ def table(found: list[PullStatistics]) -> Iterator[str]:
         interval = f"{row.lowest:.2f} – {row.highest:.2f}"
         yield (
             f"{row.name:28}{row.count:>4}{mean:>16}{row.scatter:>6.2f}"
-            f"{row.deviation:>10.2f}{interval:>14}{1:>7}{row.error:>12.2e}{row.sigma:>12.2e}  {row.unit}".rstrip()
+            f"{row.deviation:>10.2f}{interval:>14}{1:>7}"
+            f"{row.error:>12.2e}{row.sigma:>12.2e}  {row.unit}".rstrip()
         )
     for row in found:
         if row.missing:
