@@ -140,18 +140,14 @@ class ScanErrors:
 
 
 def draw_errors(
-    settings: LidarSettings,
-    generator: np.random.Generator,
-    *,
-    range_scale: float = 0.0,
-    range_bias: float = 0.0,
+    settings: LidarSettings, generator: np.random.Generator, *, range_scale: float = 0.0
 ) -> ScanErrors:
-    """Draw the errors of one scan; `range_bias` (of its day, m) adds to that of the settings."""
+    """Draw the errors of one scan; `range_scale` is the bias of its day."""
     offset = settings.trajectory_sigma * generator.normal(size=3)
     pointing = settings.pointing_sigma * generator.normal(size=2)
     return ScanErrors(
         tuple(offset.tolist()),
         tuple(pointing.tolist()),
         range_scale,
-        settings.range_bias + range_bias,
+        settings.range_bias,
     )
