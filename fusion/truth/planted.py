@@ -134,10 +134,6 @@ class Planted:
         """Return the body, built anew from its settings."""
         return TruthBody(self.settings.body)
 
-    def mean_scan_offset(self) -> FloatArray:
-        """Mean error (3,) of the spacecraft positions over the scans, metres."""
-        return np.mean([errors.offset_m for errors in self.scans.values()], axis=0)
-
     def in_view(self) -> dict[str, Any]:
         """Return the planted values that a user looks for, in JSON types."""
         return {

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 # Okabe and Ito's colours, which remain distinct for colour-blind readers.
 _COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#000000")
 _MARKERS = "osD^vPX"
-_WITHIN = {"1 σ": (0.6827, "o"), "2 σ": (0.9545, "s")}
 
 
 def colour(number: int) -> str:
