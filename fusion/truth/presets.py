@@ -23,6 +23,10 @@ from spcola.truth.states import StateSettings
 LIDAR_FRAME, SPC_FRAME = "lidar", "spc"
 FAR_DIVERGENCE = 4.0e-5
 """Divergence, rad, by which the footprint at 3.5 km is what OLA's is at 750 m."""
+# No ground of a body stands this many mean radii from its centre.
+_CLEAR = 1.25
+# SPC's names of landmarks have six characters, of which two are letters here.
+_MOST_MAPLETS = 9999
 # 2019 AUG 05: no spacecraft is at two places.
 _AFTER_THE_PASSES = 615_211_269.184 + 35 * 86400.0
 
@@ -92,6 +96,12 @@ class MissionSettings:
     images: bool = False
 
     def __post_init__(self) -> None:
+        # What is read back from truth.json must be equal, lists and whole numbers given or not.
+        for name in ("rotation_deg", "translation_m", "day_scale_bias"):
+            object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
+        object.__setattr__(self, "image_formats", tuple(self.image_formats))
+        if self.seed < 0:
+            raise SettingsError(f"must be at least 0, not {self.seed}", "seed")
         if self.lidar_format not in FORMATS:
             known = ", ".join(FORMATS)
             raise SettingsError(f"{self.lidar_format!r} is none of {known}", "format of the scans")
@@ -101,6 +111,25 @@ class MissionSettings:
             raise SettingsError(f"must lie within ± 0.1, not {self.epsilon}", "epsilon")
         if self.shape_q < 2:
             raise SettingsError(f"must be at least 2, not {self.shape_q}", "Q of the shape")
+        self._check_parts()
+
+    def _check_parts(self) -> None:
+        """Refuse parts that are right each, but not together."""
+        places = {"passes.nearest": self.passes.nearest}
+        if self.tracks is not None:
+            places["tracks.distance"] = self.tracks.distance
+            if self.tracks.period != self.passes.period:
+                raise SettingsError("must be equal: a body turns once", "tracks and passes: period")
+        for name, distance in places.items():
+            if distance <= _CLEAR * self.body.radius:
+                raise SettingsError(
+                    f"{distance:g} m are not clear of a body of {self.body.radius:g} m", name
+                )
+        if self.spc and self.solution.count(self.body.radius) > _MOST_MAPLETS:
+            raise SettingsError(
+                f"over {_MOST_MAPLETS}: names have no room for more", "number of maplets",
+                "set solution.maplets, or a larger solution.gsd",
+            )  # fmt: skip
 
     @classmethod
     def tiny(cls, seed: int = 1) -> MissionSettings:

@@ -67,6 +67,7 @@ class PassSettings:
     def __post_init__(self) -> None:
         places = tuple((float(place[0]), float(place[1])) for place in self.directions_deg)
         object.__setattr__(self, "directions_deg", places)
+        object.__setattr__(self, "local_times_h", tuple(map(float, self.local_times_h)))
         if (self.count < 4 and not places) or self.days < 1 or not self.local_times_h:
             raise SettingsError("needs four passes, a day and a local time at least", "passes")
         if self.pattern not in get_args(Pattern):

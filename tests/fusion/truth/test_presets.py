@@ -1,0 +1,55 @@
+"""Settings of a mission whose parts must fit together, and that come back as they were."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+
+import pytest
+
+from fusion.truth.presets import PRESETS, MissionSettings
+from fusion.truth.restoring import changed, restored
+from spcola.errors import SettingsError
+
+TINY = MissionSettings.tiny()
+
+
+def back(settings: MissionSettings) -> MissionSettings:
+    """Return what truth.json makes of them."""
+    return restored(MissionSettings, json.loads(json.dumps(asdict(settings))))
+
+
+@pytest.mark.parametrize("preset", sorted(PRESETS))
+def test_a_preset_comes_back_as_it_was(preset: str) -> None:
+    settings = PRESETS[preset](4)
+    assert back(settings) == settings
+    assert back(settings).digest == settings.digest
+
+
+def test_lists_and_whole_numbers_come_back_equal() -> None:
+    """Else a mission that is there would be taken for another one."""
+    given = replace(
+        TINY,
+        rotation_deg=[0, 0, 1],  # type: ignore[arg-type]
+        day_scale_bias=[0, 1e-5],  # type: ignore[arg-type]
+        image_formats=["fits"],  # type: ignore[arg-type]
+        passes=replace(TINY.passes, local_times_h=[9, 12]),  # type: ignore[arg-type]
+    )
+    assert back(given) == given
+    assert back(given).digest == given.digest
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("seed=-1", "seed: must be at least 0, not -1"),
+        ("passes.nearest=250", "passes.nearest: 250 m are not clear of a body of 245 m"),
+        ("tracks.distance=300", "tracks.distance: 300 m are not clear"),
+        ("body.radius=800", "passes.nearest: 900 m are not clear of a body of 800 m"),
+        ("passes.period=20000", "period: must be equal"),
+        ("solution.gsd=0.1", "number of maplets: over 9999"),
+    ],
+)
+def test_parts_that_do_not_fit_are_refused(text: str, message: str) -> None:
+    with pytest.raises(SettingsError, match=message):
+        changed(MissionSettings.bennu(), [text])
