@@ -24,6 +24,7 @@ from fusion.truth.presets import MissionSettings
 from fusion.truth.recovery import Recovered, compare
 from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
 from spcola.errors import FormatError, WorkspaceError
+from spcola.truth.body import TruthBody
 
 MISSION_FOLDER, WORKSPACE_FOLDER = "mission", "workspace"
 REPORT = "report"
@@ -138,7 +139,8 @@ def _planted(mission: Path, settings: MissionSettings, progress: Progress) -> Pl
     except FormatError as error:
         progress.note(f"note: {error}")
         return None
-    return planted if planted.settings == settings else None
+    same = planted.is_of(settings, TruthBody(settings.body).fingerprint)
+    return planted if same else None
 
 
 def _remove(folder: Path) -> None:

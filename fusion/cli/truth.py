@@ -48,7 +48,7 @@ def make(
             "--set",
             metavar="PATH=VALUE",
             help="Change a setting of the preset, as truth.json names it under 'settings': "
-            "body.radius=120, solution.noise=0.2, body.smallest_rock=0.05, "
+            "solution.noise=0.2, lidar.spacing=0.07, body.smallest_rock=0.05, "
             "campaign.legs.0.images=4. Repeat it for several.",
         ),
     ] = None,

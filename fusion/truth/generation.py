@@ -68,7 +68,9 @@ class Site:
 
 
 @contextmanager
-def building(root: Path, settings: MissionSettings, *, replace: bool) -> Iterator[Site]:
+def building(
+    root: Path, settings: MissionSettings, fingerprint: str, *, replace: bool
+) -> Iterator[Site]:
     """Open the folder of a mission to make it, or to go on making it.
 
     Parameters
@@ -76,7 +78,8 @@ def building(root: Path, settings: MissionSettings, *, replace: bool) -> Iterato
     root : Path
         Made if missing.
     settings : MissionSettings
-        What is there of a mission of the same settings, made by the same version, stays.
+    fingerprint : str
+        Of the body. What is there of a mission of the same settings, body and version stays.
     replace : bool
         Whether a mission of other settings may be removed.
 
@@ -87,10 +90,12 @@ def building(root: Path, settings: MissionSettings, *, replace: bool) -> Iterato
         program is at work in it, or it cannot be written.
     """
     making = root / MAKING_FOLDER
-    stamp = json.dumps({"digest": settings.digest, "version": spcola.__version__})
+    kind = {"digest": settings.digest, "body": fingerprint, "version": spcola.__version__}
+    stamp = json.dumps(kind)
     folders = [root / SPC_FOLDER, *(root / SPC_FOLDER / name for name in SPC_FOLDERS)]
     folders += [root / part for part in _PARTS[1:]]
-    strange = bool(_names(root) - {MAKING_FOLDER}) and not _is_of(root, settings, stamp)
+    ours = _is_of(root, settings, fingerprint, stamp)
+    strange = bool(_names(root) - {MAKING_FOLDER}) and not ours
     if strange and not replace:
         raise WorkspaceError(
             "holds another mission, or a part of one", root, "choose another folder, or remove it"
@@ -108,10 +113,10 @@ def building(root: Path, settings: MissionSettings, *, replace: bool) -> Iterato
         shutil.rmtree(making)
 
 
-def finished(root: Path, settings: MissionSettings) -> Planted | None:
-    """Return what is planted in a mission of these settings if it is there, whole; else None."""
+def finished(root: Path, settings: MissionSettings, fingerprint: str) -> Planted | None:
+    """Return what is planted in this mission if it is there, whole; else None."""
     planted = _planted(root)
-    if planted is None or planted.settings != settings:
+    if planted is None or not planted.is_of(settings, fingerprint):
         return None
     whole = planted.files.items() <= files_of(root).items()
     return planted if whole else None
@@ -140,13 +145,13 @@ def _names(root: Path) -> set[str]:
     return there
 
 
-def _is_of(root: Path, settings: MissionSettings, stamp: str) -> bool:
-    """Return whether what is there was made of these settings, finished or not."""
+def _is_of(root: Path, settings: MissionSettings, fingerprint: str, stamp: str) -> bool:
+    """Return whether what is there was made of these settings and body, finished or not."""
     path = root / MAKING_FOLDER / _STAMP
     if path.is_file():
         return path.read_text(encoding="utf-8") == stamp
     planted = _planted(root)
-    return planted is not None and planted.settings == settings
+    return planted is not None and planted.is_of(settings, fingerprint)
 
 
 def _planted(root: Path) -> Planted | None:

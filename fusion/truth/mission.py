@@ -54,11 +54,11 @@ def make_mission(
     """
     root = Path(folder)
     settings = settings or MissionSettings.mini()
-    if (there := finished(root, settings)) is not None:
+    body = TruthBody(settings.body)
+    if (there := finished(root, settings, body.fingerprint)) is not None:
         return there
     check_room(root, mission_size(settings))
-    with building(root, settings, replace=replace) as site:
-        body = TruthBody(settings.body)
+    with building(root, settings, body.fingerprint, replace=replace) as site:
         work = Work(settings, site, body, executor or ThreadExecutor(), progress or Progress())
         passes = plan_passes(settings.passes, work.random("passes"))
         observations = plan_observations(passes, settings)
@@ -66,7 +66,8 @@ def make_mission(
         write_shape(work)
         scans = write_observations(work, observations, days)
         centers, images = _write_solution(work, passes) if settings.spc else ({}, {})
-        planted = Planted(settings, scans, days, centers, images, files_of(root))
+        files = files_of(root)
+        planted = Planted(settings, scans, days, centers, images, files, body.fingerprint)
         write_truth(root / TRUTH_FILE, planted)
     return planted
 

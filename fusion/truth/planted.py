@@ -106,6 +106,8 @@ class Planted:
         By their names.
     files : mapping of str to int
         Size in bytes of every file of the mission, by its path in the mission's folder.
+    fingerprint : str
+        Of the body: see :attr:`spcola.truth.body.TruthBody.fingerprint`.
     """
 
     settings: MissionSettings
@@ -114,6 +116,7 @@ class Planted:
     centers: Mapping[str, PlacedCenter] = field(default_factory=dict)
     images: Mapping[str, TrueState] = field(default_factory=dict)
     files: Mapping[str, int] = field(default_factory=dict)
+    fingerprint: str = ""
 
     @property
     def similarity(self) -> Similarity:
@@ -131,8 +134,25 @@ class Planted:
         return self.settings.rotation_deg[2]
 
     def body(self) -> TruthBody:
-        """Return the body, built anew from its settings."""
-        return TruthBody(self.settings.body)
+        """Return the body, built anew from its settings.
+
+        Raises
+        ------
+        FormatError
+            If this version of the program makes another body of them.
+        """
+        body = TruthBody(self.settings.body)
+        if self.fingerprint and body.fingerprint != self.fingerprint:
+            raise FormatError(
+                "another version of this program made the mission, of another body",
+                TRUTH_FILE,
+                "make the mission again",
+            )
+        return body
+
+    def is_of(self, settings: MissionSettings, fingerprint: str) -> bool:
+        """Whether it is the mission of these settings and this body."""
+        return self.settings == settings and self.fingerprint == fingerprint
 
     def in_view(self) -> dict[str, Any]:
         """Return the planted values that a user looks for, in JSON types."""
@@ -154,6 +174,7 @@ class Planted:
             "centers": {name: asdict(center) for name, center in self.centers.items()},
             "images": {name: asdict(state) for name, state in self.images.items()},
             "files": dict(self.files),
+            "fingerprint": self.fingerprint,
         }
 
 
@@ -196,6 +217,7 @@ def read_truth(path: str | Path) -> Planted:
             _all(PlacedCenter, content["centers"]),
             _all(TrueState, content["images"]),
             dict(content["files"]),
+            str(content["fingerprint"]),
         )
     except SpcolaError as error:
         raise FormatError(str(error), path, "make the mission again") from error

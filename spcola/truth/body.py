@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -31,6 +32,8 @@ from spcola.truth.tracing import hits
 __all__ = ["BodySettings", "TruthBody"]
 
 _CHUNK = 16_384
+# Q of the directions that the fingerprint is taken in.
+_PROBES = 24
 # The site is as rough as elsewhere at this distance from its middle, in its radii.
 _SITE_EDGE = 1.5
 # A ray may leap this share of the smallest boulder: it cannot pass unseen through more of one
@@ -111,6 +114,17 @@ class TruthBody:
         chords = features.reach / self.settings.radius
         cells = cells_for(len(features))
         return index_features(features.numbers, features.direction, chords, cells)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Hexadecimal digest of radii and albedos over the body, to the last bit.
+
+        Another version of this program that makes another body of the same settings gives another
+        one: what was measured on the one says nothing of the other.
+        """
+        everywhere = icq_directions(_PROBES).reshape(-1, 3)
+        values = np.stack([self.radius(everywhere), self.albedo(everywhere)])
+        return hashlib.sha256(values.astype("<f8").tobytes()).hexdigest()
 
     def radius(self, directions: FloatArray) -> FloatArray:
         """Return the radius (N,), metres, in the `directions` (N, 3) of any length."""

@@ -25,7 +25,7 @@ from fusion.truth.presets import PRESETS, MissionSettings
 from fusion.truth.size import mission_size
 from lidar.formats.reader import read_scan
 from lidar.truth import TrackSettings
-from spcola.errors import WorkspaceError
+from spcola.errors import FormatError, WorkspaceError
 from spcola.formats.dat import read_image_data
 from spcola.formats.fits import read_fits_image
 from spcola.formats.nom import read_nominal
@@ -199,6 +199,20 @@ def test_another_mission_is_removed_only_if_that_is_wanted(
     assert files_of(root) == files_of(undisturbed)
     make_mission(root, settings=other, replace=True)
     assert json.loads((root / "truth.json").read_text())["settings"]["seed"] == 2
+
+
+def test_a_mission_of_another_body_is_told_though_its_settings_are_the_same(
+    undisturbed: Path, tmp_path: Path
+) -> None:
+    root = tmp_path / "mission"
+    shutil.copytree(undisturbed, root)
+    content = json.loads((root / "truth.json").read_text(encoding="utf-8"))
+    content["fingerprint"] = "0" * 64
+    (root / "truth.json").write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(FormatError, match="of another body"):
+        read_truth(root).body()
+    with pytest.raises(WorkspaceError, match="holds another mission"):
+        make_mission(root, settings=SMALLEST)
 
 
 def test_parts_of_files_that_a_killed_run_left_are_removed(
