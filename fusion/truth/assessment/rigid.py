@@ -201,7 +201,8 @@ class _Fit:
         scores = np.zeros((int(label.max()) + 1, 6))
         np.add.at(scores, label, design * near.distance[:, None])
         count = len(np.unique(label))
-        factor = count / max(count - 6, 1)
+        fitted = 6 if self.options.rotation else 3
+        factor = count / max(count - fitted, 1)
         scale = np.array([1.0, 1.0, 1.0, *[1.0 / self.arm] * 3])
         covariance = factor * inverse @ scores.T @ scores @ inverse * np.outer(scale, scale)
         unseen = free.copy()
