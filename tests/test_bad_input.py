@@ -18,6 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -588,7 +589,9 @@ def test_a_run_that_is_interrupted_or_killed_can_be_finished(
 ) -> None:
     shutil.rmtree(workspace / "fused")
     before = files_in(workspace)
-    with program("run", workspace, "--workers", "1") as process:
+    # A job in the background of a shell would hand down that interrupts are ignored.
+    heed = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    with program("run", workspace, "--workers", "1", preexec_fn=heed) as process:
         wait_for(workspace / ".scratch" / "fuse", process)
         wait_for(workspace / "fused", process)
         time.sleep(0.3)

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -259,7 +260,9 @@ def test_a_real_process_prints_json_and_nothing_else(folder: Path, table: Path) 
 
 def test_ctrl_c_leaves_the_workspace_usable(folder: Path, table: Path) -> None:
     os.mkfifo(folder / "endless.csv")  # reading it waits for ever
-    with program("import", folder, folder / "endless.csv") as process:
+    # A job in the background of a shell would hand down that interrupts are ignored.
+    heed = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    with program("import", folder, folder / "endless.csv", preexec_fn=heed) as process:
         until = time.monotonic() + 60
         while not (folder / ".lock").exists() and time.monotonic() < until:
             time.sleep(0.02)
