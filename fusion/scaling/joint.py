@@ -156,7 +156,7 @@ def estimate_scale(
         sizes=ErrorSizes(
             options.single_sigma_m,
             (
-                options.state_sigma_m if observations.shares.shape[1] > 1 else 0.0,
+                options.state_sigma_m if observations.leant_on.shape[1] > 1 else 0.0,
                 options.day_sigma_m if len(days) > 1 else 0.0,
             ),
         ),
@@ -169,7 +169,7 @@ def estimate_scale(
             observations.value,
             observations.design(),
             observations.covariance,
-            (_effects(observations.shares, observations), _effects(member, observations)),
+            (_effects(observations.leant_on, observations), _effects(member, observations)),
         ),
         mixed,
     )
@@ -229,7 +229,7 @@ def _fit_epsilon(
     )
     days = sorted(set(np.array(observations.day)[chosen]))
     member = np.array([[day == name for name in days] for day in observations.day], dtype=float)
-    groups = [(observations.shares, fit.sizes.shared[0]), (member, fit.sizes.shared[1])]
+    groups = [(observations.leant_on, fit.sizes.shared[0]), (member, fit.sizes.shared[1])]
     # One day cannot be told from its mean; its own error stays out of its standard error.
     groups = groups if len(days) > 1 else groups[:1]
     effects = [

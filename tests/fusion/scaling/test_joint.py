@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -130,6 +132,19 @@ def test_pulls_are_of_unit_width_where_pairs_lean_on_the_same_states():
         days += [(day.epsilon - 2e-4) / day.epsilon_sigma for day in estimate.days]
     assert 0.6 < np.sqrt(np.mean(np.square(pulls))) < 1.4
     assert 0.8 < np.sqrt(np.mean(np.square(days))) < 1.25
+
+
+def test_states_on_which_nothing_leans_change_nothing():
+    block = np.array([[0.5, 0.5, 0.0], [0.25, 0.5, 0.25], [0.0, 0.5, 0.5]])
+    shares = np.kron(np.eye(8), block)
+    data = mission(np.random.default_rng(4), count=24, shares=shares, state_noise=0.2)
+    others = np.zeros((24, 7))
+    more = replace(data, shares=np.hstack([others, shares[:, :9], others, shares[:, 9:]]))
+    np.testing.assert_array_equal(more.leant_on, shares)
+    few, many = estimate_scale(data), estimate_scale(more)
+    np.testing.assert_array_equal(many.fit.estimate, few.fit.estimate)
+    np.testing.assert_array_equal(many.fit.covariance, few.fit.covariance)
+    assert many.days == few.days
 
 
 def test_epsilon_of_one_pair_is_range_difference_over_range():
