@@ -13,7 +13,7 @@ import numpy as np
 
 from lidar.cells import CellReturns
 from lidar.neighbourhood import expect, supported
-from spcola.arrays import BoolArray, FloatArray
+from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.errors import SettingsError
 
 
@@ -41,7 +41,9 @@ class RejectionOptions:
     neighbourhood : int
         Half-width, in cells, of the neighbourhood.
     least_cells : int
-        Fewer neighbours with a height than this cannot judge.
+        Fewer neighbours with a height than this cannot judge. Where returns lie densely (more
+        than `few` in the middling cell) one that cannot be judged, beyond the edge of a raster,
+        is a stray all the same unless a cell next to it lies near its height.
     max_rounds : int
         Most repetitions of either test.
 
@@ -96,10 +98,18 @@ def find_strays(cells: CellReturns, gsd: float, options: RejectionOptions) -> Bo
     distance = np.abs(cells.height - carried)
     stray: BoolArray = distance > options.departure * gsd
     suspect = distance > options.neighbourhood_sigmas * expected.scatter.ravel()[cell]
+    if _is_dense(cells.count, options.few):
+        suspect |= ~np.isfinite(distance)
     at = np.flatnonzero(suspect & ~stray & (cells.count.ravel()[cell] <= options.few))
     row, column = np.divmod(cell[at], cells.shape[1])
     stray[at] = ~supported(height, row, column, cells.height[at], options.steepest * gsd)
     return stray
+
+
+def _is_dense(count: AnyArray, few: int) -> bool:
+    """Whether the returns are those of a raster, not of a track or of single shots."""
+    there = count[count > 0]
+    return bool(there.size) and float(np.median(there)) > few
 
 
 def find_outliers(

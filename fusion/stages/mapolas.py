@@ -30,7 +30,7 @@ class MapolasStage:
     """Scans → returns sorted into tiles → mapolas."""
 
     name: str = "mapolas"
-    version: int = 1
+    version: int = 2
     tables: tuple[type[Table], ...] = (MapolaSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:

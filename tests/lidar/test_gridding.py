@@ -196,6 +196,29 @@ def test_strays_are_rejected_and_little_else(per_cell):
     assert report.emptied == filled.sum() - result.mapola.valid.sum()
 
 
+def test_strays_beyond_the_edge_of_a_raster_are_rejected():
+    rng = np.random.default_rng(18)
+    dense, _ = returns_on(rolling, 12 * 61**2, rng, noise=0.01, sigma=0.01)
+    x = GRID.project(dense.points)[0]
+    lone = rng.uniform([2.0, -30.0, -2.0], [30.0, 30.0, 2.0], (40, 3))
+    strays = lifted(GRID, lone[:, 0], lone[:, 1], lone[:, 2])
+    points = np.concatenate([dense.points[x < 0.0], strays])
+    count = len(points)
+    half = Returns(points, np.full(count, 0.01), np.zeros(count, dtype=np.int32), ("a",))
+    result = grid_returns("A", GRID, half)
+    assert not result.used[-40:].any()
+    assert result.used[:-40].mean() > 0.999
+    assert np.isnan(result.mapola.height[:, 33:]).all()
+
+
+def test_shots_far_apart_are_no_strays():
+    rng = np.random.default_rng(19)
+    returns, _ = returns_on(rolling, 120, rng, noise=0.01, sigma=0.01)
+    result = grid_returns("A", GRID, returns)
+    assert result.report.stray == 0
+    assert result.mapola.valid.sum() > 110
+
+
 def test_boulders_stay():
     """Three cells across and three high: steep, but neighbours agree.
 
