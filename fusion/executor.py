@@ -10,6 +10,7 @@ from typing import Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
 
+from fusion.interrupt import heed_interrupts
 from spcola.errors import SettingsError
 
 Item = TypeVar("Item")
@@ -67,9 +68,9 @@ class ThreadExecutor:
             for item in items:
                 waiting.append(pool.submit(function, item))
                 if len(waiting) >= 2 * self.workers:
-                    yield waiting.popleft().result()
+                    yield _taken(waiting)
             while waiting:
-                yield waiting.popleft().result()
+                yield _taken(waiting)
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
             blas.restore_original_limits()
@@ -77,6 +78,13 @@ class ThreadExecutor:
     def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
         """Return the results in the order of `items`."""
         return list(self.stream(function, items))
+
+
+def _taken(waiting: deque[Future[Result]]) -> Result:
+    """Return the oldest result, unless Ctrl-C came before it."""
+    result = waiting.popleft().result()
+    heed_interrupts()
+    return result
 
 
 def usable_cores() -> int:

@@ -14,6 +14,7 @@ from typing import Any, Literal
 import spcola
 from fusion.catalog import Catalog, StageRecord, content_digest
 from fusion.executor import Executor, ThreadExecutor
+from fusion.interrupt import heed_interrupts
 from fusion.lock import clear_leftovers, locked
 from fusion.progress import Progress
 from fusion.settings import Settings
@@ -123,6 +124,7 @@ class Pipeline:
 
     def _bring_up(self, stage: Stage, catalog: Catalog, force: bool) -> StageRun:
         """Run `stage` unless it is up to date or lacks its inputs."""
+        heed_interrupts()
         missing = stage.missing(self.workspace, self.settings)
         if missing:
             return StageRun(stage.name, "cannot run", reason=missing)

@@ -10,6 +10,7 @@ from typing import ParamSpec
 
 import typer
 
+from fusion.interrupt import remembering_interrupts
 from spcola.errors import SpcolaError
 
 FAILED = 1
@@ -27,7 +28,8 @@ def guarded(command: Callable[Options, None]) -> Callable[Options, None]:
     @functools.wraps(command)
     def guard(*args: Options.args, **kwargs: Options.kwargs) -> None:
         try:
-            command(*args, **kwargs)
+            with remembering_interrupts():
+                command(*args, **kwargs)
         except (typer.Exit, typer.BadParameter, BrokenPipeError):
             raise
         except KeyboardInterrupt as error:
