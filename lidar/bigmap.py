@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.ndimage import binary_dilation, binary_erosion, distance_transform_edt
 
-from lidar.cells import CellReturns, sort_into_cells
+from lidar.cells import CellReturns, CorrectedMedians, sort_into_cells
 from lidar.gridding import GriddingOptions, GriddingReport, grid_returns
 from lidar.mapola import Mapola
 from lidar.returns import Returns
@@ -32,6 +32,8 @@ _STEP_NOISE = 1.25
 # which is said by doubling their standard deviation. Without it relief of some six cells is
 # flattened by more than its sigma.
 _STEPS_ALIKE = 2.0
+# A median is kept where new slopes would move it by less than this share of the tolerance.
+_NEGLECTED = 0.05
 # Least standard deviation of a step beside that of a height. Steps are read from the surface
 # that they then hold, so that stiffer ones would only make the iteration slow.
 _STIFFEST = 1.0
@@ -217,6 +219,7 @@ def _integrate(
     solver = SolverOptions(tolerance_m=0.05 * options.tolerance * gsd)
     constraint, surface = mapola.height, np.where(mask, mapola.height, np.nan)
     slope_x, slope_y = np.zeros(mask.shape), np.zeros(mask.shape)
+    medians = CorrectedMedians(cells, _NEGLECTED * options.tolerance * gsd)
     change, rounds = np.inf, 0
     while change > options.tolerance * gsd and rounds < options.max_rounds:
         step_x, step_y = steps_from_slopes(slope_x, slope_y, gsd)
@@ -233,7 +236,7 @@ def _integrate(
         # A slope is not known at a point without neighbours; it then corrects nothing.
         steep_x, steep_y = slopes_of(surface, gsd)
         slope_x, slope_y = np.nan_to_num(steep_x), np.nan_to_num(steep_y)
-        constraint = cells.medians(cells.corrected(slope_x * gsd, slope_y * gsd))
+        constraint = medians.at(slope_x * gsd, slope_y * gsd)
         new = np.isnan(previous) & mask
         change = np.inf if new.any() else float(np.nanmax(np.abs(surface - previous), initial=0.0))
         rounds += 1

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from spcola.arrays import AnyArray, FloatArray, IntArray
+from spcola.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from spcola.kernel import kernel
 from spcola.maplet import MapletGrid
 from spcola.robust import MAD_TO_SIGMA
@@ -90,6 +90,40 @@ class CellReturns:
         return MAD_TO_SIGMA * self.medians(np.abs(values - center.ravel()[self.cell]))
 
 
+class CorrectedMedians:
+    """Medians of the slope-corrected heights [36] of an iteration whose slopes settle.
+
+    The iteration ends everywhere but at a few cells long before it ends there; a cell whose
+    slopes have hardly changed since its median was taken keeps that median.
+
+    Parameters
+    ----------
+    cells : CellReturns
+    neglected_m : float
+        A change of the slopes by less than this over half a cell is none, metres.
+    """
+
+    def __init__(self, cells: CellReturns, neglected_m: float) -> None:
+        self._cells, self._neglected = cells, 2.0 * neglected_m
+        self._slope_x, self._slope_y = (np.full(cells.shape, np.nan) for _ in range(2))
+        self._height = np.full(cells.shape, np.nan)
+
+    def at(self, slope_x: FloatArray, slope_y: FloatArray) -> FloatArray:
+        """Median height of each cell with slopes in metres per step, of the grid's shape."""
+        moved = np.abs(slope_x - self._slope_x) + np.abs(slope_y - self._slope_y)
+        due = ~(moved <= self._neglected)  # NaN, before the first time, is due
+        self._slope_x[due], self._slope_y[due] = slope_x[due], slope_y[due]
+        cells = self._cells
+        _renew_medians(
+            cells.start,
+            (cells.height, cells.dx, cells.dy),
+            (self._slope_x.ravel(), self._slope_y.ravel()),
+            due.ravel(),
+            self._height.ravel(),
+        )
+        return self._height.copy()
+
+
 def sort_into_cells(grid: MapletGrid, points: FloatArray, reach: float) -> CellReturns:
     """Bring points (N, 3), metres, into the cells of their nearest grid points.
 
@@ -147,6 +181,30 @@ def _medians(start: IntArray, values: FloatArray) -> FloatArray:
                 buffer[i] = values[start[c] + i]
             result[c] = median_in_place(buffer, size)
     return result
+
+
+@kernel
+def _renew_medians(
+    start: IntArray,
+    returns: tuple[FloatArray, FloatArray, FloatArray],
+    slopes: tuple[FloatArray, FloatArray],
+    due: BoolArray,
+    result: FloatArray,
+) -> None:
+    """Take the medians of slope-corrected heights anew in the cells that are `due` (C,)."""
+    height, dx, dy = returns
+    slope_x, slope_y = slopes
+    longest = 0
+    for c in range(len(result)):
+        longest = max(longest, start[c + 1] - start[c])
+    buffer = np.empty(longest)
+    for c in range(len(result)):
+        size = start[c + 1] - start[c]
+        if due[c] and size > 0:
+            for i in range(size):
+                k = start[c] + i
+                buffer[i] = height[k] - slope_x[c] * dx[k] - slope_y[c] * dy[k]
+            result[c] = median_in_place(buffer, size)
 
 
 @kernel

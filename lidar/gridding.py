@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lidar.cells import CellReturns, sort_into_cells
+from lidar.cells import CellReturns, CorrectedMedians, sort_into_cells
 from lidar.mapola import Mapola
 from lidar.outliers import RejectionOptions, find_outliers, find_strays
 from lidar.planes import PlaneFit, fit_planes
@@ -40,6 +40,8 @@ __all__ = [
 
 # Rounds before the iteration takes half steps.
 _FULL_STEPS = 10
+# A median is kept where new slopes would move it by less than this share of the tolerance.
+_NEGLECTED = 0.05
 
 
 @dataclass(frozen=True)
@@ -212,6 +214,7 @@ def _settle(cells: CellReturns, gsd: float, options: GriddingOptions) -> _Surfac
     at_place = cells.medians(cells.height)
     height = at_place
     slope_x, slope_y = np.zeros_like(height), np.zeros_like(height)
+    medians = CorrectedMedians(cells, _NEGLECTED * options.tolerance * gsd)
     change, iteration = np.inf, 0
     while change > options.tolerance * gsd and iteration < options.max_iterations:
         planes = fit_planes(
@@ -226,12 +229,12 @@ def _settle(cells: CellReturns, gsd: float, options: GriddingOptions) -> _Surfac
         step = 1.0 if iteration < _FULL_STEPS else 0.5
         slope_x = slope_x + step * (planes.slope_x - slope_x)
         slope_y = slope_y + step * (planes.slope_y - slope_y)
-        corrected = cells.corrected(slope_x, slope_y)
-        previous, height = height, cells.medians(corrected)
+        previous, height = height, medians.at(slope_x, slope_y)
         at_place = height + slope_x * place_x + slope_y * place_y
         change = float(np.nanmax(np.abs(height - previous), initial=0.0))
         iteration += 1
     converged = change <= options.tolerance * gsd
+    corrected = cells.corrected(slope_x, slope_y)
     return _Surface(cells, height, corrected, planes, iteration, change, converged)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
+from scipy.sparse import csr_array
 
 from spcola.arrays import BoolArray, FloatArray, IntArray, check_finite, frozen
 from spcola.errors import InvalidValueError
@@ -174,8 +175,8 @@ class Offset:
         sigma[covered] = np.sqrt(states + bridge)
         return value, sigma
 
-    def shares(self, times: ArrayLike) -> FloatArray:
-        """Return the share (M, K) that each of the K differences has at times (M,).
+    def shares(self, times: ArrayLike) -> csr_array:
+        """Return the share (M, K), sparse, that each of the K differences has at times (M,).
 
         What is interpolated between two states errs as they do: these are the weights. A row is
         zero where its time is not covered.
@@ -184,10 +185,10 @@ class Offset:
         wanted = np.asarray(times, dtype=np.float64)
         covered = np.flatnonzero(track.covers(wanted))
         low, share = bracket(track.time, wanted[covered])
-        shares = np.zeros((len(wanted), len(track)))
-        shares[covered, low] += 1.0 - share
-        shares[covered, np.minimum(low + 1, len(track) - 1)] += share
-        return shares
+        high = np.minimum(low + 1, len(track) - 1)
+        weights = np.concatenate([1.0 - share, share])
+        places = (np.tile(covered, 2), np.concatenate([low, high]))
+        return csr_array((weights, places), shape=(len(wanted), len(track)))
 
     @property
     def drift(self) -> FloatArray:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from fusion.memory import check_grid
 from fusion.registration.match import MatchOptions
@@ -169,14 +170,14 @@ def _relocated(scan: Scan, states: Trajectory, max_gap_s: float) -> tuple[Scan, 
     except InvalidValueError:
         return scan.select(np.zeros(len(scan), dtype=bool)), np.zeros((0, len(states)))
     again = reproject(scan, states, max_gap_s=max_gap_s)
-    return again, state_shares(states, offset, again.time)
+    return again, state_shares(states, offset, again.time).toarray()
 
 
-def state_shares(states: Trajectory, offset: Offset, times: FloatArray) -> FloatArray:
-    """Share (M, S) that each of S states has in what is located at times (M,)."""
-    shares = np.zeros((len(times), len(states)))
-    shares[:, np.searchsorted(states.time, offset.differences.time)] = offset.shares(times)
-    return shares
+def state_shares(states: Trajectory, offset: Offset, times: FloatArray) -> csr_array:
+    """Share (M, S), sparse, that each of S states has in what is located at times (M,)."""
+    known = offset.shares(times).tocoo()
+    column = np.searchsorted(states.time, offset.differences.time)[known.col]
+    return csr_array((known.data, (known.row, column)), shape=(len(times), len(states)))
 
 
 def _thinned(workspace: Workspace, most: int) -> list[Scan]:
@@ -335,7 +336,8 @@ class _PairMaker:
         """Share of each image's state in where the returns lie; of each scan without states."""
         if offset is None:
             return np.array([path.stem == scan for path in self._spans], dtype=np.float64)
-        return state_shares(self._trajectory, offset, times).mean(axis=0)
+        shares: FloatArray = state_shares(self._trajectory, offset, times).mean(axis=0)
+        return shares
 
 
 def _away(time: float, span: tuple[float, float]) -> float:

@@ -127,7 +127,7 @@ def test_shares_say_on_which_states_a_time_leans():
     reference = Trajectory("reference", [0.0, 10.0, 20.0, 40.0], np.zeros((4, 3)))
     newer = Trajectory("spc", [0.0, 10.0, 20.0, 40.0], np.ones((4, 3)))
     offset = newer.offset_from(reference)
-    shares = offset.shares([0.0, 2.5, 15.0, 40.0, 50.0])
+    shares = offset.shares([0.0, 2.5, 15.0, 40.0, 50.0]).toarray()
     np.testing.assert_allclose(
         shares, [[1, 0, 0, 0], [0.75, 0.25, 0, 0], [0, 0.5, 0.5, 0], [0, 0, 0, 1], [0, 0, 0, 0]]
     )
