@@ -163,14 +163,14 @@ class MissionSettings:
     def bennu(cls, seed: int = 1) -> MissionSettings:
         """Return a mission like that to Bennu: 245 m, 40 scans, maplets of the whole body.
 
-        Scans are 100 m wide, of 1.2 million shots, from some 1 km: both poles, a belt, samples
+        Scans are 100 m wide, of 2 million shots, from some 1 km: both poles, a belt, samples
         between. Images are 495 of 1024² in 16 bits.
         """
         return cls(
             seed=seed,
             body=BodySettings(seed=seed, smallest_rock=0.05),
             passes=PassSettings(40, "poles-belt-samples", nearest=900.0, farthest=1100.0),
-            lidar=LidarSettings(width=100.0, spacing=100.0 / 1100),
+            lidar=LidarSettings(width=100.0, spacing=0.07),
             tracks=TrackSettings(epoch=_AFTER_THE_PASSES),
             campaign=CampaignSettings.of_phases(
                 approach=45, preliminary_survey=90, detailed_survey=240
@@ -182,12 +182,22 @@ class MissionSettings:
 
     @classmethod
     def mission(cls, seed: int = 1) -> MissionSettings:
-        """Return the lidar of a whole mission: 640 scans; no SPC solution but its shape."""
+        """Return the lidar of a whole mission: 640 scans of 1.2 million shots, and the SPC shape.
+
+        That many shots over 100 m lie 9 cm apart, not 7 as those of `bennu`.
+        """
         bennu = cls.bennu(seed)
+        lidar = replace(bennu.lidar, spacing=100.0 / 1100)
         passes = replace(bennu.passes, count=640, pattern="lattice", days=35)
         campaign = CampaignSettings.of_phases()
         return replace(
-            bennu, passes=passes, campaign=campaign, tracks=None, spc=False, images=False
+            bennu,
+            passes=passes,
+            lidar=lidar,
+            campaign=campaign,
+            tracks=None,
+            spc=False,
+            images=False,
         )
 
     def with_images(self, images: bool) -> MissionSettings:

@@ -80,6 +80,7 @@ def _of_scale(planted: Planted, found: Mapping[str, Any]) -> list[Recovered]:
     rows += _rows("centre offset", center, found, ("center_offset", "m"))
     rows += _rows("pole", planted.settings.rotation_deg[:2], found, ("pole", "deg"))
     rows.append(_row("prime meridian", planted.prime_meridian_deg, found, "prime_meridian", "deg"))
+    rows.append(_row("range bias", planted.settings.lidar.range_bias, found, "range_bias", "m"))
     for day in found.get("per_day", ()):
         bias = planted.days.get(day["day"], float("nan"))
         if shared or bias == 0.0:

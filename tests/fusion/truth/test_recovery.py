@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -41,6 +42,15 @@ def test_pole_and_prime_meridian_are_the_planted_rotation() -> None:
     assert rows["pole y"].pull == pytest.approx(0.0)
     assert "pole z" not in rows
     assert "pole z" not in rows_of({})
+
+
+def test_ranges_that_are_planted_too_long_are_recovered_as_a_positive_bias() -> None:
+    lidar = replace(SETTINGS.lidar, range_bias=0.04)
+    planted = Planted(replace(SETTINGS, lidar=lidar), {}, {})
+    found = {"range_bias_m": 0.05, "range_bias_sigma_m": 0.005}
+    rows = {row.name: row for row in compare(planted, {}, found)}
+    assert rows["range bias"].pull == pytest.approx(2.0)
+    assert rows_of(scale("spc"))["range bias"].planted == 0.0
 
 
 def test_the_bias_of_a_day_is_a_scale_only_where_the_trajectory_is_that_of_spc() -> None:
