@@ -4,11 +4,12 @@ from spcola.heights.posterior import PosteriorOptions, posterior_sigma
 from spcola.heights.problem import HeightProblem
 from spcola.heights.relaxation import relax
 from spcola.heights.slopes import slopes_of, steps_from_slopes
-from spcola.heights.solver import HeightSolution, SolverOptions, solve_heights
+from spcola.heights.solver import HeightSolution, HeightSystem, SolverOptions, solve_heights
 
 __all__ = [
     "HeightProblem",
     "HeightSolution",
+    "HeightSystem",
     "PosteriorOptions",
     "SolverOptions",
     "posterior_sigma",

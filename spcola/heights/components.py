@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spcola.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.heights.problem import HeightProblem
 from spcola.kernel import kernel
 
@@ -38,51 +38,120 @@ class Components:
     @property
     def is_floating(self) -> BoolArray:
         """Mask (R, C) of the points of floating parts."""
-        inside: BoolArray = np.isin(self.labels, self.floating)
+        if len(self.floating) == 0:
+            return np.zeros(self.labels.shape, dtype=bool)
+        inside: BoolArray = np.append(self.weight == 0, False)[self.labels]
         return inside
+
+    @property
+    def points(self) -> int:
+        """Points of the mask."""
+        return int(self.size.sum())
+
+    def sums(self, values: FloatArray) -> FloatArray:
+        """Return the sum (K,) of `values` (R, C) over each part; only positive values count."""
+        total = np.zeros(len(self.size))
+        _sum_parts(self.labels, values, total)
+        return total
 
 
 def find_components(problem: HeightProblem) -> Components:
     """Label the parts of `problem` that edges of positive weight hold together."""
-    labels = np.full(problem.shape, -1, dtype=np.int32)
-    count = _flood(labels, problem.mask, problem.weight_x, problem.weight_y)
-    inside = labels[problem.mask]
-    size = np.bincount(inside, minlength=count)
-    weight = np.bincount(inside, weights=problem.weight[problem.mask], minlength=count)
-    return Components(labels, size, weight.astype(np.float64))
+    mask, right, down = problem.mask, problem.weight_x, problem.weight_y
+    parent = np.empty(_count_runs(mask, right), dtype=np.int64)
+    _join_runs(mask, right, down, parent)
+    number, count = _number(parent)
+    kinds = (np.int8, np.int32)
+    kind = next(each for each in kinds if count <= np.iinfo(each).max)
+    labels = np.empty(problem.shape, dtype=kind)
+    size = np.zeros(count, dtype=np.int64)
+    _label(mask, right, number, labels, size)
+    parts = Components(labels, size, np.zeros(count))
+    parts.weight[...] = parts.sums(problem.weight)
+    return parts
 
 
 @kernel
-def _flood(labels: AnyArray, mask: BoolArray, right: FloatArray, down: FloatArray) -> int:
-    """Fill `labels` part by part (a stack of points still to visit); return how many parts."""
+def _count_runs(mask: BoolArray, right: FloatArray) -> int:
+    """Runs of points that edges join along their row."""
     rows, columns = mask.shape
-    stack = np.empty(rows * columns, dtype=np.int64)
     count = 0
-    for seed in range(rows * columns):
-        r, c = seed // columns, seed % columns
-        if not mask[r, c] or labels[r, c] >= 0:
-            continue
-        labels[r, c] = count
-        stack[0] = seed
-        top = 1
-        while top > 0:
-            top -= 1
-            r, c = stack[top] // columns, stack[top] % columns
-            if c + 1 < columns and right[r, c] > 0 and labels[r, c + 1] < 0:
-                labels[r, c + 1] = count
-                stack[top] = r * columns + c + 1
-                top += 1
-            if c > 0 and right[r, c - 1] > 0 and labels[r, c - 1] < 0:
-                labels[r, c - 1] = count
-                stack[top] = r * columns + c - 1
-                top += 1
-            if r + 1 < rows and down[r, c] > 0 and labels[r + 1, c] < 0:
-                labels[r + 1, c] = count
-                stack[top] = (r + 1) * columns + c
-                top += 1
-            if r > 0 and down[r - 1, c] > 0 and labels[r - 1, c] < 0:
-                labels[r - 1, c] = count
-                stack[top] = (r - 1) * columns + c
-                top += 1
-        count += 1
+    for r in range(rows):
+        count += mask[r, 0]
+        for c in range(1, columns):
+            count += mask[r, c] & (right[r, c - 1] == 0)
     return count
+
+
+@kernel
+def _join_runs(mask: BoolArray, right: FloatArray, down: FloatArray, parent: IntArray) -> None:
+    """Fill `parent` with a forest over the runs: those of one part have one root, its first run."""
+    rows, columns = mask.shape
+    above, here = np.empty((2, columns), dtype=np.int64)
+    count = 0
+    for r in range(rows):
+        above, here = here, above
+        for c in range(columns):
+            if not mask[r, c]:
+                continue
+            if c == 0 or right[r, c - 1] == 0:
+                parent[count] = count
+                count += 1
+            here[c] = count - 1
+            if r == 0 or down[r - 1, c] == 0:
+                continue
+            # Beside a joint of the same two runs there is nothing new to join.
+            if c > 0 and right[r, c - 1] > 0 and right[r - 1, c - 1] > 0 and down[r - 1, c - 1] > 0:
+                continue
+            a, b = _root(parent, above[c]), _root(parent, here[c])
+            parent[max(a, b)] = min(a, b)
+
+
+@kernel
+def _root(parent: IntArray, run: int) -> int:
+    """Root of a run; the way there is shortened for those who come after."""
+    while parent[run] != run:
+        parent[run] = parent[parent[run]]
+        run = parent[run]
+    return run
+
+
+@kernel
+def _number(parent: IntArray) -> tuple[IntArray, int]:
+    """Give the parts their labels in the order of their first runs: (label of each run, parts)."""
+    number = np.empty_like(parent)
+    count = 0
+    for run in range(len(parent)):
+        if parent[run] == run:
+            number[run] = count
+            count += 1
+        else:
+            # A root is the smallest run of its part, so that it has its label already.
+            number[run] = number[_root(parent, run)]
+    return number, count
+
+
+@kernel
+def _label(
+    mask: BoolArray, right: FloatArray, number: IntArray, labels: IntArray, size: IntArray
+) -> None:
+    rows, columns = mask.shape
+    run = -1
+    for r in range(rows):
+        for c in range(columns):
+            if not mask[r, c]:
+                labels[r, c] = -1
+                continue
+            if c == 0 or right[r, c - 1] == 0:
+                run += 1
+            labels[r, c] = number[run]
+            size[number[run]] += 1
+
+
+@kernel
+def _sum_parts(labels: IntArray, values: FloatArray, total: FloatArray) -> None:
+    rows, columns = labels.shape
+    for r in range(rows):
+        for c in range(columns):
+            if labels[r, c] >= 0 and values[r, c] > 0:
+                total[labels[r, c]] += values[r, c]

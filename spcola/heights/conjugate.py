@@ -3,25 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
-from spcola.arrays import FloatArray, IntArray
+from spcola.arrays import FloatArray
+from spcola.heights import vectors
+from spcola.heights.bands import Bands
 from spcola.heights.components import Components
 from spcola.heights.direct import DirectSolver
-from spcola.heights.multigrid import Hierarchy, Multigrid, build_hierarchy
+from spcola.heights.multigrid import Hierarchy
 from spcola.heights.problem import HeightProblem
+from spcola.heights.smoothing import multiply
 from spcola.kernel import kernel
 
 _SAFETY = 3.0
 """How much larger the stated bound is than the error that the preconditioner sees."""
-_RESTARTS = 4
-"""Passes with a freshly computed residual: the second one confirms the first."""
 _PATIENCE = 80
 """Iterations after which the weights count as too wild for 2 × 2 aggregates."""
 _DIRECT_LIMIT = 400_000
 """Points up to which sparse factors then take over (some GiB of memory)."""
+_SPAN = 1e-4
+"""Smallest weight relative to the largest down to which single precision is used."""
+_REFRESH = 1e-3
+"""Fall of the error after which the residual is computed anew, in double precision: single
+precision carries seven digits, and what its rounding adds must stay far below what is left."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,117 +44,179 @@ class LinearSolution:
 class LinearSystem:
     """The normal equations of a height problem for one set of constraint weights.
 
+    Set up once, it solves for any steps and heights. Not to be shared between threads.
+
     Parameters
     ----------
     problem : HeightProblem
+        Its mask and weights; steps and heights may be others in :meth:`solve`.
     weight : (R, C) ndarray
         Constraint weights, 1/m² (those of the problem, or scaled down by a robust loss).
     components : Components
         The parts of the problem.
+    bands : Bands
+        The threads to use.
     """
 
-    def __init__(self, problem: HeightProblem, weight: FloatArray, components: Components) -> None:
-        self._problem = problem
-        self._weight = weight
-        self._components = components
-        self._labels = components.labels
-        ground = np.bincount(
-            components.labels[problem.mask],
-            weights=weight[problem.mask],
-            minlength=len(components.size),
-        )
+    def __init__(
+        self, problem: HeightProblem, weight: FloatArray, components: Components, bands: Bands
+    ) -> None:
+        self._problem, self._weight, self._components = problem, weight, components
+        ground = components.sums(weight)
         # One over the stiffness of lifting a whole part. The cycle carries the constant of a
         # single part exactly, but its aggregates run across the gaps between several.
-        self._lift = np.divide(1.0, ground, out=np.zeros(len(ground)), where=ground > 0)
+        self._unit = _unit(problem, weight)
+        self._lift = np.divide(self._unit, ground, out=np.zeros(len(ground)), where=ground > 0)
         self._several = len(ground) > 1
-        self._hierarchy: Hierarchy = build_hierarchy(problem, weight)
-        self._multigrid = Multigrid(self._hierarchy)
+        kind = np.float32 if self._is_tame(ground) else np.float64
+        self._hierarchy = Hierarchy(problem, weight, self._unit, kind, bands)
+        shape = (problem.shape[0] + 2, problem.shape[1] + 2)
+        self._r, self._p, self._z = (np.zeros(shape, dtype=kind) for _ in range(3))
         self._direct: DirectSolver | None = None
+        self._spectrum = Spectrum()
 
-    def residual(self, height: FloatArray) -> FloatArray:
-        """Return ``Dᵀ w_e (step − D h) + w_c (h_c − h)``, padded, for padded heights."""
-        p = self._problem
-        out = np.zeros_like(height)
-        _residual(p.step_x, p.step_y, p.weight_x, p.weight_y, p.height, self._weight, height, out)
-        return out
+    @property
+    def precision(self) -> np.dtype[Any]:
+        """Of the vectors that :meth:`precondition` takes: single, unless weights span too much."""
+        return self._r.dtype
 
-    def precondition(self, residual: FloatArray) -> FloatArray:
+    def _is_tame(self, ground: FloatArray) -> bool:
+        """Whether single precision is enough for the iteration: by experiment (`docs/`).
+
+        It stalls where weights span 1e5 or a part of some 10⁴ points hangs on a weight of 1e-6.
+        """
+        p, least = self._problem, _SPAN * self._unit
+        smallest = min(_smallest_positive(p.weight_x), _smallest_positive(p.weight_y))
+        held = ground > 0
+        hanging = ground[held] < least * np.sqrt(self._components.size[held])
+        return smallest >= least and not hanging.any()
+
+    def residual(self, problem: HeightProblem, x: FloatArray, bands: Bands) -> FloatArray:
+        """Return ``Dᵀ w_e (step − D x) + w_c (h_c − x)`` over the unit, padded (scratch memory)."""
+        steps = (problem.step_x, problem.step_y, problem.weight_x, problem.weight_y)
+        heights = (problem.height, self._weight, x, self._unit, self._r)
+        bands.run(x.shape, vectors.residual, *steps, *heights)
+        return self._r
+
+    def precondition(self, residual: FloatArray, bands: Bands) -> FloatArray:
         """Return the preconditioner's guess at the error behind `residual` (scratch memory)."""
         if self._direct is not None:
-            return self._direct.apply(residual)
-        answer = self._multigrid.apply(residual)
+            self._direct.apply(residual, self._unit, self._z)
+            return self._z
+        self._hierarchy.apply(residual, self._z, bands)
         if self._several:
-            _lift_components(self._labels, self._lift, residual, answer)
-        return answer
+            self._lift_parts(residual, bands)
+        return self._z
 
-    def times(self, vector: FloatArray, out: FloatArray) -> float:
-        """Store ``A vector`` in `out` and return ``vectorᵀ A vector``."""
-        levels = self._hierarchy
-        e, s, g = (levels.finest(each) for each in (levels.right, levels.down, levels.ground))
-        return float(_multiply(e, s, g, vector, out))
+    def _lift_parts(self, residual: FloatArray, bands: Bands) -> None:
+        """Add the shift of each whole part that its summed residual asks for."""
+        labels, z = self._components.labels, self._z
 
-    def solve(self, start: FloatArray, tolerance_m: float, max_iterations: int) -> LinearSolution:
+        total = np.sum(
+            bands.run(labels.shape, vectors.sum_parts, labels, len(self._lift), residual), axis=0
+        )
+        shift = (self._lift * total).astype(z.dtype)
+        bands.run(labels.shape, vectors.lift_parts, labels, shift, z)
+
+    def solve(
+        self,
+        problem: HeightProblem,
+        start: FloatArray,
+        tolerance_m: float,
+        max_iterations: int,
+        bands: Bands,
+    ) -> LinearSolution:
         """Solve from `start` (R, C) until the error is estimated below `tolerance_m`.
 
         The error is estimated as the largest element of the preconditioned residual over the
         smallest eigenvalue of the preconditioned matrix, read from the coefficients of the
         iteration (Lanczos), times a safety factor. A small residual alone says little: smooth
-        errors hardly show in it.
-        """
-        x = np.zeros(self._hierarchy.padded_shape)
-        x[1:-1, 1:-1] = start
-        small = np.count_nonzero(self._problem.mask) <= _DIRECT_LIMIT
-        patience = min(_PATIENCE, max_iterations) if small else max_iterations
-        iterations, bound = self._pass(x, tolerance_m, patience)
-        if bound > tolerance_m and patience < max_iterations:
-            self._direct = DirectSolver(self._problem, self._weight, self._components)
-            more, bound = self._pass(x, tolerance_m, max_iterations - iterations)
-            iterations += more
-        return LinearSolution(x[1:-1, 1:-1], iterations, bound <= tolerance_m, bound)
+        errors hardly show in it. The residual of the last estimate is never one that was
+        carried along, but is computed from the heights in double precision.
 
-    def _pass(self, x: FloatArray, tolerance_m: float, limit: int) -> tuple[int, float]:
-        """Improve `x` in place; return the iterations spent and the bound reached, metres."""
-        spectrum = _Spectrum()
-        iterations, bound = 0, np.inf
-        for _ in range(_RESTARTS):
-            fresh = self.residual(x)
-            bound = spectrum.bound(self.precondition(fresh))
-            done = bound <= tolerance_m and (iterations > 0 or bound == 0.0)
-            if done or iterations >= limit:
-                break
-            iterations += self._iterate(x, fresh, spectrum, 0.5 * tolerance_m, limit - iterations)
-        return iterations, float(bound)
+        `start` is overwritten: it becomes the solution.
+        """
+        small = self._components.points <= _DIRECT_LIMIT
+        patience = min(_PATIENCE, max_iterations) if small else max_iterations
+        iterations, bound = self._iterate(problem, start, tolerance_m, patience, bands)
+        if bound > tolerance_m and patience < max_iterations:
+            if self._direct is None:
+                self._direct = DirectSolver(self._problem, self._weight, self._components)
+                self._spectrum = Spectrum()
+            more, bound = self._iterate(
+                problem, start, tolerance_m, max_iterations - iterations, bands
+            )
+            iterations += more
+        return LinearSolution(start, iterations, bound <= tolerance_m, bound)
 
     def _iterate(
-        self, x: FloatArray, r: FloatArray, spectrum: _Spectrum, tolerance_m: float, limit: int
-    ) -> int:
-        """Improve `x` and its residual `r` in place; return the number of iterations."""
+        self, problem: HeightProblem, x: FloatArray, tolerance_m: float, limit: int, bands: Bands
+    ) -> tuple[int, float]:
+        """Improve `x` in place; return the iterations spent and the bound reached, metres."""
+        level, spectrum, p, shape = self._hierarchy.finest, self._spectrum, self._p, x.shape
         spectrum.restart()
-        z = self.precondition(r)
-        p = z.copy()
-        q = np.zeros_like(p)
-        rz = _dot(r, z)
+        r = self.residual(problem, x, bands)
+        z = self.precondition(r, bands)
+        rz, largest = self._measure(r, z, bands)
+        bound = spectrum.bound(largest)
+        if bound == 0.0 or (spectrum.known and bound <= tolerance_m):
+            return 0, bound
+        p[...] = z
+        refreshed, due = largest, False
         for done in range(1, limit + 1):
-            curvature = self.times(p, q)
+            q = self._z  # z is spent
+            curvature = sum(bands.run(shape, multiply, *level.coefficients, p, q))
             if not (curvature > 0 and rz > 0):
-                return done
+                return done, bound
             alpha = rz / curvature
-            _step(x, r, p, q, alpha)
-            z = self.precondition(r)
-            previous, rz = rz, _dot(r, z)
-            beta = rz / previous
+            bands.run(shape, vectors.step, x, r, p, q, alpha)
+            fresh = due or done == limit or largest < _REFRESH * refreshed
+            if fresh:
+                self.residual(problem, x, bands)
+            z = self.precondition(r, bands)
+            before, (rz_new, largest_new) = largest, self._measure(r, z, bands)
+            beta, rz, largest = rz_new / rz, rz_new, largest_new
+            if fresh:
+                refreshed = largest
             spectrum.add(alpha, beta)
-            if spectrum.bound(z, enough=tolerance_m) <= tolerance_m:
-                return done
-            _turn(p, z, beta)
-        return limit
+            bound = spectrum.bound(largest, enough=4 * tolerance_m)
+            if bound <= tolerance_m and fresh:
+                return done, bound
+            due = bound * min(largest / before, 1.0) <= tolerance_m
+            bands.run(shape, vectors.turn, p, z, beta)
+        return limit, bound
+
+    def _measure(self, r: FloatArray, z: FloatArray, bands: Bands) -> tuple[float, float]:
+        """Return ``rᵀ z`` and the largest ``|z|``, metres."""
+        shape = (r.shape[0] - 2, r.shape[1] - 2)
+        shares = bands.run(shape, vectors.product_and_largest, r, z)
+        return sum(share[0] for share in shares), float(max(share[1] for share in shares))
+
+
+def _unit(problem: HeightProblem, weight: FloatArray) -> float:
+    """Return the power of two next to the largest weight: it makes all others at most 1."""
+    largest = max(
+        float(each.max(initial=0.0)) for each in (problem.weight_x, problem.weight_y, weight)
+    )
+    return float(2.0 ** np.ceil(np.log2(largest))) if largest > 0 else 1.0
+
+
+@kernel
+def _smallest_positive(values: FloatArray) -> float:
+    smallest = np.inf
+    for row in values:
+        for value in row:
+            if 0 < value < smallest:
+                smallest = np.float64(value)
+    return smallest
 
 
 @dataclass
-class _Spectrum:
+class Spectrum:
     """Smallest eigenvalue of the preconditioned matrix, from the coefficients of the iteration."""
 
     smallest: float = 1.0
+    known: bool = False
     _diagonal: list[float] = field(default_factory=list)
     _side: list[float] = field(default_factory=list)
     _carry: float = 0.0
@@ -162,114 +231,17 @@ class _Spectrum:
         self._side.append(np.sqrt(max(beta, 0.0)) / alpha)
         self._carry = beta / alpha
 
-    def bound(self, seen: FloatArray, enough: float = np.inf) -> float:
-        """Return the bound on the error (metres) behind the preconditioned residual `seen`.
+    def bound(self, largest: float, enough: float = np.inf) -> float:
+        """Return the bound on the error (metres) behind a preconditioned residual.
 
-        The eigenvalue is looked up only when the bound could fall below `enough`.
+        `largest` is its largest element. The eigenvalue is looked up only when the bound could
+        fall below `enough`.
         """
-        raw = _SAFETY * float(_largest(seen))
+        raw = _SAFETY * largest
         if self._diagonal and raw <= enough:
             lowest = eigh_tridiagonal(
                 self._diagonal, self._side[:-1], eigvals_only=True, select="i", select_range=(0, 0)
             )
             self.smallest = min(self.smallest, max(float(lowest[0]), np.finfo(float).tiny))
+            self.known = True
         return raw / self.smallest
-
-
-@kernel
-def _residual(
-    step_x: FloatArray,
-    step_y: FloatArray,
-    weight_x: FloatArray,
-    weight_y: FloatArray,
-    height: FloatArray,
-    weight: FloatArray,
-    x: FloatArray,
-    out: FloatArray,
-) -> None:
-    """Residual of the normal equations, summed from misfits: exact also far from zero height."""
-    rows, columns = height.shape
-    for r in range(rows):
-        for c in range(columns):
-            if weight[r, c] > 0:
-                out[r + 1, c + 1] += weight[r, c] * (height[r, c] - x[r + 1, c + 1])
-        for c in range(columns - 1):
-            pull = weight_x[r, c] * (step_x[r, c] - (x[r + 1, c + 2] - x[r + 1, c + 1]))
-            out[r + 1, c + 2] += pull
-            out[r + 1, c + 1] -= pull
-        if r + 1 < rows:
-            for c in range(columns):
-                pull = weight_y[r, c] * (step_y[r, c] - (x[r + 2, c + 1] - x[r + 1, c + 1]))
-                out[r + 2, c + 1] += pull
-                out[r + 1, c + 1] -= pull
-
-
-@kernel
-def _multiply(e: FloatArray, s: FloatArray, g: FloatArray, p: FloatArray, out: FloatArray) -> float:
-    """Store ``A p`` in `out`, return ``pᵀ A p``."""
-    total = 0.0
-    for i in range(1, p.shape[0] - 1):
-        for j in range(1, p.shape[1] - 1):
-            here = p[i, j]
-            value = (
-                g[i, j] * here
-                + e[i, j] * (here - p[i, j + 1])
-                + e[i, j - 1] * (here - p[i, j - 1])
-                + s[i, j] * (here - p[i + 1, j])
-                + s[i - 1, j] * (here - p[i - 1, j])
-            )
-            out[i, j] = value
-            total += here * value
-    return total
-
-
-@kernel
-def _lift_components(
-    labels: IntArray, lift: FloatArray, residual: FloatArray, answer: FloatArray
-) -> None:
-    """Add to `answer` the shift of each whole part that its summed residual asks for."""
-    total = np.zeros(len(lift))
-    rows, columns = labels.shape
-    for r in range(rows):
-        for c in range(columns):
-            if labels[r, c] >= 0:
-                total[labels[r, c]] += residual[r + 1, c + 1]
-    for r in range(rows):
-        for c in range(columns):
-            if labels[r, c] >= 0:
-                answer[r + 1, c + 1] += lift[labels[r, c]] * total[labels[r, c]]
-
-
-@kernel
-def _step(x: FloatArray, r: FloatArray, p: FloatArray, q: FloatArray, alpha: float) -> None:
-    """``x += α p``, ``r −= α q`` in one pass."""
-    for i in range(1, x.shape[0] - 1):
-        for j in range(1, x.shape[1] - 1):
-            x[i, j] += alpha * p[i, j]
-            r[i, j] -= alpha * q[i, j]
-
-
-@kernel
-def _turn(p: FloatArray, z: FloatArray, beta: float) -> None:
-    """``p = z + β p``: the next direction."""
-    for i in range(1, p.shape[0] - 1):
-        for j in range(1, p.shape[1] - 1):
-            p[i, j] = z[i, j] + beta * p[i, j]
-
-
-@kernel
-def _dot(a: FloatArray, b: FloatArray) -> float:
-    total = 0.0
-    for i in range(1, a.shape[0] - 1):
-        for j in range(1, a.shape[1] - 1):
-            total += a[i, j] * b[i, j]
-    return total
-
-
-@kernel
-def _largest(a: FloatArray) -> float:
-    largest = 0.0
-    for i in range(1, a.shape[0] - 1):
-        for j in range(1, a.shape[1] - 1):
-            largest = max(largest, abs(a[i, j]))
-    return largest

@@ -57,8 +57,7 @@ class DirectSolver:
             options={"SymmetricMode": True},
         )
 
-    def apply(self, residual: FloatArray) -> FloatArray:
-        """Return the heights (R + 2, C + 2) that answer a padded `residual`."""
-        answer = np.zeros_like(residual)
-        answer[1:-1, 1:-1][self._mask] = self._factors.solve(residual[1:-1, 1:-1][self._mask])
-        return answer
+    def apply(self, residual: FloatArray, unit: float, answer: FloatArray) -> None:
+        """Store in `answer` the heights that `residual` times `unit` asks for (both padded)."""
+        right = unit * residual[1:-1, 1:-1][self._mask].astype(np.float64)
+        answer[1:-1, 1:-1][self._mask] = self._factors.solve(right)

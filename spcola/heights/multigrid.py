@@ -11,218 +11,323 @@ norm) and never makes an error grow; the smoothing before and after makes every 
 strictly; and two such cycles in a row on the coarser level (the W) have eigenvalues in (0, 1]
 of the exact coarse solution again. A V-cycle would not have this property.
 
-All levels lie in flat arrays, each level padded by a frame of points without edges.
+Everything is in single precision, because conjugate gradients correct what the cycle leaves,
+and the time goes into reading memory.
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 
 from spcola.arrays import FloatArray, IntArray
+from spcola.heights.bands import Bands
 from spcola.heights.problem import HeightProblem
+from spcola.heights.smoothing import correct_and_smooth, smooth_and_restrict, subtract_product
 from spcola.kernel import kernel
+
+_COARSEST_POINTS = 64
+"""Levels up to this size are solved by their inverse: smaller levels cost more calls than sums."""
+_FREE = 1e-13
+"""Pivots of that level, relative to its diagonal, which are rounding errors of a 0."""
+_SERIAL_POINTS = 100_000
+"""Levels up to this size are left to one thread and one call."""
 
 
 @dataclass(frozen=True, eq=False)
-class Hierarchy:
-    """Coefficients of all levels; level l is ``[start[l] : start[l + 1]]``, padded (R+2, C+2).
+class Level:
+    """Coefficients of one level, (R + 2, C + 2) with its frame, relative to `Hierarchy.unit`.
 
     Parameters
     ----------
-    sizes : (levels, 2) integer ndarray
-        Rows and columns of each level, without the frame.
-    start : (levels + 1,) integer ndarray
-        Where each level begins in the flat arrays.
-    right, down : (n,) ndarrays
-        Weight of the edge to the next column and to the next row, 1/m².
-    ground : (n,) ndarray
-        Weight of the constraint, 1/m².
-    inverse : (n,) ndarray
-        One over the diagonal, m²; 0 where the diagonal is 0.
+    right, down : ndarray
+        Weight of the edge to the next column and to the next row.
+    ground : ndarray
+        Weight of the constraint.
     """
 
-    sizes: IntArray
-    start: IntArray
     right: FloatArray
     down: FloatArray
     ground: FloatArray
-    inverse: FloatArray
 
     @property
-    def padded_shape(self) -> tuple[int, int]:
-        """Shape of the finest level with its frame."""
-        return (int(self.sizes[0, 0]) + 2, int(self.sizes[0, 1]) + 2)
+    def size(self) -> tuple[int, int]:
+        """Rows and columns without the frame."""
+        return (self.right.shape[0] - 2, self.right.shape[1] - 2)
 
-    def finest(self, values: FloatArray) -> FloatArray:
-        """Return the finest level of a flat array as a padded (R + 2, C + 2) view."""
-        return values[: self.start[1]].reshape(self.padded_shape)
-
-
-def build_hierarchy(problem: HeightProblem, weight: FloatArray) -> Hierarchy:
-    """Build all levels of `problem` with constraint weights `weight` (R, C), 1/m²."""
-    sizes = [problem.shape]
-    while max(sizes[-1]) > 1:
-        rows, columns = sizes[-1]
-        sizes.append(((rows + 1) // 2, (columns + 1) // 2))
-    padded = [(rows + 2) * (columns + 2) for rows, columns in sizes]
-    start = np.concatenate([[0], np.cumsum(padded)]).astype(np.int64)
-    right, down, ground = (np.zeros(start[-1]) for _ in range(3))
-    fine = slice(0, int(start[1]))
-    shape = (problem.shape[0] + 2, problem.shape[1] + 2)
-    right[fine].reshape(shape)[1:-1, 1:-2] = problem.weight_x
-    down[fine].reshape(shape)[1:-2, 1:-1] = problem.weight_y
-    ground[fine].reshape(shape)[1:-1, 1:-1] = weight
-    inverse = np.zeros(start[-1])
-    table = np.array(sizes, dtype=np.int64)
-    _coarsen_all(table, start, right, down, ground, inverse)
-    return Hierarchy(table, start, right, down, ground, inverse)
+    @property
+    def coefficients(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Right, down and ground, as the kernels take them."""
+        return (self.right, self.down, self.ground)
 
 
-class Multigrid:
-    """One W-cycle of a hierarchy, with the scratch memory that it needs.
+class Hierarchy:
+    """All levels of a height problem, and one W-cycle over them.
 
-    Not to be shared between threads.
+    Not to be shared between threads: the cycle writes to memory of its own.
+
+    Parameters
+    ----------
+    problem : HeightProblem
+        Its steps and heights do not matter.
+    ground : (R, C) ndarray
+        Constraint weights, 1/m².
+    unit : float
+        What all weights are divided by, 1/m².
+    kind : type
+        Precision of the coefficients and of the vectors that :meth:`apply` takes.
+    bands : Bands
+        The threads that set up the levels.
     """
 
-    def __init__(self, hierarchy: Hierarchy) -> None:
-        self.hierarchy = hierarchy
-        self._value = np.zeros(hierarchy.start[-1])
-        self._source = np.zeros(hierarchy.start[-1])
+    def __init__(
+        self,
+        problem: HeightProblem,
+        ground: FloatArray,
+        unit: float,
+        kind: type[np.float32 | np.float64],
+        bands: Bands,
+    ) -> None:
+        sizes = [problem.shape]
+        while sizes[-1][0] * sizes[-1][1] > _COARSEST_POINTS:
+            rows, columns = sizes[-1]
+            sizes.append(((rows + 1) // 2, (columns + 1) // 2))
+        padded = [(rows + 2) * (columns + 2) for rows, columns in sizes]
+        self._sizes = np.array(sizes, dtype=np.int64)
+        self._start = np.concatenate([[0], np.cumsum(padded)]).astype(np.int64)
+        self._coefficients = np.zeros((3, self._start[-1]), dtype=kind)
+        self.levels = [self._level(k) for k in range(len(sizes))]
+        # The finest level works on vectors of the caller's: its part here is never touched, and
+        # the system gives no memory to it.
+        self._value, self._source = np.zeros((2, self._start[-1]), dtype=kind)
+        self._fill(problem, ground, unit, bands)
 
-    def apply(self, residual: FloatArray) -> FloatArray:
-        """Return the cycle's answer (R + 2, C + 2) to `residual` of the same padded shape.
+    @property
+    def finest(self) -> Level:
+        """The level of the problem itself."""
+        return self.levels[0]
 
-        The answer is a view of the scratch memory, overwritten by the next call.
-        """
-        levels = self.hierarchy
-        levels.finest(self._source)[...] = residual
-        levels.finest(self._value)[...] = 0.0
-        _cycle(
-            0,
-            levels.sizes,
-            levels.start,
-            levels.right,
-            levels.down,
-            levels.ground,
-            levels.inverse,
-            self._value,
-            self._source,
-        )
-        return levels.finest(self._value)
+    def apply(self, residual: FloatArray, answer: FloatArray, bands: Bands) -> None:
+        """Store the cycle's answer to `residual` (both padded, single precision)."""
+        self._cycle(0, residual, answer, False, bands)
 
+    def _level(self, k: int) -> Level:
+        span, shape = slice(self._start[k], self._start[k + 1]), self._sizes[k] + 2
+        right, down, ground = (each[span].reshape(shape) for each in self._coefficients)
+        return Level(right, down, ground)
 
-@kernel
-def _coarsen_all(
-    sizes: IntArray,
-    start: IntArray,
-    right: FloatArray,
-    down: FloatArray,
-    ground: FloatArray,
-    inverse: FloatArray,
-) -> None:
-    """Fill all coarser levels from the finest one, and the inverse diagonals."""
-    for level in range(len(sizes)):
-        rows, columns = sizes[level]
-        span = slice(start[level], start[level + 1])
-        shape = (rows + 2, columns + 2)
-        e, s, g = right[span].reshape(shape), down[span].reshape(shape), ground[span].reshape(shape)
-        d = inverse[span].reshape(shape)
-        for i in range(1, rows + 1):
-            for j in range(1, columns + 1):
-                diagonal = e[i, j] + e[i, j - 1] + s[i, j] + s[i - 1, j] + g[i, j]
-                d[i, j] = 1.0 / diagonal if diagonal > 0 else 0.0
-        if level + 1 == len(sizes):
-            return
-        shape = (sizes[level + 1, 0] + 2, sizes[level + 1, 1] + 2)
-        span = slice(start[level + 1], start[level + 2])
-        E, S, G = right[span].reshape(shape), down[span].reshape(shape), ground[span].reshape(shape)
-        for i in range(1, rows + 1):
-            I = (i + 1) // 2  # noqa: E741  the coarse index, as i is the fine one
-            for j in range(1, columns + 1):
-                J = (j + 1) // 2
-                G[I, J] += g[i, j]
-                if j % 2 == 0:
-                    E[I, J] += 0.5 * e[i, j]
-                if i % 2 == 0:
-                    S[I, J] += 0.5 * s[i, j]
+    def _vectors(self, k: int) -> tuple[FloatArray, FloatArray]:
+        """Value and source of a level below the finest."""
+        span, shape = slice(self._start[k], self._start[k + 1]), self._sizes[k] + 2
+        return self._value[span].reshape(shape), self._source[span].reshape(shape)
 
+    def _fill(self, problem: HeightProblem, ground: FloatArray, unit: float, bands: Bands) -> None:
+        """Set the finest level, and each coarser one from the one above it."""
+        fine = self.finest
+        for values, out in (
+            (problem.weight_x, fine.right),
+            (problem.weight_y, fine.down),
+            (ground, fine.ground),
+        ):
+            bands.run(fine.size, _convert, values, 1.0 / unit, out)
+        for above, below in itertools.pairwise(self.levels):
+            bands.run(below.size, _coarsen, *above.coefficients, *below.coefficients)
+        last = self.levels[-1]
+        self._inverse = _invert(*last.coefficients)
 
-@kernel
-def _cycle(  # noqa: PLR0913, PLR0917  flat arrays of all levels, because it calls itself
-    level: int,
-    sizes: IntArray,
-    start: IntArray,
-    right: FloatArray,
-    down: FloatArray,
-    ground: FloatArray,
-    inverse: FloatArray,
-    value: FloatArray,
-    source: FloatArray,
-) -> None:
-    """Improve `value` of `level` by one W-cycle toward the solution for `source`."""
-    shape = (sizes[level, 0] + 2, sizes[level, 1] + 2)
-    span = slice(start[level], start[level + 1])
-    e, s, g = right[span].reshape(shape), down[span].reshape(shape), ground[span].reshape(shape)
-    d = inverse[span].reshape(shape)
-    x, b = value[span].reshape(shape), source[span].reshape(shape)
-    if level + 1 == len(sizes):
-        x[1, 1] = b[1, 1] * d[1, 1]
-        return
-    _smooth(e, s, d, x, b, 0)
-    shape = (sizes[level + 1, 0] + 2, sizes[level + 1, 1] + 2)
-    span = slice(start[level + 1], start[level + 2])
-    X, B = value[span].reshape(shape), source[span].reshape(shape)
-    X[:] = 0.0
-    _restrict_residual(e, s, g, x, b, B)
-    for _ in range(2):
-        _cycle(level + 1, sizes, start, right, down, ground, inverse, value, source)
-    for i in range(1, shape[0] - 1):
-        for k in range(2 * i - 1, min(2 * i, x.shape[0] - 2) + 1):
-            for j in range(1, x.shape[1] - 1):
-                if d[k, j] > 0:
-                    x[k, j] += X[i, (j + 1) // 2]
-    _smooth(e, s, d, x, b, 1)
-
-
-@kernel
-def _smooth(
-    e: FloatArray, s: FloatArray, d: FloatArray, x: FloatArray, b: FloatArray, first: int
-) -> None:
-    """Gauss–Seidel over one colour, then the other; `first` 0: red (i + j even) first.
-
-    The second colour follows one row behind the first, so that memory is read once.
-    """
-    rows, columns = x.shape[0] - 2, x.shape[1] - 2
-    for leading in range(1, rows + 2):
-        for i, colour in ((leading, first), (leading - 1, 1 - first)):
-            if 1 <= i <= rows:
-                for j in range(1 + (i + 1 + colour) % 2, columns + 1, 2):
-                    x[i, j] = d[i, j] * (
-                        b[i, j]
-                        + e[i, j] * x[i, j + 1]
-                        + e[i, j - 1] * x[i, j - 1]
-                        + s[i, j] * x[i + 1, j]
-                        + s[i - 1, j] * x[i - 1, j]
-                    )
-
-
-@kernel
-def _restrict_residual(
-    e: FloatArray, s: FloatArray, g: FloatArray, x: FloatArray, b: FloatArray, B: FloatArray
-) -> None:
-    """Sum the residual ``b − A x`` over the aggregates into `B`."""
-    B[:] = 0.0
-    for i in range(1, x.shape[0] - 1):
-        row = B[(i + 1) // 2]
-        for j in range(1, x.shape[1] - 1):
-            here = x[i, j]
-            row[(j + 1) // 2] += (
-                b[i, j]
-                - g[i, j] * here
-                - e[i, j] * (here - x[i, j + 1])
-                - e[i, j - 1] * (here - x[i, j - 1])
-                - s[i, j] * (here - x[i + 1, j])
-                - s[i - 1, j] * (here - x[i - 1, j])
+    def _cycle(
+        self, k: int, source: FloatArray, answer: FloatArray, add: bool, bands: Bands
+    ) -> None:
+        """One W-cycle from level `k` down, `source` of that level."""
+        level = self.levels[k]
+        if level.right.size <= _SERIAL_POINTS or k + 2 >= len(self.levels):
+            first = self._start[k]
+            right, down, ground = self._coefficients[:, first:]
+            _cycle(
+                self._sizes[k:],
+                self._start[k:],
+                self._inverse,
+                right,
+                down,
+                ground,
+                self._value[first:],
+                self._source[first:],
+                source,
+                answer,
+                add,
             )
+            return
+        below = self.levels[k + 1]
+        value, residual = self._vectors(k + 1)
+        bands.run(below.size, smooth_and_restrict, *level.coefficients, source, residual)
+        self._cycle(k + 1, residual, value, False, bands)
+        bands.run(below.size, subtract_product, *below.coefficients, value, residual)
+        self._cycle(k + 1, residual, value, True, bands)
+        bands.run(level.size, correct_and_smooth, *level.coefficients, source, value, add, answer)
+
+
+@kernel
+def _convert(values: FloatArray, factor: float, out: FloatArray, first: int, last: int) -> None:
+    """Rows of `values` times `factor` into the padded single-precision `out`."""
+    for i in range(first, min(last, values.shape[0])):
+        for j in range(values.shape[1]):
+            out[i + 1, j + 1] = values[i, j] * factor
+
+
+@kernel
+def _coarsen(
+    right: FloatArray,
+    down: FloatArray,
+    ground: FloatArray,
+    coarse_right: FloatArray,
+    coarse_down: FloatArray,
+    coarse_ground: FloatArray,
+    first: int,
+    last: int,
+) -> None:
+    """Rows `first` … `last` − 1 of a coarser level: edges summed and halved, constraints summed."""
+    columns = coarse_right.shape[1] - 2
+    half = np.float32(0.5)
+    for i in range(first + 1, last + 1):
+        a, b = 2 * i - 1, min(2 * i, right.shape[0] - 1)
+        for j in range(1, columns + 1):
+            c, d = 2 * j - 1, min(2 * j, right.shape[1] - 1)
+            coarse_right[i, j] = half * (right[a, d] + right[b, d])
+            coarse_down[i, j] = half * (down[b, c] + down[b, d])
+            coarse_ground[i, j] = (ground[a, c] + ground[a, d]) + (ground[b, c] + ground[b, d])
+
+
+@kernel
+def _invert(right: FloatArray, down: FloatArray, ground: FloatArray) -> FloatArray:
+    """Return the inverse (n, n) of a small level (padded coefficients), by sweeping its points.
+
+    A point that nothing holds when all before it are swept, but for rounding, is held: the part
+    that it ends floats.
+    """
+    rows, columns = right.shape[0] - 2, right.shape[1] - 2
+    points = rows * columns
+    matrix = np.zeros((points, points))
+    for i in range(rows):
+        for j in range(columns):
+            here = i * columns + j
+            matrix[here, here] += ground[i + 1, j + 1]
+            for there, weight in (
+                (here + 1, right[i + 1, j + 1]),
+                (here + columns, down[i + 1, j + 1]),
+            ):
+                if weight > 0:
+                    matrix[here, here] += weight
+                    matrix[there, there] += weight
+                    matrix[here, there] -= weight
+                    matrix[there, here] -= weight
+    least = _FREE * np.diag(matrix)
+    for k in range(points):
+        pivot = matrix[k, k]
+        if pivot <= least[k]:
+            matrix[k, :] = 0.0
+            matrix[:, k] = 0.0
+            continue
+        row = matrix[k] / pivot
+        for i in range(points):
+            if i != k:
+                matrix[i] -= matrix[i, k] * row
+        matrix[:, k] = row
+        matrix[k] = row
+        matrix[k, k] = -1.0 / pivot
+    return (-matrix).astype(right.dtype)
+
+
+@kernel
+def _solve_coarsest(inverse: FloatArray, source: FloatArray, answer: FloatArray, add: bool) -> None:
+    rows, columns = source.shape[0] - 2, source.shape[1] - 2
+    flat = np.zeros(rows * columns, dtype=source.dtype)
+    for i in range(rows):
+        for j in range(columns):
+            pull = source[i + 1, j + 1]
+            row = inverse[i * columns + j]
+            for k in range(len(flat)):
+                flat[k] += pull * row[k]
+    for i in range(rows):
+        for j in range(columns):
+            if add:
+                answer[i + 1, j + 1] += flat[i * columns + j]
+            else:
+                answer[i + 1, j + 1] = flat[i * columns + j]
+
+
+@kernel
+def _grid(flat: FloatArray, sizes: IntArray, start: IntArray, level: int) -> FloatArray:
+    """Return one level (padded) of a flat array of several; its first element is `start[0]`."""
+    span = slice(start[level] - start[0], start[level + 1] - start[0])
+    return flat[span].reshape((sizes[level, 0] + 2, sizes[level, 1] + 2))
+
+
+@kernel
+def _cycle(  # noqa: PLR0913, PLR0917  flat arrays of all levels: numba knows no dataclasses
+    sizes: IntArray,
+    start: IntArray,
+    inverse: FloatArray,
+    right: FloatArray,
+    down: FloatArray,
+    ground: FloatArray,
+    values: FloatArray,
+    sources: FloatArray,
+    source: FloatArray,
+    answer: FloatArray,
+    add: bool,
+) -> None:
+    """One W-cycle over several levels in one call; the first has `source` and `answer`.
+
+    Not recursive, because Numba loads such a function from its cache in a state that crashes.
+    """
+    last = len(sizes) - 1
+    second = np.zeros(len(sizes), dtype=np.bool_)
+    second[0] = add
+    level = 0
+    while True:
+        while level < last:
+            b = source if level == 0 else _grid(sources, sizes, start, level)
+            smooth_and_restrict(
+                _grid(right, sizes, start, level),
+                _grid(down, sizes, start, level),
+                _grid(ground, sizes, start, level),
+                b,
+                _grid(sources, sizes, start, level + 1),
+                0,
+                sizes[level + 1, 0],
+            )
+            level += 1
+            second[level] = False
+        b = source if last == 0 else _grid(sources, sizes, start, last)
+        x = answer if last == 0 else _grid(values, sizes, start, last)
+        _solve_coarsest(inverse, b, x, second[last])
+        second[last] = True  # it was exact
+        while level > 0 and second[level]:
+            level -= 1
+            b = source if level == 0 else _grid(sources, sizes, start, level)
+            x = answer if level == 0 else _grid(values, sizes, start, level)
+            correct_and_smooth(
+                _grid(right, sizes, start, level),
+                _grid(down, sizes, start, level),
+                _grid(ground, sizes, start, level),
+                b,
+                _grid(values, sizes, start, level + 1),
+                second[level],
+                x,
+                0,
+                sizes[level, 0],
+            )
+        if level == 0:
+            return
+        subtract_product(
+            _grid(right, sizes, start, level),
+            _grid(down, sizes, start, level),
+            _grid(ground, sizes, start, level),
+            _grid(values, sizes, start, level),
+            _grid(sources, sizes, start, level),
+            0,
+            sizes[level, 0],
+        )
+        second[level] = True

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from spcola.arrays import BoolArray, FloatArray, check_shape, frozen, read_only
+from spcola.arrays import BoolArray, FloatArray, check_shape, read_only
 from spcola.errors import InvalidValueError
+from spcola.kernel import kernel
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,16 +62,51 @@ class HeightProblem:
         rows, columns = shape
         mask = np.ones(shape, dtype=bool) if self.mask is None else np.array(self.mask, dtype=bool)
         check_shape(mask, shape, "mask")
+        self._keep("mask", mask)
         height = np.full(shape, np.nan) if self.height is None else self.height
         weight = np.zeros(shape) if self.weight is None else self.weight
-        height, weight = frozen(height, shape, "height"), _weights(weight, shape, "weight")
-        if np.isinf(height).any():
-            raise InvalidValueError("holds an infinite height", "height")
-        self._keep("mask", mask)
-        self._keep("height", height)
-        self._keep("weight", np.where(mask & np.isfinite(height), weight, 0.0))
-        self._keep_edges("x", (rows, columns - 1), mask[:, 1:] & mask[:, :-1])
-        self._keep_edges("y", (rows - 1, columns), mask[1:] & mask[:-1])
+        self._keep_heights(_floats(height), _weights(weight, shape, "weight"))
+        self._keep_edges("x", (rows, columns - 1), mask[:, 1:], mask[:, :-1])
+        self._keep_edges("y", (rows - 1, columns), mask[1:], mask[:-1])
+
+    def with_data(
+        self, step_x: FloatArray, step_y: FloatArray, height: FloatArray
+    ) -> HeightProblem:
+        """Return the problem of other steps and heights with the same mask and weights.
+
+        Parameters
+        ----------
+        step_x : (R, C − 1) array_like
+        step_y : (R − 1, C) array_like
+            Metres; may be NaN where the weight is 0.
+        height : (R, C) array_like
+            Constraining heights, metres; may be NaN where the weight is 0.
+
+        Raises
+        ------
+        InvalidValueError
+            If a shape does not fit, or a value with a weight is not finite.
+        """
+        other = object.__new__(HeightProblem)
+        for name in ("mask", "weight", "weight_x", "weight_y"):
+            object.__setattr__(other, name, getattr(self, name))
+        for name, values in (("step_x", step_x), ("step_y", step_y), ("height", height)):
+            weight = getattr(self, "weight" + name.removeprefix("step").removeprefix("height"))
+            kept = np.array(_floats(values))
+            check_shape(kept, weight.shape, name)
+            if not _finite_where_used(kept, weight):
+                raise InvalidValueError("is not finite where its weight is positive", name)
+            if name != "height":
+                _clear_unused(kept, weight)
+            other._keep(name, kept)
+        return other
+
+    def has_weights_of(self, other: HeightProblem) -> bool:
+        """Whether mask and weights are those of `other` (not equal ones: the same arrays)."""
+        return all(
+            getattr(self, name).base is getattr(other, name).base
+            for name in ("mask", "weight", "weight_x", "weight_y")
+        )
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -92,24 +129,90 @@ class HeightProblem:
     def _keep(self, name: str, values: FloatArray | BoolArray) -> None:
         object.__setattr__(self, name, read_only(values))
 
-    def _keep_edges(self, axis: str, shape: tuple[int, int], joined: BoolArray) -> None:
+    def _keep_heights(self, height: FloatArray, weight: FloatArray) -> None:
+        """Keep heights and their weights: 0 where there is no height or no point."""
+        height, weight = np.array(height), np.array(weight)
+        check_shape(height, self.mask.shape, "height")
+        if not _join_heights(self.mask, height, weight):
+            raise InvalidValueError("holds an infinite height", "height")
+        self._keep("height", height)
+        self._keep("weight", weight)
+
+    def _keep_edges(
+        self, axis: str, shape: tuple[int, int], one: BoolArray, other: BoolArray
+    ) -> None:
         """Keep steps and weights of one direction: both 0 where the edge does not take part."""
-        weight = _weights(getattr(self, f"weight_{axis}"), shape, f"weight_{axis}")
-        weight = np.where(joined, weight, 0.0)
-        step = np.array(getattr(self, f"step_{axis}"), dtype=np.float64)
-        step[weight == 0] = 0.0
-        if not np.isfinite(step).all():
+        weight = np.array(_weights(getattr(self, f"weight_{axis}"), shape, f"weight_{axis}"))
+        step = np.array(_floats(getattr(self, f"step_{axis}")))
+        _cut_edges(one, other, weight)
+        if not _finite_where_used(step, weight):
             raise InvalidValueError(
                 "is not finite where its weight is positive", f"step_{axis}", "set the weight to 0"
             )
+        _clear_unused(step, weight)
         self._keep(f"step_{axis}", step)
         self._keep(f"weight_{axis}", weight)
 
 
-def _weights(values: FloatArray, shape: tuple[int, int], name: str) -> FloatArray:
-    """Return `values` as float64, refused unless finite, not negative and of `shape`."""
-    weights = np.asarray(values, dtype=np.float64)
+def _floats(values: ArrayLike) -> FloatArray:
+    """Return `values` as float64, or as float32 if that is what they are, in C order."""
+    array = np.asarray(values)
+    kind = np.float32 if array.dtype == np.float32 else np.float64
+    floats: FloatArray = np.require(array, dtype=kind, requirements="C")
+    return floats
+
+
+def _weights(values: ArrayLike, shape: tuple[int, int], name: str) -> FloatArray:
+    """Return `values` as floats, refused unless finite, not negative and of `shape`."""
+    weights = _floats(values)
     check_shape(weights, shape, name)
-    if not (np.isfinite(weights).all() and (weights >= 0).all()):
+    if not _are_weights(weights):
         raise InvalidValueError("holds a weight that is negative or not finite", name)
     return weights
+
+
+@kernel
+def _are_weights(weights: FloatArray) -> bool:
+    wrong = 0
+    for row in weights:
+        for value in row:
+            wrong += not (0 <= value < np.inf)
+    return wrong == 0
+
+
+@kernel
+def _finite_where_used(values: FloatArray, weights: FloatArray) -> bool:
+    wrong = 0
+    for r in range(values.shape[0]):
+        for c in range(values.shape[1]):
+            wrong += (weights[r, c] > 0) & (not np.isfinite(values[r, c]))
+    return wrong == 0
+
+
+@kernel
+def _clear_unused(values: FloatArray, weights: FloatArray) -> None:
+    for r in range(values.shape[0]):
+        for c in range(values.shape[1]):
+            if weights[r, c] == 0:
+                values[r, c] = 0.0
+
+
+@kernel
+def _cut_edges(one: BoolArray, other: BoolArray, weights: FloatArray) -> None:
+    """Clear the weights of edges that do not join two points of the mask."""
+    for r in range(weights.shape[0]):
+        for c in range(weights.shape[1]):
+            if not (one[r, c] and other[r, c]):
+                weights[r, c] = 0.0
+
+
+@kernel
+def _join_heights(mask: BoolArray, height: FloatArray, weight: FloatArray) -> bool:
+    """Clear the weights of missing heights and points; False if a height is infinite."""
+    wrong = 0
+    for r in range(mask.shape[0]):
+        for c in range(mask.shape[1]):
+            wrong += np.isinf(height[r, c])
+            if not mask[r, c] or np.isnan(height[r, c]):
+                weight[r, c] = 0.0
+    return wrong == 0

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from spcola.arrays import BoolArray, FloatArray, IntArray, check_shape, read_only
 from spcola.errors import InvalidValueError, SettingsError
+from spcola.heights.bands import Bands
 from spcola.heights.components import Components, find_components
 from spcola.heights.conjugate import LinearSolution, LinearSystem
 from spcola.heights.problem import HeightProblem
+from spcola.kernel import kernel
 from spcola.robust import cauchy_weight, huber_weight
 
 Loss = Literal["l2", "huber", "cauchy"]
@@ -37,6 +39,9 @@ class SolverOptions:
     floating : {"start", "zero_mean", "unknown"}
         What ties a part without any constraint: its mean over the points where `start` has a
         height (zero mean, where it has none), zero mean, or nothing: its heights are NaN.
+    threads : int, optional
+        For grids of more than half a million points; as many as there are cores (at most 8) if
+        not given. The result does not depend on it.
 
     Raises
     ------
@@ -50,12 +55,15 @@ class SolverOptions:
     loss_scale: float = 2.0
     max_reweights: int = 50
     floating: Floating = "start"
+    threads: int | None = None
 
     def __post_init__(self) -> None:
         for name in ("tolerance_m", "max_iterations", "loss_scale", "max_reweights"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise SettingsError(f"must be positive, not {value}", name)
+        if self.threads is not None and self.threads < 1:
+            raise SettingsError(f"must be at least 1, not {self.threads}", "threads")
         if self.loss not in ("l2", "huber", "cauchy"):
             raise SettingsError(f"is {self.loss!r}", "loss", "choose l2, huber or cauchy")
         if self.floating not in ("start", "zero_mean", "unknown"):
@@ -127,94 +135,175 @@ def solve_heights(
         If `start` has another shape or an infinite height.
     """
     chosen = SolverOptions() if options is None else options
-    if start is not None:
-        check_shape(start, problem.shape, "start")
-        if np.isinf(start).any():
-            raise InvalidValueError("holds an infinite height", "start")
-    parts = find_components(problem)
-    guess = _first_guess(problem, parts, start)
-    if chosen.loss == "l2":
-        linear = _solve_linear(problem, problem.weight, parts, guess, chosen)
-        weight, iterations, settled = problem.weight, linear.iterations, True
-    else:
-        linear, weight, iterations, settled = _solve_robust(problem, parts, guess, chosen)
-    height = _tie(linear.height, parts, start, chosen.floating)
-    height[~problem.mask] = np.nan
-    return HeightSolution(
-        read_only(height),
-        read_only(weight),
-        read_only(parts.labels),
-        read_only(parts.floating),
-        iterations,
-        linear.converged and settled,
-        _reason(linear, settled, chosen),
-        linear.error_bound_m,
-    )
+    return HeightSystem(problem, threads=chosen.threads).solve(problem, options=chosen, start=start)
 
 
-def _solve_linear(
+class HeightSystem:
+    """Height problems of one mask and one set of weights: set up once, solved many times.
+
+    Parameters
+    ----------
+    problem : HeightProblem
+        Its mask and weights count.
+    threads : int, optional
+        For grids of more than half a million points; as many as there are cores (at most 8) if
+        not given. The result does not depend on it.
+
+    Notes
+    -----
+    Not to be shared between threads: it keeps the memory that the solver works in.
+    """
+
+    def __init__(self, problem: HeightProblem, *, threads: int | None = None) -> None:
+        self._problem = problem
+        self._threads = threads
+        self._parts = find_components(problem)
+        self._linear: LinearSystem | None = None
+
+    def solve(
+        self,
+        problem: HeightProblem,
+        *,
+        options: SolverOptions | None = None,
+        start: FloatArray | None = None,
+    ) -> HeightSolution:
+        """Minimise energy (A) for `problem`, as :func:`solve_heights` does.
+
+        Parameters
+        ----------
+        problem : HeightProblem
+            That of the system, or one made of it by :meth:`HeightProblem.with_data`.
+        options : SolverOptions, optional
+            Tolerance, robust loss, floating parts.
+        start : (R, C) ndarray, optional
+            First guess, metres; NaN where there is none. It also ties floating parts.
+
+        Raises
+        ------
+        InvalidValueError
+            If `problem` has other weights, or `start` another shape or an infinite height.
+        """
+        chosen = SolverOptions() if options is None else options
+        if not problem.has_weights_of(self._problem):
+            raise InvalidValueError(
+                "has other weights than the system", "problem", "make it by HeightProblem.with_data"
+            )
+        guess = _first_guess(problem, self._parts, start)
+        with Bands(problem.mask.size, self._threads) as bands:
+            if self._linear is None:
+                self._linear = LinearSystem(problem, problem.weight, self._parts, bands)
+            linear = self._linear.solve(
+                problem, guess, chosen.tolerance_m, chosen.max_iterations, bands
+            )
+            weight, iterations, settled = problem.weight, linear.iterations, True
+            if chosen.loss != "l2":
+                linear, weight, settled = _reweight(problem, self._parts, linear, chosen, bands)
+                iterations += linear.iterations
+        height = linear.height
+        _tie(height, self._parts, start, chosen.floating)
+        height[~problem.mask] = np.nan
+        return HeightSolution(
+            read_only(height),
+            read_only(weight),
+            read_only(self._parts.labels),
+            read_only(self._parts.floating),
+            iterations,
+            linear.converged and settled,
+            _reason(linear, settled, chosen),
+            linear.error_bound_m,
+        )
+
+
+def _reweight(
     problem: HeightProblem,
-    weight: FloatArray,
     parts: Components,
-    guess: FloatArray,
+    linear: LinearSolution,
     options: SolverOptions,
-) -> LinearSolution:
-    system = LinearSystem(problem, weight, parts)
-    return system.solve(guess, options.tolerance_m, options.max_iterations)
-
-
-def _solve_robust(
-    problem: HeightProblem, parts: Components, guess: FloatArray, options: SolverOptions
-) -> tuple[LinearSolution, FloatArray, int, bool]:
+    bands: Bands,
+) -> tuple[LinearSolution, FloatArray, bool]:
     """Reweight the constraints by their residuals until the surface stands still.
 
-    Returns the last linear solution, its weights, the sum of the iterations, and whether the
-    reweighting settled.
+    Returns the last linear solution with the sum of the iterations, its weights, and whether
+    the reweighting settled.
     """
     used = problem.weight > 0
     root = np.sqrt(problem.weight[used])
     loss_weight = huber_weight if options.loss == "huber" else cauchy_weight
-    weight = problem.weight
-    linear = _solve_linear(problem, weight, parts, guess, options)
-    iterations = linear.iterations
+    iterations, settled, weight = 0, False, problem.weight
     for _ in range(options.max_reweights):
-        residual = (linear.height[used] - problem.height[used]) * root
+        before = linear.height
+        residual = (before[used] - problem.height[used]) * root
         factor = loss_weight(residual, options.loss_scale)
         weight = np.zeros(problem.shape)
         # No constraint vanishes altogether, or its part could come loose.
         weight[used] = problem.weight[used] * np.maximum(factor, 1e-12)
-        before = linear.height
-        linear = _solve_linear(problem, weight, parts, before, options)
+        system = LinearSystem(problem, weight, parts, bands)
+        linear = system.solve(
+            problem, before.copy(), options.tolerance_m, options.max_iterations, bands
+        )
         iterations += linear.iterations
         change = np.abs(linear.height - before)[problem.mask].max(initial=0.0)
-        if change <= 10 * options.tolerance_m:
-            return linear, weight, iterations, True
-    return linear, weight, iterations, False
+        settled = bool(change <= 10 * options.tolerance_m)
+        if settled:
+            break
+    return replace(linear, iterations=iterations), weight, settled
 
 
 def _first_guess(problem: HeightProblem, parts: Components, start: FloatArray | None) -> FloatArray:
-    """Fill `start` (or nothing) up with the mean constraint of each part."""
-    total = np.bincount(
-        parts.labels[problem.mask],
-        weights=(problem.weight * np.nan_to_num(problem.height))[problem.mask],
-        minlength=len(parts.size),
-    )
+    """Fill `start` (or nothing) up with the mean constraint of each part, in a new array."""
+    guess = np.empty(problem.shape)
+    total = np.zeros(len(parts.size))
+    _sum_constraints(parts.labels, problem.weight, problem.height, total)
     mean = np.divide(total, parts.weight, out=np.zeros(len(total)), where=parts.weight > 0)
-    guess = np.append(mean, 0.0)[parts.labels]
-    return guess if start is None else np.where(np.isfinite(start), start, guess)
+    if start is None:
+        _fill_parts(parts.labels, mean, guess)
+        return guess
+    check_shape(start, problem.shape, "start")
+    if np.isinf(start).any():
+        raise InvalidValueError("holds an infinite height", "start")
+    guess[...] = start
+    _fill_gaps(parts.labels, mean, guess)
+    return guess
 
 
-def _tie(
-    height: FloatArray, parts: Components, start: FloatArray | None, how: Floating
-) -> FloatArray:
-    """Return a copy whose floating parts have the mean that `how` asks for."""
-    tied = np.array(height)
+@kernel
+def _sum_constraints(
+    labels: IntArray, weight: FloatArray, height: FloatArray, total: FloatArray
+) -> None:
+    rows, columns = labels.shape
+    for r in range(rows):
+        for c in range(columns):
+            if weight[r, c] > 0:
+                total[labels[r, c]] += weight[r, c] * height[r, c]
+
+
+@kernel
+def _fill_parts(labels: IntArray, mean: FloatArray, out: FloatArray) -> None:
+    rows, columns = labels.shape
+    for r in range(rows):
+        for c in range(columns):
+            out[r, c] = mean[labels[r, c]] if labels[r, c] >= 0 else 0.0
+
+
+@kernel
+def _fill_gaps(labels: IntArray, mean: FloatArray, out: FloatArray) -> None:
+    rows, columns = labels.shape
+    for r in range(rows):
+        for c in range(columns):
+            if labels[r, c] < 0:
+                out[r, c] = 0.0
+            elif np.isnan(out[r, c]):
+                out[r, c] = mean[labels[r, c]]
+
+
+def _tie(tied: FloatArray, parts: Components, start: FloatArray | None, how: Floating) -> None:
+    """Give the floating parts of `tied` (R, C) the mean that `how` asks for."""
     if len(parts.floating) == 0:
-        return tied
+        return
     loose = parts.is_floating
     if how == "unknown":
         tied[loose] = np.nan
-        return tied
+        return
     labels, count = parts.labels, len(parts.size)
     aim = np.full(tied.shape, np.nan) if start is None or how == "zero_mean" else start
     known = loose & np.isfinite(aim)
@@ -226,7 +315,6 @@ def _tie(
     tied[loose] += shift[labels[loose]]
     # A lone point without neighbours, constraint or start is unknown, not zero.
     tied[loose & ((parts.size == 1) & (points == 0))[labels]] = np.nan
-    return tied
 
 
 def _sums(values: FloatArray, labels: IntArray, where: BoolArray, count: int) -> FloatArray:
