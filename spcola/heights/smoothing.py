@@ -40,28 +40,30 @@ def smooth_and_restrict(
     The rows are those of the coarser level. Black points have no residual left.
     """
     rows, width = source.shape[0] - 2, source.shape[1]
-    inverse = np.zeros((_LINES, width), dtype=source.dtype)
-    red, black = np.zeros_like(inverse), np.zeros_like(inverse)
     line, colour = np.zeros(width, dtype=source.dtype), _colours(source)
+    red = np.zeros((_LINES, width), dtype=source.dtype)
+    black, red_inverse, black_inverse = np.zeros_like(red), np.zeros_like(red), np.zeros_like(red)
     low, high = 2 * first + 1, min(2 * last, rows)
     for lead in range(low - 2, high + 3):
         k = lead % _LINES
-        red[k, :] = 0.0
         if 1 <= lead <= rows:
-            _invert(right[lead], down[lead - 1], down[lead], ground[lead], inverse[k])
-            _start(source[lead], inverse[k], colour[lead % 2], red[k])
+            _invert(right[lead], down[lead - 1], down[lead], ground[lead], line)
+            _colour(line, colour[lead % 2], red_inverse[k], black_inverse[k])
+            _start(source[lead], red_inverse[k], red[k])
+        else:
+            red[k, :] = 0.0
         i = lead - 1
-        if i >= low - 1:
-            black[i % _LINES, :] = 0.0
         if i >= low - 1 and 1 <= i <= rows:
-            _gather(right[i], down[i - 1], down[i], red, i, line)
-            _relax(source[i], line, inverse[i % _LINES], colour[(i + 1) % 2], black[i % _LINES])
+            k = i % _LINES
+            _relax(right[i], down[i - 1], down[i], source[i], black_inverse[k], red, i, black[k])
+        elif i >= low - 1:
+            black[i % _LINES, :] = 0.0
         i = lead - 2
         if i >= low:
             if i % 2 == 1:
                 coarse[(i + 1) // 2, :] = 0.0
-            _gather(right[i], down[i - 1], down[i], black, i, line)
-            _sum_pairs(line, colour[i % 2], coarse[(i + 1) // 2])
+            _pull(right[i], down[i - 1], down[i], black, i, line)
+            _sum_red(line, (i + 1) % 2, coarse[(i + 1) // 2])
 
 
 @kernel
@@ -81,30 +83,30 @@ def correct_and_smooth(  # noqa: PLR0913, PLR0917  flat arguments: numba knows n
     It is stored in `answer` or, if `add`, added to it.
     """
     rows, width = source.shape[0] - 2, source.shape[1]
-    inverse = np.zeros((_LINES, width), dtype=source.dtype)
-    red, black = np.zeros_like(inverse), np.zeros_like(inverse)
     line, colour = np.zeros(width, dtype=source.dtype), _colours(source)
-    wide = np.zeros(width, dtype=source.dtype)
+    red = np.zeros((_LINES, width), dtype=source.dtype)
+    black, red_inverse, black_inverse = np.zeros_like(red), np.zeros_like(red), np.zeros_like(red)
     low = first + 1
     for lead in range(low - 2, last + 3):
         k = lead % _LINES
-        red[k, :] = 0.0
         if 1 <= lead <= rows:
-            _invert(right[lead], down[lead - 1], down[lead], ground[lead], inverse[k])
-            _start(source[lead], inverse[k], colour[lead % 2], red[k])
-            _spread(coarse[(lead + 1) // 2], wide)
-            _add(wide, colour[lead % 2], red[k])
+            _invert(right[lead], down[lead - 1], down[lead], ground[lead], line)
+            _colour(line, colour[lead % 2], red_inverse[k], black_inverse[k])
+            _start(source[lead], red_inverse[k], red[k])
+            _add_to_red(coarse[(lead + 1) // 2], (lead + 1) % 2, red[k])
+        else:
+            red[k, :] = 0.0
         i = lead - 1
-        if i >= low - 1:
-            black[i % _LINES, :] = 0.0
         if i >= low - 1 and 1 <= i <= rows:
-            _gather(right[i], down[i - 1], down[i], red, i, line)
-            _relax(source[i], line, inverse[i % _LINES], colour[(i + 1) % 2], black[i % _LINES])
+            k = i % _LINES
+            _relax(right[i], down[i - 1], down[i], source[i], black_inverse[k], red, i, black[k])
+        elif i >= low - 1:
+            black[i % _LINES, :] = 0.0
         i = lead - 2
         if i >= low:
-            _gather(right[i], down[i - 1], down[i], black, i, line)
-            _relax(source[i], line, inverse[i % _LINES], colour[i % 2], wide)
-            _store(black[i % _LINES], wide, add, answer[i])
+            k = i % _LINES
+            _relax(right[i], down[i - 1], down[i], source[i], red_inverse[k], black, i, line)
+            _store(black[k], line, add, answer[i])
 
 
 @kernel
@@ -186,13 +188,21 @@ def _invert(
 
 
 @kernel
-def _start(source: FloatArray, inverse: FloatArray, colour: FloatArray, out: FloatArray) -> None:
-    for j in range(1, len(out) - 1):
-        out[j] = source[j] * inverse[j] * colour[j]
+def _colour(inverse: FloatArray, colour: FloatArray, red: FloatArray, black: FloatArray) -> None:
+    """Part a row into its red points (`colour` 1) and its black ones, 0 in between."""
+    for j in range(1, len(inverse) - 1):
+        red[j] = inverse[j] * colour[j]
+        black[j] = inverse[j] - red[j]
 
 
 @kernel
-def _gather(
+def _start(source: FloatArray, inverse: FloatArray, out: FloatArray) -> None:
+    for j in range(1, len(out) - 1):
+        out[j] = source[j] * inverse[j]
+
+
+@kernel
+def _pull(
     right: FloatArray,
     above: FloatArray,
     below: FloatArray,
@@ -203,46 +213,40 @@ def _gather(
     """What the neighbours of row i pull with; rows of `lines` are taken modulo their number."""
     here, up, down = lines[i % _LINES], lines[(i - 1) % _LINES], lines[(i + 1) % _LINES]
     for j in range(1, len(out) - 1):
-        out[j] = right[j] * here[j + 1] + right[j - 1] * here[j - 1]
-    for j in range(1, len(out) - 1):
-        out[j] += above[j] * up[j] + below[j] * down[j]
+        out[j] = (right[j] * here[j + 1] + right[j - 1] * here[j - 1]) + (
+            above[j] * up[j] + below[j] * down[j]
+        )
 
 
 @kernel
 def _relax(
-    source: FloatArray, pull: FloatArray, inverse: FloatArray, colour: FloatArray, out: FloatArray
+    right: FloatArray,
+    above: FloatArray,
+    below: FloatArray,
+    source: FloatArray,
+    inverse: FloatArray,
+    lines: FloatArray,
+    i: int,
+    out: FloatArray,
 ) -> None:
+    """Solve the points of row i where `inverse` is not 0 for given neighbours."""
+    _pull(right, above, below, lines, i, out)
     for j in range(1, len(out) - 1):
-        out[j] = (source[j] + pull[j]) * inverse[j] * colour[j]
+        out[j] = (source[j] + out[j]) * inverse[j]
 
 
 @kernel
-def _sum_pairs(values: FloatArray, colour: FloatArray, out: FloatArray) -> None:
-    """Add the values of one colour, two columns at a time, to the row of the coarser level."""
-    for j in range(1, len(values) - 1):
-        values[j] *= colour[j]
-    pairs = (len(values) - 2) // 2
-    for c in range(1, pairs + 1):
-        out[c] += values[2 * c - 1] + values[2 * c]
-    if len(values) % 2 == 1:
-        out[pairs + 1] += values[len(values) - 2]
+def _sum_red(values: FloatArray, odd: int, out: FloatArray) -> None:
+    """Add to the row of the coarser level: one of its two columns is red, the second if `odd`."""
+    for c in range(1, (len(values) - odd) // 2):
+        out[c] += values[2 * c - 1 + odd]
 
 
 @kernel
-def _spread(coarse: FloatArray, out: FloatArray) -> None:
-    """Give each pair of columns the value of the coarser level."""
-    pairs = (len(out) - 2) // 2
-    for c in range(1, pairs + 1):
-        out[2 * c - 1] = coarse[c]
-        out[2 * c] = coarse[c]
-    if len(out) % 2 == 1:
-        out[len(out) - 2] = coarse[pairs + 1]
-
-
-@kernel
-def _add(values: FloatArray, colour: FloatArray, out: FloatArray) -> None:
-    for j in range(1, len(out) - 1):
-        out[j] += values[j] * colour[j]
+def _add_to_red(coarse: FloatArray, odd: int, out: FloatArray) -> None:
+    """Add a row of the coarser level to the red points of a row."""
+    for c in range(1, (len(out) - odd) // 2):
+        out[2 * c - 1 + odd] += coarse[c]
 
 
 @kernel
