@@ -238,14 +238,14 @@ def _relax(
 @kernel
 def _sum_red(values: FloatArray, odd: int, out: FloatArray) -> None:
     """Add to the row of the coarser level: one of its two columns is red, the second if `odd`."""
-    for c in range(1, (len(values) - odd) // 2):
+    for c in range(1, (len(values) + 1 - odd) // 2):
         out[c] += values[2 * c - 1 + odd]
 
 
 @kernel
 def _add_to_red(coarse: FloatArray, odd: int, out: FloatArray) -> None:
     """Add a row of the coarser level to the red points of a row."""
-    for c in range(1, (len(out) - odd) // 2):
+    for c in range(1, (len(out) + 1 - odd) // 2):
         out[2 * c - 1 + odd] += coarse[c]
 
 
