@@ -1,5 +1,6 @@
 """Surfaces from slopes and heights: energy (A), its solver, its uncertainty."""
 
+from spcola.heights.means import MeanConstraints
 from spcola.heights.posterior import PosteriorOptions, posterior_sigma
 from spcola.heights.problem import HeightProblem
 from spcola.heights.relaxation import relax
@@ -10,6 +11,7 @@ __all__ = [
     "HeightProblem",
     "HeightSolution",
     "HeightSystem",
+    "MeanConstraints",
     "PosteriorOptions",
     "SolverOptions",
     "posterior_sigma",

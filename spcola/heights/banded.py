@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from spcola.arrays import FloatArray
+from spcola.arrays import FloatArray, IntArray
 from spcola.heights.components import find_components
 from spcola.heights.problem import HeightProblem
 from spcola.kernel import kernel
@@ -15,7 +15,8 @@ class BandedFactor:
     """Cholesky factor of the normal matrix of `problem`, points numbered row by row.
 
     The band is as wide as a row, so that the work is (points × columns²): a maplet of 99 × 99
-    takes a fraction of a second. Floating parts are held, and their variance is NaN.
+    takes a fraction of a second. Means over blocks of k rows widen it k − 1 times. Floating parts
+    are held, and their variance is NaN.
 
     Parameters
     ----------
@@ -56,12 +57,38 @@ def _band(problem: HeightProblem, ground: FloatArray) -> FloatArray:
     diagonal += right + down
     diagonal[:, 1:] += problem.weight_x
     diagonal[1:] += problem.weight_y
-    band = np.zeros((columns + 1, rows * columns))
+    band = np.zeros((band_width(problem) + 1, rows * columns))
     band[0] = diagonal.ravel()
     # With a single column both kinds of neighbour are the next point; one of them is absent.
     band[1] -= right.ravel()
     band[columns] -= down.ravel()
+    if problem.means is not None:
+        m = problem.means
+        # Where nothing determines the heights, the identity stays.
+        _add_means(m.start, m.points, m.share, m.weight, band)
     return band
+
+
+def band_width(problem: HeightProblem) -> int:
+    """Return how far apart, in the order of the points, two of them may be that hold together."""
+    width = problem.shape[1]
+    if problem.means is not None:
+        first = np.minimum.reduceat(problem.means.points, problem.means.start[:-1])
+        last = np.maximum.reduceat(problem.means.points, problem.means.start[:-1])
+        width = max(width, int((last - first).max()))
+    return width
+
+
+@kernel
+def _add_means(
+    start: IntArray, points: IntArray, share: FloatArray, weight: FloatArray, band: FloatArray
+) -> None:
+    for k in range(len(weight)):
+        for a in range(start[k], start[k + 1]):
+            for b in range(start[k], start[k + 1]):
+                apart = points[b] - points[a]
+                if apart >= 0:
+                    band[apart, points[a]] += weight[k] * share[a] * share[b]
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""Parts of a height problem that no edge joins."""
+"""Parts of a height problem that neither an edge nor a mean joins."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Components:
     size : (K,) integer ndarray
         Points of each part.
     weight : (K,) ndarray
-        Sum of the constraints' weights in each part, 1/m².
+        Sum of the constraints' weights in each part, 1/m²: how stiffly the whole of it is held.
     """
 
     labels: IntArray
@@ -48,6 +48,16 @@ class Components:
         """Points of the mask."""
         return int(self.size.sum())
 
+    def held(self, problem: HeightProblem, weight: FloatArray) -> FloatArray:
+        """Return how stiffly each part (K,) is held by point `weight` (R, C) and the means."""
+        total = self.sums(weight)
+        if problem.means is not None:
+            means = problem.means
+            whole = np.bincount(means.owner, means.share, len(means.height))
+            part = self.labels.ravel()[means.points[means.start[:-1]]]
+            total += np.bincount(part, means.weight * whole**2, len(total))
+        return total
+
     def sums(self, values: FloatArray) -> FloatArray:
         """Return the sum (K,) of `values` (R, C) over each part; only positive values count."""
         total = np.zeros(len(self.size))
@@ -56,10 +66,16 @@ class Components:
 
 
 def find_components(problem: HeightProblem) -> Components:
-    """Label the parts of `problem` that edges of positive weight hold together."""
+    """Label the parts of `problem` that edges of positive weight, or means, hold together.
+
+    The heights of two pieces that only a mean joins relative to one another are what the means
+    and the other constraints say, and what the first guess says where these leave them free.
+    """
     mask, right, down = problem.mask, problem.weight_x, problem.weight_y
     parent = np.empty(_count_runs(mask, right), dtype=np.int64)
     _join_runs(mask, right, down, parent)
+    if problem.means is not None:
+        _join_sets(mask, right, problem.means.start, problem.means.points, parent)
     number, count = _number(parent)
     kinds = (np.int8, np.int32)
     kind = next(each for each in kinds if count <= np.iinfo(each).max)
@@ -67,7 +83,7 @@ def find_components(problem: HeightProblem) -> Components:
     size = np.zeros(count, dtype=np.int64)
     _label(mask, right, number, labels, size)
     parts = Components(labels, size, np.zeros(count))
-    parts.weight[...] = parts.sums(problem.weight)
+    parts.weight[...] = parts.held(problem, problem.weight)
     return parts
 
 
@@ -104,6 +120,25 @@ def _join_runs(mask: BoolArray, right: FloatArray, down: FloatArray, parent: Int
             if c > 0 and right[r, c - 1] > 0 and right[r - 1, c - 1] > 0 and down[r - 1, c - 1] > 0:
                 continue
             a, b = _root(parent, above[c]), _root(parent, here[c])
+            parent[max(a, b)] = min(a, b)
+
+
+@kernel
+def _join_sets(
+    mask: BoolArray, right: FloatArray, start: IntArray, points: IntArray, parent: IntArray
+) -> None:
+    """Join the runs that the points of one set lie in."""
+    rows, columns = mask.shape
+    runs = np.empty((rows, columns), dtype=np.int64)
+    run = -1
+    for r in range(rows):
+        for c in range(columns):
+            run += mask[r, c] and (c == 0 or right[r, c - 1] == 0)
+            runs[r, c] = run
+    for k in range(len(start) - 1):
+        for n in range(start[k] + 1, start[k + 1]):
+            a = _root(parent, runs.flat[points[n - 1]])
+            b = _root(parent, runs.flat[points[n]])
             parent[max(a, b)] = min(a, b)
 
 

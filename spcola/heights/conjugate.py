@@ -13,6 +13,7 @@ from spcola.heights import vectors
 from spcola.heights.bands import Bands
 from spcola.heights.components import Components
 from spcola.heights.direct import DirectSolver
+from spcola.heights.means import add_mean_products, add_mean_pulls
 from spcola.heights.multigrid import Hierarchy
 from spcola.heights.problem import HeightProblem
 from spcola.heights.smoothing import multiply
@@ -62,14 +63,18 @@ class LinearSystem:
         self, problem: HeightProblem, weight: FloatArray, components: Components, bands: Bands
     ) -> None:
         self._problem, self._weight, self._components = problem, weight, components
-        ground = components.sums(weight)
+        ground = components.held(problem, weight)
         # One over the stiffness of lifting a whole part. The cycle carries the constant of a
         # single part exactly, but its aggregates run across the gaps between several.
-        self._unit = _unit(problem, weight)
+        # Means enter the cycle as what they are at most: weights of their single points.
+        lumped = weight
+        if problem.means is not None:
+            lumped = weight + problem.means.lumped(problem.shape)
+        self._unit = _unit(problem, lumped)
         self._lift = np.divide(self._unit, ground, out=np.zeros(len(ground)), where=ground > 0)
         self._several = len(ground) > 1
         kind = np.float32 if self._is_tame(ground) else np.float64
-        self._hierarchy = Hierarchy(problem, weight, self._unit, kind, bands)
+        self._hierarchy = Hierarchy(problem, lumped, self._unit, kind, bands)
         shape = (problem.shape[0] + 2, problem.shape[1] + 2)
         self._r, self._p, self._z = (np.zeros(shape, dtype=kind) for _ in range(3))
         self._direct: DirectSolver | None = None
@@ -94,7 +99,12 @@ class LinearSystem:
     def residual(self, problem: HeightProblem, x: FloatArray, bands: Bands) -> FloatArray:
         """Return ``Dᵀ w_e (step − D x) + w_c (h_c − x)`` over the unit, padded (scratch memory)."""
         steps = (problem.step_x, problem.step_y, problem.weight_x, problem.weight_y)
-        heights = (problem.height, self._weight, x, self._unit, self._r)
+        pulls = np.zeros((0, 0))
+        if problem.means is not None:
+            m = problem.means
+            pulls = np.zeros(x.shape)
+            add_mean_pulls(m.start, m.points, m.share, m.height, m.weight, x, pulls)
+        heights = (problem.height, self._weight, pulls, x, self._unit, self._r)
         bands.run(x.shape, vectors.residual, *steps, *heights)
         return self._r
 
@@ -153,7 +163,7 @@ class LinearSystem:
         self, problem: HeightProblem, x: FloatArray, tolerance_m: float, limit: int, bands: Bands
     ) -> tuple[int, float]:
         """Improve `x` in place; return the iterations spent and the bound reached, metres."""
-        level, spectrum, p, shape = self._hierarchy.finest, self._spectrum, self._p, x.shape
+        spectrum, p, shape = self._spectrum, self._p, x.shape
         spectrum.restart()
         r = self.residual(problem, x, bands)
         z = self.precondition(r, bands)
@@ -165,7 +175,7 @@ class LinearSystem:
         refreshed, due = largest, False
         for done in range(1, limit + 1):
             q = self._z  # z is spent
-            curvature = sum(bands.run(shape, multiply, *level.coefficients, p, q))
+            curvature = self._multiply(p, q, bands)
             if not (curvature > 0 and rz > 0):
                 return done, bound
             alpha = rz / curvature
@@ -185,6 +195,15 @@ class LinearSystem:
             due = bound * min(largest / before, 1.0) <= tolerance_m
             bands.run(shape, vectors.turn, p, z, beta)
         return limit, bound
+
+    def _multiply(self, p: FloatArray, out: FloatArray, bands: Bands) -> float:
+        """Store ``A p`` in `out`; return ``pᵀ A p``."""
+        level = self._hierarchy.finest
+        total = float(sum(bands.run(level.size, multiply, *level.coefficients, p, out)))
+        if self._problem.means is not None:
+            m = self._problem.means
+            total += add_mean_products(m.start, m.points, m.share, m.weight, self._unit, p, out)
+        return total
 
     def _measure(self, r: FloatArray, z: FloatArray, bands: Bands) -> tuple[float, float]:
         """Return ``rᵀ z`` and the largest ``|z|``, metres."""

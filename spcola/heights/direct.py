@@ -12,7 +12,7 @@ from spcola.heights.problem import HeightProblem
 
 
 def normal_matrix(problem: HeightProblem, weight: FloatArray) -> csc_array:
-    """Return ``L + W`` over the points of the mask, in row order (n, n), 1/m².
+    """Return ``L + W`` (and the means) over the points of the mask, in row order (n, n), 1/m².
 
     `weight` (R, C) are the constraint weights, 1/m².
     """
@@ -31,6 +31,12 @@ def normal_matrix(problem: HeightProblem, weight: FloatArray) -> csc_array:
         ),
         shape=(count, count),
     ).tocsc()
+    if problem.means is not None:
+        means = problem.means
+        root = np.sqrt(means.weight)[means.owner] * means.share
+        entries = (means.owner, number.ravel()[means.points])
+        rows = coo_array((root, entries), shape=(len(means.height), count)).tocsr()
+        matrix = (matrix + rows.T @ rows).tocsc()
     return matrix
 
 

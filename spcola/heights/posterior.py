@@ -10,9 +10,10 @@ import numpy as np
 
 from spcola.arrays import FloatArray, check_shape
 from spcola.errors import SettingsError
-from spcola.heights.banded import BandedFactor
+from spcola.heights.banded import BandedFactor, band_width
+from spcola.heights.means import MeanConstraints
 from spcola.heights.problem import HeightProblem
-from spcola.heights.solver import SolverOptions, solve_heights
+from spcola.heights.solver import HeightSystem, SolverOptions
 
 Method = Literal["exact", "patches", "probing"]
 
@@ -117,18 +118,26 @@ def _without_data(problem: HeightProblem, weight: FloatArray) -> HeightProblem:
         np.zeros(problem.shape),
         np.where(problem.weight > 0, weight, 0.0),
         problem.mask,
+        problem.means,
     )
 
 
 def _exact_variance(problem: HeightProblem) -> FloatArray:
     rows, columns = problem.shape
-    if rows * columns * min(rows, columns) > _EXACT_LIMIT:
+    turned = problem if columns <= rows else _transposed(problem)
+    if rows * columns * band_width(turned) > _EXACT_LIMIT:
+        wide = " with means over such wide areas" if problem.means is not None else ""
         raise SettingsError(
-            f"a grid of {rows} × {columns} is too large for 'exact'", "method", "choose patches"
+            f"a grid of {rows} × {columns}{wide} is too large for 'exact'",
+            "method",
+            "choose patches",
         )
-    if columns <= rows:
-        return BandedFactor(problem).variance()
-    turned = HeightProblem(
+    variance = BandedFactor(turned).variance()
+    return variance if columns <= rows else variance.T
+
+
+def _transposed(problem: HeightProblem) -> HeightProblem:
+    return HeightProblem(
         problem.step_y.T,
         problem.step_x.T,
         problem.weight_y.T,
@@ -136,8 +145,8 @@ def _exact_variance(problem: HeightProblem) -> FloatArray:
         problem.height.T,
         problem.weight.T,
         problem.mask.T,
+        None if problem.means is None else problem.means.transposed(problem.shape),
     )
-    return BandedFactor(turned).variance().T
 
 
 @dataclass(frozen=True)
@@ -185,7 +194,7 @@ def _patched_variance(problem: HeightProblem, options: PosteriorOptions) -> Floa
     """Variance from windows cut out of the problem: edges across their borders are dropped."""
     variance = np.full(problem.shape, np.nan)
     for window in _windows(problem.shape, options):
-        part = _cut(problem, window, problem.weight[window.whole])
+        part = _cut(problem, window, problem.weight[window.whole], whole=True)
         variance[window.core] = BandedFactor(part).variance()[window.core_inside]
     return variance
 
@@ -201,12 +210,14 @@ def _probed_variance(problem: HeightProblem, options: PosteriorOptions) -> Float
     for window in _windows(problem.shape, options):
         outward = _outward_edges(problem, window)
         held = sum((weight for weight, _, _ in outward), problem.weight[window.whole])
-        factor = BandedFactor(_cut(problem, window, held))
+        factor = BandedFactor(_cut(problem, window, held, whole=False))
         right = np.zeros((*held.shape, options.samples))
         for weight, down, across in outward:
             r, c = np.nonzero(weight)
             beyond = surfaces[r + window.rows.start + down, c + window.columns.start + across]
             right[r, c] += weight[r, c, None] * np.nan_to_num(beyond)
+        if problem.means is not None:
+            right += _pull_of_means(problem.means, window, surfaces)
         mean = factor.solve(right)[window.core_inside]
         within = factor.variance()[window.core_inside]
         variance[window.core] = within + np.mean(mean**2, axis=-1)
@@ -214,8 +225,30 @@ def _probed_variance(problem: HeightProblem, options: PosteriorOptions) -> Float
     return variance
 
 
-def _cut(problem: HeightProblem, window: _Window, weight: FloatArray) -> HeightProblem:
-    """Return the problem inside a window, with the given constraint weights there."""
+def _pull_of_means(means: MeanConstraints, window: _Window, surfaces: FloatArray) -> FloatArray:
+    """What means that reach out of a window pull with, given the surfaces (R, C, S) outside."""
+    r, c = np.divmod(means.points, surfaces.shape[1])
+    inside = (r >= window.rows.start) & (r < window.rows.stop)
+    inside &= (c >= window.columns.start) & (c < window.columns.stop)
+    across = np.isin(means.owner, means.owner[inside]) & ~inside
+    beyond = np.zeros((len(means.height), surfaces.shape[2]))
+    outer = means.share[across, None] * np.nan_to_num(surfaces[r[across], c[across]])
+    np.add.at(beyond, means.owner[across], outer)
+    held = inside & np.isin(means.owner, means.owner[across])
+    owner = means.owner[held]
+    pull = np.zeros((*surfaces[window.whole].shape[:2], surfaces.shape[2]))
+    place = (r[held] - window.rows.start, c[held] - window.columns.start)
+    np.add.at(pull, place, -(means.weight[owner] * means.share[held])[:, None] * beyond[owner])
+    return pull
+
+
+def _cut(
+    problem: HeightProblem, window: _Window, weight: FloatArray, *, whole: bool
+) -> HeightProblem:
+    """Return the problem inside a window, with the given constraint weights there.
+
+    Means that reach out of it are dropped if `whole`, else held outside.
+    """
     mask = problem.mask[window.whole]
     rows, columns = mask.shape
     across = (window.rows, slice(window.columns.start, window.columns.stop - 1))
@@ -228,6 +261,8 @@ def _cut(problem: HeightProblem, window: _Window, weight: FloatArray) -> HeightP
         np.zeros(mask.shape),
         weight,
         mask,
+        problem.means
+        and problem.means.inside(window.rows, window.columns, problem.shape[1], whole=whole),
     )
 
 
@@ -268,15 +303,17 @@ def _random_surfaces(problem: HeightProblem, options: PosteriorOptions) -> Float
     stiffest = max(float(w.max(initial=0.0)) for w in (problem.weight_x, problem.weight_y))
     stiffest = max(stiffest, float(problem.weight.max(initial=0.0)), np.finfo(float).tiny)
     exact_enough = SolverOptions(tolerance_m=1e-3 / np.sqrt(stiffest), floating="unknown")
+    system = HeightSystem(problem)
     for k in range(options.samples):
-        noise = HeightProblem(
+        mean_noise = None
+        if problem.means is not None:
+            weights = problem.means.weight
+            mean_noise = rng.normal(size=weights.shape) / np.sqrt(weights)
+        noise = problem.with_data(
             sigma_x * rng.normal(size=sigma_x.shape),
             sigma_y * rng.normal(size=sigma_y.shape),
-            problem.weight_x,
-            problem.weight_y,
             sigma * rng.normal(size=sigma.shape),
-            problem.weight,
-            problem.mask,
+            mean_height=mean_noise,
         )
-        surfaces[..., k] = solve_heights(noise, options=exact_enough).height
+        surfaces[..., k] = system.solve(noise, options=exact_enough).height
     return surfaces

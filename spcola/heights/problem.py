@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from spcola.arrays import BoolArray, FloatArray, check_shape, read_only
 from spcola.errors import InvalidValueError
+from spcola.heights.means import MeanConstraints
 from spcola.kernel import kernel
 
 
@@ -18,9 +19,11 @@ class HeightProblem:
 
     The surface sought minimises, over the points of `mask`,
 
-        E(h) = Σ_edges w_e (h(b) − h(a) − step_e)² + Σ_points w_c (h − h_c)²        (A)
+        E(h) = Σ_edges w_e (h(b) − h(a) − step_e)² + Σ_points w_c (h − h_c)²
+               + Σ_sets w_k (mean of h over S_k − m_k)²                             (A)
 
-    which is the fixed point of the relaxation of Gaskell et al., eq. 23, if every ``w_e = 1``.
+    which, without the means, is the fixed point of the relaxation of Gaskell et al., eq. 23, if
+    every ``w_e = 1``.
     Weights are inverse variances, so that the steps of one source and the heights of another
     can be told apart by their uncertainties.
 
@@ -41,6 +44,8 @@ class HeightProblem:
         Their weights, 1/m².
     mask : (R, C) array_like, optional
         True at the points that are to get a height; everywhere if not given.
+    means : MeanConstraints, optional
+        Heights of areas. Points outside `mask` do not take part: the mean is over the others.
 
     Raises
     ------
@@ -56,6 +61,7 @@ class HeightProblem:
     height: FloatArray = None  # type: ignore[assignment]  # filled in __post_init__
     weight: FloatArray = None  # type: ignore[assignment]  # filled in __post_init__
     mask: BoolArray = None  # type: ignore[assignment]  # filled in __post_init__
+    means: MeanConstraints | None = None
 
     def __post_init__(self) -> None:
         shape = self._shape_from_steps()
@@ -68,9 +74,18 @@ class HeightProblem:
         self._keep_heights(_floats(height), _weights(weight, shape, "weight"))
         self._keep_edges("x", (rows, columns - 1), mask[:, 1:], mask[:, :-1])
         self._keep_edges("y", (rows - 1, columns), mask[1:], mask[:-1])
+        means = None if self.means is None else self.means.within(mask)
+        object.__setattr__(
+            self, "means", means if means is not None and len(means.height) else None
+        )
 
     def with_data(
-        self, step_x: FloatArray, step_y: FloatArray, height: FloatArray
+        self,
+        step_x: FloatArray,
+        step_y: FloatArray,
+        height: FloatArray,
+        *,
+        mean_height: FloatArray | None = None,
     ) -> HeightProblem:
         """Return the problem of other steps and heights with the same mask and weights.
 
@@ -81,6 +96,8 @@ class HeightProblem:
             Metres; may be NaN where the weight is 0.
         height : (R, C) array_like
             Constraining heights, metres; may be NaN where the weight is 0.
+        mean_height : (K,) ndarray, optional
+            Heights of the sets in `means`, metres; the old ones if not given.
 
         Raises
         ------
@@ -99,10 +116,19 @@ class HeightProblem:
             if name != "height":
                 _clear_unused(kept, weight)
             other._keep(name, kept)
+        means = self.means
+        if means is not None and mean_height is not None:
+            means = means.with_heights(mean_height)
+        object.__setattr__(other, "means", means)
         return other
 
     def has_weights_of(self, other: HeightProblem) -> bool:
         """Whether mask and weights are those of `other` (not equal ones: the same arrays)."""
+        mine, others = self.means, other.means
+        if (mine is None) != (others is None):
+            return False
+        if mine is not None and others is not None and mine.points.base is not others.points.base:
+            return False
         return all(
             getattr(self, name).base is getattr(other, name).base
             for name in ("mask", "weight", "weight_x", "weight_y")

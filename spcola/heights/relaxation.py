@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from spcola.arrays import FloatArray, IntArray, check_shape
+from spcola.errors import InvalidValueError
 from spcola.heights.problem import HeightProblem
 from spcola.kernel import kernel
 
@@ -42,8 +43,10 @@ def relax(
     Raises
     ------
     InvalidValueError
-        If `start` has another shape.
+        If `start` has another shape, or the problem has constraints on means.
     """
+    if problem.means is not None:
+        raise InvalidValueError("means are not relaxed", "problem", "use solve_heights")
     height = np.zeros(problem.shape)
     if start is not None:
         check_shape(start, problem.shape, "start")

@@ -31,7 +31,7 @@ class SolverOptions:
     max_iterations : int
         Iterations of conjugate gradients, for each linear solution.
     loss : {"l2", "huber", "cauchy"}
-        Loss on the constraints; steps are always least squares.
+        Loss on the constraints of points; steps and means are always least squares.
     loss_scale : float
         Where the loss leaves the parabola, in sigmas of the constraint (σ = 1/√weight).
     max_reweights : int
@@ -254,6 +254,10 @@ def _first_guess(problem: HeightProblem, parts: Components, start: FloatArray | 
     guess = np.empty(problem.shape)
     total = np.zeros(len(parts.size))
     _sum_constraints(parts.labels, problem.weight, problem.height, total)
+    if problem.means is not None:
+        means = problem.means
+        owner = parts.labels.ravel()[means.points[means.start[:-1]]]
+        total += np.bincount(owner, means.weight * means.height, len(total))
     mean = np.divide(total, parts.weight, out=np.zeros(len(total)), where=parts.weight > 0)
     if start is None:
         _fill_parts(parts.labels, mean, guess)

@@ -20,6 +20,7 @@ def residual(  # noqa: PLR0913, PLR0917  flat arguments: numba knows no dataclas
     weight_y: FloatArray,
     height: FloatArray,
     weight: FloatArray,
+    pulls: FloatArray,
     x: FloatArray,
     unit: float,
     out: FloatArray,
@@ -28,7 +29,8 @@ def residual(  # noqa: PLR0913, PLR0917  flat arguments: numba knows no dataclas
 ) -> None:
     """Residual of the normal equations over `unit` into the padded `out`.
 
-    Summed from misfits in double precision: exact also far from zero height.
+    Summed from misfits in double precision: exact also far from zero height. `pulls` is what
+    means pull with: (R, C), or without elements if there are none.
     """
     rows, columns = x.shape
     line, pull = np.zeros(columns), np.zeros(columns)
@@ -36,6 +38,9 @@ def residual(  # noqa: PLR0913, PLR0917  flat arguments: numba knows no dataclas
         for c in range(columns):
             misfit = height[r, c] - x[r, c]
             line[c] = weight[r, c] * misfit if weight[r, c] > 0 else 0.0
+        if pulls.size > 0:
+            for c in range(columns):
+                line[c] += pulls[r, c]
         for c in range(columns - 1):
             pull[c] = weight_x[r, c] * (step_x[r, c] - (x[r, c + 1] - x[r, c]))
         for c in range(columns - 1):
