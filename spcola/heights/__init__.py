@@ -5,7 +5,13 @@ from spcola.heights.posterior import PosteriorOptions, posterior_sigma
 from spcola.heights.problem import HeightProblem
 from spcola.heights.relaxation import relax
 from spcola.heights.slopes import slopes_of, steps_from_slopes
-from spcola.heights.solver import HeightSolution, HeightSystem, SolverOptions, solve_heights
+from spcola.heights.solver import (
+    HeightSolution,
+    HeightSystem,
+    SolverOptions,
+    solve_heights,
+    solve_many,
+)
 
 __all__ = [
     "HeightProblem",
@@ -18,5 +24,6 @@ __all__ = [
     "relax",
     "slopes_of",
     "solve_heights",
+    "solve_many",
     "steps_from_slopes",
 ]

@@ -34,6 +34,14 @@ def test_converged_relaxation_is_the_solution():
     np.testing.assert_allclose(relaxed, solved, atol=1e-6 * gsd, rtol=0)
 
 
+def test_relaxation_of_a_maplet_converges_to_the_solution():
+    gsd = 0.75
+    problem = slopes_problem(99, gsd, np.random.default_rng(5))
+    relaxed = relax(problem, sweeps=2500, seed=2)
+    solved = solve_heights(problem, options=SolverOptions(tolerance_m=1e-9)).height
+    np.testing.assert_allclose(relaxed, solved, atol=1e-6 * gsd, rtol=0)
+
+
 def test_same_seed_same_heights():
     problem = slopes_problem(12, 1.0, np.random.default_rng(4))
     once, again, other = (relax(problem, sweeps=3, seed=seed) for seed in (1, 1, 2))

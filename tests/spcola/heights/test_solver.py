@@ -10,7 +10,13 @@ from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import spsolve
 
 from spcola.errors import InvalidValueError, SettingsError
-from spcola.heights import HeightProblem, SolverOptions, solve_heights
+from spcola.heights import (
+    HeightProblem,
+    HeightSystem,
+    SolverOptions,
+    solve_heights,
+    solve_many,
+)
 from spcola.heights.bands import Bands
 from spcola.heights.components import find_components
 from spcola.heights.conjugate import LinearSystem
@@ -153,13 +159,51 @@ def test_regions_of_very_different_weight_need_few_iterations():
     assert solution.iterations < 60
 
 
-def test_iterations_do_not_grow_with_the_grid():
+def weighted(size, kind, rng):
+    """Edges of weights that jump over six orders of magnitude, and of masks of all sorts."""
+    row, column = np.indices((size, size))
+    mask, factor, sparse = np.ones((size, size), dtype=bool), np.ones((size, size)), 0.02
+    if kind == "holes":
+        mask = rng.random((size, size)) >= 0.02
+    elif kind == "island":
+        mask = np.hypot(row - size / 2, column - size / 2) < 0.4 * size
+    elif kind == "blocks":
+        factor = 10.0 ** rng.uniform(-3, 3, (-(-size // 16),) * 2)[row // 16, column // 16]
+    elif kind == "checkerboard":
+        factor = np.where((row // 16 + column // 16) % 2, 1e-6, 1.0)
+    elif kind == "stripes":
+        factor = 10.0 ** rng.uniform(-3, 3, size)[row]
+    elif kind == "one height":
+        sparse = 0.0
+    height = np.where(rng.random((size, size)) < sparse, rng.normal(0, 5, (size, size)), np.nan)
+    height[size // 2, size // 2] = 1.0
+    weight_x = np.minimum(factor[:, 1:], factor[:, :-1])
+    weight_y = np.minimum(factor[1:], factor[:-1])
+    steps = rng.normal(size=(size, size - 1)), rng.normal(size=(size - 1, size))
+    return HeightProblem(*steps, weight_x, weight_y, height, np.ones((size, size)), mask)
+
+
+@pytest.mark.parametrize(
+    ("kind", "most"),
+    [
+        ("plain", 13),
+        ("holes", 17),
+        ("island", 13),
+        ("blocks", 22),
+        ("checkerboard", 22),
+        ("one height", 13),
+    ],
+)
+def test_iterations_do_not_grow_with_the_grid(kind, most):
     counts = []
     for size in (65, 129, 257, 513):
-        problem = random_problem(np.random.default_rng(1), (size, size), holes=0.02, sparse=0.02)
-        counts.append(solve_heights(problem, options=SolverOptions(tolerance_m=1e-8)).iterations)
-    assert max(counts) <= 25
-    assert max(counts) <= 1.5 * min(counts)
+        problem = weighted(size, kind, np.random.default_rng(1))
+        options = SolverOptions(tolerance_m=1e-6, floating="unknown")
+        solution = solve_heights(problem, options=options)
+        assert solution.converged, solution.reason
+        counts.append(solution.iterations)
+    assert max(counts) <= most, counts
+    assert max(counts[1:]) <= 1.3 * min(counts[1:]) + 1, counts
 
 
 def test_plane_is_recovered_from_one_constraint():
@@ -374,6 +418,58 @@ def test_wild_weights_and_a_floating_part_together():
         weight[:, :30],
     )
     np.testing.assert_allclose(solution.height[:, :30], direct(left), atol=1e-9)
+
+
+def test_a_system_solves_for_other_steps_and_heights():
+    rng = np.random.default_rng(14)
+    first = random_problem(rng, (40, 33), holes=0.2, cuts=0.1, sparse=0.1)
+    system = HeightSystem(first)
+    np.testing.assert_array_equal(
+        system.solve(first, options=EXACT).height, solve_heights(first, options=EXACT).height
+    )
+    for _ in range(3):
+        other = first.with_data(
+            rng.normal(size=first.step_x.shape),
+            rng.normal(size=first.step_y.shape),
+            rng.normal(size=first.shape),
+        )
+        solution = system.solve(other, options=EXACT)
+        np.testing.assert_allclose(solution.height, direct(other), atol=1e-9, rtol=0)
+        again = system.solve(other, options=SolverOptions(tolerance_m=1e-8), start=solution.height)
+        assert again.iterations == 0
+    with pytest.raises(InvalidValueError, match="other weights"):
+        system.solve(random_problem(rng, (40, 33), sparse=0.1))
+    with pytest.raises(InvalidValueError, match="not finite where its weight"):
+        first.with_data(first.step_x, first.step_y, np.full(first.shape, np.nan))
+
+
+def test_threads_of_one_large_problem_change_nothing():
+    """More than one band of rows, with parts whose sums run over several of them."""
+    problem = random_problem(np.random.default_rng(15), (1100, 700), holes=0.3, sparse=0.05)
+    options = [SolverOptions(tolerance_m=1e-4, floating="unknown", threads=n) for n in (1, 2, 3)]
+    one, two, three = (solve_heights(problem, options=each).height for each in options)
+    np.testing.assert_array_equal(one, two)
+    np.testing.assert_array_equal(one, three)
+
+
+def test_single_precision_data_stay_so_and_solve_alike():
+    problem = random_problem(np.random.default_rng(16), (60, 50), holes=0.2, sparse=0.1)
+    layers = ("step_x", "step_y", "weight_x", "weight_y", "height", "weight")
+    single = HeightProblem(
+        *(getattr(problem, name).astype(np.float32) for name in layers), problem.mask
+    )
+    assert single.weight_x.dtype == np.float32
+    np.testing.assert_allclose(
+        solve_heights(single, options=EXACT).height,
+        solve_heights(problem, options=EXACT).height,
+        atol=1e-4,
+    )
+
+
+def test_many_maplets_are_solved_as_each_alone():
+    problems = [random_problem(np.random.default_rng(k), (30, 30), sparse=0.1) for k in range(6)]
+    for one, alone in zip(solve_many(problems, workers=3), problems, strict=True):
+        np.testing.assert_array_equal(one.height, solve_heights(alone).height)
 
 
 def test_threads_do_not_disturb_each_other():
