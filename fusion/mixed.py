@@ -101,6 +101,8 @@ class MixedFit:
         In the units that the design matrix implies.
     covariance : (P, P) ndarray
         Of the estimate, shared effects and priors included.
+    joint : (P + R, P + R) ndarray
+        Of the estimate and of the effects of all groups whose size is not 0, in their order.
     residual : (N, D) ndarray
         Observed minus computed, shared effects **not** removed.
     conditional : (N, D) ndarray
@@ -119,6 +121,7 @@ class MixedFit:
 
     estimate: FloatArray
     covariance: FloatArray
+    joint: FloatArray
     residual: FloatArray
     conditional: FloatArray
     effects: tuple[FloatArray, ...]
@@ -207,7 +210,8 @@ def fit_mixed(observations: Observations, options: MixedOptions) -> MixedFit:
     residual, conditional = _residuals(observations, solution)
     return MixedFit(
         estimate=solution.estimate,
-        covariance=solution.covariance,
+        covariance=solution.joint[: len(solution.estimate), : len(solution.estimate)],
+        joint=solution.joint,
         residual=residual,
         conditional=conditional,
         effects=solution.effects,
@@ -300,7 +304,7 @@ def _reach(observations: Observations, options: MixedOptions) -> FloatArray:
 class _Solution:
     estimate: FloatArray
     effects: tuple[FloatArray, ...]
-    covariance: FloatArray
+    joint: FloatArray
     deviance: float
 
 
@@ -341,7 +345,7 @@ def _solve(
         + 2.0 * float(np.sum(np.log(own)))
     )
     effects = _by_group(both[count:], observations, sizes)
-    return _Solution(both[:count], effects, inverse[:count, :count], deviance)
+    return _Solution(both[:count], effects, inverse, deviance)
 
 
 def _spread(observations: Observations, sizes: ErrorSizes) -> FloatArray:

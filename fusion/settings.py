@@ -83,6 +83,15 @@ class MapolaSettings(Table):
     outlier_k: Positive = Field(
         default=5.0, description="returns beyond this many sigmas do not enter"
     )
+    adjust: bool = Field(
+        default=True, description="whether scans are moved to where they agree in their overlaps"
+    )
+    adjust_sigma_m: Positive = Field(
+        default=0.05, description="first guess of a scan's displacement, per axis; it is estimated"
+    )
+    adjust_sigma_deg: Positive = Field(
+        default=0.003, description="first guess of a scan's rotation; it is estimated"
+    )
 
 
 class RegisterSettings(Table):

@@ -14,6 +14,8 @@ import numpy as np
 from fusion.fused import FusedMaplet
 from fusion.products.fused import read_fused
 from fusion.settings import Settings, load_settings, write_settings
+from lidar.adjustment import ScanAdjustment
+from lidar.formats.adjustment import ADJUSTMENT_HDF5, read_adjustment
 from lidar.formats.mapola import read_mapola
 from lidar.mapola import Mapola
 from spcola import atomic
@@ -217,6 +219,15 @@ class Workspace:
         """Read the mapola `name`."""
         self._present(self.root / "mapolas" / f"{name}.MAP", "mapola")
         return read_mapola(self.root / "mapolas", name)
+
+    @property
+    def adjustment_path(self) -> Path:
+        """Where the displacements of the scans lie that went into the mapolas."""
+        return self.root / "mapolas" / ADJUSTMENT_HDF5
+
+    def adjustment(self) -> ScanAdjustment | None:
+        """Read the displacements of the scans; None where the mapolas were made without."""
+        return read_adjustment(self.adjustment_path) if self.adjustment_path.is_file() else None
 
     def fused_names(self) -> list[str]:
         """Return the fused maplets."""

@@ -261,7 +261,12 @@ def _finish(
     cells = surface.cells
     spread = np.where(cells.count >= 3, cells.spreads(surface.corrected, surface.height), np.nan)
     sigma = height_sigma(
-        cells, returns.sigma, spread, surface.planes, default=options.default_sigma_m
+        cells,
+        returns.sigma,
+        spread,
+        surface.planes,
+        surface.height,
+        default=options.default_sigma_m,
     )
     mapola = Mapola(
         name,

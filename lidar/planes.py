@@ -16,7 +16,7 @@ import numpy as np
 from spcola.arrays import FloatArray
 from spcola.kernel import kernel
 
-Moments = tuple[float, float, float, float, float, float, float, float]
+Moments = tuple[float, float, float, float, float, float, float, float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +36,9 @@ class PlaneFit:
     unresolved : ndarray
         Square of that carrying distance along directions in which the slope is not
         determined, square grid steps.
+    misfit : ndarray
+        Variance of one weight-1 height about the plane, m²: noise, and ground that is no plane.
+        0 where no more than three heights determine it.
     """
 
     slope_x: FloatArray
@@ -43,6 +46,7 @@ class PlaneFit:
     leverage: FloatArray
     own: FloatArray
     unresolved: FloatArray
+    misfit: FloatArray
 
 
 def fit_planes(
@@ -70,7 +74,7 @@ def fit_planes(
         Relative weights of the heights.
     """
     layers = _fit_planes(place_x, place_y, height, weight, baseline**2, max_radius)
-    return PlaneFit(layers[0], layers[1], layers[2], layers[3], layers[4])
+    return PlaneFit(layers[0], layers[1], layers[2], layers[3], layers[4], layers[5])
 
 
 @kernel
@@ -83,7 +87,7 @@ def _fit_planes(
     max_radius: int,
 ) -> FloatArray:
     rows, columns = height.shape
-    layers = np.zeros((5, rows, columns))
+    layers = np.zeros((6, rows, columns))
     for row in range(rows):
         for column in range(columns):
             if np.isnan(height[row, column]):
@@ -113,10 +117,10 @@ def _moments(
     column: int,
     radius: int,
 ) -> Moments:
-    """Σw, mean x and y, and the moments xx, xy, yy, xh, yh about the mean divided by Σw."""
+    """Σw, mean x and y, moments xx, xy, yy, xh, yh, hh about the mean over Σw, and the count."""
     rows, columns = height.shape
-    total = mean_x = mean_y = mean_h = 0.0
-    xx = xy = yy = xh = yh = 0.0
+    total = mean_x = mean_y = mean_h = count = 0.0
+    xx = xy = yy = xh = yh = hh = 0.0
     # Welford's update keeps full accuracy although the heights may be far from zero.
     for r in range(max(0, row - radius), min(rows, row + radius + 1)):
         for c in range(max(0, column - radius), min(columns, column + radius + 1)):
@@ -128,7 +132,8 @@ def _moments(
             from_y = r - row + place_y[r, c] - mean_y
             mean_x += w / total * from_x
             mean_y += w / total * from_y
-            mean_h += w / total * (height[r, c] - mean_h)
+            from_h = height[r, c] - mean_h
+            mean_h += w / total * from_h
             to_x = c - column + place_x[r, c] - mean_x
             to_y = r - row + place_y[r, c] - mean_y
             to_h = height[r, c] - mean_h
@@ -137,13 +142,16 @@ def _moments(
             yy += w * from_y * to_y
             xh += w * from_x * to_h
             yh += w * from_y * to_h
-    return total, mean_x, mean_y, xx / total, xy / total, yy / total, xh / total, yh / total
+            hh += w * from_h * to_h
+            count += 1.0
+    xx, xy, yy, xh, yh, hh = xx / total, xy / total, yy / total, xh / total, yh / total, hh / total
+    return total, mean_x, mean_y, xx, xy, yy, xh, yh, hh, count
 
 
 @kernel
 def _smaller_variance(moments: Moments) -> float:
     """Variance of the places along the direction in which they scatter least."""
-    _, _, _, xx, xy, yy, _, _ = moments
+    _, _, _, xx, xy, yy, _, _, _, _ = moments
     return 0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy)
 
 
@@ -155,11 +163,12 @@ def _slope(
     place_y: float,
     weight: float,
 ) -> FloatArray:
-    """Slopes x and y, leverage, own share and unresolved distance², by principal axes."""
-    total, mean_x, mean_y, xx, xy, yy, xh, yh = moments
+    """Slopes x and y, leverage, own share, unresolved distance² and misfit, by principal axes."""
+    total, mean_x, mean_y, xx, xy, yy, xh, yh, hh, count = moments
     half, mean = np.hypot(0.5 * (xx - yy), xy), 0.5 * (xx + yy)
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    result = np.zeros(5)
+    result = np.zeros(6)
+    left = hh
     for axis in range(2):
         along_x = np.cos(angle) if axis == 0 else -np.sin(angle)
         along_y = np.sin(angle) if axis == 0 else np.cos(angle)
@@ -167,6 +176,7 @@ def _slope(
         carried = along_x * place_x + along_y * place_y
         if variance >= least:
             slope = (along_x * xh + along_y * yh) / variance
+            left -= slope * slope * variance
             result[0] += slope * along_x
             result[1] += slope * along_y
             result[2] += carried * carried / (total * variance)
@@ -174,4 +184,6 @@ def _slope(
             result[3] -= carried * weight * lever / (total * variance)
         else:
             result[4] += carried * carried
+    if count > 3:
+        result[5] = max(left, 0.0) * total / (count - 3)
     return result

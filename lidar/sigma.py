@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import maximum_filter, uniform_filter
 
 from lidar.cells import CellReturns
 from lidar.planes import PlaneFit
 from spcola.arrays import AnyArray, FloatArray
+from spcola.bending import significant_bending
 
 # 1.4826 MAD of n Gaussian values is too small by these factors on average (Croux & Rousseeuw
 # 1992); n/(n − 0.8) beyond the table.
@@ -19,6 +20,9 @@ _MAD_SMALL_SAMPLE = np.array(
 _MAD_EFFICIENCY = 0.37
 # Half-width, in cells, of the neighbourhood whose spreads are pooled.
 _POOL = 2
+# A plane through 3 × 3 heights has six degrees of freedom: its misfit exceeds the noise by more
+# than this, 1 + 2 √(2/6), where the ground is no plane.
+_BENT = 2.15
 # Degrees of freedom that the wider spread (neighbourhood, grid) counts for beside the narrower
 # one (cell, neighbourhood). A grid with fewer in all does not know its spread.
 _PRIOR_FREEDOM = 10.0
@@ -41,6 +45,7 @@ def height_sigma(
     single: FloatArray,
     spread: FloatArray,
     planes: PlaneFit,
+    height: FloatArray,
     *,
     default: float,
 ) -> FloatArray:
@@ -48,14 +53,16 @@ def height_sigma(
 
     The larger of the returns' own sigma (`single`, by original return, NaN if unknown) and the
     cell's spread, drawn toward that of the cells around it in so far as few returns tell it,
-    times the factor of a median (:func:`median_sigma`); and the share of the slopes'
-    uncertainty. The spread holds the roughness of the ground inside the cell, which is an error
-    of the height as well.
+    times the factor of a median (:func:`median_sigma`); the share of the slopes' uncertainty; and
+    what the ground bends inside the cell (:func:`bending_variance`). The spread holds the roughness
+    of the ground inside the cell, which is an error of the height as well.
 
     Parameters
     ----------
     spread : ndarray
         Robust standard deviation in each cell, metres; NaN with fewer than three returns.
+    height : ndarray
+        Gridded heights, metres; NaN where empty.
     default : float
         Taken where neither is known, metres.
     """
@@ -70,10 +77,34 @@ def height_sigma(
     filled = cells.count > 0
     typical_slope = _typical_slope(planes, filled)
     variance = (one * median_sigma(cells.count)) ** 2 * (1.0 + 2.0 * planes.own)
-    # A single return has weight ½ in the plane fit.
-    variance = variance + 0.5 * one**2 * planes.leverage
+    # A single return has weight ½ in the plane fit. At the edge of a boulder the cells are no
+    # plane, and its slope is worse than their noise says.
+    bent = np.where(planes.misfit > _BENT * 0.5 * one**2, planes.misfit, 0.5 * one**2)
+    variance = variance + bent * planes.leverage
     variance = variance + typical_slope**2 * planes.unresolved
+    # Where a cell in the window of the plane bends, the plane is tilted: the largest counts.
+    bend = maximum_filter(significant_bending(height, np.sqrt(variance)), size=3)
+    variance = variance + bending_variance(bend, cells.count)
     return np.where(filled, np.sqrt(variance), np.nan)
+
+
+def bending_variance(bend: FloatArray, count: AnyArray) -> FloatArray:
+    """Return the mean square error, m², of a height by the bending that a plane leaves out.
+
+    A return at (x, y) of its cell lies ½ (h_xx x² + h_yy y²) from the plane through the grid
+    point. Over places spread evenly over the cell this has the mean (h_xx + h_yy)/24 and, with
+    ``h_xx = h_yy``, the variance (h_xx + h_yy)²/1440.
+
+    Parameters
+    ----------
+    bend : ndarray
+        ``|h_xx + h_yy|`` times the squared GSD, metres.
+    count : ndarray of int
+        Returns in each cell.
+    """
+    share = 1.0 / 24.0**2 + 1.0 / (1440.0 * np.maximum(count, 1))
+    variance: FloatArray = bend**2 * share
+    return variance
 
 
 def _known_medians(cells: CellReturns, single: FloatArray) -> FloatArray:

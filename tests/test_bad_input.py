@@ -401,10 +401,11 @@ OWN_FILES = {
     ),
     "registration.json, a word for a number": (
         "registration.json",
-        swapped('"scan_sigma_m": ', '"scan_sigma_m": "x", "was": '),
+        swapped('"scan_shift_m": ', '"scan_shift_m": "x", "was": '),
         "fuse",
         "register",
     ),
+    "adjustment.h5": ("mapolas/adjustment.h5", HALF, "register", "mapolas"),
     "fused.h5": ("fused/fused.h5", HALF, "release", "fuse"),
     "a bigmap": ("bigmaps/NPOLE.MAP", HALF, "release", "bigmap"),
 }

@@ -26,7 +26,7 @@ def make(
         Path, typer.Argument(metavar="DIR", help="A new folder, or that of a mission to finish.")
     ],
     preset: Annotated[
-        Literal["tiny", "mini", "bennu", "mission"],
+        Literal["tiny", "mini", "pole", "bennu", "mission"],
         typer.Option(
             help="tiny: for tests. mini: 75 m, as the demo. bennu: 245 m, 40 scans, images and "
             "maplets of the whole body. mission: 640 scans, lidar only unless --images is given."

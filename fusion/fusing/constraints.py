@@ -86,7 +86,7 @@ def lidar_constraints(grid: MapletGrid, candidates: Iterable[Candidate]) -> Cons
         if not overlaps(grid, candidate.grid) or not _reaches(candidate.grid, grid, unknown):
             continue
         mapola = candidate.load()
-        projected = project_maplet(mapola, grid)
+        projected = mapola if candidate.grid is grid else project_maplet(mapola, grid)
         new = projected.valid & np.isfinite(projected.sigma) & unknown
         height[new] = projected.height[new]
         sigma[new] = projected.sigma[new]

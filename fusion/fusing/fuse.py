@@ -10,9 +10,10 @@ from scipy import ndimage
 
 from fusion.fused import FusedMaplet, Source
 from fusion.fusing.constraints import Constraints
-from fusion.fusing.information import SlopeInformation, roughness
+from fusion.fusing.information import SlopeInformation, along_edges, roughness
 from fusion.registration.resolution import filled, plane_of
 from spcola.arrays import BoolArray, FloatArray
+from spcola.bending import bending
 from spcola.heights import (
     HeightProblem,
     HeightSolution,
@@ -22,6 +23,7 @@ from spcola.heights import (
     solve_heights,
 )
 from spcola.maplet import Maplet, MapletGrid
+from spcola.robust import cauchy_weight
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,9 @@ class FuseOptions:
         Loss on the lidar heights; the robust ones keep stray returns from pulling.
     loss_scale : float
         In standard deviations: residuals below it count in full.
+    step_loss_scale : float
+        In standard deviations: steps of SPC that the lidar contradicts by more than that lose
+        weight (Cauchy's loss).
     fraction : float
         Share of the lidar heights that constrain (1: all, weighted by their uncertainty).
     seed : int
@@ -46,6 +51,7 @@ class FuseOptions:
 
     loss: Literal["l2", "huber", "cauchy"] = "huber"
     loss_scale: float = 2.0
+    step_loss_scale: float = 1.0
     fraction: float = 1.0
     seed: int = 0
     fill_sigma_m: float = 1.0
@@ -132,12 +138,7 @@ def fuse_maplet(
     problem = _problem(parts, lidar, prior, information, options)
     # The loss is for the lidar alone; the weak SPC and shape heights stay quadratic because
     # their weights keep them far below its scale.
-    solution = solve_heights(
-        problem,
-        options=SolverOptions(
-            tolerance_m=options.tolerance_m, loss=options.loss, loss_scale=options.loss_scale
-        ),
-    )
+    solution = solve_heights(problem, options=_solver(options))
     own = posterior_sigma(problem, weight=solution.constraint_weight)
     with_lidar = np.isfinite(lidar.height)
     source = np.select(
@@ -196,6 +197,8 @@ def _problem(
     # A stray return is one cell wide, a boulder is not: the median keeps the one from
     # loosening the steps around it that are to hold it off.
     ground = ndimage.median_filter(prior, size=3, mode="nearest")
+    noise = np.nan_to_num(lidar.sigma)
+    bent = np.nan_to_num(bending(ground))
     steps, weights = [], []
     for axis in (1, 0):
         spc_step, prior_step = np.diff(surface, axis=axis), np.diff(prior, axis=axis)
@@ -204,11 +207,23 @@ def _problem(
         # which the ground follows, says so too.
         ground_step = np.diff(ground, axis=axis)
         slope = np.maximum(np.abs(spc_step), np.abs(ground_step)) / gsd
-        sigma = np.where(seen, information.step_sigma(slope, gsd), bridge)
+        bend = along_edges(bent, axis)
+        sigma = np.where(seen, information.step_sigma(slope, bend, gsd), bridge)
+        # The flank of a boulder that SPC cut short is no error of the size that steps have: there
+        # the step says nothing, and least squares would pull the flank down by it.
+        spread = np.hypot(sigma, along_edges(noise, axis))
+        contradicted = np.where(seen, (ground_step - spc_step) / spread, 0.0)
+        trust = cauchy_weight(np.nan_to_num(contradicted), options.step_loss_scale)
         steps.append(np.where(seen, spc_step, prior_step))
-        weights.append(np.where(_both(mask, axis), 1.0 / sigma**2, 0.0))
+        weights.append(np.where(_both(mask, axis), trust / sigma**2, 0.0))
     height, weight = _heights(parts, lidar, information, options)
     return HeightProblem(steps[0], steps[1], weights[0], weights[1], height, weight, mask)
+
+
+def _solver(options: FuseOptions) -> SolverOptions:
+    return SolverOptions(
+        tolerance_m=options.tolerance_m, loss=options.loss, loss_scale=options.loss_scale
+    )
 
 
 def _both(mask: BoolArray, axis: int) -> BoolArray:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import nnls
 
-from spcola.arrays import FloatArray
+from spcola.arrays import FloatArray, IntArray
+from spcola.bending import bending
 from spcola.robust import mad
 
 # Fewer differences than this do not give a spread.
@@ -29,6 +31,9 @@ class SlopeInformation:
     steep_sigma : float
         What is added (in quadrature) per unit of slope: SPC smooths where the surface is steep.
         Dimensionless; times the GSD it is metres.
+    bend_sigma : float
+        What is added per metre of bending (:mod:`spcola.bending`): SPC rounds edges and cuts
+        boulders short. Dimensionless.
     height_sigma_m : float
         Standard deviation of the SPC heights about the lidar's after registration, metres.
     correlated_cells : float
@@ -37,20 +42,27 @@ class SlopeInformation:
 
     step_sigma_m: float
     steep_sigma: float
+    bend_sigma: float
     height_sigma_m: float
     correlated_cells: float
 
-    def step_sigma(self, slope: FloatArray, gsd: float) -> FloatArray:
-        """Standard deviation, metres, of steps by `slope` (rise over run, any shape); GSD in m."""
-        return np.hypot(self.step_sigma_m, self.steep_sigma * gsd * np.abs(slope))
+    def step_sigma(self, slope: FloatArray, bend: FloatArray, gsd: float) -> FloatArray:
+        """Standard deviation, metres, of steps by `slope` (rise over run) and `bend` (metres)."""
+        growth = np.hypot(self.steep_sigma * gsd * slope, self.bend_sigma * bend)
+        return np.hypot(self.step_sigma_m, growth)
 
 
 DEFAULT_INFORMATION = SlopeInformation(
-    step_sigma_m=0.05, steep_sigma=0.3, height_sigma_m=0.15, correlated_cells=50.0
+    step_sigma_m=0.05, steep_sigma=0.3, bend_sigma=0.3, height_sigma_m=0.15, correlated_cells=50.0
 )
 """What is assumed where lidar and SPC nowhere overlap: half of the rms error that Weirich et al.
 (2022) found for SPC models of Bennu's size goes into a step, and errors hold together over about
 seven points."""
+
+
+def along_edges(layer: FloatArray, axis: int) -> FloatArray:
+    """Return the larger value of the two ends of each edge along `axis`, in the order of steps."""
+    return np.maximum(*_ends(layer, 1, axis))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +112,11 @@ def estimate_information(comparisons: list[Comparison], *, reach: int = 8) -> Sl
     variogram = np.array([_excess(step.square, step.noise) for step in steps])
     noise = float(np.nanmedian([np.nanmedian(pair.sigma) for pair in comparisons]))
     height = float(np.sqrt(max(float(mad(spread)) ** 2 - noise**2, 1e-8)))
+    steep, bend = _growth(steps[0], comparisons[0].gsd)
     return SlopeInformation(
         step_sigma_m=walk_sigma(variogram[:_STEP_REACH]),
-        steep_sigma=_steep(steps[0], comparisons[0].gsd),
+        steep_sigma=steep,
+        bend_sigma=bend,
         height_sigma_m=height,
         correlated_cells=_correlated_cells(variogram, height),
     )
@@ -158,22 +172,25 @@ def roughness(height: FloatArray, *, reach: int = 8) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """Differences of the error over one lag: squared, the lidar's share, and lidar slopes."""
+    """Differences of the error over one lag: squared, the lidar's share, its slope and bend."""
 
     square: FloatArray
     noise: FloatArray
     slope: FloatArray
+    bend: FloatArray
 
 
 def _steps(comparisons: list[Comparison], errors: list[FloatArray], lag: int) -> _Steps:
     parts: list[FloatArray] = []
     for pair, error in zip(comparisons, errors, strict=True):
+        bent = np.nan_to_num(bending(pair.lidar))
         for axis in (0, 1):
             ahead, behind = _ends(error, lag, axis)
             high, low = _ends(pair.lidar, lag, axis)
             noise = np.hypot(*_ends(pair.sigma, lag, axis)) ** 2
             slope = np.abs(high - low) / (lag * pair.gsd)
-            rows = np.stack([(ahead - behind) ** 2, noise, slope])
+            bend = np.maximum(*_ends(bent, lag, axis))
+            rows = np.stack([(ahead - behind) ** 2, noise, slope, bend])
             parts.append(rows[:, np.isfinite(rows).all(axis=0)])
     return _Steps(*np.concatenate(parts, axis=1))
 
@@ -202,21 +219,33 @@ def _excess(square: FloatArray, noise: FloatArray) -> float:
     return max(float(np.median(square)) / 0.4549 - float(np.median(noise)), 0.0)
 
 
-def _steep(steps: _Steps, gsd: float) -> float:
-    """How much the step error grows with the slope, from binned differences."""
-    edges = np.quantile(steps.slope, np.linspace(0.0, 1.0, 11))
-    bins = np.clip(np.searchsorted(edges, steps.slope, side="right") - 1, 0, 9)
+def _growth(steps: _Steps, gsd: float) -> tuple[float, float]:
+    """How much the step error grows with slope and with bending, from binned differences.
+
+    The variance of a bin is its excess; a constant and the squares of slope and bending are fitted
+    to it, none of them negative.
+    """
+    slope_bin, bend_bin = _deciles(steps.slope), _deciles(steps.bend)
     rows = []
-    for number in range(10):
-        chosen = bins == number
-        if chosen.sum() >= 30:
+    for number in range(100):
+        chosen = 10 * slope_bin + bend_bin == number
+        if np.count_nonzero(chosen) >= 30:
             excess = _excess(steps.square[chosen], steps.noise[chosen])
-            rows.append((float(np.median(steps.slope[chosen])) ** 2, excess))
-    if len(rows) < 3:
-        return DEFAULT_INFORMATION.steep_sigma
-    square_slope, excess_variance = np.array(rows).T
-    growth = float(np.polyfit(square_slope, excess_variance, 1)[0])
-    return float(np.sqrt(max(growth, 0.0)) / gsd)
+            slope, bend = np.median(steps.slope[chosen]), np.median(steps.bend[chosen])
+            rows.append((1.0, float(slope) ** 2, float(bend) ** 2, excess))
+    if len(rows) < 5:
+        return DEFAULT_INFORMATION.steep_sigma, DEFAULT_INFORMATION.bend_sigma
+    table = np.array(rows)
+    # A variance estimated from squares is known to a share of itself.
+    table /= np.maximum(table[:, 3:], max(float(np.median(table[:, 3])), 1e-12))
+    found, _ = nnls(table[:, :3], table[:, 3])
+    return float(np.sqrt(found[1])) / gsd, float(np.sqrt(found[2]))
+
+
+def _deciles(values: FloatArray) -> IntArray:
+    """Number, 0 … 9, of the decile that each of `values` (N,) lies in."""
+    edges = np.quantile(values, np.linspace(0.1, 0.9, 9))
+    return np.searchsorted(edges, values, side="right")
 
 
 def _correlated_cells(variogram: FloatArray, height_sigma: float) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -35,16 +34,12 @@ class FitOptions:
     model : {"rigid", "similarity", "affine"}
     center_sigma_m : float
         Prior median of the error of a single maplet's centre, metres; its size is estimated.
-    scan_sigma_m : float
-        Prior median of the error that all returns of a scan share, metres, per axis; its size is
-        estimated. 0: scans share no error.
     reject : float
         Mapolas whose residual exceeds this many standard deviations are rejected.
     """
 
     model: Model = "similarity"
     center_sigma_m: float = 0.05
-    scan_sigma_m: float = 0.05
     reject: float = 5.0
 
 
@@ -61,6 +56,8 @@ class Registration:
         Names and order of the covariance's rows.
     covariance : (P, P) ndarray
         Units by the names: metres, radians, none.
+    joint : (P + M, P + M) ndarray
+        The same with the strengths of the patterns of scan errors.
     center : (3,) ndarray
         Point about which rotation and scale were parametrised (mean of the mapola centres).
     fit : MixedFit
@@ -73,6 +70,7 @@ class Registration:
     model: Model
     parameters: tuple[str, ...]
     covariance: FloatArray
+    joint: FloatArray
     center: FloatArray
     fit: MixedFit
     iterations: int
@@ -87,20 +85,27 @@ class Registration:
         """Standard deviation (3,) of the residuals of the mapolas used, per axis, metres."""
         return np.std(self.fit.residual[self.fit.used], axis=0)
 
-    def sigma_at(self, points: FloatArray) -> FloatArray:
-        """Covariance (N, 3, 3), square metres, of the transformed positions of `points` (N, 3).
+    @property
+    def strengths(self) -> FloatArray:
+        """Estimated strengths (M,) of the patterns of scan errors."""
+        return self.fit.effects[0]
 
-        Only the transform's own uncertainty: what scans and maplets add is in ``fit.sizes``.
+    def position_covariance(self, points: FloatArray, effects: FloatArray) -> FloatArray:
+        """Covariance (N, 3, 3), m², of where mapolas at `points` (N, 3) are registered.
+
+        Of the transform and of the scans together: an error that all scans share is made good by
+        the transform. `effects` (N, 3, M) are the patterns of scan errors there.
         """
-        design = transform_partials(self.model, self.similarity, points, np.zeros(3))
-        return np.einsum("nip,pq,njq->nij", design, self.covariance, design)
+        partials = transform_partials(self.model, self.similarity, points, np.zeros(3))
+        design = np.concatenate([partials, effects], axis=2)
+        return np.einsum("nip,pq,njq->nij", design, self.joint, design)
 
 
 def fit_transform(
     centers: FloatArray,
     displacements: FloatArray,
     covariances: FloatArray,
-    shares: FloatArray,
+    effects: FloatArray,
     *,
     options: FitOptions | None = None,
 ) -> Registration:
@@ -114,9 +119,10 @@ def fit_transform(
         d_i, metres.
     covariances : (N, 3, 3) ndarray
         Of each d_i from its match, square metres.
-    shares : (N, S) ndarray
-        Share of each mapola's returns that came from each scan. Two mapolas of one scan move
-        together when that scan is misplaced; the fit counts them accordingly.
+    effects : (N, 3, M) ndarray
+        What each pattern of scan errors, of standard deviation 1, does to each mapola, metres.
+        Two mapolas of one scan move together when that scan is misplaced; the fit counts them
+        accordingly. A factor on all patterns is estimated, its prior median is 1.
     options : FitOptions, optional
 
     Returns
@@ -140,13 +146,12 @@ def fit_transform(
     reach = max(float(np.sqrt(np.mean(np.sum((centers - center) ** 2, axis=1)))), 1e-6)
     mixed = MixedOptions(
         prior=np.full(len(names), np.inf),
-        sizes=ErrorSizes(options.center_sigma_m, (options.scan_sigma_m,)),
+        sizes=ErrorSizes(options.center_sigma_m, (1.0,)),
         # Without extent (one point) rotation and scale are free whatever unit they are put in.
         scale=np.where([name.endswith("_m") for name in names], 1.0, 1.0 / max(reach, 1.0)),
         names=names,
         reject=options.reject,
     )
-    effects = np.einsum("ns,ij->nisj", shares, np.eye(3)).reshape(len(centers), 3, -1)
     target = centers + displacements
     current = _start(options.model, centers, target, center)
     iterations = 0
@@ -160,8 +165,9 @@ def fit_transform(
         mixed = replace(mixed, sizes=replace(fit.sizes, width=0.0))
         if np.max(np.abs(fit.estimate) / mixed.scale) < 1e-7 * reach:
             break
-    covariance = _about_origin(fit.covariance, options.model, current, center)
-    return Registration(current, options.model, names, covariance, center, fit, iterations)
+    joint = _about_origin(fit.joint, options.model, current, center)
+    covariance = joint[: len(names), : len(names)]
+    return Registration(current, options.model, names, covariance, joint, center, fit, iterations)
 
 
 def _start(model: Model, centers: FloatArray, target: FloatArray, center: FloatArray) -> Affine:
@@ -235,7 +241,7 @@ def _about_origin(
     origin = np.zeros((1, 3))
     row = transform_partials(model, transform.nearest_similarity(), origin, center)[0]
     jacobian = np.eye(len(covariance))
-    jacobian[:3] = row
+    jacobian[:3, : row.shape[1]] = row
     return jacobian @ covariance @ jacobian.T
 
 
@@ -277,14 +283,3 @@ def shear_significance(registration: Registration) -> tuple[FloatArray, FloatArr
         rows[row, 3 * i + j] = rows[row, 3 * j + i] = 0.5
     spread = np.sqrt(np.diag(rows @ registration.covariance[3:, 3:] @ rows.T))
     return rows @ strain.ravel(), spread
-
-
-def share_matrix(shares: Sequence[dict[str, float]]) -> tuple[FloatArray, tuple[str, ...]]:
-    """Turn the shares of N mapolas by scan name into a matrix (N, S) and the S scans' names."""
-    names = tuple(sorted({name for share in shares for name in share}))
-    column = {name: index for index, name in enumerate(names)}
-    matrix = np.zeros((len(shares), len(names)))
-    for row, share in enumerate(shares):
-        for name, value in share.items():
-            matrix[row, column[name]] = value
-    return matrix, names

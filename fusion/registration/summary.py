@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,33 +14,50 @@ from fusion.registration.fit import (
     Registration,
     shear_significance,
     similarity_numbers,
-    transform_partials,
 )
 from fusion.registration.match import Match
-from spcola.arrays import FloatArray
+from fusion.registration.scans import ScanEffects
+from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import InvalidValueError
+from spcola.maplet import MapletGrid
 from spcola.similarity import Affine, Similarity
 
 
+@dataclass(frozen=True, eq=False)
+class MatchedMapolas:
+    """All mapolas, those that do not match too, and how scan errors reach them.
+
+    Attributes
+    ----------
+    matches : sequence of Match
+        N of them.
+    scans : ScanEffects
+    effects : (N, 3, M) ndarray
+        ``scans.at`` of each mapola.
+    """
+
+    matches: Sequence[Match]
+    scans: ScanEffects
+    effects: FloatArray
+
+    @property
+    def usable(self) -> BoolArray:
+        """Mask (N,) of those that match."""
+        return np.array([match.usable for match in self.matches], dtype=bool)
+
+
 def registration_json(
-    registration: Registration,
-    matches: Sequence[Match],
-    *,
-    blur_cells: float,
-    scans: Sequence[str],
+    registration: Registration, mapolas: MatchedMapolas, *, blur_cells: float
 ) -> dict[str, Any]:
     """Content of ``registration.json`` (DESIGN: keys that other programs read).
 
     Parameters
     ----------
     registration : Registration
-        Fitted to the usable ones of `matches`, in their order.
-    matches : sequence of Match
-        All matches, the unusable ones too.
+        Fitted to the usable ones of `mapolas`, in their order.
+    mapolas : MatchedMapolas
     blur_cells : float
         Blur of the SPC surface against the lidar, cells, that was applied.
-    scans : sequence of str
-        Names of the scans whose shared error was estimated.
 
     Returns
     -------
@@ -49,7 +67,9 @@ def registration_json(
     scale, scale_sigma, rotation, rotation_sigma = similarity_numbers(registration)
     fit = registration.fit
     sigma = np.sqrt(np.diag(registration.covariance))
-    effects = fit.effects[0].reshape(-1, 3)
+    scans = mapolas.scans
+    offsets = scans.offsets(registration.strengths)
+    felt = fit.sizes.shared[0] * mapolas.effects[mapolas.usable]
     content: dict[str, Any] = {
         "model": registration.model,
         "scale": scale,
@@ -60,19 +80,20 @@ def registration_json(
         "translation_sigma_m": sigma[:3],
         "residual_std_m": registration.residual_std,
         "n_used": int(np.count_nonzero(fit.used)),
-        "n_rejected": len(matches) - int(np.count_nonzero(fit.used)),
+        "n_rejected": len(mapolas.matches) - int(np.count_nonzero(fit.used)),
         "parameters": list(registration.parameters),
         "covariance": registration.covariance,
         "maplet_sigma_m": fit.sizes.independent,
-        "scan_sigma_m": fit.sizes.shared[0],
+        "scan_sigma_m": float(np.sqrt(np.sum(felt**2) / (3.0 * len(felt)))),
         "per_scan": [
-            {"scan": name, "offset_m": offset} for name, offset in zip(scans, effects, strict=True)
+            {"scan": name, "offset_m": offset}
+            for name, offset in zip(scans.names, offsets, strict=True)
         ],
         "blur_cells": blur_cells,
         "iterations": registration.iterations,
         "converged": fit.converged,
         "reason": fit.reason,
-        "per_mapola": _per_mapola(registration, matches),
+        "per_mapola": _per_mapola(registration, mapolas),
     }
     if registration.model == "affine":
         content["matrix"] = registration.transform.matrix
@@ -81,14 +102,17 @@ def registration_json(
     return content
 
 
-def _per_mapola(registration: Registration, matches: Sequence[Match]) -> list[dict[str, Any]]:
+def _per_mapola(registration: Registration, mapolas: MatchedMapolas) -> list[dict[str, Any]]:
     """One entry for each mapola: what was found, and why it was not used if it was not."""
     fit, entries, row = registration.fit, [], 0
-    for match in matches:
+    centers = np.array([match.center for match in mapolas.matches])
+    covariance = registration.position_covariance(centers, mapolas.effects)
+    shift = mapolas.effects @ registration.strengths
+    for number, match in enumerate(mapolas.matches):
         residual: FloatArray = np.full(3, np.nan)
         reason, used = match.reason, False
         if match.usable:
-            residual, used = fit.residual[row], bool(fit.used[row])
+            residual, used = fit.conditional[row], bool(fit.used[row])
             reason = "" if used else "disagrees with the other mapolas"
             row += 1
         entries.append(
@@ -97,7 +121,9 @@ def _per_mapola(registration: Registration, matches: Sequence[Match]) -> list[di
                 "center_m": match.center,
                 "displacement_m": match.displacement,
                 "sigma_m": np.sqrt(np.diag(match.covariance)),
+                "scan_shift_m": shift[number],
                 "residual_m": residual,
+                "position_covariance_m2": covariance[number],
                 "used": used,
                 "reason": reason,
                 "coverage": match.coverage,
@@ -132,22 +158,52 @@ def transform_of(content: Mapping[str, Any], where: str) -> Affine:
     ).as_affine()
 
 
-def position_covariance(content: Mapping[str, Any], points: FloatArray, where: str) -> FloatArray:
-    """Covariance (N, 3, 3), m², of registered positions of `points` (N, 3), lidar coordinates.
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """How a mapola is registered.
 
-    The transform's own uncertainty, out of ``registration.json``.
+    Attributes
+    ----------
+    shift : (3,) ndarray
+        What the errors of its scans add to the transform, SPC coordinates, metres.
+    residual : (3,) ndarray
+        How far the SPC surface lies from the registered mapola, metres; NaN if it does not match.
+    covariance : (3, 3) ndarray
+        Of where it is registered, m².
+    """
+
+    shift: FloatArray
+    residual: FloatArray
+    covariance: FloatArray
+
+    def grid(self, grid: MapletGrid, transform: Affine) -> MapletGrid:
+        """Return where the grid of a mapola is registered."""
+        moved = grid.moved(transform)
+        return replace(moved, center=moved.center + self.shift)
+
+
+def placements_of(content: Mapping[str, Any], where: str) -> dict[str, Placement]:
+    """Read how each mapola is registered out of ``registration.json``; `where` is for errors.
 
     Raises
     ------
     InvalidValueError
-        If the covariance is missing or does not fit the model.
+        If a key is missing or does not hold what it should.
     """
-    similarity = transform_of(content, where).nearest_similarity()
-    design = transform_partials(content["model"], similarity, points, np.zeros(3))
     try:
-        covariance = np.array(content["covariance"], dtype=np.float64)
-        return np.einsum("nip,pq,njq->nij", design, covariance, design)
+        return {
+            str(entry["name"]): Placement(
+                _vector(entry["scan_shift_m"]),
+                _vector(entry["residual_m"]) if entry["used"] else np.full(3, np.nan),
+                np.array(entry["position_covariance_m2"], dtype=np.float64).reshape(3, 3),
+            )
+            for entry in content["per_mapola"]
+        }
     except (KeyError, TypeError, ValueError) as error:
         raise InvalidValueError(
-            f"has no usable covariance ({error})", where, "remove it and register again"
+            f"has no usable mapolas ({error})", where, "remove it and register again"
         ) from error
+
+
+def _vector(values: Any) -> FloatArray:
+    return np.array(values, dtype=np.float64).reshape(3)

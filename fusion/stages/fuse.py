@@ -14,7 +14,7 @@ from fusion.fusing.constraints import Candidate, lidar_constraints, overlaps
 from fusion.fusing.fuse import FuseInput, FuseOptions, FuseResult, fuse_maplet
 from fusion.fusing.information import Comparison, SlopeInformation, estimate_information
 from fusion.products.fused import write_fused
-from fusion.registration.summary import position_covariance, transform_of
+from fusion.registration.summary import Placement, placements_of, transform_of
 from fusion.settings import BodySettings, FuseSettings, Settings, Table
 from fusion.stages.base import StageContext, StageResult
 from fusion.stages.register import maplets_around
@@ -22,9 +22,9 @@ from fusion.workspace import Workspace, make_folder
 from lidar.mapola import Mapola
 from spcola.arrays import FloatArray
 from spcola.bigmap import make_bigmap
-from spcola.errors import WorkspaceError
 from spcola.maplet import Maplet, MapletGrid
 from spcola.rays import RayCaster
+from spcola.regrid import project_maplet
 from spcola.shapegrid import shape_heights
 from spcola.similarity import Affine
 
@@ -34,7 +34,7 @@ class FuseStage:
     """Maplets, mapolas, registration → fused maplets."""
 
     name: str = "fuse"
-    version: int = 2
+    version: int = 3
     tables: tuple[type[Table], ...] = (FuseSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
@@ -79,6 +79,8 @@ class FuseStage:
 
 STAGE = FuseStage()
 
+# A mapola whose grid points lie within so many steps of the maplet's gives the result its grid.
+_SAME_PLACE = 2.0
 # The information is one for the whole solution; at most this many maplets tell it.
 _SAMPLE = 24
 
@@ -92,12 +94,8 @@ class Scene:
     workspace : Workspace
     transform : Affine
         Lidar → SPC.
-    registration : dict
-        Content of ``registration.json``.
-    residuals : dict of str to (3,) ndarray
-        How far the SPC surface of each matched mapola lies from the registered lidar, metres.
-    scan_sigma_m : float
-        Error that the returns of one scan share.
+    placements : dict of str to Placement
+        How each mapola is registered beside that.
     grids, mapola_grids : dict of str to MapletGrid
         Of the maplets; of the mapolas in SPC coordinates.
     prior : callable
@@ -106,9 +104,7 @@ class Scene:
 
     workspace: Workspace
     transform: Affine
-    registration: dict[str, Any]
-    residuals: dict[str, FloatArray]
-    scan_sigma_m: float
+    placements: dict[str, Placement]
     grids: dict[str, MapletGrid]
     mapola_grids: dict[str, MapletGrid]
     prior: Callable[[MapletGrid], FloatArray]
@@ -119,21 +115,13 @@ class Scene:
         path = workspace.registration_path
         registration = workspace.read_json(path.name)
         transform = transform_of(registration, str(path))
-        residuals, scan_sigma = _stored_match(registration, path)
+        placements = placements_of(registration, str(path))
         grids = {name: workspace.maplet(name).grid for name in workspace.maplet_names()}
         mapolas = {
-            name: workspace.mapola(name).grid.moved(transform) for name in workspace.mapola_names()
+            name: placements[name].grid(workspace.mapola(name).grid, transform)
+            for name in workspace.mapola_names()
         }
-        return cls(
-            workspace,
-            transform,
-            registration,
-            residuals,
-            scan_sigma,
-            grids,
-            mapolas,
-            _prior(workspace),
-        )
+        return cls(workspace, transform, placements, grids, mapolas, _prior(workspace))
 
     @property
     def targets(self) -> list[str]:
@@ -143,20 +131,22 @@ class Scene:
     def parts(self, name: str) -> FuseInput:
         """Gather what goes into the fused maplet `name`."""
         spc = self._spc(name)
-        candidates = self._candidates(name, spc.grid)
+        near = self._near(name, spc.grid)
+        # What all lidar heights share is where the first of their mapolas is registered.
+        common = self.placements[near[0]].covariance if near else np.zeros((3, 3))
         return FuseInput(
             name=name,
             grid=spc.grid,
             spc=spc,
-            lidar=lidar_constraints(spc.grid, candidates),
+            lidar=lidar_constraints(spc.grid, self._candidates(near)),
             prior=self.prior(spc.grid),
-            common_covariance=self._common(spc.grid, candidates),
+            common_covariance=common,
         )
 
     def comparison(self, name: str) -> Comparison | None:
         """Lidar and SPC heights of one maplet, aligned; None where they do not meet."""
         spc = self._spc(name)
-        lidar = lidar_constraints(spc.grid, self._candidates(name, spc.grid))
+        lidar = lidar_constraints(spc.grid, self._candidates(self._near(name, spc.grid)))
         if not (spc.valid & np.isfinite(lidar.height)).any():
             return None
         return Comparison(lidar.height, spc.height, lidar.sigma, spc.grid.gsd)
@@ -165,63 +155,60 @@ class Scene:
         """The SPC maplet on the grid of the result.
 
         Its centre is moved onto the registered lidar by what its own match says, as SPC itself
-        would solve it anew: slopes of a displaced maplet would blur every boulder.
+        would solve it anew: slopes of a displaced maplet would blur every boulder. Where a mapola
+        lies on the same place the result has the mapola's grid, so that it is the smooth SPC
+        heights that are interpolated and not the sharp ones of the lidar.
         """
         if name not in self.grids:
             grid = self.mapola_grids[name]
             around = maplets_around(self.workspace, self.grids, grid)
             return make_bigmap(name, grid, around)
         maplet = self.workspace.maplet(name)
-        if name not in self.residuals:
+        placement = self.placements.get(name)
+        if placement is None or not np.isfinite(placement.residual).all():
             return maplet
-        grid = replace(maplet.grid, center=maplet.grid.center - self.residuals[name])
-        return replace(maplet, grid=grid, center_sigma=np.zeros(3))
+        grid = replace(maplet.grid, center=maplet.grid.center - placement.residual)
+        moved = replace(maplet, grid=grid, center_sigma=np.zeros(3))
+        if not _is_same_place(grid, self.mapola_grids[name]):
+            return moved
+        there = project_maplet(moved, self.mapola_grids[name])
+        return Maplet(
+            name,
+            self.mapola_grids[name],
+            there.height,
+            albedo=there.albedo,
+            sigma=there.sigma,
+            center_sigma=np.zeros(3),
+        )
 
-    def _candidates(self, name: str, grid: MapletGrid) -> list[Candidate]:
-        """Registered mapolas over `grid`: the one of the same place first, then the nearest."""
+    def _near(self, name: str, grid: MapletGrid) -> list[str]:
+        """Mapolas over `grid`: the one of the same place first, then the nearest."""
 
         def order(other: str) -> tuple[bool, float]:
             away = float(np.linalg.norm(self.mapola_grids[other].center - grid.center))
             return (other != name, away)
 
-        def loader(other: str) -> Callable[[], Mapola]:
-            return lambda: self.workspace.mapola(other).moved(self.transform)
+        return sorted(
+            (other for other, place in self.mapola_grids.items() if overlaps(grid, place)),
+            key=order,
+        )
 
-        near = [other for other, place in self.mapola_grids.items() if overlaps(grid, place)]
-        return [
-            Candidate(self.mapola_grids[other], loader(other)) for other in sorted(near, key=order)
-        ]
+    def _candidates(self, names: list[str]) -> list[Candidate]:
+        """Registered mapolas."""
 
-    def _common(self, grid: MapletGrid, candidates: list[Candidate]) -> FloatArray:
-        """Covariance (3, 3), m², of what all lidar heights of a maplet share."""
-        center = self.transform.inverse().apply(grid.center)[None]
-        where = str(self.workspace.registration_path)
-        covariance = position_covariance(self.registration, center, where)[0]
-        if candidates:
-            shares = np.array(list(candidates[0].load().scan_share.values()))
-            covariance = covariance + self.scan_sigma_m**2 * float(shares @ shares) * np.eye(3)
-        return covariance
+        def loader(name: str) -> Callable[[], Mapola]:
+            return lambda: replace(self.workspace.mapola(name), grid=self.mapola_grids[name])
+
+        return [Candidate(self.mapola_grids[name], loader(name)) for name in names]
 
 
-def _stored_match(registration: dict[str, Any], path: Path) -> tuple[dict[str, FloatArray], float]:
-    """Residuals (3,) of the mapolas that were used, and the sigma of a scan, metres.
-
-    Raises
-    ------
-    WorkspaceError
-        If a key is missing or does not hold what it should.
-    """
-    try:
-        residuals: dict[str, FloatArray] = {
-            str(entry["name"]): np.array(entry["residual_m"], dtype=np.float64).reshape(3)
-            for entry in registration["per_mapola"]
-            if entry["used"]
-        }
-        return residuals, float(registration["scan_sigma_m"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise WorkspaceError(
-            f"is damaged ({error})", path, "remove it and register again"
-        ) from error
+def _is_same_place(one: MapletGrid, other: MapletGrid) -> bool:
+    """Whether two grids have one size and lie on each other to a cell or so."""
+    if (one.half_size, one.gsd) != (other.half_size, other.gsd):
+        return False
+    flat = np.zeros(one.shape)
+    apart = np.linalg.norm(one.points(flat) - other.points(flat), axis=-1)
+    return float(apart.max()) < _SAME_PLACE * one.gsd
 
 
 def _prior(workspace: Workspace) -> Callable[[MapletGrid], FloatArray]:
@@ -267,6 +254,7 @@ class _Tally:
             "not_converged": self.not_converged,
             "spc_step_sigma_m": information.step_sigma_m,
             "spc_steep_sigma": information.steep_sigma,
+            "spc_bend_sigma": information.bend_sigma,
             "spc_height_sigma_m": information.height_sigma_m,
             "spc_correlated_cells": information.correlated_cells,
         }

@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from fusion.adjusting import ScanSource, adjusted, adjustment_summary
 from fusion.memory import check_grid
 from fusion.settings import BodySettings, MapolaSettings, Settings, Table
 from fusion.stages.base import StageContext, StageResult
 from fusion.workspace import SETTINGS_FILE, Workspace
+from lidar.formats.adjustment import write_adjustment
 from lidar.formats.mapola import write_mapolas
 from lidar.formats.native import iter_scan
-from lidar.gridding import Gridding, GriddingOptions, RejectionOptions, grid_returns
+from lidar.gridding import Gridding, GriddingOptions, RejectionOptions
 from lidar.mapola import Mapola
 from lidar.tiles import TileReader, TileWriter
 from spcola.covering import covering
@@ -30,7 +33,7 @@ class MapolasStage:
     """Scans → returns sorted into tiles → mapolas."""
 
     name: str = "mapolas"
-    version: int = 2
+    version: int = 3
     tables: tuple[type[Table], ...] = (MapolaSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
@@ -63,11 +66,11 @@ class MapolasStage:
         tiles = _sorted_returns(context, grids, options)
         counts = _Counts()
         with TileReader(tiles) as reader:
+            source = ScanSource(reader, options)
+            adjustment = adjusted(context, source, grids) if table.adjust else None
 
             def one(item: tuple[str, MapletGrid]) -> Gridding:
-                name, grid = item
-                around = reader.returns_near(grid.center, options.neighbourhood(grid))
-                return grid_returns(name, grid, around, options=options)
+                return source.gridded(*item, adjustment)[0]
 
             done = context.stream("mapolas", one, grids.items(), total=len(grids))
             empty = WorkspaceError(
@@ -78,7 +81,12 @@ class MapolasStage:
             )
             kept = _some(counts.passed(done, table), empty)
             names = write_mapolas(workspace.root / "mapolas", kept)
-        return StageResult(tuple(workspace.mapola_paths()), counts.summary(len(grids), len(names)))
+        summary = counts.summary(len(grids), len(names))
+        workspace.adjustment_path.unlink(missing_ok=True)
+        if adjustment is not None:
+            write_adjustment(workspace.adjustment_path, adjustment)
+            summary |= adjustment_summary(adjustment)
+        return StageResult(tuple(workspace.mapola_paths()), summary)
 
 
 STAGE = MapolasStage()
@@ -176,7 +184,7 @@ class _Counts:
             self.coverage += mapola.coverage
             yield mapola
 
-    def summary(self, grids: int, made: int) -> dict[str, float]:
+    def summary(self, grids: int, made: int) -> dict[str, Any]:
         """Return what the command prints."""
         return {
             "grids": grids,

@@ -10,10 +10,11 @@ import numpy as np
 
 from fusion.fusing.constraints import overlaps
 from fusion.memory import check_grid
-from fusion.registration.fit import FitOptions, fit_transform, share_matrix
+from fusion.registration.fit import FitOptions, fit_transform
 from fusion.registration.match import Match, MatchOptions, match_surfaces
 from fusion.registration.resolution import estimate_blur
-from fusion.registration.summary import registration_json
+from fusion.registration.scans import ScanEffects, share_matrix
+from fusion.registration.summary import MatchedMapolas, registration_json
 from fusion.settings import BodySettings, RegisterSettings, Settings, Table
 from fusion.stages.base import StageContext, StageResult
 from fusion.workspace import SETTINGS_FILE, Workspace
@@ -34,7 +35,7 @@ class RegisterStage:
     """Mapolas and SPC surface → registration.json."""
 
     name: str = "register"
-    version: int = 2
+    version: int = 3
     tables: tuple[type[Table], ...] = (RegisterSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
@@ -100,26 +101,46 @@ class RegisterStage:
                 do="check that lidar and SPC are of one body and one frame, or raise [register] "
                 "capture_m",
             )
-        shares, scans = share_matrix([workspace.mapola(m.name).scan_share for m in usable])
+        scans, effects = _scan_effects(workspace, matches, table)
+        mapolas = MatchedMapolas(matches, scans, effects)
         registration = fit_transform(
             np.stack([match.center for match in usable]),
             np.stack([match.displacement for match in usable]),
             np.stack([match.covariance for match in usable]),
-            shares,
+            effects[mapolas.usable],
             options=FitOptions(
                 model=table.model,
                 center_sigma_m=table.center_sigma_m,
-                scan_sigma_m=table.scan_sigma_m,
                 reject=table.reject_sigmas,
             ),
         )
-        content = registration_json(registration, matches, blur_cells=blur, scans=scans)
+        content = registration_json(registration, mapolas, blur_cells=blur)
         path = context.write_json(workspace.registration_path.name, content)
         summary = {k: v for k, v in content.items() if k not in _LONG}
         return StageResult((path,), summary)
 
 
 STAGE = RegisterStage()
+
+
+def _scan_effects(
+    workspace: Workspace, matches: list[Match], table: RegisterSettings
+) -> tuple[ScanEffects, FloatArray]:
+    """How scan errors reach the mapolas: what their adjustment left, or errors of each scan."""
+    found = [workspace.mapola(match.name).scan_share for match in matches]
+    centers = np.array([match.center for match in matches])
+    adjustment = workspace.adjustment()
+    if adjustment is None:
+        names = sorted({name for share in found for name in share})
+        scans, shares = (
+            ScanEffects.independent(names, table.scan_sigma_m),
+            share_matrix(found, names),
+        )
+    else:
+        shares = share_matrix(found, adjustment.names)
+        scans = ScanEffects.left_by(adjustment, shares, centers)
+    return scans, scans.at(shares, centers)
+
 
 _LONG = frozenset({"per_mapola", "per_scan", "covariance", "parameters"})
 

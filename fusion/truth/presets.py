@@ -160,6 +160,13 @@ class MissionSettings:
         )
 
     @classmethod
+    def pole(cls, seed: int = 1) -> MissionSettings:
+        """Return the mission of `mini` with the Sun 20° north: the south pole is never lit."""
+        mini = cls.mini(seed)
+        passes = replace(mini.passes, sun_latitude_deg=20.0)
+        return replace(mini, passes=passes, images=False)
+
+    @classmethod
     def bennu(cls, seed: int = 1) -> MissionSettings:
         """Return a mission like that to Bennu: 245 m, 40 scans, maplets of the whole body.
 
@@ -225,6 +232,7 @@ class MissionSettings:
 PRESETS: dict[str, Callable[[int], MissionSettings]] = {
     "tiny": MissionSettings.tiny,
     "mini": MissionSettings.mini,
+    "pole": MissionSettings.pole,
     "bennu": MissionSettings.bennu,
     "mission": MissionSettings.mission,
 }

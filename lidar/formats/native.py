@@ -27,8 +27,10 @@ _VECTORS = ("spacecraft", "beam", "points")
 # import; what is constant or grows evenly shrinks to nearly nothing.
 _NOISY = frozenset({"range", "beam", "points", "intensity"})
 _COMPRESSED = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
-# 8192 returns: a block of one layer is 64 or 192 kB, which a random reader can afford.
-_BLOCK = 8192
+BLOCK = 8192
+"""Returns in a block: 64 or 192 kB of one layer, which a random reader can afford."""
+NOISY_BYTES = 64
+"""What the layers that are not compressed take of a return; the last block is whole on disk."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +200,7 @@ def _create_layers(file: Any) -> dict[str, Any]:
             name,
             shape=(0, *width),
             maxshape=(None, *width),
-            chunks=(_BLOCK, *width),
+            chunks=(BLOCK, *width),
             dtype="<i8" if name == "flag" else "<f8",
             fletcher32=True,
             **({} if name in _NOISY else _COMPRESSED),

@@ -158,7 +158,9 @@ def pull_cell(row: dict[str, Any] | None) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="The pipeline on synthetic missions.")
-    parser.add_argument("--presets", nargs="+", default=["mini"], choices=["tiny", "mini", "bennu"])
+    parser.add_argument(
+        "--presets", nargs="+", default=["mini"], choices=["tiny", "mini", "pole", "bennu"]
+    )
     parser.add_argument("--seeds", type=int, default=3, help="how many, from --first on")
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--work", type=Path, help="keep missions and results in this folder")

@@ -121,7 +121,7 @@ def test_an_interrupt_keeps_the_sorted_returns(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("fusion.stages.mapolas.grid_returns", interrupt)
+        patch.setattr("fusion.adjusting.grid_returns", interrupt)
         with pytest.raises(KeyboardInterrupt):
             pipeline(workspace).run_stage("mapolas")
     assert workspace.mapola_names() == []
@@ -166,8 +166,23 @@ def test_the_record_says_what_mapolas_were_made_from(workspace: Workspace) -> No
     assert set(record["outputs"]) == {
         "mapolas/AA0001.MAP",
         "mapolas/AA0002.MAP",
+        "mapolas/adjustment.h5",
         "mapolas/mapolas.h5",
     }
+
+
+def test_scans_are_adjusted_unless_told_otherwise(workspace: Workspace) -> None:
+    run = pipeline(workspace).run_stage("mapolas")
+    adjustment = workspace.adjustment()
+    assert adjustment is not None
+    assert adjustment.names == ("one", "two")
+    assert [scan["scan"] for scan in run.summary["per_scan"]] == ["one", "two"]
+    assert run.summary["suspect_scans"] == []
+    settings = Settings().with_table("mapolas", adjust=False)
+    plain = pipeline(workspace, settings).run_stage("mapolas")
+    assert plain.state == "ran"
+    assert workspace.adjustment() is None
+    assert "per_scan" not in plain.summary
 
 
 def ball() -> Mesh:

@@ -284,7 +284,7 @@ def test_gaps_stay_unknown_and_empty_grids_too():
         (10.0, True, 0.02),
         (40.0, True, 0.02),
         # With hardly a cell of three returns the spread is poorly known, and taken too large.
-        (1.0, False, 0.08),
+        (1.0, False, 0.09),
         (3.0, False, 0.02),
         (10.0, False, 0.02),
         (40.0, False, 0.02),

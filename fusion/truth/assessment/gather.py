@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
+
+import numpy as np
 
 from fusion.products.fits import read_fits_dtm
 from fusion.products.fused import FUSED_HDF5, fused_names, read_fused
 from fusion.products.geotiff import read_geotiff
 from fusion.products.surface import read_surface
-from fusion.registration.summary import transform_of
+from fusion.registration.summary import placements_of, transform_of
 from fusion.truth.assessment.model import Frame, MapletModel, MeshModel, Model
 from fusion.workspace import Workspace
 from spcola.errors import FormatError, WorkspaceError
@@ -92,10 +95,14 @@ def _single(path: Path, maplet: Maplet, frame: Frame) -> Model:
 def _registered_mapolas(workspace: Workspace) -> Model:
     """Return the mapolas, moved by the registration."""
     where = str(workspace.registration_path)
-    transform = transform_of(workspace.read_json(workspace.registration_path.name), where)
+    content = workspace.read_json(workspace.registration_path.name)
+    transform, placements = transform_of(content, where), placements_of(content, where)
 
     def load(name: str) -> Maplet:
-        return workspace.mapola(name).moved(transform)
+        mapola = workspace.mapola(name)
+        placement = placements[name]
+        spread = np.sqrt(np.diag(placement.covariance))
+        return replace(mapola, grid=placement.grid(mapola.grid, transform), center_sigma=spread)
 
     return MapletModel("mapolas, registered", workspace.mapola_names(), load)
 

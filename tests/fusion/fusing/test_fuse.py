@@ -214,10 +214,12 @@ def test_information_takes_the_lidar_noise_off():
     assert estimate_information([]) == DEFAULT_INFORMATION
 
 
-def test_steps_on_steep_ground_are_less_certain():
-    information = SlopeInformation(0.03, 0.4, 0.1, 20.0)
-    assert information.step_sigma(np.array(0.0), 0.5) == pytest.approx(0.03)
-    assert information.step_sigma(np.array(-1.0), 0.5) == pytest.approx(np.hypot(0.03, 0.2))
+def test_steps_on_steep_and_on_bent_ground_are_less_certain():
+    information = SlopeInformation(0.03, 0.4, 0.3, 0.1, 20.0)
+    flat = np.array(0.0)
+    assert information.step_sigma(flat, flat, 0.5) == pytest.approx(0.03)
+    assert information.step_sigma(np.array(-1.0), flat, 0.5) == pytest.approx(np.hypot(0.03, 0.2))
+    assert information.step_sigma(flat, np.array(0.2), 0.5) == pytest.approx(np.hypot(0.03, 0.06))
 
 
 def candidate(mapola):

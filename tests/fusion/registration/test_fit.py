@@ -10,6 +10,7 @@ from fusion.registration.fit import (
     similarity_numbers,
     transform_partials,
 )
+from fusion.registration.scans import ScanEffects, share_matrix
 from spcola.errors import NotObservableError
 from spcola.similarity import Affine, Similarity
 
@@ -31,7 +32,13 @@ def fit(points, truth, generator, *, sigma=0.01, scan_sigma=0.0, scans=12, model
     moved = truth.apply(points) - points
     moved = moved + shares @ shared + sigma * generator.normal(size=points.shape)
     covariances = np.broadcast_to(sigma**2 * np.eye(3), (len(points), 3, 3))
-    return fit_transform(points, moved, covariances, shares, options=FitOptions(model=model))
+    effects = scan_effects(shares, points)
+    return fit_transform(points, moved, covariances, effects, options=FitOptions(model=model))
+
+
+def scan_effects(shares, points, sigma=0.05):
+    names = [f"scan{number}" for number in range(shares.shape[1])]
+    return ScanEffects.independent(names, sigma).at(shares, points)
 
 
 def test_planted_similarity_is_recovered_exactly_without_noise():
@@ -110,7 +117,7 @@ def test_a_misplaced_mapola_is_rejected():
     moved[7] += [2.0, 0.0, 0.0]
     shares = np.eye(10)[np.arange(len(points)) % 10]
     covariances = np.broadcast_to(1e-4 * np.eye(3), (len(points), 3, 3))
-    result = fit_transform(points, moved, covariances, shares)
+    result = fit_transform(points, moved, covariances, scan_effects(shares, points))
     assert np.flatnonzero(~result.fit.used).tolist() == [7]
     assert np.all(result.residual_std < 0.02)
 
@@ -139,7 +146,7 @@ def test_too_few_or_badly_placed_mapolas_are_refused(points, free):
     shares = np.eye(len(points))
     covariances = np.broadcast_to(1e-4 * np.eye(3), (len(points), 3, 3))
     with pytest.raises(NotObservableError) as caught:
-        fit_transform(points, np.zeros_like(points), covariances, shares)
+        fit_transform(points, np.zeros_like(points), covariances, scan_effects(shares, points))
     assert free in caught.value.parameters
 
 
@@ -150,8 +157,39 @@ def test_rigid_holds_the_scale_at_one():
     assert (scale, sigma) == (pytest.approx(1.0, abs=1e-12), 0.0)
 
 
-def test_sigma_at_grows_from_the_centre_of_the_mapolas():
+def test_positions_are_less_certain_away_from_the_mapolas():
     generator = np.random.default_rng(7)
     result = fit(centers(generator), planted(), generator)
-    near, far = result.sigma_at(np.array([[0.0, 0, 0], [1000.0, 0, 0]]))
+    places = np.array([[0.0, 0, 0], [1000.0, 0, 0]])
+    unknown = scan_effects(np.zeros((2, 12)), places)
+    near, far = result.position_covariance(places, unknown)
     assert np.trace(far) > 4 * np.trace(near)
+
+
+def test_an_error_that_all_scans_share_is_in_the_transform_and_not_in_the_positions():
+    """It cannot be told from T: T is as uncertain as it, what is registered by T is not."""
+    generator = np.random.default_rng(8)
+    points = centers(generator)
+    shares = np.full((len(points), 1), 1.0)
+    covariances = np.broadcast_to(1e-6 * np.eye(3), (len(points), 3, 3))
+    effects = scan_effects(shares, points, sigma=0.05)
+    moved = 0.001 * generator.normal(size=points.shape)
+    options = FitOptions(center_sigma_m=0.001)
+    result = fit_transform(points, moved, covariances, effects, options=options)
+    assert np.sqrt(np.diag(result.covariance)[:3]).min() > 0.01
+    registered = result.position_covariance(points, effects)
+    assert np.sqrt(np.einsum("nii->n", registered)).max() < 0.002
+
+
+def test_a_turned_scan_displaces_its_far_end():
+    """Modes of rotation reach a mapola by its arm from the scan's centre."""
+    modes = np.zeros((6, 1))
+    modes[5, 0] = 1e-3
+    scans = ScanEffects(("one",), np.array([[100.0, 0.0, 0.0]]), modes)
+    effect = scans.at(np.ones((1, 1)), np.array([[150.0, 0.0, 0.0]]))
+    assert effect[0, :, 0] == pytest.approx([0.0, 0.05, 0.0], abs=1e-15)
+
+
+def test_shares_are_put_in_the_order_of_the_scans():
+    matrix = share_matrix([{"b": 0.25, "a": 0.75}, {"b": 1.0}], ["a", "b", "c"])
+    assert matrix.tolist() == [[0.75, 0.25, 0.0], [0.0, 1.0, 0.0]]

@@ -1,0 +1,127 @@
+"""The adjustment of scans over a workspace: which overlaps are compared, and until when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fusion.settings import MapolaSettings
+from fusion.stages.base import StageContext
+from lidar.adjustment import AdjustmentOptions, ScanAdjustment, adjust_scans, unadjusted
+from lidar.formats.native import scan_summary
+from lidar.gridding import Gridding, GriddingOptions, grid_returns
+from lidar.overlaps import OverlapEquations, ground_shares, overlap_equations
+from lidar.returns import Returns
+from lidar.tiles import TileReader
+from spcola.arrays import FloatArray
+from spcola.maplet import MapletGrid
+
+# The overlaps are linear in displacements of a hundredth of a cell: a step that moves no scan by
+# more leaves nothing to iterate.
+_STILL = 0.01
+_MAX_ROUNDS = 5
+# Overlaps are compared on grids whose centres lie this many sides apart: ground that is compared
+# twice tells nothing new.
+_APART = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class ScanSource:
+    """Returns sorted into tiles, and how they are gridded."""
+
+    reader: TileReader
+    options: GriddingOptions
+
+    def gridded(
+        self, name: str, grid: MapletGrid, adjustment: ScanAdjustment | None
+    ) -> tuple[Gridding, Returns]:
+        """Grid what lies around `grid`, moved by the adjustment; return it with the returns."""
+        around = self.reader.returns_near(grid.center, self.options.neighbourhood(grid))
+        if adjustment is not None:
+            around = adjustment.corrected(around)
+        return grid_returns(name, grid, around, options=self.options), around
+
+
+def adjusted(
+    context: StageContext, source: ScanSource, grids: dict[str, MapletGrid]
+) -> ScanAdjustment:
+    """Find where the scans of a workspace lie to each other, in rounds until they stand still."""
+    table = context.table(MapolaSettings)
+    options = AdjustmentOptions(table.adjust_sigma_m, float(np.radians(table.adjust_sigma_deg)))
+    names = source.reader.scan_names
+    centers = np.array([_middle(context, name) for name in names]).reshape(-1, 3)
+    found = unadjusted(names, centers, options)
+    chosen = _spread_out(list(grids.values()))
+    for _ in range(_MAX_ROUNDS):
+        compare = _Comparison(source, chosen, found)
+        parts = context.map("compare scans", compare.equations, range(len(chosen)))
+        before = found
+        found = adjust_scans(before, [part for part in parts if part is not None], options=options)
+        step = np.abs(found.displacement - before.displacement)[:, :3].max(initial=0.0)
+        if step <= _STILL * min(grid.gsd for grid in chosen):
+            break
+    return found
+
+
+def adjustment_summary(adjustment: ScanAdjustment) -> dict[str, Any]:
+    """Return what the command prints of it."""
+    met = adjustment.cells > 0
+    return {
+        "scans_that_overlap": int(np.count_nonzero(met)),
+        "scan_offset_sigma_m": adjustment.offset_sigma_m,
+        "scan_rotation_sigma_deg": float(np.degrees(adjustment.rotation_sigma_rad)),
+        "scan_misfit": float(np.median(adjustment.misfit[met])) if met.any() else float("nan"),
+        "suspect_scans": list(adjustment.suspects),
+        "per_scan": [
+            {
+                "scan": name,
+                "offset_m": adjustment.displacement[k, :3].tolist(),
+                "rotation_deg": np.degrees(adjustment.displacement[k, 3:]).tolist(),
+                "misfit": float(adjustment.misfit[k]),
+                "cells": int(adjustment.cells[k]),
+            }
+            for k, name in enumerate(adjustment.names)
+        ],
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class _Comparison:
+    """One round: what the overlaps on each of the chosen grids say."""
+
+    source: ScanSource
+    grids: list[MapletGrid]
+    before: ScanAdjustment
+
+    def equations(self, number: int) -> OverlapEquations | None:
+        grid = self.grids[number]
+        gridding, returns = self.source.gridded("overlap", grid, self.before)
+        near = [
+            other
+            for k, other in enumerate(self.grids)
+            if k != number
+            and float(np.linalg.norm(other.center - grid.center)) < other.radius + grid.radius
+            and float(other.uz @ grid.uz) > 0.0
+        ]
+        share = ground_shares(grid, near, gridding.mapola.height)
+        return overlap_equations(gridding, returns, self.before.center, share=share)
+
+
+def _middle(context: StageContext, name: str) -> FloatArray:
+    """Middle of a scan's returns (3,), metres."""
+    middle: FloatArray = scan_summary(context.workspace.scan_path(name)).bounds.mean(axis=0)
+    return np.nan_to_num(middle)
+
+
+def _spread_out(grids: list[MapletGrid]) -> list[MapletGrid]:
+    """Choose grids, in their order, that lie no nearer to each other than a side."""
+    chosen: list[MapletGrid] = []
+    centers = np.empty((0, 3))
+    for grid in grids:
+        side = 2.0 * grid.half_size * grid.gsd
+        if len(centers) == 0 or np.linalg.norm(centers - grid.center, axis=1).min() > _APART * side:
+            chosen.append(grid)
+            centers = np.vstack([centers, grid.center])
+    return chosen

@@ -1,0 +1,225 @@
+"""Errors of whole scans: rigid displacements solved from all overlaps together.
+
+The position of the spacecraft and the pointing are wrong by much the same during one scan, so that
+a scan is displaced and turned as a whole. Overlaps tell the displacements up to what all scans
+share (:mod:`lidar.overlaps`); what they leave open is held by a prior, the size of which is
+estimated too. What is left unknown is a covariance over all scans: small between scans that
+overlap, as large as before between those that do not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidar.overlaps import DEGREES, OverlapEquations
+from lidar.returns import Returns
+from spcola.arrays import FloatArray
+from spcola.errors import SettingsError
+
+# The prior's sizes count as found when a round of EM changes them by less than this share.
+_SETTLED = 0.01
+_MAX_ROUNDS = 50
+# A scan whose misfit exceeds the middling one by this factor does not fit however it is moved.
+_SUSPECT = 3.0
+
+
+@dataclass(frozen=True)
+class AdjustmentOptions:
+    """What is expected of the errors of scans.
+
+    Parameters
+    ----------
+    offset_sigma_m : float
+        First value of the standard deviation of a scan's displacement, each axis, metres.
+    rotation_sigma_rad : float
+        The same of its rotation, radians.
+    estimate : bool
+        Whether the two are estimated from the overlaps, or kept.
+
+    Raises
+    ------
+    SettingsError
+        If a number is not positive.
+    """
+
+    offset_sigma_m: float = 0.05
+    rotation_sigma_rad: float = 5e-5
+    estimate: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("offset_sigma_m", "rotation_sigma_rad"):
+            if not getattr(self, name) > 0:
+                raise SettingsError(f"must be positive, not {getattr(self, name)}", name)
+
+
+@dataclass(frozen=True, eq=False)
+class ScanAdjustment:
+    """By how much the points of S scans lie off, as stated.
+
+    Attributes
+    ----------
+    names : tuple of str
+    center : (S, 3) ndarray
+        Body-fixed point about which each is turned, metres.
+    displacement : (S, 6) ndarray
+        Stated minus adjusted place of the centre (metres), and the rotation vector from adjusted
+        to stated orientation (radians).
+    covariance : (6S, 6S) ndarray
+        Of the displacements that are still unknown.
+    offset_sigma_m, rotation_sigma_rad : float
+        Sizes of the displacements, each axis.
+    misfit : (S,) ndarray
+        Root mean square of what is left between a scan and the others, in its standard
+        deviations; NaN for a scan that meets none.
+    cells : (S,) ndarray
+        Cells in which it meets others.
+    """
+
+    names: tuple[str, ...]
+    center: FloatArray
+    displacement: FloatArray
+    covariance: FloatArray
+    offset_sigma_m: float
+    rotation_sigma_rad: float
+    misfit: FloatArray
+    cells: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard deviations (S, 6) of what is unknown: metres and radians."""
+        return np.sqrt(np.diag(self.covariance)).reshape(-1, DEGREES)
+
+    @property
+    def suspects(self) -> tuple[str, ...]:
+        """Scans that do not fit the others however they are moved."""
+        known = np.isfinite(self.misfit)
+        if not known.any():
+            return ()
+        limit = _SUSPECT * max(float(np.median(self.misfit[known])), 1.0)
+        return tuple(self.names[k] for k in np.flatnonzero(known & (self.misfit > limit)))
+
+    def corrected(self, returns: Returns) -> Returns:
+        """Move `returns` to where their scans belong; those of a scan not in here stay."""
+        own = {name: number for number, name in enumerate(self.names)}
+        which = np.array([own.get(name, len(self)) for name in returns.scan_names], dtype=np.intp)
+        number = which[returns.scan]
+        center = np.vstack([self.center, np.zeros(3)])[number]
+        moved = np.vstack([self.displacement, np.zeros(DEGREES)])[number]
+        # The angles are of some 1e-4: their squares are nothing.
+        shift = moved[:, :3] + np.cross(moved[:, 3:], returns.points - center)
+        return Returns(returns.points - shift, returns.sigma, returns.scan, returns.scan_names)
+
+    def modes(self, *, reach: float, least: float) -> FloatArray:
+        """Return independent patterns (6S, M) of what is unknown, each of standard deviation 1.
+
+        Parameters
+        ----------
+        reach : float
+            Arm, metres, over which a rotation displaces.
+        least : float
+            Patterns that displace by less than this, metres, are left out.
+        """
+        unit = np.tile([1.0, 1.0, 1.0, reach, reach, reach], len(self))
+        values, vectors = np.linalg.eigh(self.covariance * np.outer(unit, unit))
+        kept = values > least**2
+        patterns: FloatArray = vectors[:, kept] * np.sqrt(values[kept]) / unit[:, None]
+        return patterns
+
+
+def unadjusted(
+    names: Sequence[str], center: FloatArray, options: AdjustmentOptions
+) -> ScanAdjustment:
+    """What is known of scans before any overlap is looked at: nothing but the prior."""
+    count = len(names)
+    sizes = (options.offset_sigma_m, options.rotation_sigma_rad)
+    return ScanAdjustment(
+        tuple(names),
+        center,
+        np.zeros((count, DEGREES)),
+        np.diag(_prior_variance(count, sizes)),
+        *sizes,
+        np.full(count, np.nan),
+        np.zeros(count),
+    )
+
+
+def adjust_scans(
+    before: ScanAdjustment,
+    equations: Sequence[OverlapEquations],
+    *,
+    options: AdjustmentOptions | None = None,
+) -> ScanAdjustment:
+    """Solve the displacements of all scans from their overlaps.
+
+    The equations are those of returns that `before` has corrected; its displacements are added.
+    The sizes of the prior are found by EM: the posterior second moments of all scans are their
+    next squares. Where the overlaps fit worse than their noise has it, the covariance grows with
+    the misfit.
+
+    Parameters
+    ----------
+    before : ScanAdjustment
+        Of the last round, or :func:`unadjusted`.
+    equations : sequence of OverlapEquations
+    options : AdjustmentOptions, optional
+
+    Returns
+    -------
+    ScanAdjustment
+    """
+    options = options or AdjustmentOptions()
+    count = len(before)
+    normal = np.zeros((DEGREES * count, DEGREES * count))
+    right = np.zeros(DEGREES * count)
+    cells, chi2, freedom = np.zeros(count), np.zeros(count), np.zeros(count)
+    for part in equations:
+        at = (DEGREES * part.scan[:, None] + np.arange(DEGREES)).ravel()
+        normal[np.ix_(at, at)] += part.normal
+        right[at] += part.right
+        cells[part.scan] += part.cells
+        chi2[part.scan] += part.chi2
+        freedom[part.scan] += part.freedom
+    # Departures from the others, in terms of the whole displacement and not of its last step.
+    right = right + normal @ before.displacement.ravel()
+    excess = max(float(chi2.sum() / max(freedom.sum(), 1.0)), 1.0)
+    normal, right = normal / excess, right / excess
+    displacement, covariance, sizes = _solved(normal, right, options)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        misfit = np.sqrt(chi2 / np.where(freedom > 0, freedom, np.nan))
+    return ScanAdjustment(
+        before.names, before.center, displacement, covariance, *sizes, misfit, cells
+    )
+
+
+def _prior_variance(count: int, sizes: tuple[float, float]) -> FloatArray:
+    return np.tile(np.repeat(np.square(sizes), 3), count)
+
+
+def _solved(
+    normal: FloatArray, right: FloatArray, options: AdjustmentOptions
+) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
+    """Displacements (S, 6), their covariance, and the sizes of the prior."""
+    count = len(right) // DEGREES
+    sizes = (options.offset_sigma_m, options.rotation_sigma_rad)
+    for _ in range(_MAX_ROUNDS if options.estimate else 1):
+        # Scaled by the prior: metres and radians are unlike, and the matrix is then at least 1.
+        root = np.sqrt(_prior_variance(count, sizes))
+        scaled = normal * np.outer(root, root) + np.eye(len(right))
+        covariance = np.linalg.inv(scaled) * np.outer(root, root)
+        displacement = (covariance @ right).reshape(count, DEGREES)
+        moments = displacement**2 + np.diag(covariance).reshape(count, DEGREES)
+        found = (
+            float(np.sqrt(moments[:, :3].mean())),
+            float(np.sqrt(moments[:, 3:].mean())),
+        )
+        change = max(abs(np.log(new / old)) for new, old in zip(found, sizes, strict=True))
+        if not options.estimate or change < _SETTLED:
+            break
+        sizes = found
+    return displacement, covariance, sizes

@@ -1,0 +1,67 @@
+"""The adjustment of scans on disk: one HDF5, whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from lidar.adjustment import ScanAdjustment
+from spcola.atomic import replacing, write_error
+from spcola.errors import FormatError, WorkspaceError
+
+ADJUSTMENT_HDF5 = "adjustment.h5"
+"""Name of the file in a folder of mapolas."""
+
+_FORMAT = "spcola scan adjustment 1"
+_LAYERS = ("center", "displacement", "covariance", "misfit", "cells")
+_SIZES = ("offset_sigma_m", "rotation_sigma_rad")
+
+
+def write_adjustment(path: str | Path, adjustment: ScanAdjustment) -> None:
+    """Write an adjustment: metres and radians, one row a scan.
+
+    Raises
+    ------
+    WorkspaceError
+        If the file cannot be written.
+    """
+    path = Path(path)
+    try:
+        with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+            file.attrs["format"] = _FORMAT
+            file["names"] = np.array(list(adjustment.names), dtype=h5py.string_dtype())
+            for layer in _LAYERS:
+                file[layer] = getattr(adjustment, layer)
+            for size in _SIZES:
+                file.attrs[size] = getattr(adjustment, size)
+    except OSError as error:
+        raise write_error(path, error) from error
+
+
+def read_adjustment(path: str | Path) -> ScanAdjustment:
+    """Read an adjustment.
+
+    Raises
+    ------
+    WorkspaceError
+        If the file cannot be opened.
+    FormatError
+        If it is something else, or damaged.
+    """
+    path, again = Path(path), "make the mapolas again"
+    try:
+        file = h5py.File(path, "r")
+    except OSError as error:
+        raise WorkspaceError("cannot be read as HDF5", path, again) from error
+    with file:
+        if file.attrs.get("format") != _FORMAT:
+            raise FormatError(f"is not {_FORMAT!r}", path, again)
+        try:
+            layers: dict[str, Any] = {layer: file[layer][:] for layer in _LAYERS}
+            layers |= {size: float(file.attrs[size]) for size in _SIZES}
+            return ScanAdjustment(names=tuple(file["names"].asstr()[:]), **layers)
+        except (KeyError, OSError, ValueError, TypeError) as error:
+            raise FormatError(f"is damaged ({error})", path, again) from error

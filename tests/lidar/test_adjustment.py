@@ -1,0 +1,212 @@
+"""Displacements of scans: planted ones recovered, what no overlap tells left unknown."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidar.adjustment import AdjustmentOptions, ScanAdjustment, adjust_scans, unadjusted
+from lidar.formats.adjustment import read_adjustment, write_adjustment
+from lidar.gridding import grid_returns
+from lidar.overlaps import displacement_rows, ground_shares, overlap_equations
+from lidar.returns import Returns
+from spcola.arrays import FloatArray
+from spcola.errors import FormatError, SettingsError, WorkspaceError
+from spcola.maplet import MapletGrid
+
+AXES = np.linalg.qr(np.array([[1.0, 0.2, -0.1], [-0.3, 1.0, 0.2], [0.1, -0.2, 1.0]]))[0]
+AXES = AXES * np.sign(np.linalg.det(AXES))
+GRID = MapletGrid(np.array([200.0, 30.0, -40.0]), AXES, 0.5, 24)
+NAMES = ("a", "b", "c", "alone")
+CENTERS = GRID.center + np.array([[3.0, 0, 0], [0, 3.0, 0], [0, 0, 3.0], [400.0, 0, 0]])
+OPTIONS = AdjustmentOptions(0.05, 5e-4)
+
+
+def hills(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Heights along Uz, metres, of ground with relief in all directions."""
+    return 0.6 * np.sin(0.9 * x + 0.3) * np.cos(0.7 * y) + 0.3 * np.sin(0.5 * x - 1.1 * y)
+
+
+def scans_on(
+    moved: FloatArray, rng: np.random.Generator, *, relief: float = 1.0, noise: float = 0.01
+) -> Returns:
+    """Three scans over the same ground, displaced and turned by `moved` (3, 6)."""
+    points, scan = [], []
+    for number in range(3):
+        x, y = rng.uniform(-12, 12, size=(2, 12_000))
+        height = relief * hills(x, y) + noise * rng.normal(size=x.size)
+        place = GRID.center + np.stack([x, y, height], axis=1) @ GRID.axes
+        points.append(place + displacement_rows(place, CENTERS[number]) @ moved[number])
+        scan.append(np.full(x.size, number))
+    together = np.concatenate(points)
+    return Returns(together, np.full(len(together), noise), np.concatenate(scan), NAMES)
+
+
+def adjusted(returns: Returns, rounds: int = 3, **options: object) -> ScanAdjustment:
+    """Solve as the stage does."""
+    chosen = AdjustmentOptions(0.05, 5e-4, **options)  # type: ignore[arg-type]
+    found = unadjusted(NAMES, CENTERS, chosen)
+    for _ in range(rounds):
+        there = found.corrected(returns)
+        equations = overlap_equations(grid_returns("A", GRID, there), there, CENTERS)
+        found = adjust_scans(found, [] if equations is None else [equations], options=chosen)
+    return found
+
+
+def relative(values: FloatArray) -> FloatArray:
+    """Displacements of the first three scans at the middle of the grid, less their mean."""
+    rows = displacement_rows(np.broadcast_to(GRID.center, (3, 3)), CENTERS[:3])
+    there = np.einsum("sij,sj->si", rows, values[:3])
+    return there - there.mean(axis=0)
+
+
+def test_planted_displacements_are_recovered_up_to_what_the_scans_share() -> None:
+    rng = np.random.default_rng(1)
+    moved = np.hstack([0.1 * rng.normal(size=(3, 3)), 2e-3 * rng.normal(size=(3, 3))])
+    found = adjusted(scans_on(moved, rng))
+    error = relative(found.displacement) - relative(moved)
+    assert np.abs(error).max() < 1.5e-3
+    assert np.abs(relative(moved)).max() > 0.05
+
+
+def test_what_is_left_is_of_the_size_of_its_covariance() -> None:
+    pulls = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        moved = np.hstack([0.05 * rng.normal(size=(3, 3)), np.zeros((3, 3))])
+        found = adjusted(scans_on(moved, rng, noise=0.02))
+        error = relative(found.displacement) - relative(moved)
+        rows = displacement_rows(np.broadcast_to(GRID.center, (3, 3)), CENTERS[:3])
+        take = np.zeros((9, 24))
+        for scan in range(3):
+            for other in range(3):
+                factor = (scan == other) - 1.0 / 3.0
+                take[3 * scan : 3 * scan + 3, 6 * other : 6 * other + 6] = factor * rows[other]
+        sigma = np.sqrt(np.diag(take @ found.covariance @ take.T))
+        pulls.append(error.ravel() / sigma)
+    assert 0.6 < np.std(pulls) < 1.6
+
+
+def test_a_scan_that_meets_no_other_keeps_its_prior() -> None:
+    rng = np.random.default_rng(2)
+    moved = np.hstack([0.05 * rng.normal(size=(3, 3)), np.zeros((3, 3))])
+    found = adjusted(scans_on(moved, rng, noise=0.03))
+    assert found.displacement[3] == pytest.approx(np.zeros(6), abs=1e-15)
+    assert found.sigma[3, :3] == pytest.approx(found.offset_sigma_m, rel=0.01)
+    assert found.cells[3] == 0
+    assert np.isnan(found.misfit[3])
+    assert found.misfit[:3] == pytest.approx(1.0, abs=0.15)
+
+
+def test_the_size_of_the_displacements_is_estimated() -> None:
+    rng = np.random.default_rng(3)
+    moved = np.hstack([1.0 * rng.normal(size=(3, 3)), np.zeros((3, 3))])
+    returns = scans_on(moved, rng)
+    assert adjusted(returns, rounds=6).offset_sigma_m > 0.3
+    assert adjusted(returns, estimate=False).offset_sigma_m == 0.05
+
+
+def test_flat_ground_tells_heights_and_not_where_scans_lie_sideways() -> None:
+    rng = np.random.default_rng(4)
+    moved = np.zeros((3, 6))
+    moved[0, :3] = 0.08 * GRID.uz
+    found = adjusted(scans_on(moved, rng, relief=0.0), estimate=False)
+    local = relative(found.displacement) @ GRID.axes.T
+    assert local[0, 2] - local[1, 2] == pytest.approx(0.08, abs=2e-3)
+    # Hardly anything was learnt of the sideways part, and it is said to be as uncertain as before.
+    assert np.abs(local[:, :2]).max() < 0.05
+    for scan in range(3):
+        block = found.covariance[6 * scan : 6 * scan + 3, 6 * scan : 6 * scan + 3]
+        for axis in (GRID.ux, GRID.uy):
+            assert np.sqrt(axis @ block @ axis) == pytest.approx(0.05, rel=0.15)
+
+
+def test_one_scan_alone_gives_no_equations() -> None:
+    rng = np.random.default_rng(5)
+    returns = scans_on(np.zeros((3, 6)), rng)
+    single = returns.select(returns.scan == 1)
+    assert overlap_equations(grid_returns("A", GRID, single), single, CENTERS) is None
+
+
+def test_what_moves_all_scans_alike_is_not_seen() -> None:
+    returns = scans_on(np.zeros((3, 6)), np.random.default_rng(6))
+    gridding = grid_returns("A", GRID, returns)
+    whole = overlap_equations(gridding, returns, CENTERS)
+    assert whole is not None
+    size = np.abs(whole.normal).max()
+    common = np.tile(np.eye(6)[:3], 3)
+    assert np.abs(whole.normal @ common.T).max() < 1e-9 * size
+    assert np.linalg.eigvalsh(whole.normal).min() > -1e-9 * size
+    half = overlap_equations(gridding, returns, CENTERS, share=np.full(GRID.shape, 0.5))
+    assert half is not None
+    np.testing.assert_allclose(half.normal, 0.5 * whole.normal, rtol=0, atol=1e-9 * size)
+
+
+def test_a_scan_of_other_ground_is_named() -> None:
+    rng = np.random.default_rng(7)
+    returns = scans_on(np.zeros((3, 6)), rng)
+    points = returns.points.copy()
+    last = returns.scan == 2
+    points[last] += 0.3 * np.sin(2.1 * points[last, :1]) * GRID.uz
+    many = Returns(points, returns.sigma, returns.scan, NAMES)
+    found = adjusted(many)
+    clean = adjusted(returns)
+    assert clean.suspects == ()
+    assert found.misfit[2] > 3.0 * np.median(clean.misfit[:3])
+
+
+def test_ground_under_two_grids_counts_half() -> None:
+    beside = MapletGrid(GRID.center + 12.0 * GRID.ux, GRID.axes, GRID.gsd, GRID.half_size)
+    shares = ground_shares(GRID, [beside], np.zeros(GRID.shape))
+    assert set(np.unique(shares)) == {0.5, 1.0}
+    assert np.all(shares[:, 24:] == 0.5)
+    assert np.all(shares[:, :24] == 1.0)
+
+
+def test_corrected_undoes_a_small_displacement() -> None:
+    rng = np.random.default_rng(8)
+    moved = np.zeros((4, 6))
+    moved[:3] = np.hstack([0.1 * rng.normal(size=(3, 3)), 1e-4 * rng.normal(size=(3, 3))])
+    still, displaced = (scans_on(m, np.random.default_rng(9)) for m in (np.zeros((3, 6)), moved))
+    adjustment = unadjusted(NAMES, CENTERS, OPTIONS)
+    whole = ScanAdjustment(**{**vars(adjustment), "displacement": moved})
+    np.testing.assert_allclose(whole.corrected(displaced).points, still.points, atol=3e-5)
+    other = Returns(still.points, still.sigma, still.scan, ("x", "y", "z", "w"))
+    np.testing.assert_array_equal(whole.corrected(other).points, other.points)
+
+
+def test_modes_are_a_root_of_the_covariance() -> None:
+    found = adjusted(scans_on(np.zeros((3, 6)), np.random.default_rng(10)))
+    modes = found.modes(reach=20.0, least=0.0)
+    np.testing.assert_allclose(modes @ modes.T, found.covariance, atol=1e-12)
+    assert found.modes(reach=20.0, least=0.01).shape[1] < modes.shape[1]
+
+
+def test_an_adjustment_is_read_as_it_was_written(tmp_path: Path) -> None:
+    found = adjusted(scans_on(np.zeros((3, 6)), np.random.default_rng(11)))
+    path = tmp_path / "adjustment.h5"
+    write_adjustment(path, found)
+    back = read_adjustment(path)
+    for name, value in vars(found).items():
+        np.testing.assert_array_equal(getattr(back, name), value)
+
+
+def test_a_damaged_adjustment_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "adjustment.h5"
+    path.write_bytes(b"no HDF5")
+    with pytest.raises(WorkspaceError, match="make the mapolas again"):
+        read_adjustment(path)
+    found = unadjusted(NAMES, CENTERS, OPTIONS)
+    write_adjustment(path, found)
+    content = path.read_bytes()
+    path.write_bytes(content.replace(b"scan adjustment 1", b"scan adjustment 9"))
+    with pytest.raises(FormatError, match="is not"):
+        read_adjustment(path)
+
+
+@pytest.mark.parametrize("name", ["offset_sigma_m", "rotation_sigma_rad"])
+def test_sizes_must_be_positive(name: str) -> None:
+    with pytest.raises(SettingsError, match=name):
+        AdjustmentOptions(**{name: 0.0})
