@@ -12,7 +12,7 @@ from spcola.arrays import FloatArray
 from spcola.heights import vectors
 from spcola.heights.bands import Bands
 from spcola.heights.components import Components
-from spcola.heights.direct import DirectSolver
+from spcola.heights.graph import GraphSolver
 from spcola.heights.means import add_mean_products, add_mean_pulls
 from spcola.heights.multigrid import Hierarchy
 from spcola.heights.problem import HeightProblem
@@ -21,10 +21,8 @@ from spcola.kernel import kernel
 
 _SAFETY = 3.0
 """How much larger the stated bound is than the error that the preconditioner sees."""
-_PATIENCE = 80
+_PATIENCE = 40
 """Iterations after which the weights count as too wild for 2 × 2 aggregates."""
-_DIRECT_LIMIT = 400_000
-"""Points up to which sparse factors then take over (some GiB of memory)."""
 _SPAN = 1e-4
 """Smallest weight relative to the largest down to which single precision is used."""
 _REFRESH = 1e-3
@@ -77,7 +75,8 @@ class LinearSystem:
         self._hierarchy = Hierarchy(problem, lumped, self._unit, kind, bands)
         shape = (problem.shape[0] + 2, problem.shape[1] + 2)
         self._r, self._p, self._z = (np.zeros(shape, dtype=kind) for _ in range(3))
-        self._direct: DirectSolver | None = None
+        self._graph: GraphSolver | None = None
+        self._cycles = 0
         self._spectrum = Spectrum()
 
     @property
@@ -110,8 +109,8 @@ class LinearSystem:
 
     def precondition(self, residual: FloatArray, bands: Bands) -> FloatArray:
         """Return the preconditioner's guess at the error behind `residual` (scratch memory)."""
-        if self._direct is not None:
-            self._direct.apply(residual, self._unit, self._z)
+        if self._graph is not None:
+            self._cycles += self._graph.apply(residual, self._unit, self._z)
             return self._z
         self._hierarchy.apply(residual, self._z, bands)
         if self._several:
@@ -146,17 +145,16 @@ class LinearSystem:
 
         `start` is overwritten: it becomes the solution.
         """
-        small = self._components.points <= _DIRECT_LIMIT
-        patience = min(_PATIENCE, max_iterations) if small else max_iterations
+        self._cycles = 0
+        patience = max_iterations if self._graph else min(_PATIENCE, max_iterations)
         iterations, bound = self._iterate(problem, start, tolerance_m, patience, bands)
         if bound > tolerance_m and patience < max_iterations:
-            if self._direct is None:
-                self._direct = DirectSolver(self._problem, self._weight, self._components)
-                self._spectrum = Spectrum()
-            more, bound = self._iterate(
-                problem, start, tolerance_m, max_iterations - iterations, bands
-            )
+            self._graph = GraphSolver(self._problem, self._weight, self._components)
+            self._spectrum = Spectrum()
+            limit = max_iterations - iterations
+            more, bound = self._iterate(problem, start, tolerance_m, limit, bands)
             iterations += more
+        iterations += self._cycles
         return LinearSolution(start, iterations, bound <= tolerance_m, bound)
 
     def _iterate(

@@ -16,7 +16,7 @@ from spcola.heights import (
     solve_heights,
 )
 from spcola.heights.components import find_components
-from spcola.heights.direct import normal_matrix
+from spcola.heights.graph import normal_matrix
 
 EXACT = SolverOptions(tolerance_m=1e-10)
 
@@ -136,12 +136,12 @@ def test_stiff_means_on_smooth_steps_are_met_and_steps_share_the_misfit():
         np.zeros((29, 30)),
         np.ones((30, 29)),
         np.ones((29, 30)),
-        means=MeanConstraints.of_labels(labels, [1.0, 0.0], [1e6, 1e6]),
+        means=MeanConstraints.of_labels(labels, [1.0, 0.0], [1e4, 1e4]),
     )
     solution = solve_heights(problem, options=EXACT)
     height = solution.height
-    assert height[10:14, 10:14].mean() == pytest.approx(1.0, abs=1e-5)
-    assert height[20:24, 20:24].mean() == pytest.approx(0.0, abs=1e-5)
+    assert height[10:14, 10:14].mean() == pytest.approx(1.0, abs=1e-3)
+    assert height[20:24, 20:24].mean() == pytest.approx(0.0, abs=1e-3)
     assert np.abs(np.diff(height, axis=0)).max() < 0.25
 
 

@@ -1,12 +1,12 @@
-"""The normal matrix of a height problem, and its sparse factors for problems that resist."""
+"""The normal matrix of a height problem, and multigrid on it for problems that resist."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.sparse import coo_array, csc_array
-from scipy.sparse.linalg import splu
 
 from spcola.arrays import FloatArray
+from spcola.heights.aggregation import AggregationSolver
 from spcola.heights.components import Components
 from spcola.heights.problem import HeightProblem
 
@@ -40,11 +40,11 @@ def normal_matrix(problem: HeightProblem, weight: FloatArray) -> csc_array:
     return matrix
 
 
-class DirectSolver:
-    """Sparse factors of the normal matrix; one point of each floating part is held.
+class GraphSolver:
+    """Multigrid on the normal matrix as a graph; one point of each floating part is held.
 
-    For problems whose weights jump so wildly that 2 × 2 aggregates do not describe them. Costs
-    far more memory than multigrid, so that it is for grids of some hundred thousand points.
+    For problems whose weights jump so wildly, or whose masks are so thin, that 2 × 2 aggregates
+    do not describe them. Costs several times the memory and time of the multigrid on squares.
     """
 
     def __init__(self, problem: HeightProblem, weight: FloatArray, components: Components) -> None:
@@ -56,14 +56,13 @@ class DirectSolver:
         for label, index in zip(inside, first, strict=True):
             if label >= 0 and components.weight[label] == 0:
                 held.flat[index] = 1.0
-        self._factors = splu(
-            normal_matrix(problem, held),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
+        self._solver = AggregationSolver(normal_matrix(problem, held))
 
-    def apply(self, residual: FloatArray, unit: float, answer: FloatArray) -> None:
-        """Store in `answer` the heights that `residual` times `unit` asks for (both padded)."""
+    def apply(self, residual: FloatArray, unit: float, answer: FloatArray) -> int:
+        """Store in `answer` the heights that `residual` times `unit` asks for (both padded).
+
+        Returns the number of cycles.
+        """
         right = unit * residual[1:-1, 1:-1][self._mask].astype(np.float64)
-        answer[1:-1, 1:-1][self._mask] = self._factors.solve(right)
+        answer[1:-1, 1:-1][self._mask], cycles = self._solver.solve(right)
+        return cycles
