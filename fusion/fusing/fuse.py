@@ -140,7 +140,7 @@ def fuse_maplet(
     # their weights keep them far below its scale.
     solution = solve_heights(problem, options=_solver(options))
     own = posterior_sigma(problem, weight=solution.constraint_weight)
-    with_lidar = np.isfinite(lidar.height)
+    with_lidar = lidar.known
     source = np.select(
         [~problem.mask, parts.spc.valid & with_lidar, with_lidar, parts.spc.valid],
         [Source.NONE, Source.BOTH, Source.LIDAR, Source.IMAGE],
@@ -177,6 +177,8 @@ def _prior_surface(parts: FuseInput, lidar: Constraints) -> FloatArray:
     """
     shape = filled(parts.prior)
     known = np.where(np.isfinite(lidar.height), lidar.height, parts.spc.height)
+    if lidar.coarse is not None:
+        known = np.where(np.isfinite(known), known, lidar.coarse)
     if not np.isfinite(known).any():
         return shape
     return shape + filled(known - shape)
@@ -191,7 +193,7 @@ def _problem(
 ) -> HeightProblem:
     """Put steps, weights and constraints together."""
     valid, gsd = parts.spc.valid, parts.grid.gsd
-    mask = valid | np.isfinite(lidar.height) | np.isfinite(parts.prior)
+    mask = valid | lidar.known | np.isfinite(parts.prior)
     bridge = _bridge_sigma(lidar, parts.prior, information)
     surface = np.where(valid, parts.spc.height, 0.0)
     # A stray return is one cell wide, a boulder is not: the median keeps the one from
@@ -217,7 +219,9 @@ def _problem(
         steps.append(np.where(seen, spc_step, prior_step))
         weights.append(np.where(_both(mask, axis), trust / sigma**2, 0.0))
     height, weight = _heights(parts, lidar, information, options)
-    return HeightProblem(steps[0], steps[1], weights[0], weights[1], height, weight, mask)
+    return HeightProblem(
+        steps[0], steps[1], weights[0], weights[1], height, weight, mask, lidar.means
+    )
 
 
 def _solver(options: FuseOptions) -> SolverOptions:
