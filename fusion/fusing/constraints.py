@@ -15,11 +15,13 @@ import numpy as np
 from lidar.mapola import Mapola
 from spcola.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from spcola.heights import MeanConstraints
-from spcola.maplet import Maplet, MapletGrid
-from spcola.regrid import ProjectedMaplet, project_maplet
+from spcola.maplet import MapletGrid
+from spcola.regrid import project_maplet
 
 # A mapola whose GSD is larger than the grid's by this factor holds means, not points.
 _COARSE = 1.5
+# Share of its points that a cell must have on the grid to count as whole.
+_WHOLE = 0.9
 # Metres: no cell is known better.
 _LEAST_SIGMA = 1e-6
 
@@ -111,16 +113,16 @@ def lidar_constraints(grid: MapletGrid, candidates: Iterable[Candidate]) -> Cons
         if not overlaps(grid, candidate.grid) or not _reaches(candidate.grid, grid, unknown):
             continue
         mapola = candidate.load()
+        if mapola.grid.gsd > _COARSE * grid.gsd:
+            new = areas.add(mapola, unknown)
+            coarse[new], count[new] = areas.height[new], areas.count[new]
+            continue
         projected = mapola if candidate.grid is grid else project_maplet(mapola, grid)
         new = projected.valid & np.isfinite(projected.sigma) & unknown
-        row, column = _nearest_cell(mapola.grid, grid, projected.height)
+        height[new], sigma[new] = projected.height[new], projected.sigma[new]
+        row, column, _ = _nearest_cell(mapola.grid, grid, projected.height)
         count[new] = np.maximum(np.asarray(mapola.count)[row, column][new], 1)
-        if mapola.grid.gsd > _COARSE * grid.gsd:
-            coarse[new] = projected.height[new]
-            areas.add(new, row * mapola.grid.size + column, projected)
-        else:
-            height[new], sigma[new] = projected.height[new], projected.sigma[new]
-    if not areas.heights:
+    if not areas.some:
         return Constraints(height, sigma, count)
     return Constraints(height, sigma, count, areas.means(), coarse)
 
@@ -129,25 +131,49 @@ class _Areas:
     """Collects the cells of coarser mapolas over the points of a grid."""
 
     def __init__(self, grid: MapletGrid) -> None:
+        self._grid = grid
         self._labels = np.full(grid.shape, -1, dtype=np.int64)
-        self.heights: list[float] = []
-        self._weights: list[float] = []
+        self._means: list[FloatArray] = []
+        self._sigmas: list[FloatArray] = []
+        self.height = np.full(grid.shape, np.nan)
+        self.count = np.zeros(grid.shape, dtype=np.int32)
 
-    def add(self, new: BoolArray, cell: IntArray, surface: Maplet | ProjectedMaplet) -> None:
-        """Add the cells that the `new` points (R, C) lie in, with the surface's mean there.
+    @property
+    def some(self) -> bool:
+        """Whether there is any."""
+        return bool(self._means)
 
-        Not the height of the cell's own middle: a cell may lie over the grid only in part.
+    def add(self, mapola: Mapola, unknown: BoolArray) -> BoolArray:
+        """Add the cells that lie whole over `unknown` points (R, C); return which these are.
+
+        Of a cell in part it would not be known what its mean over that part is.
         """
-        number = np.unique(cell[new], return_inverse=True)[1]
-        size = np.bincount(number)
-        self._labels[new] = len(self.heights) + number
-        self.heights += (np.bincount(number, surface.height[new]) / size).tolist()
-        sigma = np.bincount(number, surface.sigma[new]) / size
-        self._weights += (1.0 / np.maximum(sigma, _LEAST_SIGMA) ** 2).tolist()
+        grid = self._grid
+        projected = project_maplet(mapola, grid)
+        row, column, inside = _nearest_cell(mapola.grid, grid, projected.height)
+        inside &= unknown & mapola.valid[row, column] & np.isfinite(mapola.sigma[row, column])
+        cell = row * mapola.grid.size + column
+        points = np.bincount(cell[inside], minlength=mapola.grid.size**2)
+        tilt = float(grid.uz @ mapola.grid.uz)
+        whole = points >= _WHOLE * tilt * (mapola.grid.gsd / grid.gsd) ** 2
+        new: BoolArray = inside & whole[cell]
+        if not new.any():
+            return new
+        chosen, number = np.unique(cell[new], return_inverse=True)
+        self._labels[new] = sum(len(part) for part in self._means) + number
+        # Tilts of the planes cancel over a cell: its mean is the height of its middle.
+        middle = grid.project(mapola.points().reshape(-1, 3)[chosen])[2]
+        self._means.append(middle)
+        self._sigmas.append(mapola.sigma.ravel()[chosen])
+        smooth = np.isfinite(projected.height)
+        self.height[new] = np.where(smooth[new], projected.height[new], middle[number])
+        self.count[new] = np.maximum(np.asarray(mapola.count)[row, column][new], 1)
+        return new
 
     def means(self) -> MeanConstraints:
         """Return the constraints."""
-        return MeanConstraints.of_labels(self._labels, self.heights, self._weights)
+        sigma = np.maximum(np.concatenate(self._sigmas), _LEAST_SIGMA)
+        return MeanConstraints.of_labels(self._labels, np.concatenate(self._means), sigma**-2.0)
 
 
 def _reaches(other: MapletGrid, grid: MapletGrid, unknown: BoolArray) -> bool:
@@ -172,10 +198,14 @@ def overlaps(one: MapletGrid, other: MapletGrid) -> bool:
 
 def _nearest_cell(
     other: MapletGrid, grid: MapletGrid, height: FloatArray
-) -> tuple[IntArray, IntArray]:
-    """Row and column (R, C) of the cell of `other` nearest to each point of `grid` at `height`."""
+) -> tuple[IntArray, IntArray, BoolArray]:
+    """Row and column (R, C) of the cell of `other` nearest to each point of `grid` at `height`.
+
+    And whether the point lies in that cell; beside `other` it does not.
+    """
     x, y, _ = other.project(grid.points(np.nan_to_num(height)))
     q = other.half_size
-    column = np.clip(np.rint(x), -q, q).astype(np.intp) + q
-    row = np.clip(np.rint(y), -q, q).astype(np.intp) + q
-    return row, column
+    column = np.clip(np.rint(x), -q, q)
+    row = np.clip(np.rint(y), -q, q)
+    inside = (np.abs(x - column) <= 0.5) & (np.abs(y - row) <= 0.5)
+    return row.astype(np.intp) + q, column.astype(np.intp) + q, inside
