@@ -151,6 +151,20 @@ def test_probing_agrees_with_the_exact_sigma_for_any_weight(weight):
     assert np.abs(ratio[known] - 1).max() < 0.1
 
 
+@pytest.mark.parametrize(("method", "weak"), [("patches", 1e-2), ("probing", 1e-2), ("probing", 0)])
+def test_lidar_here_and_only_weak_heights_there(method, weak):
+    """As in the fusion: returns dense on one side, on the other the maplet's own, or none."""
+    rng = np.random.default_rng(9)
+    column = np.indices((70, 70))[1]
+    lidar = (column < 35) & (rng.random((70, 70)) < 0.6)
+    weight = np.where(lidar, 4.0, weak)
+    edges = 10 ** rng.uniform(-0.5, 0.5, (70, 69)), 10 ** rng.uniform(-0.5, 0.5, (69, 70))
+    p = HeightProblem(np.zeros((70, 69)), np.zeros((69, 70)), *edges, np.zeros((70, 70)), weight)
+    ratio = posterior_sigma(p, method=method, options=WINDOWS) / posterior_sigma(p)
+    assert abs(np.median(ratio) - 1) < 0.03
+    assert np.quantile(np.abs(ratio - 1), 0.95) < 0.1
+
+
 def test_what_does_not_fit_is_refused():
     p = random_problem(np.random.default_rng(6), (9, 9))
     with pytest.raises(SettingsError, match="noise_level"):
