@@ -20,7 +20,7 @@ from lidar.mapola import Mapola
 from lidar.returns import Returns
 from spcola.arrays import AnyArray, BoolArray, FloatArray, frozen, read_only
 from spcola.errors import SettingsError
-from spcola.heights import HeightProblem, SolverOptions, solve_heights
+from spcola.heights import HeightProblem, HeightSystem, SolverOptions
 from spcola.heights.slopes import slopes_of, steps_from_slopes
 from spcola.maplet import Maplet, MapletGrid, check_layer
 from spcola.robust import mad
@@ -221,18 +221,15 @@ def _integrate(
     slope_x, slope_y = np.zeros(mask.shape), np.zeros(mask.shape)
     medians = CorrectedMedians(cells, _NEGLECTED * options.tolerance * gsd)
     change, rounds = np.inf, 0
+    step_x, step_y = steps_from_slopes(slope_x, slope_y, gsd)
+    weights = (np.full(step_x.shape, edge_weight), np.full(step_y.shape, edge_weight))
+    problem = HeightProblem(step_x, step_y, *weights, constraint, weight, mask)
+    system = HeightSystem(problem)
     while change > options.tolerance * gsd and rounds < options.max_rounds:
         step_x, step_y = steps_from_slopes(slope_x, slope_y, gsd)
-        problem = HeightProblem(
-            step_x,
-            step_y,
-            np.full(step_x.shape, edge_weight),
-            np.full(step_y.shape, edge_weight),
-            constraint,
-            weight,
-            mask,
-        )
-        previous, surface = surface, solve_heights(problem, options=solver, start=surface).height
+        problem = problem.with_data(step_x=step_x, step_y=step_y, height=constraint)
+        found = system.solve(problem, options=solver, start=surface)
+        previous, surface = surface, found.height
         # A slope is not known at a point without neighbours; it then corrects nothing.
         steep_x, steep_y = slopes_of(surface, gsd)
         slope_x, slope_y = np.nan_to_num(steep_x), np.nan_to_num(steep_y)
