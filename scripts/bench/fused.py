@@ -27,6 +27,7 @@ from truth import fitted, number, timed
 
 from fusion.fusing.constraints import overlaps
 from fusion.settings import write_settings
+from fusion.stages.fuse import Scene
 from fusion.truth.assessment.assess import light_on
 from fusion.truth.assessment.gather import workspace_models
 from fusion.truth.assessment.model import Model
@@ -44,6 +45,8 @@ SPC, MAPOLAS, FUSED = "SPC maplets", "mapolas, registered", "fused maplets"
 # A boulder of fewer cells has no top on the grid.
 LEAST_CELLS = 4
 PAIRS = 200
+# Points at the border that interpolation may not reach.
+EDGE = 3
 
 
 def prepared(root: Path, mission: Path, name: str, *, adjust: bool) -> Path:
@@ -118,6 +121,74 @@ def _gap(one: Maplet, other: Maplet) -> FloatArray:
     return gap[np.isfinite(gap)]
 
 
+def limit(workspace: Path, mission: Path) -> str:
+    """Say what the best combination of both sources could reach: for each wavelength two weights.
+
+    They are those that leave least of the error, found with the truth in hand (Wiener), so that no
+    linear combination that treats all ground alike does better. Over the inner squares of maplets
+    that both sources know whole, planes removed, Hann windows.
+    """
+    planted = read_truth(mission)
+    ground = Ground(planted.body(), light_on(planted), AssessmentSettings())
+    scene = Scene.of(Workspace.open(workspace))
+    spectra: list[tuple[FloatArray, ...]] = []
+    for name in scene.targets:
+        parts = scene.parts(name)
+        fused = Workspace.open(workspace).fused(name)
+        truth = patch_errors(fused, ground, planted.similarity).truth
+        layers = [parts.lidar.height, parts.spc.height, fused.height, truth]
+        inner = [layer[EDGE:-EDGE, EDGE:-EDGE] for layer in layers]
+        if np.isfinite(inner).all():
+            spectra.append(_ring_sums(*inner))
+    if not spectra:
+        return "limit           no maplet that both sources know whole"
+    sources, with_truth, truth_power, lidar_error, fused_error = (
+        np.sum(each, axis=0) for each in zip(*spectra, strict=True)
+    )
+    best = 0.0
+    for ring in range(len(truth_power)):
+        if truth_power[ring] > 0:
+            weights = np.linalg.lstsq(sources[ring], with_truth[ring], rcond=1e-12)[0]
+            best += truth_power[ring] - with_truth[ring] @ weights
+    whole = lidar_error.sum()
+    return (
+        f"limit           best weights for each wavelength, by the truth: "
+        f"{np.sqrt(best / whole):.2f} of mapolas; fused {np.sqrt(fused_error.sum() / whole):.2f} "
+        f"({len(spectra)} maplets)"
+    )
+
+
+def _ring_sums(
+    lidar: FloatArray, spc: FloatArray, fused: FloatArray, truth: FloatArray
+) -> tuple[FloatArray, ...]:
+    """Sums over rings of wavenumber: of both sources, with the truth, of it, and of errors."""
+    size = len(truth)
+    y, x = np.mgrid[:size, :size] / size
+    plane = np.stack([np.ones(size * size), x.ravel(), y.ravel()], axis=1)
+    window = np.hanning(size)[:, None] * np.hanning(size)
+
+    def wave(layer: FloatArray) -> FloatArray:
+        rest = layer.ravel() - plane @ np.linalg.lstsq(plane, layer.ravel(), rcond=None)[0]
+        return np.fft.fft2(rest.reshape(size, size) * window)
+
+    one, two, made, true = (wave(layer) for layer in (lidar, spc, fused, truth))
+    k = np.fft.fftfreq(size) * size
+    ring = np.rint(np.hypot(k[:, None], k)).astype(int).ravel()
+
+    def total(values: FloatArray) -> FloatArray:
+        return np.bincount(ring, weights=values.real.ravel())
+
+    both = [[total(a * b.conj()) for b in (one, two)] for a in (one, two)]
+    with_truth = [total(a * true.conj()) for a in (one, two)]
+    return (
+        np.moveaxis(np.array(both), -1, 0),
+        np.moveaxis(np.array(with_truth), -1, 0),
+        total(true * true.conj()),
+        total((one - true) * (one - true).conj()),
+        total((made - true) * (made - true).conj()),
+    )
+
+
 def lines(models: dict[str, Any], raw: dict[str, Any], name: str) -> Iterator[str]:
     """Yield the table of one mission."""
     spc, mapolas, fused = (models[each] for each in (SPC, MAPOLAS, FUSED))
@@ -187,6 +258,7 @@ def report(preset: str, seed: int, work: Path) -> Sequence[str]:
         + ", ".join(f"{name} {value:.3f} m" for name, value in top.items())
         + f"; fused / SPC {top[FUSED] / top[SPC]:.2f}"
     )
+    told.append(limit(workspace, mission))
     gaps = {m.name: seams(m) for m in workspace_models(Workspace.open(workspace)) if m.name in top}
     told.append("seams           " + ", ".join(f"{name} {v:.4f} m" for name, v in gaps.items()))
     return told
