@@ -21,17 +21,13 @@ from lidar.returns import Returns
 from spcola.arrays import AnyArray, BoolArray, FloatArray, frozen, read_only
 from spcola.errors import SettingsError
 from spcola.heights import HeightProblem, HeightSystem, SolverOptions
-from spcola.heights.slopes import slopes_of, steps_from_slopes
+from spcola.heights.slopes import STEPS_ALIKE, slopes_of, steps_from_slopes
 from spcola.maplet import Maplet, MapletGrid, check_layer
 from spcola.robust import mad
 
 # Noise variance of a step less the mean of the central slopes at its ends, in units of the
 # variance of one height: 2 (3/4)² + 2 (1/4)².
 _STEP_NOISE = 1.25
-# The four steps at a point err alike where the ground bends: they tell no more than one would,
-# which is said by doubling their standard deviation. Without it relief of some six cells is
-# flattened by more than its sigma.
-_STEPS_ALIKE = 2.0
 # A median is kept where new slopes would move it by less than this share of the tolerance.
 _NEGLECTED = 0.05
 # Least standard deviation of a step beside that of a height. Steps are read from the surface
@@ -253,7 +249,7 @@ def _step_sigma(mapola: Mapola) -> float:
     noise = float(np.median(known)) if known.size else mapola.grid.gsd
     seen = float(np.nan_to_num(mad(departure)))
     rough = np.sqrt(max(seen**2 - _STEP_NOISE * noise**2, 0.0))
-    return float(max(_STEPS_ALIKE * rough, _STIFFEST * noise))
+    return float(max(STEPS_ALIKE * rough, _STIFFEST * noise))
 
 
 def _sigma(mapola: Mapola, mask: BoolArray, step_sigma: float) -> FloatArray:

@@ -22,6 +22,7 @@ from spcola.heights import (
     slopes_of,
     solve_heights,
 )
+from spcola.heights.slopes import STEPS_ALIKE
 from spcola.maplet import Maplet, MapletGrid
 from spcola.robust import cauchy_weight
 
@@ -216,6 +217,9 @@ def _problem(
         spread = np.hypot(sigma, along_edges(noise, axis))
         contradicted = np.where(seen, (ground_step - spc_step) / spread, 0.0)
         trust = cauchy_weight(np.nan_to_num(contradicted), options.step_loss_scale)
+        # SPC rounds what the lidar resolves.
+        measured = _both(np.isfinite(lidar.height), axis)
+        trust = np.where(measured, trust / STEPS_ALIKE**2, trust)
         steps.append(np.where(seen, spc_step, prior_step))
         weights.append(np.where(_both(mask, axis), trust / sigma**2, 0.0))
     height, weight = _heights(parts, lidar, information, options)

@@ -6,6 +6,11 @@ import numpy as np
 
 from spcola.arrays import FloatArray, check_shape
 
+STEPS_ALIKE = 2.0
+"""Factor on the standard deviation of steps that are read from a smooth surface: where the ground
+bends the four steps at a point err alike and tell no more than one would. Without it relief of some
+six cells is flattened by more than its sigma."""
+
 
 def slopes_of(height: FloatArray, gsd: float) -> tuple[FloatArray, FloatArray]:
     """Return the slopes of a surface at its grid points.
