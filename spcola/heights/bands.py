@@ -15,7 +15,7 @@ from typing import Any, Self, TypeVar
 
 T = TypeVar("T")
 
-_BAND_POINTS = 500_000
+_BAND_POINTS = 1_000_000
 """Points of a band: long enough for a thread to be worth its waking, short enough to balance."""
 _MOST_THREADS = 8
 """Memory, not arithmetic, limits the solver: more threads do not make it faster."""

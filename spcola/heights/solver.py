@@ -42,7 +42,7 @@ class SolverOptions:
         What ties a part without any constraint: its mean over the points where `start` has a
         height (zero mean, where it has none), zero mean, or nothing: its heights are NaN.
     threads : int, optional
-        For grids of more than half a million points; as many as there are cores (at most 8) if
+        For grids of more than a million points; as many as there are cores (at most 8) if
         not given. The result does not depend on it.
 
     Raises
@@ -174,7 +174,7 @@ class HeightSystem:
     problem : HeightProblem
         Its mask and weights count.
     threads : int, optional
-        For grids of more than half a million points; as many as there are cores (at most 8) if
+        For grids of more than a million points; as many as there are cores (at most 8) if
         not given. The result does not depend on it.
 
     Notes
