@@ -18,8 +18,8 @@ from lidar.tiles import TileReader
 from spcola.arrays import FloatArray
 from spcola.maplet import MapletGrid
 
-# The overlaps are linear in displacements of a hundredth of a cell: a step that moves no scan by
-# more leaves nothing to iterate.
+# The overlaps are linear in displacements of a hundredth of a cell: a step that moves scans against
+# each other by no more leaves nothing to iterate.
 _STILL = 0.01
 _MAX_ROUNDS = 5
 # Overlaps are compared on grids whose centres lie this many sides apart: ground that is compared
@@ -57,10 +57,8 @@ def adjusted(
     for _ in range(_MAX_ROUNDS):
         compare = _Comparison(source, chosen, found)
         parts = context.map("compare scans", compare.equations, range(len(chosen)))
-        before = found
-        found = adjust_scans(before, [part for part in parts if part is not None], options=options)
-        step = np.abs(found.displacement - before.displacement)[:, :3].max(initial=0.0)
-        if step <= _STILL * min(grid.gsd for grid in chosen):
+        found = adjust_scans(found, [part for part in parts if part is not None], options=options)
+        if found.step_m <= _STILL * min(grid.gsd for grid in chosen):
             break
     return found
 

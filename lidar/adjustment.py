@@ -76,6 +76,9 @@ class ScanAdjustment:
         deviations; NaN for a scan that meets none.
     cells : (S,) ndarray
         Cells in which it meets others.
+    step_m : float
+        By how much the last round moved the heights of scans against each other (rms over their
+        overlaps); NaN before any round, 0 without overlaps.
     """
 
     names: tuple[str, ...]
@@ -86,6 +89,7 @@ class ScanAdjustment:
     rotation_sigma_rad: float
     misfit: FloatArray
     cells: FloatArray
+    step_m: float = float("nan")
 
     def __len__(self) -> int:
         return len(self.names)
@@ -178,6 +182,7 @@ def adjust_scans(
     normal = np.zeros((DEGREES * count, DEGREES * count))
     right = np.zeros(DEGREES * count)
     cells, chi2, freedom = np.zeros(count), np.zeros(count), np.zeros(count)
+    weight = sum(part.weight for part in equations)
     for part in equations:
         at = (DEGREES * part.scan[:, None] + np.arange(DEGREES)).ravel()
         normal[np.ix_(at, at)] += part.normal
@@ -186,14 +191,18 @@ def adjust_scans(
         chi2[part.scan] += part.chi2
         freedom[part.scan] += part.freedom
     # Departures from the others, in terms of the whole displacement and not of its last step.
-    right = right + normal @ before.displacement.ravel()
+    former, bare = before.displacement.ravel(), normal
+    right = right + normal @ former
     excess = max(float(chi2.sum() / max(freedom.sum(), 1.0)), 1.0)
     normal, right = normal / excess, right / excess
     displacement, covariance, sizes = _solved(normal, right, options)
+    step = displacement.ravel() - former
+    energy = max(float(step @ bare @ step), 0.0)
+    moved = float(np.sqrt(energy / weight)) if weight > 0 else 0.0
     with np.errstate(invalid="ignore", divide="ignore"):
         misfit = np.sqrt(chi2 / np.where(freedom > 0, freedom, np.nan))
     return ScanAdjustment(
-        before.names, before.center, displacement, covariance, *sizes, misfit, cells
+        before.names, before.center, displacement, covariance, *sizes, misfit, cells, moved
     )
 
 

@@ -51,6 +51,8 @@ class OverlapEquations:
     chi2, freedom : (K,) ndarrays
         Sum of its squared departures from the others, in their variances, and how many of them
         are free.
+    weight : float
+        Of all differences together, 1/m².
     """
 
     scan: IntArray
@@ -59,6 +61,7 @@ class OverlapEquations:
     cells: FloatArray
     chi2: FloatArray
     freedom: FloatArray
+    weight: float
 
 
 def displacement_rows(points: FloatArray, centers: FloatArray) -> FloatArray:
@@ -226,11 +229,13 @@ def _eliminated(meetings: _Meetings, rows: FloatArray) -> OverlapEquations:
     shared = (sums @ design).toarray() / np.sqrt(total)[:, None]
     weighted = design.multiply(weight[:, None])
     departure = meetings.departure()
+    free = 1.0 - weight / meetings.total
     return OverlapEquations(
         scan=scans,
         normal=(design.T @ weighted).toarray() - shared.T @ shared,
         right=weighted.T @ departure,
         cells=np.bincount(own).astype(np.float64),
         chi2=_summed(own, weight * departure**2),
-        freedom=_summed(own, 1.0 - weight / meetings.total),
+        freedom=_summed(own, free),
+        weight=float(weight @ free),
     )

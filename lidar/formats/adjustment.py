@@ -17,7 +17,7 @@ ADJUSTMENT_HDF5 = "adjustment.h5"
 
 _FORMAT = "spcola scan adjustment 1"
 _LAYERS = ("center", "displacement", "covariance", "misfit", "cells")
-_SIZES = ("offset_sigma_m", "rotation_sigma_rad")
+_SIZES = ("offset_sigma_m", "rotation_sigma_rad", "step_m")
 
 
 def write_adjustment(path: str | Path, adjustment: ScanAdjustment) -> None:

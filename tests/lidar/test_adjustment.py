@@ -69,6 +69,8 @@ def test_planted_displacements_are_recovered_up_to_what_the_scans_share() -> Non
     error = relative(found.displacement) - relative(moved)
     assert np.abs(error).max() < 1.5e-3
     assert np.abs(relative(moved)).max() > 0.05
+    assert found.step_m < 1e-3
+    assert adjusted(scans_on(moved, rng), rounds=1).step_m > 0.01
 
 
 def test_what_is_left_is_of_the_size_of_its_covariance() -> None:
