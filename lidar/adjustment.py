@@ -193,14 +193,16 @@ def adjust_scans(
     # Departures from the others, in terms of the whole displacement and not of its last step.
     former, bare = before.displacement.ravel(), normal
     right = right + normal @ former
-    excess = max(float(chi2.sum() / max(freedom.sum(), 1.0)), 1.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        misfit = np.sqrt(chi2 / np.where(freedom > 0, freedom, np.nan))
+    # The middling scan's: one that fits nowhere is named, and must not loosen all the others.
+    met = np.isfinite(misfit)
+    excess = max(float(np.median(misfit[met]) ** 2), 1.0) if met.any() else 1.0
     normal, right = normal / excess, right / excess
     displacement, covariance, sizes = _solved(normal, right, options)
     step = displacement.ravel() - former
     energy = max(float(step @ bare @ step), 0.0)
     moved = float(np.sqrt(energy / weight)) if weight > 0 else 0.0
-    with np.errstate(invalid="ignore", divide="ignore"):
-        misfit = np.sqrt(chi2 / np.where(freedom > 0, freedom, np.nan))
     return ScanAdjustment(
         before.names, before.center, displacement, covariance, *sizes, misfit, cells, moved
     )

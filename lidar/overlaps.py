@@ -14,7 +14,7 @@ from scipy.ndimage import uniform_filter
 from scipy.sparse import csr_array
 
 from lidar.cells import CellReturns, sort_into_cells
-from lidar.gridding import Gridding
+from lidar.gridding import Gridding, GriddingOptions
 from lidar.planes import PlaneFit, fit_planes
 from lidar.returns import Returns
 from spcola.arrays import BoolArray, FloatArray, IntArray
@@ -30,6 +30,8 @@ _REJECT = 4.0
 # Squared slopes up to so many times what noise makes of them on average count as noise: it is
 # larger once in e⁹ cells.
 _NOISE = 9.0
+# Metres: of a return, where neither the file nor any cell of three returns tells it.
+_UNKNOWN_SIGMA = GriddingOptions().default_sigma_m
 # Returns of a cell from which on its own spread is trusted beside that of the grid.
 _ENOUGH = 6
 
@@ -198,7 +200,7 @@ def _variance(cells: CellReturns, spread: FloatArray, sigma: FloatArray) -> Floa
     known = spread[np.isfinite(spread)]
     stated = sigma[np.isfinite(sigma)]
     least = float(np.median(stated)) if stated.size else 0.0
-    typical = max(float(np.median(known)) if known.size else 0.0, least, 1e-6)
+    typical = max(float(np.median(known)) if known.size else 0.0, least) or _UNKNOWN_SIGMA
     return np.where(many, np.maximum(spread, typical / 2.0), typical).ravel() ** 2
 
 

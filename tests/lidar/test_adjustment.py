@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -157,6 +158,41 @@ def test_a_scan_of_other_ground_is_named() -> None:
     clean = adjusted(returns)
     assert clean.suspects == ()
     assert found.misfit[2] > 3.0 * np.median(clean.misfit[:3])
+
+
+def test_returns_of_unknown_sigma_and_spread_do_not_rule_the_others() -> None:
+    """Single returns in a corner that two scans share: neither file nor cells tell their noise."""
+    rng = np.random.default_rng(12)
+    place = GRID.points(np.zeros(GRID.shape))[18:30, 18:30].reshape(-1, 3)
+    noise = 0.03 * rng.normal(size=(2, len(place), 1)) * GRID.uz
+    points = np.concatenate([place + noise[0], place + noise[1]])
+    scan = np.repeat([0, 1], len(place))
+    lonely = Returns(points, np.full(len(points), np.nan), scan, NAMES)
+    gridding = grid_returns("A", GRID, lonely)
+    equations = overlap_equations(gridding, lonely, CENTERS)
+    assert equations is not None
+    assert np.all(equations.chi2 < 5.0 * np.maximum(equations.freedom, 1.0))
+    moved = np.hstack([0.05 * rng.normal(size=(3, 3)), np.zeros((3, 3))])
+    returns = scans_on(moved, rng)
+    good = overlap_equations(grid_returns("A", GRID, returns), returns, CENTERS)
+    before = unadjusted(NAMES, CENTERS, OPTIONS)
+    found = adjust_scans(before, [good, equations], options=OPTIONS)
+    assert np.abs(relative(found.displacement) - relative(moved)).max() < 0.01
+
+
+def test_one_scan_that_fits_nowhere_does_not_loosen_the_others() -> None:
+    rng = np.random.default_rng(13)
+    moved = np.hstack([0.05 * rng.normal(size=(3, 3)), np.zeros((3, 3))])
+    returns = scans_on(moved, rng)
+    good = overlap_equations(grid_returns("A", GRID, returns), returns, CENTERS)
+    assert good is not None
+    wild = replace(good, scan=np.array([2, 3]), normal=np.zeros((12, 12)), right=np.zeros(12),
+                   cells=np.ones(2), chi2=np.array([0.0, 1e9]), freedom=np.ones(2))  # fmt: skip
+    before = unadjusted(NAMES, CENTERS, OPTIONS)
+    alone = adjust_scans(before, [good], options=OPTIONS)
+    found = adjust_scans(before, [good, wild], options=OPTIONS)
+    assert found.suspects == ("alone",)
+    np.testing.assert_allclose(found.displacement, alone.displacement, atol=1e-3)
 
 
 def test_ground_under_two_grids_counts_half() -> None:
