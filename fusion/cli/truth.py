@@ -28,8 +28,9 @@ def make(
     preset: Annotated[
         Literal["tiny", "mini", "pole", "bennu", "mission"],
         typer.Option(
-            help="tiny: for tests. mini: 75 m, as the demo. bennu: 245 m, 40 scans, images and "
-            "maplets of the whole body. mission: 640 scans, lidar only unless --images is given."
+            help="tiny: for tests. mini: 75 m, as the demo. pole: mini with a pole that is never "
+            "lit. bennu: 245 m, 40 scans, images and maplets of the whole body. mission: 640 "
+            "scans, lidar only unless --images is given."
         ),
     ] = "mini",
     seed: Annotated[int, typer.Option(metavar="N", help="Another seed, another mission.")] = 1,

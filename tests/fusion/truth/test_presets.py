@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, replace
 
+import numpy as np
 import pytest
 
+from fusion.truth.ground import shadow_ground
 from fusion.truth.presets import PRESETS, MissionSettings
 from fusion.truth.restoring import changed, restored
+from fusion.truth.solution import light_of
 from spcola.errors import SettingsError
 
 TINY = MissionSettings.tiny()
@@ -24,6 +27,22 @@ def test_a_preset_comes_back_as_it_was(preset: str) -> None:
     settings = PRESETS[preset](4)
     assert back(settings) == settings
     assert back(settings).digest == settings.digest
+
+
+def test_the_south_of_the_preset_pole_is_never_lit() -> None:
+    around = np.radians(np.arange(0.0, 360.0, 5.0))
+    latitude = np.radians(-78.0)
+    level = np.cos(latitude)
+    cap = np.stack(
+        [level * np.cos(around), level * np.sin(around), np.full(around.size, np.sin(latitude))],
+        axis=1,
+    )
+    shares = {}
+    for preset in ("pole", "mini"):
+        settings = PRESETS[preset](1)
+        shares[preset] = light_of(settings, shadow_ground(settings.body)).at(cap)
+    assert np.mean(shares["pole"] < 0.01) > 0.9
+    assert np.mean(shares["mini"] > 0.08) > 0.5
 
 
 def test_lists_and_whole_numbers_come_back_equal() -> None:
