@@ -16,7 +16,11 @@ from typing import Any, Self, TypeVar
 T = TypeVar("T")
 
 _BAND_POINTS = 1_000_000
-"""Points of a band: long enough for a thread to be worth its waking, short enough to balance."""
+"""Points of a band of a large grid: what neighbouring bands both work out is little."""
+_LEAST_POINTS = 150_000
+"""Points of the bands of a smaller grid: as few as are worth the waking of a thread."""
+_BALANCE = 8
+"""Bands that a grid has, if it is large enough, or a multiple: equal shares for the threads."""
 _MOST_THREADS = 8
 """Memory, not arithmetic, limits the solver: more threads do not make it faster."""
 
@@ -58,7 +62,9 @@ class Bands:
     @staticmethod
     def cut(rows: int, columns: int) -> list[tuple[int, int]]:
         """Return the bands of a grid: first row and row after the last."""
-        count = min(rows, max(1, -(-rows * columns // _BAND_POINTS)))
+        points = rows * columns
+        many = -(-points // (_BAND_POINTS * _BALANCE)) * _BALANCE
+        count = min(rows, max(1, min(many, points // _LEAST_POINTS)))
         return [(rows * k // count, rows * (k + 1) // count) for k in range(count)]
 
     def run(self, size: tuple[int, int], task: Callable[..., T], *arguments: Any) -> list[T]:

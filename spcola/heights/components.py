@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spcola.arrays import BoolArray, FloatArray, IntArray
+from spcola.heights.bands import Bands
 from spcola.heights.problem import HeightProblem
 from spcola.kernel import kernel
 
@@ -65,34 +66,42 @@ class Components:
         return total
 
 
-def find_components(problem: HeightProblem) -> Components:
+def find_components(problem: HeightProblem, bands: Bands | None = None) -> Components:
     """Label the parts of `problem` that edges of positive weight, or means, hold together.
 
     The heights of two pieces that only a mean joins relative to one another are what the means
     and the other constraints say, and what the first guess says where these leave them free.
+    `bands` are the threads to use; one if not given.
     """
     mask, right, down = problem.mask, problem.weight_x, problem.weight_y
-    parent = np.empty(_count_runs(mask, right), dtype=np.int64)
-    _join_runs(mask, right, down, parent)
+    used = Bands(mask.size, threads=1) if bands is None else bands
+    counts = used.run(problem.shape, _count_runs, mask, right)
+    firsts = np.array([first for first, _ in used.cut(*problem.shape)])
+    base = np.zeros(problem.shape[0], dtype=np.int64)
+    base[firsts[1:]] = np.cumsum(counts)[:-1]
+    parent = np.empty(sum(counts), dtype=np.int64)
+    used.run(problem.shape, _join_runs, mask, right, down, base, parent)
+    _join_bands(mask, right, down, base, firsts, parent)
     if problem.means is not None:
         _join_sets(mask, right, problem.means.start, problem.means.points, parent)
     number, count = _number(parent)
     kinds = (np.int8, np.int32)
     kind = next(each for each in kinds if count <= np.iinfo(each).max)
     labels = np.empty(problem.shape, dtype=kind)
+    used.run(problem.shape, _label, mask, right, base, number, labels)
     size = np.zeros(count, dtype=np.int64)
-    _label(mask, right, number, labels, size)
+    _count_points(labels, size)
     parts = Components(labels, size, np.zeros(count))
     parts.weight[...] = parts.held(problem, problem.weight)
     return parts
 
 
 @kernel
-def _count_runs(mask: BoolArray, right: FloatArray) -> int:
+def _count_runs(mask: BoolArray, right: FloatArray, first: int, last: int) -> int:
     """Runs of points that edges join along their row."""
-    rows, columns = mask.shape
+    columns = mask.shape[1]
     count = 0
-    for r in range(rows):
+    for r in range(first, last):
         count += mask[r, 0]
         for c in range(1, columns):
             count += mask[r, c] & (right[r, c - 1] == 0)
@@ -100,27 +109,75 @@ def _count_runs(mask: BoolArray, right: FloatArray) -> int:
 
 
 @kernel
-def _join_runs(mask: BoolArray, right: FloatArray, down: FloatArray, parent: IntArray) -> None:
-    """Fill `parent` with a forest over the runs: those of one part have one root, its first run."""
-    rows, columns = mask.shape
+def _join_runs(
+    mask: BoolArray,
+    right: FloatArray,
+    down: FloatArray,
+    base: IntArray,
+    parent: IntArray,
+    first: int,
+    last: int,
+) -> None:
+    """Fill `parent` with a forest over the runs: those of one part have one root, its first run.
+
+    Each band of rows has trees of its own; `base` is the number of the first run of each.
+    """
+    columns = mask.shape[1]
     above, here = np.empty((2, columns), dtype=np.int64)
-    count = 0
-    for r in range(rows):
+    count = base[first]
+    for r in range(first, last):
         above, here = here, above
         for c in range(columns):
-            if not mask[r, c]:
-                continue
-            if c == 0 or right[r, c - 1] == 0:
+            if mask[r, c] and (c == 0 or right[r, c - 1] == 0):
                 parent[count] = count
                 count += 1
             here[c] = count - 1
-            if r == 0 or down[r - 1, c] == 0:
-                continue
-            # Beside a joint of the same two runs there is nothing new to join.
-            if c > 0 and right[r, c - 1] > 0 and right[r - 1, c - 1] > 0 and down[r - 1, c - 1] > 0:
-                continue
-            a, b = _root(parent, above[c]), _root(parent, here[c])
-            parent[max(a, b)] = min(a, b)
+        if r > first:
+            _join_rows(mask, right, down, r, above, here, parent)
+
+
+@kernel
+def _join_bands(
+    mask: BoolArray,
+    right: FloatArray,
+    down: FloatArray,
+    base: IntArray,
+    firsts: IntArray,
+    parent: IntArray,
+) -> None:
+    """Join the runs of the first row of each band with those of the row above it."""
+    columns = mask.shape[1]
+    above, here = np.empty((2, columns), dtype=np.int64)
+    for r in firsts[1:]:
+        run = base[r] - _count_runs(mask, right, r - 1, r) - 1
+        for c in range(columns):
+            run += mask[r - 1, c] and (c == 0 or right[r - 1, c - 1] == 0)
+            above[c] = run
+        for c in range(columns):
+            run += mask[r, c] and (c == 0 or right[r, c - 1] == 0)
+            here[c] = run
+        _join_rows(mask, right, down, r, above, here, parent)
+
+
+@kernel
+def _join_rows(
+    mask: BoolArray,
+    right: FloatArray,
+    down: FloatArray,
+    r: int,
+    above: IntArray,
+    here: IntArray,
+    parent: IntArray,
+) -> None:
+    """Join the runs of row r, by their numbers at each point, with those of the row above it."""
+    for c in range(mask.shape[1]):
+        if not mask[r, c] or down[r - 1, c] == 0:
+            continue
+        # Beside a joint of the same two runs there is nothing new to join.
+        if c > 0 and right[r, c - 1] > 0 and right[r - 1, c - 1] > 0 and down[r - 1, c - 1] > 0:
+            continue
+        a, b = _root(parent, above[c]), _root(parent, here[c])
+        parent[max(a, b)] = min(a, b)
 
 
 @kernel
@@ -168,11 +225,17 @@ def _number(parent: IntArray) -> tuple[IntArray, int]:
 
 @kernel
 def _label(
-    mask: BoolArray, right: FloatArray, number: IntArray, labels: IntArray, size: IntArray
+    mask: BoolArray,
+    right: FloatArray,
+    base: IntArray,
+    number: IntArray,
+    labels: IntArray,
+    first: int,
+    last: int,
 ) -> None:
-    rows, columns = mask.shape
-    run = -1
-    for r in range(rows):
+    columns = mask.shape[1]
+    run = base[first] - 1
+    for r in range(first, last):
         for c in range(columns):
             if not mask[r, c]:
                 labels[r, c] = -1
@@ -180,7 +243,21 @@ def _label(
             if c == 0 or right[r, c - 1] == 0:
                 run += 1
             labels[r, c] = number[run]
-            size[number[run]] += 1
+
+
+@kernel
+def _count_points(labels: IntArray, size: IntArray) -> None:
+    rows, columns = labels.shape
+    for r in range(rows):
+        before, run = -1, 0
+        for c in range(columns):
+            if labels[r, c] != before:
+                if before >= 0:
+                    size[before] += run
+                before, run = labels[r, c], 0
+            run += 1
+        if before >= 0:
+            size[before] += run
 
 
 @kernel

@@ -23,11 +23,17 @@ _SAFETY = 3.0
 """How much larger the stated bound is than the error that the preconditioner sees."""
 _PATIENCE = 40
 """Iterations after which the weights count as too wild for 2 × 2 aggregates."""
+_HELD = 0.1
+"""Weight of a part, relative to the rim of a square of its size, from which the cycle alone holds
+it: by experiment, a third of it costs no iterations yet."""
 _SPAN = 1e-4
 """Smallest weight relative to the largest down to which single precision is used."""
 _REFRESH = 1e-3
 """Fall of the error after which the residual is computed anew, in double precision: single
 precision carries seven digits, and what its rounding adds must stay far below what is left."""
+
+_FALLING = 0.5
+"""Change of rᵀ z, on computing the residual anew, from which the direction is begun anew too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,16 +68,16 @@ class LinearSystem:
     ) -> None:
         self._problem, self._weight, self._components = problem, weight, components
         ground = components.held(problem, weight)
-        # One over the stiffness of lifting a whole part. The cycle carries the constant of a
-        # single part exactly, but its aggregates run across the gaps between several.
         # Means enter the cycle as what they are at most: weights of their single points.
         lumped = weight
         if problem.means is not None:
             lumped = weight + problem.means.lumped(problem.shape)
-        self._unit = _unit(problem, lumped)
-        self._lift = np.divide(self._unit, ground, out=np.zeros(len(ground)), where=ground > 0)
-        self._several = len(ground) > 1
-        kind = np.float32 if self._is_tame(ground) else np.float64
+        smallest, largest = _extremes(problem, lumped, bands)
+        # The power of two next to the largest weight: it makes all others at most 1.
+        self._unit = float(2.0 ** np.ceil(np.log2(largest))) if largest > 0 else 1.0
+        self._lift = self._lifts(ground)
+        self._spans = vectors.find_spans(components.labels, self._lift > 0)
+        kind = np.float32 if self._is_tame(ground, smallest) else np.float64
         self._hierarchy = Hierarchy(problem, lumped, self._unit, kind, bands)
         shape = (problem.shape[0] + 2, problem.shape[1] + 2)
         self._r, self._p, self._z = (np.zeros(shape, dtype=kind) for _ in range(3))
@@ -84,13 +90,24 @@ class LinearSystem:
         """Of the vectors that :meth:`precondition` takes: single, unless weights span too much."""
         return self._r.dtype
 
-    def _is_tame(self, ground: FloatArray) -> bool:
+    def _lifts(self, ground: FloatArray) -> FloatArray:
+        """One over the stiffness of lifting a whole part (K,); 0 for parts that need no lift.
+
+        The cycle carries the constant of a single part exactly. Its aggregates run across the
+        gaps between several, which stiffens a part by no more than its rim: parts that are held
+        by far less are lifted on their own. To lift the others too would count them twice, for
+        a fifth more iterations.
+        """
+        loose = ground < _HELD * self._unit * np.sqrt(self._components.size)
+        chosen = loose & (ground > 0) & (len(ground) > 1)
+        return np.divide(self._unit, ground, out=np.zeros(len(ground)), where=chosen)
+
+    def _is_tame(self, ground: FloatArray, smallest: float) -> bool:
         """Whether single precision is enough for the iteration: by experiment (`docs/`).
 
         It stalls where weights span 1e5 or a part of some 10⁴ points hangs on a weight of 1e-6.
         """
-        p, least = self._problem, _SPAN * self._unit
-        smallest = min(_smallest_positive(p.weight_x), _smallest_positive(p.weight_y))
+        least = _SPAN * self._unit
         held = ground > 0
         hanging = ground[held] < least * np.sqrt(self._components.size[held])
         return smallest >= least and not hanging.any()
@@ -113,19 +130,16 @@ class LinearSystem:
             self._cycles += self._graph.apply(residual, self._unit, self._z)
             return self._z
         self._hierarchy.apply(residual, self._z, bands)
-        if self._several:
+        if self._lift.any():
             self._lift_parts(residual, bands)
         return self._z
 
     def _lift_parts(self, residual: FloatArray, bands: Bands) -> None:
-        """Add the shift of each whole part that its summed residual asks for."""
-        labels, z = self._components.labels, self._z
-
-        total = np.sum(
-            bands.run(labels.shape, vectors.sum_parts, labels, len(self._lift), residual), axis=0
-        )
-        shift = (self._lift * total).astype(z.dtype)
-        bands.run(labels.shape, vectors.lift_parts, labels, shift, z)
+        """Add the shift of each loose part that its summed residual asks for."""
+        labels, z, parts = self._components.labels, self._z, len(self._lift)
+        shares = bands.run(labels.shape, vectors.sum_parts, labels, self._spans, parts, residual)
+        shift = (self._lift * np.sum(shares, axis=0)).astype(z.dtype)
+        bands.run(labels.shape, vectors.lift_parts, labels, self._spans, shift, z)
 
     def solve(
         self,
@@ -169,7 +183,7 @@ class LinearSystem:
         bound = spectrum.bound(largest)
         if bound == 0.0 or (spectrum.known and bound <= tolerance_m):
             return 0, bound
-        p[...] = z
+        bands.run(shape, vectors.copy, p, z)
         refreshed, due = largest, False
         for done in range(1, limit + 1):
             q = self._z  # z is spent
@@ -186,6 +200,9 @@ class LinearSystem:
             beta, rz, largest = rz_new / rz, rz_new, largest_new
             if fresh:
                 refreshed = largest
+                # What was carried along may have been nothing but rounding: directions that are
+                # conjugate to it would lead away from the solution, faster with every step.
+                beta = beta if beta < _FALLING else 0.0
             spectrum.add(alpha, beta)
             bound = spectrum.bound(largest, enough=4 * tolerance_m)
             if bound <= tolerance_m and fresh:
@@ -210,22 +227,30 @@ class LinearSystem:
         return sum(share[0] for share in shares), float(max(share[1] for share in shares))
 
 
-def _unit(problem: HeightProblem, weight: FloatArray) -> float:
-    """Return the power of two next to the largest weight: it makes all others at most 1."""
-    largest = max(
-        float(each.max(initial=0.0)) for each in (problem.weight_x, problem.weight_y, weight)
+def _extremes(problem: HeightProblem, weight: FloatArray, bands: Bands) -> tuple[float, float]:
+    """Return the smallest positive weight of an edge and the largest weight of all."""
+    x, y, points = (
+        bands.run(problem.shape, _band_extremes, each)
+        for each in (problem.weight_x, problem.weight_y, weight)
     )
-    return float(2.0 ** np.ceil(np.log2(largest))) if largest > 0 else 1.0
+    smallest = min(share[0] for share in x + y)
+    return float(smallest), float(max(share[1] for share in x + y + points))
 
 
 @kernel
-def _smallest_positive(values: FloatArray) -> float:
-    smallest = np.inf
-    for row in values:
-        for value in row:
-            if 0 < value < smallest:
-                smallest = np.float64(value)
-    return smallest
+def _band_extremes(values: FloatArray, first: int, last: int) -> tuple[float, float]:
+    """Return the smallest positive value and the largest, at least 0, of some rows."""
+    columns = values.shape[1]
+    smallest, largest = np.full(columns, np.inf), np.zeros(columns)
+    for r in range(first, min(last, values.shape[0])):
+        row = values[r]
+        for c in range(columns):
+            smallest[c] = min(smallest[c], row[c] if row[c] > 0 else np.inf)
+        for c in range(columns):
+            largest[c] = max(largest[c], row[c])
+    if columns == 0:
+        return np.inf, 0.0
+    return smallest.min(), largest.max()
 
 
 @dataclass

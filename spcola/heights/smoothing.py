@@ -7,9 +7,11 @@ nothing but the source, so that a row of the answer depends on five rows of it: 
 another through a few lines of memory that fit the cache, memory is read once, and bands of rows
 can be worked on by different threads with the same result.
 
-All points of a row are computed and those of the other colour multiplied by 0: wasting half of
-the arithmetic is faster than leaving gaps, because the loops stay vectorised. For the same
-reason no loop names more than a few arrays: the compiler has to check that they do not overlap.
+All points of a row are computed, whatever their colour: wasting half of the arithmetic is faster
+than leaving gaps, because the loops stay vectorised. What a line of red holds at black points is
+meaningless and not looked at, since the neighbours of a black point are red and of a red one black;
+colours part only where both meet in one row. For the same reason no loop names more than nine
+arrays: the compiler has to check that what is written does not overlap what is read.
 """
 
 from __future__ import annotations
@@ -17,12 +19,14 @@ from __future__ import annotations
 import numpy as np
 
 from spcola.arrays import FloatArray
-from spcola.kernel import kernel
+from spcola.kernel import inlined_kernel, kernel
 
 _TINY = np.float32(1e-30)
 """Keeps points without edges from dividing by zero; far below weights (1 at most)."""
 _LINES = 4
 _ONE = np.float32(1.0)
+LANES = 32
+"""Sums that run side by side: a vectorised loop, in an order of its own, not of the threads."""
 
 
 @kernel
@@ -40,30 +44,26 @@ def smooth_and_restrict(
     The rows are those of the coarser level. Black points have no residual left.
     """
     rows, width = source.shape[0] - 2, source.shape[1]
-    line, colour = np.zeros(width, dtype=source.dtype), _colours(source)
+    rest, colour = np.zeros(width, dtype=source.dtype), _colours(source)
     red = np.zeros((_LINES, width), dtype=source.dtype)
-    black, red_inverse, black_inverse = np.zeros_like(red), np.zeros_like(red), np.zeros_like(red)
+    black, inverse = np.zeros_like(red), np.zeros_like(red)
     low, high = 2 * first + 1, min(2 * last, rows)
     for lead in range(low - 2, high + 3):
         k = lead % _LINES
         if 1 <= lead <= rows:
-            _invert(right[lead], down[lead - 1], down[lead], ground[lead], line)
-            _colour(line, colour[lead % 2], red_inverse[k], black_inverse[k])
-            _start(source[lead], red_inverse[k], red[k])
+            _invert(right[lead], down[lead - 1], down[lead], ground[lead], inverse[k])
+            _start(source[lead], inverse[k], red[k])
         else:
             red[k, :] = 0.0
         i = lead - 1
-        if i >= low - 1 and 1 <= i <= rows:
-            k = i % _LINES
-            _relax(right[i], down[i - 1], down[i], source[i], black_inverse[k], red, i, black[k])
-        elif i >= low - 1:
-            black[i % _LINES, :] = 0.0
+        if i >= low - 1:
+            _turn_black(right, down, source, inverse, red, i, black)
         i = lead - 2
         if i >= low:
-            if i % 2 == 1:
-                coarse[(i + 1) // 2, :] = 0.0
-            _pull(right[i], down[i - 1], down[i], black, i, line)
-            _sum_red(line, (i + 1) % 2, coarse[(i + 1) // 2])
+            _pull(right[i], down[i - 1], down[i], black, i, colour[i % 2], rest)
+            if i % 2 == 0 or i == high:
+                _sum_pairs(rest, coarse[(i + 1) // 2])
+                rest[:] = 0.0
 
 
 @kernel
@@ -84,29 +84,25 @@ def correct_and_smooth(  # noqa: PLR0913, PLR0917  flat arguments: numba knows n
     """
     rows, width = source.shape[0] - 2, source.shape[1]
     line, colour = np.zeros(width, dtype=source.dtype), _colours(source)
-    red = np.zeros((_LINES, width), dtype=source.dtype)
-    black, red_inverse, black_inverse = np.zeros_like(red), np.zeros_like(red), np.zeros_like(red)
+    wide, red = np.zeros_like(line), np.zeros((_LINES, width), dtype=source.dtype)
+    black, inverse = np.zeros_like(red), np.zeros_like(red)
     low = first + 1
     for lead in range(low - 2, last + 3):
         k = lead % _LINES
         if 1 <= lead <= rows:
-            _invert(right[lead], down[lead - 1], down[lead], ground[lead], line)
-            _colour(line, colour[lead % 2], red_inverse[k], black_inverse[k])
-            _start(source[lead], red_inverse[k], red[k])
-            _add_to_red(coarse[(lead + 1) // 2], (lead + 1) % 2, red[k])
+            _invert(right[lead], down[lead - 1], down[lead], ground[lead], inverse[k])
+            _widen(coarse[(lead + 1) // 2], wide)
+            _start_with(source[lead], inverse[k], wide, red[k])
         else:
             red[k, :] = 0.0
         i = lead - 1
-        if i >= low - 1 and 1 <= i <= rows:
-            k = i % _LINES
-            _relax(right[i], down[i - 1], down[i], source[i], black_inverse[k], red, i, black[k])
-        elif i >= low - 1:
-            black[i % _LINES, :] = 0.0
+        if i >= low - 1:
+            _turn_black(right, down, source, inverse, red, i, black)
         i = lead - 2
         if i >= low:
             k = i % _LINES
-            _relax(right[i], down[i - 1], down[i], source[i], red_inverse[k], black, i, line)
-            _store(black[k], line, add, answer[i])
+            _relax(right[i], down[i - 1], down[i], source[i], inverse[k], black, i, line)
+            _store(line, black[k], colour[i % 2], colour[1 - i % 2], add, answer[i])
 
 
 @kernel
@@ -120,12 +116,9 @@ def subtract_product(
     last: int,
 ) -> None:
     """Rows `first` … `last` − 1 of ``source −= A value``."""
-    line = np.zeros(value.shape[1], dtype=source.dtype)
     for i in range(first + 1, last + 1):
-        _product(right[i], down, ground[i], value, i, line)
-        out = source[i]
-        for j in range(1, len(line) - 1):
-            out[j] -= line[j]
+        here, up, low, above, below = value[i], value[i - 1], value[i + 1], down[i - 1], down[i]
+        _subtract_product(right[i], above, below, ground[i], here, up, low, source[i])
 
 
 @kernel
@@ -139,34 +132,62 @@ def multiply(
     last: int,
 ) -> float:
     """Rows `first` … `last` − 1 of ``A value``; return their share of ``valueᵀ A value``."""
-    total = np.zeros(value.shape[1])
+    total = np.zeros(LANES)
     for i in range(first + 1, last + 1):
-        _product(right[i], down, ground[i], value, i, out[i])
-        here, there = value[i], out[i]
-        for j in range(1, len(total) - 1):
-            total[j] += np.float64(here[j]) * there[j]
+        here, up, low, above, below = value[i], value[i - 1], value[i + 1], down[i - 1], down[i]
+        _product(right[i], above, below, ground[i], here, up, low, out[i])
+        add_products(here, out[i], total)
     return total.sum()
 
 
-@kernel
+@inlined_kernel
+def add_products(one: FloatArray, other: FloatArray, total: FloatArray) -> None:
+    """Add the products of two rows to sums of double precision that run side by side."""
+    whole = len(one) // LANES * LANES
+    for first in range(0, whole, LANES):
+        for j in range(LANES):
+            total[j] += np.float64(one[first + j]) * other[first + j]
+    for j in range(whole, len(one)):
+        total[j - whole] += np.float64(one[j]) * other[j]
+
+
+@inlined_kernel
 def _product(
     right: FloatArray,
-    down: FloatArray,
+    above: FloatArray,
+    below: FloatArray,
     ground: FloatArray,
-    value: FloatArray,
-    i: int,
+    here: FloatArray,
+    up: FloatArray,
+    low: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Row i of ``A value``, from differences: exact also where `ground` is weak."""
-    here, up, low, above, below = value[i], value[i - 1], value[i + 1], down[i - 1], down[i]
+    """Row of ``A value``, from differences: exact also where `ground` is weak."""
     for j in range(1, len(out) - 1):
         out[j] = (
             ground[j] * here[j]
             + right[j] * (here[j] - here[j + 1])
             + right[j - 1] * (here[j] - here[j - 1])
-        )
+        ) + (below[j] * (here[j] - low[j]) + above[j] * (here[j] - up[j]))
+
+
+@inlined_kernel
+def _subtract_product(
+    right: FloatArray,
+    above: FloatArray,
+    below: FloatArray,
+    ground: FloatArray,
+    here: FloatArray,
+    up: FloatArray,
+    low: FloatArray,
+    out: FloatArray,
+) -> None:
     for j in range(1, len(out) - 1):
-        out[j] += below[j] * (here[j] - low[j]) + above[j] * (here[j] - up[j])
+        out[j] -= (
+            ground[j] * here[j]
+            + right[j] * (here[j] - here[j + 1])
+            + right[j - 1] * (here[j] - here[j - 1])
+        ) + (below[j] * (here[j] - low[j]) + above[j] * (here[j] - up[j]))
 
 
 @kernel
@@ -178,7 +199,7 @@ def _colours(like: FloatArray) -> FloatArray:
     return colour
 
 
-@kernel
+@inlined_kernel
 def _invert(
     right: FloatArray, above: FloatArray, below: FloatArray, ground: FloatArray, out: FloatArray
 ) -> None:
@@ -187,38 +208,59 @@ def _invert(
         out[j] = _ONE / (ground[j] + right[j] + right[j - 1] + above[j] + below[j] + _TINY)
 
 
-@kernel
-def _colour(inverse: FloatArray, colour: FloatArray, red: FloatArray, black: FloatArray) -> None:
-    """Part a row into its red points (`colour` 1) and its black ones, 0 in between."""
-    for j in range(1, len(inverse) - 1):
-        red[j] = inverse[j] * colour[j]
-        black[j] = inverse[j] - red[j]
-
-
-@kernel
+@inlined_kernel
 def _start(source: FloatArray, inverse: FloatArray, out: FloatArray) -> None:
     for j in range(1, len(out) - 1):
         out[j] = source[j] * inverse[j]
 
 
-@kernel
+@inlined_kernel
+def _start_with(source: FloatArray, inverse: FloatArray, wide: FloatArray, out: FloatArray) -> None:
+    for j in range(1, len(out) - 1):
+        out[j] = source[j] * inverse[j] + wide[j]
+
+
+@inlined_kernel
+def _turn_black(
+    right: FloatArray,
+    down: FloatArray,
+    source: FloatArray,
+    inverse: FloatArray,
+    red: FloatArray,
+    i: int,
+    black: FloatArray,
+) -> None:
+    """Solve the black points of row i, of the whole arrays, for given red ones."""
+    k = i % _LINES
+    if 1 <= i <= source.shape[0] - 2:
+        _relax(right[i], down[i - 1], down[i], source[i], inverse[k], red, i, black[k])
+    else:
+        black[k, :] = 0.0
+
+
+@inlined_kernel
 def _pull(
     right: FloatArray,
     above: FloatArray,
     below: FloatArray,
     lines: FloatArray,
     i: int,
+    colour: FloatArray,
     out: FloatArray,
 ) -> None:
-    """What the neighbours of row i pull with; rows of `lines` are taken modulo their number."""
-    here, up, down = lines[i % _LINES], lines[(i - 1) % _LINES], lines[(i + 1) % _LINES]
+    """Add what the neighbours of row i pull with at the points of one colour.
+
+    Rows of `lines` are taken modulo their number.
+    """
+    here, up, low = lines[i % _LINES], lines[(i - 1) % _LINES], lines[(i + 1) % _LINES]
     for j in range(1, len(out) - 1):
-        out[j] = (right[j] * here[j + 1] + right[j - 1] * here[j - 1]) + (
-            above[j] * up[j] + below[j] * down[j]
+        out[j] += colour[j] * (
+            (right[j] * here[j + 1] + right[j - 1] * here[j - 1])
+            + (above[j] * up[j] + below[j] * low[j])
         )
 
 
-@kernel
+@inlined_kernel
 def _relax(
     right: FloatArray,
     above: FloatArray,
@@ -229,31 +271,43 @@ def _relax(
     i: int,
     out: FloatArray,
 ) -> None:
-    """Solve the points of row i where `inverse` is not 0 for given neighbours."""
-    _pull(right, above, below, lines, i, out)
+    """Solve the points of row i for given neighbours, rows of `lines` modulo their number."""
+    here, up, low = lines[i % _LINES], lines[(i - 1) % _LINES], lines[(i + 1) % _LINES]
     for j in range(1, len(out) - 1):
-        out[j] = (source[j] + out[j]) * inverse[j]
+        out[j] = inverse[j] * (
+            (source[j] + (right[j] * here[j + 1] + right[j - 1] * here[j - 1]))
+            + (above[j] * up[j] + below[j] * low[j])
+        )
 
 
-@kernel
-def _sum_red(values: FloatArray, odd: int, out: FloatArray) -> None:
-    """Add to the row of the coarser level: one of its two columns is red, the second if `odd`."""
-    for c in range(1, (len(values) + 1 - odd) // 2):
-        out[c] += values[2 * c - 1 + odd]
+@inlined_kernel
+def _sum_pairs(values: FloatArray, out: FloatArray) -> None:
+    """Sum the two columns of each column of the coarser level."""
+    for c in range(1, (len(values) + 1) // 2):
+        out[c] = values[2 * c - 1] + values[2 * c]
 
 
-@kernel
-def _add_to_red(coarse: FloatArray, odd: int, out: FloatArray) -> None:
-    """Add a row of the coarser level to the red points of a row."""
-    for c in range(1, (len(out) + 1 - odd) // 2):
-        out[2 * c - 1 + odd] += coarse[c]
+@inlined_kernel
+def _widen(coarse: FloatArray, out: FloatArray) -> None:
+    """Give both columns of each column of the coarser level its value."""
+    for c in range(1, (len(out) + 1) // 2):
+        out[2 * c - 1] = coarse[c]
+        out[2 * c] = coarse[c]
 
 
-@kernel
-def _store(black: FloatArray, red: FloatArray, add: bool, out: FloatArray) -> None:
+@inlined_kernel
+def _store(
+    one: FloatArray,
+    other: FloatArray,
+    colour: FloatArray,
+    opposite: FloatArray,
+    add: bool,
+    out: FloatArray,
+) -> None:
+    """Store, or add, a row that is `one` at the points of `colour`, `other` at the rest."""
     if add:
         for j in range(1, len(out) - 1):
-            out[j] += black[j] + red[j]
+            out[j] += one[j] * colour[j] + other[j] * opposite[j]
     else:
         for j in range(1, len(out) - 1):
-            out[j] = black[j] + red[j]
+            out[j] = one[j] * colour[j] + other[j] * opposite[j]

@@ -185,7 +185,8 @@ class HeightSystem:
     def __init__(self, problem: HeightProblem, *, threads: int | None = None) -> None:
         self._problem = problem
         self._threads = threads
-        self._parts = find_components(problem)
+        with Bands(problem.mask.size, threads) as bands:
+            self._parts = find_components(problem, bands)
         self._linear: LinearSystem | None = None
 
     def solve(
@@ -216,8 +217,8 @@ class HeightSystem:
             raise InvalidValueError(
                 "has other weights than the system", "problem", "make it by HeightProblem.with_data"
             )
-        guess = _first_guess(problem, self._parts, start)
         with Bands(problem.mask.size, self._threads) as bands:
+            guess = _first_guess(problem, self._parts, start, bands)
             if self._linear is None:
                 self._linear = LinearSystem(problem, problem.weight, self._parts, bands)
             linear = self._linear.solve(
@@ -227,9 +228,9 @@ class HeightSystem:
             if chosen.loss != "l2":
                 linear, weight, settled = _reweight(problem, self._parts, linear, chosen, bands)
                 iterations += linear.iterations
-        height = linear.height
-        _tie(height, self._parts, start, chosen.floating)
-        height[~problem.mask] = np.nan
+            height = linear.height
+            _tie(height, self._parts, start, chosen.floating)
+            bands.run(problem.shape, _clear_outside, problem.mask, height)
         return HeightSolution(
             read_only(height),
             read_only(weight),
@@ -277,7 +278,9 @@ def _reweight(
     return replace(linear, iterations=iterations), weight, settled
 
 
-def _first_guess(problem: HeightProblem, parts: Components, start: FloatArray | None) -> FloatArray:
+def _first_guess(
+    problem: HeightProblem, parts: Components, start: FloatArray | None, bands: Bands
+) -> FloatArray:
     """Fill `start` (or nothing) up with the mean constraint of each part, in a new array."""
     guess = np.empty(problem.shape)
     total = np.zeros(len(parts.size))
@@ -288,7 +291,7 @@ def _first_guess(problem: HeightProblem, parts: Components, start: FloatArray | 
         total += np.bincount(owner, means.weight * means.height, len(total))
     mean = np.divide(total, parts.weight, out=np.zeros(len(total)), where=parts.weight > 0)
     if start is None:
-        _fill_parts(parts.labels, mean, guess)
+        bands.run(problem.shape, _fill_parts, parts.labels, mean, guess)
         return guess
     check_shape(start, problem.shape, "start")
     if np.isinf(start).any():
@@ -310,11 +313,18 @@ def _sum_constraints(
 
 
 @kernel
-def _fill_parts(labels: IntArray, mean: FloatArray, out: FloatArray) -> None:
-    rows, columns = labels.shape
-    for r in range(rows):
-        for c in range(columns):
+def _fill_parts(labels: IntArray, mean: FloatArray, out: FloatArray, first: int, last: int) -> None:
+    for r in range(first, last):
+        for c in range(labels.shape[1]):
             out[r, c] = mean[labels[r, c]] if labels[r, c] >= 0 else 0.0
+
+
+@kernel
+def _clear_outside(mask: BoolArray, height: FloatArray, first: int, last: int) -> None:
+    for r in range(first, last):
+        for c in range(mask.shape[1]):
+            if not mask[r, c]:
+                height[r, c] = np.nan
 
 
 @kernel

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from spcola.arrays import FloatArray, IntArray
-from spcola.kernel import kernel
+from spcola.arrays import BoolArray, FloatArray, IntArray
+from spcola.heights.smoothing import LANES, add_products
+from spcola.kernel import inlined_kernel, kernel
 
 
 @kernel
@@ -33,30 +34,53 @@ def residual(  # noqa: PLR0913, PLR0917  flat arguments: numba knows no dataclas
     means pull with: (R, C), or without elements if there are none.
     """
     rows, columns = x.shape
-    line, pull = np.zeros(columns), np.zeros(columns)
+    along, hold = np.zeros(columns + 1), np.zeros(columns)
+    above, below = np.zeros(columns), np.zeros(columns)
+    if first > 0:
+        _misfits(step_y[first - 1], weight_y[first - 1], x[first - 1], x[first], below)
     for r in range(first, last):
-        for c in range(columns):
-            misfit = height[r, c] - x[r, c]
-            line[c] = weight[r, c] * misfit if weight[r, c] > 0 else 0.0
+        above, below = below, above
+        if r + 1 < rows:
+            _misfits(step_y[r], weight_y[r], x[r], x[r + 1], below)
+        else:
+            below[:] = 0.0
+        _misfits(step_x[r], weight_x[r], x[r], x[r, 1:], along[1:])
+        _hold(height[r], weight[r], x[r], hold)
         if pulls.size > 0:
             for c in range(columns):
-                line[c] += pulls[r, c]
-        for c in range(columns - 1):
-            pull[c] = weight_x[r, c] * (step_x[r, c] - (x[r, c + 1] - x[r, c]))
-        for c in range(columns - 1):
-            line[c] -= pull[c]
-        for c in range(1, columns):
-            line[c] += pull[c - 1]
-        if r > 0:
-            for c in range(columns):
-                line[c] += weight_y[r - 1, c] * (step_y[r - 1, c] - (x[r, c] - x[r - 1, c]))
-        if r + 1 < rows:
-            for c in range(columns):
-                line[c] -= weight_y[r, c] * (step_y[r, c] - (x[r + 1, c] - x[r, c]))
-        inverse = 1.0 / unit
-        target = out[r + 1]
-        for c in range(columns):
-            target[c + 1] = line[c] * inverse
+                hold[c] += pulls[r, c]
+        _gather(hold, along, above, below, 1.0 / unit, out[r + 1])
+
+
+@inlined_kernel
+def _misfits(
+    steps: FloatArray, weights: FloatArray, here: FloatArray, there: FloatArray, out: FloatArray
+) -> None:
+    """What edges pull their far point with, and push their near one."""
+    for c in range(len(steps)):
+        out[c] = weights[c] * (steps[c] - (there[c] - here[c]))
+
+
+@inlined_kernel
+def _hold(height: FloatArray, weight: FloatArray, x: FloatArray, out: FloatArray) -> None:
+    """What the constraints of a row pull with; heights without weight may be NaN."""
+    for c in range(len(x)):
+        misfit = height[c] - x[c]
+        out[c] = weight[c] * misfit if weight[c] > 0 else 0.0
+
+
+@inlined_kernel
+def _gather(
+    hold: FloatArray,
+    along: FloatArray,
+    above: FloatArray,
+    below: FloatArray,
+    factor: float,
+    out: FloatArray,
+) -> None:
+    for c in range(len(hold)):
+        edges = (along[c] - along[c + 1]) + (above[c] - below[c])
+        out[c + 1] = (hold[c] + edges) * factor
 
 
 @kernel
@@ -81,6 +105,15 @@ def step(
 
 
 @kernel
+def copy(p: FloatArray, z: FloatArray, first: int, last: int) -> None:
+    """``p = z``: the first direction."""
+    for i in range(first + 1, last + 1):
+        direction, answer = p[i], z[i]
+        for j in range(len(direction)):
+            direction[j] = answer[j]
+
+
+@kernel
 def turn(p: FloatArray, z: FloatArray, beta: float, first: int, last: int) -> None:
     """``p = z + β p``: the next direction."""
     factor = p.dtype.type(beta)
@@ -93,25 +126,40 @@ def turn(p: FloatArray, z: FloatArray, beta: float, first: int, last: int) -> No
 @kernel
 def product_and_largest(r: FloatArray, z: FloatArray, first: int, last: int) -> tuple[float, float]:
     """Return the share of ``rᵀ z`` and the largest ``|z|``."""
-    total = np.zeros(r.shape[1])
+    total = np.zeros(LANES)
     largest = np.zeros(r.shape[1], dtype=z.dtype)
     for i in range(first + 1, last + 1):
-        here, there = r[i], z[i]
-        for j in range(len(total)):
-            total[j] += np.float64(here[j]) * there[j]
-        for j in range(len(total)):
+        add_products(r[i], z[i], total)
+        there = z[i]
+        for j in range(len(largest)):
             largest[j] = max(largest[j], abs(there[j]))
     return total.sum(), largest.max()
 
 
 @kernel
-def sum_parts(labels: IntArray, parts: int, r: FloatArray, first: int, last: int) -> FloatArray:
-    """Return the sum of `r` over each part (K,), of these rows."""
+def find_spans(labels: IntArray, chosen: BoolArray) -> IntArray:
+    """Return the first column and that after the last (R, 2) with points of the chosen parts."""
+    rows, columns = labels.shape
+    spans = np.zeros((rows, 2), dtype=np.int64)
+    for i in range(rows):
+        for j in range(columns):
+            if labels[i, j] >= 0 and chosen[labels[i, j]]:
+                if spans[i, 1] == 0:
+                    spans[i, 0] = j
+                spans[i, 1] = j + 1
+    return spans
+
+
+@kernel
+def sum_parts(
+    labels: IntArray, spans: IntArray, parts: int, r: FloatArray, first: int, last: int
+) -> FloatArray:
+    """Return the sum of `r` over each part (K,), of what lies in the spans of these rows."""
     total = np.zeros(parts)
     for i in range(first, last):
         label, row = labels[i], r[i + 1]
         before, run = -1, 0.0
-        for j in range(len(label)):
+        for j in range(spans[i, 0], spans[i, 1]):
             if label[j] != before:
                 if before >= 0:
                     total[before] += run
@@ -123,10 +171,12 @@ def sum_parts(labels: IntArray, parts: int, r: FloatArray, first: int, last: int
 
 
 @kernel
-def lift_parts(labels: IntArray, shift: FloatArray, z: FloatArray, first: int, last: int) -> None:
-    """Add the shift (K,) of each part to `z`."""
+def lift_parts(
+    labels: IntArray, spans: IntArray, shift: FloatArray, z: FloatArray, first: int, last: int
+) -> None:
+    """Add the shift (K,) of each part to what lies of `z` in the spans of these rows."""
     for i in range(first, last):
         label, row = labels[i], z[i + 1]
-        for j in range(len(label)):
+        for j in range(spans[i, 0], spans[i, 1]):
             if label[j] >= 0:
                 row[j + 1] += shift[label[j]]
