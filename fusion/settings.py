@@ -136,6 +136,11 @@ class FuseSettings(Table):
     fill_sigma_m: Positive = Field(
         default=1.0, description="uncertainty of a height that comes from the shape alone"
     )
+    light: Literal["auto", "images", "sun", "none"] = Field(
+        default="auto",
+        description="what says where SPC has slopes: the frames of its images, only their Sun, "
+        "or nothing; auto: frames, if maplets lie in three or more",
+    )
 
 
 class BigmapSite(Table):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from lidar.formats.mapola import read_mapola
 from lidar.mapola import Mapola
 from spcola import atomic
 from spcola.errors import WorkspaceError
+from spcola.formats.dat import read_image_data
 from spcola.formats.lists import ListKind, read_list
 from spcola.formats.lmk import read_landmark
 from spcola.formats.map import read_maplet, sigma_path
@@ -146,6 +147,26 @@ class Workspace:
     def images(self) -> list[SpcImage]:
         """Read the states of all images (no pixels)."""
         return [self.image(name) for name in self.image_names()]
+
+    def exposure_path(self, name: str) -> Path:
+        """Return where the pixels of the image `name` would lie."""
+        return self.root / "IMAGEFILES" / f"{name}.DAT"
+
+    def exposed(self, image: SpcImage) -> SpcImage:
+        """Return `image` with its pixels, where IMAGEFILES holds them."""
+        path = self.exposure_path(image.name)
+        if not path.is_file():
+            return image
+        camera = image.camera
+        return replace(image, pixels=read_image_data(path, camera.width, camera.height))
+
+    def image_files(self) -> list[Path]:
+        """Return the files of all images: each .SUM, and its pixels where IMAGEFILES has them."""
+        paths = []
+        for name in self.image_names():
+            exposure = self.exposure_path(name)
+            paths += [self.image_path(name), *([exposure] if _is_there(exposure) else [])]
+        return paths
 
     def shape_path(self) -> Path:
         """Return the shape model's file: the setting, SHAPE.TXT, or the only file there is.

@@ -17,6 +17,7 @@ from scipy.ndimage import binary_dilation, binary_erosion, distance_transform_ed
 from lidar.cells import CellReturns, CorrectedMedians, sort_into_cells
 from lidar.gridding import GriddingOptions, GriddingReport, grid_returns
 from lidar.mapola import Mapola
+from lidar.pointheights import at_grid_points
 from lidar.returns import Returns
 from spcola.arrays import AnyArray, BoolArray, FloatArray, frozen, read_only
 from spcola.errors import SettingsError
@@ -151,7 +152,8 @@ def integrate_returns(
     """Integrate `returns` to a surface on `grid` ([35, 36], then energy (A), iterated).
 
     The weights of (A) are inverse variances: of each cell's height (its sigma), and of the
-    steps (their robust scatter about the slopes of the gridded heights, freed of noise).
+    steps (their robust scatter about the slopes of the gridded heights, freed of noise). Heights
+    are those at grid points (:func:`lidar.pointheights.at_grid_points`).
 
     Returns
     -------
@@ -160,11 +162,12 @@ def integrate_returns(
     """
     options = options or LidarBigmapOptions()
     gridding = grid_returns(name, grid, returns, options=options.gridding)
-    mapola = gridding.mapola
+    mapola = at_grid_points(gridding.mapola)
     cells = sort_into_cells(grid, returns.points[gridding.used], options.gridding.reach(grid))
     mask = bridged_mask(mapola.valid, options.max_gap)
     step_sigma = _step_sigma(mapola)
-    height, rounds, change = _integrate(cells, mapola, mask, step_sigma, options)
+    bend = mapola.height - gridding.mapola.height
+    height, rounds, change = _integrate(cells, mapola, bend, mask, step_sigma, options)
     converged = change <= options.tolerance * grid.gsd
     limit = f"the limit of {options.max_rounds} integrations was reached"
     bigmap = LidarBigmap(
@@ -203,11 +206,15 @@ def bridged_mask(known: BoolArray, max_gap: int) -> BoolArray:
 def _integrate(
     cells: CellReturns,
     mapola: Mapola,
+    bend: FloatArray,
     mask: BoolArray,
     step_sigma: float,
     options: LidarBigmapOptions,
 ) -> tuple[FloatArray, int, float]:
-    """Iterate integrations and slope corrections: heights, rounds, last change (metres)."""
+    """Iterate integrations and slope corrections: heights, rounds, last change (metres).
+
+    `bend` is what has to be added to the mean heights of cells.
+    """
     gsd = mapola.grid.gsd
     with np.errstate(divide="ignore"):
         weight = np.where(mapola.valid, 1.0 / mapola.sigma**2, 0.0)
@@ -229,7 +236,7 @@ def _integrate(
         # A slope is not known at a point without neighbours; it then corrects nothing.
         steep_x, steep_y = slopes_of(surface, gsd)
         slope_x, slope_y = np.nan_to_num(steep_x), np.nan_to_num(steep_y)
-        constraint = medians.at(slope_x * gsd, slope_y * gsd)
+        constraint = medians.at(slope_x * gsd, slope_y * gsd) + bend
         new = np.isnan(previous) & mask
         change = np.inf if new.any() else float(np.nanmax(np.abs(surface - previous), initial=0.0))
         rounds += 1

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import maximum_filter, uniform_filter
+from scipy.ndimage import uniform_filter
 
 from lidar.cells import CellReturns
 from lidar.planes import PlaneFit
+from lidar.pointheights import bending_variance
 from spcola.arrays import AnyArray, FloatArray
-from spcola.bending import significant_bending
 
 # 1.4826 MAD of n Gaussian values is too small by these factors on average (Croux & Rousseeuw
 # 1992); n/(n − 0.8) beyond the table.
@@ -54,8 +54,8 @@ def height_sigma(
     The larger of the returns' own sigma (`single`, by original return, NaN if unknown) and the
     cell's spread, drawn toward that of the cells around it in so far as few returns tell it,
     times the factor of a median (:func:`median_sigma`); the share of the slopes' uncertainty; and
-    what the ground bends inside the cell (:func:`bending_variance`). The spread holds the roughness
-    of the ground inside the cell, which is an error of the height as well.
+    what the ground bends inside the cell (:mod:`lidar.pointheights`). The spread holds the
+    roughness of the ground inside the cell, which is an error of the height as well.
 
     Parameters
     ----------
@@ -82,29 +82,8 @@ def height_sigma(
     bent = np.where(planes.misfit > _BENT * 0.5 * one**2, planes.misfit, 0.5 * one**2)
     variance = variance + bent * planes.leverage
     variance = variance + typical_slope**2 * planes.unresolved
-    # Where a cell in the window of the plane bends, the plane is tilted: the largest counts.
-    bend = maximum_filter(significant_bending(height, np.sqrt(variance)), size=3)
-    variance = variance + bending_variance(bend, cells.count)
+    variance = variance + bending_variance(height, variance)
     return np.where(filled, np.sqrt(variance), np.nan)
-
-
-def bending_variance(bend: FloatArray, count: AnyArray) -> FloatArray:
-    """Return the mean square error, m², of a height by the bending that a plane leaves out.
-
-    A return at (x, y) of its cell lies ½ (h_xx x² + h_yy y²) from the plane through the grid
-    point. Over places spread evenly over the cell this has the mean (h_xx + h_yy)/24 and, with
-    ``h_xx = h_yy``, the variance (h_xx + h_yy)²/1440.
-
-    Parameters
-    ----------
-    bend : ndarray
-        ``|h_xx + h_yy|`` times the squared GSD, metres.
-    count : ndarray of int
-        Returns in each cell.
-    """
-    share = 1.0 / 24.0**2 + 1.0 / (1440.0 * np.maximum(count, 1))
-    variance: FloatArray = bend**2 * share
-    return variance
 
 
 def _known_medians(cells: CellReturns, single: FloatArray) -> FloatArray:

@@ -1,19 +1,28 @@
-"""How much a gridded surface bends from point to point."""
+"""How much a gridded surface bends, and what that does to the mean height of a cell."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from spcola.arrays import FloatArray
 
-# Standard deviations up to which bending is taken for noise.
-_CHANCE = 3.0
+CELL_SHARE = 1.0 / 24.0
+"""Of its bending, the height by which a quadratic surface's mean over the cell around a grid point
+exceeds the height there: ∫ ½ (h_xx x² + h_yy y²) over the unit square."""
+
+BENDING_NOISE = 4.0
+"""Variance of :func:`bending` for independent heights of variance 1."""
+
+BENDING_RANGE_NOISE = 39.7
+"""Mean square of :func:`bending_range` for independent normal heights of variance 1 (simulated)."""
 
 
 def bending(height: FloatArray) -> FloatArray:
-    """Return the size of the sum of both second differences of a surface.
+    """Return ``h_xx + h_yy`` of the quadratic surface fitted to the 3 × 3 heights around a point.
 
-    Four times the distance of each point from the mean of its four neighbours.
+    Least squares, so that noise makes :data:`BENDING_NOISE` times its variance of it, where second
+    differences along the two axes would make 20 times.
 
     Parameters
     ----------
@@ -23,23 +32,24 @@ def bending(height: FloatArray) -> FloatArray:
     Returns
     -------
     (R, C) ndarray
-        Metres; NaN at the border and beside a gap.
+        Metres (per square grid step); positive in hollows. NaN at the border and beside a gap.
     """
     bend = np.full(height.shape, np.nan)
-    around = height[2:, 1:-1] + height[:-2, 1:-1] + height[1:-1, 2:] + height[1:-1, :-2]
-    bend[1:-1, 1:-1] = np.abs(around - 4.0 * height[1:-1, 1:-1])
+    center = height[1:-1, 1:-1]
+    sides = height[2:, 1:-1] + height[:-2, 1:-1] + height[1:-1, 2:] + height[1:-1, :-2]
+    corners = height[2:, 2:] + height[:-2, 2:] + height[2:, :-2] + height[:-2, :-2]
+    bend[1:-1, 1:-1] = (2.0 * corners - sides - 4.0 * center) / 3.0
     return bend
 
 
-def significant_bending(height: FloatArray, sigma: FloatArray) -> FloatArray:
-    """Return what of :func:`bending` noise does not explain, in quadrature (R, C), metres.
+def bending_range(height: FloatArray) -> FloatArray:
+    """Return by how much :func:`bending` differs within the 3 × 3 points around each, metres.
 
-    Of independent heights with `sigma` (R, C) the bending has the variance of the four neighbours
-    and 16 times that of the point itself; what is within three standard deviations of that is
-    none. 0 where nothing is known.
+    At the edge of a boulder it is what the bending of one point leaves unsaid. 0 where at most one
+    of them is known.
     """
-    noise = sigma**2
-    chance = np.zeros(height.shape)
-    chance[1:-1, 1:-1] = noise[2:, 1:-1] + noise[:-2, 1:-1] + noise[1:-1, 2:] + noise[1:-1, :-2]
-    excess = bending(height) ** 2 - _CHANCE**2 * (chance + 16.0 * noise)
-    return np.sqrt(np.fmax(np.nan_to_num(excess), 0.0))
+    bend = bending(height)
+    known = np.isfinite(bend)
+    most = maximum_filter(np.where(known, bend, -np.inf), size=3)
+    least = minimum_filter(np.where(known, bend, np.inf), size=3)
+    return np.maximum(most - least, 0.0)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidar.mapola import Mapola
+from lidar.pointheights import at_grid_points
 from spcola.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from spcola.heights import MeanConstraints
 from spcola.maplet import MapletGrid
@@ -117,6 +118,7 @@ def lidar_constraints(grid: MapletGrid, candidates: Iterable[Candidate]) -> Cons
             new = areas.add(mapola, unknown)
             coarse[new], count[new] = areas.height[new], areas.count[new]
             continue
+        mapola = at_grid_points(mapola)
         projected = mapola if candidate.grid is grid else project_maplet(mapola, grid)
         new = projected.valid & np.isfinite(projected.sigma) & unknown
         height[new], sigma[new] = projected.height[new], projected.sigma[new]

@@ -10,10 +10,16 @@ from scipy import ndimage
 
 from fusion.fused import FusedMaplet, Source
 from fusion.fusing.constraints import Constraints
-from fusion.fusing.information import SlopeInformation, along_edges, roughness
+from fusion.fusing.information import (
+    SlopeInformation,
+    along_edges,
+    light_along_edges,
+    roughness,
+)
 from fusion.registration.resolution import filled, plane_of
 from spcola.arrays import BoolArray, FloatArray
 from spcola.bending import bending
+from spcola.gaps import carried_on
 from spcola.heights import (
     HeightProblem,
     HeightSolution,
@@ -24,6 +30,7 @@ from spcola.heights import (
 )
 from spcola.heights.slopes import STEPS_ALIKE
 from spcola.maplet import Maplet, MapletGrid
+from spcola.photoclinometry import SlopeVariance
 from spcola.robust import cauchy_weight
 
 
@@ -75,6 +82,8 @@ class FuseInput:
         Heights of the shape model; NaN where there is none.
     common_covariance : (3, 3) ndarray
         Of what all lidar heights of the maplet share (registration, scans), body-fixed, m².
+    light : SlopeVariance, optional
+        What images tell of the slopes there; where they tell nothing, `spc` has no heights.
     """
 
     name: str
@@ -83,6 +92,7 @@ class FuseInput:
     lidar: Constraints
     prior: FloatArray
     common_covariance: FloatArray
+    light: SlopeVariance | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,16 +183,16 @@ def _name_number(name: str) -> int:
 def _prior_surface(parts: FuseInput, lidar: Constraints) -> FloatArray:
     """Shape heights bent onto SPC and lidar: what bridges points that neither knows.
 
-    The departure of the known heights (lidar before SPC) from the shape is continued into the
-    gaps by its nearest values, so that no step stands at their border.
+    The departure of the known heights (lidar before SPC, which is bent onto the lidar in its turn)
+    from the shape is continued into the gaps by its nearest values, so that no step stands at their
+    border. Not by a plane through it: along a single track that would be turned by its noise.
     """
-    shape = filled(parts.prior)
-    known = np.where(np.isfinite(lidar.height), lidar.height, parts.spc.height)
+    spc = parts.spc.height + np.nan_to_num(carried_on(lidar.height - parts.spc.height))
+    known = np.where(np.isfinite(lidar.height), lidar.height, spc)
     if lidar.coarse is not None:
         known = np.where(np.isfinite(known), known, lidar.coarse)
-    if not np.isfinite(known).any():
-        return shape
-    return shape + filled(known - shape)
+    shape = filled(parts.prior) if np.isfinite(parts.prior).any() else plane_of(known)
+    return shape + np.nan_to_num(carried_on(known - shape))
 
 
 def _problem(
@@ -201,7 +211,7 @@ def _problem(
     # loosening the steps around it that are to hold it off.
     ground = ndimage.median_filter(prior, size=3, mode="nearest")
     noise = np.nan_to_num(lidar.sigma)
-    bent = np.nan_to_num(bending(ground))
+    bent = np.abs(np.nan_to_num(bending(ground)))
     steps, weights = [], []
     for axis in (1, 0):
         spc_step, prior_step = np.diff(surface, axis=axis), np.diff(prior, axis=axis)
@@ -211,7 +221,8 @@ def _problem(
         ground_step = np.diff(ground, axis=axis)
         slope = np.maximum(np.abs(spc_step), np.abs(ground_step)) / gsd
         bend = along_edges(bent, axis)
-        sigma = np.where(seen, information.step_sigma(slope, bend, gsd), bridge)
+        light = None if parts.light is None else light_along_edges(parts.light, 1, axis)
+        sigma = np.where(seen, information.step_sigma(slope, bend, gsd, light), bridge)
         # The flank of a boulder that SPC cut short is no error of the size that steps have: there
         # the step says nothing, and least squares would pull the flank down by it.
         spread = np.hypot(sigma, along_edges(noise, axis))

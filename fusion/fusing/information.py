@@ -9,6 +9,7 @@ from scipy.optimize import nnls
 
 from spcola.arrays import FloatArray, IntArray
 from spcola.bending import bending
+from spcola.photoclinometry import SlopeVariance
 from spcola.robust import mad
 
 # Fewer differences than this do not give a spread.
@@ -16,6 +17,12 @@ _ENOUGH = 200
 # Lags, cells, over which steps are relied upon: further apart, heights of the lidar or of the
 # maplet itself take over.
 _STEP_REACH = 3
+# Steps in a group whose median tells its variance: to 12 %.
+_GROUP = 100
+# As many of all steps as make a thousand groups are enough.
+_MOST_STEPS = 100_000
+# Groups below which nothing is said of what makes steps worse.
+_LEAST_GROUPS = 5
 
 
 @dataclass(frozen=True)
@@ -38,6 +45,12 @@ class SlopeInformation:
         Standard deviation of the SPC heights about the lidar's after registration, metres.
     correlated_cells : float
         Number of neighbouring points whose SPC height errors are one error.
+    light_sigma : float
+        Error of a brightness relative to its image's mean, as the steps show it: times the root
+        of what :mod:`spcola.photoclinometry` says of a slope it is that slope's.
+    usual_light : float
+        Variance of slopes by photoclinometry at which a step has `step_sigma_m`: that of the
+        middle step.
     """
 
     step_sigma_m: float
@@ -45,10 +58,28 @@ class SlopeInformation:
     bend_sigma: float
     height_sigma_m: float
     correlated_cells: float
+    light_sigma: float = 0.0
+    usual_light: float = 0.0
 
-    def step_sigma(self, slope: FloatArray, bend: FloatArray, gsd: float) -> FloatArray:
-        """Standard deviation, metres, of steps by `slope` (rise over run) and `bend` (metres)."""
+    def step_sigma(
+        self, slope: FloatArray, bend: FloatArray, gsd: float, light: FloatArray | None = None
+    ) -> FloatArray:
+        """Standard deviation, metres, of steps.
+
+        Parameters
+        ----------
+        slope, bend : ndarrays
+            Rise over run; bending, metres.
+        gsd : float
+            Metres.
+        light : ndarray, optional
+            Variance of the slope by photoclinometry; where it is not known, the usual one.
+        """
         growth = np.hypot(self.steep_sigma * gsd * slope, self.bend_sigma * bend)
+        if light is not None:
+            known = np.where(np.isfinite(light), light, self.usual_light)
+            poor = np.maximum(known - self.usual_light, 0.0)
+            growth = np.hypot(growth, self.light_sigma * gsd * np.sqrt(poor))
         return np.hypot(self.step_sigma_m, growth)
 
 
@@ -65,6 +96,17 @@ def along_edges(layer: FloatArray, axis: int) -> FloatArray:
     return np.maximum(*_ends(layer, 1, axis))
 
 
+def light_along_edges(light: SlopeVariance, lag: int, axis: int) -> FloatArray:
+    """Variance of the mean slope between points `lag` apart: mean of both ends, infinite if either.
+
+    Errors of neighbouring slopes are one error: they share images.
+    """
+    layer = light.along_x if axis == 1 else light.along_y
+    ahead, behind = _ends(layer, lag, axis)
+    mean: FloatArray = 0.5 * (ahead + behind)
+    return mean
+
+
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """Lidar and SPC heights on one grid, aligned: what the information is estimated from.
@@ -77,12 +119,15 @@ class Comparison:
         Of the lidar heights, metres.
     gsd : float
         Metres.
+    light : SlopeVariance, optional
+        What images tell of the slopes there.
     """
 
     lidar: FloatArray
     spc: FloatArray
     sigma: FloatArray
     gsd: float
+    light: SlopeVariance | None = None
 
 
 def estimate_information(comparisons: list[Comparison], *, reach: int = 8) -> SlopeInformation:
@@ -112,13 +157,15 @@ def estimate_information(comparisons: list[Comparison], *, reach: int = 8) -> Sl
     variogram = np.array([_excess(step.square, step.noise) for step in steps])
     noise = float(np.nanmedian([np.nanmedian(pair.sigma) for pair in comparisons]))
     height = float(np.sqrt(max(float(mad(spread)) ** 2 - noise**2, 1e-8)))
-    steep, bend = _growth(steps[0], comparisons[0].gsd)
+    steep, bend, light = _growth(steps[0], comparisons[0].gsd)
     return SlopeInformation(
         step_sigma_m=walk_sigma(variogram[:_STEP_REACH]),
         steep_sigma=steep,
         bend_sigma=bend,
         height_sigma_m=height,
         correlated_cells=_correlated_cells(variogram, height),
+        light_sigma=light,
+        usual_light=float(np.median(steps[0].light)),
     )
 
 
@@ -172,25 +219,32 @@ def roughness(height: FloatArray, *, reach: int = 8) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """Differences of the error over one lag: squared, the lidar's share, its slope and bend."""
+    """Differences of the error over one lag: squared, the lidar's share, its slope and bend.
+
+    And the variance of the slope by photoclinometry: 0 where that is not known.
+    """
 
     square: FloatArray
     noise: FloatArray
     slope: FloatArray
     bend: FloatArray
+    light: FloatArray
 
 
 def _steps(comparisons: list[Comparison], errors: list[FloatArray], lag: int) -> _Steps:
     parts: list[FloatArray] = []
     for pair, error in zip(comparisons, errors, strict=True):
-        bent = np.nan_to_num(bending(pair.lidar))
+        bent = np.abs(np.nan_to_num(bending(pair.lidar)))
         for axis in (0, 1):
             ahead, behind = _ends(error, lag, axis)
             high, low = _ends(pair.lidar, lag, axis)
             noise = np.hypot(*_ends(pair.sigma, lag, axis)) ** 2
             slope = np.abs(high - low) / (lag * pair.gsd)
             bend = np.maximum(*_ends(bent, lag, axis))
-            rows = np.stack([(ahead - behind) ** 2, noise, slope, bend])
+            light: FloatArray = np.zeros(slope.shape)
+            if pair.light is not None:
+                light = light_along_edges(pair.light, lag, axis)
+            rows = np.stack([(ahead - behind) ** 2, noise, slope, bend, light])
             parts.append(rows[:, np.isfinite(rows).all(axis=0)])
     return _Steps(*np.concatenate(parts, axis=1))
 
@@ -219,33 +273,45 @@ def _excess(square: FloatArray, noise: FloatArray) -> float:
     return max(float(np.median(square)) / 0.4549 - float(np.median(noise)), 0.0)
 
 
-def _growth(steps: _Steps, gsd: float) -> tuple[float, float]:
-    """How much the step error grows with slope and with bending, from binned differences.
+def _growth(steps: _Steps, gsd: float) -> tuple[float, float, float]:
+    """How much the step error grows with slope, with bending and with the lack of light.
 
-    The variance of a bin is its excess; a constant and the squares of slope and bending are fitted
-    to it, none of them negative.
+    Of groups of steps alike in all three the variance is their excess; a constant and what the
+    three add are fitted to it, none of them negative.
     """
-    slope_bin, bend_bin = _deciles(steps.slope), _deciles(steps.bend)
+    some = slice(None, None, -(-len(steps.slope) // _MOST_STEPS) or 1)
+    causes = np.stack([steps.slope, steps.bend, np.sqrt(steps.light)], axis=1)[some]
+    square, noise = steps.square[some], steps.noise[some]
     rows = []
-    for number in range(100):
-        chosen = 10 * slope_bin + bend_bin == number
-        if np.count_nonzero(chosen) >= 30:
-            excess = _excess(steps.square[chosen], steps.noise[chosen])
-            slope, bend = np.median(steps.slope[chosen]), np.median(steps.bend[chosen])
-            rows.append((1.0, float(slope) ** 2, float(bend) ** 2, excess))
-    if len(rows) < 5:
-        return DEFAULT_INFORMATION.steep_sigma, DEFAULT_INFORMATION.bend_sigma
+    for chosen in _groups(causes):
+        excess = _excess(square[chosen], noise[chosen])
+        rows.append((1.0, *np.median(causes[chosen], axis=0) ** 2, excess))
+    if len(rows) < _LEAST_GROUPS:
+        return DEFAULT_INFORMATION.steep_sigma, DEFAULT_INFORMATION.bend_sigma, 0.0
     table = np.array(rows)
     # A variance estimated from squares is known to a share of itself.
-    table /= np.maximum(table[:, 3:], max(float(np.median(table[:, 3])), 1e-12))
-    found, _ = nnls(table[:, :3], table[:, 3])
-    return float(np.sqrt(found[1])) / gsd, float(np.sqrt(found[2]))
+    table /= np.maximum(table[:, 4:], max(float(np.median(table[:, 4])), 1e-12))
+    found, _ = nnls(table[:, :4], table[:, 4])
+    steep, bend, light = np.sqrt(found[1:])
+    return float(steep) / gsd, float(bend), float(light) / gsd
 
 
-def _deciles(values: FloatArray) -> IntArray:
-    """Number, 0 … 9, of the decile that each of `values` (N,) lies in."""
-    edges = np.quantile(values, np.linspace(0.1, 0.9, 9))
-    return np.searchsorted(edges, values, side="right")
+def _groups(causes: FloatArray) -> list[IntArray]:
+    """Split N rows of `causes` (N, C) at the medians of one column after the other.
+
+    Until a group would hold fewer than :data:`_GROUP`; a column in which all are equal is skipped.
+    """
+    varied = [column for column in causes.T if np.ptp(column) > 0.0] if len(causes) else []
+    groups: list[IntArray] = [np.arange(len(causes))]
+    for round_ in range(len(varied) * 20):
+        column, split = varied[round_ % len(varied)], []
+        for group in groups:
+            order = group[np.argsort(column[group], kind="stable")]
+            split += [order[: len(order) // 2], order[len(order) // 2 :]]
+        if len(split[0]) < _GROUP:
+            break
+        groups = split
+    return groups if len(causes) >= _GROUP else []
 
 
 def _correlated_cells(variogram: FloatArray, height_sigma: float) -> float:

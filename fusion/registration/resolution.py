@@ -13,6 +13,7 @@ from scipy import ndimage
 from scipy.optimize import minimize_scalar
 
 from spcola.arrays import BoolArray, FloatArray
+from spcola.gaps import carried_on
 from spcola.robust import mad
 
 # A smoothed value that rests on less than this share of the grid points around is not known.
@@ -43,9 +44,7 @@ def filled(height: FloatArray) -> FloatArray:
     if known.all() or not known.any():
         return np.where(known, height, 0.0)
     plane = plane_of(height)
-    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    flat = (height - plane)[tuple(nearest)]
-    result: FloatArray = np.where(known, height, flat + plane)
+    result: FloatArray = np.where(known, height, carried_on(height - plane) + plane)
     return result
 
 

@@ -38,7 +38,7 @@ class BigmapStage:
     """
 
     name: str = "bigmap"
-    version: int = 2
+    version: int = 3
     tables: tuple[type[Table], ...] = (BigmapSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:

@@ -4,25 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from fusion.fused import FusedMaplet, Source
 from fusion.fusing.constraints import Candidate, lidar_constraints, overlaps
 from fusion.fusing.fuse import FuseInput, FuseOptions, FuseResult, fuse_maplet
+from fusion.fusing.illumination import Illumination
 from fusion.fusing.information import Comparison, SlopeInformation, estimate_information
 from fusion.products.fused import write_fused
 from fusion.registration.summary import Placement, placements_of, transform_of
 from fusion.settings import BodySettings, FuseSettings, Settings, Table
-from fusion.stages.base import StageContext, StageResult
+from fusion.stages.base import StageContext, StageResult, find_table
 from fusion.stages.register import maplets_around
 from fusion.workspace import Workspace, make_folder
 from lidar.mapola import Mapola
 from spcola.arrays import FloatArray
 from spcola.bigmap import make_bigmap
 from spcola.maplet import Maplet, MapletGrid
+from spcola.photoclinometry import SlopeVariance
 from spcola.rays import RayCaster
 from spcola.regrid import project_maplet
 from spcola.shapegrid import shape_heights
@@ -34,7 +37,7 @@ class FuseStage:
     """Maplets, mapolas, registration → fused maplets."""
 
     name: str = "fuse"
-    version: int = 3
+    version: int = 4
     tables: tuple[type[Table], ...] = (FuseSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
@@ -44,18 +47,20 @@ class FuseStage:
         return ""
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return registration, mapolas, maplets, and the shape where there is one."""
+        """Return registration, mapolas, maplets, images, and the shape where there is one."""
+        lit = find_table(settings, FuseSettings).light != "none"
         return [
             workspace.registration_path,
             *workspace.mapola_paths(),
             *workspace.maplet_files(),
+            *(workspace.image_files() if lit else []),
             *([workspace.shape_path()] if workspace.has_shape() else []),
         ]
 
     def run(self, context: StageContext) -> StageResult:
         """Estimate how much slopes and heights know, then fuse every maplet."""
         workspace, table = context.workspace, context.table(FuseSettings)
-        scene = Scene.of(workspace)
+        scene = Scene.of(workspace, light=table.light)
         sample = scene.targets[:: max(1, -(-len(scene.targets) // _SAMPLE))]
         compared = context.map("compare lidar and SPC", scene.comparison, sample)
         information = estimate_information([pair for pair in compared if pair is not None])
@@ -83,6 +88,10 @@ STAGE = FuseStage()
 _SAME_PLACE = 2.0
 # The information is one for the whole solution; at most this many maplets tell it.
 _SAMPLE = 24
+# Images whose pixels are held at a time: neighbouring maplets lie in the same.
+_IMAGES_KEPT = 64
+
+LightSource = Literal["auto", "images", "sun", "none"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +109,8 @@ class Scene:
         Of the maplets; of the mapolas in SPC coordinates.
     prior : callable
         Heights of the shape on a grid.
+    illumination : Illumination, optional
+        The images that the slopes come from.
     """
 
     workspace: Workspace
@@ -108,9 +119,10 @@ class Scene:
     grids: dict[str, MapletGrid]
     mapola_grids: dict[str, MapletGrid]
     prior: Callable[[MapletGrid], FloatArray]
+    illumination: Illumination | None
 
     @classmethod
-    def of(cls, workspace: Workspace) -> Scene:
+    def of(cls, workspace: Workspace, *, light: LightSource = "auto") -> Scene:
         """Read the frame of the scene; maplets and mapolas are read when their turn comes."""
         path = workspace.registration_path
         registration = workspace.read_json(path.name)
@@ -121,7 +133,8 @@ class Scene:
             name: placements[name].grid(workspace.mapola(name).grid, transform)
             for name in workspace.mapola_names()
         }
-        return cls(workspace, transform, placements, grids, mapolas, _prior(workspace))
+        lit = _illumination(workspace, list(grids.values()), light)
+        return cls(workspace, transform, placements, grids, mapolas, _prior(workspace), lit)
 
     @property
     def targets(self) -> list[str]:
@@ -131,25 +144,33 @@ class Scene:
     def parts(self, name: str) -> FuseInput:
         """Gather what goes into the fused maplet `name`."""
         spc = self._spc(name)
+        light = self._light(spc)
         near = self._near(name, spc.grid)
         # What all lidar heights share is where the first of their mapolas is registered.
         common = self.placements[near[0]].covariance if near else np.zeros((3, 3))
         return FuseInput(
             name=name,
             grid=spc.grid,
-            spc=spc,
+            spc=_where_lit(spc, light),
             lidar=lidar_constraints(spc.grid, self._candidates(near)),
-            prior=self.prior(spc.grid),
+            prior=_with_filled(self.prior(spc.grid), spc, light),
             common_covariance=common,
+            light=light,
         )
 
     def comparison(self, name: str) -> Comparison | None:
         """Lidar and SPC heights of one maplet, aligned; None where they do not meet."""
         spc = self._spc(name)
+        light = self._light(spc)
+        spc = _where_lit(spc, light)
         lidar = lidar_constraints(spc.grid, self._candidates(self._near(name, spc.grid)))
         if not (spc.valid & np.isfinite(lidar.height)).any():
             return None
-        return Comparison(lidar.height, spc.height, lidar.sigma, spc.grid.gsd)
+        return Comparison(lidar.height, spc.height, lidar.sigma, spc.grid.gsd, light)
+
+    def _light(self, spc: Maplet) -> SlopeVariance | None:
+        """What images tell of the slopes of a maplet; None where that is not known."""
+        return None if self.illumination is None else self.illumination.variance(spc)
 
     def _spc(self, name: str) -> Maplet:
         """The SPC maplet on the grid of the result.
@@ -200,6 +221,38 @@ class Scene:
             return lambda: replace(self.workspace.mapola(name), grid=self.mapola_grids[name])
 
         return [Candidate(self.mapola_grids[name], loader(name)) for name in names]
+
+
+def _where_lit(spc: Maplet, light: SlopeVariance | None) -> Maplet:
+    """The maplet where images determine its slopes."""
+    if light is None:
+        return spc
+    return replace(spc, height=np.where(light.defined, spc.height, np.nan))
+
+
+def _with_filled(prior: FloatArray, spc: Maplet, light: SlopeVariance | None) -> FloatArray:
+    """The shape's heights, but those of SPC where it has some without slopes from images.
+
+    They were filled in by SPC and are no more than a shape, but one without a step at the border.
+    """
+    if light is None:
+        return prior
+    return np.where(spc.valid & ~light.defined, spc.height, prior)
+
+
+def _illumination(
+    workspace: Workspace, grids: list[MapletGrid], light: LightSource
+) -> Illumination | None:
+    """The images of the workspace as a source of slopes; None if there are none, or by choice."""
+    if light == "none":
+        return None
+    images = tuple(workspace.images())
+    if not images:
+        return None
+    exposed = lru_cache(_IMAGES_KEPT)(workspace.exposed)
+    if light == "auto":
+        return Illumination.of(images, grids, exposed)
+    return Illumination(images, light, exposed)
 
 
 def _is_same_place(one: MapletGrid, other: MapletGrid) -> bool:

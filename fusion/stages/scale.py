@@ -56,7 +56,7 @@ class ScaleStage:
     """Scans, images and SPC surface → scale.json and pairs/."""
 
     name: str = "scale"
-    version: int = 2
+    version: int = 3
     tables: tuple[type[Table], ...] = (ScaleSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:

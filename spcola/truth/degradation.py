@@ -226,13 +226,3 @@ def quadratic(height: FloatArray) -> FloatArray:
     degree = np.add.outer(np.arange(3), np.arange(3))
     surface: FloatArray = rows @ np.where(degree <= 2, terms, 0.0) @ columns.T
     return surface
-
-
-def filled(height: FloatArray) -> FloatArray:
-    """Return heights (R, C) with each unknown one replaced by the nearest that is known."""
-    unknown = np.isnan(height)
-    if not unknown.any() or unknown.all():
-        return height
-    nearest = distance_transform_edt(unknown, return_distances=False, return_indices=True)
-    whole: FloatArray = height[tuple(nearest)]
-    return whole

@@ -8,6 +8,7 @@ import numpy as np
 
 from spcola.arrays import FloatArray
 from spcola.errors import SettingsError
+from spcola.gaps import carried_on
 from spcola.icq import IcqShape, icq_directions
 from spcola.maplet import Maplet, MapletGrid
 from spcola.similarity import Similarity
@@ -16,7 +17,6 @@ from spcola.truth.degradation import (
     Darkness,
     Shade,
     Softness,
-    filled,
     quadratic,
     shaded,
     softened,
@@ -154,7 +154,7 @@ def make_maplet(
     grid = _facing(body, to_spc, direction, settings)
     wide = MapletGrid(grid.center, grid.axes, grid.gsd, grid.half_size + _MARGIN)
     truth = heights_in_frame(body, wide, to_spc)
-    whole = filled(truth)
+    whole = carried_on(truth)
     back = to_spc.inverse()
     places = back.apply(wide.points(whole))
     shade = _shade(wide, whole, back, light, settings.darkness)

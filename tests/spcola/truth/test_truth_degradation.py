@@ -12,7 +12,6 @@ from spcola.errors import SettingsError
 from spcola.truth.degradation import (
     Darkness,
     Softness,
-    filled,
     integrated,
     quadratic,
     shaded,
@@ -142,13 +141,6 @@ def test_lost_is_what_lies_too_deep_in_ground_that_is_never_lit() -> None:
     none = np.zeros((5, 5))
     assert shaded(none, Darkness(reach=10.0)).lost.all()
     assert not shaded(none, Darkness(reach=np.inf)).lost.any()
-
-
-def test_gaps_are_filled_from_the_nearest() -> None:
-    height = np.array([[1.0, np.nan, np.nan, 4.0]])
-    np.testing.assert_array_equal(filled(height), [[1.0, 1.0, 4.0, 4.0]])
-    np.testing.assert_array_equal(filled(height[:, :1]), [[1.0]])
-    assert np.isnan(filled(np.full((2, 2), np.nan))).all()
 
 
 def test_noise_has_rms_1_and_the_stated_correlation() -> None:
