@@ -1,10 +1,12 @@
 """Time the solver of energy (A) beside its peers: a table, all measured in this run.
 
-Each case runs in a process of its own: its peak memory is that of the process, the problem
-included. The error is the largest distance to the surface that was planted. Data are in single
-precision where a grid has more than 2001 points a side.
+Each case runs in a process of its own: its peak memory is that of the process while it solves,
+interpreter and problem included (these alone are the last column). The error is the largest
+distance to the surface that was planted, which is the exact solution; on small grids the
+distance to a direct solution is given too. Data are in single precision where a grid has more
+than 2001 points a side, unless `--double`.
 
-    python scripts/bench/heights.py [--sizes 99 501 1001] [--tolerance-m 1e-4]
+    python scripts/bench/heights.py [--sizes 99 501] [--kinds full] [--tolerance-m 1e-4]
 """
 
 from __future__ import annotations
@@ -12,14 +14,18 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import resource
+import sys
 import time
 from collections.abc import Callable
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.fft import dctn, idctn
 from scipy.ndimage import gaussian_filter
+from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import LinearOperator, cg, spsolve
 
 from spcola.arrays import BoolArray, FloatArray
@@ -27,19 +33,37 @@ from spcola.heights import HeightProblem, SolverOptions, relax, solve_heights, s
 from spcola.heights.components import find_components
 from spcola.heights.graph import normal_matrix
 
-KINDS = ("full", "smooth mask", "rough mask", "blocks 1e6", "edges 1e6")
+KINDS = ("full", "few heights", "smooth mask", "rough mask", "blocks 1e6", "edges 1e6")
+SIZES = (99, 501, 1001, 2001, 5001)
+MOST_POINTS = {"edges 1e6": 1001}
 LIMITS = {"pyamg": 2001, "DCT-CG": 5001, "CHOLMOD": 2001, "SuperLU": 501, "relaxation": 99}
 SWEEPS = 4500
 MAPLETS = 1000
+PEER_MAPLETS = 50
 
 Solver = Callable[[HeightProblem, float], tuple[FloatArray, int]]
 
 
-def planted_problem(size: int, kind: str = "rough mask") -> tuple[HeightProblem, FloatArray]:
-    """Return a problem whose parts are all constrained (2 % of the heights), and its surface."""
+class Case(NamedTuple):
+    """What one solver did with one problem: seconds, metres, gigabytes."""
+
+    seconds: float
+    iterations: int
+    error: float
+    peak: float
+    before: float
+    height: FloatArray | None
+
+
+def planted_surface(size: int, rng: np.random.Generator) -> FloatArray:
+    return 50 * gaussian_filter(rng.standard_normal((size, size), dtype=np.float32), 6)
+
+
+def planted_problem(size: int, kind: str, *, double: bool) -> HeightProblem:
+    """Return a problem whose parts are all constrained: 2 % of the heights, or 20 in all."""
     rng = np.random.default_rng(0)
-    real = np.float64 if size <= 2001 else np.float32
-    height = 50 * gaussian_filter(rng.standard_normal((size, size), dtype=np.float32), 6)
+    real = np.float64 if double else np.float32
+    height = planted_surface(size, rng)
     mask = planted_mask(size, kind, rng)
     factor = np.ones((size, size), dtype=real)
     if kind == "blocks 1e6":
@@ -48,13 +72,15 @@ def planted_problem(size: int, kind: str = "rough mask") -> tuple[HeightProblem,
     weights = [np.minimum(factor[:, 1:], factor[:, :-1]), np.minimum(factor[1:], factor[:-1])]
     if kind == "edges 1e6":
         weights = [10 ** rng.uniform(-3, 3, each.shape) for each in weights]
-    known = np.where(rng.random((size, size), dtype=np.float32) < 0.02, height, np.nan)
+    share = 20 / size**2 if kind == "few heights" else 0.02
+    known = np.where(rng.random((size, size), dtype=np.float32) < share, height, np.nan)
+    known[size // 2, size // 2] = height[size // 2, size // 2]
     layers = [np.diff(height, axis=1), np.diff(height, axis=0), *weights, known]
     layers = [np.asarray(each, dtype=real) for each in layers]
     weight = np.ones((size, size), dtype=real)
     problem = HeightProblem(*layers, weight, mask)
     mask &= ~find_components(problem).is_floating
-    return HeightProblem(*layers, weight, mask), height
+    return HeightProblem(*layers, weight, mask)
 
 
 def planted_mask(size: int, kind: str, rng: np.random.Generator) -> BoolArray:
@@ -79,7 +105,7 @@ def right_side(problem: HeightProblem) -> FloatArray:
 
 def by_multigrid(problem: HeightProblem, tolerance_m: float) -> tuple[FloatArray, int]:
     solution = solve_heights(problem, options=SolverOptions(tolerance_m=tolerance_m))
-    return solution.height[problem.mask], solution.iterations
+    return solution.height, solution.iterations
 
 
 def by_direct(problem: HeightProblem, _tolerance_m: float) -> tuple[FloatArray, int]:
@@ -88,8 +114,10 @@ def by_direct(problem: HeightProblem, _tolerance_m: float) -> tuple[FloatArray, 
 
 
 def by_cholmod(problem: HeightProblem, _tolerance_m: float) -> tuple[FloatArray, int]:
-    factor = import_module("sksparse.cholmod").cholesky(normal_matrix(problem, problem.weight))
-    return factor(right_side(problem)), 1
+    matrix = csc_matrix(normal_matrix(problem, problem.weight).astype(np.float64))
+    matrix.sort_indices()
+    factor = import_module("sksparse_minimal").SparseCholesky(matrix)
+    return factor.solve_A(right_side(problem)), 1
 
 
 def by_pyamg(problem: HeightProblem, tolerance_m: float) -> tuple[FloatArray, int]:
@@ -102,7 +130,7 @@ def by_pyamg(problem: HeightProblem, tolerance_m: float) -> tuple[FloatArray, in
 
 
 def by_relaxation(problem: HeightProblem, _tolerance_m: float) -> tuple[FloatArray, int]:
-    return relax(problem, sweeps=SWEEPS, seed=0)[problem.mask], SWEEPS
+    return relax(problem, sweeps=SWEEPS, seed=0), SWEEPS
 
 
 def by_dct(problem: HeightProblem, tolerance_m: float) -> tuple[FloatArray, int]:
@@ -139,78 +167,153 @@ SOLVERS: dict[str, Solver] = {
     "SuperLU": by_direct,
     "relaxation": by_relaxation,
 }
-MODULES = {"pyamg": "pyamg", "CHOLMOD": "sksparse"}
+MODULES = {"pyamg": "pyamg", "CHOLMOD": "sksparse_minimal"}
+"""What the project does not depend on (CHOLMOD is in the package sksparse-minimal)."""
 
 
-def measure(name: str, size: int, kind: str, tolerance_m: float) -> tuple[float, int, float, float]:
-    """Return seconds, iterations, largest error (m) and peak memory (GB) of one case."""
+def warm_up(kind: str, double: bool, tolerance_m: float) -> None:
+    """Compile the kernels of the case, or load them from the cache: small ones like it."""
+    by_multigrid(planted_problem(401, kind, double=double), tolerance_m)
+    for islands in (2, 16):
+        by_multigrid(loose_islands(islands, double=double), tolerance_m)
+
+
+def loose_islands(islands: int, *, double: bool) -> HeightProblem:
+    """Return squares of 9 × 9 points that hang on one weak height each: parts of their own."""
+    size = 10 * islands
+    real = np.float64 if double else np.float32
+    mask = np.zeros((size, size), dtype=bool)
+    mask.reshape(islands, 10, islands, 10)[:, 1:, :, 1:] = True
+    height = np.full((size, size), np.nan, dtype=real)
+    height[5::10, 5::10] = 1.0
+    along, down = np.ones((size, size - 1), dtype=real), np.ones((size - 1, size), dtype=real)
+    weight = np.full((size, size), 1e-2, dtype=real)
+    return HeightProblem(0 * along, 0 * down, along, down, height, weight, mask)
+
+
+def measure(name: str, size: int, kind: str, double: bool, tolerance_m: float) -> Case:
+    """Solve one problem with one solver."""
     if name == "spcola":
-        # Compiles, or loads from the cache: for the precision and the weights of the case.
-        by_multigrid(planted_problem(401, kind)[0], tolerance_m)
-    problem, height = planted_problem(size, kind)
-    if name == "spcola" and size > 2001:
-        small, _ = planted_problem(401, kind)
-        layers = ("step_x", "step_y", "weight_x", "weight_y", "height", "weight")
-        single = (getattr(small, layer).astype(np.float32) for layer in layers)
-        by_multigrid(HeightProblem(*single, small.mask), tolerance_m)
+        warm_up(kind, double, tolerance_m)
+    problem = planted_problem(size, kind, double=double)
+    before = forget_peak()
     start = time.perf_counter()
     found, iterations = SOLVERS[name](problem, tolerance_m)
     seconds = time.perf_counter() - start
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
-    return seconds, iterations, float(np.abs(found - height[problem.mask]).max()), peak
+    peak = peak_memory()
+    truth = planted_surface(size, np.random.default_rng(0))[problem.mask]
+    if found.ndim == 2:
+        found = found[problem.mask]
+    error = float(np.abs(found - truth).max())
+    kept = found if size <= LIMITS["SuperLU"] else None
+    return Case(seconds, iterations, error, peak, before, kept)
 
 
-def measure_maplets(count: int, tolerance_m: float) -> float:
-    """Return the seconds for that many maplets of 99 × 99, problems already made."""
-    problem, _ = planted_problem(99, "full")
-    solve_many([problem], options=SolverOptions(tolerance_m=tolerance_m))
+def forget_peak() -> float:
+    """Let the peak begin at what is held now (Linux; elsewhere planting counts); return it, GB."""
+    clear = Path("/proc/self/clear_refs")
+    if clear.exists():
+        clear.write_text("5")
+    return peak_memory()
+
+
+def peak_memory() -> float:
+    """Return the most memory that the process held, GB."""
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e9
+
+
+def apart(task: Callable[..., Any], *arguments: Any) -> Any:
+    """Return what `task` returns in a process of its own."""
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return pool.apply(task, arguments)
+
+
+def measure_maplets(tolerance_m: float) -> dict[str, float]:
+    """Return the seconds for 1000 maplets of 99 × 99, problems already made, of each solver.
+
+    Peers get fewer, one after the other; their time is scaled.
+    """
+    problem = planted_problem(99, "full", double=True)
+    options = SolverOptions(tolerance_m=tolerance_m)
+    solve_many([problem] * 2, options=options)
     start = time.perf_counter()
-    solve_many([problem] * count, options=SolverOptions(tolerance_m=tolerance_m))
-    return time.perf_counter() - start
+    solve_many([problem] * MAPLETS, options=options)
+    taken = {"spcola": time.perf_counter() - start}
+    for name in ("pyamg", "SuperLU", "CHOLMOD"):
+        if name in MODULES and find_spec(MODULES[name]) is None:
+            continue
+        SOLVERS[name](problem, tolerance_m)
+        start = time.perf_counter()
+        for _ in range(PEER_MAPLETS):
+            SOLVERS[name](problem, tolerance_m)
+        taken[name] = (time.perf_counter() - start) * MAPLETS / PEER_MAPLETS
+    return taken
 
 
-def show_case(name: str, size: int, kind: str, tolerance_m: float) -> float | None:
-    """Print one line of the table; return the seconds, if the case was run."""
+def show_case(name: str, size: int, kind: str, double: bool, tolerance_m: float) -> Case | None:
+    """Print one line of the table; return the case, if it was run."""
     label = f"{size:>6} ²  {kind:<12}{name:<12}"
     if size > LIMITS.get(name, size):
         return None
     if name in MODULES and find_spec(MODULES[name]) is None:
         print(f"{label}not installed")
         return None
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        case = pool.apply(measure, (name, size, kind, tolerance_m))
-    seconds, iterations, error, peak = case
-    print(f"{label}{seconds:>9.2f} s{iterations:>7}{error:>11.1e} m{peak:>8.2f} GB", flush=True)
-    return seconds
+    if name == "spcola":
+        # In a process before it: what the compiler takes is not memory of the solver.
+        apart(warm_up, kind, double, tolerance_m)
+    case: Case = apart(measure, name, size, kind, double, tolerance_m)
+    print(
+        f"{label}{case.seconds:>9.2f} s{case.iterations:>7}{case.error:>11.1e} m"
+        f"{case.peak:>8.2f} GB{case.before:>8.2f} GB",
+        flush=True,
+    )
+    return case
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Time the height solver beside its peers.")
-    parser.add_argument("--sizes", type=int, nargs="+", default=[99, 501, 1001])
+    parser.add_argument("--sizes", type=int, nargs="+", default=list(SIZES))
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=KINDS)
+    parser.add_argument("--solvers", nargs="+", default=list(SOLVERS), choices=SOLVERS)
     parser.add_argument("--tolerance-m", type=float, default=1e-4)
+    parser.add_argument("--double", action="store_true", help="double precision at every size")
     options = parser.parse_args()
-    print("grid      problem     solver            time  iter.     error      peak")
+    print("grid      problem     solver            time  iter.     error        peak     before")
     for size in options.sizes:
         for kind in options.kinds:
-            taken = {
-                name: show_case(name, size, kind, options.tolerance_m)
-                for name in (SOLVERS if kind in KINDS[:3] else ("spcola", "pyamg"))
+            if size > MOST_POINTS.get(kind, size):
+                continue
+            peers = SOLVERS if not kind.endswith("1e6") else ("spcola", "pyamg", "SuperLU")
+            cases = {
+                name: show_case(
+                    name, size, kind, options.double or size <= 2001, options.tolerance_m
+                )
+                for name in options.solvers
+                if name in peers
             }
-            show_ratios(taken, size)
-    seconds = measure_maplets(MAPLETS, options.tolerance_m)
-    print(f"{MAPLETS} maplets of 99 × 99: {seconds:.1f} s (bar: 5 s)")
+            show_ratios({name: case for name, case in cases.items() if case}, size)
+    taken = measure_maplets(options.tolerance_m)
+    print(f"{MAPLETS} maplets of 99 × 99: {taken.pop('spcola'):.1f} s (bar: 5 s on two cores)")
+    for name, seconds in taken.items():
+        print(f"{'':10}{name}: {seconds:.0f} s (one core, scaled from {PEER_MAPLETS})")
 
 
-def show_ratios(taken: dict[str, float | None], size: int) -> None:
+def show_ratios(cases: dict[str, Case], size: int) -> None:
     """Print how many times faster than its peers the solver was, and the bars."""
-    own = taken["spcola"]
+    own = cases.get("spcola")
+    if own is None:
+        return
     for name, bar in (("pyamg", 5.0), ("DCT-CG", 3.0)):
-        other = taken.get(name)
-        if own and other:
-            print(f"{'':10}{name} / spcola = {other / own:.1f} (bar at 2001²: {bar:.0f})")
-    if own and size >= 5001:
-        print(f"{'':10}{own:.1f} s (bar: 4 s on two cores, under 2 GB)")
+        if name in cases:
+            ratio = cases[name].seconds / own.seconds
+            print(f"{'':10}{name} / spcola = {ratio:.1f} (bar at 2001²: {bar:.0f})")
+    direct = cases.get("SuperLU")
+    if direct is not None and own.height is not None and direct.height is not None:
+        far = np.abs(own.height - direct.height).max()
+        print(f"{'':10}largest distance to the direct solution: {far:.1e} m")
+    if size >= 5001:
+        print(f"{'':10}{own.seconds:.1f} s, {own.peak:.2f} GB (bar: 4 s on two cores, 2 GB)")
 
 
 if __name__ == "__main__":

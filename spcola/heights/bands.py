@@ -69,6 +69,8 @@ class Bands:
 
     def run(self, size: tuple[int, int], task: Callable[..., T], *arguments: Any) -> list[T]:
         """Return ``task(*arguments, first, last)`` of every band of a grid, in order."""
+        if self._pool is None and size[0] * size[1] < _LEAST_POINTS:
+            return [task(*arguments, 0, size[0])]
         bands = self.cut(*size)
         if self._pool is None or len(bands) == 1:
             return [task(*arguments, first, last) for first, last in bands]

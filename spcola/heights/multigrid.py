@@ -231,8 +231,10 @@ def _invert(right: FloatArray, down: FloatArray, ground: FloatArray) -> FloatArr
             continue
         row = matrix[k] / pivot
         for i in range(points):
-            if i != k:
-                matrix[i] -= matrix[i, k] * row
+            share = matrix[i, k]
+            if i != k and share != 0:
+                for j in range(points):
+                    matrix[i, j] -= share * row[j]
         matrix[:, k] = row
         matrix[k] = row
         matrix[k, k] = -1.0 / pivot

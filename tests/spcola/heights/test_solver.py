@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from scipy.ndimage import label
 from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import spsolve
 
@@ -83,8 +84,8 @@ def grounded(problem, rng):
     """Give every floating part one constraint, so that a direct solution exists."""
     parts = find_components(problem)
     height, weight = problem.height.copy(), problem.weight.copy()
-    for label in parts.floating:
-        r, c = np.argwhere(parts.labels == label)[0]
+    for part in parts.floating:
+        r, c = np.argwhere(parts.labels == part)[0]
         height[r, c], weight[r, c] = rng.normal(), 0.1
     return HeightProblem(
         problem.step_x,
@@ -469,11 +470,58 @@ def test_a_system_solves_for_other_steps_and_heights():
 
 def test_threads_of_one_large_problem_change_nothing():
     """More than one band of rows, with parts whose sums run over several of them."""
-    problem = random_problem(np.random.default_rng(15), (1100, 700), holes=0.02, sparse=0.05)
+    problem = random_problem(np.random.default_rng(15), (1300, 900), holes=0.02, sparse=0.05)
+    assert problem.mask.size > 1_000_000
     options = [SolverOptions(tolerance_m=1e-4, floating="unknown", threads=n) for n in (1, 2, 3)]
     one, two, three = (solve_heights(problem, options=each).height for each in options)
     np.testing.assert_array_equal(one, two)
     np.testing.assert_array_equal(one, three)
+
+
+@pytest.mark.parametrize("holes", [0.02, 0.35])
+def test_parts_are_labelled_in_order_also_across_bands(holes):
+    """On several threads; the labels are those of scipy, which numbers parts as they come."""
+    shape = (1300, 900)
+    rng = np.random.default_rng(17)
+    mask = rng.random(shape) >= holes
+    ones = np.ones((1300, 899)), np.ones((1299, 900))
+    problem = HeightProblem(np.zeros_like(ones[0]), np.zeros_like(ones[1]), *ones, mask=mask)
+    with Bands(mask.size, threads=3) as bands:
+        assert len(bands.cut(*shape)) > 3
+        parts = find_components(problem, bands)
+    expected, count = label(mask)
+    np.testing.assert_array_equal(parts.labels, expected - 1)
+    np.testing.assert_array_equal(parts.size, np.bincount(expected.ravel())[1:])
+    assert len(parts.floating) == count
+
+
+@pytest.mark.parametrize("weight", [1e-6, 1e-3, 1.0, 1e3])
+def test_loose_and_firm_parts_beside_each_other(weight):
+    """Parts in narrow squares beside a frame that is firmly held: the coarse grids mix them."""
+    rng = np.random.default_rng(18)
+    size = 90
+    mask = np.zeros((size, size), dtype=bool)
+    mask.reshape(9, 10, 9, 10)[:, 1:, :, 1:] = True
+    height = np.where(rng.random((size, size)) < 0.3, rng.normal(0, 5, (size, size)), np.nan)
+    part = (np.arange(size) // 10)[:, None] * 9 + np.arange(size) // 10
+    loose = part % 2 == 1
+    single = np.zeros((size, size), dtype=bool)
+    single[5::10, 5::10] = True
+    height[loose & ~single] = np.nan
+    height[single] = rng.normal(0, 5, single.sum())
+    problem = HeightProblem(
+        rng.normal(size=(size, size - 1)),
+        rng.normal(size=(size - 1, size)),
+        np.ones((size, size - 1)),
+        np.ones((size - 1, size)),
+        height,
+        np.where(loose, weight, 1.0),
+        mask,
+    )
+    solution = solve_heights(problem, options=SolverOptions(tolerance_m=1e-6))
+    assert solution.converged, solution.reason
+    assert solution.iterations <= 24, solution.iterations
+    np.testing.assert_allclose(solution.height, direct(problem), atol=1e-6, rtol=0)
 
 
 def test_single_precision_data_stay_so_and_solve_alike():
