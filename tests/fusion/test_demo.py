@@ -6,16 +6,23 @@ import json
 import math
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
 from fusion.demo import Demonstration, demonstrate, recovery_table
 from fusion.executor import ThreadExecutor
+from fusion.fused import Source
+from fusion.fusing.fuse import fuse_maplet
+from fusion.fusing.illumination import Illumination
+from fusion.fusing.information import DEFAULT_INFORMATION
 from fusion.progress import Progress
+from fusion.stages.fuse import Scene
 from fusion.truth.presets import MissionSettings
 from spcola.errors import WorkspaceError
 
@@ -44,6 +51,33 @@ def test_the_report_stands_alone(shown: Demonstration) -> None:
     assert "<html" in page
     assert 'src="http' not in page
     assert 'href="http' not in page
+
+
+def test_ground_that_no_image_shows_lit_is_given_to_the_lidar(shown: Demonstration) -> None:
+    """The Sun high over the north pole: the southernmost maplet has no slopes from images."""
+    scene = Scene.of(shown.workspace, light="none")
+    states = shown.workspace.images()
+    azimuth = np.linspace(0.0, 2.0 * np.pi, len(states))
+    suns = np.stack(
+        [0.5 * np.cos(azimuth), 0.5 * np.sin(azimuth), np.full_like(azimuth, 0.75**0.5)], 1
+    )
+    images = tuple(replace(state, sun=sun) for state, sun in zip(states, suns, strict=True))
+    polar = replace(scene, illumination=Illumination(images, "sun"))
+    south, north = (
+        pick(scene.grids, key=lambda name: scene.grids[name].uz[2]) for pick in (min, max)
+    )
+    assert np.mean(polar.parts(north).spc.valid) > 0.8
+    dark, bright = polar.parts(south), scene.parts(south)
+    assert not dark.spc.valid.any()
+    filled_in = bright.spc.valid
+    assert filled_in.any()
+    np.testing.assert_array_equal(dark.prior[filled_in], bright.spc.height[filled_in])
+    fused = fuse_maplet(dark, DEFAULT_INFORMATION).maplet
+    measured = np.isfinite(dark.lidar.height)
+    assert (fused.source[measured] == Source.LIDAR).all()
+    unmeasured = ~measured & fused.valid
+    assert (fused.source[unmeasured] == Source.FILLED).all()
+    assert polar.comparison(south) is None
 
 
 def test_every_model_of_the_workspace_is_held_against_the_truth(shown: Demonstration) -> None:
