@@ -130,39 +130,52 @@ def sort_into_cells(grid: MapletGrid, points: FloatArray, reach: float) -> CellR
     Points beside the grid and those further than `reach` metres from its plane (the far side
     of the body is under every maplet) are left out.
     """
-    x, y, height = grid.project(points)
-    column, row = np.floor(x + 0.5), np.floor(y + 0.5)
-    q = grid.half_size
-    inside = (np.abs(column) <= q) & (np.abs(row) <= q) & (np.abs(height) <= reach)
-    found = np.flatnonzero(inside)
-    column, row = column[found], row[found]
-    cell = ((row + q) * grid.size + (column + q)).astype(np.int64)
-    start, order = counting_sort(cell, grid.size**2)
-    taken = found[order]
+    local = _local(np.asarray(points, dtype=np.float64), grid.center, grid.axes, grid.gsd)
+    start, index = _sorted(local, grid.half_size, reach)
+    dx, dy, height = local[index].T
     return CellReturns(
         grid.shape,
         start,
-        x[taken] - column[order],
-        y[taken] - row[order],
-        height[taken],
-        taken,
+        dx - np.floor(dx + 0.5),
+        dy - np.floor(dy + 0.5),
+        np.ascontiguousarray(height),
+        index,
     )
 
 
 @kernel
-def counting_sort(key: IntArray, size: int) -> tuple[IntArray, IntArray]:
-    """Sort keys (N,) in 0 … size − 1: starts (size + 1,) and the stable order (N,)."""
-    start = np.zeros(size + 1, dtype=np.int64)
-    for i in range(len(key)):
-        start[key[i] + 1] += 1
-    for c in range(size):
+def _local(points: FloatArray, center: FloatArray, axes: FloatArray, gsd: float) -> FloatArray:
+    """Points (N, 3) in the frame of a grid [24]: grid steps along Ux and Uy, metres along Uz."""
+    local = np.empty((len(points), 3))
+    for i in range(len(points)):
+        x, y, z = points[i, 0] - center[0], points[i, 1] - center[1], points[i, 2] - center[2]
+        local[i, 0] = (x * axes[0, 0] + y * axes[0, 1] + z * axes[0, 2]) / gsd
+        local[i, 1] = (x * axes[1, 0] + y * axes[1, 1] + z * axes[1, 2]) / gsd
+        local[i, 2] = x * axes[2, 0] + y * axes[2, 1] + z * axes[2, 2]
+    return local
+
+
+@kernel
+def _sorted(local: FloatArray, half_size: int, reach: float) -> tuple[IntArray, IntArray]:
+    """Starts of the cells (C + 1,), and which of the points (N, 3) lie in them, in their order."""
+    size = 2 * half_size + 1
+    cell = np.empty(len(local), dtype=np.int64)
+    start = np.zeros(size * size + 1, dtype=np.int64)
+    for i in range(len(local)):
+        column, row = np.floor(local[i, 0] + 0.5), np.floor(local[i, 1] + 0.5)
+        cell[i] = -1
+        if abs(column) <= half_size and abs(row) <= half_size and abs(local[i, 2]) <= reach:
+            cell[i] = int(row + half_size) * size + int(column + half_size)
+            start[cell[i] + 1] += 1
+    for c in range(size * size):
         start[c + 1] += start[c]
     place = start[:-1].copy()
-    order = np.empty(len(key), dtype=np.int64)
-    for i in range(len(key)):
-        order[place[key[i]]] = i
-        place[key[i]] += 1
-    return start, order
+    index = np.empty(start[-1], dtype=np.int64)
+    for i in range(len(local)):
+        if cell[i] >= 0:
+            index[place[cell[i]]] = i
+            place[cell[i]] += 1
+    return start, index
 
 
 @kernel

@@ -188,7 +188,7 @@ def grid_returns(
         if not outlier.any():
             break
         outlying += int(np.count_nonzero(outlier))
-        surface = _settle(surface.cells.select(~outlier), grid.gsd, options)
+        surface = _settle(surface.cells.select(~outlier), grid.gsd, options, start=surface)
     return _finish(name, grid, returns, (inside, cleaned, surface), outlying, options)
 
 
@@ -198,6 +198,8 @@ class _Surface:
 
     cells: CellReturns
     height: FloatArray
+    slope_x: FloatArray
+    slope_y: FloatArray
     corrected: FloatArray
     planes: PlaneFit
     iterations: int
@@ -205,16 +207,22 @@ class _Surface:
     converged: bool
 
 
-def _settle(cells: CellReturns, gsd: float, options: GriddingOptions) -> _Surface:
-    """Iterate slopes and medians until no height changes."""
+def _settle(
+    cells: CellReturns, gsd: float, options: GriddingOptions, *, start: _Surface | None = None
+) -> _Surface:
+    """Iterate slopes and medians until no height changes, from the slopes of `start`."""
     place_x, place_y = cells.medians(cells.dx), cells.medians(cells.dy)
     # Dense cells fit better, but beyond a few returns it is the ground, not noise, that departs
     # from the plane: the weight levels off.
     weight = cells.count / (cells.count + 1.0)
-    at_place = cells.medians(cells.height)
-    height = at_place
-    slope_x, slope_y = np.zeros_like(height), np.zeros_like(height)
     medians = CorrectedMedians(cells, _NEGLECTED * options.tolerance * gsd)
+    if start is None:
+        height = at_place = cells.medians(cells.height)
+        slope_x, slope_y = np.zeros_like(height), np.zeros_like(height)
+    else:
+        slope_x, slope_y = start.slope_x, start.slope_y
+        height = medians.at(slope_x, slope_y)
+        at_place = height + slope_x * place_x + slope_y * place_y
     change, iteration = np.inf, 0
     while change > options.tolerance * gsd and iteration < options.max_iterations:
         planes = fit_planes(
@@ -235,7 +243,9 @@ def _settle(cells: CellReturns, gsd: float, options: GriddingOptions) -> _Surfac
         iteration += 1
     converged = change <= options.tolerance * gsd
     corrected = cells.corrected(slope_x, slope_y)
-    return _Surface(cells, height, corrected, planes, iteration, change, converged)
+    return _Surface(
+        cells, height, slope_x, slope_y, corrected, planes, iteration, change, converged
+    )
 
 
 def _without_strays(cells: CellReturns, gsd: float, options: GriddingOptions) -> CellReturns:

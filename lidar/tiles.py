@@ -23,6 +23,7 @@ from lidar.scan import Scan
 from spcola.arrays import FloatArray, IntArray, frozen
 from spcola.atomic import replacing, write_error
 from spcola.errors import FormatError, InvalidValueError, WorkspaceError
+from spcola.kernel import kernel
 
 _FORMAT = "spcola tiles 1"
 _ROW = np.dtype([("point", "<f8", (3,)), ("sigma", "<f8"), ("scan", "<i4")])
@@ -215,12 +216,33 @@ class TileReader:
             )
         index = self._index
         runs = index[offset[index["tile"]] <= radius + index["extent"]]
-        parts = [self._rows[run["start"] : run["start"] + run["count"]] for run in runs]
-        rows = np.concatenate([np.empty(0, dtype=_ROW), *parts])
-        rows = rows[np.linalg.norm(rows["point"] - center, axis=1) <= radius]
-        return Returns(
-            np.ascontiguousarray(rows["point"]),
-            np.ascontiguousarray(rows["sigma"]),
-            np.ascontiguousarray(rows["scan"]),
-            self.scan_names,
-        )
+        rows = np.empty(int(runs["count"].sum()), dtype=_ROW)
+        begin = 0
+        for run in runs:
+            end = begin + int(run["count"])
+            source = np.s_[run["start"] : run["start"] + run["count"]]
+            self._rows.read_direct(rows, source, np.s_[begin:end])
+            begin = end
+        points, sigma, scan = _within(rows["point"], rows["sigma"], rows["scan"], center, radius)
+        return Returns(points, sigma, scan, self.scan_names)
+
+
+@kernel
+def _within(
+    points: FloatArray, sigma: FloatArray, scan: IntArray, center: FloatArray, radius: float
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Copy the returns within `radius` of `center` out of rows that lie interleaved on disk."""
+    inside = np.empty(len(points), dtype=np.int64)
+    count = 0
+    for i in range(len(points)):
+        x, y, z = points[i, 0] - center[0], points[i, 1] - center[1], points[i, 2] - center[2]
+        if x * x + y * y + z * z <= radius * radius:
+            inside[count] = i
+            count += 1
+    kept_points, kept_sigma = np.empty((count, 3)), np.empty(count)
+    kept_scan = np.empty(count, dtype=np.int32)
+    for k in range(count):
+        i = inside[k]
+        kept_points[k, 0], kept_points[k, 1], kept_points[k, 2] = points[i]
+        kept_sigma[k], kept_scan[k] = sigma[i], scan[i]
+    return kept_points, kept_sigma, kept_scan
