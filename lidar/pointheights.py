@@ -24,9 +24,8 @@ from spcola.bending import (
 
 # Width, in cells, of the neighbourhood that tells how much the ground bends.
 _AROUND = 5
-# So much more than its mean is taken for noise, because what exceeds it counts and what falls below
-# it does not.
-_CHANCE = 1.5
+# Noise makes more than so many times its mean square in a few places of a hundred.
+_CHANCE = 2.5
 # Share of a cell's variance that is not taken for bending, whatever its file rounded.
 _LEFT = 0.25
 
@@ -35,7 +34,7 @@ def bending_variance(height: FloatArray, variance: FloatArray) -> FloatArray:
     """Return the mean square, m², by which mean heights of cells miss those at grid points.
 
     The bending at the point, and by how much it differs around it, each by the share that the mean
-    over a cell has in it, less what noise makes of both. 0 where they are not known.
+    over a cell has in it. 0 where noise would make as much of both, or they are not known.
 
     Parameters
     ----------
@@ -43,9 +42,8 @@ def bending_variance(height: FloatArray, variance: FloatArray) -> FloatArray:
         Of the cells, metres and m²; NaN where empty.
     """
     square = np.nan_to_num(bending(height)) ** 2 + bending_range(height) ** 2
-    noise = _CHANCE * (BENDING_NOISE + BENDING_RANGE_NOISE) * _around(variance)
-    excess: FloatArray = CELL_SHARE**2 * np.maximum(square - noise, 0.0)
-    return excess
+    noise = (BENDING_NOISE + BENDING_RANGE_NOISE) * _around(variance)
+    return np.where(square > _CHANCE * noise, CELL_SHARE**2 * square, 0.0)
 
 
 def at_grid_points(mapola: Mapola) -> Mapola:
