@@ -60,18 +60,17 @@ def at_grid_points(mapola: Mapola) -> Mapola:
 
 def _likely_bending(mapola: Mapola) -> FloatArray:
     """Bending times the share of it, within the neighbourhood, that noise does not explain."""
-    bend = np.nan_to_num(bending(mapola.height))
-    noise = BENDING_NOISE * _around(mapola.sigma**2)
-    square = uniform_filter(bend**2, _AROUND)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(square > noise, 1.0 - noise / square, 0.0)
-    likely: FloatArray = share * bend
-    return likely
+    bend = bending(mapola.height)
+    noise, square = BENDING_NOISE * _around(mapola.sigma**2), _around(bend**2)
+    share = 1.0 - noise / np.maximum(square, np.finfo(np.float64).tiny)
+    return np.nan_to_num(np.clip(share, 0.0, 1.0) * bend)
 
 
-def _around(variance: FloatArray) -> FloatArray:
+def _around(layer: FloatArray) -> FloatArray:
     """Mean of the known values in the neighbourhood of each cell (R, C); 0 if there are none."""
-    known = np.isfinite(variance)
+    known = np.isfinite(layer)
+    # The filters' running sums leave rounding errors behind them: one cell is a 25th.
     share = uniform_filter(known.astype(np.float64), _AROUND)
-    total = uniform_filter(np.where(known, variance, 0.0), _AROUND)
-    return np.where(share > 0.0, total / np.maximum(share, 1e-12), 0.0)
+    total = uniform_filter(np.where(known, layer, 0.0), _AROUND)
+    some = share > 0.5 / _AROUND**2
+    return np.where(some, np.maximum(total, 0.0) / np.where(some, share, 1.0), 0.0)

@@ -84,3 +84,16 @@ def test_what_is_unknown_stays_so_and_bends_nothing():
     lowered = (height - points.height)[13:17, 13:17]
     assert lowered == pytest.approx(np.full((4, 4), 0.4 / 96.0), rel=0.2)
     assert np.all(bending_variance(height, sigma**2)[~mapola.valid] >= 0.0)
+
+
+def test_no_height_is_lost_beside_wide_gaps_and_nothing_warns(recwarn):
+    rng = np.random.default_rng(6)
+    height = 0.05 * rng.normal(size=GRID.shape)
+    height[:, 5:40] = np.nan
+    height[3:50, 42:] = np.nan
+    sigma = np.where(np.isfinite(height), 0.02, np.nan)
+    mapola = Mapola("A", GRID, height, sigma=sigma, count=np.isfinite(height).astype(int))
+    points = at_grid_points(mapola)
+    assert np.array_equal(points.valid, mapola.valid)
+    assert np.array_equal(np.isfinite(points.sigma), mapola.valid)
+    assert not recwarn.list
