@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
-from spcola.arrays import FloatArray
+from spcola.arrays import BoolArray, FloatArray
 from spcola.heights import vectors
 from spcola.heights.bands import Bands
 from spcola.heights.components import Components
@@ -76,7 +76,7 @@ class LinearSystem:
         # The power of two next to the largest weight: it makes all others at most 1.
         self._unit = float(2.0 ** np.ceil(np.log2(largest))) if largest > 0 else 1.0
         self._lift = self._lifts(ground)
-        self._spans = vectors.find_spans(components.labels, self._lift > 0)
+        self._spans = vectors.find_spans(components.labels, self.loose)
         kind = np.float32 if self._is_tame(ground, smallest) else np.float64
         self._hierarchy = Hierarchy(problem, lumped, self._unit, kind, bands)
         shape = (problem.shape[0] + 2, problem.shape[1] + 2)
@@ -90,13 +90,19 @@ class LinearSystem:
         """Of the vectors that :meth:`precondition` takes: single, unless weights span too much."""
         return self._r.dtype
 
+    @property
+    def loose(self) -> BoolArray:
+        """Parts (K,) that are lifted on their own: residuals must sum to zero over each."""
+        chosen: BoolArray = self._lift > 0
+        return chosen
+
     def _lifts(self, ground: FloatArray) -> FloatArray:
         """One over the stiffness of lifting a whole part (K,); 0 for parts that need no lift.
 
         The cycle carries the constant of a single part exactly. Its aggregates run across the
         gaps between several, which stiffens a part by no more than its rim: parts that are held
-        by far less are lifted on their own. To lift the others too would count them twice, for
-        a fifth more iterations.
+        by far less are lifted on their own, by what the cycle has left to do (to add the lift to
+        the cycle would count them twice, for a quarter more iterations).
         """
         loose = ground < _HELD * self._unit * np.sqrt(self._components.size)
         chosen = loose & (ground > 0) & (len(ground) > 1)
@@ -125,21 +131,46 @@ class LinearSystem:
         return self._r
 
     def precondition(self, residual: FloatArray, bands: Bands) -> FloatArray:
-        """Return the preconditioner's guess at the error behind `residual` (scratch memory)."""
+        """Return the preconditioner's guess at the error behind `residual` (scratch memory).
+
+        It is symmetric for residuals that sum to zero over each loose part.
+        """
         if self._graph is not None:
             self._cycles += self._graph.apply(residual, self._unit, self._z)
             return self._z
         self._hierarchy.apply(residual, self._z, bands)
-        if self._lift.any():
+        if self.loose.any():
             self._lift_parts(residual, bands)
         return self._z
 
     def _lift_parts(self, residual: FloatArray, bands: Bands) -> None:
-        """Add the shift of each loose part that its summed residual asks for."""
-        labels, z, parts = self._components.labels, self._z, len(self._lift)
-        shares = bands.run(labels.shape, vectors.sum_parts, labels, self._spans, parts, residual)
-        shift = (self._lift * np.sum(shares, axis=0)).astype(z.dtype)
+        """Shift the answer on each loose part so that ``residual − A z`` sums to zero over it."""
+        labels, z = self._components.labels, self._z
+        shift = self._shifts(residual, bands).astype(z.dtype)
         bands.run(labels.shape, vectors.lift_parts, labels, self._spans, shift, z)
+
+    def _balance(self, x: FloatArray, residual: FloatArray, bands: Bands) -> None:
+        """Shift `x` on the loose parts so that its `residual` sums to zero over each.
+
+        All residuals that follow then do so too, and for these the preconditioner is symmetric.
+        """
+        self._z[...] = 0.0
+        labels, ground = self._components.labels, self._hierarchy.finest.ground
+        shift = self._shifts(residual, bands)
+        arrays = (labels, self._spans, shift, ground, x, residual)
+        bands.run(labels.shape, vectors.settle_parts, *arrays)
+
+    def _shifts(self, residual: FloatArray, bands: Bands) -> FloatArray:
+        """Return the shift (K,) of each loose part that ``residual − A z`` asks for.
+
+        The edges of a part pull with equal and opposite forces, so that only its `ground` counts
+        (that of means too: lumped, it pulls a part that moves as a whole as they do).
+        """
+        labels, ground = self._components.labels, self._hierarchy.finest.ground
+        arrays = (labels, self._spans, len(self._lift), residual, ground, self._z)
+        shares = bands.run(labels.shape, vectors.sum_parts, *arrays)
+        shift: FloatArray = self._lift * np.sum(shares, axis=0)
+        return shift
 
     def solve(
         self,
@@ -178,6 +209,8 @@ class LinearSystem:
         spectrum, p, shape = self._spectrum, self._p, x.shape
         spectrum.restart()
         r = self.residual(problem, x, bands)
+        if self.loose.any() and self._graph is None:
+            self._balance(x, r, bands)
         z = self.precondition(r, bands)
         rz, largest = self._measure(r, z, bands)
         bound = spectrum.bound(largest)
@@ -224,7 +257,10 @@ class LinearSystem:
         """Return ``rᵀ z`` and the largest ``|z|``, metres."""
         shape = (r.shape[0] - 2, r.shape[1] - 2)
         shares = bands.run(shape, vectors.product_and_largest, r, z)
-        return sum(share[0] for share in shares), float(max(share[1] for share in shares))
+        product = sum(share[0] for share in shares)
+        # A maximum passes over NaN: what went wrong must not look like an error of zero.
+        largest = float(max(share[1] for share in shares)) if np.isfinite(product) else np.inf
+        return product, largest
 
 
 def _extremes(problem: HeightProblem, weight: FloatArray, bands: Bands) -> tuple[float, float]:

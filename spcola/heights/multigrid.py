@@ -1,6 +1,7 @@
 """A multigrid cycle for energy (A), used as the preconditioner of conjugate gradients.
 
-Each level aggregates 2 × 2 points of the finer one. With the piecewise-constant prolongation P,
+Each level aggregates 2 × 2 points of the finer one, but for the few points that nothing joins to
+the others of their aggregate (`strays`). With the piecewise-constant prolongation P,
 the exact coarse matrix of the steps, ``PᵀLP``, is twice as stiff to smooth surfaces as it
 should be, so the coarse edges are *halved*; the constraints are only summed, so that constants
 are carried exactly.
@@ -26,6 +27,7 @@ from spcola.arrays import FloatArray, IntArray
 from spcola.heights.bands import Bands
 from spcola.heights.problem import HeightProblem
 from spcola.heights.smoothing import correct_and_smooth, smooth_and_restrict, subtract_product
+from spcola.heights.strays import Strays
 from spcola.kernel import kernel
 
 _COARSEST_POINTS = 64
@@ -33,7 +35,9 @@ _COARSEST_POINTS = 64
 _FREE = 1e-13
 """Pivots of that level, relative to its diagonal, which are rounding errors of a 0."""
 _SERIAL_POINTS = 100_000
-"""Levels up to this size are left to one thread and one call."""
+"""Levels up to this size are left to one thread and one call, unless they have strays."""
+_STRAY_LEVELS = 2
+"""Levels whose strays are led: by experiment, those of coarser levels do not slow the iteration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,17 +136,27 @@ class Hierarchy:
             (ground, fine.ground),
         ):
             bands.run(fine.size, _convert, values, 1.0 / unit, out)
-        for above, below in itertools.pairwise(self.levels):
-            bands.run(below.size, _coarsen, *above.coefficients, *below.coefficients)
+        self._strays = [Strays.none()] * len(self.levels)
+        for k, (above, below) in enumerate(itertools.pairwise(self.levels)):
+            both = (above.coefficients, below.coefficients)
+            bands.run(below.size, _coarsen, *both[0], *both[1])
+            if k < min(_STRAY_LEVELS, len(self.levels) - 2):
+                self._strays[k] = Strays.lead_away(*both, below.size, bands)
         last = self.levels[-1]
         self._inverse = _invert(*last.coefficients)
+        apart = [
+            k
+            for k, level in enumerate(self.levels[:-2])
+            if level.right.size > _SERIAL_POINTS or len(self._strays[k].place)
+        ]
+        self._apart = apart[-1] + 1 if apart else 0
 
     def _cycle(
         self, k: int, source: FloatArray, answer: FloatArray, add: bool, bands: Bands
     ) -> None:
         """One W-cycle from level `k` down, `source` of that level."""
-        level = self.levels[k]
-        if level.right.size <= _SERIAL_POINTS or k + 2 >= len(self.levels):
+        level, strays = self.levels[k], self._strays[k]
+        if k >= self._apart:
             first = self._start[k]
             right, down, ground = self._coefficients[:, first:]
             _cycle(
@@ -162,10 +176,12 @@ class Hierarchy:
         below = self.levels[k + 1]
         value, residual = self._vectors(k + 1)
         bands.run(below.size, smooth_and_restrict, *level.coefficients, source, residual)
+        strays.restrict(source, residual)
         self._cycle(k + 1, residual, value, False, bands)
         bands.run(below.size, subtract_product, *below.coefficients, value, residual)
         self._cycle(k + 1, residual, value, True, bands)
         bands.run(level.size, correct_and_smooth, *level.coefficients, source, value, add, answer)
+        strays.correct(value, answer)
 
 
 @kernel

@@ -22,9 +22,9 @@ from spcola.arrays import FloatArray
 from spcola.kernel import inlined_kernel, kernel
 
 _TINY = np.float32(1e-30)
-"""Keeps points without edges from dividing by zero; far below weights (1 at most)."""
+"""Diagonal of points without edges; far below weights (1 at most)."""
 _LINES = 4
-_ONE = np.float32(1.0)
+_ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 LANES = 32
 """Sums that run side by side: a vectorised loop, in an order of its own, not of the threads."""
 
@@ -203,9 +203,14 @@ def _colours(like: FloatArray) -> FloatArray:
 def _invert(
     right: FloatArray, above: FloatArray, below: FloatArray, ground: FloatArray, out: FloatArray
 ) -> None:
-    """One over the diagonal of a row; huge where there is nothing, which only meets zeros."""
+    """One over the diagonal of a row; 0 at points that nothing holds.
+
+    These are not only points outside the mask: a floating part ends as one of them on a coarse
+    level, with rounding errors for a residual.
+    """
     for j in range(1, len(out) - 1):
-        out[j] = _ONE / (ground[j] + right[j] + right[j - 1] + above[j] + below[j] + _TINY)
+        diagonal = ground[j] + right[j] + right[j - 1] + above[j] + below[j]
+        out[j] = _ONE / diagonal if diagonal > _TINY else _ZERO
 
 
 @inlined_kernel

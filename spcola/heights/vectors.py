@@ -152,19 +152,26 @@ def find_spans(labels: IntArray, chosen: BoolArray) -> IntArray:
 
 @kernel
 def sum_parts(
-    labels: IntArray, spans: IntArray, parts: int, r: FloatArray, first: int, last: int
+    labels: IntArray,
+    spans: IntArray,
+    parts: int,
+    r: FloatArray,
+    ground: FloatArray,
+    z: FloatArray,
+    first: int,
+    last: int,
 ) -> FloatArray:
-    """Return the sum of `r` over each part (K,), of what lies in the spans of these rows."""
+    """Return the sum of ``r − ground z`` over each part (K,), of what these rows' spans hold."""
     total = np.zeros(parts)
     for i in range(first, last):
-        label, row = labels[i], r[i + 1]
+        label, row, hold, answer = labels[i], r[i + 1], ground[i + 1], z[i + 1]
         before, run = -1, 0.0
         for j in range(spans[i, 0], spans[i, 1]):
             if label[j] != before:
                 if before >= 0:
                     total[before] += run
                 before, run = label[j], 0.0
-            run += row[j + 1]
+            run += row[j + 1] - hold[j + 1] * answer[j + 1]
         if before >= 0:
             total[before] += run
     return total
@@ -180,3 +187,23 @@ def lift_parts(
         for j in range(spans[i, 0], spans[i, 1]):
             if label[j] >= 0:
                 row[j + 1] += shift[label[j]]
+
+
+@kernel
+def settle_parts(
+    labels: IntArray,
+    spans: IntArray,
+    shift: FloatArray,
+    ground: FloatArray,
+    x: FloatArray,
+    r: FloatArray,
+    first: int,
+    last: int,
+) -> None:
+    """Add the shift (K,) of each part to `x`, and to the residual `r` what that does to it."""
+    for i in range(first, last):
+        label, height, hold, row = labels[i], x[i], ground[i + 1], r[i + 1]
+        for j in range(spans[i, 0], spans[i, 1]):
+            if label[j] >= 0:
+                height[j] += shift[label[j]]
+                row[j + 1] -= hold[j + 1] * shift[label[j]]

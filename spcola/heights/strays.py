@@ -1,0 +1,258 @@
+"""Points that their 2 × 2 aggregate does not hold together: led by the aggregate beside theirs.
+
+Where a hole is one point wide, or two points of the mask meet corner to corner, an aggregate joins
+what lies on either side of it. On all coarser levels the surface is then tied together there, and
+iterations grow with the number of such places (the worst of them count). A stray is a point
+without an edge to the others of its aggregate; here it moves to the aggregate that it has an edge
+to. Few points are strays, so that the kernels of a whole level know nothing of them.
+
+A stray d moves the row of the prolongation P at d from its own aggregate X to another, Y. Smoothed
+on either side, as in the cycle, P changes by φ (e_Y − e_X)ᵀ, where φ is the smoother's answer to a
+unit at d: a patch of 5 × 5 points. Black points have φ = 0, because they are smoothed anew on
+either side of P.
+
+The coarse matrix stays at least ½ PᵀAP (see `multigrid`): if a stray has a second edge, of weight
+w to an aggregate Z, then Y and Z are joined by the aggregate V in the corner between them, and
+w (y − z)² ≤ 2 w (y − v)² + 2 w (v − z)².
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from spcola.arrays import FloatArray, IntArray
+from spcola.heights.bands import Bands
+from spcola.kernel import inlined_kernel, kernel
+
+Coefficients = tuple[FloatArray, FloatArray, FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class Strays:
+    """The strays of one level that the cycle has to see to: the red ones.
+
+    Parameters
+    ----------
+    place : (n, 4) integer ndarray
+        Row and column of each, and those of the aggregate that leads it, all in padded arrays.
+    patch : (n, 5, 5) ndarray
+        φ around each.
+    """
+
+    place: IntArray
+    patch: FloatArray
+
+    @classmethod
+    def none(cls) -> Self:
+        """Return the strays of a level without any."""
+        return cls(np.zeros((0, 4), dtype=np.int64), np.zeros((0, 5, 5)))
+
+    @classmethod
+    def lead_away(
+        cls, fine: Coefficients, coarse: Coefficients, size: tuple[int, int], bands: Bands
+    ) -> Self:
+        """Return the strays of a level, and take them into account in its coarser level.
+
+        Parameters
+        ----------
+        fine, coarse : tuple of ndarray
+            Right, down and ground of both levels; `coarse` is that of plain 2 × 2 aggregates.
+        size : tuple of int
+            Rows and columns of the coarser level.
+        bands : Bands
+            The threads to use.
+        """
+        place = np.concatenate(bands.run(size, _find, *fine)).reshape(-1, 4)
+        _lead(*fine, place, *coarse)
+        red = place[place[:, :2].sum(axis=1) % 2 == 0]
+        return cls(red, _patches(*fine, red))
+
+    def restrict(self, source: FloatArray, coarse: FloatArray) -> None:
+        """Take the residual that plain aggregates summed in `coarse` to where it belongs."""
+        _restrict(self.place, self.patch, source, coarse)
+
+    def correct(self, coarse: FloatArray, answer: FloatArray) -> None:
+        """Add to the smoothed `answer` what the right aggregates would have changed."""
+        _correct(self.place, self.patch, coarse, answer)
+
+
+@inlined_kernel
+def _across(right: FloatArray, i: int, j: int) -> tuple[float, float]:
+    """Weight of the edges of (i, j) along its row: inside its aggregate, and out of it."""
+    before, after = right[i, j - 1], right[i, j]
+    return (after, before) if j % 2 == 1 else (before, after)
+
+
+@inlined_kernel
+def _along(down: FloatArray, i: int, j: int) -> tuple[float, float]:
+    """Weight of the edges of (i, j) along its column: inside its aggregate, and out of it."""
+    before, after = down[i - 1, j], down[i, j]
+    return (after, before) if i % 2 == 1 else (before, after)
+
+
+@inlined_kernel
+def _inside(right: FloatArray, down: FloatArray, i: int, j: int) -> float:
+    """How strongly the aggregate holds its point (i, j)."""
+    return _across(right, i, j)[0] + _along(down, i, j)[0]
+
+
+@inlined_kernel
+def _out(i: int) -> int:
+    """Direction out of the aggregate along one axis."""
+    return -1 if i % 2 == 1 else 1
+
+
+@kernel
+def _find(
+    right: FloatArray, down: FloatArray, ground: FloatArray, first: int, last: int
+) -> IntArray:
+    """Strays in rows `first` … `last` − 1 of aggregates, four numbers for each (see `Strays`)."""
+    found = [0 for _ in range(0)]
+    for i in range(2 * first + 1, min(2 * last + 1, right.shape[0] - 1)):
+        inside, out = (down[i], down[i - 1]) if i % 2 == 1 else (down[i - 1], down[i])
+        for pair in range(1, right.shape[1] - 1, 2):
+            if right[i, pair] > 0:
+                continue
+            for j in range(pair, pair + 2):
+                # Nearly all points are held inside or not at all: the call is for the others.
+                if inside[j] > 0 or right[i, j - 1] + right[i, j] + out[j] == 0:
+                    continue
+                if _is_stray(right, down, ground, i, j):
+                    sideways = _across(right, i, j)[1] >= _along(down, i, j)[1]
+                    found.append(i)
+                    found.append(j)
+                    found.append((i + 1) // 2 + (0 if sideways else _out(i)))
+                    found.append((j + 1) // 2 + (_out(j) if sideways else 0))
+    return np.array(found)
+
+
+@kernel
+def _is_stray(right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j: int) -> bool:
+    """Whether (i, j) moves out of its aggregate: not if it is alone there, or the last to stay."""
+    if not _can_move(right, down, ground, i, j):
+        return False
+    m, n = i - _out(i), j - _out(j)
+    for a, b in ((m, n), (m, j), (i, n)):
+        if _held(right, down, ground, a, b) > 0:
+            later = a > i or (a == i and b > j)
+            if later or not _can_move(right, down, ground, a, b):
+                return True
+    return False
+
+
+@kernel
+def _can_move(right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j: int) -> bool:
+    """Whether (i, j) has no edge inside its aggregate, but out of it, to points that stay.
+
+    If these are two, they must be joined around the corner, no less strongly than by the edge
+    that is given up.
+    """
+    across, along = _across(right, i, j)[1], _along(down, i, j)[1]
+    if across + along == 0 or _inside(right, down, i, j) > 0:
+        return False
+    a, b = i + _out(i), j + _out(j)
+    if across > 0 and not _stays(right, down, ground, i, b):
+        return False
+    if along > 0 and not _stays(right, down, ground, a, j):
+        return False
+    if across == 0 or along == 0:
+        return True
+    around = min(_along(down, i, b)[1], _across(right, a, j)[1])
+    return around >= min(across, along) and _stays(right, down, ground, a, b)
+
+
+@kernel
+def _stays(right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j: int) -> bool:
+    """Whether (i, j) certainly is no stray: held inside its aggregate, or alone there."""
+    m, n = i - _out(i), j - _out(j)
+    others = _held(right, down, ground, m, j) + _held(right, down, ground, i, n)
+    alone = others + _held(right, down, ground, m, n) == 0
+    return alone or _inside(right, down, i, j) > 0
+
+
+@inlined_kernel
+def _held(right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j: int) -> float:
+    """All that holds the point (i, j)."""
+    return (right[i, j] + right[i, j - 1]) + (down[i, j] + down[i - 1, j]) + ground[i, j]
+
+
+@kernel
+def _lead(
+    right: FloatArray,
+    down: FloatArray,
+    ground: FloatArray,
+    place: IntArray,
+    coarse_right: FloatArray,
+    coarse_down: FloatArray,
+    coarse_ground: FloatArray,
+) -> None:
+    """Give the edges and constraints of strays to the aggregates that they move to."""
+    half = np.float32(0.5)
+    for k in range(len(place)):
+        i, j = place[k, 0], place[k, 1]
+        r, c = (i + 1) // 2, (j + 1) // 2
+        across, along = _across(right, i, j)[1], _along(down, i, j)[1]
+        # An edge is kept at the first of its two points.
+        above, left = r - (i % 2), c - (j % 2)
+        coarse_right[r, left] = max(coarse_right[r, left] - half * across, 0)
+        coarse_down[above, c] = max(coarse_down[above, c] - half * along, 0)
+        coarse_right[r + _out(i), left] += min(across, along)
+        coarse_down[above, c + _out(j)] += min(across, along)
+        coarse_ground[r, c] = max(coarse_ground[r, c] - ground[i, j], 0)
+        coarse_ground[place[k, 2], place[k, 3]] += ground[i, j]
+
+
+@kernel
+def _patches(
+    right: FloatArray, down: FloatArray, ground: FloatArray, place: IntArray
+) -> FloatArray:
+    """Black, then red smoothing of a unit at each of some red points (n, 5, 5)."""
+    patch = np.zeros((len(place), 5, 5), dtype=right.dtype)
+    for k in range(len(place)):
+        i, j = place[k, 0], place[k, 1]
+        for a, b in ((-1, 0), (0, -1), (0, 1), (1, 0)):
+            black = _pull(right, down, ground, i, j, i + a, j + b)
+            patch[k, 2 + a, 2 + b] = black
+            for c, d in ((-1, 0), (0, -1), (0, 1), (1, 0)):
+                if black > 0:
+                    red = _pull(right, down, ground, i + a, j + b, i + a + c, j + b + d)
+                    patch[k, 2 + a + c, 2 + b + d] += black * red
+    return patch
+
+
+@inlined_kernel
+def _pull(
+    right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j: int, m: int, n: int
+) -> float:
+    """What a unit at (i, j) moves its neighbour (m, n) by when that is smoothed."""
+    weight = right[i, min(j, n)] if i == m else down[min(i, m), j]
+    if weight == 0:
+        return weight
+    return weight / _held(right, down, ground, m, n)
+
+
+@kernel
+def _restrict(place: IntArray, patch: FloatArray, source: FloatArray, coarse: FloatArray) -> None:
+    for k in range(len(place)):
+        i, j = place[k, 0], place[k, 1]
+        residual = np.float64(0.0)
+        for a in range(5):
+            for b in range(5):
+                if patch[k, a, b] > 0:
+                    residual += patch[k, a, b] * source[i + a - 2, j + b - 2]
+        coarse[(i + 1) // 2, (j + 1) // 2] -= residual
+        coarse[place[k, 2], place[k, 3]] += residual
+
+
+@kernel
+def _correct(place: IntArray, patch: FloatArray, coarse: FloatArray, answer: FloatArray) -> None:
+    for k in range(len(place)):
+        i, j = place[k, 0], place[k, 1]
+        step = coarse[place[k, 2], place[k, 3]] - coarse[(i + 1) // 2, (j + 1) // 2]
+        for a in range(5):
+            for b in range(5):
+                if patch[k, a, b] > 0:
+                    answer[i + a - 2, j + b - 2] += patch[k, a, b] * step
