@@ -50,6 +50,7 @@ def _expect(
     place_x: FloatArray, place_y: FloatArray, height: FloatArray, radius: int, least_cells: int
 ) -> FloatArray:
     rows, columns = height.shape
+    height = height.copy()
     layers = np.full((4, rows, columns), np.nan)
     buffer = np.empty((2 * radius + 1) ** 2)
     for row in range(rows):
@@ -62,8 +63,11 @@ def _expect(
                 max(0, column - radius),
                 min(columns, column + radius + 1),
             )
+            # What is judged has no say in what is expected of it.
+            own, height[row, column] = height[row, column], np.nan
             slope_x = _median_step(height, window, 0, 1, buffer)
             slope_y = _median_step(height, window, 1, 0, buffer)
+            height[row, column] = own
             size = 0
             for r in range(window[0], window[1]):
                 for c in range(window[2], window[3]):

@@ -98,11 +98,24 @@ def find_strays(cells: CellReturns, gsd: float, options: RejectionOptions) -> Bo
     distance = np.abs(cells.height - carried)
     stray: BoolArray = distance > options.departure * gsd
     suspect = distance > options.neighbourhood_sigmas * expected.scatter.ravel()[cell]
-    if _is_dense(cells.count, options.few):
+    dense = _is_dense(cells.count, options.few)
+    if dense:
         suspect |= ~np.isfinite(distance)
     at = np.flatnonzero(suspect & ~stray & (cells.count.ravel()[cell] <= options.few))
     row, column = np.divmod(cell[at], cells.shape[1])
-    stray[at] = ~supported(height, row, column, cells.height[at], options.steepest * gsd)
+    value, step = cells.height[at], options.steepest * gsd
+    if not dense:
+        stray[at] = ~supported(height, row, column, value, step)
+        return stray
+    # Beyond the edge of a raster one stray must not vouch for another: support begins at cells
+    # that are none, and is handed on.
+    trusted = height.copy()
+    trusted[row, column] = np.nan
+    found = np.zeros(len(at), dtype=np.bool_)
+    while (more := ~found & supported(trusted, row, column, value, step)).any():
+        found |= more
+        trusted[row[more], column[more]] = height[row[more], column[more]]
+    stray[at] = ~found
     return stray
 
 

@@ -33,7 +33,7 @@ class MapolasStage:
     """Scans → returns sorted into tiles → mapolas."""
 
     name: str = "mapolas"
-    version: int = 5
+    version: int = 6
     tables: tuple[type[Table], ...] = (MapolaSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:

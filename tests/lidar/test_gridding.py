@@ -211,6 +211,45 @@ def test_strays_beyond_the_edge_of_a_raster_are_rejected():
     assert np.isnan(result.mapola.height[:, 33:]).all()
 
 
+def test_strays_side_by_side_beyond_the_edge_do_not_vouch_for_each_other():
+    rng = np.random.default_rng(31)
+    raster, _ = returns_on(plane, 12 * 61**2, rng, noise=0.003)
+    x, _, _ = GRID.project(raster.points)
+    # A rim of single returns, two cells wide, is ground; two strays beyond it are not.
+    rim_x, rim_y = np.repeat([10.9, 11.9], 40), np.tile(np.arange(-20.0, 20.0), 2)
+    rim = lifted(GRID, rim_x, rim_y, plane(rim_x * GRID.gsd, rim_y * GRID.gsd))
+    strays = lifted(GRID, np.array([17.0, 18.0]), np.zeros(2), np.array([-2.0, -1.98]))
+    points = np.concatenate([raster.points[x < 10.5], rim, strays])
+    returns = Returns(
+        points, np.full(len(points), np.nan), np.zeros(len(points), dtype=np.int32), ("a",)
+    )
+    gridding = grid_returns("A", GRID, returns)
+    assert not gridding.used[-2:].any()
+    assert gridding.used[-2 - len(rim) : -2].all()
+
+
+def test_a_stray_beside_a_track_does_not_tilt_it():
+    """In a grid that is dense elsewhere: the track alone does not tell a slope across."""
+    rng = np.random.default_rng(32)
+    raster, _ = returns_on(plane, 20 * 61**2, rng, noise=0.01)
+    x, _, _ = GRID.project(raster.points)
+    along = np.linspace(-25.0, 25.0, 500)
+    across = 18.0 + 0.19 * along
+    track = lifted(GRID, across, along, plane(across * GRID.gsd, along * GRID.gsd))
+    track += 0.01 * rng.normal(size=(len(track), 1)) * GRID.uz
+    # Where the track changes its column, its only two steps across are to the stray and on.
+    stray = lifted(GRID, np.array([17.2]), np.array([3.0]), np.array([-1.2]))
+    points = np.concatenate([raster.points[x < 0.0], track, stray])
+    returns = Returns(
+        points, np.full(len(points), 0.01), np.zeros(len(points), dtype=np.int32), ("a",)
+    )
+    gridding = grid_returns("A", GRID, returns)
+    assert not gridding.used[-1]
+    error = (gridding.mapola.height - plane(X, Y))[:, 41:]
+    # Without a slope across it, a height may miss by half a cell of the plane's tilt.
+    assert np.nanmax(np.abs(error)) < 0.05
+
+
 def test_shots_far_apart_are_no_strays():
     rng = np.random.default_rng(19)
     returns, _ = returns_on(rolling, 120, rng, noise=0.01, sigma=0.01)
