@@ -126,7 +126,8 @@ def fuse_maplet(
     - Lidar heights constrain with 1/σ², under a robust loss.
     - SPC heights constrain weakly: their errors hold together over many points, so each of them
       counts as one of that many. This is what ties a part that no return reached.
-    - The sigma is that of the inverse normal matrix, with what all lidar heights share added:
+    - The sigma is that of the inverse normal matrix, but far from the lidar no less than SPC's;
+      with what all lidar heights share added, and far from them what the maplet's centre does:
       vertically, and horizontally times the slope.
 
     Parameters
@@ -157,7 +158,7 @@ def fuse_maplet(
         [Source.NONE, Source.BOTH, Source.LIDAR, Source.IMAGE],
         Source.FILLED,
     )
-    sigma = np.hypot(own, _shared_sigma(parts, solution.height))
+    sigma = _sigma(parts, lidar, information, solution.height, own)
     maplet = FusedMaplet(
         name=parts.name,
         grid=parts.grid,
@@ -286,15 +287,42 @@ def _center_sigma(parts: FuseInput) -> float:
     return float(np.sqrt(along))
 
 
-def _shared_sigma(parts: FuseInput, height: FloatArray) -> FloatArray:
-    """Standard deviation, metres, of the height error that a common displacement makes.
+def _sigma(
+    parts: FuseInput,
+    lidar: Constraints,
+    information: SlopeInformation,
+    height: FloatArray,
+    own: FloatArray,
+) -> FloatArray:
+    """Standard deviation, metres, of the fused heights, of which the steps and heights say `own`.
 
-    A surface displaced by D is met at a height that is off by D_z − ∇h · D_xy.
+    Steps that err independently hold heights together over more points than errors of SPC do, so
+    that many weak heights of SPC would seem to average out. Where SPC is alone it is no better than
+    it says, its centre included; near the lidar it is by what its errors have in common with those
+    there: an exponential correlation, lidar on both sides, leaves a share tanh(distance / length).
     """
-    slope_x, slope_y = slopes_of(height, parts.grid.gsd)
-    rows = np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=-1)
-    local = parts.grid.axes @ parts.common_covariance @ parts.grid.axes.T
-    return np.sqrt(np.einsum("rci,ij,rcj->rc", np.nan_to_num(rows), local, np.nan_to_num(rows)))
+    length = np.sqrt(information.correlated_cells / np.pi)
+    known = lidar.known
+    away = ndimage.distance_transform_edt(~known) if known.any() else np.full(known.shape, np.inf)
+    free = np.where(parts.spc.valid, np.tanh(away / length), 0.0)
+    spc = np.where(np.isfinite(parts.spc.sigma), parts.spc.sigma, information.height_sigma_m)
+    center = np.diag(np.nan_to_num(parts.spc.center_sigma) ** 2)
+    shared = _displaced_variance(parts.grid, height, parts.common_covariance)
+    shared = shared + free * _displaced_variance(parts.grid, height, center)
+    return np.sqrt(np.maximum(own**2, free * spc**2) + shared)
+
+
+def _displaced_variance(grid: MapletGrid, height: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Variance, m², of the height error that a displacement of the whole surface makes.
+
+    A surface displaced by D is met at a height that is off by D_z − ∇h · D_xy. The `covariance`
+    of D is body-fixed, m².
+    """
+    slope_x, slope_y = slopes_of(height, grid.gsd)
+    rows = np.nan_to_num(np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=-1))
+    local = grid.axes @ covariance @ grid.axes.T
+    variance: FloatArray = np.einsum("rci,ij,rcj->rc", rows, local, rows)
+    return variance
 
 
 def _untied(solution: HeightSolution, with_lidar: BoolArray) -> int:

@@ -87,6 +87,35 @@ def test_sigma_tells_the_size_of_the_errors():
     assert 0.90 < np.mean(inside[2]) <= 1.0
 
 
+@pytest.mark.parametrize("covered", [0, 12])
+def test_ground_far_from_lidar_is_as_uncertain_as_spc_says(covered):
+    """SPC errs by 10 cm over some cells, and by 6 cm as a whole: that averages over nothing."""
+    inside, sigmas = {1: [], 2: []}, []
+    for seed in range(24):
+        surface, parts = scene(300 + seed)
+        offset = 0.06 * np.random.default_rng(seed).normal()
+        told = {"sigma": np.full(GRID.shape, 0.1), "center_sigma": np.full(3, 0.06)}
+        spc = Maplet("AA0001", GRID, parts.spc.height + offset, **told)
+        known = np.arange(SIZE) < covered
+        lidar = Constraints(
+            np.where(known, parts.lidar.height, np.nan),
+            np.where(known, parts.lidar.sigma, np.nan),
+            np.where(known, parts.lidar.count, 0),
+        )
+        part = FuseInput("AA0001", GRID, spc, lidar, parts.prior, parts.common_covariance)
+        fused = fuse_maplet(part, information_of(parts)).maplet
+        far = np.s_[:, covered + 15 :]
+        pull = np.abs(fused.height - surface)[far] / fused.sigma[far]
+        sigmas.append(np.median(fused.sigma[far]))
+        for times, shares in inside.items():
+            shares.append(np.mean(pull < times))
+        if covered:
+            assert np.median(fused.sigma[:, covered + 1]) < 0.9 * sigmas[-1]
+    assert np.mean(sigmas) > 0.1
+    assert 0.58 < np.mean(inside[1]) < 0.8
+    assert 0.9 < np.mean(inside[2]) < 0.99
+
+
 def test_shadow_is_filled_from_the_lidar_without_a_step_at_its_border():
     dark = np.zeros((SIZE, SIZE), dtype=bool)
     dark[:, :25] = True
