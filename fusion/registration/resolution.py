@@ -18,6 +18,8 @@ from spcola.robust import mad
 
 # A smoothed value that rests on less than this share of the grid points around is not known.
 _MIN_SUPPORT = 0.5
+# Robust standard deviations beyond which a difference is none of noise.
+_OUTLYING = 3.0
 
 
 def plane_of(height: FloatArray) -> FloatArray:
@@ -83,7 +85,9 @@ def estimate_blur(lidar: FloatArray, spc: FloatArray, *, largest_cells: float = 
 
     The blur is the one with which the smoothed lidar surface differs least from the SPC
     surface, in the robust sense, the same points being compared at every blur. Negative if it is
-    the lidar that has to be compared with a smoothed SPC surface.
+    the lidar that has to be compared with a smoothed SPC surface: where SPC has more than the
+    lidar's detail. Which of them differ less in the end does not tell that, because smoothing takes
+    the noise off SPC, the noisier of both, whichever is the softer.
 
     Parameters
     ----------
@@ -100,15 +104,27 @@ def estimate_blur(lidar: FloatArray, spc: FloatArray, *, largest_cells: float = 
     margin = np.isfinite(blur(lidar, largest_cells)) & np.isfinite(blur(spc, largest_cells))
     if margin.sum() < 100:
         return float("nan")
-    softer = _least(lidar, spc, margin, largest_cells)
-    sharper = _least(spc, lidar, margin, largest_cells)
-    return softer[0] if softer[1] <= sharper[1] else -sharper[0]
+    if _detail_kept(lidar, spc, margin, largest_cells) < 1.0:
+        return _least(lidar, spc, margin, largest_cells)
+    return -_least(spc, lidar, margin, largest_cells)
+
+
+def _detail_kept(lidar: FloatArray, spc: FloatArray, common: BoolArray, largest: float) -> float:
+    """Slope of the SPC surface's detail over that of the lidar: below 1 where SPC is softer.
+
+    Noise of SPC does not bias it. Places where they differ by more than chance (strays, boulders)
+    have no say.
+    """
+    sharp, soft = ((layer - blur(layer, largest))[common] for layer in (lidar, spc))
+    rest = soft - sharp
+    kept = np.abs(rest - np.median(rest)) <= _OUTLYING * mad(rest)
+    return float(sharp[kept] @ soft[kept] / max(float(sharp[kept] @ sharp[kept]), 1e-300))
 
 
 def _least(
     sharp: FloatArray, soft: FloatArray, common: BoolArray, largest: float
-) -> tuple[float, float]:
-    """The blur of `sharp` with which it differs least from `soft`, and that difference."""
+) -> float:
+    """The blur of `sharp` with which it differs least from `soft`."""
 
     def difference(sigma: float) -> float:
         rest = (blur(sharp, sigma) if sigma > 0.05 else sharp) - soft
@@ -118,4 +134,4 @@ def _least(
         difference, bounds=(0.0, largest), method="bounded", options={"xatol": 0.02}
     )
     none = difference(0.0)
-    return (0.0, none) if none <= found.fun else (float(found.x), float(found.fun))
+    return 0.0 if none <= found.fun else float(found.x)

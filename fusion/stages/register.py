@@ -35,7 +35,7 @@ class RegisterStage:
     """Mapolas and SPC surface → registration.json."""
 
     name: str = "register"
-    version: int = 3
+    version: int = 4
     tables: tuple[type[Table], ...] = (RegisterSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:

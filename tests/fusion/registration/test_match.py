@@ -139,3 +139,18 @@ def test_blur_leaves_planes_and_gaps_alone_and_is_found_again():
     assert estimate_blur(sharp, blur(sharp, 1.5)) == pytest.approx(1.5, abs=0.05)
     assert estimate_blur(blur(sharp, 1.5), sharp) == pytest.approx(-1.5, abs=0.05)
     assert np.isnan(estimate_blur(np.full((99, 99), np.nan), sharp))
+
+
+@pytest.mark.parametrize("relief", [0.03, 0.1, 0.3])
+def test_noise_of_spc_does_not_make_the_lidar_the_softer_surface(relief):
+    """Smoothing SPC would take its noise off and lessen the difference most, whatever its blur."""
+    rng = np.random.default_rng(12)
+    found = []
+    for _ in range(6):
+        ground = blur(rng.normal(size=(99, 99)), 1.5)
+        ground *= relief / ground.std()
+        noise = blur(rng.normal(size=(99, 99)), 2.0)
+        spc = blur(ground, 1.0) + 0.1 / noise.std() * noise
+        found.append(estimate_blur(ground + 0.01 * rng.normal(size=(99, 99)), spc))
+    assert min(found) > 0.0
+    assert np.median(found) == pytest.approx(1.0, abs=0.6 if relief < 0.05 else 0.35)
