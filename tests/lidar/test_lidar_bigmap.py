@@ -134,12 +134,18 @@ def test_it_is_the_walk_of_the_paper_with_dense_matrices():
     bigmap = result.bigmap
     mapola = make_mapola("B", grid, returns, options=keep_all)
     height = dense_walk(grid, returns.points, mapola, bigmap.valid, result.step_sigma_m)
+    assert np.nanmax(np.abs(at_grid_points(mapola).height - mapola.height)) > 1e-4
     assert bigmap.bridged.any()
     assert np.abs(height - bigmap.height)[bigmap.valid].max() < 1e-8
 
 
 def dense_walk(grid, points, mapola, mask, step_sigma):
-    """Iterate energy (A), by its normal matrix, and slope-corrected medians, by loops."""
+    """Iterate energy (A), by its normal matrix, and slope-corrected medians, by loops.
+
+    Constraints hold at grid points: the bending of the mapola is taken off, once.
+    """
+    flat, mapola = mapola.height, at_grid_points(mapola)
+    bend = mapola.height - flat
     x, y, h = grid.project(points)
     column = (np.floor(x + 0.5) + grid.half_size).astype(int)
     row = (np.floor(y + 0.5) + grid.half_size).astype(int)
@@ -168,7 +174,7 @@ def dense_walk(grid, points, mapola, mask, step_sigma):
             mine = (row == r) & (column == c)
             back_x, back_y = c - grid.half_size - x[mine], r - grid.half_size - y[mine]
             lift = grid.gsd * (slopes[0][r, c] * back_x + slopes[1][r, c] * back_y)
-            constraint[r, c] = np.median(h[mine] + lift)
+            constraint[r, c] = np.median(h[mine] + lift) + bend[r, c]
     return height
 
 
