@@ -121,9 +121,7 @@ def _detail_kept(lidar: FloatArray, spc: FloatArray, common: BoolArray, largest:
     return float(sharp[kept] @ soft[kept] / max(float(sharp[kept] @ sharp[kept]), 1e-300))
 
 
-def _least(
-    sharp: FloatArray, soft: FloatArray, common: BoolArray, largest: float
-) -> float:
+def _least(sharp: FloatArray, soft: FloatArray, common: BoolArray, largest: float) -> float:
     """The blur of `sharp` with which it differs least from `soft`."""
 
     def difference(sigma: float) -> float:
