@@ -165,7 +165,7 @@ def estimate_information(comparisons: list[Comparison], *, reach: int = 8) -> Sl
         height_sigma_m=height,
         correlated_cells=_correlated_cells(variogram, height),
         light_sigma=light,
-        usual_light=float(np.median(steps[0].light)),
+        usual_light=float(np.median(steps[0].light)) if steps[0].light.size else 0.0,
     )
 
 

@@ -107,3 +107,15 @@ def test_the_error_of_brightness_is_found_from_steps():
     assert poor[1] > 3 * found.light_sigma * grid.gsd
     without = found.step_sigma(np.zeros(1), np.zeros(1), grid.gsd, np.array([np.inf]))
     assert without == pytest.approx(found.step_sigma_m)
+
+
+def test_points_without_neighbours_tell_nothing_of_light_and_break_nothing(recwarn):
+    grid = MapletGrid.facing([80.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.5, 20)
+    height = np.full(grid.shape, np.nan)
+    height[::2, ::2] = np.random.default_rng(6).normal(size=(21, 21))
+    ones = np.ones(grid.shape)
+    light = SlopeVariance(ones, ones, np.full(grid.shape, 5))
+    found = estimate_information([Comparison(0.0 * height, height, 0.01 * ones, grid.gsd, light)])
+    assert (found.light_sigma, found.usual_light) == (0.0, 0.0)
+    assert np.isfinite(found.step_sigma(ones, ones, grid.gsd, ones)).all()
+    assert not recwarn.list
