@@ -7,42 +7,51 @@ from scipy import fft
 
 from spcola.arrays import BoolArray, FloatArray
 
+# Fewer points tell no variance.
+_LEAST_POINTS = 30
+
 
 def shift_variances(
     moving: FloatArray,
     moving_mask: BoolArray,
     fixed: FloatArray,
-    fixed_mask: BoolArray,
+    fixed_weight: FloatArray,
     *,
     reach: int,
 ) -> FloatArray:
     """Variance of ``fixed(x) − moving(x − shift)`` for every whole-cell shift up to `reach`.
 
-    Only points that both surfaces hold count; the mean difference is removed for each shift.
+    Only points that both surfaces hold count, by their weights; the mean difference is removed for
+    each shift.
 
     Parameters
     ----------
     moving, fixed : (N, N) ndarrays
-        Heights, metres; any finite value where the mask is False.
-    moving_mask, fixed_mask : (N, N) bool ndarrays
+        Heights, metres; any finite value where they are not known.
+    moving_mask : (N, N) bool ndarray
+        Where `moving` is known.
+    fixed_weight : (N, N) ndarray
+        From 0, where `fixed` is not known, to 1.
     reach : int
         Largest shift, cells.
 
     Returns
     -------
     (2·reach + 1, 2·reach + 1) ndarray
-        Index ``[dy + reach, dx + reach]``; square metres; NaN where fewer than 30 points meet.
+        Index ``[dy + reach, dx + reach]``; square metres; NaN where points of less than 30
+        in weight meet.
     """
-    base = float(np.mean(fixed[fixed_mask]))
-    one, two = moving_mask.astype(np.float64), fixed_mask.astype(np.float64)
-    a, b = (moving - base) * one, (fixed - base) * two
-    count = np.rint(_correlate(one, two, reach))
-    cross = _correlate(a, b, reach)
-    first = _correlate(one, b, reach) - _correlate(a, two, reach)
-    second = _correlate(one, b * b, reach) + _correlate(a * a, two, reach) - 2.0 * cross
+    base = float(np.mean(fixed[fixed_weight > 0]))
+    one, two = moving_mask.astype(np.float64), fixed_weight
+    a, b = (moving - base) * one, fixed - base
+    total = _correlate(one, two, reach)
+    cross = _correlate(a, two * b, reach)
+    first = _correlate(one, two * b, reach) - _correlate(a, two, reach)
+    second = _correlate(one, two * b * b, reach) + _correlate(a * a, two, reach) - 2.0 * cross
     with np.errstate(invalid="ignore", divide="ignore"):
-        variance = second / count - (first / count) ** 2
-    variance[count < 30] = np.nan
+        variance = second / total - (first / total) ** 2
+    # Half a point for the rounding of the transforms.
+    variance[total < _LEAST_POINTS - 0.5] = np.nan
     return np.maximum(variance, 0.0)
 
 
@@ -121,7 +130,8 @@ def residual_covariance(
     weight : (N, N) ndarray
         0 where nothing was compared.
     residual : (N, N) ndarray
-        Metres; NaN where nothing was compared.
+        Of one standard deviation throughout (metres, or over the points' own sigma, as the design
+        is then too); NaN where nothing was compared.
     reach : int
         Largest lag, cells; at most a quarter of the grid is used.
 

@@ -21,6 +21,9 @@ from spcola.robust import huber_weight, mad
 _APART = 3.0
 # Fewer independent differences than twice the parameters of a match give no covariance.
 _MIN_PATCHES = 10.0
+# Share of the points that count alike, as known best: a few that claim far more than the rest, or
+# an error of 0, must not carry the match.
+_BEST = 0.1
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,33 @@ class MatchOptions:
     min_correlation: float = 0.5
     ambiguity: float = 1.2
     max_iterations: int = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Heights on a grid and what is known of their errors.
+
+    Parameters
+    ----------
+    height : (N, N) ndarray
+        Metres along the grid's Uz; NaN where unknown.
+    sigma : (N, N) ndarray, optional
+        One standard deviation, metres; NaN or 0 where it is not known. Only how the sigmas of
+        points compare matters to a match: their size is judged by what is left.
+    """
+
+    height: FloatArray
+    sigma: FloatArray | None = None
+
+    @property
+    def variance(self) -> FloatArray:
+        """Squared sigma (N, N), that of the middling point where it is not known; 0 if nowhere."""
+        if self.sigma is None:
+            return np.zeros(self.height.shape)
+        known = np.isfinite(self.height) & (self.sigma > 0)
+        usual = float(np.median(self.sigma[known])) if known.any() else 0.0
+        variance: FloatArray = np.where(known, self.sigma, usual) ** 2
+        return variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,38 +123,40 @@ class Match:
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """Two surfaces on one grid at one resolution; planes removed, gaps filled smoothly."""
+    """Two surfaces on one grid at one resolution; gaps filled smoothly."""
 
     moving: FloatArray  # the lidar heights, filled
     moving_mask: BoolArray
     fixed: FloatArray
     fixed_mask: BoolArray
+    sigma: FloatArray  # of their difference, against that of the points known best
     gsd: float
 
 
 def match_surfaces(
     name: str,
     grid: MapletGrid,
-    moving: FloatArray,
-    fixed: FloatArray,
+    moving: Surface,
+    fixed: Surface,
     *,
     blur_cells: float = 0.0,
     options: MatchOptions | None = None,
 ) -> Match:
     """Match the lidar heights `moving` to the SPC heights `fixed` on one grid.
 
-    The difference ``fixed(x) − moving(x − d) − d_z − plane`` is made smallest in the sense of
-    Huber: first on whole cells over the capture range, then by Gauss–Newton at sub-cell
-    accuracy. The plane is a nuisance: a maplet's own long-wave tilt must not be taken for a
-    displacement of a sloping surface.
+    The difference ``fixed(x) − moving(x − d) − d_z − plane``, in units of the two surfaces'
+    sigmas, is made smallest in the sense of Huber: first on whole cells over the capture range,
+    then by Gauss–Newton at sub-cell accuracy. The plane is a nuisance: a maplet's own long-wave
+    tilt must not be taken for a displacement of a sloping surface. Ground that SPC hardly knows,
+    as in shadow, where its heights drift by decimetres together, has little say.
 
     Parameters
     ----------
     name : str
     grid : MapletGrid
         Grid of both.
-    moving, fixed : (2q+1, 2q+1) ndarrays
-        Heights, metres; NaN where unknown.
+    moving, fixed : Surface
+        Of the grid's shape.
     blur_cells : float
         Standard deviation, in cells, of the Gaussian that brings the sharper surface (lidar if
         positive, SPC if negative) to the resolution of the other.
@@ -155,17 +187,32 @@ def match_surfaces(
     return _judged(name, grid, pair, fine, options)
 
 
-def _prepare(grid: MapletGrid, moving: FloatArray, fixed: FloatArray, blur_cells: float) -> _Pair:
+def _prepare(grid: MapletGrid, moving: Surface, fixed: Surface, blur_cells: float) -> _Pair:
     """Bring both surfaces to one resolution and fill their gaps."""
-    soft_moving = blur(moving, blur_cells) if blur_cells > 0 else moving
-    soft_fixed = blur(fixed, -blur_cells) if blur_cells < 0 else fixed
+    soft_moving = blur(moving.height, blur_cells) if blur_cells > 0 else moving.height
+    soft_fixed = blur(fixed.height, -blur_cells) if blur_cells < 0 else fixed.height
     return _Pair(
         filled(soft_moving),
         np.isfinite(soft_moving),
         filled(soft_fixed),
         np.isfinite(soft_fixed),
+        _relative_sigma(moving, fixed),
         grid.gsd,
     )
+
+
+def _relative_sigma(moving: Surface, fixed: Surface) -> FloatArray:
+    """Sigma of the difference at each point against that of the points known best, at least 1.
+
+    The displacements searched for are small against how far sigmas reach: where they lie before
+    the move is good enough.
+    """
+    sigma: FloatArray = np.sqrt(moving.variance + fixed.variance)
+    both = np.isfinite(moving.height) & np.isfinite(fixed.height)
+    if not (sigma[both] > 0).any():
+        return np.ones(sigma.shape)
+    best = float(np.quantile(sigma[both], _BEST))
+    return np.maximum(sigma / best, 1.0)
 
 
 def _reach(pair: _Pair, options: MatchOptions) -> int:
@@ -180,9 +227,8 @@ def _coarse(pair: _Pair, options: MatchOptions) -> tuple[FloatArray, list[FloatA
     deep, or deep against what unrelated terrain shows.
     """
     reach = _reach(pair, options)
-    variance = shift_variances(
-        pair.moving, pair.moving_mask, pair.fixed, pair.fixed_mask, reach=reach
-    )
+    weight = np.where(pair.fixed_mask, pair.sigma**-2, 0.0)
+    variance = shift_variances(pair.moving, pair.moving_mask, pair.fixed, weight, reach=reach)
     best = np.unravel_index(int(np.nanargmin(variance)), variance.shape)
     start = np.array([best[1] - reach, best[0] - reach], dtype=np.float64)
     depth = max(
@@ -202,7 +248,7 @@ def _coarse(pair: _Pair, options: MatchOptions) -> tuple[FloatArray, list[FloatA
 def _as_good(other: _Fine, best: _Fine, options: MatchOptions) -> bool:
     """Whether another displacement leaves about the same difference as the best one."""
     apart = float(np.hypot(*(other.shift - best.shift))) > _APART
-    spread, least = (float(np.nanvar(fine.residual)) for fine in (other, best))
+    spread, least = (float(np.nanvar(fine.standardised)) for fine in (other, best))
     return apart and spread < options.ambiguity * least
 
 
@@ -232,6 +278,7 @@ class _Fine:
     dz: float  # metres
     covariance: FloatArray  # (3, 3) of (x cells, y cells, z metres)
     residual: FloatArray
+    standardised: FloatArray  # the same over the relative sigma
     compared: BoolArray
     moved: FloatArray
     iterations: int
@@ -257,7 +304,8 @@ def _refine(pair: _Pair, start: FloatArray, options: MatchOptions) -> _Fine | No
         compared = pair.fixed_mask & (hole < 1e-6)
         slope_y, slope_x = np.gradient(moved)
         design = np.stack([-slope_x, -slope_y, np.ones_like(moved), tilt_x, tilt_y], axis=-1)
-        rows, difference = design[compared], (pair.fixed - moved)[compared]
+        design /= pair.sigma[..., None]
+        rows, difference = design[compared], ((pair.fixed - moved) / pair.sigma)[compared]
         if len(rows) < 30:
             return None
         step = _robust_step(rows, difference)
@@ -266,13 +314,20 @@ def _refine(pair: _Pair, start: FloatArray, options: MatchOptions) -> _Fine | No
         offsets, weight = step
         shift = shift + np.clip(offsets[:2], -1.0, 1.0)
         settled = bool(np.max(np.abs(offsets[:2])) < 1e-4)
-    residual = np.full_like(moved, np.nan)
-    residual[compared] = difference - rows[:, 2:] @ offsets[2:]
+    standardised = np.full_like(moved, np.nan)
+    standardised[compared] = difference - rows[:, 2:] @ offsets[2:]
     weights = np.zeros_like(moved)
     weights[compared] = weight
-    covariance = residual_covariance(design, weights, residual)[:3, :3]
     return _Fine(
-        shift, float(offsets[2]), covariance, residual, compared, moved, iterations, settled
+        shift=shift,
+        dz=float(offsets[2]),
+        covariance=residual_covariance(design, weights, standardised)[:3, :3],
+        residual=standardised * pair.sigma,
+        standardised=standardised,
+        compared=compared,
+        moved=moved,
+        iterations=iterations,
+        settled=settled,
     )
 
 
@@ -306,10 +361,10 @@ def _judged(name: str, grid: MapletGrid, pair: _Pair, fine: _Fine, options: Matc
     step = np.diag([grid.gsd, grid.gsd, 1.0])
     local = step @ np.array([*fine.shift, fine.dz])
     covariance = step @ fine.covariance @ step
-    correlation = _correlation(pair.fixed, fine.moved, fine.compared)
+    correlation = _correlation(pair, fine)
     coverage = float(np.mean(fine.compared))
     reason = ""
-    patches = independent_patches(fine.residual)
+    patches = independent_patches(fine.standardised)
     if coverage < options.min_coverage:
         reason = f"only {coverage:.0%} of the grid could be compared"
     elif not fine.settled:
@@ -336,11 +391,12 @@ def _judged(name: str, grid: MapletGrid, pair: _Pair, fine: _Fine, options: Matc
     )
 
 
-def _correlation(fixed: FloatArray, moved: FloatArray, compared: BoolArray) -> float:
-    """Correlation of two surfaces, planes removed, over the compared points."""
-    rows, columns = np.nonzero(compared)
-    plane = np.stack([np.ones(len(rows)), rows, columns], axis=1).astype(np.float64)
-    both = np.stack([fixed[compared], moved[compared]], axis=1)
+def _correlation(pair: _Pair, fine: _Fine) -> float:
+    """Weighted correlation of the two surfaces, planes removed, over the compared points."""
+    rows, columns = np.nonzero(fine.compared)
+    share = 1.0 / pair.sigma[fine.compared][:, None]
+    plane = share * np.stack([np.ones(len(rows)), rows, columns], axis=1)
+    both = share * np.stack([pair.fixed[fine.compared], fine.moved[fine.compared]], axis=1)
     rest = both - plane @ np.linalg.lstsq(plane, both, rcond=None)[0]
     product = rest.T @ rest
     scale = np.sqrt(product[0, 0] * product[1, 1])

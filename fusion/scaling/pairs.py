@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from fusion.registration.match import Match, MatchOptions, match_surfaces
+from fusion.registration.match import Match, MatchOptions, Surface, match_surfaces
 from fusion.registration.resolution import estimate_blur
 from fusion.scaling.observation import ScaleObservations, Trajectory
 from fusion.scaling.shots import utc_date
@@ -218,8 +218,8 @@ def _judged(
     match = match_surfaces(
         frame.image,
         frame.grid,
-        lidar.height,
-        spc.height,
+        Surface(lidar.height, lidar.sigma),
+        Surface(spc.height, spc.sigma),
         blur_cells=blur_cells,
         options=options.match,
     )

@@ -11,7 +11,7 @@ import numpy as np
 from fusion.fusing.constraints import overlaps
 from fusion.memory import check_grid
 from fusion.registration.fit import FitOptions, fit_transform
-from fusion.registration.match import Match, MatchOptions, match_surfaces
+from fusion.registration.match import Match, MatchOptions, Surface, match_surfaces
 from fusion.registration.resolution import estimate_blur
 from fusion.registration.scans import ScanEffects, share_matrix
 from fusion.registration.summary import MatchedMapolas, registration_json
@@ -26,8 +26,8 @@ from spcola.rays import RayCaster
 from spcola.regrid import project_maplet
 from spcola.shapegrid import shape_heights
 
-Reference = Callable[[str, MapletGrid], FloatArray]
-"""Heights (metres) of the SPC surface on a grid, for the mapola of a name."""
+Reference = Callable[[str, MapletGrid], Surface]
+"""The SPC surface on a grid, for the mapola of a name."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class RegisterStage:
     """Mapolas and SPC surface → registration.json."""
 
     name: str = "register"
-    version: int = 4
+    version: int = 5
     tables: tuple[type[Table], ...] = (RegisterSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
@@ -81,7 +81,7 @@ class RegisterStage:
             return match_surfaces(
                 name,
                 mapola.grid,
-                mapola.height,
+                Surface(mapola.height, mapola.sigma),
                 reference(name, mapola.grid),
                 blur_cells=blur,
                 options=options,
@@ -157,12 +157,12 @@ def _blur(match: Match, reference: Reference, grid: MapletGrid) -> float:
     """Blur of the SPC surface against the lidar, cells; NaN where the match is not usable."""
     if not match.usable:
         return float("nan")
-    spc = reference(match.name, grid)
+    spc = reference(match.name, grid).height
     return estimate_blur(spc - match.residual, spc)
 
 
 def surface_reference(workspace: Workspace, against: str) -> Reference:
-    """The SPC surface as heights on any grid: the maplet itself, a bigmap, or the shape.
+    """The SPC surface on any grid: the maplet itself, a bigmap, or the shape.
 
     Parameters
     ----------
@@ -173,22 +173,25 @@ def surface_reference(workspace: Workspace, against: str) -> Reference:
     Returns
     -------
     callable
-        (name, grid) → heights (2q+1, 2q+1), metres along the grid's Uz; NaN where SPC has none.
+        (name, grid) → heights and sigmas (2q+1, 2q+1), metres along the grid's Uz; NaN where SPC
+        has none. A shape states no sigmas.
     """
     if against == "shape":
         caster = RayCaster(workspace.shape())
-        return lambda _, grid: shape_heights(caster, grid, reach=grid.radius)
+        return lambda _, grid: Surface(shape_heights(caster, grid, reach=grid.radius))
     grids = {name: workspace.maplet(name).grid for name in workspace.maplet_names()}
 
-    def own(name: str, grid: MapletGrid) -> FloatArray:
+    def own(name: str, grid: MapletGrid) -> Surface:
         if name in grids and overlaps(grid, grids[name]):
-            return project_maplet(workspace.maplet(name), grid).height
+            projected = project_maplet(workspace.maplet(name), grid)
+            return Surface(projected.height, projected.sigma)
         return together(name, grid)
 
-    def together(name: str, grid: MapletGrid) -> FloatArray:
-        return make_bigmap(
+    def together(name: str, grid: MapletGrid) -> Surface:
+        bigmap = make_bigmap(
             name, grid, maplets_around(workspace, grids, grid), options=BigmapOptions()
-        ).height
+        )
+        return Surface(bigmap.height, bigmap.sigma)
 
     return own if against == "maplets" else together
 

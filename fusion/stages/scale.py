@@ -56,7 +56,7 @@ class ScaleStage:
     """Scans, images and SPC surface → scale.json and pairs/."""
 
     name: str = "scale"
-    version: int = 3
+    version: int = 4
     tables: tuple[type[Table], ...] = (ScaleSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
