@@ -10,12 +10,10 @@ import numpy as np
 from fusion.settings import MapolaSettings
 from fusion.stages.base import StageContext
 from lidar.adjustment import AdjustmentOptions, ScanAdjustment, adjust_scans, unadjusted
-from lidar.formats.native import scan_summary
 from lidar.gridding import Gridding, GriddingOptions, grid_returns
 from lidar.overlaps import OverlapEquations, ground_shares, overlap_equations
 from lidar.returns import Returns
-from lidar.tiles import TileReader
-from spcola.arrays import FloatArray
+from lidar.store import ScanStore
 from spcola.maplet import MapletGrid
 
 # The overlaps are linear in displacements of a hundredth of a cell: a step that moves scans against
@@ -29,16 +27,16 @@ _APART = 1.0
 
 @dataclass(frozen=True, eq=False)
 class ScanSource:
-    """Returns sorted into tiles, and how they are gridded."""
+    """The returns of all scans, and how they are gridded."""
 
-    reader: TileReader
+    store: ScanStore
     options: GriddingOptions
 
     def gridded(
         self, name: str, grid: MapletGrid, adjustment: ScanAdjustment | None
     ) -> tuple[Gridding, Returns]:
         """Grid what lies around `grid`, moved by the adjustment; return it with the returns."""
-        around = self.reader.returns_near(grid.center, self.options.neighbourhood(grid))
+        around = self.store.returns_near(grid.center, self.options.neighbourhood(grid))
         if adjustment is not None:
             around = adjustment.corrected(around)
         return grid_returns(name, grid, around, options=self.options), around
@@ -50,9 +48,7 @@ def adjusted(
     """Find where the scans of a workspace lie to each other, in rounds until they stand still."""
     table = context.table(MapolaSettings)
     options = AdjustmentOptions(table.adjust_sigma_m, float(np.radians(table.adjust_sigma_deg)))
-    names = source.reader.scan_names
-    centers = np.array([_middle(context, name) for name in names]).reshape(-1, 3)
-    found = unadjusted(names, centers, options)
+    found = unadjusted(source.store.scan_names, source.store.middles, options)
     chosen = _spread_out(list(grids.values()))
     for _ in range(_MAX_ROUNDS):
         compare = _Comparison(source, chosen, found)
@@ -105,12 +101,6 @@ class _Comparison:
         ]
         share = ground_shares(grid, near, gridding.mapola.height)
         return overlap_equations(gridding, returns, self.before.center, share=share)
-
-
-def _middle(context: StageContext, name: str) -> FloatArray:
-    """Middle of a scan's returns (3,), metres."""
-    middle: FloatArray = scan_summary(context.workspace.scan_path(name)).bounds.mean(axis=0)
-    return np.nan_to_num(middle)
 
 
 def _spread_out(grids: list[MapletGrid]) -> list[MapletGrid]:

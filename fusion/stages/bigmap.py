@@ -16,10 +16,8 @@ from fusion.settings import BigmapSettings, BigmapSite, BodySettings, Settings, 
 from fusion.stages.base import StageContext, StageResult
 from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
 from lidar.bigmap import LidarBigmapOptions, bigmap_from_returns
-from lidar.formats.native import iter_scan
 from lidar.returns import Returns
-from lidar.scan import Scan
-from spcola.arrays import FloatArray
+from lidar.store import ScanStore
 from spcola.bigmap import BigmapOptions, make_bigmap
 from spcola.errors import WorkspaceError
 from spcola.formats.map import write_maplet
@@ -38,7 +36,7 @@ class BigmapStage:
     """
 
     name: str = "bigmap"
-    version: int = 3
+    version: int = 4
     tables: tuple[type[Table], ...] = (BigmapSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
@@ -86,6 +84,9 @@ class BigmapStage:
 
 STAGE = BigmapStage()
 
+# Returns count within so many radii of a grid: they may lie high above it, or far below.
+_AROUND = 1.5
+
 
 class _Builder:
     """Makes the bigmaps of one site at a time."""
@@ -97,6 +98,7 @@ class _Builder:
         self._caster, self._radius = caster, radius
         registration = workspace.read_json(workspace.registration_path.name)
         self._transform: Affine = transform_of(registration, str(workspace.registration_path))
+        self._store = ScanStore(workspace.scan_paths())
         self._maplets = {name: workspace.maplet(name).grid for name in workspace.maplet_names()}
         self._fused = {name: workspace.fused(name).grid for name in workspace.fused_names()}
 
@@ -162,20 +164,13 @@ class _Builder:
 
     def _gridded(self, name: str, grid: MapletGrid) -> Maplet:
         """Bigmap of all registered returns over the grid (MATH §7)."""
+        back = self._transform.inverse()
+        stretch = float(np.linalg.norm(back.matrix, ord=2))
+        near = self._store.returns_near(back.apply(grid.center), _AROUND * stretch * grid.radius)
+        points = self._transform.apply(near.points)
+        registered = Returns(points, near.sigma, near.scan, near.scan_names)
         options = LidarBigmapOptions(max_gap=self._table.max_gap)
-        near = [
-            self._near(part, grid)
-            for path in self._workspace.scan_paths()
-            for part in iter_scan(path)
-        ]
-        returns = Returns.of_scans([scan for scan in near if len(scan)])
-        return bigmap_from_returns(name, grid, returns, options=options)
-
-    def _near(self, scan: Scan, grid: MapletGrid) -> Scan:
-        """Returns of a chunk, in SPC coordinates, that may fall on the grid."""
-        points: FloatArray = self._transform.apply(scan.points)
-        close = np.linalg.norm(points - grid.center, axis=1) < 1.5 * grid.radius
-        return scan.with_points(points).select(close)
+        return bigmap_from_returns(name, grid, registered, options=options)
 
 
 def _over(grid: MapletGrid, grids: dict[str, MapletGrid]) -> list[str]:

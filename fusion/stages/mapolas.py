@@ -16,10 +16,9 @@ from fusion.stages.base import StageContext, StageResult
 from fusion.workspace import SETTINGS_FILE, Workspace
 from lidar.formats.adjustment import write_adjustment
 from lidar.formats.mapola import write_mapolas
-from lidar.formats.native import iter_scan
 from lidar.gridding import Gridding, GriddingOptions, RejectionOptions
 from lidar.mapola import Mapola
-from lidar.tiles import TileReader, TileWriter
+from lidar.store import ScanStore
 from spcola.covering import covering
 from spcola.errors import SettingsError, WorkspaceError
 from spcola.maplet import MapletGrid
@@ -30,10 +29,10 @@ COVER_HALF_SIZE = 49
 
 @dataclass(frozen=True)
 class MapolasStage:
-    """Scans → returns sorted into tiles → mapolas."""
+    """Scans → mapolas."""
 
     name: str = "mapolas"
-    version: int = 6
+    version: int = 7
     tables: tuple[type[Table], ...] = (MapolaSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
@@ -63,24 +62,22 @@ class MapolasStage:
         workspace, table = context.workspace, context.table(MapolaSettings)
         grids = mapola_grids(workspace, context.settings)
         options = GriddingOptions(rejection=RejectionOptions(cell_sigmas=table.outlier_k))
-        tiles = _sorted_returns(context, grids, options)
+        source = ScanSource(ScanStore(workspace.scan_paths()), options)
+        adjustment = adjusted(context, source, grids) if table.adjust else None
         counts = _Counts()
-        with TileReader(tiles) as reader:
-            source = ScanSource(reader, options)
-            adjustment = adjusted(context, source, grids) if table.adjust else None
 
-            def one(item: tuple[str, MapletGrid]) -> Gridding:
-                return source.gridded(*item, adjustment)[0]
+        def one(item: tuple[str, MapletGrid]) -> Gridding:
+            return source.gridded(*item, adjustment)[0]
 
-            done = context.stream("mapolas", one, grids.items(), total=len(grids))
-            empty = WorkspaceError(
-                f"none of {len(grids)} grids is covered to {table.min_coverage:.0%} by returns",
-                workspace.root / "mapolas",
-                "check that scans and maplets are in one frame and unit, or lower [mapolas] "
-                "min_coverage",
-            )
-            kept = _some(counts.passed(done, table), empty)
-            names = write_mapolas(workspace.root / "mapolas", kept)
+        done = context.stream("mapolas", one, grids.items(), total=len(grids))
+        empty = WorkspaceError(
+            f"none of {len(grids)} grids is covered to {table.min_coverage:.0%} by returns",
+            workspace.root / "mapolas",
+            "check that scans and maplets are in one frame and unit, or lower [mapolas] "
+            "min_coverage",
+        )
+        kept = _some(counts.passed(done, table), empty)
+        names = write_mapolas(workspace.root / "mapolas", kept)
         summary = counts.summary(len(grids), len(names))
         workspace.adjustment_path.unlink(missing_ok=True)
         if adjustment is not None:
@@ -132,29 +129,6 @@ def _adapted(grid: MapletGrid, table: MapolaSettings) -> MapletGrid:
     if table.gsd_m:
         grid = grid.with_gsd(table.gsd_m)
     return replace(grid, half_size=table.half_size) if table.half_size else grid
-
-
-def _sorted_returns(
-    context: StageContext, grids: dict[str, MapletGrid], options: GriddingOptions
-) -> Path:
-    """Sort the returns of all scans into tiles on disk; done already if the last run got so far."""
-    path = context.scratch / "tiles.h5"
-    if path.exists():
-        return path
-    scans = context.workspace.scan_paths()
-    centers = np.stack([grid.center for grid in grids.values()])
-    radius = max(options.neighbourhood(grid) for grid in grids.values())
-    # The chunk is a matter of memory and changes no result: its table is not declared.
-    chunk = context.settings.ingest.chunk
-    with (
-        context.progress.task("sort returns", len(scans)) as task,
-        TileWriter(path, centers, radius) as writer,
-    ):
-        for scan in scans:
-            for part in iter_scan(scan, chunk=chunk):
-                writer.add(part)
-            task.advance()
-    return path
 
 
 @dataclass

@@ -1,36 +1,31 @@
-"""Native scans: one HDF5 file a scan, chunked, checksummed, readable piece by piece."""
+"""Native scans: one HDF5 file a scan, its blocks sorted by place, checksummed, read by mapping."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
+from zlib import crc32
 
 import h5py
 import numpy as np
 
+from lidar.formats.blocks import KNOTS, Block, decode, encode
 from lidar.formats.options import LidarOptions
-from lidar.scan import MEASURES, Scan
+from lidar.scan import Scan
+from spcola.arrays import AnyArray
 from spcola.atomic import replacing
 from spcola.errors import FormatError, InvalidValueError
 
 FORMAT = "SPCOLA scan"
-VERSION = 1
+VERSION = 2
 MAGIC = b"\x89HDF\r\n\x1a\n"
 
-_VECTORS = ("spacecraft", "beam", "points")
-# Layers that carry the noise of the ranges shrink by a quarter at best, for most of the time of an
-# import; what is constant or grows evenly shrinks to nearly nothing.
-_NOISY = frozenset({"range", "beam", "points", "intensity"})
-_COMPRESSED = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
-BLOCK = 8192
-"""Returns in a block: 64 or 192 kB of one layer, which a random reader can afford."""
-NOISY_BYTES = 64
-"""What the layers that are not compressed take of a return; the last block is whole on disk."""
+_BLOCK = "block{:05d}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,17 +92,17 @@ def write_scan(
         If the file cannot be written.
     """
     with replacing(path) as temporary, h5py.File(temporary, "w") as file:
-        layers = _create_layers(file)
         summary: ScanSummary | None = None
+        blocks = 0
         for scan in chunks:
             summary = _summary_of(scan) if summary is None else _extended(summary, scan, path)
-            for name, layer in layers.items():
-                layer.resize(summary.count, axis=0)
-                layer[summary.count - len(scan) :] = getattr(scan, name)
+            if len(scan):
+                _write_block(file.create_group(_BLOCK.format(blocks)), encode(scan))
+                blocks += 1
         if summary is None:
             raise InvalidValueError("has no chunk to write", path)
         summary = replace(summary, digest=digest, parameters=dict(parameters or {}))
-        _write_attributes(file, summary)
+        _write_attributes(file, summary, blocks)
     return summary
 
 
@@ -123,29 +118,71 @@ def scan_summary(path: str | Path) -> ScanSummary:
         return _read_attributes(file)
 
 
-def iter_scan(path: str | Path, *, chunk: int = 1_000_000) -> Iterator[Scan]:
-    """Yield a native scan in chunks of at most `chunk` returns.
+class ScanFile:
+    """A native scan whose returns are mapped into memory; usable from several threads.
 
-    The first chunk carries the rejection counts, so that joined chunks have them once. A scan
-    without returns yields one empty chunk.
+    Parameters
+    ----------
+    path : str or Path
+
+    Attributes
+    ----------
+    summary : ScanSummary
+    blocks : sequence of Block
+        Their layers are views of the file. A layer is compared with its checksum when it is
+        first asked for.
 
     Raises
     ------
     FormatError
-        If the file is no whole native scan, or a block of it fails its checksum.
+        If the file is no whole native scan; for a layer that fails its checksum, from the first
+        use of it.
     """
-    with _Opened(path) as file:
-        summary = _read_attributes(file)
-        for start in range(0, max(summary.count, 1), chunk):
-            rows = slice(start, start + chunk)
-            layers: dict[str, Any] = {name: file["returns"][name][rows] for name in MEASURES}
-            yield Scan(
-                name=summary.name,
-                trajectory=summary.trajectory,
-                body=summary.body,
-                rejected=summary.rejected if start == 0 else {},
-                **layers,
-            )
+
+    def __init__(self, path: str | Path) -> None:
+        with _Opened(path) as file:
+            self.summary = _read_attributes(file)
+            groups = [file[_BLOCK.format(k)] for k in range(int(file.attrs["blocks"]))]
+            held = sum(int(group["place"].shape[0]) for group in groups)
+            if held != self.summary.count:
+                raise InvalidValueError(
+                    f"{held} of {self.summary.count} returns are there", "place"
+                )
+            # Mapped within the context, so that a file that is too short is named there.
+            content = np.memmap(path, dtype=np.uint8, mode="r")
+            self.blocks: Sequence[Block] = [
+                _read_block(Path(path), content, group) for group in groups
+            ]
+
+    def chunks(self, most: int) -> Iterator[Scan]:
+        """Yield the returns as scans of at most `most`; see :func:`iter_scan`."""
+        name, body, trajectory = self.summary.name, self.summary.body, self.summary.trajectory
+        rejected = self.summary.rejected
+        if not self.blocks:
+            none = Scan.of_points(name, np.empty((0, 3)), body=body, trajectory=trajectory)
+            yield replace(none, rejected=rejected)
+        for block in self.blocks:
+            count = len(block.layers["place"])
+            for begin in range(0, count, most):
+                part = block.part(begin, min(begin + most, count))
+                scan = decode(part, name, trajectory=trajectory, body=body)
+                yield replace(scan, rejected=rejected)
+                rejected = MappingProxyType({})
+
+
+def iter_scan(path: str | Path, *, chunk: int = 1_000_000) -> Iterator[Scan]:
+    """Yield a native scan in chunks of at most `chunk` returns.
+
+    Returns come block by block, sorted by place, not by time. The first chunk carries the
+    rejection counts, so that joined chunks have them once. A scan without returns yields one
+    empty chunk.
+
+    Raises
+    ------
+    FormatError
+        If the file is no whole native scan, or a layer of it fails its checksum.
+    """
+    yield from ScanFile(path).chunks(chunk)
 
 
 def read_native(path: Path, options: LidarOptions) -> Iterator[Scan]:
@@ -190,22 +227,80 @@ class _Opened:
         )
 
 
-def _create_layers(file: Any) -> dict[str, Any]:
-    """Create the growing data sets, one for each layer of a scan."""
-    group = file.create_group("returns")
-    layers = {}
-    for name in MEASURES:
-        width = (3,) if name in _VECTORS else ()
-        layers[name] = group.create_dataset(
-            name,
-            shape=(0, *width),
-            maxshape=(None, *width),
-            chunks=(BLOCK, *width),
-            dtype="<i8" if name == "flag" else "<f8",
-            fletcher32=True,
-            **({} if name in _NOISY else _COMPRESSED),
-        )
-    return layers
+@dataclass(frozen=True)
+class _Place:
+    """Where a layer lies in its file, of what type and shape, and its checksum."""
+
+    offset: int
+    dtype: np.dtype[Any]
+    shape: tuple[int, ...]
+    checksum: int
+
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        return self.dtype.itemsize * math.prod(self.shape)
+
+
+def _place(data: Any) -> _Place:
+    checksum = int(data.attrs["crc32"])
+    return _Place(int(data.id.get_offset()), data.dtype, data.shape, checksum)
+
+
+class _Layers(Mapping[str, AnyArray]):
+    """Layers of a block as views of the mapped file."""
+
+    def __init__(
+        self, path: Path, content: np.ndarray[Any, Any], places: Mapping[str, _Place]
+    ) -> None:
+        self._path, self._content, self._places = path, content, places
+        self._sound: dict[str, AnyArray] = {}
+        for name, place in places.items():
+            if place.offset + place.size > len(content):
+                raise InvalidValueError("is cut off", name)
+
+    def __getitem__(self, name: str) -> AnyArray:
+        if name not in self._sound:
+            place = self._places[name]
+            raw = self._content[place.offset : place.offset + place.size]
+            if crc32(raw.data) != place.checksum:
+                raise FormatError(
+                    f"is no whole native scan ({name} fails its checksum)",
+                    self._path,
+                    "import the source again",
+                )
+            self._sound[name] = raw.view(place.dtype).reshape(place.shape)
+        return self._sound[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+
+def _read_block(path: Path, content: np.ndarray[Any, Any], group: Any) -> Block:
+    """Return a block whose layers are views; refuse one that lacks a layer, or part of one."""
+    numbers = {name: float(v) for name, v in group.attrs.items() if name != "layers"}
+    places = {name: _place(data) for name, data in group.items()}
+    if sorted(places) != json.loads(group.attrs["layers"]):
+        raise InvalidValueError("layers are missing", group.name)
+    layers = _Layers(path, content, places)
+    returns, cubes = places["place"].shape[0], places["cube"].shape[0]
+    lengths = {"cube": cubes, "start": cubes + 1}
+    for name, place in places.items():
+        if name not in KNOTS and place.shape[0] != lengths.get(name, returns):
+            raise InvalidValueError(f"has {place.shape[0]} rows", name)
+    return Block(layers, numbers)
+
+
+def _write_block(group: Any, block: Block) -> None:
+    group.attrs.update(block.numbers)
+    group.attrs["layers"] = json.dumps(sorted(block.layers))
+    for name, layer in block.layers.items():
+        # Contiguous, so that it can be mapped.
+        values = np.ascontiguousarray(layer, dtype=layer.dtype.newbyteorder("<"))
+        group.create_dataset(name, data=values).attrs["crc32"] = crc32(values.data)
 
 
 def _summary_of(scan: Scan) -> ScanSummary:
@@ -249,13 +344,14 @@ def _extended(summary: ScanSummary, scan: Scan, path: str | Path) -> ScanSummary
     )
 
 
-def _write_attributes(file: Any, summary: ScanSummary) -> None:
+def _write_attributes(file: Any, summary: ScanSummary, blocks: int) -> None:
     file.attrs.update(
         {
             "format": FORMAT,
             "version": VERSION,
             "name": summary.name,
             "count": summary.count,
+            "blocks": blocks,
             "trajectory": summary.trajectory,
             "body": summary.body,
             "time_span_et_s": summary.time_span,

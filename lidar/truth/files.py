@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from lidar.formats.las_writer import write_las
-from lidar.formats.native import BLOCK, NOISY_BYTES, write_scan
+from lidar.formats.native import write_scan
 from lidar.formats.ola import RECORD, write_ola
 from lidar.scan import Scan
 from lidar.truth.settings import DEMODULATOR, MISSING, NO_RETURN, OVERFLOW, LidarSettings
@@ -23,8 +23,8 @@ FORMATS: Mapping[str, str] = MappingProxyType({"ola": ".dat", "hdf5": ".h5", "la
 _REASONS = {OVERFLOW: "overflow", NO_RETURN: "no return", MISSING: "missing"}
 # Bytes of a file, and of each return in it, as measured over rasters and tracks of several bodies:
 # right to a tenth. Noise does not compress; what does is how little neighbours differ.
-_NATIVE_HEAD, _LAZ_HEAD = 30_000, 20_000
-_NATIVE_BYTES, _TRACK_NATIVE_BYTES = 12.0, 15.0
+_NATIVE_HEAD, _LAZ_HEAD = 15_000, 20_000
+_NATIVE_BYTES, _TRACK_NATIVE_BYTES = 20.2, 20.2
 _LAZ_BYTES, _LAZ_BYTES_AN_OCTAVE, _LAZ_SPACING = 7.2, 0.45, 0.07
 _TRACK_LAZ_BYTES = 11.0
 
@@ -63,8 +63,7 @@ def scan_size(settings: LidarSettings, format: str, *, track: Track | None = Non
         return ScanSize(shots, returns, shots * RECORD.itemsize)
     if format == "hdf5":
         each = _NATIVE_BYTES if track is None else _TRACK_NATIVE_BYTES
-        blocks = -(-returns // BLOCK) * BLOCK * NOISY_BYTES
-        return ScanSize(shots, returns, _NATIVE_HEAD + blocks + round(returns * each))
+        return ScanSize(shots, returns, _NATIVE_HEAD + round(returns * each))
     octaves = np.log2(settings.spacing / _LAZ_SPACING)
     each = max(1.0, _LAZ_BYTES + _LAZ_BYTES_AN_OCTAVE * float(octaves))
     each = each if track is None else _TRACK_LAZ_BYTES

@@ -1,0 +1,187 @@
+"""Blocks: some hundred thousand returns of a scan as compact layers, and back.
+
+| layer | type | what |
+|---|---|---|
+| cube, start | i8 (T, 3), i8 (T + 1) | lattice cubes that hold returns, and their rows |
+| place | u8 (N) | where in its cube a return lies, :mod:`lidar.cubes` |
+| time | u4 (N) | steps of ``time_step`` s after ``time_start`` |
+| range | u4 (N) | steps of ``range_step`` m |
+| sigma, intensity | f4 (N) | metres, instrument units |
+| flag | i4 (N) | as it stood in the file |
+| flight_time, flight_position | f8 (K), f8 (K, 3) | knots of the path, :mod:`lidar.flight` |
+| spacecraft | f8 (N, 3) | where that path is too rough for knots |
+| beam | f8 (N, 3) | where it does not point from spacecraft to return |
+
+A layer that is one number throughout, or unknown (NaN), is an attribute instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidar.cubes import QUANTUM_M, CubedPoints, cubed
+from lidar.flight import Flight, fit_flight
+from lidar.scan import Scan
+from spcola.arrays import AnyArray, FloatArray
+
+KNOTS = frozenset({"flight_time", "flight_position"})
+"""Layers that have no row for each return or cube."""
+_SPECIAL = KNOTS | {"cube", "start", "place"}
+# The largest number means that there is none.
+_UNKNOWN = np.iinfo(np.uint32).max
+_LEAST_TIME_STEP_S = 1e-6
+# The spacecraft moves by centimetres a second around small bodies, by kilometres around planets:
+# a path within this fraction of a quantum leaves the beam where it was.
+_FLIGHT_TOLERANCE_M = 0.2 * QUANTUM_M
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Layers and numbers of a block; what they are called stands in the table above.
+
+    Attributes
+    ----------
+    layers : mapping of str to ndarray
+    numbers : mapping of str to float
+        Steps, starts and constants.
+    """
+
+    layers: Mapping[str, AnyArray]
+    numbers: Mapping[str, float]
+
+    @property
+    def cubes(self) -> CubedPoints:
+        """Where the returns lie."""
+        layers = self.layers
+        return CubedPoints(
+            int(self.numbers["bits"]), layers["cube"], layers["start"], layers["place"]
+        )
+
+    def part(self, begin: int, end: int) -> Block:
+        """Return the rows `begin` to `end` as a block of their own."""
+        cubes = self.cubes.part(begin, end)
+        whole = {name: self.layers[name] for name in KNOTS if name in self.layers}
+        rows = {name: self.layers[name][begin:end] for name in self.layers if name not in _SPECIAL}
+        layers = {**rows, **whole, "cube": cubes.cube, "start": cubes.start, "place": cubes.place}
+        return Block(layers, self.numbers)
+
+
+def encode(scan: Scan) -> Block:
+    """Sort a chunk of a scan into cubes and make its layers small."""
+    cubes, order = cubed(scan.points)
+    layers: dict[str, AnyArray] = {
+        "cube": cubes.cube,
+        "start": cubes.start,
+        "place": cubes.place,
+    }
+    numbers: dict[str, float] = {"bits": cubes.bits}
+    _put_counted(layers, numbers, "time", scan.time[order], _LEAST_TIME_STEP_S)
+    _put_counted(layers, numbers, "range", scan.range[order], QUANTUM_M)
+    _put(layers, numbers, "sigma", scan.sigma[order].astype(np.float32))
+    _put(layers, numbers, "intensity", scan.intensity[order].astype(np.float32))
+    _put(layers, numbers, "flag", scan.flag[order].astype(np.int32))
+    _put_flight(layers, scan, order)
+    if np.isfinite(scan.beam).any() and not _beam_follows(scan):
+        layers["beam"] = scan.beam[order]
+    return Block(layers, numbers)
+
+
+def decode(block: Block, name: str, *, trajectory: str, body: str) -> Scan:
+    """Return the scan that a block holds, its returns sorted by cube."""
+    layers, numbers = block.layers, block.numbers
+    points = block.cubes.points()
+    count = len(points)
+    time = _counted(block, "time", count)
+    if "flight_time" in layers:
+        flight = Flight(layers["flight_time"], layers["flight_position"])
+        # A time is rounded, and may lie half a step beyond the last knot.
+        spacecraft = flight.at(np.clip(time, flight.time[0], flight.time[-1]))
+    else:
+        spacecraft = layers.get("spacecraft", np.full((count, 3), np.nan))
+
+    def plain(layer: str) -> FloatArray:
+        constant = np.full(count, numbers.get(layer, np.nan))
+        return np.asarray(layers.get(layer, constant), dtype=np.float64)
+
+    return Scan(
+        name=name,
+        time=time,
+        range=_counted(block, "range", count),
+        spacecraft=np.asarray(spacecraft),
+        beam=np.asarray(layers.get("beam", _directions(points - spacecraft))),
+        points=points,
+        intensity=plain("intensity"),
+        flag=plain("flag").astype(np.int64),
+        sigma=plain("sigma"),
+        trajectory=trajectory,
+        body=body,
+    )
+
+
+def _put(
+    layers: dict[str, AnyArray], numbers: dict[str, float], name: str, values: AnyArray
+) -> None:
+    """Keep a layer, or the one number that it is throughout."""
+    if len(values) == 0 or (values == values[0]).all():
+        numbers[name] = float(values[0]) if len(values) else 0.0
+    elif not np.isnan(values).all():
+        layers[name] = values
+
+
+def _put_counted(
+    layers: dict[str, AnyArray],
+    numbers: dict[str, float],
+    name: str,
+    values: FloatArray,
+    step: float,
+) -> None:
+    """Keep a layer as whole steps from its least value; nothing of one that is unknown."""
+    known = np.isfinite(values)
+    if not known.any():
+        return
+    start = float(values[known].min())
+    span = float(values[known].max()) - start
+    while span / step >= _UNKNOWN - 1:
+        step *= 10.0
+    steps = np.full(len(values), _UNKNOWN, dtype=np.uint32)
+    steps[known] = np.rint((values[known] - start) / step)
+    layers[name] = steps
+    numbers[f"{name}_start"], numbers[f"{name}_step"] = start, step
+
+
+def _counted(block: Block, name: str, count: int) -> FloatArray:
+    """Return what :func:`_put_counted` kept."""
+    steps = block.layers.get(name)
+    if steps is None:
+        return np.full(count, np.nan)
+    values = block.numbers[f"{name}_start"] + steps * block.numbers[f"{name}_step"]
+    values[steps == _UNKNOWN] = np.nan
+    return values
+
+
+def _put_flight(layers: dict[str, AnyArray], scan: Scan, order: AnyArray) -> None:
+    """Keep the spacecraft's positions, by knots where these meet them."""
+    if np.isnan(scan.spacecraft).all():
+        return
+    flight = fit_flight(scan.time, scan.spacecraft, _FLIGHT_TOLERANCE_M)
+    if flight is None:
+        layers["spacecraft"] = scan.spacecraft[order]
+    else:
+        layers["flight_time"], layers["flight_position"] = flight.time, flight.position
+
+
+def _beam_follows(scan: Scan) -> bool:
+    """Whether the beam points from spacecraft to return, as far as quanta of the return tell."""
+    away = scan.points - scan.spacecraft
+    off = np.abs(scan.beam * np.linalg.norm(away, axis=1, keepdims=True) - away)
+    return bool((off <= QUANTUM_M).all())
+
+
+def _directions(away: FloatArray) -> FloatArray:
+    """Unit vectors (N, 3); NaN where there is no direction."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ahead: FloatArray = away / np.linalg.norm(away, axis=1, keepdims=True)
+    return ahead

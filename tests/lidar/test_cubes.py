@@ -1,0 +1,101 @@
+"""Cubes of space: every return in its own, to half a quantum, whatever the rest is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lidar.cubes import QUANTUM_M, cubed, edge_of, near, unpack_near
+
+
+def cloud(count: int, seed: int = 1, spread: float = 40.0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(count, 3)) * spread + [240.0, -31.0, 5.0]
+
+
+@pytest.mark.parametrize("bits", [13, 16, 21, None])
+def test_returns_come_back_to_half_a_quantum(bits: int | None) -> None:
+    points = cloud(5000)
+    cubes, order = cubed(points, bits)
+    assert sorted(order) == list(range(5000))
+    assert np.abs(cubes.points() - points[order]).max() <= QUANTUM_M / 2 * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("bits", [13, 21])
+def test_rounding_depends_on_nothing_but_the_return(bits: int) -> None:
+    points = cloud(300)
+    whole, order = cubed(points)
+    alone, own = cubed(points[100:200], bits)
+    back, again = np.empty_like(points), np.empty((100, 3))
+    back[order], again[own] = whole.points(), alone.points()
+    np.testing.assert_array_equal(back[100:200], again)
+
+
+def test_what_was_rounded_once_is_not_moved_again() -> None:
+    cubes, _ = cubed(cloud(1000))
+    points = cubes.points()
+    again, order = cubed(points)
+    np.testing.assert_array_equal(again.points(), points[order])
+
+
+def test_rows_of_a_cube_lie_in_it_and_keep_their_order() -> None:
+    cubes, order = cubed(cloud(4000), 17)
+    edge = edge_of(17)
+    points = cubes.points()
+    for cube, first, last in zip(cubes.cube, cubes.start[:-1], cubes.start[1:], strict=True):
+        assert last > first
+        inside = points[first:last]
+        assert (inside >= cube * edge - 1e-9).all()
+        assert (inside < (cube + 1) * edge).all()
+        assert (np.diff(order[first:last]) > 0).all()
+    assert cubes.start[-1] == 4000
+    assert len(np.unique(cubes.cube, axis=0)) == len(cubes.cube)
+
+
+@pytest.mark.parametrize("radius", [0.5, 7.0, 300.0])
+def test_all_that_is_near_is_found(radius: float) -> None:
+    points = cloud(6000)
+    cubes, order = cubed(points)
+    center = points[17] + 0.3
+    found, rows = unpack_near(cubes, near(cubes, center, radius), center, radius)
+    away = np.linalg.norm(points - center, axis=1)
+    # Half a quantum along three axes is what rounding may carry across the rim.
+    sure, maybe = away < radius - QUANTUM_M, away < radius + QUANTUM_M
+    assert set(np.flatnonzero(sure)) <= set(order[rows]) <= set(np.flatnonzero(maybe))
+    np.testing.assert_array_equal(found, cubes.points()[rows])
+
+
+def test_a_part_holds_its_rows() -> None:
+    cubes, _ = cubed(cloud(3000), 18)
+    points = cubes.points()
+    for begin, end in ((0, 3000), (0, 1), (17, 18), (100, 2345), (2999, 3000)):
+        part = cubes.part(begin, end)
+        np.testing.assert_array_equal(part.points(), points[begin:end])
+        assert (np.diff(part.start) > 0).all()
+
+
+def test_cubes_are_as_large_as_the_returns_are_sparse() -> None:
+    rng = np.random.default_rng(2)
+    ground = np.column_stack([rng.uniform(0, 100, (200_000, 2)), np.zeros(200_000)])
+    bits = [cubed(ground[::step])[0].bits for step in (1, 10, 100)]
+    assert bits[0] < bits[1] < bits[2]
+    shared = [len(ground[::step]) / len(cubed(ground[::step])[0].cube) for step in (1, 10, 100)]
+    assert all(200 < share < 1100 for share in shared)
+    # Shots kilometres apart have a cube each, of the largest size.
+    track = np.column_stack([np.arange(50) * 5000.0, np.zeros(50), np.zeros(50)])
+    alone, _ = cubed(track)
+    assert (alone.bits, len(alone.cube)) == (21, 50)
+    assert np.abs(alone.points() - track).max() <= QUANTUM_M / 2
+
+
+def test_far_and_negative_places_have_room() -> None:
+    points = np.array([[-2e10, 2e10, -1e-5], [0.0, -0.0, 7.5e-5], [-1e-4, 1e7, -1e7]])
+    cubes, order = cubed(points)
+    # At 2e10 m doubles themselves lie 4 µm apart.
+    np.testing.assert_allclose(cubes.points(), points[order], rtol=0, atol=0.6 * QUANTUM_M)
+
+
+def test_nothing_is_nothing() -> None:
+    cubes, order = cubed(np.empty((0, 3)))
+    assert len(order) == len(cubes.cube) == len(cubes.points()) == 0
+    assert cubes.start.tolist() == [0]

@@ -1,0 +1,113 @@
+"""The returns of many scans, asked for by place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidar.cubes import QUANTUM_M
+from lidar.formats.native import write_scan
+from lidar.gridding import GriddingOptions, grid_returns
+from lidar.returns import Returns
+from lidar.scan import Scan
+from lidar.store import ScanStore
+from spcola.errors import FormatError, InvalidValueError
+from spcola.maplet import MapletGrid
+
+
+def sphere(rng: np.random.Generator, count: int) -> np.ndarray:
+    points = rng.normal(size=(count, 3))
+    return 50.0 * points / np.linalg.norm(points, axis=1, keepdims=True)
+
+
+@pytest.fixture
+def scans() -> list[Scan]:
+    rng = np.random.default_rng(1)
+    first, second = (
+        Scan.of_points(name, sphere(rng, count), sigma=rng.uniform(0.01, 0.02, count))
+        for name, count in (("first", 6500), ("second", 3000))
+    )
+    return [
+        first,
+        second,
+        Scan.of_points("shots", sphere(rng, 12)),
+        Scan.of_points("none", np.empty((0, 3))),
+    ]
+
+
+@pytest.fixture
+def paths(scans: list[Scan], tmp_path: Path) -> list[Path]:
+    for scan in scans:
+        # Chunks of a scan are blocks of its file.
+        write_scan(
+            tmp_path / scan.name, [scan.select(slice(0, 2500)), scan.select(slice(2500, None))]
+        )
+    return [tmp_path / scan.name for scan in scans]
+
+
+def rows(returns: Returns) -> set[tuple[object, ...]]:
+    """Returns as a set: rounded places, sigma to single precision, name of the scan."""
+    place = np.rint(returns.points / QUANTUM_M).astype(int).tolist()
+    sigma = np.nan_to_num(returns.sigma.astype(np.float32), nan=-1.0).tolist()
+    names = (returns.scan_names[number] for number in returns.scan)
+    return {(*p, s, n) for p, s, n in zip(place, sigma, names, strict=True)}
+
+
+def test_returns_near_a_place_are_all_there(paths: list[Path], scans: list[Scan]) -> None:
+    store = ScanStore(paths)
+    everything = Returns.of_scans(scans)
+    assert len(store) == len(everything)
+    assert store.scan_names == ("first", "second", "shots", "none")
+    for center in ([50.0, 0.0, 0.0], [-20.0, 30.0, -35.0], [0.0, 0.0, 0.0]):
+        for radius in (3.0, 12.0, 60.0):
+            near = everything.select(np.linalg.norm(everything.points - center, axis=1) <= radius)
+            assert rows(store.returns_near(center, radius)) == rows(near)
+
+
+def test_mapolas_from_the_store_are_those_from_memory(paths: list[Path], scans: list[Scan]) -> None:
+    grid = MapletGrid.facing([50.0, 0.0, 0.0], [1.0, 0.0, 0.0], 1.0, 12)
+    options = GriddingOptions()
+    near = ScanStore(paths).returns_near(grid.center, options.neighbourhood(grid))
+    stored = grid_returns("M", grid, near, options=options).mapola
+    direct = grid_returns("M", grid, Returns.of_scans(scans), options=options).mapola
+    # A return that rounding carries into the next cell counts there.
+    assert np.mean(stored.count == direct.count) > 0.99
+    same = stored.count == direct.count
+    assert same.all() or np.abs(stored.count - direct.count)[~same].max() == 1
+    np.testing.assert_allclose(stored.height[same], direct.height[same], rtol=0, atol=2 * QUANTUM_M)
+
+
+def test_a_scan_is_replaced_and_the_others_are_not_touched(
+    paths: list[Path], scans: list[Scan]
+) -> None:
+    before = paths[0].read_bytes()
+    write_scan(paths[1], [Scan.of_points("second", scans[1].points[:100])])
+    store = ScanStore(paths)
+    assert len(store) == 6500 + 100 + 12
+    assert paths[0].read_bytes() == before
+
+
+def test_middles_are_those_of_the_scans(paths: list[Path], scans: list[Scan]) -> None:
+    middles = ScanStore(paths).middles
+    for middle, scan in zip(middles, scans, strict=True):
+        box = (scan.points.min(axis=0) + scan.points.max(axis=0)) / 2 if len(scan) else [0, 0, 0]
+        np.testing.assert_allclose(middle, box, atol=1e-12)
+
+
+def test_what_does_not_go_together_is_refused(paths: list[Path], tmp_path: Path) -> None:
+    with pytest.raises(InvalidValueError, match="two scans bear this name"):
+        ScanStore([paths[0], paths[0]])
+    other = tmp_path / "other"
+    write_scan(other, [Scan.of_points("other", np.zeros((3, 3)), body="elsewhere")])
+    with pytest.raises(InvalidValueError, match="different frames"):
+        ScanStore([*paths, other])
+    with pytest.raises(FormatError):
+        ScanStore([tmp_path / "absent"])
+
+
+def test_without_scans_there_are_no_returns() -> None:
+    store = ScanStore([])
+    assert len(store) == 0
+    assert len(store.returns_near([0.0, 0.0, 0.0], 1e9)) == 0
