@@ -7,11 +7,13 @@ through some of them is kept instead, if it meets all of them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from spcola.arrays import FloatArray
+from spcola.kernel import inlined_kernel, kernel
 
 # A cubic through fewer knots is none.
 _FEWEST = 4
@@ -34,9 +36,19 @@ class Flight:
 
     def at(self, time: FloatArray) -> FloatArray:
         """Return positions (N, 3), metres, at the times (N,), seconds; NaN outside the knots."""
-        spline = CubicSpline(self.time, self.position, extrapolate=False)
-        positions: FloatArray = spline(time)
+        positions = np.empty((len(time), 3))
+        _evaluate(self.time, self._coefficients, time, positions)
         return positions
+
+    def misses(self, time: FloatArray, position: FloatArray, tolerance: float) -> bool:
+        """Whether some of the positions (N, 3) lies off by more than a tolerance, metres."""
+        return bool(_misses(self.time, self._coefficients, time, position, tolerance))
+
+    @cached_property
+    def _coefficients(self) -> FloatArray:
+        """Of each piece (K − 1, 4, 3), the cube's first."""
+        pieces = CubicSpline(self.time, self.position).c
+        return np.ascontiguousarray(np.moveaxis(pieces, 1, 0))
 
 
 def fit_flight(time: FloatArray, position: FloatArray, tolerance: float) -> Flight | None:
@@ -69,9 +81,61 @@ def fit_flight(time: FloatArray, position: FloatArray, tolerance: float) -> Flig
         flight = Flight(time[chosen], position[chosen])
         # A sample tells soonest that there are too few knots.
         for rows in (slice(None, None, 1 + len(time) // 1000), slice(None)):
-            if np.abs(flight.at(time[rows]) - position[rows]).max() > tolerance:
+            if flight.misses(time[rows], position[rows], tolerance):
                 break
         else:
             return flight
         knots = 2 * knots - 1
     return None
+
+
+@inlined_kernel
+def _piece(knots: FloatArray, time: float, last: int) -> int:
+    """Number of the piece that a time lies in, looked for from the last one; −1 outside."""
+    if not knots[0] <= time <= knots[-1]:
+        return -1
+    if not knots[last] <= time:
+        last = 0
+    if time <= knots[last + 1]:
+        return last
+    after = int(np.searchsorted(knots, time, side="right"))
+    return min(after - 1, len(knots) - 2)
+
+
+@inlined_kernel
+def _value(pieces: FloatArray, piece: int, axis: int, since: float) -> float:
+    """Coordinate along an axis, metres, `since` seconds after the piece's first knot."""
+    c = pieces[piece]
+    return ((c[0, axis] * since + c[1, axis]) * since + c[2, axis]) * since + c[3, axis]
+
+
+@kernel
+def _evaluate(
+    knots: FloatArray, pieces: FloatArray, time: FloatArray, positions: FloatArray
+) -> None:
+    piece = 0
+    for n in range(len(time)):
+        found = _piece(knots, time[n], piece)
+        if found < 0:
+            positions[n] = np.nan
+            continue
+        piece = found
+        for axis in range(3):
+            positions[n, axis] = _value(pieces, piece, axis, time[n] - knots[piece])
+
+
+@kernel
+def _misses(
+    knots: FloatArray, pieces: FloatArray, time: FloatArray, position: FloatArray, tolerance: float
+) -> bool:
+    piece = 0
+    for n in range(len(time)):
+        found = _piece(knots, time[n], piece)
+        if found < 0:
+            return True
+        piece = found
+        for axis in range(3):
+            value = _value(pieces, piece, axis, time[n] - knots[piece])
+            if not abs(value - position[n, axis]) <= tolerance:
+                return True
+    return False

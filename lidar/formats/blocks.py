@@ -26,6 +26,7 @@ from lidar.cubes import QUANTUM_M, CubedPoints, cubed
 from lidar.flight import Flight, fit_flight
 from lidar.scan import Scan
 from spcola.arrays import AnyArray, FloatArray
+from spcola.kernel import kernel
 
 KNOTS = frozenset({"flight_time", "flight_position"})
 """Layers that have no row for each return or cube."""
@@ -175,9 +176,22 @@ def _put_flight(layers: dict[str, AnyArray], scan: Scan, order: AnyArray) -> Non
 
 def _beam_follows(scan: Scan) -> bool:
     """Whether the beam points from spacecraft to return, as far as quanta of the return tell."""
-    away = scan.points - scan.spacecraft
-    off = np.abs(scan.beam * np.linalg.norm(away, axis=1, keepdims=True) - away)
-    return bool((off <= QUANTUM_M).all())
+    return bool(_directed(scan.points, scan.spacecraft, scan.beam))
+
+
+@kernel
+def _directed(points: FloatArray, spacecraft: FloatArray, beam: FloatArray) -> bool:
+    """Whether every beam, from the spacecraft on, meets its point within a quantum."""
+    for n in range(len(points)):
+        square = 0.0
+        for axis in range(3):
+            square += (points[n, axis] - spacecraft[n, axis]) ** 2
+        distance = np.sqrt(square)
+        for axis in range(3):
+            away = points[n, axis] - spacecraft[n, axis]
+            if not abs(beam[n, axis] * distance - away) <= QUANTUM_M:
+                return False
+    return True
 
 
 def _directions(away: FloatArray) -> FloatArray:

@@ -12,11 +12,22 @@ from lidar.formats.options import LidarOptions
 from lidar.scan import Scan
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.errors import FormatError
+from spcola.kernel import inlined_kernel, kernel
 
 # 1950 to 2150: every altimeter that flew or will fly soon; a garbled time falls outside.
 _EARLIEST_S, _LATEST_S = -1.6e9, 4.8e9
 # Nothing that a lidar ranges to lies a light-minute from the body's centre.
 _FARTHEST_M = 2e10
+# Beside what a format's own flags refuse; the first that holds is counted.
+_REASONS = (
+    "not finite",
+    "no-echo sentinel",
+    "not plausible",
+    "time not plausible",
+    "range and point disagree",
+    "coordinates disagree",
+    "outside the radius limits",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,58 +114,40 @@ class Screen:
             If most of the first returns contradict themselves: a column in another unit, not
             a bad record here and there.
         """
-        tally = _Tally(len(records.points))
-        for reason, mask in records.refused.items():
-            tally.refuse(mask, reason)
-        distance = self._distance(records)
-        measured = distance if records.range is None else records.range
-        self._refuse_impossible(tally, records, measured)
-        self._refuse_contradictions(tally, records, distance)
-        self._refuse_radius(tally, records.points)
-        counts = tally.counts
+        verdict = self._verdict(records)
+        sound = (verdict.code == 0) | (verdict.code >= verdict.first("range and point disagree"))
+        if not self._units_known and sound.any():
+            off = verdict.refused("range and point disagree", "coordinates disagree")
+            self._check_units(sound, off, records)
+            self._units_known = True
+        self._check_radius(verdict, records.points)
+        counts = verdict.counts
         if records.unreadable:
             counts["unreadable record"] = records.unreadable
-        return self._scan(records, distance, measured, tally.kept, counts)
+        return self._scan(records, verdict.code == 0, counts)
 
-    @staticmethod
-    def _distance(records: Records) -> FloatArray:
-        """Distance from spacecraft to point (N,), metres; NaN without a spacecraft."""
-        if records.spacecraft is None:
-            return np.full(len(records.points), np.nan)
-        return norms(records.points - records.spacecraft)
+    def _verdict(self, records: Records) -> _Verdict:
+        """Judge every record by the first reason that there is to refuse it."""
+        reasons = (*records.refused, *_REASONS)
+        code = np.zeros(len(records.points), dtype=np.uint8)
+        for number, mask in enumerate(records.refused.values(), start=1):
+            code[mask & (code == 0)] = number
+        low, high = self._options.radius_limits_m or (0.0, np.inf)
+        vectors, numbers = np.empty((0, 3)), np.empty(0)
+        _judge(
+            code,
+            len(records.refused),
+            records.points,
+            vectors if records.spacecraft is None else records.spacecraft,
+            numbers if records.range is None else records.range,
+            vectors if records.spherical is None else records.spherical,
+            numbers if records.time is None else records.time,
+            np.array([self._agreement.offset_m, self._agreement.tolerance_m, low, high]),
+        )
+        return _Verdict(code, reasons)
 
-    def _refuse_impossible(self, tally: _Tally, records: Records, measured: FloatArray) -> None:
-        """Refuse what no return can be: not a number, no range, no time."""
-        finite: BoolArray = np.isfinite(norms(records.points))
-        for stated in (records.range, records.time):
-            if stated is not None:
-                finite &= np.isfinite(stated)
-        if records.spacecraft is not None:
-            finite &= np.isfinite(records.spacecraft).all(axis=1)
-        tally.refuse(np.logical_not(finite), "not finite")
-        tally.refuse(measured <= 0, "no-echo sentinel")
-        tally.refuse(norms(records.points) > _FARTHEST_M, "not plausible")
-        if records.time is not None:
-            outside = (records.time < _EARLIEST_S) | (records.time > _LATEST_S)
-            tally.refuse(outside, "time not plausible")
-
-    def _refuse_contradictions(self, tally: _Tally, records: Records, distance: FloatArray) -> None:
-        """Refuse records whose range, or second statement of position, contradicts the point."""
-        tested = tally.kept
-        if records.range is not None and records.spacecraft is not None:
-            excess = np.abs(distance - records.range - self._agreement.offset_m)
-            tally.refuse(~(excess <= self._agreement.tolerance_m), "range and point disagree")
-        if records.spherical is not None:
-            apart = norms(records.points - cartesian(records.spherical))
-            tally.refuse(~(apart <= self._agreement.tolerance_m), "coordinates disagree")
-        if self._units_known or not tested.any():
-            return
-        self._check_units(tested, tally.kept, records)
-        self._units_known = True
-
-    def _check_units(self, tested: BoolArray, kept: BoolArray, records: Records) -> None:
+    def _check_units(self, tested: BoolArray, wrong: BoolArray, records: Records) -> None:
         """Refuse the file if most of its first sound records contradict themselves."""
-        wrong = tested & ~kept
         if 2 * wrong.sum() <= tested.sum():
             return
         sizes = [f"|point| {np.median(norms(records.points[wrong])):.6g} m"]
@@ -171,47 +164,39 @@ class Screen:
             "range_tolerance_m widens what is accepted",
         )
 
-    def _refuse_radius(self, tally: _Tally, points: FloatArray) -> None:
-        """Refuse returns off the body, and the file if it has hardly any other."""
+    def _check_radius(self, verdict: _Verdict, points: FloatArray) -> None:
+        """Refuse the file if it has hardly any return on the body."""
         limits = self._options.radius_limits_m
         if limits is None:
             return
-        radius = norms(points)
-        tested = tally.kept
-        tally.refuse(~((radius >= limits[0]) & (radius <= limits[1])), "outside the radius limits")
-        if 2 * tally.kept.sum() < tested.sum():
+        tested = (verdict.code == 0) | verdict.refused("outside the radius limits")
+        if 2 * np.count_nonzero(verdict.code == 0) < np.count_nonzero(tested):
             raise FormatError(
                 f"most returns lie outside the radius limits {limits[0]:g} to {limits[1]:g} m "
-                f"(median {np.median(radius[tested]):.6g} m)",
+                f"(median {np.median(norms(points[tested])):.6g} m)",
                 self._path,
                 "check the unit of its coordinates (km for m?)",
             )
 
-    def _scan(
-        self,
-        records: Records,
-        distance: FloatArray,
-        measured: FloatArray,
-        kept: BoolArray,
-        counts: dict[str, int],
-    ) -> Scan:
+    def _scan(self, records: Records, kept: BoolArray, counts: dict[str, int]) -> Scan:
         options = self._options
         whole = bool(kept.all())
-        count = len(kept)
+        count = int(np.count_nonzero(kept))
 
         def layer(values: AnyArray | None, default: AnyArray) -> AnyArray:
-            chosen = default if values is None else values
-            return chosen if whole else chosen[kept]
+            if values is None:
+                return default
+            return values if whole else values[kept]
 
         unknown = np.full(count, np.nan)
-        points = layer(records.points, records.points)
+        points = layer(records.points, unknown)
         spacecraft = layer(records.spacecraft, np.full((count, 3), np.nan))
         # No accepted return has distance zero, for its range would not be positive.
-        beam = (points - spacecraft) / layer(distance, unknown)[:, None]
+        beam, distance = _beams(points, spacecraft)
         return Scan(
             name=options.name or self._path.stem,
             time=layer(records.time, unknown),
-            range=layer(measured, unknown),
+            range=layer(records.range, distance),
             spacecraft=spacecraft,
             beam=beam,
             points=points,
@@ -224,25 +209,100 @@ class Screen:
         )
 
 
-class _Tally:
-    """Keeps for each of `count` records whether it is kept, and counts refusals by reason."""
+@dataclass(frozen=True, eq=False)
+class _Verdict:
+    """Which of the `reasons` refuses each record: its number from 1 on in `code` (N,), or 0."""
 
-    def __init__(self, count: int) -> None:
-        self._kept = np.ones(count, dtype=bool)
-        self.counts: dict[str, int] = {}
+    code: AnyArray
+    reasons: tuple[str, ...]
 
     @property
-    def kept(self) -> BoolArray:
-        """Mask (N,) of the records not refused so far."""
-        return self._kept.copy()
+    def counts(self) -> dict[str, int]:
+        """Records refused, by reason; without the reasons that refused none."""
+        numbers = np.bincount(self.code, minlength=len(self.reasons) + 1)[1:].tolist()
+        return {r: n for r, n in zip(self.reasons, numbers, strict=True) if n}
 
-    def refuse(self, mask: BoolArray, reason: str) -> None:
-        """Refuse the records of `mask`; those refused before keep their earlier reason."""
-        newly = mask & self._kept
-        count = int(newly.sum())
-        if count:
-            self.counts[reason] = self.counts.get(reason, 0) + count
-            self._kept &= ~newly
+    def first(self, reason: str) -> int:
+        """Code of a reason."""
+        return self.reasons.index(reason) + 1
+
+    def refused(self, *reasons: str) -> BoolArray:
+        """Mask (N,) of the records that one of the `reasons` refuses."""
+        return np.isin(self.code, [self.first(reason) for reason in reasons])
+
+
+@kernel
+def _judge(
+    code: AnyArray,
+    before: int,
+    points: FloatArray,
+    spacecraft: FloatArray,
+    ranges: FloatArray,
+    spherical: FloatArray,
+    time: FloatArray,
+    limits: FloatArray,
+) -> None:
+    """Give each record not refused yet the number, beyond `before`, of its first reason.
+
+    Layers that the format does not have are empty. In the order of :data:`_REASONS`.
+    """
+    offset, tolerance, lowest, highest = limits
+    for n in range(len(points)):
+        if code[n] != 0:
+            continue
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        radius = np.sqrt(x * x + y * y + z * z)
+        finite = np.isfinite(radius)
+        distance = measured = np.nan
+        if len(spacecraft):
+            away = 0.0
+            for axis in range(3):
+                away += (points[n, axis] - spacecraft[n, axis]) ** 2
+            distance = measured = np.sqrt(away)
+            finite &= np.isfinite(distance)
+        if len(ranges):
+            measured = ranges[n]
+            finite &= np.isfinite(measured)
+        if len(time):
+            finite &= np.isfinite(time[n])
+        if not finite:
+            code[n] = before + 1
+        elif measured <= 0:
+            code[n] = before + 2
+        elif radius > _FARTHEST_M:
+            code[n] = before + 3
+        elif len(time) and (time[n] < _EARLIEST_S or time[n] > _LATEST_S):
+            code[n] = before + 4
+        elif len(ranges) and len(spacecraft) and not abs(distance - measured - offset) <= tolerance:
+            code[n] = before + 5
+        elif len(spherical) and not _apart(points[n], spherical[n]) <= tolerance:
+            code[n] = before + 6
+        elif not (radius >= lowest and radius <= highest):
+            code[n] = before + 7
+
+
+@inlined_kernel
+def _apart(point: FloatArray, spherical: FloatArray) -> float:
+    """Distance between two statements of a position, metres."""
+    level = spherical[2] * np.cos(spherical[1])
+    x = level * np.cos(spherical[0]) - point[0]
+    y = level * np.sin(spherical[0]) - point[1]
+    z = spherical[2] * np.sin(spherical[1]) - point[2]
+    return np.sqrt(x * x + y * y + z * z)
+
+
+@kernel
+def _beams(points: FloatArray, spacecraft: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Directions (N, 3) from the spacecraft to the points, and the distances (N,), metres."""
+    beam, distance = np.empty(points.shape), np.empty(len(points))
+    for n in range(len(points)):
+        square = 0.0
+        for axis in range(3):
+            square += (points[n, axis] - spacecraft[n, axis]) ** 2
+        distance[n] = np.sqrt(square)
+        for axis in range(3):
+            beam[n, axis] = (points[n, axis] - spacecraft[n, axis]) / distance[n]
+    return beam, distance
 
 
 def norms(vectors: FloatArray) -> FloatArray:
