@@ -60,6 +60,25 @@ class ImportSettings(Table):
     chunk: int = Field(default=1_000_000, ge=1000, description="returns held in memory at a time")
 
 
+class SpinSettings(Table):
+    """[spin]: the body's rotation, and what is to be corrected of it before returns are used."""
+
+    pole_ra_deg: float = Field(
+        default=0.0, description="pole in J2000 by which the lidar files were located"
+    )
+    pole_dec_deg: float = Field(default=90.0, ge=-90.0, le=90.0, description="its declination")
+    meridian_deg: float = Field(
+        default=0.0, description="angle of the prime meridian at J2000 (W0), in those files"
+    )
+    rate_deg_per_day: float = Field(
+        default=0.0, description="rotation of the body in those files; 0: not stated"
+    )
+    shift_pole_ra_deg: float = Field(default=0.0, description="corrected less stated")
+    shift_pole_dec_deg: float = Field(default=0.0, description="corrected less stated")
+    shift_meridian_deg: float = Field(default=0.0, description="corrected less stated")
+    shift_rate_deg_per_day: float = Field(default=0.0, description="corrected less stated")
+
+
 class MapolaSettings(Table):
     """[mapolas]: how returns become mapolas."""
 
@@ -82,6 +101,13 @@ class MapolaSettings(Table):
     )
     outlier_k: Positive = Field(
         default=5.0, description="returns beyond this many sigmas do not enter"
+    )
+    trajectory: Literal["reference", "spc"] = Field(
+        default="reference",
+        description="by which returns are located: that of their files, or the states of images",
+    )
+    max_gap_s: Positive = Field(
+        default=600.0, description="longest gap between images' states interpolated over"
     )
     adjust: bool = Field(
         default=True, description="whether scans are moved to where they agree in their overlaps"
@@ -244,6 +270,7 @@ class Settings(BaseModel):
 
     body: BodySettings = BodySettings()
     ingest: ImportSettings = Field(default=ImportSettings(), alias="import")
+    spin: SpinSettings = SpinSettings()
     mapolas: MapolaSettings = MapolaSettings()
     registration: RegisterSettings = Field(default=RegisterSettings(), alias="register")
     fuse: FuseSettings = FuseSettings()

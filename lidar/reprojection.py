@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lidar.relocation import NO_TIME, OUTSIDE, counted
 from lidar.scan import Scan
 from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import InvalidValueError
@@ -14,10 +14,6 @@ from spcola.trajectory import Trajectory
 
 MAX_GAP_S = 3600.0
 """Default for the longest time between two states over which their offset is interpolated."""
-
-NO_TIME = "no time"
-OUTSIDE = "outside trajectory"
-"""Reasons under which returns that cannot be located again are counted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +95,7 @@ def relocate(
     offset, sigma = offsets.at(scan.time, max_gap_s=max_gap_s)
     kept: BoolArray = np.all(np.isfinite(offset), axis=1)
     timeless = int(np.sum(np.isnan(scan.time)))
-    rejected = _counted(scan.rejected, {NO_TIME: timeless, OUTSIDE: int(np.sum(~kept)) - timeless})
+    rejected = counted(scan.rejected, {NO_TIME: timeless, OUTSIDE: int(np.sum(~kept)) - timeless})
     chosen = replace(scan.select(kept), rejected=rejected, trajectory=trajectory.name)
     spacecraft = chosen.spacecraft + offset[kept]
     points = chosen.points + offset[kept]
@@ -124,12 +120,3 @@ def scan_trajectory(scan: Scan) -> Trajectory:
         )
     time, first = np.unique(scan.time[known], return_index=True)
     return Trajectory(scan.trajectory, time, scan.spacecraft[known][first])
-
-
-def _counted(before: Mapping[str, int], more: Mapping[str, int]) -> dict[str, int]:
-    """Add counts to those that a scan carries; a reason that did not occur is not named."""
-    counts = dict(before)
-    for reason, count in more.items():
-        if count:
-            counts[reason] = counts.get(reason, 0) + count
-    return counts

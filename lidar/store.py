@@ -7,17 +7,20 @@ mission has more returns than memory, and no more than those are ever unpacked.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from lidar.cubes import CubedPoints, near, unpack_near
+from lidar.formats.blocks import Block, times_of
 from lidar.formats.native import ScanFile
+from lidar.relocation import Relocation
 from lidar.returns import Returns
-from spcola.arrays import AnyArray, FloatArray, frozen
+from spcola.arrays import FloatArray, IntArray, frozen
 from spcola.errors import InvalidValueError
 
 
@@ -28,12 +31,17 @@ class ScanStore:
     ----------
     paths : sequence of paths
         Native scans, of one body-fixed frame.
+    locate : callable, optional
+        Says how a scan's returns are located again; they stay where they are if not given.
 
     Attributes
     ----------
     scan_names : tuple of str
     middles : (S, 3) ndarray
-        Middle of the box that holds each scan, metres; 0 for one without returns.
+        Middle of the box that holds each scan as it was located at first, metres; 0 for one
+        without returns.
+    without_place : mapping of str to int
+        By scan, how many returns have no place where they should be located again.
 
     Raises
     ------
@@ -43,7 +51,12 @@ class ScanStore:
         If scans lie in different body-fixed frames, or two bear one name.
     """
 
-    def __init__(self, paths: Sequence[str | Path]) -> None:
+    def __init__(
+        self,
+        paths: Sequence[str | Path],
+        *,
+        locate: Callable[[ScanFile], Relocation] | None = None,
+    ) -> None:
         files = [ScanFile(path) for path in paths]
         summaries = [file.summary for file in files]
         self.scan_names = tuple(summary.name for summary in summaries)
@@ -54,13 +67,15 @@ class ScanStore:
         if len(bodies) > 1:
             raise InvalidValueError(f"lie in different frames: {', '.join(bodies)}", "scans")
         self.middles = np.array([_middle(s.bounds) for s in summaries]).reshape(-1, 3)
+        moves = [locate(file) if locate else None for file in files]
         self._blocks = [
-            _Part(
-                number, block.cubes, block.layers.get("sigma"), block.numbers.get("sigma", np.nan)
-            )
+            _Part(number, block, block.cubes, moves[number])
             for number, file in enumerate(files)
             for block in file.blocks
         ]
+        self.without_place = dict.fromkeys(self.scan_names, 0)
+        for part in self._blocks:
+            self.without_place[self.scan_names[part.scan]] += part.without_place()
         spheres = [part.sphere for part in self._blocks]
         self._middle = np.array([middle for middle, _ in spheres]).reshape(-1, 3)
         self._radius = np.array([radius for _, radius in spheres])
@@ -78,9 +93,9 @@ class ScanStore:
         found = []
         for number in np.flatnonzero(apart <= radius + self._radius):
             part = self._blocks[number]
-            chosen = near(part.cubes, center, radius)
-            if len(chosen):
-                found.append((part, *unpack_near(part.cubes, chosen, center, radius)))
+            points, rows = part.near(center, radius)
+            if len(rows):
+                found.append((part, points, rows))
         return Returns(
             np.concatenate([np.empty((0, 3)), *(points for _, points, _ in found)]),
             np.concatenate([np.empty(0), *(part.sigmas(rows) for part, _, rows in found)]),
@@ -99,23 +114,50 @@ class _Part:
     """A block of a scan, as far as gridding asks for it."""
 
     scan: int
+    block: Block
     cubes: CubedPoints
-    sigma: AnyArray | None
-    usual_sigma: float
+    move: Relocation | None
 
     @property
     def sphere(self) -> tuple[FloatArray, float]:
-        """A sphere that holds all cubes: its middle (3,) and its radius, metres."""
+        """A sphere that holds all returns: its middle (3,) and its radius, metres."""
         middles = self.cubes.middle
         center = (middles.min(axis=0) + middles.max(axis=0)) / 2.0
         away = float(np.linalg.norm(middles - center, axis=1).max())
-        return center, away + self.cubes.reach
+        return center, away + self.cubes.reach + self.reach
 
-    def sigmas(self, rows: AnyArray) -> FloatArray:
+    @cached_property
+    def reach(self) -> float:
+        """By how much returns are moved at most, metres."""
+        if self.move is None:
+            return 0.0
+        radius = float(np.linalg.norm(self.cubes.middle, axis=1).max()) + self.cubes.reach
+        return self.move.reach(radius)
+
+    def near(self, center: FloatArray, radius: float) -> tuple[FloatArray, IntArray]:
+        """Points (M, 3) within `radius` of `center`, where they are now, and their rows (M,)."""
+        wide = radius + self.reach
+        points, rows = unpack_near(self.cubes, near(self.cubes, center, wide), center, wide)
+        if self.move is None or not len(rows):
+            return points, rows
+        points, placed = self.move.apply(points, times_of(self.block, rows))
+        with np.errstate(invalid="ignore"):
+            placed &= np.sum((points - center) ** 2, axis=1) <= radius**2
+        return points[placed], rows[placed]
+
+    def without_place(self) -> int:
+        """Count the returns that are at times at which nothing says where they were."""
+        if self.move is None:
+            return 0
+        time = times_of(self.block)
+        return int(np.count_nonzero(~self.move.apply(np.zeros((len(time), 3)), time)[1]))
+
+    def sigmas(self, rows: IntArray) -> FloatArray:
         """Sigma of single returns, metres; NaN where unknown."""
-        if self.sigma is None:
-            return np.full(len(rows), self.usual_sigma)
-        return self.sigma[rows].astype(np.float64)
+        sigma = self.block.layers.get("sigma")
+        if sigma is None:
+            return np.full(len(rows), self.block.numbers.get("sigma", np.nan))
+        return sigma[rows].astype(np.float64)
 
 
 def _middle(bounds: FloatArray) -> FloatArray:

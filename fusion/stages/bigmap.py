@@ -10,9 +10,18 @@ from typing import Any
 import numpy as np
 
 from fusion.fusing.constraints import overlaps
+from fusion.locating import located_store
 from fusion.memory import check_grid
 from fusion.registration.summary import transform_of
-from fusion.settings import BigmapSettings, BigmapSite, BodySettings, Settings, Table
+from fusion.settings import (
+    BigmapSettings,
+    BigmapSite,
+    BodySettings,
+    MapolaSettings,
+    Settings,
+    SpinSettings,
+    Table,
+)
 from fusion.stages.base import StageContext, StageResult
 from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
 from lidar.bigmap import LidarBigmapOptions, bigmap_from_returns
@@ -37,7 +46,12 @@ class BigmapStage:
 
     name: str = "bigmap"
     version: int = 4
-    tables: tuple[type[Table], ...] = (BigmapSettings, BodySettings)
+    tables: tuple[type[Table], ...] = (
+        BigmapSettings,
+        BodySettings,
+        MapolaSettings,
+        SpinSettings,
+    )
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why there is no bigmap to be made."""
@@ -72,7 +86,8 @@ class BigmapStage:
             raise WorkspaceError("two sites bear one name", where, "rename one")
         shape = workspace.shape()
         radius = context.table(BodySettings).mean_radius_m or shape.mean_radius
-        builder = _Builder(workspace, table, RayCaster(shape), radius)
+        store = located_store(workspace, context.table(MapolaSettings), context.table(SpinSettings))
+        builder = _Builder(workspace, store, table, RayCaster(shape), radius)
         for folder in ("bigmaps", "bigmaps/maplets", "bigmaps/returns"):
             make_folder(workspace.root / folder)
         made = context.map("bigmaps", builder.write_site, table.sites)
@@ -92,13 +107,18 @@ class _Builder:
     """Makes the bigmaps of one site at a time."""
 
     def __init__(
-        self, workspace: Workspace, table: BigmapSettings, caster: RayCaster, radius: float
+        self,
+        workspace: Workspace,
+        store: ScanStore,
+        table: BigmapSettings,
+        caster: RayCaster,
+        radius: float,
     ) -> None:
         self._workspace, self._table = workspace, table
         self._caster, self._radius = caster, radius
         registration = workspace.read_json(workspace.registration_path.name)
         self._transform: Affine = transform_of(registration, str(workspace.registration_path))
-        self._store = ScanStore(workspace.scan_paths())
+        self._store = store
         self._maplets = {name: workspace.maplet(name).grid for name in workspace.maplet_names()}
         self._fused = {name: workspace.fused(name).grid for name in workspace.fused_names()}
 

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 
 from fusion.adjusting import ScanSource, adjusted, adjustment_summary
+from fusion.locating import located_store
 from fusion.memory import check_grid
-from fusion.settings import BodySettings, MapolaSettings, Settings, Table
+from fusion.settings import BodySettings, MapolaSettings, Settings, SpinSettings, Table
 from fusion.stages.base import StageContext, StageResult
 from fusion.workspace import SETTINGS_FILE, Workspace
 from lidar.formats.adjustment import write_adjustment
 from lidar.formats.mapola import write_mapolas
 from lidar.gridding import Gridding, GriddingOptions, RejectionOptions
 from lidar.mapola import Mapola
-from lidar.store import ScanStore
 from spcola.covering import covering
 from spcola.errors import SettingsError, WorkspaceError
 from spcola.maplet import MapletGrid
@@ -33,7 +33,7 @@ class MapolasStage:
 
     name: str = "mapolas"
     version: int = 7
-    tables: tuple[type[Table], ...] = (MapolaSettings, BodySettings)
+    tables: tuple[type[Table], ...] = (MapolaSettings, BodySettings, SpinSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why mapolas cannot be made."""
@@ -41,15 +41,20 @@ class MapolasStage:
             return f"there are no scans; run: spcola import {workspace.root} FILE"
         if settings.mapolas.source == "maplets" and not workspace.maplet_names():
             return 'there are no maplets in MAPFILES; set [mapolas] source = "cover"'
+        if settings.mapolas.trajectory == "spc" and not workspace.image_names():
+            return 'there are no images in SUMFILES; set [mapolas] trajectory = "reference"'
         if settings.mapolas.source == "cover" and not workspace.has_shape():
             return "a covering needs a shape in SHAPEFILES"
         return ""
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return the scans, and the maplets or the shape."""
+        """Return the scans, the maplets or the shape, and images whose states locate returns."""
+        paths = workspace.scan_paths()
+        if settings.mapolas.trajectory == "spc":
+            paths += [workspace.image_path(name) for name in workspace.image_names()]
         if settings.mapolas.source == "cover":
-            return [*workspace.scan_paths(), workspace.shape_path()]
-        return [*workspace.scan_paths(), *workspace.maplet_files()]
+            return [*paths, workspace.shape_path()]
+        return [*paths, *workspace.maplet_files()]
 
     def run(self, context: StageContext) -> StageResult:
         """Grid every mapola from the returns around it.
@@ -62,7 +67,8 @@ class MapolasStage:
         workspace, table = context.workspace, context.table(MapolaSettings)
         grids = mapola_grids(workspace, context.settings)
         options = GriddingOptions(rejection=RejectionOptions(cell_sigmas=table.outlier_k))
-        source = ScanSource(ScanStore(workspace.scan_paths()), options)
+        store = located_store(workspace, table, context.table(SpinSettings))
+        source = ScanSource(store, options)
         adjustment = adjusted(context, source, grids) if table.adjust else None
         counts = _Counts()
 
@@ -79,6 +85,9 @@ class MapolasStage:
         kept = _some(counts.passed(done, table), empty)
         names = write_mapolas(workspace.root / "mapolas", kept)
         summary = counts.summary(len(grids), len(names))
+        lost = {scan: count for scan, count in store.without_place.items() if count}
+        if lost:
+            summary["returns_without_place"] = lost
         workspace.adjustment_path.unlink(missing_ok=True)
         if adjustment is not None:
             write_adjustment(workspace.adjustment_path, adjustment)

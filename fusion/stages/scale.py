@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
+from fusion.locating import turning
 from fusion.memory import check_grid
 from fusion.registration.match import MatchOptions
 from fusion.scaling.joint import ScaleOptions, estimate_scale
@@ -34,7 +35,7 @@ from fusion.scaling.summary import (
     silent_pairs,
     unobserved_json,
 )
-from fusion.settings import BodySettings, ScaleSettings, Settings, Table
+from fusion.settings import BodySettings, ScaleSettings, Settings, SpinSettings, Table
 from fusion.stages.base import StageContext, StageResult
 from fusion.stages.register import maplets_around
 from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
@@ -57,7 +58,7 @@ class ScaleStage:
 
     name: str = "scale"
     version: int = 4
-    tables: tuple[type[Table], ...] = (ScaleSettings, BodySettings)
+    tables: tuple[type[Table], ...] = (ScaleSettings, BodySettings, SpinSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why there is no scale to be found."""
@@ -122,7 +123,7 @@ def _scale_options(table: ScaleSettings) -> ScaleOptions:
 def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str, Any]:
     """Single shots of all scans against the shape."""
     workspace, table = context.workspace, context.table(ScaleSettings)
-    scans = _thinned(workspace, table.max_shots)
+    scans = _thinned(workspace, context.table(SpinSettings), table.max_shots)
     located = table.trajectory if workspace.image_names() else "reference"
     states = Trajectory.from_images(workspace.images()) if located == "spc" else None
 
@@ -180,15 +181,18 @@ def state_shares(states: Trajectory, offset: Offset, times: FloatArray) -> csr_a
     return csr_array((known.data, (known.row, column)), shape=(len(times), len(states)))
 
 
-def _thinned(workspace: Workspace, most: int) -> list[Scan]:
+def _thinned(workspace: Workspace, spin: SpinSettings, most: int) -> list[Scan]:
     """The shots of each scan, evenly thinned to about `most` in all."""
     paths = workspace.scan_paths()
+    turn = turning(workspace, spin)
     total = sum(scan_summary(path).count for path in paths)
     step = max(1, -(-total // most))
     return [
-        join(
-            path.stem,
-            [part.select(np.arange(0, len(part), step)) for part in iter_scan(path)],
+        turn(
+            join(
+                path.stem,
+                [part.select(np.arange(0, len(part), step)) for part in iter_scan(path)],
+            )
         )
         for path in paths
     ]
@@ -214,7 +218,7 @@ def _pairs(
         "check size_m, gsd_m and capture_m",
     )
     frames, left_out = _frames(workspace, caster, options)
-    maker = _PairMaker(workspace, table, options, frames)
+    maker = _PairMaker(context, options, frames)
     groups = maker.groups()
     made = context.stream("pair bigmaps", maker.pairs_of_scan, groups.items(), total=len(groups))
     first = [item for group in made for item in group]
@@ -278,14 +282,12 @@ class _PairMaker:
     """Makes the pairs of one scan at a time, so that no more than that is in memory."""
 
     def __init__(
-        self,
-        workspace: Workspace,
-        table: ScaleSettings,
-        options: PairOptions,
-        frames: list[PairFrame],
+        self, context: StageContext, options: PairOptions, frames: list[PairFrame]
     ) -> None:
-        self._workspace, self._table, self._options = workspace, table, options
-        self._frames = frames
+        workspace = context.workspace
+        self._workspace, self._options, self._frames = workspace, options, frames
+        self._table = context.table(ScaleSettings)
+        self._turn = turning(workspace, context.table(SpinSettings))
         self._grids: dict[str, MapletGrid] = {
             name: workspace.maplet(name).grid for name in workspace.maplet_names()
         }
@@ -306,7 +308,7 @@ class _PairMaker:
     def pairs_of_scan(self, item: tuple[Path, list[PairFrame]]) -> list[Pair | LeftOut]:
         """Read and locate one scan, and pair the images that were taken with it."""
         path, frames = item
-        scan = join(path.stem, list(iter_scan(path)))
+        scan = self._turn(join(path.stem, list(iter_scan(path))))
         offset = None
         if self._table.trajectory == "spc":
             gap = self._table.max_gap_s

@@ -25,7 +25,7 @@ import numpy as np
 from lidar.cubes import QUANTUM_M, CubedPoints, cubed
 from lidar.flight import Flight, fit_flight
 from lidar.scan import Scan
-from spcola.arrays import AnyArray, FloatArray
+from spcola.arrays import AnyArray, FloatArray, IntArray
 from spcola.kernel import kernel
 
 KNOTS = frozenset({"flight_time", "flight_position"})
@@ -95,7 +95,7 @@ def decode(block: Block, name: str, *, trajectory: str, body: str) -> Scan:
     layers, numbers = block.layers, block.numbers
     points = block.cubes.points()
     count = len(points)
-    time = _counted(block, "time", count)
+    time = times_of(block)
     if "flight_time" in layers:
         flight = Flight(layers["flight_time"], layers["flight_position"])
         # A time is rounded, and may lie half a step beyond the last knot.
@@ -110,7 +110,7 @@ def decode(block: Block, name: str, *, trajectory: str, body: str) -> Scan:
     return Scan(
         name=name,
         time=time,
-        range=_counted(block, "range", count),
+        range=_counted(block, "range"),
         spacecraft=np.asarray(spacecraft),
         beam=np.asarray(layers.get("beam", _directions(points - spacecraft))),
         points=points,
@@ -120,6 +120,23 @@ def decode(block: Block, name: str, *, trajectory: str, body: str) -> Scan:
         trajectory=trajectory,
         body=body,
     )
+
+
+def spacecraft_knots(block: Block) -> tuple[FloatArray, FloatArray]:
+    """Return times (K,), s, and positions (K, 3), m, that tell the spacecraft's path in a block."""
+    layers = block.layers
+    if "flight_time" in layers:
+        return np.asarray(layers["flight_time"]), np.asarray(layers["flight_position"])
+    if "spacecraft" not in layers:
+        return np.empty(0), np.empty((0, 3))
+    time, position = times_of(block), np.asarray(layers["spacecraft"])
+    known = np.isfinite(time) & np.isfinite(position).all(axis=1)
+    return time[known], position[known]
+
+
+def times_of(block: Block, rows: IntArray | slice = slice(None)) -> FloatArray:
+    """Return the ephemeris times (N,), s, of the returns, or of some; NaN where unknown."""
+    return _counted(block, "time", rows)
 
 
 def _put(
@@ -153,11 +170,11 @@ def _put_counted(
     numbers[f"{name}_start"], numbers[f"{name}_step"] = start, step
 
 
-def _counted(block: Block, name: str, count: int) -> FloatArray:
+def _counted(block: Block, name: str, rows: IntArray | slice = slice(None)) -> FloatArray:
     """Return what :func:`_put_counted` kept."""
-    steps = block.layers.get(name)
-    if steps is None:
-        return np.full(count, np.nan)
+    if name not in block.layers:
+        return np.full(len(block.layers["place"][rows]), np.nan)
+    steps = block.layers[name][rows]
     values = block.numbers[f"{name}_start"] + steps * block.numbers[f"{name}_step"]
     values[steps == _UNKNOWN] = np.nan
     return values

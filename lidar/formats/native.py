@@ -14,12 +14,13 @@ from zlib import crc32
 import h5py
 import numpy as np
 
-from lidar.formats.blocks import KNOTS, Block, decode, encode
+from lidar.formats.blocks import KNOTS, Block, decode, encode, spacecraft_knots
 from lidar.formats.options import LidarOptions
 from lidar.scan import Scan
 from spcola.arrays import AnyArray
 from spcola.atomic import replacing
 from spcola.errors import FormatError, InvalidValueError
+from spcola.trajectory import Trajectory
 
 FORMAT = "SPCOLA scan"
 VERSION = 2
@@ -153,6 +154,24 @@ class ScanFile:
             self.blocks: Sequence[Block] = [
                 _read_block(Path(path), content, group) for group in groups
             ]
+
+    def trajectory(self) -> Trajectory:
+        """Return where the spacecraft was, over the span of the scan.
+
+        Raises
+        ------
+        InvalidValueError
+            If no return has both a time and a position of the spacecraft.
+        """
+        knots = [spacecraft_knots(block) for block in self.blocks]
+        time = np.concatenate([np.empty(0), *(times for times, _ in knots)])
+        if not len(time):
+            raise InvalidValueError(
+                "has no time with a spacecraft position", self.summary.name, "it cannot be moved"
+            )
+        time, first = np.unique(time, return_index=True)
+        position = np.concatenate([positions for _, positions in knots])[first]
+        return Trajectory(self.summary.trajectory, time, position)
 
     def chunks(self, most: int) -> Iterator[Scan]:
         """Yield the returns as scans of at most `most`; see :func:`iter_scan`."""

@@ -10,11 +10,13 @@ import pytest
 from lidar.cubes import QUANTUM_M
 from lidar.formats.native import write_scan
 from lidar.gridding import GriddingOptions, grid_returns
+from lidar.relocation import relocation
 from lidar.returns import Returns
 from lidar.scan import Scan
 from lidar.store import ScanStore
 from spcola.errors import FormatError, InvalidValueError
 from spcola.maplet import MapletGrid
+from spcola.trajectory import Trajectory
 
 
 def sphere(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -77,6 +79,29 @@ def test_mapolas_from_the_store_are_those_from_memory(paths: list[Path], scans: 
     same = stored.count == direct.count
     assert same.all() or np.abs(stored.count - direct.count)[~same].max() == 1
     np.testing.assert_allclose(stored.height[same], direct.height[same], rtol=0, atol=2 * QUANTUM_M)
+
+
+def test_returns_are_found_where_another_trajectory_puts_them(tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    points, time = sphere(rng, 8000), 6e8 + rng.uniform(0.0, 100.0, 8000)
+    station = np.column_stack([500.0 + 0.0 * time, 0.1 * (time - 6e8), 0.0 * time])
+    scan = Scan.of_points("scan", points, time=time, spacecraft=station)
+    write_scan(tmp_path / "scan", [scan.select(slice(0, 5000)), scan.select(slice(5000, None))])
+    states = 6e8 + np.array([20.0, 50.0, 90.0])
+    shift = np.array([[3.0, 0.0, 0.0], [0.0, -4.0, 1.0], [2.0, 2.0, 2.0]])
+    there = np.column_stack([np.full(3, 500.0), 0.1 * (states - 6e8), np.zeros(3)])
+    spc = Trajectory("spc", states, there + shift)
+    store = ScanStore(
+        [tmp_path / "scan"], locate=lambda file: relocation(file.trajectory(), 60.0, trajectory=spc)
+    )
+    covered = (time >= states[0]) & (time <= states[-1])
+    moved = points + np.column_stack([np.interp(time, states, shift[:, k]) for k in range(3)])
+    assert store.without_place == {"scan": int(np.count_nonzero(~covered))}
+    for center, radius in (([50.0, 0.0, 0.0], 15.0), ([0.0, -36.0, 36.0], 4.0)):
+        right = moved[covered & (np.linalg.norm(moved - center, axis=1) <= radius)]
+        found = store.returns_near(center, radius).points
+        assert len(found) == len(right) > 0
+        np.testing.assert_allclose(np.sort(found, axis=0), np.sort(right, axis=0), atol=1e-4)
 
 
 def test_a_scan_is_replaced_and_the_others_are_not_touched(
