@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from spcola.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.kernel import kernel
 from spcola.maplet import MapletGrid
 from spcola.robust import MAD_TO_SIGMA
@@ -57,17 +57,22 @@ class CellReturns:
         """Cell (row-major) of each return (K,)."""
         return np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
 
-    def select(self, keep: AnyArray) -> CellReturns:
+    @cached_property
+    def place(self) -> tuple[FloatArray, FloatArray]:
+        """Mean place of each cell's returns less its grid point, grid steps; NaN if empty."""
+        return self.means(self.dx), self.means(self.dy)
+
+    @cached_property
+    def middle(self) -> FloatArray:
+        """Median of the heights in each cell, metres, of the grid's shape; NaN if empty."""
+        return self.medians(self.height)
+
+    def select(self, keep: BoolArray) -> CellReturns:
         """Return the returns chosen by the mask `keep` (K,)."""
-        kept = np.concatenate([[0], np.cumsum(keep)])
-        return CellReturns(
-            self.shape,
-            kept[self.start],
-            self.dx[keep],
-            self.dy[keep],
-            self.height[keep],
-            self.index[keep],
+        start, index, local = _selected(
+            self.start, self.index, (self.dx, self.dy, self.height), keep
         )
+        return CellReturns(self.shape, start, local[0], local[1], local[2], index)
 
     def medians(self, values: FloatArray) -> FloatArray:
         """Exact median of `values` (K,) in each cell, of the grid's shape; NaN if empty."""
@@ -79,15 +84,12 @@ class CellReturns:
 
     def corrected(self, slope_x: FloatArray, slope_y: FloatArray) -> FloatArray:
         """Heights (K,) carried to the grid points with slopes in metres per step [36]."""
-        cell = self.cell
-        corrected: FloatArray = (
-            self.height - slope_x.ravel()[cell] * self.dx - slope_y.ravel()[cell] * self.dy
-        )
-        return corrected
+        local = (self.dx, self.dy, self.height)
+        return _corrected(self.start, local, slope_x.ravel(), slope_y.ravel())
 
     def spreads(self, values: FloatArray, center: FloatArray) -> FloatArray:
         """1.4826 × median absolute deviation of `values` (K,) from `center`, by cell."""
-        return MAD_TO_SIGMA * self.medians(np.abs(values - center.ravel()[self.cell]))
+        return MAD_TO_SIGMA * _spreads(self.start, values, center.ravel()).reshape(self.shape)
 
 
 class CorrectedMedians:
@@ -130,52 +132,110 @@ def sort_into_cells(grid: MapletGrid, points: FloatArray, reach: float) -> CellR
     Points beside the grid and those further than `reach` metres from its plane (the far side
     of the body is under every maplet) are left out.
     """
-    local = _local(np.asarray(points, dtype=np.float64), grid.center, grid.axes, grid.gsd)
-    start, index = _sorted(local, grid.half_size, reach)
-    dx, dy, height = local[index].T
-    return CellReturns(
-        grid.shape,
-        start,
-        dx - np.floor(dx + 0.5),
-        dy - np.floor(dy + 0.5),
-        np.ascontiguousarray(height),
-        index,
+    start, index, local = _sorted(
+        np.asarray(points, dtype=np.float64),
+        (grid.center, grid.axes, grid.gsd),
+        grid.half_size,
+        reach,
     )
+    return CellReturns(grid.shape, start, local[0], local[1], local[2], index)
 
 
 @kernel
-def _local(points: FloatArray, center: FloatArray, axes: FloatArray, gsd: float) -> FloatArray:
-    """Points (N, 3) in the frame of a grid [24]: grid steps along Ux and Uy, metres along Uz."""
+def _sorted(
+    points: FloatArray, frame: tuple[FloatArray, FloatArray, float], half_size: int, reach: float
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Starts of the cells (C + 1,), which points lie in them, in their order, and where (3, K).
+
+    Place in the cell along Ux and Uy in grid steps [24], height along Uz in metres.
+    """
+    center, axes, gsd = frame
+    size = 2 * half_size + 1
+    cell = np.empty(len(points), dtype=np.int32)
     local = np.empty((len(points), 3))
+    start = np.zeros(size * size + 1, dtype=np.int64)
     for i in range(len(points)):
         x, y, z = points[i, 0] - center[0], points[i, 1] - center[1], points[i, 2] - center[2]
-        local[i, 0] = (x * axes[0, 0] + y * axes[0, 1] + z * axes[0, 2]) / gsd
-        local[i, 1] = (x * axes[1, 0] + y * axes[1, 1] + z * axes[1, 2]) / gsd
-        local[i, 2] = x * axes[2, 0] + y * axes[2, 1] + z * axes[2, 2]
-    return local
+        along_x = (x * axes[0, 0] + y * axes[0, 1] + z * axes[0, 2]) / gsd
+        along_y = (x * axes[1, 0] + y * axes[1, 1] + z * axes[1, 2]) / gsd
+        height = x * axes[2, 0] + y * axes[2, 1] + z * axes[2, 2]
+        column, row = np.floor(along_x + 0.5), np.floor(along_y + 0.5)
+        cell[i] = -1
+        if abs(column) <= half_size and abs(row) <= half_size and abs(height) <= reach:
+            cell[i] = int(row + half_size) * size + int(column + half_size)
+            start[cell[i] + 1] += 1
+            local[i, 0], local[i, 1], local[i, 2] = along_x - column, along_y - row, height
+    for c in range(size * size):
+        start[c + 1] += start[c]
+    free = start[:-1].copy()
+    index = np.empty(start[-1], dtype=np.int64)
+    ordered = np.empty((3, start[-1]))
+    for i in range(len(points)):
+        if cell[i] >= 0:
+            k = free[cell[i]]
+            free[cell[i]] += 1
+            index[k] = i
+            ordered[0, k], ordered[1, k], ordered[2, k] = local[i, 0], local[i, 1], local[i, 2]
+    return start, index, ordered
 
 
 @kernel
-def _sorted(local: FloatArray, half_size: int, reach: float) -> tuple[IntArray, IntArray]:
-    """Starts of the cells (C + 1,), and which of the points (N, 3) lie in them, in their order."""
-    size = 2 * half_size + 1
-    cell = np.empty(len(local), dtype=np.int64)
-    start = np.zeros(size * size + 1, dtype=np.int64)
-    for i in range(len(local)):
-        column, row = np.floor(local[i, 0] + 0.5), np.floor(local[i, 1] + 0.5)
-        cell[i] = -1
-        if abs(column) <= half_size and abs(row) <= half_size and abs(local[i, 2]) <= reach:
-            cell[i] = int(row + half_size) * size + int(column + half_size)
-            start[cell[i] + 1] += 1
-    for c in range(size * size):
-        start[c + 1] += start[c]
-    place = start[:-1].copy()
-    index = np.empty(start[-1], dtype=np.int64)
-    for i in range(len(local)):
-        if cell[i] >= 0:
-            index[place[cell[i]]] = i
-            place[cell[i]] += 1
-    return start, index
+def _selected(
+    start: IntArray,
+    index: IntArray,
+    local: tuple[FloatArray, FloatArray, FloatArray],
+    keep: BoolArray,
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Starts, indices and local coordinates (3, M) of the returns that are kept."""
+    dx, dy, height = local
+    count = 0
+    for k in range(len(keep)):
+        count += keep[k]
+    ordered = np.empty((3, count))
+    chosen = np.empty(count, dtype=np.int64)
+    begins = np.zeros(len(start), dtype=np.int64)
+    at = 0
+    for c in range(len(start) - 1):
+        for k in range(start[c], start[c + 1]):
+            if keep[k]:
+                ordered[0, at], ordered[1, at], ordered[2, at] = dx[k], dy[k], height[k]
+                chosen[at] = index[k]
+                at += 1
+        begins[c + 1] = at
+    return begins, chosen, ordered
+
+
+@kernel
+def _corrected(
+    start: IntArray,
+    local: tuple[FloatArray, FloatArray, FloatArray],
+    slope_x: FloatArray,
+    slope_y: FloatArray,
+) -> FloatArray:
+    dx, dy, height = local
+    result = np.empty(len(height))
+    for c in range(len(start) - 1):
+        for k in range(start[c], start[c + 1]):
+            result[k] = height[k] - slope_x[c] * dx[k] - slope_y[c] * dy[k]
+    return result
+
+
+@kernel
+def _spreads(start: IntArray, values: FloatArray, center: FloatArray) -> FloatArray:
+    """Median distance of each run of `values` (K,) from its center (C,); NaN if empty."""
+    cells = len(start) - 1
+    result = np.full(cells, np.nan)
+    longest = 0
+    for c in range(cells):
+        longest = max(longest, start[c + 1] - start[c])
+    buffer = np.empty(longest)
+    for c in range(cells):
+        size = start[c + 1] - start[c]
+        if size > 0:
+            for i in range(size):
+                buffer[i] = abs(values[start[c] + i] - center[c])
+            result[c] = median_in_place(buffer, size)
+    return result
 
 
 @kernel

@@ -14,6 +14,7 @@ contract quickly: a plane is recovered exactly from returns at any places.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -74,7 +75,7 @@ class GriddingOptions:
         If a number lies outside its range.
     """
 
-    tolerance: float = 1e-6
+    tolerance: float = 1e-4
     max_iterations: int = 50
     baseline: float = 0.3
     max_window: int = 3
@@ -183,7 +184,12 @@ def grid_returns(
     outlying = 0
     for _ in range(options.rejection.max_rounds):
         outlier = find_outliers(
-            surface.cells, surface.corrected, surface.height, grid.gsd, options.rejection
+            surface.cells,
+            surface.corrected,
+            surface.height,
+            surface.spread,
+            grid.gsd,
+            options.rejection,
         )
         if not outlier.any():
             break
@@ -206,18 +212,23 @@ class _Surface:
     change: float
     converged: bool
 
+    @cached_property
+    def spread(self) -> FloatArray:
+        """Robust standard deviation of the returns of each cell, metres; NaN if empty."""
+        return self.cells.spreads(self.corrected, self.height)
+
 
 def _settle(
     cells: CellReturns, gsd: float, options: GriddingOptions, *, start: _Surface | None = None
 ) -> _Surface:
     """Iterate slopes and medians until no height changes, from the slopes of `start`."""
-    place_x, place_y = cells.medians(cells.dx), cells.medians(cells.dy)
+    place_x, place_y = cells.place
     # Dense cells fit better, but beyond a few returns it is the ground, not noise, that departs
     # from the plane: the weight levels off.
     weight = cells.count / (cells.count + 1.0)
     medians = CorrectedMedians(cells, _NEGLECTED * options.tolerance * gsd)
     if start is None:
-        height = at_place = cells.medians(cells.height)
+        height = at_place = cells.middle
         slope_x, slope_y = np.zeros_like(height), np.zeros_like(height)
     else:
         slope_x, slope_y = start.slope_x, start.slope_y
@@ -269,7 +280,7 @@ def _finish(
     """Put the mapola and the report together."""
     inside, cleaned, surface = passes
     cells = surface.cells
-    spread = np.where(cells.count >= 3, cells.spreads(surface.corrected, surface.height), np.nan)
+    spread = np.where(cells.count >= 3, surface.spread, np.nan)
     sigma = height_sigma(
         cells,
         returns.sigma,

@@ -13,8 +13,9 @@ import numpy as np
 
 from lidar.cells import CellReturns
 from lidar.neighbourhood import expect, supported
-from spcola.arrays import AnyArray, BoolArray, FloatArray
+from spcola.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from spcola.errors import SettingsError
+from spcola.kernel import kernel
 
 
 @dataclass(frozen=True)
@@ -79,8 +80,8 @@ def find_strays(cells: CellReturns, gsd: float, options: RejectionOptions) -> Bo
     The heights of the cells are plain medians here: strays are to be out before slopes are
     fitted.
     """
-    place_x, place_y = cells.medians(cells.dx), cells.medians(cells.dy)
-    height = cells.medians(cells.height)
+    place_x, place_y = cells.place
+    height = cells.middle
     expected = expect(
         place_x,
         place_y,
@@ -88,21 +89,21 @@ def find_strays(cells: CellReturns, gsd: float, options: RejectionOptions) -> Bo
         radius=options.neighbourhood,
         least_cells=options.least_cells,
     )
-    cell = cells.cell
-    carried = (
-        expected.height.ravel()[cell]
-        + expected.slope_x.ravel()[cell] * (cells.dx - place_x.ravel()[cell])
-        + expected.slope_y.ravel()[cell] * (cells.dy - place_y.ravel()[cell])
-    )
-    # NaN where the neighbourhood cannot judge: the comparisons are then false.
-    distance = np.abs(cells.height - carried)
-    stray: BoolArray = distance > options.departure * gsd
-    suspect = distance > options.neighbourhood_sigmas * expected.scatter.ravel()[cell]
+    # At the grid points, where the cells' own slopes have carried nothing yet.
+    base = expected.height - expected.slope_x * place_x - expected.slope_y * place_y
+    carried = cells.corrected(expected.slope_x, expected.slope_y)
     dense = _is_dense(cells.count, options.few)
-    if dense:
-        suspect |= ~np.isfinite(distance)
-    at = np.flatnonzero(suspect & ~stray & (cells.count.ravel()[cell] <= options.few))
-    row, column = np.divmod(cell[at], cells.shape[1])
+    stray, suspect = _judged(
+        cells.start,
+        carried,
+        base.ravel(),
+        options.neighbourhood_sigmas * expected.scatter.ravel(),
+        options.departure * gsd,
+        options.few if dense else -options.few,
+    )
+    at = np.flatnonzero(suspect)
+    cell = np.searchsorted(cells.start, at, side="right") - 1
+    row, column = np.divmod(cell, cells.shape[1])
     value, step = cells.height[at], options.steepest * gsd
     if not dense:
         stray[at] = ~supported(height, row, column, value, step)
@@ -119,6 +120,31 @@ def find_strays(cells: CellReturns, gsd: float, options: RejectionOptions) -> Bo
     return stray
 
 
+@kernel
+def _judged(
+    start: IntArray,
+    carried: FloatArray,
+    expected: FloatArray,
+    limit: FloatArray,
+    departure: float,
+    few: int,
+) -> tuple[BoolArray, BoolArray]:
+    """Masks (K,) of what departs too far, and of what is suspect in cells of few returns.
+
+    `few` is negative where returns that cannot be judged (NaN) are above suspicion.
+    """
+    stray = np.zeros(len(carried), dtype=np.bool_)
+    suspect = np.zeros(len(carried), dtype=np.bool_)
+    for c in range(len(start) - 1):
+        thin = start[c + 1] - start[c] <= abs(few)
+        for k in range(start[c], start[c + 1]):
+            distance = abs(carried[k] - expected[c])
+            stray[k] = distance > departure
+            unjudged = few > 0 and not np.isfinite(distance)
+            suspect[k] = thin and not stray[k] and (distance > limit[c] or unjudged)
+    return stray, suspect
+
+
 def _is_dense(count: AnyArray, few: int) -> bool:
     """Whether the returns are those of a raster, not of a track or of single shots."""
     there = count[count > 0]
@@ -129,20 +155,31 @@ def find_outliers(
     cells: CellReturns,
     corrected: FloatArray,
     height: FloatArray,
+    spread: FloatArray,
     gsd: float,
     options: RejectionOptions,
 ) -> BoolArray:
     """Mask (K,) of returns far from the surface `height` of their cell.
 
-    `corrected` (K,) are the slope-corrected heights. The robust standard deviation of a cell is
-    taken no smaller than the median one of the grid's cells: five returns may agree by chance.
+    `corrected` (K,) are the slope-corrected heights. The robust standard deviation of a cell,
+    `spread`, is taken no smaller than the median one of the grid's cells: five returns may agree
+    by chance.
     """
-    cell = cells.cell
-    distance = np.abs(corrected - height.ravel()[cell])
     many = cells.count > options.few
-    spread = np.where(many, cells.spreads(corrected, height), np.nan)
     floor = float(np.median(spread[many])) if many.any() else 0.0
     limit = np.where(many, options.cell_sigmas * np.maximum(spread, floor), np.inf)
     # Identical heights (quantised ranges) have no spread: rounding must not reject them.
-    outlier: BoolArray = distance > np.maximum(limit, 1e-6 * gsd).ravel()[cell]
-    return outlier
+    limit = np.maximum(limit, 1e-6 * gsd)
+    return _beyond(cells.start, corrected, height.ravel(), limit.ravel())
+
+
+@kernel
+def _beyond(
+    start: IntArray, values: FloatArray, center: FloatArray, limit: FloatArray
+) -> BoolArray:
+    """Mask (K,) of the values further than its limit from the center of their cell (C,)."""
+    beyond = np.zeros(len(values), dtype=np.bool_)
+    for c in range(len(start) - 1):
+        for k in range(start[c], start[c + 1]):
+            beyond[k] = abs(values[k] - center[c]) > limit[c]
+    return beyond

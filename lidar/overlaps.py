@@ -101,8 +101,7 @@ def overlap_equations(
     if len(scan) == 0 or np.all(scan == scan[0]):
         return None
     planes = fit_planes(
-        cells.medians(cells.dx),
-        cells.medians(cells.dy),
+        *cells.place,
         mapola.height,
         cells.count / (cells.count + 1.0),
         baseline=0.3,

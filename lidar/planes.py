@@ -1,6 +1,6 @@
 """Planes through the heights of neighbouring cells: the slopes of gridded returns.
 
-The heights stand at the cells' own *places* (the median position of their returns), not at the
+The heights stand at the cells' own *places* (the mean position of their returns), not at the
 grid points. A plane through such heights has the slope of the ground whatever the returns'
 positions in their cells, so that slopes need no good start, bear gaps, and the iteration of
 :mod:`lidar.gridding` cannot feed on its own errors: with one return in each cell it is exact
@@ -119,32 +119,33 @@ def _moments(
 ) -> Moments:
     """Σw, mean x and y, moments xx, xy, yy, xh, yh, hh about the mean over Σw, and the count."""
     rows, columns = height.shape
-    total = mean_x = mean_y = mean_h = count = 0.0
+    total = sum_x = sum_y = sum_h = count = 0.0
     xx = xy = yy = xh = yh = hh = 0.0
-    # Welford's update keeps full accuracy although the heights may be far from zero.
+    # Heights from that of the middle: the body's radius would eat the digits of the squares.
+    middle = height[row, column]
     for r in range(max(0, row - radius), min(rows, row + radius + 1)):
         for c in range(max(0, column - radius), min(columns, column + radius + 1)):
-            if np.isnan(height[r, c]):
+            h = height[r, c] - middle
+            if np.isnan(h):
                 continue
             w = weight[r, c]
+            x, y = c - column + place_x[r, c], r - row + place_y[r, c]
+            wx, wy = w * x, w * y
             total += w
-            from_x = c - column + place_x[r, c] - mean_x
-            from_y = r - row + place_y[r, c] - mean_y
-            mean_x += w / total * from_x
-            mean_y += w / total * from_y
-            from_h = height[r, c] - mean_h
-            mean_h += w / total * from_h
-            to_x = c - column + place_x[r, c] - mean_x
-            to_y = r - row + place_y[r, c] - mean_y
-            to_h = height[r, c] - mean_h
-            xx += w * from_x * to_x
-            xy += w * from_x * to_y
-            yy += w * from_y * to_y
-            xh += w * from_x * to_h
-            yh += w * from_y * to_h
-            hh += w * from_h * to_h
+            sum_x += wx
+            sum_y += wy
+            sum_h += w * h
+            xx += wx * x
+            xy += wx * y
+            yy += wy * y
+            xh += wx * h
+            yh += wy * h
+            hh += w * h * h
             count += 1.0
-    xx, xy, yy, xh, yh, hh = xx / total, xy / total, yy / total, xh / total, yh / total, hh / total
+    mean_x, mean_y, mean_h = sum_x / total, sum_y / total, sum_h / total
+    xx, xy, yy = xx / total - mean_x**2, xy / total - mean_x * mean_y, yy / total - mean_y**2
+    xh, yh = xh / total - mean_x * mean_h, yh / total - mean_y * mean_h
+    hh = max(hh / total - mean_h**2, 0.0)
     return total, mean_x, mean_y, xx, xy, yy, xh, yh, hh, count
 
 

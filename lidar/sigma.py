@@ -89,6 +89,8 @@ def height_sigma(
 def _known_medians(cells: CellReturns, single: FloatArray) -> FloatArray:
     """Median single-return sigma of each cell, of the returns whose sigma is known."""
     sigma = single[cells.index]
+    if len(sigma) and (sigma == sigma[0]).all():
+        return np.where(cells.count > 0, sigma[0], np.nan)
     known = np.isfinite(sigma)
     return cells.select(known).medians(sigma[known])
 
