@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -57,6 +58,7 @@ class ScanStore:
         *,
         locate: Callable[[ScanFile], Relocation] | None = None,
     ) -> None:
+        self._paths, self._locate = tuple(paths), locate
         files = [ScanFile(path) for path in paths]
         summaries = [file.summary for file in files]
         self.scan_names = tuple(summary.name for summary in summaries)
@@ -79,6 +81,10 @@ class ScanStore:
         spheres = [part.sphere for part in self._blocks]
         self._middle = np.array([middle for middle, _ in spheres]).reshape(-1, 3)
         self._radius = np.array([radius for _, radius in spheres])
+
+    def __reduce__(self) -> tuple[Callable[..., ScanStore], tuple[Any, ...]]:
+        # Another process maps the files itself.
+        return _opened, (self._paths, self._locate)
 
     def __len__(self) -> int:
         return sum(len(part.cubes.place) for part in self._blocks)
@@ -107,6 +113,12 @@ class ScanStore:
             ),
             self.scan_names,
         )
+
+
+def _opened(
+    paths: Sequence[str | Path], locate: Callable[[ScanFile], Relocation] | None
+) -> ScanStore:
+    return ScanStore(paths, locate=locate)
 
 
 @dataclass(frozen=True, eq=False)

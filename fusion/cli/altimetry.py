@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fusion.cli.output import JsonOption, show
-from fusion.cli.stages import WorkersOption
+from fusion.cli.stages import ClusterOption, WorkersOption, executor
 
 if TYPE_CHECKING:
     from fusion.stages.ingest import Imported
@@ -42,6 +42,7 @@ def import_(
     ] = "",
     gps_time: Annotated[bool, typer.Option("--gps-time", help="Keep the GPS time of LAS.")] = False,
     workers: WorkersOption = None,
+    cluster: ClusterOption = "",
     as_json: JsonOption = False,
 ) -> None:
     """Read lidar files into the workspace.
@@ -50,7 +51,6 @@ def import_(
     reason. A file that was imported before is recognised by its content.
     """
     # The machinery is imported here and not above, so that help comes at once.
-    from fusion.executor import ThreadExecutor
     from fusion.pipeline import Pipeline, opened
     from fusion.progress import Progress
     from fusion.stages.ingest import STAGE, Source, Workers, import_files
@@ -62,11 +62,10 @@ def import_(
     settings = there.settings()
     wanted = _columns(columns or [])
     sources = [Source(file, name, format, wanted, unit, gps_time) for file in files]
-    executor, progress = ThreadExecutor(workers), Progress.fitting(silent=as_json)
+    hands, progress = executor(workers, cluster), Progress.fitting(silent=as_json)
     with opened(there) as catalog:
-        hands = Workers(executor, progress, catalog.digest)
-        done = import_files(there, settings, sources, hands)
-    Pipeline(there, settings, [STAGE], executor, progress).run_stage(STAGE.name)
+        done = import_files(there, settings, sources, Workers(hands, progress, catalog.digest))
+    Pipeline(there, settings, [STAGE], hands, progress).run_stage(STAGE.name)
     show({"scans": [one.as_dict() for one in done]}, map(_line, done), as_json=as_json)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -11,6 +12,7 @@ from fusion.cli.output import JsonOption, run_content, run_lines, show
 from spcola.errors import SettingsError
 
 if TYPE_CHECKING:
+    from fusion.executor import Executor
     from fusion.pipeline import Pipeline, StageRun
 
 WorkspaceArgument = Annotated[Path, typer.Argument(metavar="WS", help="The workspace.")]
@@ -18,6 +20,25 @@ ForceOption = Annotated[bool, typer.Option("--force", help="Run even what is up 
 WorkersOption = Annotated[
     int | None, typer.Option(metavar="N", help="Threads; by default one for each core.")
 ]
+ClusterOption = Annotated[
+    str,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Of a Dask scheduler whose workers do the work. They see the workspace by its path.",
+    ),
+]
+
+
+@dataclass(frozen=True)
+class How:
+    """How stages are run: what all their commands have in common."""
+
+    force: bool
+    workers: int | None
+    cluster: str
+    as_json: bool
+
+
 _ONCE = "For this run; write it into spcola.toml to keep it."
 
 
@@ -32,6 +53,7 @@ def mapolas(
     ] = None,
     force: ForceOption = False,
     workers: WorkersOption = None,
+    cluster: ClusterOption = "",
     as_json: JsonOption = False,
 ) -> None:
     """Grid the returns into mapolas.
@@ -39,7 +61,7 @@ def mapolas(
     Per cell the median of slope-corrected heights, their count, spread and sigma.
     """
     changed = {"source": source, "gsd_m": gsd}
-    _run(workspace, ("mapolas",), ("mapolas", changed), (force, workers, as_json))
+    _run(workspace, ("mapolas",), ("mapolas", changed), How(force, workers, cluster, as_json))
 
 
 def register(
@@ -54,6 +76,7 @@ def register(
     ] = None,
     force: ForceOption = False,
     workers: WorkersOption = None,
+    cluster: ClusterOption = "",
     as_json: JsonOption = False,
 ) -> None:
     """Register the mapolas to the SPC surface.
@@ -61,33 +84,35 @@ def register(
     Each is matched in three components; one transform is fitted to all: registration.json.
     """
     changed = {"model": model, "against": against}
-    _run(workspace, ("register",), ("register", changed), (force, workers, as_json))
+    _run(workspace, ("register",), ("register", changed), How(force, workers, cluster, as_json))
 
 
 def fuse(
     workspace: WorkspaceArgument,
     force: ForceOption = False,
     workers: WorkersOption = None,
+    cluster: ClusterOption = "",
     as_json: JsonOption = False,
 ) -> None:
     """Fuse maplets with lidar heights.
 
     Slopes are integrated with the registered lidar heights as constraints: fused/.
     """
-    _run(workspace, ("fuse",), ("fuse", {}), (force, workers, as_json))
+    _run(workspace, ("fuse",), ("fuse", {}), How(force, workers, cluster, as_json))
 
 
 def bigmap(
     workspace: WorkspaceArgument,
     force: ForceOption = False,
     workers: WorkersOption = None,
+    cluster: ClusterOption = "",
     as_json: JsonOption = False,
 ) -> None:
     """Make bigmaps of fused maplets, of SPC maplets and of returns.
 
     One frame for each site of [bigmap] sites in spcola.toml; by default the two poles.
     """
-    _run(workspace, ("bigmap",), ("bigmap", {}), (force, workers, as_json))
+    _run(workspace, ("bigmap",), ("bigmap", {}), How(force, workers, cluster, as_json))
 
 
 def scale(
@@ -98,19 +123,23 @@ def scale(
     ] = None,
     force: ForceOption = False,
     workers: WorkersOption = None,
+    cluster: ClusterOption = "",
     as_json: JsonOption = False,
 ) -> None:
     """Find scale, centre and prime meridian.
 
     From paired bigmaps, or from single shots, with their sigmas: scale.json.
     """
-    _run(workspace, ("scale",), ("scale", {"method": method}), (force, workers, as_json))
+    _run(
+        workspace, ("scale",), ("scale", {"method": method}), How(force, workers, cluster, as_json)
+    )
 
 
 def release(
     workspace: WorkspaceArgument,
     force: ForceOption = False,
     workers: WorkersOption = None,
+    cluster: ClusterOption = "",
     as_json: JsonOption = False,
 ) -> None:
     """Write the products, manifest and report.
@@ -118,20 +147,21 @@ def release(
     release/ gets every product in every format chosen, with its provenance; report.html shows
     the result.
     """
-    _run(workspace, ("release", "report"), ("release", {}), (force, workers, as_json))
+    _run(workspace, ("release", "report"), ("release", {}), How(force, workers, cluster, as_json))
 
 
 def run(
     workspace: WorkspaceArgument,
     force: ForceOption = False,
     workers: WorkersOption = None,
+    cluster: ClusterOption = "",
     as_json: JsonOption = False,
 ) -> None:
     """Run all stages that are not up to date.
 
     An interrupted run goes on where it was; a changed setting or file re-runs what depends on it.
     """
-    pipeline = _pipeline(workspace, ("", {}), workers, as_json)
+    pipeline = _pipeline(workspace, ("", {}), How(force, workers, cluster, as_json))
     runs = pipeline.run(force=force)
     lines = [line for one in runs for line in run_lines(one)]
     show(_together(pipeline, runs), lines, as_json=as_json)
@@ -141,22 +171,43 @@ def _run(
     workspace: Path,
     stages: tuple[str, ...],
     change: tuple[str, dict[str, Any]],
-    how: tuple[bool, int | None, bool],
+    how: How,
 ) -> None:
     """Run stages with some settings of one table changed (None: not changed), and print."""
-    force, workers, as_json = how
-    pipeline = _pipeline(workspace, change, workers, as_json)
-    runs = [pipeline.run_stage(stage, force=force) for stage in stages]
+    pipeline = _pipeline(workspace, change, how)
+    runs = [pipeline.run_stage(stage, force=how.force) for stage in stages]
     content = run_content(runs[0]) if len(runs) == 1 else _together(pipeline, runs)
-    show(content, [line for one in runs for line in run_lines(one)], as_json=as_json)
+    show(content, [line for one in runs for line in run_lines(one)], as_json=how.as_json)
 
 
-def _pipeline(
-    workspace: Path, change: tuple[str, dict[str, Any]], workers: int | None, silent: bool
-) -> Pipeline:
+def executor(workers: int | None, cluster: str) -> Executor:
+    """Return who does the work: threads at home, or a cluster.
+
+    Raises
+    ------
+    typer.BadParameter
+        If both are chosen.
+    SettingsError
+        If the cluster cannot be used.
+    """
+    if not cluster:
+        from fusion.executor import ThreadExecutor
+
+        return ThreadExecutor(workers)
+    if workers is not None:
+        raise typer.BadParameter("a cluster has its own workers", param_hint="--workers")
+    try:
+        from fusion.cluster import ClusterExecutor
+    except ImportError as error:
+        raise SettingsError(
+            "needs Dask", "--cluster", "install it: pip install 'spcola[cluster]'"
+        ) from error
+    return ClusterExecutor(cluster)
+
+
+def _pipeline(workspace: Path, change: tuple[str, dict[str, Any]], how: How) -> Pipeline:
     """Return all stages over a workspace, with some settings of one table changed."""
     # The machinery is imported here and not above, so that help comes at once.
-    from fusion.executor import ThreadExecutor
     from fusion.pipeline import Pipeline
     from fusion.progress import Progress
     from fusion.stages import load_stages
@@ -171,8 +222,9 @@ def _pipeline(
             settings = settings.with_table(table, **given)
         except SettingsError as error:
             raise typer.BadParameter(str(error)) from error
-    progress = Progress.fitting(silent=silent)
-    return Pipeline(opened, settings, load_stages(), ThreadExecutor(workers), progress)
+    progress = Progress.fitting(silent=how.as_json)
+    hands = executor(how.workers, how.cluster)
+    return Pipeline(opened, settings, load_stages(), hands, progress)
 
 
 def _together(pipeline: Pipeline, runs: list[StageRun]) -> dict[str, Any]:

@@ -164,7 +164,7 @@ class IngestStage:
         WorkspaceError
             If that is so of a scan whose file is gone.
         """
-        workspace, settings = context.workspace, context.settings
+        workspace, settings, digests = context.workspace, context.settings, context.inputs
         limits = radius_limits(workspace, settings)
 
         def one(path: Path) -> ScanSummary:
@@ -172,7 +172,7 @@ class IngestStage:
             source = recorded_source(scan)
             if source is None:
                 return scan
-            digest = context.inputs.get(workspace.relative(source.path))
+            digest = digests.get(workspace.relative(source.path))
             current = scan.parameters.get("import_key") == _key(source, settings)
             if current and digest in (None, scan.digest):
                 return scan

@@ -121,8 +121,7 @@ class Reference:
         found = {(r, c): np.flatnonzero((row == r) & (column == c)) for r, c in nodes}
         self.members = {k: v for k, v in found.items() if len(v)}
         self.place = {
-            k: np.array([np.mean(self.x[v]), np.mean(self.y[v])])
-            for k, v in self.members.items()
+            k: np.array([np.mean(self.x[v]), np.mean(self.y[v])]) for k, v in self.members.items()
         }
         self.windows = {k: self.window(k) for k in self.members}
 

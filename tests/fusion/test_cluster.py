@@ -1,0 +1,177 @@
+"""The same work on a Dask cluster: the same results to the bit, also when a worker dies."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from distributed import LocalCluster
+from typer.testing import CliRunner
+
+import fusion.cluster
+from fusion.cli.app import app
+from fusion.cluster import ClusterExecutor
+from fusion.initialise import new_workspace
+from fusion.workspace import Workspace
+from lidar.formats.native import write_scan
+from lidar.scan import Scan
+from spcola.errors import SettingsError, WorkspaceError
+from spcola.formats.map import write_maplet
+from spcola.maplet import Maplet, MapletGrid
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    """The scheduler of a cluster of two processes."""
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        yield str(cluster.scheduler_address)
+
+
+@pytest.fixture
+def executor(address: str) -> Iterator[ClusterExecutor]:
+    made = ClusterExecutor(address)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Workspace:
+    """Six maplets side by side on hills, under four scans that err by centimetres."""
+    made = new_workspace(tmp_path / "ws", body="Ball")
+    rng = np.random.default_rng(1)
+    for number in range(6):
+        normal = np.array([1.0, 0.12 * number - 0.3, 0.0])
+        normal /= np.linalg.norm(normal)
+        grid = MapletGrid.facing(60.0 * normal, normal, 0.5, 10)
+        name = f"AA{number:04d}"
+        write_maplet(
+            made.root / "MAPFILES" / f"{name}.MAP", Maplet(name, grid, np.zeros(grid.shape))
+        )
+    for number in range(4):
+        away = np.column_stack([np.ones(12_000), rng.uniform(-0.45, 0.45, (12_000, 2))])
+        away[:, 2] *= 0.3
+        away /= np.linalg.norm(away, axis=1, keepdims=True)
+        height = 60.0 + 0.4 * np.sin(40 * away[:, 1]) * np.cos(35 * away[:, 2])
+        points = height[:, None] * away + 0.03 * rng.normal(size=3)
+        write_scan(
+            made.root / "scans" / f"scan{number}.h5",
+            [Scan.of_points(f"scan{number}", points, body="Ball")],
+        )
+    return made
+
+
+def pid(_: int) -> int:
+    time.sleep(0.05)
+    return os.getpid()
+
+
+def test_results_come_in_order_from_other_processes(executor: ClusterExecutor) -> None:
+    shift = 7
+    assert executor.map(lambda item: item * item + shift, range(30)) == [
+        item * item + shift for item in range(30)
+    ]
+    workers = set(executor.map(pid, range(8)))
+    assert len(workers) == 2
+    assert os.getpid() not in workers
+    assert executor.workers == 2
+
+
+def test_items_are_read_only_as_workers_become_free(executor: ClusterExecutor) -> None:
+    read = 0
+
+    def items() -> Iterator[int]:
+        nonlocal read
+        for item in range(1000):
+            read += 1
+            yield item
+
+    stream = executor.stream(abs, items())
+    assert next(stream) == 0
+    assert read <= 4
+    stream.close()
+
+
+def test_an_error_of_a_worker_is_that_of_the_caller(executor: ClusterExecutor) -> None:
+    def fail(item: int) -> int:
+        if item == 3:
+            raise WorkspaceError("is not there", "/data/scan", "restore it")
+        return item
+
+    with pytest.raises(WorkspaceError, match="/data/scan: is not there; restore it") as raised:
+        executor.map(fail, range(100))
+    assert raised.value.do == "restore it"
+
+
+def test_a_worker_that_is_killed_changes_nothing_but_the_time(executor: ClusterExecutor) -> None:
+    def slow(item: int) -> tuple[int, int]:
+        time.sleep(0.1)
+        return item, os.getpid()
+
+    stream = executor.stream(slow, range(30))
+    first = next(stream)
+    os.kill(first[1], signal.SIGKILL)
+    rest = list(stream)
+    assert [item for item, _ in [first, *rest]] == list(range(30))
+    # The nanny starts another one in its place.
+    assert rest[-1][1] != first[1]
+
+
+def test_mapolas_made_by_a_cluster_are_the_same_bytes(address: str, workspace: Workspace) -> None:
+    other = shutil.copytree(workspace.root, workspace.root.parent / "other")
+    for root, choice in ((workspace.root, ["--workers", "2"]), (other, ["--cluster", address])):
+        result = CliRunner().invoke(app, ["mapolas", str(root), *choice])
+        assert result.exit_code == 0, result.output
+    there = Workspace.open(other)
+    assert there.mapola_names() == workspace.mapola_names()
+    assert len(there.mapola_names()) == 6
+    for name in there.mapola_names():
+        one, two = workspace.mapola(name), there.mapola(name)
+        for layer in ("height", "sigma", "count", "spread"):
+            np.testing.assert_array_equal(getattr(one, layer), getattr(two, layer))
+        assert one.scan_share == two.scan_share
+    first, second = workspace.adjustment(), there.adjustment()
+    assert first is not None
+    assert second is not None
+    np.testing.assert_array_equal(first.displacement, second.displacement)
+    np.testing.assert_array_equal(first.covariance, second.covariance)
+    assert np.abs(first.displacement[:, :3]).max() > 0.005
+
+
+def test_where_there_is_no_cluster_it_is_said(
+    workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fusion.cluster, "_ANSWER_S", 1)
+    with pytest.raises(SettingsError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
+        ClusterExecutor("tcp://127.0.0.1:9")
+    words = ["mapolas", str(workspace.root), "--cluster", "tcp://127.0.0.1:9"]
+    result = CliRunner().invoke(app, [*words, "--workers", "2"])
+    assert result.exit_code == 2
+    assert "a cluster has its own workers" in result.output
+
+
+def test_workers_of_other_versions_are_refused(
+    address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mine = {**fusion.cluster.versions(), "numpy": "1.0"}
+    real = fusion.cluster.versions
+
+    class Here:
+        """Says here that numpy is old; on a worker the module's own function runs."""
+
+        def __call__(self) -> dict[str, str]:
+            return mine
+
+        def __reduce__(self) -> tuple[object, ...]:
+            return getattr, (real, "__call__")
+
+    monkeypatch.setattr(fusion.cluster, "versions", Here())
+    with pytest.raises(SettingsError, match=r"has numpy 2.*, not numpy 1\.0"):
+        ClusterExecutor(address)
