@@ -8,7 +8,7 @@ import json
 import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
@@ -217,6 +217,19 @@ def file_digest(path: Path) -> str:
     """Return the SHA-256 of a file's bytes, hexadecimal."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+@dataclass(frozen=True)
+class FileDigests:
+    """Digests of files, each of which is read once; another process reads them again."""
+
+    known: dict[Path, str] = field(default_factory=dict)
+
+    def __call__(self, path: Path) -> str:
+        """Return the digest of a file."""
+        if path not in self.known:
+            self.known[path] = file_digest(path)
+        return self.known[path]
 
 
 def content_digest(content: Mapping[str, Any]) -> str:

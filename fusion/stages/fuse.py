@@ -24,6 +24,7 @@ from fusion.workspace import Workspace, make_folder
 from lidar.mapola import Mapola
 from spcola.arrays import FloatArray
 from spcola.bigmap import make_bigmap
+from spcola.image import SpcImage
 from spcola.maplet import Maplet, MapletGrid
 from spcola.photoclinometry import SlopeVariance
 from spcola.rays import RayCaster
@@ -249,10 +250,25 @@ def _illumination(
     images = tuple(workspace.images())
     if not images:
         return None
-    exposed = lru_cache(_IMAGES_KEPT)(workspace.exposed)
+    exposed = _Exposures(workspace)
     if light == "auto":
         return Illumination.of(images, grids, exposed)
     return Illumination(images, light, exposed)
+
+
+class _Exposures:
+    """Reads images with their pixels, and keeps the last few."""
+
+    def __init__(self, workspace: Workspace) -> None:
+        self._workspace = workspace
+        self._read = lru_cache(_IMAGES_KEPT)(workspace.exposed)
+
+    def __call__(self, image: SpcImage) -> SpcImage:
+        return self._read(image)
+
+    def __reduce__(self) -> tuple[type[_Exposures], tuple[Workspace]]:
+        # Another process reads the images itself.
+        return _Exposures, (self._workspace,)
 
 
 def _is_same_place(one: MapletGrid, other: MapletGrid) -> bool:

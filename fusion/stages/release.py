@@ -5,11 +5,10 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-from fusion.catalog import file_digest, read_records
+from fusion.catalog import FileDigests, read_records
 from fusion.fused import FusedMaplet
 from fusion.fused_bigmap import fused_bigmap
 from fusion.products.fits import write_fits_dtm
@@ -79,7 +78,7 @@ class Origins:
         for kind in context.tables:
             settings[kind.__name__] = context.table(kind).model_dump(mode="json")
         body = context.table(BodySettings).name
-        return cls(context.workspace, body, tuple(stages), settings, cache(file_digest))
+        return cls(context.workspace, body, tuple(stages), settings, FileDigests())
 
     def made_from(self, name: str) -> dict[str, str]:
         """Return path → digest of what the maplet `name` was made from (empty: what all were)."""

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from distributed import LocalCluster
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
@@ -93,6 +94,27 @@ def test_every_model_of_the_workspace_is_held_against_the_truth(shown: Demonstra
     assert fused["resolution_m"] < spc["resolution_m"]
     assert models["mapolas, registered"]["rms_3d_optimised_m"] < spc["rms_3d_optimised_m"]
     assert [row["name"] for row in content["recovered"]] == [row.name for row in shown.recovered]
+
+
+def test_a_cluster_makes_the_same_bytes(shown: Demonstration, tmp_path: Path) -> None:
+    root = shown.workspace.root
+    other = tmp_path / "other"
+    shutil.copytree(root, other, symlinks=True)
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        words = ["run", str(other), "--force", "--cluster", str(cluster.scheduler_address)]
+        result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    made = [path for path in root.rglob("*") if path.is_file() and not path.is_symlink()]
+    # Records say when a stage ran, the manifest and the report when a release was made.
+    timed = ("provenance", "catalog.sqlite", "manifest.json", "report.html", ".lock")
+    compared = 0
+    for path in made:
+        name = path.relative_to(root)
+        if name.parts[0] in timed or name.name in timed:
+            continue
+        assert (other / name).read_bytes() == path.read_bytes(), name
+        compared += 1
+    assert compared > 100
 
 
 def test_every_output_is_accounted_for(shown: Demonstration) -> None:
