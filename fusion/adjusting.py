@@ -49,7 +49,7 @@ def adjusted(
     table = context.table(MapolaSettings)
     options = AdjustmentOptions(table.adjust_sigma_m, float(np.radians(table.adjust_sigma_deg)))
     found = unadjusted(source.store.scan_names, source.store.middles, options)
-    chosen = _spread_out(list(grids.values()))
+    chosen = compared_grids(list(grids.values()))
     for _ in range(_MAX_ROUNDS):
         compare = _Comparison(source, chosen, found)
         parts = context.map("compare scans", compare.equations, range(len(chosen)))
@@ -103,7 +103,7 @@ class _Comparison:
         return overlap_equations(gridding, returns, self.before.center, share=share)
 
 
-def _spread_out(grids: list[MapletGrid]) -> list[MapletGrid]:
+def compared_grids(grids: list[MapletGrid]) -> list[MapletGrid]:
     """Choose grids, in their order, that lie no nearer to each other than a side."""
     chosen: list[MapletGrid] = []
     centers = np.empty((0, 3))

@@ -59,7 +59,7 @@ def describe_workspace(workspace: Workspace) -> dict[str, Any]:
         "returns": sum(scan.count for scan in scans),
         "mapolas": len(workspace.mapola_names()),
         "fused": len(workspace.fused_names()),
-        "memory_per_worker_mb": settings.ingest.chunk * BYTES_PER_RETURN / 1e6,
+        "import_memory_per_worker_mb": settings.ingest.chunk * BYTES_PER_RETURN / 1e6,
         "stages": Pipeline(workspace, settings, load_stages()).states(),
         "finished": {record.stage: record.finished for record in read_records(workspace)},
     }

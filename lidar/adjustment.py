@@ -16,8 +16,9 @@ import numpy as np
 
 from lidar.overlaps import DEGREES, OverlapEquations
 from lidar.returns import Returns
-from spcola.arrays import FloatArray
+from spcola.arrays import FloatArray, IntArray
 from spcola.errors import SettingsError
+from spcola.kernel import kernel
 
 # The prior's sizes count as found when a round of EM changes them by less than this share.
 _SETTLED = 0.01
@@ -112,12 +113,10 @@ class ScanAdjustment:
         """Move `returns` to where their scans belong; those of a scan not in here stay."""
         own = {name: number for number, name in enumerate(self.names)}
         which = np.array([own.get(name, len(self)) for name in returns.scan_names], dtype=np.intp)
-        number = which[returns.scan]
-        center = np.vstack([self.center, np.zeros(3)])[number]
-        moved = np.vstack([self.displacement, np.zeros(DEGREES)])[number]
-        # The angles are of some 1e-4: their squares are nothing.
-        shift = moved[:, :3] + np.cross(moved[:, 3:], returns.points - center)
-        return Returns(returns.points - shift, returns.sigma, returns.scan, returns.scan_names)
+        center = np.vstack([self.center, np.zeros(3)])[which]
+        displacement = np.vstack([self.displacement, np.zeros(DEGREES)])[which]
+        points = _taken_back(returns.points, returns.scan, center, displacement)
+        return Returns(points, returns.sigma, returns.scan, returns.scan_names)
 
     def modes(self, *, reach: float, least: float) -> FloatArray:
         """Return independent patterns (6S, M) of what is unknown, each of standard deviation 1.
@@ -134,6 +133,29 @@ class ScanAdjustment:
         kept = values > least**2
         patterns: FloatArray = vectors[:, kept] * np.sqrt(values[kept]) / unit[:, None]
         return patterns
+
+
+@kernel
+def _taken_back(
+    points: FloatArray, scan: IntArray, center: FloatArray, displacement: FloatArray
+) -> FloatArray:
+    """Points (N, 3) less the displacement of their scans, metres.
+
+    The angles are of some 1e-4: their squares are nothing.
+    """
+    moved = np.empty(points.shape)
+    for n in range(len(points)):
+        s = scan[n]
+        d = displacement[s]
+        x, y, z = (
+            points[n, 0] - center[s, 0],
+            points[n, 1] - center[s, 1],
+            points[n, 2] - center[s, 2],
+        )
+        moved[n, 0] = points[n, 0] - (d[0] + d[4] * z - d[5] * y)
+        moved[n, 1] = points[n, 1] - (d[1] + d[5] * x - d[3] * z)
+        moved[n, 2] = points[n, 2] - (d[2] + d[3] * y - d[4] * x)
+    return moved
 
 
 def unadjusted(

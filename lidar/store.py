@@ -89,6 +89,23 @@ class ScanStore:
     def __len__(self) -> int:
         return sum(len(part.cubes.place) for part in self._blocks)
 
+    @property
+    def cubes(self) -> int:
+        """Number of cubes that hold returns."""
+        return sum(len(part.cubes.cube) for part in self._blocks)
+
+    def count_near(self, center: ArrayLike, radius: float) -> int:
+        """Count the returns in the cubes that reach within `radius` of `center` (3,), metres.
+
+        As many as :meth:`returns_near` unpacks, somewhat more than it returns.
+        """
+        center = frozen(center, (3,), "center")
+        apart = np.linalg.norm(self._middle - center, axis=1)
+        return sum(
+            self._blocks[number].count_near(center, radius)
+            for number in np.flatnonzero(apart <= radius + self._radius)
+        )
+
     def returns_near(self, center: ArrayLike, radius: float) -> Returns:
         """Return all returns within `radius` of `center` (3,), metres.
 
@@ -156,6 +173,11 @@ class _Part:
         with np.errstate(invalid="ignore"):
             placed &= np.sum((points - center) ** 2, axis=1) <= radius**2
         return points[placed], rows[placed]
+
+    def count_near(self, center: FloatArray, radius: float) -> int:
+        """Count the returns in the cubes that are looked into for :meth:`near`."""
+        chosen = near(self.cubes, center, radius + self.reach)
+        return int((self.cubes.start[chosen + 1] - self.cubes.start[chosen]).sum())
 
     def without_place(self) -> int:
         """Count the returns that are at times at which nothing says where they were."""

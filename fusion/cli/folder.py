@@ -58,9 +58,18 @@ def info(
     ],
     as_json: JsonOption = False,
 ) -> None:
-    """Tell what a workspace holds, or what a file is."""
+    """Tell what a workspace holds and what its mapolas will take, or what a file is.
+
+    For the time that mapolas will take, a few of them are made and thrown away.
+    """
     from fusion.describe import describe_file, describe_workspace
+    from fusion.forecast import mapolas_forecast
     from fusion.workspace import Workspace
 
-    content = describe_workspace(Workspace.open(path)) if path.is_dir() else describe_file(path)
+    if path.is_dir():
+        opened = Workspace.open(path)
+        content = describe_workspace(opened)
+        content["mapolas_forecast"] = mapolas_forecast(opened, opened.settings())
+    else:
+        content = describe_file(path)
     show(content, [str(path), *value_lines(content)], as_json=as_json)

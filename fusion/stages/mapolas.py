@@ -66,7 +66,7 @@ class MapolasStage:
         """
         workspace, table = context.workspace, context.table(MapolaSettings)
         grids = mapola_grids(workspace, context.settings)
-        options = GriddingOptions(rejection=RejectionOptions(cell_sigmas=table.outlier_k))
+        options = gridding_options(table)
         store = located_store(workspace, table, context.table(SpinSettings))
         source = ScanSource(store, options)
         adjustment = adjusted(context, source, grids) if table.adjust else None
@@ -96,6 +96,11 @@ class MapolasStage:
 
 
 STAGE = MapolasStage()
+
+
+def gridding_options(table: MapolaSettings) -> GriddingOptions:
+    """Return how returns are gridded by the settings."""
+    return GriddingOptions(rejection=RejectionOptions(cell_sigmas=table.outlier_k))
 
 
 def _some(mapolas: Iterator[Mapola], empty: WorkspaceError) -> Iterator[Mapola]:

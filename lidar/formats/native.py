@@ -18,8 +18,8 @@ from lidar.formats.blocks import KNOTS, Block, decode, encode, spacecraft_knots
 from lidar.formats.options import LidarOptions
 from lidar.scan import Scan
 from spcola.arrays import AnyArray
-from spcola.atomic import replacing
 from spcola.errors import FormatError, InvalidValueError
+from spcola.formats.hdf5 import replacing_hdf5
 from spcola.trajectory import Trajectory
 
 FORMAT = "SPCOLA scan"
@@ -92,7 +92,7 @@ def write_scan(
     WorkspaceError
         If the file cannot be written.
     """
-    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+    with replacing_hdf5(path) as file:
         summary: ScanSummary | None = None
         blocks = 0
         for scan in chunks:
