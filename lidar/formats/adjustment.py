@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 
 from lidar.adjustment import ScanAdjustment
-from spcola.atomic import replacing, write_error
 from spcola.errors import FormatError, WorkspaceError
+from spcola.formats.hdf5 import replacing_hdf5
 
 ADJUSTMENT_HDF5 = "adjustment.h5"
 """Name of the file in a folder of mapolas."""
@@ -28,17 +28,13 @@ def write_adjustment(path: str | Path, adjustment: ScanAdjustment) -> None:
     WorkspaceError
         If the file cannot be written.
     """
-    path = Path(path)
-    try:
-        with replacing(path) as temporary, h5py.File(temporary, "w") as file:
-            file.attrs["format"] = _FORMAT
-            file["names"] = np.array(list(adjustment.names), dtype=h5py.string_dtype())
-            for layer in _LAYERS:
-                file[layer] = getattr(adjustment, layer)
-            for size in _SIZES:
-                file.attrs[size] = getattr(adjustment, size)
-    except OSError as error:
-        raise write_error(path, error) from error
+    with replacing_hdf5(path) as file:
+        file.attrs["format"] = _FORMAT
+        file["names"] = np.array(list(adjustment.names), dtype=h5py.string_dtype())
+        for layer in _LAYERS:
+            file[layer] = getattr(adjustment, layer)
+        for size in _SIZES:
+            file.attrs[size] = getattr(adjustment, size)
 
 
 def read_adjustment(path: str | Path) -> ScanAdjustment:

@@ -21,6 +21,7 @@ import numpy as np
 
 from spcola.atomic import replacing, write_error
 from spcola.errors import FormatError, InvalidValueError, WorkspaceError
+from spcola.formats.hdf5 import new_hdf5
 from spcola.formats.map import sigma_path, write_maplet
 from spcola.maplet import Maplet, MapletGrid
 
@@ -144,7 +145,7 @@ class MapStore(Generic[M]):
     ) -> list[str]:
         """Write the HDF5 and, into `staging`, the .MAP files; return the names."""
         names: list[str] = []
-        with h5py.File(hdf5, "w") as file:
+        with new_hdf5(hdf5) as file:
             file.attrs["format"] = self.form
             for maplet in maplets:
                 self._check_name(maplet.name, names)
