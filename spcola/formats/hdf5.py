@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +13,37 @@ import h5py
 from spcola.atomic import replacing
 
 
+class _Patient(io.FileIO):
+    """A file that notes that it could not be written, and goes on as if it had been.
+
+    HDF5 does not bear errors of the disk: what it could not write it tries to write again whenever
+    an object is closed, and in the end it brings the interpreter down.
+    """
+
+    error: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        """Write all of `data`, unless an earlier write failed."""
+        view = memoryview(data).cast("B")
+        done = len(view) if self.error else 0
+        try:
+            # A plain file may write less than it is asked to.
+            while done < len(view):
+                done += super().write(view[done:]) or 0
+        except OSError as error:
+            self.error = error
+        return len(view)
+
+    def truncate(self, size: int | None = None) -> int:
+        """Change the size, unless an earlier write failed."""
+        try:
+            if self.error is None:
+                return super().truncate(size)
+        except OSError as error:
+            self.error = error
+        return self.tell() if size is None else size
+
+
 @contextmanager
 def new_hdf5(path: str | Path) -> Iterator[Any]:
     """Yield an empty HDF5 file.
@@ -20,17 +51,18 @@ def new_hdf5(path: str | Path) -> Iterator[Any]:
     Raises
     ------
     OSError
-        If it cannot be written.
+        If it could not be written; at the end of the block.
     """
-    try:
-        with h5py.File(path, "w") as file:
-            yield file
-    except RuntimeError as error:
-        # HDF5 tells of a full disk in its own words, if it notices when it closes a file.
-        number = re.search(r"errno = (\d+)", str(error))
-        if number is None:
-            raise
-        raise OSError(int(number[1]), str(error)) from error
+    with _Patient(path, "w+") as raw:
+        try:
+            with h5py.File(raw, "w") as file:
+                yield file
+        except (RuntimeError, OSError):
+            # What cannot be read back was not written.
+            if raw.error is None:
+                raise
+        if raw.error is not None:
+            raise raw.error
 
 
 @contextmanager
