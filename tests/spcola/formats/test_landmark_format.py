@@ -129,10 +129,12 @@ def test_what_is_wrong_is_named(tmp_path, old, new, message):
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(0, 4))
 def test_round_trip_of_any_landmark(tmp_path_factory, seed, count):
     rng = np.random.default_rng(seed)
+    away = rng.normal(size=3)
     landmark = Landmark(
         "AA0001",
         MapletGrid(
-            rng.normal(size=3) * 1e3,
+            # No nearer than a tenth of the largest half-side: that is refused as a wrong unit.
+            rng.uniform(300.0, 3000.0) * away / np.linalg.norm(away),
             Rotation.random(rng=rng).as_matrix(),
             float(10 ** rng.uniform(-2, 1)),
             int(rng.integers(1, 200)),
