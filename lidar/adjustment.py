@@ -16,13 +16,16 @@ import numpy as np
 
 from lidar.overlaps import DEGREES, OverlapEquations
 from lidar.returns import Returns
-from spcola.arrays import FloatArray, IntArray
+from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.errors import SettingsError
 from spcola.kernel import kernel
 
 # The prior's sizes count as found when a round of EM changes them by less than this share.
 _SETTLED = 0.01
 _MAX_ROUNDS = 50
+# A displacement has six numbers. Fewer cells than twice as many can be met by chance, by strays
+# say, and do not tell whether they were.
+_FEWEST_CELLS = 12
 # A scan whose misfit exceeds the middling one by this factor does not fit however it is moved.
 _SUSPECT = 3.0
 
@@ -74,7 +77,7 @@ class ScanAdjustment:
         Sizes of the displacements, each axis.
     misfit : (S,) ndarray
         Root mean square of what is left between a scan and the others, in its standard
-        deviations; NaN for a scan that meets none.
+        deviations; NaN for a scan that meets none, or in too few cells to tell.
     cells : (S,) ndarray
         Cells in which it meets others.
     step_m : float
@@ -185,7 +188,8 @@ def adjust_scans(
 
     The equations are those of returns that `before` has corrected; its displacements are added.
     The sizes of the prior are found by EM: the posterior second moments of all scans are their
-    next squares. Where the overlaps fit worse than their noise has it, the covariance grows with
+    next squares. A scan that meets others in a few cells only stays where it is, and has no say in
+    where they are. Where the overlaps fit worse than their noise has it, the covariance grows with
     the misfit.
 
     Parameters
@@ -201,8 +205,8 @@ def adjust_scans(
     """
     options = options or AdjustmentOptions()
     count = len(before)
-    normal = np.zeros((DEGREES * count, DEGREES * count))
-    right = np.zeros(DEGREES * count)
+    normal: FloatArray = np.zeros((DEGREES * count, DEGREES * count))
+    right: FloatArray = np.zeros(DEGREES * count)
     cells, chi2, freedom = np.zeros(count), np.zeros(count), np.zeros(count)
     weight = sum(part.weight for part in equations)
     for part in equations:
@@ -215,8 +219,10 @@ def adjust_scans(
     # Departures from the others, in terms of the whole displacement and not of its last step.
     former, bare = before.displacement.ravel(), normal
     right = right + normal @ former
+    few = (cells > 0) & (cells < _FEWEST_CELLS)
+    normal, right = _without(few, normal, right)
     with np.errstate(invalid="ignore", divide="ignore"):
-        misfit = np.sqrt(chi2 / np.where(freedom > 0, freedom, np.nan))
+        misfit = np.sqrt(chi2 / np.where((freedom > 0) & ~few, freedom, np.nan))
     # The middling scan's: one that fits nowhere is named, and must not loosen all the others.
     met = np.isfinite(misfit)
     excess = max(float(np.median(misfit[met]) ** 2), 1.0) if met.any() else 1.0
@@ -228,6 +234,26 @@ def adjust_scans(
     return ScanAdjustment(
         before.names, before.center, displacement, covariance, *sizes, misfit, cells, moved
     )
+
+
+def _without(
+    scans: BoolArray, normal: FloatArray, right: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Equations from which the displacements of `scans` (S,), whatever they are, are eliminated.
+
+    What is left tells nothing of them, and what they met tells nothing of others.
+    """
+    out = np.repeat(scans, DEGREES)
+    if not out.any():
+        return normal, right
+    # Metres and radians are unlike; the smallest eigenvalues are rounding.
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(normal)[out], 1e-300))
+    inner = normal[np.ix_(out, out)] * np.outer(unit, unit)
+    inverse = np.linalg.pinv(inner, rcond=1e-10, hermitian=True) * np.outer(unit, unit)
+    carried = normal[:, out] @ inverse
+    reduced, rest = normal - carried @ normal[out], right - carried @ right[out]
+    reduced[out], reduced[:, out], rest[out] = 0.0, 0.0, 0.0
+    return reduced, rest
 
 
 def _prior_variance(count: int, sizes: tuple[float, float]) -> FloatArray:

@@ -11,7 +11,12 @@ import pytest
 from lidar.adjustment import AdjustmentOptions, ScanAdjustment, adjust_scans, unadjusted
 from lidar.formats.adjustment import read_adjustment, write_adjustment
 from lidar.gridding import grid_returns
-from lidar.overlaps import displacement_rows, ground_shares, overlap_equations
+from lidar.overlaps import (
+    OverlapEquations,
+    displacement_rows,
+    ground_shares,
+    overlap_equations,
+)
 from lidar.returns import Returns
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError, SettingsError, WorkspaceError
@@ -103,6 +108,37 @@ def test_a_scan_that_meets_no_other_keeps_its_prior() -> None:
     assert found.misfit[:3] == pytest.approx(1.0, abs=0.15)
 
 
+def test_a_few_cells_that_meet_by_chance_move_nothing() -> None:
+    """The fourth scan is far off; some of its strays lie beside the others."""
+    rng = np.random.default_rng(7)
+    moved = np.hstack([0.05 * rng.normal(size=(3, 3)), np.zeros((3, 3))])
+    returns = scans_on(moved, rng)
+    equations = overlap_equations(grid_returns("A", GRID, returns), returns, CENTERS)
+    assert equations is not None
+    alone = adjust_scans(unadjusted(NAMES, CENTERS, OPTIONS), [equations], options=OPTIONS)
+    # Five cells in which scans 2 and 3 are 1.5 m apart, known to a centimetre.
+    places = GRID.center + rng.uniform(-1, 1, (5, 3))
+    rows = np.concatenate(
+        [GRID.axes[2] @ displacement_rows(places, CENTERS[scan]) for scan in (2, 3)], axis=1
+    ) * np.repeat([1.0, -1.0], 6)
+    chance = OverlapEquations(
+        scan=np.array([2, 3]),
+        normal=rows.T @ rows / 1e-4,
+        right=rows.T @ np.full(5, 1.5) / 1e-4,
+        cells=np.array([5.0, 5.0]),
+        chi2=np.full(2, 30.0),
+        freedom=np.full(2, 2.5),
+        weight=5e4,
+    )
+    both = adjust_scans(unadjusted(NAMES, CENTERS, OPTIONS), [equations, chance], options=OPTIONS)
+    np.testing.assert_allclose(both.displacement, alone.displacement, atol=1e-6)
+    assert both.displacement[3] == pytest.approx(np.zeros(6), abs=1e-12)
+    assert both.sigma[3, :3] == pytest.approx(both.offset_sigma_m, rel=1e-6)
+    assert both.cells[3] == 5
+    assert np.isnan(both.misfit[3])
+    assert both.suspects == ()
+
+
 def test_the_size_of_the_displacements_is_estimated() -> None:
     rng = np.random.default_rng(3)
     moved = np.hstack([1.0 * rng.normal(size=(3, 3)), np.zeros((3, 3))])
@@ -187,7 +223,7 @@ def test_one_scan_that_fits_nowhere_does_not_loosen_the_others() -> None:
     good = overlap_equations(grid_returns("A", GRID, returns), returns, CENTERS)
     assert good is not None
     wild = replace(good, scan=np.array([2, 3]), normal=np.zeros((12, 12)), right=np.zeros(12),
-                   cells=np.ones(2), chi2=np.array([0.0, 1e9]), freedom=np.ones(2))  # fmt: skip
+                   cells=np.full(2, 50.0), chi2=np.array([0, 1e9]), freedom=np.ones(2))  # fmt: skip
     before = unadjusted(NAMES, CENTERS, OPTIONS)
     alone = adjust_scans(before, [good], options=OPTIONS)
     found = adjust_scans(before, [good, wild], options=OPTIONS)
