@@ -60,6 +60,8 @@ def locator(
 def turning(workspace: Workspace, table: SpinSettings) -> Callable[[Scan], Scan]:
     """Return what brings a scan into the frame of the corrected rotation.
 
+    Returns without a time have no place in it: they are left out, and counted as rejected.
+
     Raises
     ------
     SettingsError
@@ -69,8 +71,10 @@ def turning(workspace: Workspace, table: SpinSettings) -> Callable[[Scan], Scan]
 
     def turn(scan: Scan) -> Scan:
         known = scan.time[np.isfinite(scan.time)]
-        if change is None or not len(known):
+        if change is None or not len(scan):
             return scan
+        if not len(known):
+            return relocated(scan, Relocation(moves=True))
         radius = float(np.linalg.norm(scan.points, axis=1).max())
         move = turn_of((float(known.min()), float(known.max())), radius, *change)
         return relocated(scan, move)

@@ -89,7 +89,7 @@ class CellReturns:
 
     def spreads(self, values: FloatArray, center: FloatArray) -> FloatArray:
         """1.4826 × median absolute deviation of `values` (K,) from `center`, by cell."""
-        return MAD_TO_SIGMA * _spreads(self.start, values, center.ravel()).reshape(self.shape)
+        return MAD_TO_SIGMA * self.medians(_distances(self.start, values, center.ravel()))
 
 
 class CorrectedMedians:
@@ -221,20 +221,12 @@ def _corrected(
 
 
 @kernel
-def _spreads(start: IntArray, values: FloatArray, center: FloatArray) -> FloatArray:
-    """Median distance of each run of `values` (K,) from its center (C,); NaN if empty."""
-    cells = len(start) - 1
-    result = np.full(cells, np.nan)
-    longest = 0
-    for c in range(cells):
-        longest = max(longest, start[c + 1] - start[c])
-    buffer = np.empty(longest)
-    for c in range(cells):
-        size = start[c + 1] - start[c]
-        if size > 0:
-            for i in range(size):
-                buffer[i] = abs(values[start[c] + i] - center[c])
-            result[c] = median_in_place(buffer, size)
+def _distances(start: IntArray, values: FloatArray, center: FloatArray) -> FloatArray:
+    """Distances (K,) of `values` from the center (C,) of their cell."""
+    result = np.empty(len(values))
+    for c in range(len(start) - 1):
+        for k in range(start[c], start[c + 1]):
+            result[k] = abs(values[k] - center[c])
     return result
 
 

@@ -127,6 +127,8 @@ def test_returns_without_time_cannot_be_turned_and_are_counted(tmp_path: Path) -
     moved = turning(workspace, table)(replace(scan, time=time))
     assert len(moved) == len(scan) - 7
     assert dict(moved.rejected) == {"no time": 7}
+    none = turning(workspace, table)(replace(scan, time=np.full(len(scan), np.nan)))
+    assert (len(none), dict(none.rejected)) == (0, {"no time": len(scan)})
 
 
 def test_a_correction_of_an_unstated_rotation_is_refused(tmp_path: Path) -> None:
