@@ -26,6 +26,11 @@ _MAX_ROUNDS = 50
 # A displacement has six numbers. Fewer cells than twice as many can be met by chance, by strays
 # say, and do not tell whether they were.
 _FEWEST_CELLS = 12
+# An overlap is contradicted when it departs from what is expected by so many standard deviations.
+_CONTRADICTED = 5.0
+# Which of the doubtful overlaps count is settled within a few rounds, or they are as many as they
+# are.
+_MOST_SORTINGS = 10
 # A scan whose misfit exceeds the middling one by this factor does not fit however it is moved.
 _SUSPECT = 3.0
 
@@ -188,9 +193,10 @@ def adjust_scans(
 
     The equations are those of returns that `before` has corrected; its displacements are added.
     The sizes of the prior are found by EM: the posterior second moments of all scans are their
-    next squares. A scan that meets others in a few cells only stays where it is, and has no say in
-    where they are. Where the overlaps fit worse than their noise has it, the covariance grows with
-    the misfit.
+    next squares. An overlap of a few cells, or one that no displacement makes agree, may be one of
+    strays, and one is enough to turn all scans that nothing else holds: it counts as long as the
+    others do not contradict it. Where the overlaps fit worse than their noise has it, the
+    covariance grows with the misfit.
 
     Parameters
     ----------
@@ -204,13 +210,70 @@ def adjust_scans(
     ScanAdjustment
     """
     options = options or AdjustmentOptions()
+    sound = [part for part in equations if _stands_alone(part)]
+    doubtful = [part for part in equations if not _stands_alone(part)]
+    believed = np.zeros(len(doubtful), dtype=np.bool_)
+    for _ in range(_MOST_SORTINGS):
+        heard = [p if b else _silenced(p) for p, b in zip(doubtful, believed, strict=True)]
+        found = _adjusted(before, [*sound, *heard], options)
+        ratio = np.array([_departure(part, before, found) for part in doubtful])
+        # Where no overlap stands alone, as among tracks, they have to judge each other.
+        many = not sound and len(doubtful) >= _FEWEST_CELLS
+        usual = max(float(np.median(ratio)), 1.0) if many else 1.0
+        agreeing = ratio <= _CONTRADICTED**2 * usual
+        if np.array_equal(agreeing, believed):
+            break
+        believed = agreeing
+    return found
+
+
+def _columns(scan: IntArray) -> IntArray:
+    """Where the unknowns of `scan` (K,) are among those of all."""
+    columns: IntArray = (DEGREES * scan[:, None] + np.arange(DEGREES)).ravel()
+    return columns
+
+
+def _stands_alone(part: OverlapEquations) -> bool:
+    """Whether an overlap shows by itself that its scans saw the same ground.
+
+    It does if they meet in many cells, and some displacement makes them agree there.
+    """
+    if part.cells.max() < _FEWEST_CELLS:
+        return False
+    left = float(part.chi2.sum() - part.right @ _inverse(part.normal) @ part.right)
+    return left <= _CONTRADICTED**2 * float(part.freedom.sum())
+
+
+def _silenced(part: OverlapEquations) -> OverlapEquations:
+    """Return an overlap that moves nothing: one of many cells still shows in the misfit."""
+    nothing = np.zeros(len(part.scan))
+    kept = (part.cells, part.chi2, part.freedom)
+    if part.cells.max() < _FEWEST_CELLS:
+        kept = (nothing, nothing, nothing)
+    still, right = np.zeros_like(part.normal), np.zeros_like(part.right)
+    return OverlapEquations(part.scan, still, right, *kept, weight=0.0)
+
+
+def _departure(part: OverlapEquations, before: ScanAdjustment, found: ScanAdjustment) -> float:
+    """Energy of an overlap as `found` leaves it, over what its noise and the unknown have it."""
+    at = _columns(part.scan)
+    step = (found.displacement - before.displacement).ravel()[at]
+    energy = float(part.chi2.sum() - 2.0 * part.right @ step + step @ part.normal @ step)
+    unknown = float(np.sum(part.normal * found.covariance[np.ix_(at, at)]))
+    return energy / (float(part.freedom.sum()) + unknown)
+
+
+def _adjusted(
+    before: ScanAdjustment, equations: Sequence[OverlapEquations], options: AdjustmentOptions
+) -> ScanAdjustment:
+    """Solve the displacements from overlaps all of which count."""
     count = len(before)
     normal: FloatArray = np.zeros((DEGREES * count, DEGREES * count))
     right: FloatArray = np.zeros(DEGREES * count)
     cells, chi2, freedom = np.zeros(count), np.zeros(count), np.zeros(count)
     weight = sum(part.weight for part in equations)
     for part in equations:
-        at = (DEGREES * part.scan[:, None] + np.arange(DEGREES)).ravel()
+        at = _columns(part.scan)
         normal[np.ix_(at, at)] += part.normal
         right[at] += part.right
         cells[part.scan] += part.cells
@@ -219,8 +282,7 @@ def adjust_scans(
     # Departures from the others, in terms of the whole displacement and not of its last step.
     former, bare = before.displacement.ravel(), normal
     right = right + normal @ former
-    few = (cells > 0) & (cells < _FEWEST_CELLS)
-    normal, right = _without(few, normal, right)
+    few = cells < _FEWEST_CELLS
     with np.errstate(invalid="ignore", divide="ignore"):
         misfit = np.sqrt(chi2 / np.where((freedom > 0) & ~few, freedom, np.nan))
     # The middling scan's: one that fits nowhere is named, and must not loosen all the others.
@@ -236,24 +298,13 @@ def adjust_scans(
     )
 
 
-def _without(
-    scans: BoolArray, normal: FloatArray, right: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Equations from which the displacements of `scans` (S,), whatever they are, are eliminated.
-
-    What is left tells nothing of them, and what they met tells nothing of others.
-    """
-    out = np.repeat(scans, DEGREES)
-    if not out.any():
-        return normal, right
+def _inverse(normal: FloatArray) -> FloatArray:
+    """Pseudo-inverse of normal equations of displacements."""
     # Metres and radians are unlike; the smallest eigenvalues are rounding.
-    unit = 1.0 / np.sqrt(np.maximum(np.diag(normal)[out], 1e-300))
-    inner = normal[np.ix_(out, out)] * np.outer(unit, unit)
-    inverse = np.linalg.pinv(inner, rcond=1e-10, hermitian=True) * np.outer(unit, unit)
-    carried = normal[:, out] @ inverse
-    reduced, rest = normal - carried @ normal[out], right - carried @ right[out]
-    reduced[out], reduced[:, out], rest[out] = 0.0, 0.0, 0.0
-    return reduced, rest
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    scaled = normal * np.outer(unit, unit)
+    inverse: FloatArray = np.linalg.pinv(scaled, rcond=1e-10, hermitian=True)
+    return inverse * np.outer(unit, unit)
 
 
 def _prior_variance(count: int, sizes: tuple[float, float]) -> FloatArray:

@@ -32,7 +32,7 @@ class MapolasStage:
     """Scans → mapolas."""
 
     name: str = "mapolas"
-    version: int = 9
+    version: int = 10
     tables: tuple[type[Table], ...] = (MapolaSettings, BodySettings, SpinSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:

@@ -116,27 +116,93 @@ def test_a_few_cells_that_meet_by_chance_move_nothing() -> None:
     equations = overlap_equations(grid_returns("A", GRID, returns), returns, CENTERS)
     assert equations is not None
     alone = adjust_scans(unadjusted(NAMES, CENTERS, OPTIONS), [equations], options=OPTIONS)
-    # Five cells in which scans 2 and 3 are 1.5 m apart, known to a centimetre.
     places = GRID.center + rng.uniform(-1, 1, (5, 3))
-    rows = np.concatenate(
-        [GRID.axes[2] @ displacement_rows(places, CENTERS[scan]) for scan in (2, 3)], axis=1
-    ) * np.repeat([1.0, -1.0], 6)
-    chance = OverlapEquations(
-        scan=np.array([2, 3]),
-        normal=rows.T @ rows / 1e-4,
-        right=rows.T @ np.full(5, 1.5) / 1e-4,
-        cells=np.array([5.0, 5.0]),
-        chi2=np.full(2, 30.0),
-        freedom=np.full(2, 2.5),
-        weight=5e4,
-    )
+    chance = meeting((2, 3), places, GRID.uz, np.array([1.5, 0.2, 1.5, -0.9, 1.5]))
     both = adjust_scans(unadjusted(NAMES, CENTERS, OPTIONS), [equations, chance], options=OPTIONS)
     np.testing.assert_allclose(both.displacement, alone.displacement, atol=1e-6)
     assert both.displacement[3] == pytest.approx(np.zeros(6), abs=1e-12)
     assert both.sigma[3, :3] == pytest.approx(both.offset_sigma_m, rel=1e-6)
-    assert both.cells[3] == 5
+    assert both.cells[3] == 0
     assert np.isnan(both.misfit[3])
     assert both.suspects == ()
+
+
+def meeting(
+    scans: tuple[int, int], places: FloatArray, normal: FloatArray, apart: FloatArray
+) -> OverlapEquations:
+    """Cells (M,) in which the first scan lies `apart` above the second, metres ± 1 cm."""
+    first, second = (normal @ displacement_rows(places, CENTERS[scan]) for scan in scans)
+    rows, weight, count = np.concatenate([first, -second], axis=1), 1e4, len(places)
+    energy = weight * float(apart @ apart)
+    return OverlapEquations(
+        scan=np.array(scans),
+        normal=weight * rows.T @ rows,
+        right=weight * rows.T @ apart,
+        cells=np.full(2, float(count)),
+        chi2=np.full(2, energy / 2.0),
+        freedom=np.full(2, count / 2.0),
+        weight=weight * count,
+    )
+
+
+def test_one_cell_of_strays_does_not_turn_scans_that_nothing_else_holds() -> None:
+    """Three scans that only touch each other may turn together as they like."""
+    rng = np.random.default_rng(21)
+    moved = np.hstack([0.05 * rng.normal(size=(3, 3)), np.zeros((3, 3))])
+    returns = scans_on(moved, rng)
+    equations = overlap_equations(grid_returns("A", GRID, returns), returns, CENTERS)
+    assert equations is not None
+    before, place = unadjusted(NAMES, CENTERS, OPTIONS), GRID.center + np.array([[0.0, 9, 4]])
+    alone = adjust_scans(before, [equations], options=OPTIONS)
+    stray = meeting((1, 3), place, GRID.uz, np.array([7.5]))
+    with_stray = adjust_scans(before, [equations, stray], options=OPTIONS)
+    np.testing.assert_array_equal(with_stray.displacement, alone.displacement)
+    np.testing.assert_array_equal(with_stray.cells, alone.cells)
+    assert with_stray.step_m == pytest.approx(alone.step_m)
+
+
+def test_a_cell_that_agrees_with_the_others_counts() -> None:
+    places = GRID.center + np.random.default_rng(22).uniform(-9, 9, (40, 3))
+    before = unadjusted(NAMES, CENTERS, OPTIONS)
+    sound = meeting((0, 1), places, GRID.uz, np.full(40, 0.08))
+    few = meeting((0, 1), places[:3], GRID.ux, np.full(3, 0.06))
+    for _ in range(3):
+        still = [left_by(before, part) for part in (sound, few)]
+        before = adjust_scans(before, still, options=OPTIONS)
+    assert before.cells[0] == 43
+    here = np.linalg.norm(before.displacement[0, :3] - before.displacement[1, :3])
+    left = [left_by(before, part).chi2.sum() / part.chi2.sum() for part in (sound, few)]
+    assert here > 0.08
+    assert max(left) < 0.05
+
+
+def test_tracks_that_cross_judge_each_other() -> None:
+    """Nothing but crossings, a metre apart where centimetres were expected; two are strays'."""
+    rng = np.random.default_rng(23)
+    moved = rng.normal(size=(4, 3))
+    crossings = []
+    for number in range(60):
+        first, second = rng.choice(4, 2, replace=False)
+        normal, place = rng.normal(size=3), GRID.center + rng.uniform(-20, 20, (1, 3))
+        normal /= np.linalg.norm(normal)
+        apart = normal @ (moved[first] - moved[second]) + 0.01 * rng.normal()
+        stray = 40.0 if number in (7, 30) else 0.0
+        crossings.append(meeting((first, second), place, normal, np.array([apart + stray])))
+    found = unadjusted(NAMES, CENTERS, OPTIONS)
+    for _ in range(3):
+        still = [left_by(found, part) for part in crossings]
+        found = adjust_scans(found, still, options=OPTIONS)
+    assert found.cells.sum() == 2 * 58
+    left = np.sqrt([left_by(found, part).chi2.sum() for part in crossings])
+    assert np.median(left) < 2.0
+    assert np.median(np.sqrt([part.chi2.sum() for part in crossings])) > 30.0
+
+
+def left_by(found: ScanAdjustment, part: OverlapEquations) -> OverlapEquations:
+    """Equations of what is left where returns are corrected by `found`."""
+    step = found.displacement[part.scan].ravel()
+    energy = part.chi2.sum() - 2.0 * part.right @ step + step @ part.normal @ step
+    return replace(part, right=part.right - part.normal @ step, chi2=np.full(2, energy / 2.0))
 
 
 def test_the_size_of_the_displacements_is_estimated() -> None:
