@@ -16,7 +16,7 @@ import numpy as np
 
 from lidar.overlaps import DEGREES, OverlapEquations
 from lidar.returns import Returns
-from spcola.arrays import BoolArray, FloatArray, IntArray
+from spcola.arrays import FloatArray, IntArray
 from spcola.errors import SettingsError
 from spcola.kernel import kernel
 

@@ -1,7 +1,7 @@
 """Returns sorted into the cells of a grid, and exact statistics of each cell.
 
 A cell is the square of one GSD around a grid point. The returns are brought into cell order by
-a counting sort, once; the median of a cell is then found by selection, so that a whole grid
+a counting sort, once; medians are then found cell by cell, so that a whole grid
 costs O(N) whatever the number of iterations asks of it. Medians do not depend on the order in
 which the returns arrive.
 """
@@ -13,13 +13,11 @@ from functools import cached_property
 
 import numpy as np
 
+from lidar.medians import median_of
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.kernel import kernel
 from spcola.maplet import MapletGrid
 from spcola.robust import MAD_TO_SIGMA
-
-# Below this many values sorting by insertion beats partitioning.
-_SHORT = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,7 +242,7 @@ def _medians(start: IntArray, values: FloatArray) -> FloatArray:
         if size > 0:
             for i in range(size):
                 buffer[i] = values[start[c] + i]
-            result[c] = median_in_place(buffer, size)
+            result[c] = median_of(buffer, size)
     return result
 
 
@@ -269,66 +267,7 @@ def _renew_medians(
             for i in range(size):
                 k = start[c] + i
                 buffer[i] = height[k] - slope_x[c] * dx[k] - slope_y[c] * dy[k]
-            result[c] = median_in_place(buffer, size)
-
-
-@kernel
-def median_in_place(values: FloatArray, size: int) -> float:
-    """Median of the first `size` (≥ 1) values, none of them NaN; their order is lost."""
-    middle = size // 2
-    upper = _select(values, size, middle)
-    if size % 2 == 1:
-        return upper
-    # After the selection everything before the middle is no larger than it.
-    lower = values[0]
-    for i in range(1, middle):
-        lower = max(lower, values[i])
-    return 0.5 * (lower + upper)
-
-
-@kernel
-def _select(values: FloatArray, size: int, rank: int) -> float:
-    """Move the value of `rank` (from 0) to its place, smaller ones before it, and return it."""
-    low, high = 0, size - 1
-    while high - low >= _SHORT:
-        _median_of_three_to_middle(values, low, high)
-        pivot = values[(low + high) // 2]
-        i, j = low, high
-        while i <= j:
-            while values[i] < pivot:
-                i += 1
-            while values[j] > pivot:
-                j -= 1
-            if i <= j:
-                values[i], values[j] = values[j], values[i]
-                i += 1
-                j -= 1
-        if rank <= j:
-            high = j
-        elif rank >= i:
-            low = i
-        else:
-            return values[rank]
-    for i in range(low + 1, high + 1):
-        value = values[i]
-        j = i - 1
-        while j >= low and values[j] > value:
-            values[j + 1] = values[j]
-            j -= 1
-        values[j + 1] = value
-    return values[rank]
-
-
-@kernel
-def _median_of_three_to_middle(values: FloatArray, low: int, high: int) -> None:
-    """Order first, middle and last, so that the middle is a fair pivot for sorted input."""
-    middle = (low + high) // 2
-    if values[middle] < values[low]:
-        values[middle], values[low] = values[low], values[middle]
-    if values[high] < values[low]:
-        values[high], values[low] = values[low], values[high]
-    if values[high] < values[middle]:
-        values[high], values[middle] = values[middle], values[high]
+            result[c] = median_of(buffer, size)
 
 
 @kernel

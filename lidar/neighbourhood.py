@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidar.cells import median_in_place
+from lidar.medians import median_of
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.kernel import kernel
 from spcola.robust import MAD_TO_SIGMA
@@ -78,13 +78,13 @@ def _expect(
                         size += 1
             if size < least_cells:
                 continue
-            expected = median_in_place(buffer, size)
+            expected = median_of(buffer, size)
             for i in range(size):
                 buffer[i] = abs(buffer[i] - expected)
             layers[0, row, column] = expected
             layers[1, row, column] = slope_x
             layers[2, row, column] = slope_y
-            layers[3, row, column] = MAD_TO_SIGMA * median_in_place(buffer, size)
+            layers[3, row, column] = MAD_TO_SIGMA * median_of(buffer, size)
     return layers
 
 
@@ -104,7 +104,7 @@ def _median_step(
             if not np.isnan(step):
                 buffer[size] = step
                 size += 1
-    return median_in_place(buffer, size) if size > 0 else 0.0
+    return median_of(buffer, size) if size > 0 else 0.0
 
 
 @kernel

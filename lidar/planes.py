@@ -166,9 +166,39 @@ def _slope(
 ) -> FloatArray:
     """Slopes x and y, leverage, own share, unresolved distance² and misfit, by principal axes."""
     total, mean_x, mean_y, xx, xy, yy, xh, yh, hh, count = moments
+    result = np.zeros(6)
+    if _smaller_variance(moments) >= least:
+        # Both directions are determined: Cramer's rule, without the angles.
+        determinant = xx * yy - xy * xy
+        slope_x = (yy * xh - xy * yh) / determinant
+        slope_y = (xx * yh - xy * xh) / determinant
+        carried_x = (yy * place_x - xy * place_y) / determinant
+        carried_y = (xx * place_y - xy * place_x) / determinant
+        lever = carried_x * (place_x - mean_x) + carried_y * (place_y - mean_y)
+        result[0], result[1] = slope_x, slope_y
+        result[2] = (carried_x * place_x + carried_y * place_y) / total
+        result[3] = -weight * lever / total
+        left = hh - slope_x * xh - slope_y * yh
+    else:
+        left = _by_principal_axes(moments, least, place_x, place_y, weight, result)
+    if count > 3:
+        result[5] = max(left, 0.0) * total / (count - 3)
+    return result
+
+
+@kernel
+def _by_principal_axes(
+    moments: Moments,
+    least: float,
+    place_x: float,
+    place_y: float,
+    weight: float,
+    result: FloatArray,
+) -> float:
+    """Fill in what the determined direction tells, if one is; return what of hh is left."""
+    total, mean_x, mean_y, xx, xy, yy, xh, yh, hh, _ = moments
     half, mean = np.hypot(0.5 * (xx - yy), xy), 0.5 * (xx + yy)
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    result = np.zeros(6)
     left = hh
     for axis in range(2):
         along_x = np.cos(angle) if axis == 0 else -np.sin(angle)
@@ -185,6 +215,4 @@ def _slope(
             result[3] -= carried * weight * lever / (total * variance)
         else:
             result[4] += carried * carried
-    if count > 3:
-        result[5] = max(left, 0.0) * total / (count - 3)
-    return result
+    return left

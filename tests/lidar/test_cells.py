@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from lidar.cells import CellReturns, median_in_place, sort_into_cells
+from lidar.cells import CellReturns, sort_into_cells
 from spcola.maplet import MapletGrid
 
 GRID = MapletGrid.facing([210.0, -40.0, 60.0], [0.9, -0.1, 0.3], 0.25, 6)
@@ -73,21 +73,6 @@ def test_statistics_equal_numpys_exactly():
         assert median[where] == np.median(mine)
         assert mean[where] == math.fsum(mine) / len(mine)
         assert spread[where] == 1.482602218505602 * np.median(np.abs(mine - np.median(mine)))
-
-
-@pytest.mark.parametrize("size", [1, 2, 3, 4, 15, 16, 17, 18, 100, 101, 5000])
-@pytest.mark.parametrize("kind", ["random", "sorted", "reversed", "equal", "few", "organ"])
-def test_selection_finds_the_median_of_any_order(size, kind):
-    rng = np.random.default_rng(size)
-    values = {
-        "random": rng.normal(size=size),
-        "sorted": np.arange(size, dtype=float),
-        "reversed": np.arange(size, dtype=float)[::-1].copy(),
-        "equal": np.full(size, 2.5),
-        "few": rng.integers(0, 3, size).astype(float),
-        "organ": np.concatenate([np.arange(size // 2), np.arange(size - size // 2)[::-1]]) * 1.0,
-    }[kind]
-    assert median_in_place(values.copy(), size) == np.median(values)
 
 
 def test_statistics_do_not_depend_on_the_order_of_returns():
