@@ -8,13 +8,18 @@ which the returns arrive.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
 from lidar.medians import median_of
+from lidar.sorting import MANY, sort_points
 from spcola.arrays import BoolArray, FloatArray, IntArray
+from spcola.heights.bands import usable_threads
 from spcola.kernel import kernel
 from spcola.maplet import MapletGrid
 from spcola.robust import MAD_TO_SIGMA
@@ -74,11 +79,26 @@ class CellReturns:
 
     def medians(self, values: FloatArray) -> FloatArray:
         """Exact median of `values` (K,) in each cell, of the grid's shape; NaN if empty."""
-        return _medians(self.start, values).reshape(self.shape)
+        return self._by_cell(_medians, values)
 
     def means(self, values: FloatArray) -> FloatArray:
         """Mean of `values` (K,) in each cell, of the grid's shape; NaN if empty."""
-        return _means(self.start, values).reshape(self.shape)
+        return self._by_cell(_means, values)
+
+    def _by_cell(
+        self, statistic: Callable[[IntArray, FloatArray], FloatArray], values: FloatArray
+    ) -> FloatArray:
+        """Work a statistic out for every cell, of the grid's shape; for many returns on threads."""
+        if len(values) < MANY:
+            return statistic(self.start, values).reshape(self.shape)
+        # The starts of some of the cells are all that tells them from the others.
+        threads = usable_threads()
+        ends = np.linspace(0, len(self.start) - 1, threads + 1).astype(np.int64)
+        with ThreadPoolExecutor(threads) as pool:
+            parts = pool.map(
+                lambda part: statistic(self.start[part[0] : part[1] + 1], values), pairwise(ends)
+            )
+            return np.concatenate(list(parts)).reshape(self.shape)
 
     def corrected(self, slope_x: FloatArray, slope_y: FloatArray) -> FloatArray:
         """Heights (K,) carried to the grid points with slopes in metres per step [36]."""
@@ -130,51 +150,10 @@ def sort_into_cells(grid: MapletGrid, points: FloatArray, reach: float) -> CellR
     Points beside the grid and those further than `reach` metres from its plane (the far side
     of the body is under every maplet) are left out.
     """
-    start, index, local = _sorted(
-        np.asarray(points, dtype=np.float64),
-        (grid.center, grid.axes, grid.gsd),
-        grid.half_size,
-        reach,
-    )
+    frame = (grid.center, grid.axes / np.array([[grid.gsd], [grid.gsd], [1.0]]))
+    points = np.asarray(points, dtype=np.float64)
+    start, index, local = sort_points(points, frame, grid.half_size, reach)
     return CellReturns(grid.shape, start, local[0], local[1], local[2], index)
-
-
-@kernel
-def _sorted(
-    points: FloatArray, frame: tuple[FloatArray, FloatArray, float], half_size: int, reach: float
-) -> tuple[IntArray, IntArray, FloatArray]:
-    """Starts of the cells (C + 1,), which points lie in them, in their order, and where (3, K).
-
-    Place in the cell along Ux and Uy in grid steps [24], height along Uz in metres.
-    """
-    center, axes, gsd = frame
-    size = 2 * half_size + 1
-    cell = np.empty(len(points), dtype=np.int32)
-    local = np.empty((len(points), 3))
-    start = np.zeros(size * size + 1, dtype=np.int64)
-    for i in range(len(points)):
-        x, y, z = points[i, 0] - center[0], points[i, 1] - center[1], points[i, 2] - center[2]
-        along_x = (x * axes[0, 0] + y * axes[0, 1] + z * axes[0, 2]) / gsd
-        along_y = (x * axes[1, 0] + y * axes[1, 1] + z * axes[1, 2]) / gsd
-        height = x * axes[2, 0] + y * axes[2, 1] + z * axes[2, 2]
-        column, row = np.floor(along_x + 0.5), np.floor(along_y + 0.5)
-        cell[i] = -1
-        if abs(column) <= half_size and abs(row) <= half_size and abs(height) <= reach:
-            cell[i] = int(row + half_size) * size + int(column + half_size)
-            start[cell[i] + 1] += 1
-            local[i, 0], local[i, 1], local[i, 2] = along_x - column, along_y - row, height
-    for c in range(size * size):
-        start[c + 1] += start[c]
-    free = start[:-1].copy()
-    index = np.empty(start[-1], dtype=np.int64)
-    ordered = np.empty((3, start[-1]))
-    for i in range(len(points)):
-        if cell[i] >= 0:
-            k = free[cell[i]]
-            free[cell[i]] += 1
-            index[k] = i
-            ordered[0, k], ordered[1, k], ordered[2, k] = local[i, 0], local[i, 1], local[i, 2]
-    return start, index, ordered
 
 
 @kernel

@@ -179,6 +179,8 @@ def grid_returns(
     """
     options = options or GriddingOptions()
     inside = sort_into_cells(grid, returns.points, options.reach(grid))
+    if not len(inside.index):
+        return _nothing(name, grid, len(returns))
     cleaned = _without_strays(inside, grid.gsd, options)
     surface = _settle(cleaned, grid.gsd, options)
     outlying = 0
@@ -196,6 +198,32 @@ def grid_returns(
         outlying += int(np.count_nonzero(outlier))
         surface = _settle(surface.cells.select(~outlier), grid.gsd, options, start=surface)
     return _finish(name, grid, returns, (inside, cleaned, surface), outlying, options)
+
+
+def _nothing(name: str, grid: MapletGrid, offered: int) -> Gridding:
+    """Return what is known of a grid on which no return falls."""
+    unknown = np.full(grid.shape, np.nan)
+    mapola = Mapola(
+        name,
+        grid,
+        unknown,
+        sigma=unknown,
+        count=np.zeros(grid.shape, dtype=np.int64),
+        spread=unknown,
+        scan_share={},
+    )
+    report = GriddingReport(
+        offered=offered,
+        ignored=offered,
+        stray=0,
+        outlying=0,
+        emptied=0,
+        iterations=0,
+        largest_change_m=0.0,
+        converged=True,
+        reason="no return falls on the grid",
+    )
+    return Gridding(mapola, report, np.zeros(offered, dtype=np.bool_))
 
 
 @dataclass(frozen=True, eq=False)
