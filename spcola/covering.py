@@ -9,20 +9,13 @@ from scipy.spatial import cKDTree
 
 from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import InvalidValueError
-from spcola.kernel import kernel
 from spcola.maplet import MapletGrid
 from spcola.mesh import Mesh
 from spcola.rays import RayCaster
+from spcola.uncovered import FACING, Uncovered
 
 SAMPLES_PER_HALF = 10
 """Surface samples along half a side of a grid; finer costs time and saves few grids."""
-
-FACING = 0.2
-"""Least cosine between a surface's normal and Uz for the grid to count as covering it (78°)."""
-
-
-COVERED = -1.0
-"""Stands for the distance of a sample that a grid covers."""
 
 
 def covering(
@@ -60,7 +53,7 @@ def covering(
     samples = sample_surface(mesh, step)
     limit = half * (1 - overlap) - step
     tree = cKDTree(samples.points)
-    distance = np.full(len(samples.points), np.inf)
+    uncovered = Uncovered(samples.points, samples.normals, limit, half - step)
     grids: list[MapletGrid] = []
     index = 0
     while index >= 0:
@@ -68,52 +61,8 @@ def covering(
             samples.points[index], _mean_normal(samples, tree, index, half), gsd, half_size
         )
         grids.append(grid)
-        distance[index] = COVERED  # its own grid covers it, whatever rounding says: the loop ends
-        index = cover(
-            samples.points, samples.normals, distance, grid.center, grid.axes, (limit, half - step)
-        )
+        index = uncovered.cover(grid, index)
     return grids
-
-
-@kernel
-def cover(
-    points: FloatArray,
-    normals: FloatArray,
-    distance: FloatArray,
-    center: FloatArray,
-    axes: FloatArray,
-    limits: tuple[float, float],
-) -> int:
-    """Mark the samples that a grid covers, and return the furthest that is not covered (or −1).
-
-    `distance` (N,) is each sample's distance to the nearest centre, squared, or `COVERED`; it is
-    changed in place. `limits` are the `side` and `depth` of `inside`.
-    """
-    side, depth = limits
-    furthest = -1
-    most = -1.0
-    for i in range(len(points)):
-        if distance[i] < 0.0:
-            continue
-        dx = points[i, 0] - center[0]
-        dy = points[i, 1] - center[1]
-        dz = points[i, 2] - center[2]
-        squared = dx * dx + dy * dy + dz * dz
-        if squared <= 2.0 * side * side + depth * depth:
-            x = dx * axes[0, 0] + dy * axes[0, 1] + dz * axes[0, 2]
-            y = dx * axes[1, 0] + dy * axes[1, 1] + dz * axes[1, 2]
-            h = dx * axes[2, 0] + dy * axes[2, 1] + dz * axes[2, 2]
-            cosine = (
-                normals[i, 0] * axes[2, 0] + normals[i, 1] * axes[2, 1] + normals[i, 2] * axes[2, 2]
-            )
-            if abs(x) <= side and abs(y) <= side and abs(h) <= depth and cosine >= FACING:
-                distance[i] = COVERED
-                continue
-        distance[i] = min(distance[i], squared)
-        if distance[i] > most:
-            most = distance[i]
-            furthest = i
-    return furthest
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spcola.covering import COVERED, cover, covering, inside, sample_surface
+from spcola.covering import covering, inside, sample_surface
 from spcola.errors import InvalidValueError
 from spcola.formats.obj import read_obj
 from spcola.maplet import MapletGrid
 from spcola.mesh import Mesh
+from spcola.uncovered import COVERED, Uncovered
 
 
 def ellipsoid(a: float, b: float, c: float, step: int = 24) -> Mesh:
@@ -73,19 +74,27 @@ def test_grids_stand_on_the_surface_and_face_outward() -> None:
         assert (grid.gsd, grid.half_size) == (2.0, 15)
 
 
-def test_kernel_equals_its_formula() -> None:
-    samples = sample_surface(ellipsoid(50.0, 40.0, 30.0), 3.0)
-    grid = MapletGrid.facing(samples.points[7], samples.normals[7], 1.0, 20)
-    distance = np.random.default_rng(4).uniform(0, 2000.0, len(samples.points))
-    distance[::5] = COVERED
-    squared = np.sum((samples.points - grid.center) ** 2, axis=1)
-    within = inside(grid, samples.points, samples.normals, side=15.0, depth=18.0)
-    expected = np.where(within | (distance < 0), COVERED, np.minimum(distance, squared))
-    index = cover(samples.points, samples.normals, distance, grid.center, grid.axes, (15.0, 18.0))
-    np.testing.assert_allclose(distance, expected, rtol=1e-12)
-    assert index == np.argmax(expected)
-    assert cover(samples.points[:1], samples.normals, np.array([COVERED]), grid.center, grid.axes,
-                 (15.0, 18.0)) == -1  # fmt: skip
+def test_each_grid_leaves_what_the_formula_says() -> None:
+    samples = sample_surface(ellipsoid(50.0, 40.0, 30.0), 1.5)
+    uncovered = Uncovered(samples.points, samples.normals, 7.0, 9.0)
+    expected, index = np.full(len(samples.points), np.inf), 0
+    for _ in range(60):
+        normal = samples.normals[index]
+        grid = MapletGrid.facing(samples.points[index], normal, 1.0, 10)
+        squared = np.sum((samples.points - grid.center) ** 2, axis=1)
+        within = inside(grid, samples.points, samples.normals, side=7.0, depth=9.0)
+        expected = np.where(within | (expected < 0), COVERED, np.minimum(expected, squared))
+        expected[index] = COVERED
+        index = uncovered.cover(grid, index)
+        np.testing.assert_allclose(uncovered.distance, expected, rtol=1e-12)
+        assert index == np.argmax(expected)
+    assert 0 < np.count_nonzero(expected == COVERED) < len(expected)
+
+
+def test_nothing_is_left_when_all_is_covered() -> None:
+    points, normals = np.array([[3.0, 0, 0]]), np.array([[1.0, 0, 0]])
+    uncovered = Uncovered(points, normals, 1.0, 1.0)
+    assert uncovered.cover(MapletGrid.facing(points[0], normals[0], 1.0, 3), 0) == -1
 
 
 def test_more_overlap_takes_more_grids() -> None:
