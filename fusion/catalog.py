@@ -5,8 +5,10 @@ from __future__ import annotations
 import errno
 import hashlib
 import json
+import os
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -94,33 +96,46 @@ class Catalog:
         WorkspaceError
             If it cannot be read.
         """
-        name = self.workspace.relative(path)
-        try:
-            status = path.stat()
-            known = (status.st_size, status.st_mtime_ns, status.st_ino)
-            row = self._base.execute(
-                "SELECT size, mtime_ns, inode, digest FROM file WHERE path = ?", (name,)
-            ).fetchone()
-            if row is not None and tuple(row[:3]) == known:
-                return str(row[3])
-            digest = file_digest(path)
-        except OSError as error:
-            raise WorkspaceError(
-                f"cannot be read ({error.strerror})",
-                path,
-                "restore it, or take its name off the list that holds it"
-                if error.errno == errno.ENOENT
-                else "check that it is a file, and its permissions",
-            ) from error
-        with self._writing() as base:
-            base.execute(
-                "INSERT OR REPLACE INTO file VALUES (?, ?, ?, ?, ?)", (name, *known, digest)
-            )
-        return digest
+        return self.digests_of([path])[0]
 
-    def digests(self, paths: list[Path]) -> dict[str, str]:
+    def digests(self, paths: Sequence[Path]) -> dict[str, str]:
         """Return the SHA-256 of files by their names in the catalogue."""
-        return {self.workspace.relative(path): self.digest(path) for path in paths}
+        names = [self.workspace.relative(path) for path in paths]
+        return dict(zip(names, self.digests_of(paths), strict=True))
+
+    def digests_of(self, paths: Sequence[Path]) -> list[str]:
+        """Return the SHA-256 of files; of those that are new or changed on all cores.
+
+        Raises
+        ------
+        WorkspaceError
+            If one cannot be read.
+        """
+        stated = [_status(path) for path in paths]
+        found = [self._known(path, state) for path, state in zip(paths, stated, strict=True)]
+        missing = [k for k, digest in enumerate(found) if digest is None]
+        if not missing:
+            return [digest for digest in found if digest is not None]
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            computed = list(pool.map(_readable_digest, [paths[k] for k in missing]))
+        with self._writing() as base:
+            base.executemany(
+                "INSERT OR REPLACE INTO file VALUES (?, ?, ?, ?, ?)",
+                [
+                    (self.workspace.relative(paths[k]), *stated[k], digest)
+                    for k, digest in zip(missing, computed, strict=True)
+                ],
+            )
+        new = iter(computed)
+        return [next(new) if digest is None else digest for digest in found]
+
+    def _known(self, path: Path, state: tuple[int, int, int]) -> str | None:
+        """Return the digest of a file that is as it was, or None."""
+        row = self._base.execute(
+            "SELECT size, mtime_ns, inode, digest FROM file WHERE path = ?",
+            (self.workspace.relative(path),),
+        ).fetchone()
+        return str(row[3]) if row is not None and tuple(row[:3]) == state else None
 
     def record(self, stage: str) -> StageRecord | None:
         """Return how `stage` last ran, or None if it did not."""
@@ -211,6 +226,33 @@ def read_records(workspace: Workspace) -> list[StageRecord]:
         except OSError as error:
             raise WorkspaceError(f"cannot be read ({error.strerror})", path) from error
     return records
+
+
+def _status(path: Path) -> tuple[int, int, int]:
+    """Return size, time of change and inode of a file: as long as they stay, so does its digest."""
+    with _refused(path):
+        status = path.stat()
+        return status.st_size, status.st_mtime_ns, status.st_ino
+
+
+def _readable_digest(path: Path) -> str:
+    with _refused(path):
+        return file_digest(path)
+
+
+@contextmanager
+def _refused(path: Path) -> Iterator[None]:
+    """Say in one line that a file cannot be read."""
+    try:
+        yield
+    except OSError as error:
+        raise WorkspaceError(
+            f"cannot be read ({error.strerror})",
+            path,
+            "restore it, or take its name off the list that holds it"
+            if error.errno == errno.ENOENT
+            else "check that it is a file, and its permissions",
+        ) from error
 
 
 def file_digest(path: Path) -> str:

@@ -23,6 +23,7 @@ from lidar.relocation import Relocation
 from lidar.returns import Returns
 from spcola.arrays import FloatArray, IntArray, frozen
 from spcola.errors import InvalidValueError
+from spcola.kernel import kernel
 
 
 class ScanStore:
@@ -169,10 +170,9 @@ class _Part:
         points, rows = unpack_near(self.cubes, near(self.cubes, center, wide), center, wide)
         if self.move is None or not len(rows):
             return points, rows
-        points, placed = self.move.apply(points, times_of(self.block, rows))
-        with np.errstate(invalid="ignore"):
-            placed &= np.sum((points - center) ** 2, axis=1) <= radius**2
-        return points[placed], rows[placed]
+        points, _ = self.move.apply(points, times_of(self.block, rows))
+        count = _keep_near(points, rows, center, radius)
+        return points[:count], rows[:count]
 
     def count_near(self, center: FloatArray, radius: float) -> int:
         """Count the returns in the cubes that are looked into for :meth:`near`."""
@@ -192,6 +192,22 @@ class _Part:
         if sigma is None:
             return np.full(len(rows), self.block.numbers.get("sigma", np.nan))
         return sigma[rows].astype(np.float64)
+
+
+@kernel
+def _keep_near(points: FloatArray, rows: IntArray, center: FloatArray, radius: float) -> int:
+    """Move what lies within `radius` of `center` to the front, in its order; return how many.
+
+    What has no place (NaN) lies nowhere near.
+    """
+    count = 0
+    for n in range(len(points)):
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        square = (x - center[0]) ** 2 + (y - center[1]) ** 2 + (z - center[2]) ** 2
+        points[count, 0], points[count, 1], points[count, 2] = x, y, z
+        rows[count] = rows[n]
+        count += square <= radius * radius
+    return count
 
 
 def _middle(bounds: FloatArray) -> FloatArray:

@@ -81,7 +81,7 @@ class Workers:
 
     executor: Executor
     progress: Progress
-    digest: Callable[[Path], str]
+    digests: Callable[[Sequence[Path]], list[str]]
 
 
 def import_files(
@@ -103,7 +103,7 @@ def import_files(
     """
     for source in sources:
         _check_name(source)
-    digests = [workers.digest(source.path) for source in sources]
+    digests = workers.digests([source.path for source in sources])
     scans = {name: scan_summary(workspace.scan_path(name)) for name in workspace.scan_names()}
     taken = {name: scan.digest for name, scan in scans.items()}
     here: list[str] = []
