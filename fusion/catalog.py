@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from threading import Event
 from typing import Any, Self
 
 from fusion.workspace import Workspace
@@ -20,6 +21,8 @@ from spcola.errors import WorkspaceError
 CATALOG_FILE = "catalog.sqlite"
 RECORD_FOLDER = "provenance"
 _SCHEMA_VERSION = 1
+# Read at a time for a digest: little beside the caches, much beside a system call.
+_BLOCK_BYTES = 1 << 20
 _SCHEMA = """
 CREATE TABLE file (path TEXT PRIMARY KEY, size INTEGER, mtime_ns INTEGER, inode INTEGER,
                    digest TEXT NOT NULL);
@@ -116,8 +119,7 @@ class Catalog:
         missing = [k for k, digest in enumerate(found) if digest is None]
         if not missing:
             return [digest for digest in found if digest is not None]
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            computed = list(pool.map(_readable_digest, [paths[k] for k in missing]))
+        computed = _digests([paths[k] for k in missing])
         with self._writing() as base:
             base.executemany(
                 "INSERT OR REPLACE INTO file VALUES (?, ?, ?, ?, ?)",
@@ -235,9 +237,24 @@ def _status(path: Path) -> tuple[int, int, int]:
         return status.st_size, status.st_mtime_ns, status.st_ino
 
 
-def _readable_digest(path: Path) -> str:
+def _digests(paths: Sequence[Path]) -> list[str]:
+    """Return the SHA-256 of files, read on all cores."""
+    if len(paths) == 1:
+        # Not on a thread: Ctrl-C could not stop it where the file keeps it waiting.
+        return [_readable_digest(paths[0])]
+    stopped = Event()
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        try:
+            return list(pool.map(lambda path: _readable_digest(path, stopped), paths))
+        except BaseException:
+            stopped.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _readable_digest(path: Path, stopped: Event | None = None) -> str:
     with _refused(path):
-        return file_digest(path)
+        return file_digest(path, stopped)
 
 
 @contextmanager
@@ -255,10 +272,13 @@ def _refused(path: Path) -> Iterator[None]:
         ) from error
 
 
-def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file's bytes, hexadecimal."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+def file_digest(path: Path, stopped: Event | None = None) -> str:
+    """Return the SHA-256 of a file's bytes, hexadecimal; of some of them once `stopped` is set."""
+    digest, block = hashlib.sha256(), memoryview(bytearray(_BLOCK_BYTES))
+    with path.open("rb", buffering=0) as stream:
+        while (count := stream.readinto(block)) and not (stopped and stopped.is_set()):
+            digest.update(block[:count])
+    return digest.hexdigest()
 
 
 @dataclass(frozen=True)

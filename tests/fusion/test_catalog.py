@@ -1,0 +1,50 @@
+"""Digests of files: those of their bytes, kept as long as the files stay as they are."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from threading import Event
+
+import pytest
+
+from fusion.catalog import Catalog, file_digest
+from fusion.initialise import new_workspace
+from fusion.workspace import Workspace
+from spcola.errors import WorkspaceError
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Workspace:
+    new_workspace(tmp_path / "ws", body="Bennu")
+    return Workspace.open(tmp_path / "ws")
+
+
+def test_digests_of_many_files_are_those_of_their_bytes(workspace: Workspace) -> None:
+    paths = [workspace.root / f"file{number}" for number in range(6)]
+    for number, path in enumerate(paths):
+        path.write_bytes(bytes([number]) * (number * 700_000))
+    expected = [hashlib.sha256(path.read_bytes()).hexdigest() for path in paths]
+    catalog = Catalog(workspace)
+    assert catalog.digests_of(paths) == expected
+    paths[2].write_bytes(b"other")
+    expected[2] = hashlib.sha256(b"other").hexdigest()
+    assert catalog.digests_of(paths[::-1]) == expected[::-1]
+    assert catalog.digests(paths)["file2"] == expected[2]
+    catalog.close()
+
+
+def test_a_missing_file_among_many_is_named(workspace: Workspace) -> None:
+    there = workspace.root / "there"
+    there.write_bytes(b"x")
+    catalog = Catalog(workspace)
+    with pytest.raises(WorkspaceError, match="gone"):
+        catalog.digests_of([there, workspace.root / "gone"])
+    catalog.close()
+
+
+def test_a_digest_ends_when_it_is_stopped(tmp_path: Path) -> None:
+    path, stopped = tmp_path / "file", Event()
+    path.write_bytes(b"x" * 3_000_000)
+    stopped.set()
+    assert file_digest(path, stopped) != file_digest(path)
