@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import hashlib
 import json
-import os
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -15,6 +14,7 @@ from pathlib import Path
 from threading import Event
 from typing import Any, Self
 
+from fusion.executor import usable_cores
 from fusion.workspace import Workspace
 from spcola.errors import WorkspaceError
 
@@ -243,7 +243,7 @@ def _digests(paths: Sequence[Path]) -> list[str]:
         # Not on a thread: Ctrl-C could not stop it where the file keeps it waiting.
         return [_readable_digest(paths[0])]
     stopped = Event()
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(usable_cores()) as pool:
         try:
             return list(pool.map(lambda path: _readable_digest(path, stopped), paths))
         except BaseException:
