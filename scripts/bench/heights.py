@@ -35,7 +35,7 @@ from spcola.heights.graph import normal_matrix
 
 KINDS = ("full", "few heights", "smooth mask", "rough mask", "blocks 1e6", "edges 1e6")
 SIZES = (99, 501, 1001, 2001, 5001)
-MOST_POINTS = {"edges 1e6": 1001}
+MOST_POINTS = {"edges 1e6": 2001}
 LIMITS = {"pyamg": 2001, "DCT-CG": 5001, "CHOLMOD": 2001, "SuperLU": 501, "relaxation": 99}
 SWEEPS = 4500
 MAPLETS = 1000

@@ -3,9 +3,11 @@
 Points are paired with a neighbour that holds them most strongly, once for each level (pairs of
 pairs would move stiff pairs that the smoother, point by point, cannot); what lies side by side
 without holding together (the arms of a spiral, two stiff pieces with a soft joint between) is
-never merged. Each coarse problem is solved by at most two steps of flexible conjugate gradients
-(the K-cycle of Notay, ETNA 37, 2010), which find the right scale of the correction themselves,
-whatever the shape of the aggregates.
+never merged; and points that their own constraint holds more than their edges do are left to the
+smoother, because an aggregate that contains one would be held as firmly (Napov & Notay, SIAM J.
+Sci. Comput. 34, 2012). Each coarse problem is solved by at most two steps of flexible conjugate
+gradients (the K-cycle of Notay, ETNA 37, 2010), which find the right scale of the correction
+themselves, whatever the shape of the aggregates.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ import numpy as np
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
-from spcola.arrays import FloatArray, IntArray
+from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.kernel import kernel
 
 _COARSEST_POINTS = 2000
@@ -26,16 +28,19 @@ _SLOWEST = 0.8
 """Share of points that coarsening may leave; a graph that resists is left to the factors."""
 _STRONG = 4.0
 """How much weaker than the strongest edges of its two points the edge of a pair may be."""
+_HELD = 1.0 / 3.0
+"""Constraint of a point, over the sum of its edges, from which the smoother alone moves it: that
+of Napov & Notay for a condition number of 8; by experiment a tenth is too little."""
+_SMALLER = 2.5
+"""Fall of the number of points from one level with a second step to the next such level: each
+visits all below it twice, so that levels of pairs alone (half the points) would all cost alike."""
 _ENOUGH = 0.25
 """Fall of a coarse residual after which a second step is not worth its time (Notay)."""
-_REDUCTION = 1e-9
-"""Fall of the error (in the norm of the energy) at which a solution counts as the solution."""
-_MOST_STEPS = 200
 
 
 @dataclass(frozen=True, eq=False)
 class _Level:
-    """A matrix, one over its diagonal, and the aggregate that each point belongs to."""
+    """A matrix, one over its diagonal, and the aggregate that each point belongs to (or −1)."""
 
     matrix: csr_array
     inverse: FloatArray
@@ -47,9 +52,23 @@ class _Level:
         m = self.matrix
         _sweep(m.indptr, m.indices, m.data, self.inverse, x, b, backward)
 
+    def restrict(self, x: FloatArray, b: FloatArray) -> FloatArray:
+        """Return the sum of ``b − A x`` over each aggregate."""
+        m, rest = self.matrix, np.zeros(self.coarse)
+        _restrict(m.indptr, m.indices, m.data, x, b, self.aggregate, rest)
+        return rest
 
-class AggregationSolver:
-    """Solve ``A x = b`` for a sparse matrix of the kind that height problems have.
+    def multiply(self, x: FloatArray) -> tuple[FloatArray, float]:
+        """Return ``A x`` and ``xᵀ A x``."""
+        m, out = self.matrix, np.empty_like(x)
+        return out, _multiply(m.indptr, m.indices, m.data, x, out)
+
+
+class AggregationCycle:
+    """One cycle on ``A x = b`` for a sparse matrix of the kind that height problems have.
+
+    It is symmetric but for the inner steps, which depend on `b`: a preconditioner for *flexible*
+    conjugate gradients.
 
     Parameters
     ----------
@@ -59,126 +78,192 @@ class AggregationSolver:
 
     def __init__(self, matrix: csc_array) -> None:
         self._levels: list[_Level] = []
+        self._twice: list[bool] = []
         fine: csr_array = matrix.tocsr()
+        last = fine.shape[0]
         while fine.shape[0] > _COARSEST_POINTS:
-            aggregate = _pairs(fine)
-            count = int(aggregate.max()) + 1
+            aggregate, count = _pairs(fine)
             if count > _SLOWEST * fine.shape[0]:
                 break
             self._levels.append(_Level(fine, 1.0 / fine.diagonal(), aggregate, count))
-            fine = _merged(fine, aggregate)
-        self._factors: Any = splu(
-            fine.tocsc(),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
+            fine = _merged(fine, aggregate, count)
+            self._twice.append(count * _SMALLER <= last)
+            last = count if self._twice[-1] else last
+        self._factors: Any = None
+        if fine.shape[0] > 0:
+            self._factors = splu(
+                fine.tocsc(),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
 
-    def solve(self, right: FloatArray) -> tuple[FloatArray, int]:
-        """Return the solution and the number of cycles."""
-        if not self._levels:
-            answer: FloatArray = self._factors.solve(right)
-            return answer, 1
-        matrix = self._levels[0].matrix
-        x, r = np.zeros_like(right), right.copy()
-        z = self._cycle(0, r)
-        p, rz = z, float(r @ z)
-        enough = _REDUCTION**2 * rz
-        done = 0
-        while rz > enough and done < _MOST_STEPS:
-            q = matrix @ p
-            alpha = float(p @ r) / float(p @ q)
-            x += alpha * p
-            r -= alpha * q
-            z = self._cycle(0, r)
-            rz = float(r @ z)
-            # The cycle is not linear, so that directions are made conjugate explicitly.
-            p = z - (float(z @ q) / float(p @ q)) * p
-            done += 1
-        return x, done
+    def apply(self, right: FloatArray) -> FloatArray:
+        """Return the cycle's answer (n,) to `right` (n,)."""
+        return self._answer(0, right)
 
-    def _cycle(self, k: int, b: FloatArray) -> FloatArray:
+    def _answer(self, k: int, b: FloatArray) -> FloatArray:
+        """One cycle from level `k` down; the last level is solved, or has no points."""
+        if k == len(self._levels):
+            answer: FloatArray = b if self._factors is None else self._factors.solve(b)
+            return answer
         level = self._levels[k]
         x = np.zeros_like(b)
         level.sweep(x, b, backward=False)
-        rest = np.zeros(level.coarse)
-        np.add.at(rest, level.aggregate, b - level.matrix @ x)
-        x += self._correction(k + 1, rest)[level.aggregate]
+        _spread(self._correction(k + 1, level.restrict(x, b)), level.aggregate, x)
         level.sweep(x, b, backward=True)
         return x
 
     def _correction(self, k: int, b: FloatArray) -> FloatArray:
         """Solve level `k` for `b` by at most two steps of flexible conjugate gradients."""
+        c = self._answer(k, b)
         if k == len(self._levels):
-            answer: FloatArray = self._factors.solve(b)
-            return answer
-        matrix = self._levels[k].matrix
-        c = self._cycle(k, b)
-        v = matrix @ c
-        energy = float(c @ v)
+            return c
+        level = self._levels[k]
+        v, energy = level.multiply(c)
         if energy <= 0:
             return c
-        first = float(c @ b) / energy
+        first = _dot(c, b) / energy
         rest = b - first * v
-        if rest @ rest <= _ENOUGH**2 * (b @ b):
+        if not self._twice[k - 1] or _dot(rest, rest) <= _ENOUGH**2 * _dot(b, b):
             return first * c
-        d = self._cycle(k, rest)
-        w = matrix @ d
-        mixed = float(d @ v)
-        left = float(d @ w) - mixed**2 / energy
+        d = self._answer(k, rest)
+        _, own = level.multiply(d)
+        mixed = _dot(d, v)
+        left = own - mixed**2 / energy
         if left <= 0:
             return first * c
-        second = float(d @ rest) / left
+        second = _dot(d, rest) / left
         return (first - mixed / energy * second) * c + second * d
 
 
-def _merged(matrix: csr_array, aggregate: IntArray) -> csr_array:
+def _merged(matrix: csr_array, aggregate: IntArray, count: int) -> csr_array:
     """Return the matrix of the aggregates, ``PᵀAP``."""
-    count, points = int(aggregate.max()) + 1, len(aggregate)
-    entries = (np.ones(points), aggregate, np.arange(points + 1))
-    prolongation = csr_array(entries, shape=(points, count))
+    inside = aggregate >= 0
+    start = np.concatenate([[0], np.cumsum(inside)])
+    entries = (np.ones(start[-1]), aggregate[inside], start)
+    prolongation = csr_array(entries, shape=(len(aggregate), count))
     merged: csr_array = (prolongation.T @ matrix @ prolongation).tocsr()
     return merged
 
 
-def _pairs(matrix: csr_array) -> IntArray:
+def _pairs(matrix: csr_array) -> tuple[IntArray, int]:
+    """Return the aggregate of each point (−1: none) and the number of aggregates."""
     aggregate = np.full(matrix.shape[0], -1, dtype=np.int32)
-    _pair(matrix.indptr, matrix.indices, matrix.data, aggregate)
-    return aggregate
+    graph = (matrix.indptr, matrix.indices, matrix.data)
+    hold, strongest, alone = _strengths(*graph)
+    return aggregate, _pair(*graph, hold, strongest, alone, aggregate)
 
 
 @kernel
-def _pair(indptr: IntArray, indices: IntArray, data: FloatArray, aggregate: IntArray) -> None:
-    """Pair points by edges that are strong for both; the others join where they are held most."""
-    points = len(aggregate)
+def _strengths(
+    indptr: IntArray, indices: IntArray, data: FloatArray
+) -> tuple[FloatArray, IntArray, BoolArray]:
+    """Return of each point its strongest edge, where that leads, and whether it stays alone."""
+    points = len(indptr) - 1
     hold, strongest = np.zeros(points), np.arange(points)
+    alone = np.zeros(points, dtype=np.bool_)
     for i in range(points):
+        edges, ground = 0.0, 0.0
         for n in range(indptr[i], indptr[i + 1]):
-            if indices[n] != i and -data[n] > hold[i]:
+            if indices[n] == i:
+                ground += data[n]
+                continue
+            edges -= min(data[n], 0.0)
+            ground -= abs(data[n])
+            if -data[n] > hold[i]:
                 hold[i], strongest[i] = -data[n], indices[n]
-    count = 0
+        alone[i] = ground >= _HELD * edges
+    return hold, strongest, alone
+
+
+@kernel
+def _pair(
+    indptr: IntArray,
+    indices: IntArray,
+    data: FloatArray,
+    hold: FloatArray,
+    strongest: IntArray,
+    alone: BoolArray,
+    aggregate: IntArray,
+) -> int:
+    """Pair points by edges that are strong for both; the others join where they are held most."""
+    points, count = len(aggregate), 0
     for i in range(points):
-        if aggregate[i] >= 0:
+        if aggregate[i] >= 0 or alone[i]:
             continue
         partner, most = -1, 0.0
         for n in range(indptr[i], indptr[i + 1]):
             j = indices[n]
             strong = -_STRONG * data[n]
             mutual = strong >= hold[i] and strong >= hold[j] > 0
-            if j != i and aggregate[j] < 0 and mutual and -data[n] > most:
+            free = j != i and aggregate[j] < 0 and not alone[j]
+            if free and mutual and -data[n] > most:
                 partner, most = j, -data[n]
         if partner >= 0:
             aggregate[i] = aggregate[partner] = count
             count += 1
     for i in range(points):
+        if alone[i]:
+            continue
         j = i
         # Each next edge is at least as strong, and the strongest of all has found its pair.
-        while aggregate[j] < 0 and strongest[j] != j:
+        while aggregate[j] < 0 and strongest[j] != j and not alone[strongest[j]]:
             j = strongest[j]
         if aggregate[j] < 0:
             aggregate[j] = count
             count += 1
         aggregate[i] = aggregate[j]
+    return count
+
+
+@kernel
+def _restrict(
+    indptr: IntArray,
+    indices: IntArray,
+    data: FloatArray,
+    x: FloatArray,
+    b: FloatArray,
+    aggregate: IntArray,
+    out: FloatArray,
+) -> None:
+    for i in range(len(x)):
+        if aggregate[i] < 0:
+            continue
+        rest = b[i]
+        for n in range(indptr[i], indptr[i + 1]):
+            rest -= data[n] * x[indices[n]]
+        out[aggregate[i]] += rest
+
+
+@kernel
+def _multiply(
+    indptr: IntArray, indices: IntArray, data: FloatArray, x: FloatArray, out: FloatArray
+) -> float:
+    total = 0.0
+    for i in range(len(x)):
+        here = 0.0
+        for n in range(indptr[i], indptr[i + 1]):
+            here += data[n] * x[indices[n]]
+        out[i] = here
+        total += x[i] * here
+    return total
+
+
+@kernel
+def _dot(one: FloatArray, other: FloatArray) -> float:
+    """Return ``oneᵀ other`` on this thread: those of BLAS would wait for one another here."""
+    total = 0.0
+    for i in range(len(one)):
+        total += one[i] * other[i]
+    return total
+
+
+@kernel
+def _spread(coarse: FloatArray, aggregate: IntArray, x: FloatArray) -> None:
+    for i in range(len(x)):
+        if aggregate[i] >= 0:
+            x[i] += coarse[aggregate[i]]
 
 
 @kernel

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import coo_array, csc_array
 
 from spcola.arrays import FloatArray
-from spcola.heights.aggregation import AggregationSolver
+from spcola.heights.aggregation import AggregationCycle
 from spcola.heights.components import Components
 from spcola.heights.problem import HeightProblem
 
@@ -40,7 +40,7 @@ def normal_matrix(problem: HeightProblem, weight: FloatArray) -> csc_array:
     return matrix
 
 
-class GraphSolver:
+class GraphCycle:
     """Multigrid on the normal matrix as a graph; one point of each floating part is held.
 
     For problems whose weights jump so wildly, or whose masks are so thin, that 2 × 2 aggregates
@@ -56,13 +56,9 @@ class GraphSolver:
         for label, index in zip(inside, first, strict=True):
             if label >= 0 and components.weight[label] == 0:
                 held.flat[index] = 1.0
-        self._solver = AggregationSolver(normal_matrix(problem, held))
+        self._cycle = AggregationCycle(normal_matrix(problem, held))
 
-    def apply(self, residual: FloatArray, unit: float, answer: FloatArray) -> int:
-        """Store in `answer` the heights that `residual` times `unit` asks for (both padded).
-
-        Returns the number of cycles.
-        """
+    def apply(self, residual: FloatArray, unit: float, answer: FloatArray) -> None:
+        """Store in `answer` the heights that `residual` times `unit` asks for (both padded)."""
         right = unit * residual[1:-1, 1:-1][self._mask].astype(np.float64)
-        answer[1:-1, 1:-1][self._mask], cycles = self._solver.solve(right)
-        return cycles
+        answer[1:-1, 1:-1][self._mask] = self._cycle.apply(right)

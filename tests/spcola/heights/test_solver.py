@@ -18,6 +18,7 @@ from spcola.heights import (
     solve_heights,
     solve_many,
 )
+from spcola.heights.aggregation import AggregationCycle
 from spcola.heights.bands import Bands
 from spcola.heights.components import find_components
 from spcola.heights.conjugate import LinearSystem
@@ -258,11 +259,11 @@ def test_iterations_stay_few_where_pieces_touch_at_corners(side):
     assert max(counts) <= 24, counts
 
 
-@pytest.mark.parametrize("kind", ["stripes", "checkerboard", "comb", "jumps"])
+@pytest.mark.parametrize("kind", ["comb", "jumps", "stripes", "checkerboard"])
 def test_wild_weights_and_thin_masks_need_a_bounded_number_of_cycles(kind):
-    """One-cell teeth, and edges whose weights are drawn from six orders of magnitude."""
+    """One-cell teeth, and weights that jump by six orders between edges, rows or squares."""
     counts = []
-    for size in (65, 129):
+    for size in (65, 129, 257):
         rng = np.random.default_rng(1)
         p = weighted(size, kind, rng)
         mask, weight_x, weight_y = np.array(p.mask), p.weight_x, p.weight_y
@@ -279,8 +280,28 @@ def test_wild_weights_and_thin_masks_need_a_bounded_number_of_cycles(kind):
             np.testing.assert_array_equal(solved, mask)
             np.testing.assert_allclose(solution.height, direct(problem), atol=1e-6, rtol=0)
         counts.append(solution.iterations)
-    assert max(counts) <= 120, counts
-    assert counts[-1] <= 1.3 * counts[0] + 5, counts
+    # Even weights take 8 or 9.
+    assert max(counts) <= 32, counts
+    assert counts[-1] <= 1.2 * counts[0] + 5, counts
+
+
+def test_aggregates_leave_out_points_that_their_constraint_holds():
+    """Stiff pairs that a soft edge joins to a held point, for which it is the stiffest.
+
+    Aggregates of all three would be held as firmly as that point: the cycle would leave 0.99 of
+    what the pairs are off by.
+    """
+    size, rng = 66, np.random.default_rng(5)
+    weight_x = np.broadcast_to(np.array([10, 0.01, 0.001])[np.arange(size - 1) % 3], (66, 65))
+    weight_y = 10 ** rng.uniform(-5, -3, (size - 1, size))
+    weight = np.where(np.arange(size) % 3 == 2, 1.0, 0.0) * np.ones((size, size))
+    steps = np.zeros((size, size - 1)), np.zeros((size - 1, size))
+    problem = HeightProblem(*steps, weight_x, weight_y, np.zeros((size, size)), weight)
+    matrix, _ = normal_equations(problem)
+    cycle, error = AggregationCycle(matrix), rng.normal(size=size**2)
+    for _ in range(10):
+        before, error = error, error - cycle.apply(matrix @ error)
+    assert error @ (matrix @ error) < 0.3**2 * (before @ (matrix @ before))
 
 
 def test_plane_is_recovered_from_one_constraint():
