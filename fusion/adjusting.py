@@ -36,9 +36,12 @@ class ScanSource:
         self, name: str, grid: MapletGrid, adjustment: ScanAdjustment | None
     ) -> tuple[Gridding, Returns]:
         """Grid what lies around `grid`, moved by the adjustment; return it with the returns."""
-        around = self.store.returns_near(grid.center, self.options.neighbourhood(grid))
-        if adjustment is not None:
-            around = adjustment.corrected(around)
+        box = self.options.box(grid)
+        if adjustment is None:
+            around = self.store.returns_inside(box)
+        else:
+            wide = box.grown(adjustment.reach(box.center, box.radius))
+            around = adjustment.corrected(self.store.returns_inside(wide))
         return grid_returns(name, grid, around, options=self.options), around
 
 

@@ -15,6 +15,7 @@ from distributed import Client
 from distributed.client import FutureCancelledError
 from threadpoolctl import threadpool_limits
 
+from fusion.executor import AHEAD
 from fusion.interrupt import heed_interrupts
 from spcola.errors import SettingsError
 
@@ -74,11 +75,13 @@ class ClusterExecutor:
         """Leave the cluster; it goes on without this process."""
         self._client.close()
 
-    def stream(self, function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+    def stream(
+        self, function: Callable[[Item], Result], items: Iterable[Item], *, ahead: int = AHEAD
+    ) -> Iterator[Result]:
         """Yield the results in the order of `items`.
 
-        `items` is read as workers become free, and at most two results per thread of the cluster
-        wait to be taken.
+        `items` is read as workers become free, and at most `ahead` results per thread of the
+        cluster wait to be taken.
         """
         payload = cloudpickle.dumps(function)
         sent = _Sent(self._client, payload)
@@ -86,7 +89,7 @@ class ClusterExecutor:
         try:
             for item in items:
                 waiting.append(_Waiting(item, sent.submit(item)))
-                if len(waiting) >= 2 * self.workers:
+                if len(waiting) >= ahead * self.workers:
                     yield _taken(waiting, sent)
             while waiting:
                 yield _taken(waiting, sent)

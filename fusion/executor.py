@@ -17,13 +17,23 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
+AHEAD = 2
+"""Results per worker that wait to be taken, where nothing else is said."""
+
+
 class Executor(Protocol):
     """Hands calls to workers. A cluster has only to offer these two to take the threads' place."""
 
     workers: int
 
-    def stream(self, function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-        """Yield the results in the order of `items`, few of them waiting at a time."""
+    def stream(
+        self, function: Callable[[Item], Result], items: Iterable[Item], *, ahead: int = AHEAD
+    ) -> Iterator[Result]:
+        """Yield the results in the order of `items`.
+
+        At most `ahead` results per worker wait to be taken. Where some calls take many times as
+        long as others a few more keep all workers busy behind a long one.
+        """
         ...
 
     def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
@@ -53,10 +63,12 @@ class ThreadExecutor:
             raise SettingsError(f"must be at least 1, not {workers}", "workers")
         self.workers = workers or usable_cores()
 
-    def stream(self, function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+    def stream(
+        self, function: Callable[[Item], Result], items: Iterable[Item], *, ahead: int = AHEAD
+    ) -> Iterator[Result]:
         """Yield the results in the order of `items`.
 
-        `items` is read as workers become free and at most two results per worker wait to be
+        `items` is read as workers become free and at most `ahead` results per worker wait to be
         taken, so that neither side has to fit in memory.
         """
         pool = ThreadPoolExecutor(self.workers, thread_name_prefix="spcola")
@@ -67,7 +79,7 @@ class ThreadExecutor:
         try:
             for item in items:
                 waiting.append(pool.submit(function, item))
-                if len(waiting) >= 2 * self.workers:
+                if len(waiting) >= ahead * self.workers:
                     yield _taken(waiting)
             while waiting:
                 yield _taken(waiting)

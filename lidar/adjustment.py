@@ -126,6 +126,12 @@ class ScanAdjustment:
         points = _taken_back(returns.points, returns.scan, center, displacement)
         return Returns(points, returns.sigma, returns.scan, returns.scan_names)
 
+    def reach(self, center: FloatArray, radius: float) -> float:
+        """Return by how much points within `radius` of `center` (3,) are moved at most, metres."""
+        arm = np.linalg.norm(self.center - center, axis=1) + radius
+        shift, turn = (np.linalg.norm(self.displacement[:, k : k + 3], axis=1) for k in (0, 3))
+        return float((shift + turn * arm).max(initial=0.0))
+
     def modes(self, *, reach: float, least: float) -> FloatArray:
         """Return independent patterns (6S, M) of what is unknown, each of standard deviation 1.
 

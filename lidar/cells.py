@@ -107,7 +107,7 @@ class CellReturns:
 
     def spreads(self, values: FloatArray, center: FloatArray) -> FloatArray:
         """1.4826 × median absolute deviation of `values` (K,) from `center`, by cell."""
-        return MAD_TO_SIGMA * self.medians(_distances(self.start, values, center.ravel()))
+        return MAD_TO_SIGMA * _spreads(self.start, values, center.ravel()).reshape(self.shape)
 
 
 class CorrectedMedians:
@@ -121,12 +121,20 @@ class CorrectedMedians:
     cells : CellReturns
     neglected_m : float
         A change of the slopes by less than this over half a cell is none, metres.
+    before : CorrectedMedians, optional
+        Of cells that held more returns: those that lost none keep their medians.
     """
 
-    def __init__(self, cells: CellReturns, neglected_m: float) -> None:
+    def __init__(
+        self, cells: CellReturns, neglected_m: float, before: CorrectedMedians | None = None
+    ) -> None:
         self._cells, self._neglected = cells, 2.0 * neglected_m
-        self._slope_x, self._slope_y = (np.full(cells.shape, np.nan) for _ in range(2))
-        self._height = np.full(cells.shape, np.nan)
+        self._slope_x, self._slope_y, self._height = (np.full(cells.shape, np.nan) for _ in "xyz")
+        if before is not None:
+            same = before._cells.count == cells.count
+            self._slope_x[same] = before._slope_x[same]
+            self._slope_y[same] = before._slope_y[same]
+            self._height[same] = before._height[same]
 
     def at(self, slope_x: FloatArray, slope_y: FloatArray) -> FloatArray:
         """Median height of each cell with slopes in metres per step, of the grid's shape."""
@@ -198,16 +206,6 @@ def _corrected(
 
 
 @kernel
-def _distances(start: IntArray, values: FloatArray, center: FloatArray) -> FloatArray:
-    """Distances (K,) of `values` from the center (C,) of their cell."""
-    result = np.empty(len(values))
-    for c in range(len(start) - 1):
-        for k in range(start[c], start[c + 1]):
-            result[k] = abs(values[k] - center[c])
-    return result
-
-
-@kernel
 def _medians(start: IntArray, values: FloatArray) -> FloatArray:
     """Median of each run of `values` (K,) given by `start` (C + 1,)."""
     cells = len(start) - 1
@@ -221,6 +219,24 @@ def _medians(start: IntArray, values: FloatArray) -> FloatArray:
         if size > 0:
             for i in range(size):
                 buffer[i] = values[start[c] + i]
+            result[c] = median_of(buffer, size)
+    return result
+
+
+@kernel
+def _spreads(start: IntArray, values: FloatArray, center: FloatArray) -> FloatArray:
+    """Median distance of each run of `values` (K,) from its center (C,); NaN if empty."""
+    cells = len(start) - 1
+    result = np.full(cells, np.nan)
+    longest = 0
+    for c in range(cells):
+        longest = max(longest, start[c + 1] - start[c])
+    buffer = np.empty(longest)
+    for c in range(cells):
+        size = start[c + 1] - start[c]
+        if size > 0:
+            for i in range(size):
+                buffer[i] = abs(values[start[c] + i] - center[c])
             result[c] = median_of(buffer, size)
     return result
 

@@ -16,7 +16,8 @@ from functools import cached_property
 
 import numpy as np
 
-from spcola.arrays import BoolArray, FloatArray, IntArray
+from lidar.box import Box
+from spcola.arrays import FloatArray, IntArray
 from spcola.kernel import inlined_kernel, kernel
 
 QUANTUM_M = 5e-5
@@ -57,6 +58,11 @@ class CubedPoints:
         """Middles (T, 3) of the cubes, metres."""
         return (self.cube + 0.5) * edge_of(self.bits)
 
+    @cached_property
+    def corner(self) -> IntArray:
+        """Lowest corners (T, 3) of the cubes, quanta."""
+        return self.cube << self.bits
+
     @property
     def reach(self) -> float:
         """Largest distance of a point from the middle of its cube, metres."""
@@ -73,7 +79,7 @@ class CubedPoints:
         """Return all points (N, 3), metres."""
         chosen = np.arange(len(self.cube))
         points = np.empty((len(self.place), 3))
-        _unpack(self.place, self.start, self.cube << self.bits, chosen, points)
+        _unpack(self.place, self.start, self.corner, chosen, points)
         return points
 
 
@@ -210,45 +216,99 @@ def _unpack(
             row += 1
 
 
+BoxArrays = tuple[FloatArray, FloatArray, FloatArray]
+"""Centre, axes and half lengths of a box, as the kernels take them."""
+
+
+@inlined_kernel
+def _is_inside(x: float, y: float, z: float, box: BoxArrays, reach: float) -> bool:
+    """Whether the place lies in the box, or within `reach` beyond its sides."""
+    center, axes, half = box
+    inside = True
+    for axis in range(3):
+        along = (
+            axes[axis, 0] * (x - center[0])
+            + axes[axis, 1] * (y - center[1])
+            + axes[axis, 2] * (z - center[2])
+        )
+        inside &= abs(along) <= half[axis] + reach
+    return inside
+
+
 @kernel
-def _unpack_near(
-    place: IntArray,
-    start: IntArray,
-    corner: IntArray,
+def _touching(middle: FloatArray, box: BoxArrays, reach: float) -> IntArray:
+    chosen = np.empty(len(middle), dtype=np.int64)
+    count = 0
+    for t in range(len(middle)):
+        chosen[count] = t
+        count += _is_inside(middle[t, 0], middle[t, 1], middle[t, 2], box, reach)
+    return chosen[:count]
+
+
+@kernel
+def _unpack_inside(
+    cubes: tuple[IntArray, IntArray, IntArray],
     chosen: IntArray,
-    center: FloatArray,
-    radius: float,
-) -> tuple[FloatArray, IntArray]:
-    """Points of the `chosen` cubes within `radius` of `center`, and their rows."""
-    most = 0
-    for t in chosen:
-        most += start[t + 1] - start[t]
-    points = np.empty((most, 3))
-    rows = np.empty(most, dtype=np.int64)
+    box: BoxArrays,
+    reach: float,
+    points: FloatArray,
+    rows: IntArray,
+) -> int:
+    place, start, corner = cubes
     found = 0
     for t in chosen:
         for n in range(start[t], start[t + 1]):
             x = _coordinate(place[n], 0, corner[t, 0])
             y = _coordinate(place[n], 1, corner[t, 1])
             z = _coordinate(place[n], 2, corner[t, 2])
-            square = (x - center[0]) ** 2 + (y - center[1]) ** 2 + (z - center[2]) ** 2
             points[found, 0], points[found, 1], points[found, 2] = x, y, z
             rows[found] = n
-            found += square <= radius * radius
-    return points[:found], rows[:found]
+            found += _is_inside(x, y, z, box, reach)
+    return found
 
 
-def unpack_near(
-    cubes: CubedPoints, chosen: IntArray, center: FloatArray, radius: float
-) -> tuple[FloatArray, IntArray]:
-    """Return the points (M, 3), metres, of the `chosen` cubes near a place, and their rows (M,)."""
-    corner = cubes.cube << cubes.bits
-    points, rows = _unpack_near(cubes.place, cubes.start, corner, chosen, center, radius)
-    return points, rows
+@kernel
+def _keep_inside(points: FloatArray, rows: IntArray, box: BoxArrays) -> int:
+    count = 0
+    for n in range(len(points)):
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        points[count, 0], points[count, 1], points[count, 2] = x, y, z
+        rows[count] = rows[n]
+        count += _is_inside(x, y, z, box, 0.0)
+    return count
 
 
-def near(cubes: CubedPoints, center: FloatArray, radius: float) -> IntArray:
-    """Return the numbers of the cubes that may hold points within `radius` of `center` (3,), m."""
-    square = np.sum((cubes.middle - center) ** 2, axis=1)
-    close: BoolArray = square <= (radius + cubes.reach) ** 2
-    return np.flatnonzero(close)
+def touching(cubes: CubedPoints, box: Box, reach: float = 0.0) -> IntArray:
+    """Return the numbers of the cubes that may hold points within `reach` (m) of `box`."""
+    arrays = (box.center, box.axes, box.half)
+    chosen: IntArray = _touching(cubes.middle, arrays, reach + cubes.reach)
+    return chosen
+
+
+def unpack_inside(
+    cubes: CubedPoints,
+    chosen: IntArray,
+    box: Box,
+    points: FloatArray,
+    rows: IntArray,
+    *,
+    reach: float = 0.0,
+) -> int:
+    """Unpack what lies in `box`, or within `reach` metres beyond its sides; return how many.
+
+    Points of the `chosen` cubes (numbers) are written to the front of `points` (M, 3), metres,
+    and their rows to that of `rows` (M,), which have room for all that these cubes hold.
+    """
+    packed = (cubes.place, cubes.start, cubes.corner)
+    arrays = (box.center, box.axes, box.half)
+    found: int = _unpack_inside(packed, chosen, arrays, reach, points, rows)
+    return found
+
+
+def keep_inside(points: FloatArray, rows: IntArray, box: Box) -> int:
+    """Move what lies in `box` to the front, in its order; return how many there are.
+
+    What has no place (NaN) lies nowhere.
+    """
+    count: int = _keep_inside(points, rows, (box.center, box.axes, box.half))
+    return count

@@ -18,10 +18,11 @@ from functools import cached_property
 
 import numpy as np
 
+from lidar.box import Box
 from lidar.cells import CellReturns, CorrectedMedians, sort_into_cells
 from lidar.mapola import Mapola
 from lidar.outliers import RejectionOptions, find_outliers, find_strays
-from lidar.planes import PlaneFit, fit_planes
+from lidar.planes import PlaneFit, PlaneWindows
 from lidar.returns import Returns
 from lidar.sigma import height_sigma
 from spcola.arrays import AnyArray, FloatArray
@@ -94,14 +95,9 @@ class GriddingOptions:
         """Return the largest distance from the plane of `grid` that counts, metres."""
         return self.reach_m or grid.half_size * grid.gsd
 
-    def neighbourhood(self, grid: MapletGrid) -> float:
-        """Return the distance from the centre of `grid` within which all its returns lie, metres.
-
-        A sphere of this radius holds the cells (half a step beyond the outer grid points) over
-        the whole reach along Uz.
-        """
-        side = (grid.half_size + 0.5) * grid.gsd
-        return float(np.sqrt(2.0 * side**2 + self.reach(grid) ** 2))
+    def box(self, grid: MapletGrid) -> Box:
+        """Return the box that holds all returns which can fall on `grid`."""
+        return Box.over(grid, self.reach(grid))
 
 
 @dataclass(frozen=True)
@@ -231,14 +227,21 @@ class _Surface:
     """The state at the end of an iteration."""
 
     cells: CellReturns
+    medians: CorrectedMedians
+    windows: PlaneWindows
+    fitted: FloatArray
     height: FloatArray
     slope_x: FloatArray
     slope_y: FloatArray
     corrected: FloatArray
-    planes: PlaneFit
     iterations: int
     change: float
     converged: bool
+
+    @cached_property
+    def planes(self) -> PlaneFit:
+        """The planes that the last slopes were read from."""
+        return self.windows.fit(self.fitted)
 
     @cached_property
     def spread(self) -> FloatArray:
@@ -254,7 +257,8 @@ def _settle(
     # Dense cells fit better, but beyond a few returns it is the ground, not noise, that departs
     # from the plane: the weight levels off.
     weight = cells.count / (cells.count + 1.0)
-    medians = CorrectedMedians(cells, _NEGLECTED * options.tolerance * gsd)
+    before = None if start is None else start.medians
+    medians = CorrectedMedians(cells, _NEGLECTED * options.tolerance * gsd, before)
     if start is None:
         height = at_place = cells.middle
         slope_x, slope_y = np.zeros_like(height), np.zeros_like(height)
@@ -262,20 +266,17 @@ def _settle(
         slope_x, slope_y = start.slope_x, start.slope_y
         height = medians.at(slope_x, slope_y)
         at_place = height + slope_x * place_x + slope_y * place_y
+    windows = PlaneWindows(
+        place_x, place_y, weight, baseline=options.baseline, max_radius=options.max_window
+    )
     change, iteration = np.inf, 0
     while change > options.tolerance * gsd and iteration < options.max_iterations:
-        planes = fit_planes(
-            place_x,
-            place_y,
-            at_place,
-            weight,
-            baseline=options.baseline,
-            max_radius=options.max_window,
-        )
+        fitted = at_place
+        new_x, new_y = windows.slopes(fitted)
         # A median may hop between two returns for ever; half steps end that.
         step = 1.0 if iteration < _FULL_STEPS else 0.5
-        slope_x = slope_x + step * (planes.slope_x - slope_x)
-        slope_y = slope_y + step * (planes.slope_y - slope_y)
+        slope_x = slope_x + step * (new_x - slope_x)
+        slope_y = slope_y + step * (new_y - slope_y)
         previous, height = height, medians.at(slope_x, slope_y)
         at_place = height + slope_x * place_x + slope_y * place_y
         change = float(np.nanmax(np.abs(height - previous), initial=0.0))
@@ -283,7 +284,17 @@ def _settle(
     converged = change <= options.tolerance * gsd
     corrected = cells.corrected(slope_x, slope_y)
     return _Surface(
-        cells, height, slope_x, slope_y, corrected, planes, iteration, change, converged
+        cells,
+        medians,
+        windows,
+        fitted,
+        height,
+        slope_x,
+        slope_y,
+        corrected,
+        iteration,
+        change,
+        converged,
     )
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidar.medians import median_of
+from lidar.medians import column_medians, median_of, middle_network
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.kernel import kernel
 from spcola.robust import MAD_TO_SIGMA
@@ -41,21 +41,102 @@ def expect(
     neighbours carried along these slopes: up to about a third of the neighbours may be stray
     without harm. Cells with fewer than `least_cells` neighbours get NaN.
     """
-    layers = _expect(place_x, place_y, height, radius, least_cells)
+    layers = np.full((4, *height.shape), np.nan)
+    whole = np.zeros(height.shape, dtype=np.bool_)
+    width = 2 * radius + 1
+    if width**2 > least_cells and min(height.shape) >= width:
+        networks = (middle_network(width * (width - 1) - 2), middle_network(width**2 - 1))
+        _expect_in_whole(place_x, place_y, height, radius, networks, whole, layers)
+    _expect(place_x, place_y, height, radius, least_cells, whole, layers)
     return Expectation(layers[0], layers[1], layers[2], layers[3])
 
 
 @kernel
+def _expect_in_whole(
+    place_x: FloatArray,
+    place_y: FloatArray,
+    height: FloatArray,
+    radius: int,
+    networks: tuple[IntArray, IntArray],
+    whole: BoolArray,
+    layers: FloatArray,
+) -> None:
+    """Fill the layers where all cells of the window have heights, and mark these in `whole`.
+
+    As :func:`_expect` does, a row at a time.
+    """
+    rows, columns = height.shape
+    width, wide = 2 * radius + 1, columns - 2 * radius
+    steps, carried = np.empty((width * (width - 1) - 2, wide)), np.empty((width**2 - 1, wide))
+    around = np.empty(wide)
+    for row in range(radius, rows - radius):
+        here = slice(radius, columns - radius)
+        slope_x, slope_y = layers[1, row, here], layers[2, row, here]
+        _list_steps(height, row, radius, 0, 1, steps)
+        column_medians(steps, networks[0], slope_x)
+        _list_steps(height, row, radius, 1, 0, steps)
+        column_medians(steps, networks[0], slope_y)
+        around[:] = 0.0
+        n = 0
+        for down in range(-radius, radius + 1):
+            for right in range(-radius, radius + 1):
+                there = slice(radius + right, columns - radius + right)
+                if down == 0 and right == 0:
+                    around += height[row, there]
+                    continue
+                step_x = (place_x[row, here] - right) - place_x[row + down, there]
+                step_y = (place_y[row, here] - down) - place_y[row + down, there]
+                carried[n] = height[row + down, there] + slope_x * step_x + slope_y * step_y
+                around += carried[n]
+                n += 1
+        column_medians(carried, networks[1], layers[0, row, here])
+        for k in range(n):
+            carried[k] = np.abs(carried[k] - layers[0, row, here])
+        column_medians(carried, networks[1], layers[3, row, here])
+        for j in range(wide):
+            # One NaN among the heights has made this sum one.
+            whole[row, j + radius] = not np.isnan(around[j])
+            for layer in range(4):
+                value = layers[layer, row, j + radius]
+                value *= MAD_TO_SIGMA if layer == 3 else 1.0
+                layers[layer, row, j + radius] = value if whole[row, j + radius] else np.nan
+
+
+@kernel
+def _list_steps(
+    height: FloatArray, row: int, radius: int, down: int, right: int, steps: FloatArray
+) -> None:
+    """Differences of neighbours in the windows of a row, but for those with the middle."""
+    wide = steps.shape[1]
+    n = 0
+    for r in range(-radius, radius + 1 - down):
+        for c in range(-radius, radius + 1 - right):
+            if (r == 0 and c == 0) or (r + down == 0 and c + right == 0):
+                continue
+            near = height[row + r, radius + c :]
+            far = height[row + r + down, radius + c + right :]
+            for j in range(wide):
+                steps[n, j] = far[j] - near[j]
+            n += 1
+
+
+@kernel
 def _expect(
-    place_x: FloatArray, place_y: FloatArray, height: FloatArray, radius: int, least_cells: int
-) -> FloatArray:
+    place_x: FloatArray,
+    place_y: FloatArray,
+    height: FloatArray,
+    radius: int,
+    least_cells: int,
+    done: BoolArray,
+    layers: FloatArray,
+) -> None:
+    """Fill the layers of the cells that are not `done`."""
     rows, columns = height.shape
     height = height.copy()
-    layers = np.full((4, rows, columns), np.nan)
     buffer = np.empty((2 * radius + 1) ** 2)
     for row in range(rows):
         for column in range(columns):
-            if np.isnan(height[row, column]):
+            if np.isnan(height[row, column]) or done[row, column]:
                 continue
             window = (
                 max(0, row - radius),
@@ -85,7 +166,6 @@ def _expect(
             layers[1, row, column] = slope_x
             layers[2, row, column] = slope_y
             layers[3, row, column] = MAD_TO_SIGMA * median_of(buffer, size)
-    return layers
 
 
 @kernel

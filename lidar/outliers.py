@@ -91,12 +91,11 @@ def find_strays(cells: CellReturns, gsd: float, options: RejectionOptions) -> Bo
     )
     # At the grid points, where the cells' own slopes have carried nothing yet.
     base = expected.height - expected.slope_x * place_x - expected.slope_y * place_y
-    carried = cells.corrected(expected.slope_x, expected.slope_y)
     dense = _is_dense(cells.count, options.few)
     stray, suspect = _judged(
         cells.start,
-        carried,
-        base.ravel(),
+        (cells.dx, cells.dy, cells.height),
+        (expected.slope_x.ravel(), expected.slope_y.ravel(), base.ravel()),
         options.neighbourhood_sigmas * expected.scatter.ravel(),
         options.departure * gsd,
         options.few if dense else -options.few,
@@ -123,22 +122,26 @@ def find_strays(cells: CellReturns, gsd: float, options: RejectionOptions) -> Bo
 @kernel
 def _judged(
     start: IntArray,
-    carried: FloatArray,
-    expected: FloatArray,
+    local: tuple[FloatArray, FloatArray, FloatArray],
+    expected: tuple[FloatArray, FloatArray, FloatArray],
     limit: FloatArray,
     departure: float,
     few: int,
 ) -> tuple[BoolArray, BoolArray]:
     """Masks (K,) of what departs too far, and of what is suspect in cells of few returns.
 
-    `few` is negative where returns that cannot be judged (NaN) are above suspicion.
+    Expected of each cell are slopes x and y, and the height at its grid point. `few` is negative
+    where returns that cannot be judged (NaN) are above suspicion.
     """
-    stray = np.zeros(len(carried), dtype=np.bool_)
-    suspect = np.zeros(len(carried), dtype=np.bool_)
+    dx, dy, height = local
+    slope_x, slope_y, base = expected
+    stray = np.zeros(len(height), dtype=np.bool_)
+    suspect = np.zeros(len(height), dtype=np.bool_)
     for c in range(len(start) - 1):
         thin = start[c + 1] - start[c] <= abs(few)
         for k in range(start[c], start[c + 1]):
-            distance = abs(carried[k] - expected[c])
+            carried = height[k] - slope_x[c] * dx[k] - slope_y[c] * dy[k]
+            distance = abs(carried - base[c])
             stray[k] = distance > departure
             unjudged = few > 0 and not np.isfinite(distance)
             suspect[k] = thin and not stray[k] and (distance > limit[c] or unjudged)

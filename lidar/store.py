@@ -14,16 +14,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from lidar.cubes import CubedPoints, near, unpack_near
+from lidar.box import Box
+from lidar.cubes import CubedPoints, keep_inside, touching, unpack_inside
 from lidar.formats.blocks import Block, times_of
 from lidar.formats.native import ScanFile
 from lidar.relocation import Relocation
 from lidar.returns import Returns
-from spcola.arrays import FloatArray, IntArray, frozen
+from spcola.arrays import FloatArray, IntArray
 from spcola.errors import InvalidValueError
-from spcola.kernel import kernel
 
 
 class ScanStore:
@@ -95,42 +94,30 @@ class ScanStore:
         """Number of cubes that hold returns."""
         return sum(len(part.cubes.cube) for part in self._blocks)
 
-    def count_near(self, center: ArrayLike, radius: float) -> int:
-        """Count the returns in the cubes that reach within `radius` of `center` (3,), metres.
+    def count_inside(self, box: Box) -> int:
+        """Count the returns in the cubes that reach into `box`.
 
-        As many as :meth:`returns_near` unpacks, somewhat more than it returns.
+        As many as :meth:`returns_inside` unpacks, somewhat more than it returns.
         """
-        center = frozen(center, (3,), "center")
-        apart = np.linalg.norm(self._middle - center, axis=1)
-        return sum(
-            self._blocks[number].count_near(center, radius)
-            for number in np.flatnonzero(apart <= radius + self._radius)
-        )
+        return sum(part.held(part.touching(box)) for part in self._touching(box))
 
-    def returns_near(self, center: ArrayLike, radius: float) -> Returns:
-        """Return all returns within `radius` of `center` (3,), metres.
+    def returns_inside(self, box: Box) -> Returns:
+        """Return all returns inside `box`, in the order of the scans, in each by cube."""
+        parts = [(part, part.touching(box)) for part in self._touching(box)]
+        room = sum(part.held(chosen) for part, chosen in parts)
+        # Parts write one behind the other: joining what each found would copy it all.
+        points, sigma = np.empty((room, 3)), np.empty(room)
+        rows, scan = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.int32)
+        count = 0
+        for part, chosen in parts:
+            end = count + part.unpack(chosen, box, points[count:], rows[count:])
+            sigma[count:end] = part.sigmas(rows[count:end])
+            scan[count:end] = part.scan
+            count = end
+        return Returns(points[:count], sigma[:count], scan[:count], self.scan_names)
 
-        They come in the order of the scans, in each by cube.
-        """
-        center = frozen(center, (3,), "center")
-        apart = np.linalg.norm(self._middle - center, axis=1)
-        found = []
-        for number in np.flatnonzero(apart <= radius + self._radius):
-            part = self._blocks[number]
-            points, rows = part.near(center, radius)
-            if len(rows):
-                found.append((part, points, rows))
-        return Returns(
-            np.concatenate([np.empty((0, 3)), *(points for _, points, _ in found)]),
-            np.concatenate([np.empty(0), *(part.sigmas(rows) for part, _, rows in found)]),
-            np.concatenate(
-                [
-                    np.empty(0, dtype=np.int32),
-                    *(np.full(len(rows), part.scan, dtype=np.int32) for part, _, rows in found),
-                ]
-            ),
-            self.scan_names,
-        )
+    def _touching(self, box: Box) -> list[_Part]:
+        return [self._blocks[k] for k in np.flatnonzero(box.touches(self._middle, self._radius))]
 
 
 def _opened(
@@ -164,20 +151,24 @@ class _Part:
         radius = float(np.linalg.norm(self.cubes.middle, axis=1).max()) + self.cubes.reach
         return self.move.reach(radius)
 
-    def near(self, center: FloatArray, radius: float) -> tuple[FloatArray, IntArray]:
-        """Points (M, 3) within `radius` of `center`, where they are now, and their rows (M,)."""
-        wide = radius + self.reach
-        points, rows = unpack_near(self.cubes, near(self.cubes, center, wide), center, wide)
-        if self.move is None or not len(rows):
-            return points, rows
-        points, _ = self.move.apply(points, times_of(self.block, rows))
-        count = _keep_near(points, rows, center, radius)
-        return points[:count], rows[:count]
+    def touching(self, box: Box) -> IntArray:
+        """Numbers of the cubes that may hold returns which are inside `box` now."""
+        return touching(self.cubes, box, self.reach)
 
-    def count_near(self, center: FloatArray, radius: float) -> int:
-        """Count the returns in the cubes that are looked into for :meth:`near`."""
-        chosen = near(self.cubes, center, radius + self.reach)
+    def held(self, chosen: IntArray) -> int:
+        """Count the returns in the `chosen` cubes."""
         return int((self.cubes.start[chosen + 1] - self.cubes.start[chosen]).sum())
+
+    def unpack(self, chosen: IntArray, box: Box, points: FloatArray, rows: IntArray) -> int:
+        """Write what is inside `box` now to the front of `points` and `rows`; return how many.
+
+        Looked for in the `chosen` cubes.
+        """
+        count = unpack_inside(self.cubes, chosen, box, points, rows, reach=self.reach)
+        if self.move is None or not count:
+            return count
+        points[:count], _ = self.move.apply(points[:count], times_of(self.block, rows[:count]))
+        return keep_inside(points[:count], rows[:count], box)
 
     def without_place(self) -> int:
         """Count the returns that are at times at which nothing says where they were."""
@@ -192,22 +183,6 @@ class _Part:
         if sigma is None:
             return np.full(len(rows), self.block.numbers.get("sigma", np.nan))
         return sigma[rows].astype(np.float64)
-
-
-@kernel
-def _keep_near(points: FloatArray, rows: IntArray, center: FloatArray, radius: float) -> int:
-    """Move what lies within `radius` of `center` to the front, in its order; return how many.
-
-    What has no place (NaN) lies nowhere near.
-    """
-    count = 0
-    for n in range(len(points)):
-        x, y, z = points[n, 0], points[n, 1], points[n, 2]
-        square = (x - center[0]) ** 2 + (y - center[1]) ** 2 + (z - center[2]) ** 2
-        points[count, 0], points[count, 1], points[count, 2] = x, y, z
-        rows[count] = rows[n]
-        count += square <= radius * radius
-    return count
 
 
 def _middle(bounds: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from fusion.executor import Executor
+from fusion.executor import AHEAD, Executor
 from fusion.progress import Progress
 from fusion.settings import Settings, Table
 from fusion.workspace import Workspace
@@ -87,10 +87,14 @@ class StageContext:
         items: Iterable[Item],
         *,
         total: int | None = None,
+        ahead: int = AHEAD,
     ) -> Iterator[Result]:
-        """Yield ``function(item)`` in the order of `items`, on the workers, with progress."""
+        """Yield ``function(item)`` in the order of `items`, on the workers, with progress.
+
+        At most `ahead` results per worker wait to be taken.
+        """
         with self.progress.task(title, total) as task:
-            for result in self.executor.stream(function, items):
+            for result in self.executor.stream(function, items, ahead=ahead):
                 task.advance()
                 yield result
 

@@ -99,9 +99,6 @@ class BigmapStage:
 
 STAGE = BigmapStage()
 
-# Returns count within so many radii of a grid: they may lie high above it, or far below.
-_AROUND = 1.5
-
 
 class _Builder:
     """Makes the bigmaps of one site at a time."""
@@ -184,12 +181,11 @@ class _Builder:
 
     def _gridded(self, name: str, grid: MapletGrid) -> Maplet:
         """Bigmap of all registered returns over the grid (MATH §7)."""
-        back = self._transform.inverse()
-        stretch = float(np.linalg.norm(back.matrix, ord=2))
-        near = self._store.returns_near(back.apply(grid.center), _AROUND * stretch * grid.radius)
-        points = self._transform.apply(near.points)
-        registered = Returns(points, near.sigma, near.scan, near.scan_names)
         options = LidarBigmapOptions(max_gap=self._table.max_gap)
+        there = options.gridding.box(grid).mapped(self._transform.inverse().apply)
+        inside = self._store.returns_inside(there)
+        points = self._transform.apply(inside.points)
+        registered = Returns(points, inside.sigma, inside.scan, inside.scan_names)
         return bigmap_from_returns(name, grid, registered, options=options)
 
 

@@ -27,12 +27,16 @@ COVER_HALF_SIZE = 49
 """q of a covering where the settings leave it open: 99 × 99 points, as is usual for maplets."""
 
 
+# Mapolas are small and take from nothing to a second: many may wait behind a long one.
+_AHEAD = 8
+
+
 @dataclass(frozen=True)
 class MapolasStage:
     """Scans → mapolas."""
 
     name: str = "mapolas"
-    version: int = 10
+    version: int = 11
     tables: tuple[type[Table], ...] = (MapolaSettings, BodySettings, SpinSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
@@ -75,7 +79,7 @@ class MapolasStage:
         def one(item: tuple[str, MapletGrid]) -> Gridding:
             return source.gridded(*item, adjustment)[0]
 
-        done = context.stream("mapolas", one, grids.items(), total=len(grids))
+        done = context.stream("mapolas", one, grids.items(), total=len(grids), ahead=_AHEAD)
         empty = WorkspaceError(
             f"none of {len(grids)} grids is covered to {table.min_coverage:.0%} by returns",
             workspace.root / "mapolas",

@@ -170,9 +170,7 @@ def against_raw(store: Store, paths: Sequence[Path]) -> str:
         if gridding.mapola.coverage < 0.9:
             continue
         for kind, there in (("raw", points), ("rounded", np.rint(points / QUANTUM_M) * QUANTUM_M)):
-            near = there[
-                np.linalg.norm(there - grid.center, axis=1) <= source.options.neighbourhood(grid)
-            ]
+            near = there[source.options.box(grid).holds(there)]
             none = np.zeros(len(near), dtype=np.int32)
             returns = Returns(near, np.full(len(near), np.nan), none, ("raw",))
             other = grid_returns(name, grid, returns, options=source.options).mapola

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from lidar.cells import CellReturns, sort_into_cells
+from lidar.cells import CellReturns, CorrectedMedians, sort_into_cells
 from spcola.maplet import MapletGrid
 
 GRID = MapletGrid.facing([210.0, -40.0, 60.0], [0.9, -0.1, 0.3], 0.25, 6)
@@ -92,6 +92,19 @@ def test_selected_returns_keep_their_cells():
     assert isinstance(chosen, CellReturns)
     assert np.array_equal(chosen.cell, cells.cell[keep])
     assert np.array_equal(chosen.index, cells.index[keep])
+
+
+def test_medians_are_taken_over_where_cells_lost_nothing():
+    """… and are the same as if they had been taken anew."""
+    cells = sort_into_cells(GRID, scattered(np.random.default_rng(8), 5000), 5.0)
+    rng = np.random.default_rng(9)
+    slopes = rng.normal(size=(2, *cells.shape))
+    first = CorrectedMedians(cells, 1e-6)
+    first.at(*slopes)
+    left = cells.select(rng.random(len(cells.index)) > 0.02)
+    np.testing.assert_array_equal(
+        CorrectedMedians(left, 1e-6, first).at(*slopes), CorrectedMedians(left, 1e-6).at(*slopes)
+    )
 
 
 def test_no_returns_give_empty_cells():

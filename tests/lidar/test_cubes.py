@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.cubes import QUANTUM_M, cubed, edge_of, near, unpack_near
+from lidar.box import Box
+from lidar.cubes import QUANTUM_M, cubed, edge_of, keep_inside, touching, unpack_inside
 
 
 def cloud(count: int, seed: int = 1, spread: float = 40.0) -> np.ndarray:
@@ -52,17 +53,35 @@ def test_rows_of_a_cube_lie_in_it_and_keep_their_order() -> None:
     assert len(np.unique(cubes.cube, axis=0)) == len(cubes.cube)
 
 
-@pytest.mark.parametrize("radius", [0.5, 7.0, 300.0])
-def test_all_that_is_near_is_found(radius: float) -> None:
+def turned_box(center: np.ndarray, half: float, seed: int = 3) -> Box:
+    axes, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    return Box(center, axes, half * np.array([1.0, 0.7, 1.6]))
+
+
+@pytest.mark.parametrize("reach", [0.0, 2.5])
+@pytest.mark.parametrize("half", [0.5, 7.0, 300.0])
+def test_all_that_is_inside_is_found(half: float, reach: float) -> None:
     points = cloud(6000)
     cubes, order = cubed(points)
-    center = points[17] + 0.3
-    found, rows = unpack_near(cubes, near(cubes, center, radius), center, radius)
-    away = np.linalg.norm(points - center, axis=1)
-    # Half a quantum along three axes is what rounding may carry across the rim.
-    sure, maybe = away < radius - QUANTUM_M, away < radius + QUANTUM_M
-    assert set(np.flatnonzero(sure)) <= set(order[rows]) <= set(np.flatnonzero(maybe))
-    np.testing.assert_array_equal(found, cubes.points()[rows])
+    box = turned_box(points[17] + 0.3, half)
+    found, rows = np.empty((6000, 3)), np.empty(6000, dtype=np.int64)
+    count = unpack_inside(cubes, touching(cubes, box, reach), box, found, rows, reach=reach)
+    # Half a quantum along three axes is what rounding may carry across a side.
+    sure, maybe = (box.grown(reach + by).holds(points) for by in (-QUANTUM_M, QUANTUM_M))
+    assert set(np.flatnonzero(sure)) <= set(order[rows[:count]]) <= set(np.flatnonzero(maybe))
+    np.testing.assert_array_equal(found[:count], cubes.points()[rows[:count]])
+
+
+def test_what_is_inside_keeps_its_order() -> None:
+    points = cloud(500)
+    points[::7] = np.nan
+    box = turned_box(np.array([240.0, -31.0, 5.0]), 30.0)
+    inside = box.holds(points)
+    kept, rows = points.copy(), np.arange(500)
+    count = keep_inside(kept, rows, box)
+    np.testing.assert_array_equal(rows[:count], np.flatnonzero(inside))
+    np.testing.assert_array_equal(kept[:count], points[inside])
+    assert 0 < count < 500
 
 
 def test_a_part_holds_its_rows() -> None:

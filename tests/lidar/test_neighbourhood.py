@@ -7,7 +7,7 @@ import pytest
 
 from lidar.gridding import Returns, grid_returns
 from lidar.neighbourhood import expect, supported
-from lidar.planes import fit_planes
+from lidar.planes import PlaneWindows, fit_planes
 from spcola.maplet import MapletGrid
 
 SHAPE = (9, 11)
@@ -32,6 +32,25 @@ def test_planes_have_the_slope_of_the_ground_wherever_the_places_are():
     assert np.abs(fit.slope_y[known] + 0.7).max() < 1e-13
     assert (fit.unresolved == 0).all()
     assert (fit.slope_x[~known] == 0).all()
+
+
+@pytest.mark.parametrize("empty", [0.0, 0.3, 0.9])
+def test_kept_factors_give_the_slopes_of_the_planes(empty):
+    place_x, place_y, height = scattered(5, empty)
+    rng = np.random.default_rng(6)
+    known = np.isfinite(height)
+    place_x[~known] = place_y[~known] = np.nan
+    weight = np.where(known, rng.uniform(0.5, 1.0, SHAPE), 0.0)
+    windows = PlaneWindows(place_x, place_y, weight, baseline=0.3, max_radius=3)
+    for _ in range(3):
+        rough = height + rng.normal(size=SHAPE)
+        fit = fit_planes(place_x, place_y, rough, weight, baseline=0.3, max_radius=3)
+        slope_x, slope_y = windows.slopes(rough)
+        assert slope_x == pytest.approx(fit.slope_x, abs=1e-12)
+        assert slope_y == pytest.approx(fit.slope_y, abs=1e-12)
+        again = windows.fit(rough)
+        for layer, other in zip(vars(fit).values(), vars(again).values(), strict=True):
+            np.testing.assert_array_equal(layer, other)
 
 
 def test_leverage_is_the_variance_that_sampled_noise_gives():
@@ -91,8 +110,10 @@ def reference_expectation(place_x, place_y, height, row, column):
     return middle, slope_x, slope_y, scatter
 
 
-def test_expectations_equal_plain_numpy():
-    place_x, place_y, height = scattered(5)
+@pytest.mark.parametrize("empty", [0.0, 0.05, 0.3])
+def test_expectations_equal_plain_numpy(empty):
+    """Also where all cells of a window have heights, which goes another way."""
+    place_x, place_y, height = scattered(5, empty)
     height += np.random.default_rng(6).normal(0, 0.1, SHAPE)
     got = expect(place_x, place_y, height, radius=2, least_cells=6)
     judged = np.isfinite(got.height)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lidar.box import Box
 from lidar.cubes import QUANTUM_M
 from lidar.formats.native import write_scan
 from lidar.gridding import GriddingOptions, grid_returns
@@ -57,21 +58,27 @@ def rows(returns: Returns) -> set[tuple[object, ...]]:
     return {(*p, s, n) for p, s, n in zip(place, sigma, names, strict=True)}
 
 
-def test_returns_near_a_place_are_all_there(paths: list[Path], scans: list[Scan]) -> None:
+def cube_at(center: list[float], half: float) -> Box:
+    return Box(np.array(center), np.eye(3), np.full(3, half))
+
+
+def test_returns_inside_a_box_are_all_there(paths: list[Path], scans: list[Scan]) -> None:
     store = ScanStore(paths)
     everything = Returns.of_scans(scans)
     assert len(store) == len(everything)
     assert store.scan_names == ("first", "second", "shots", "none")
     for center in ([50.0, 0.0, 0.0], [-20.0, 30.0, -35.0], [0.0, 0.0, 0.0]):
-        for radius in (3.0, 12.0, 60.0):
-            near = everything.select(np.linalg.norm(everything.points - center, axis=1) <= radius)
-            assert rows(store.returns_near(center, radius)) == rows(near)
+        for half in (3.0, 12.0, 60.0):
+            box = cube_at(center, half)
+            inside = everything.select(box.holds(everything.points))
+            assert rows(store.returns_inside(box)) == rows(inside)
+            assert store.count_inside(box) >= len(inside)
 
 
 def test_mapolas_from_the_store_are_those_from_memory(paths: list[Path], scans: list[Scan]) -> None:
     grid = MapletGrid.facing([50.0, 0.0, 0.0], [1.0, 0.0, 0.0], 1.0, 12)
     options = GriddingOptions()
-    near = ScanStore(paths).returns_near(grid.center, options.neighbourhood(grid))
+    near = ScanStore(paths).returns_inside(options.box(grid))
     stored = grid_returns("M", grid, near, options=options).mapola
     direct = grid_returns("M", grid, Returns.of_scans(scans), options=options).mapola
     # A return that rounding carries into the next cell counts there.
@@ -97,9 +104,9 @@ def test_returns_are_found_where_another_trajectory_puts_them(tmp_path: Path) ->
     covered = (time >= states[0]) & (time <= states[-1])
     moved = points + np.column_stack([np.interp(time, states, shift[:, k]) for k in range(3)])
     assert store.without_place == {"scan": int(np.count_nonzero(~covered))}
-    for center, radius in (([50.0, 0.0, 0.0], 15.0), ([0.0, -36.0, 36.0], 4.0)):
-        right = moved[covered & (np.linalg.norm(moved - center, axis=1) <= radius)]
-        found = store.returns_near(center, radius).points
+    for box in (cube_at([50.0, 0.0, 0.0], 15.0), cube_at([0.0, -36.0, 36.0], 4.0)):
+        right = moved[covered & box.holds(moved)]
+        found = store.returns_inside(box).points
         assert len(found) == len(right) > 0
         np.testing.assert_allclose(np.sort(found, axis=0), np.sort(right, axis=0), atol=1e-4)
 
@@ -135,4 +142,4 @@ def test_what_does_not_go_together_is_refused(paths: list[Path], tmp_path: Path)
 def test_without_scans_there_are_no_returns() -> None:
     store = ScanStore([])
     assert len(store) == 0
-    assert len(store.returns_near([0.0, 0.0, 0.0], 1e9)) == 0
+    assert len(store.returns_inside(cube_at([0.0, 0.0, 0.0], 1e9))) == 0
