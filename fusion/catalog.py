@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from threading import Event
 from typing import Any, Self
 
-from fusion.executor import usable_cores
+from fusion.digests import digests_ahead, file_status
 from fusion.workspace import Workspace
 from spcola.errors import WorkspaceError
 
 CATALOG_FILE = "catalog.sqlite"
 RECORD_FOLDER = "provenance"
 _SCHEMA_VERSION = 1
-# Read at a time for a digest: little beside the caches, much beside a system call.
-_BLOCK_BYTES = 1 << 20
 _SCHEMA = """
 CREATE TABLE file (path TEXT PRIMARY KEY, size INTEGER, mtime_ns INTEGER, inode INTEGER,
                    digest TEXT NOT NULL);
@@ -114,22 +109,42 @@ class Catalog:
         WorkspaceError
             If one cannot be read.
         """
-        stated = [_status(path) for path in paths]
+        with self.digesting(paths) as found:
+            return list(found)
+
+    @contextmanager
+    def digesting(self, paths: Sequence[Path]) -> Iterator[Iterator[str]]:
+        """Give the SHA-256 of files in their order, while those that follow are made.
+
+        Those that are made are kept, also if not all are taken.
+
+        Raises
+        ------
+        WorkspaceError
+            If one cannot be read: at once if it is not there, or closed to this user.
+        """
+        stated = [file_status(path) for path in paths]
         found = [self._known(path, state) for path, state in zip(paths, stated, strict=True)]
         missing = [k for k, digest in enumerate(found) if digest is None]
-        if not missing:
-            return [digest for digest in found if digest is not None]
-        computed = _digests([paths[k] for k in missing])
-        with self._writing() as base:
-            base.executemany(
-                "INSERT OR REPLACE INTO file VALUES (?, ?, ?, ?, ?)",
-                [
-                    (self.workspace.relative(paths[k]), *stated[k], digest)
-                    for k, digest in zip(missing, computed, strict=True)
-                ],
-            )
-        new = iter(computed)
-        return [next(new) if digest is None else digest for digest in found]
+        made: list[tuple[str, int, int, int, str]] = []
+
+        def taken(fresh: Iterator[str]) -> Iterator[str]:
+            for path, state, digest in zip(paths, stated, found, strict=True):
+                if digest is not None:
+                    yield digest
+                    continue
+                computed = next(fresh)
+                made.append((self.workspace.relative(path), *state, computed))
+                yield computed
+
+        try:
+            with digests_ahead([paths[k] for k in missing]) as fresh:
+                yield taken(fresh)
+        finally:
+            if made:
+                with self._writing() as base:
+                    rows = "INSERT OR REPLACE INTO file VALUES (?, ?, ?, ?, ?)"
+                    base.executemany(rows, made)
 
     def _known(self, path: Path, state: tuple[int, int, int]) -> str | None:
         """Return the digest of a file that is as it was, or None."""
@@ -228,70 +243,6 @@ def read_records(workspace: Workspace) -> list[StageRecord]:
         except OSError as error:
             raise WorkspaceError(f"cannot be read ({error.strerror})", path) from error
     return records
-
-
-def _status(path: Path) -> tuple[int, int, int]:
-    """Return size, time of change and inode of a file: as long as they stay, so does its digest."""
-    with _refused(path):
-        status = path.stat()
-        return status.st_size, status.st_mtime_ns, status.st_ino
-
-
-def _digests(paths: Sequence[Path]) -> list[str]:
-    """Return the SHA-256 of files, read on all cores."""
-    if len(paths) == 1:
-        # Not on a thread: Ctrl-C could not stop it where the file keeps it waiting.
-        return [_readable_digest(paths[0])]
-    stopped = Event()
-    with ThreadPoolExecutor(usable_cores()) as pool:
-        try:
-            return list(pool.map(lambda path: _readable_digest(path, stopped), paths))
-        except BaseException:
-            stopped.set()
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-def _readable_digest(path: Path, stopped: Event | None = None) -> str:
-    with _refused(path):
-        return file_digest(path, stopped)
-
-
-@contextmanager
-def _refused(path: Path) -> Iterator[None]:
-    """Say in one line that a file cannot be read."""
-    try:
-        yield
-    except OSError as error:
-        raise WorkspaceError(
-            f"cannot be read ({error.strerror})",
-            path,
-            "restore it, or take its name off the list that holds it"
-            if error.errno == errno.ENOENT
-            else "check that it is a file, and its permissions",
-        ) from error
-
-
-def file_digest(path: Path, stopped: Event | None = None) -> str:
-    """Return the SHA-256 of a file's bytes, hexadecimal; of some of them once `stopped` is set."""
-    digest, block = hashlib.sha256(), memoryview(bytearray(_BLOCK_BYTES))
-    with path.open("rb", buffering=0) as stream:
-        while (count := stream.readinto(block)) and not (stopped and stopped.is_set()):
-            digest.update(block[:count])
-    return digest.hexdigest()
-
-
-@dataclass(frozen=True)
-class FileDigests:
-    """Digests of files, each of which is read once; another process reads them again."""
-
-    known: dict[Path, str] = field(default_factory=dict)
-
-    def __call__(self, path: Path) -> str:
-        """Return the digest of a file."""
-        if path not in self.known:
-            self.known[path] = file_digest(path)
-        return self.known[path]
 
 
 def content_digest(content: Mapping[str, Any]) -> str:

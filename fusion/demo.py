@@ -95,7 +95,7 @@ def demonstrate(
     chosen = workspace.settings()
     sources = [Source(path) for path in sorted((mission / LIDAR_FOLDER).iterdir())]
     with opened(workspace) as catalog:
-        import_files(workspace, chosen, sources, Workers(executor, progress, catalog.digests_of))
+        import_files(workspace, chosen, sources, Workers(executor, progress, catalog.digesting))
     stages = load_stages()
     whole = Pipeline(workspace, chosen, stages, executor, progress)
     # The report comes last, when it is known what was recovered.

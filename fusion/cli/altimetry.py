@@ -64,7 +64,7 @@ def import_(
     sources = [Source(file, name, format, wanted, unit, gps_time) for file in files]
     hands, progress = executor(workers, cluster), Progress.fitting(silent=as_json)
     with opened(there) as catalog:
-        done = import_files(there, settings, sources, Workers(hands, progress, catalog.digests_of))
+        done = import_files(there, settings, sources, Workers(hands, progress, catalog.digesting))
     Pipeline(there, settings, [STAGE], hands, progress).run_stage(STAGE.name)
     show({"scans": [one.as_dict() for one in done]}, map(_line, done), as_json=as_json)
 

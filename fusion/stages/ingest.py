@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -81,7 +82,7 @@ class Workers:
 
     executor: Executor
     progress: Progress
-    digests: Callable[[Sequence[Path]], list[str]]
+    digests: Callable[[Sequence[Path]], AbstractContextManager[Iterator[str]]]
 
 
 def import_files(
@@ -103,10 +104,37 @@ def import_files(
     """
     for source in sources:
         _check_name(source)
-    digests = workers.digests([source.path for source in sources])
     scans = {name: scan_summary(workspace.scan_path(name)) for name in workspace.scan_names()}
-    taken = {name: scan.digest for name, scan in scans.items()}
-    here: list[str] = []
+    with workers.digests([source.path for source in sources]) as digests:
+        # The shape is read while digests are made of the first files.
+        importer = _Importer(workspace, settings, scans, radius_limits(workspace, settings))
+        items = _placed(sources, digests, {name: scan.digest for name, scan in scans.items()})
+        if _may_collide(sources, scans):
+            items = iter(list(items))
+        done = []
+        with workers.progress.task("import", len(sources)) as task:
+            for imported in workers.executor.stream(importer, items):
+                done.append(imported)
+                task.advance()
+    return done
+
+
+def _may_collide(sources: Sequence[Source], scans: Mapping[str, ScanSummary]) -> bool:
+    """Whether two sources bear one name, or one that of a scan: their digests tell who is who."""
+    names = [source.scan_name for source in sources]
+    return len(set(names)) < len(names) or not scans.keys().isdisjoint(names)
+
+
+def _placed(
+    sources: Sequence[Source], digests: Iterator[str], taken: dict[str, str]
+) -> Iterator[tuple[Source, str, str]]:
+    """Yield each source with its digest and the name of its scan; `taken` are digests by name.
+
+    Raises
+    ------
+    WorkspaceError
+        If its name is that of another file's scan.
+    """
     for source, digest in zip(sources, digests, strict=True):
         same = [name for name, other in taken.items() if other == digest]
         if not same and source.scan_name in taken:
@@ -115,26 +143,31 @@ def import_files(
                 source.path,
                 "give this one another name with --name",
             )
-        here.append(same[0] if same else source.scan_name)
-        taken[here[-1]] = digest
+        name = same[0] if same else source.scan_name
+        taken[name] = digest
+        yield source, digest, name
 
-    limits = radius_limits(workspace, settings)
 
-    def one(item: tuple[Source, str, str]) -> Imported:
+@dataclass(frozen=True)
+class _Importer:
+    """Imports one file at a time; `scans` are those that the workspace had, by name."""
+
+    workspace: Workspace
+    settings: Settings
+    scans: Mapping[str, ScanSummary]
+    limits: tuple[float, float]
+
+    def __call__(self, item: tuple[Source, str, str]) -> Imported:
+        """Import a source with its digest under a name, unless it is there."""
         source, digest, name = item
-        before = scans.get(name)
-        if before is not None and before.parameters.get("import_key") == _key(source, settings):
+        before = self.scans.get(name)
+        key = _key(source, self.settings)
+        if before is not None and before.parameters.get("import_key") == key:
             return Imported(source, "imported already", before)
-        options = lidar_options(source, settings, name, limits)
-        scan = _write(workspace.scan_path(name), options, source, settings, digest)
+        options = lidar_options(source, self.settings, name, self.limits)
+        path = self.workspace.scan_path(name)
+        scan = _write(path, options, source, self.settings, digest)
         return Imported(source, "imported" if before is None else "imported again", scan)
-
-    with workers.progress.task("import", len(sources)) as task:
-        done = []
-        for imported in workers.executor.stream(one, zip(sources, digests, here, strict=True)):
-            done.append(imported)
-            task.advance()
-    return done
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from fusion.catalog import FileDigests, read_records
+from fusion.catalog import read_records
+from fusion.digests import FileDigests
 from fusion.fused import FusedMaplet
 from fusion.fused_bigmap import fused_bigmap
 from fusion.products.fits import write_fits_dtm

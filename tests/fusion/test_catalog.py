@@ -8,7 +8,8 @@ from threading import Event
 
 import pytest
 
-from fusion.catalog import Catalog, file_digest
+from fusion.catalog import Catalog
+from fusion.digests import file_digest
 from fusion.initialise import new_workspace
 from fusion.workspace import Workspace
 from spcola.errors import WorkspaceError
@@ -48,3 +49,29 @@ def test_a_digest_ends_when_it_is_stopped(tmp_path: Path) -> None:
     path.write_bytes(b"x" * 3_000_000)
     stopped.set()
     assert file_digest(path, stopped) != file_digest(path)
+
+
+def test_digests_are_kept_as_far_as_they_were_taken(workspace: Workspace) -> None:
+    paths = [workspace.root / f"file{number}" for number in range(40)]
+    for number, path in enumerate(paths):
+        path.write_bytes(bytes([number]))
+    catalog = Catalog(workspace)
+    with catalog.digesting(paths) as digests:
+        first = [next(digests) for _ in range(5)]
+    catalog.close()
+    again = Catalog(workspace)
+    assert first == [hashlib.sha256(path.read_bytes()).hexdigest() for path in paths[:5]]
+    known = again._base.execute("SELECT path FROM file ORDER BY path").fetchall()
+    assert [name for (name,) in known] == [f"file{number}" for number in range(5)]
+    again.close()
+
+
+def test_what_is_no_file_is_refused_before_any_is_read(workspace: Workspace) -> None:
+    catalog = Catalog(workspace)
+    for name in ("gone", "scans"):
+        with (
+            pytest.raises(WorkspaceError, match=name),
+            catalog.digesting([workspace.root / "spcola.toml", workspace.root / name]),
+        ):
+            pytest.fail("nothing is begun")
+    catalog.close()

@@ -1,0 +1,121 @@
+"""Digests of files: on all cores, in order, and not far ahead of who asks for them."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import stat
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from threading import Event
+
+from fusion.executor import usable_cores
+from spcola.errors import WorkspaceError
+
+# Read at a time for a digest: little beside the caches, much beside a system call.
+_BLOCK_BYTES = 1 << 20
+# Files per core whose digests are made ahead: what is read for its digest is still in the
+# system's memory when it is read for its content.
+_AHEAD = 2
+
+
+@dataclass(frozen=True)
+class FileDigests:
+    """Digests of files, each of which is read once; another process reads them again."""
+
+    known: dict[Path, str] = field(default_factory=dict)
+
+    def __call__(self, path: Path) -> str:
+        """Return the digest of a file."""
+        if path not in self.known:
+            self.known[path] = file_digest(path)
+        return self.known[path]
+
+
+def file_digest(path: Path, stopped: Event | None = None) -> str:
+    """Return the SHA-256 of a file's bytes, hexadecimal; of some of them once `stopped` is set."""
+    digest, block = hashlib.sha256(), memoryview(bytearray(_BLOCK_BYTES))
+    with path.open("rb", buffering=0) as stream:
+        while (count := stream.readinto(block)) and not (stopped and stopped.is_set()):
+            digest.update(block[:count])
+    return digest.hexdigest()
+
+
+def file_status(path: Path) -> tuple[int, int, int]:
+    """Return size, time of change and inode of a file: as long as they stay, so does its digest.
+
+    Raises
+    ------
+    WorkspaceError
+        If it is not there, a folder, or closed to this user.
+    """
+    with _refused(path):
+        status = path.stat()
+        if stat.S_ISDIR(status.st_mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        if not os.access(path, os.R_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        return status.st_size, status.st_mtime_ns, status.st_ino
+
+
+@contextmanager
+def digests_ahead(paths: Sequence[Path]) -> Iterator[Iterator[str]]:
+    """Give the SHA-256 of files in their order; the first are begun at once, on all cores.
+
+    Whoever takes them works while the next are made. What is not taken is left when it ends.
+
+    Raises
+    ------
+    WorkspaceError
+        If one cannot be read, when its digest is taken.
+    """
+    if len(paths) == 1:
+        # Not on a thread: Ctrl-C could not stop it where the file keeps it waiting.
+        yield (_readable_digest(path) for path in paths)
+        return
+    stopped, cores = Event(), usable_cores()
+    pool = ThreadPoolExecutor(cores, thread_name_prefix="digest")
+    rest = iter(paths)
+    waiting: deque[Future[str]] = deque()
+
+    def begin(count: int) -> None:
+        waiting.extend(pool.submit(_readable_digest, path, stopped) for path in islice(rest, count))
+
+    def taken() -> Iterator[str]:
+        while waiting:
+            digest = waiting.popleft().result()
+            begin(1)
+            yield digest
+
+    try:
+        begin(_AHEAD * cores)
+        yield taken()
+    finally:
+        stopped.set()
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _readable_digest(path: Path, stopped: Event | None = None) -> str:
+    with _refused(path):
+        return file_digest(path, stopped)
+
+
+@contextmanager
+def _refused(path: Path) -> Iterator[None]:
+    """Say in one line that a file cannot be read."""
+    try:
+        yield
+    except OSError as error:
+        raise WorkspaceError(
+            f"cannot be read ({error.strerror})",
+            path,
+            "restore it, or take its name off the list that holds it"
+            if error.errno == errno.ENOENT
+            else "check that it is a file, and its permissions",
+        ) from error
