@@ -68,6 +68,12 @@ class Relocation:
         )
         return moved, kept
 
+    def covers(self, time: FloatArray) -> BoolArray:
+        """Return at which times (N,) returns have a place."""
+        if not self.moves:
+            return np.isfinite(time)
+        return self.apply(np.zeros((len(time), 3)), time)[1]
+
     def reach(self, radius: float) -> float:
         """Return by how much a point within `radius` of the origin moves at most, metres."""
         angle = np.linalg.norm(self.turn, axis=1).max(initial=0.0)

@@ -174,8 +174,7 @@ class _Part:
         """Count the returns that are at times at which nothing says where they were."""
         if self.move is None:
             return 0
-        time = times_of(self.block)
-        return int(np.count_nonzero(~self.move.apply(np.zeros((len(time), 3)), time)[1]))
+        return int(np.count_nonzero(~self.move.covers(times_of(self.block))))
 
     def sigmas(self, rows: IntArray) -> FloatArray:
         """Sigma of single returns, metres; NaN where unknown."""
