@@ -36,7 +36,7 @@ def mapolas_forecast(workspace: Workspace, settings: Settings) -> dict[str, Any]
     if STAGE.missing(workspace, settings):
         return {}
     grids = mapola_grids(workspace, settings)
-    store = located_store(workspace, settings.mapolas, settings.spin)
+    store = located_store(workspace, settings.mapolas, settings.spin, settings.spice)
     options = gridding_options(settings.mapolas)
     counts = np.array([store.count_inside(options.box(grid)) for grid in grids.values()])
     taken = int(counts.sum())

@@ -3,36 +3,127 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 
-from fusion.settings import MapolaSettings, SpinSettings
+from fusion.settings import MapolaSettings, SpiceSettings, SpinSettings
 from fusion.workspace import SETTINGS_FILE, Workspace
 from lidar.formats.native import ScanFile
+from lidar.kernels import KernelPlace
 from lidar.relocation import Relocation, relocated, relocation, turn_of
+from lidar.reprojection import scan_trajectory
 from lidar.scan import Scan
 from lidar.store import ScanStore
 from spcola.errors import InvalidValueError, SettingsError
+from spcola.spice import KernelSet
 from spcola.spin import Spin
 from spcola.trajectory import Trajectory
 
 Locator = Callable[[ScanFile], Relocation]
 
 
-def located_store(workspace: Workspace, table: MapolaSettings, spin: SpinSettings) -> ScanStore:
-    """Open the returns of all scans where `[mapolas]` and `[spin]` say that they are.
+def located_store(
+    workspace: Workspace, table: MapolaSettings, spin: SpinSettings, spice: SpiceSettings
+) -> ScanStore:
+    """Open the returns of all scans where `[mapolas]`, `[spin]` and `[spice]` say that they are.
 
     Raises
     ------
     SettingsError
-        If the rotation is corrected, but is not stated.
+        If the rotation is corrected, but is not stated, or kernels are to locate what states of
+        images locate.
+    KernelError
+        If a kernel is missing or refused.
     """
+    change = spin_change(workspace, spin)
+    place = kernel_place(workspace, spice, change)
+    if table.trajectory == "spc" and place is not None:
+        raise SettingsError(
+            "kernels and the states of images cannot both locate returns",
+            f"{workspace.root / SETTINGS_FILE}: [mapolas] trajectory",
+            "choose reference, or empty [spice] kernels",
+        )
+    if place is not None:
+        return ScanStore(workspace.scan_paths(), locate=partial(_by_kernels, place))
     trajectory = None
     if table.trajectory == "spc":
         trajectory = Trajectory.from_images(workspace.images())
-    change = spin_change(workspace, spin)
     locate = locator(change, trajectory, table.max_gap_s)
     return ScanStore(workspace.scan_paths(), locate=locate)
+
+
+def kernel_place(
+    workspace: Workspace, table: SpiceSettings, change: tuple[Spin, Spin] | None
+) -> KernelPlace | None:
+    """Return where the kernels of `[spice]` put the lidar; None without kernels.
+
+    Raises
+    ------
+    SettingsError
+        If something is missing beside the kernels, or the rotation is corrected (`change`) too.
+    KernelError
+        If a kernel is missing, or they disagree about the rotation.
+    """
+    if not table.kernels:
+        return None
+    where = f"{workspace.root / SETTINGS_FILE}: [spice]"
+    if not table.spacecraft or not table.body:
+        raise SettingsError("must be given with kernels", f"{where} spacecraft and body")
+    if not table.frame and (any(table.boresight_deg) or any(table.pupil_m) or table.reference):
+        raise SettingsError(
+            "must be given with reference, boresight_deg or pupil_m", f"{where} frame"
+        )
+    if table.frame and not table.reference and not any((*table.boresight_deg, *table.pupil_m)):
+        raise SettingsError(
+            "must be given with a frame: the pointing by which the files were located",
+            f"{where} reference",
+        )
+    if change is not None:
+        raise SettingsError(
+            "the rotation is that of the kernels",
+            f"{workspace.root / SETTINGS_FILE}: [spin]",
+            "set its shifts to 0, or correct the PCK",
+        )
+    reference = None
+    if table.reference:
+        paths = [workspace.root / name for name in table.reference]
+        reference = KernelSet(paths, prime_meridian=table.reference_prime_meridian or None)
+    return KernelPlace(
+        KernelSet(
+            [workspace.root / name for name in table.kernels],
+            prime_meridian=table.prime_meridian or None,
+        ),
+        table.spacecraft,
+        table.body,
+        table.frame,
+        reference,
+        np.radians(table.boresight_deg),
+        np.array(table.pupil_m),
+    )
+
+
+def kernel_paths(workspace: Workspace, table: SpiceSettings) -> list[Path]:
+    """Return the kernels of `[spice]`, meta-kernels replaced by what they list."""
+    place = kernel_place(workspace, table, None)
+    if place is None:
+        return []
+    sets = [place.kernels] + ([place.reference] if place.reference is not None else [])
+    return list(dict.fromkeys(path for kernels in sets for path in kernels.paths))
+
+
+def _by_kernels(place: KernelPlace, file: ScanFile) -> Relocation:
+    """How a scan moves; one that knows no times or positions has no place."""
+    try:
+        return place.relocation(file.trajectory(), _radius_of(file))
+    except InvalidValueError:
+        return Relocation(moves=True)
+
+
+def _radius_of(file: ScanFile) -> float:
+    """Largest distance of a scan's returns from the origin, metres, or somewhat more."""
+    return float(np.linalg.norm(np.nan_to_num(np.abs(file.summary.bounds)).max(axis=0)))
 
 
 def locator(
@@ -46,10 +137,13 @@ def locator(
         return None
 
     def locate(file: ScanFile) -> Relocation:
-        radius = float(np.linalg.norm(np.nan_to_num(np.abs(file.summary.bounds)).max(axis=0)))
         try:
             return relocation(
-                file.trajectory(), radius, spin=spin, trajectory=trajectory, max_gap_s=max_gap_s
+                file.trajectory(),
+                _radius_of(file),
+                spin=spin,
+                trajectory=trajectory,
+                max_gap_s=max_gap_s,
             )
         except InvalidValueError:
             return Relocation(moves=True)
@@ -57,25 +151,33 @@ def locator(
     return locate
 
 
-def turning(workspace: Workspace, table: SpinSettings) -> Callable[[Scan], Scan]:
-    """Return what brings a scan into the frame of the corrected rotation.
+def turning(
+    workspace: Workspace, spin: SpinSettings, spice: SpiceSettings
+) -> Callable[[Scan], Scan]:
+    """Return what brings a scan to where the corrected rotation, or kernels, put it.
 
-    Returns without a time have no place in it: they are left out, and counted as rejected.
+    Returns that have no place there are left out, and counted as rejected.
 
     Raises
     ------
-    SettingsError
-        If the rotation is corrected, but is not stated.
+    SettingsError, KernelError
+        As :func:`located_store` does.
     """
-    change = spin_change(workspace, table)
+    change = spin_change(workspace, spin)
+    place = kernel_place(workspace, spice, change)
 
     def turn(scan: Scan) -> Scan:
-        known = scan.time[np.isfinite(scan.time)]
-        if change is None or not len(scan):
+        if (change is None and place is None) or not len(scan):
             return scan
-        if not len(known):
-            return relocated(scan, Relocation(moves=True))
         radius = float(np.linalg.norm(scan.points, axis=1).max())
+        known = scan.time[np.isfinite(scan.time)]
+        try:
+            if place is not None:
+                return relocated(scan, place.relocation(scan_trajectory(scan), radius))
+        except InvalidValueError:
+            return relocated(scan, Relocation(moves=True))
+        if change is None or not len(known):
+            return relocated(scan, Relocation(moves=True))
         move = turn_of((float(known.min()), float(known.max())), radius, *change)
         return relocated(scan, move)
 

@@ -15,6 +15,7 @@ from spcola.errors import SettingsError
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
+Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
 class Table(BaseModel):
@@ -77,6 +78,32 @@ class SpinSettings(Table):
     shift_pole_dec_deg: float = Field(default=0.0, description="corrected less stated")
     shift_meridian_deg: float = Field(default=0.0, description="corrected less stated")
     shift_rate_deg_per_day: float = Field(default=0.0, description="corrected less stated")
+
+
+class SpiceSettings(Table):
+    """[spice]: kernels by which returns are located again before they are used; none: as read."""
+
+    kernels: list[str] = Field(
+        default=[], description="SPK, PCK, and CK, FK, SCLK of the pointing; from this folder"
+    )
+    prime_meridian: str = Field(
+        default="", description="which of them counts where they disagree about the rotation"
+    )
+    spacecraft: str = Field(default="", description="its name or NAIF number")
+    body: int = Field(default=0, description="NAIF number of the body")
+    frame: str = Field(
+        default="", description="frame of the lidar; empty: beams keep their body-fixed direction"
+    )
+    reference: list[str] = Field(
+        default=[], description="kernels of the pointing by which the lidar files were located"
+    )
+    reference_prime_meridian: str = Field(default="", description="as prime_meridian, for these")
+    boresight_deg: Vector = Field(
+        default=[0.0, 0.0, 0.0], description="rotation of the beams about the axes of the frame"
+    )
+    pupil_m: Vector = Field(
+        default=[0.0, 0.0, 0.0], description="shift of the pupil along the axes of the frame"
+    )
 
 
 class MapolaSettings(Table):
@@ -271,6 +298,7 @@ class Settings(BaseModel):
     body: BodySettings = BodySettings()
     ingest: ImportSettings = Field(default=ImportSettings(), alias="import")
     spin: SpinSettings = SpinSettings()
+    spice: SpiceSettings = SpiceSettings()
     mapolas: MapolaSettings = MapolaSettings()
     registration: RegisterSettings = Field(default=RegisterSettings(), alias="register")
     fuse: FuseSettings = FuseSettings()

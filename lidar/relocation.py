@@ -48,6 +48,8 @@ class Relocation:
         Whether there is another trajectory: returns at times that it does not cover have no place.
     max_gap_s : float
         Displacements further apart than this are not interpolated between.
+    error_m : float
+        By how much what is interpolated may be off, metres.
     """
 
     turn_time: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -56,6 +58,7 @@ class Relocation:
     shift: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     moves: bool = False
     max_gap_s: float = np.inf
+    error_m: float = 0.0
 
     def apply(self, points: FloatArray, time: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return the points (N, 3), metres, at their new places, and which have one (N,).

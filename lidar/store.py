@@ -94,6 +94,11 @@ class ScanStore:
         """Number of cubes that hold returns."""
         return sum(len(part.cubes.cube) for part in self._blocks)
 
+    @property
+    def interpolation_error_m(self) -> float:
+        """By how much returns that are located again may be off by interpolation, metres."""
+        return max((part.move.error_m for part in self._blocks if part.move), default=0.0)
+
     def count_inside(self, box: Box) -> int:
         """Count the returns in the cubes that reach into `box`.
 

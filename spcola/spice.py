@@ -28,6 +28,13 @@ AGREEMENT_DEG = 1e-6
 M_PER_KM = 1000.0
 
 
+_NOT_COVERED = (
+    spiceypy.utils.exceptions.SpiceSPKINSUFFDATA,
+    spiceypy.utils.exceptions.SpiceNOFRAMECONNECT,
+    spiceypy.utils.exceptions.SpiceCKINSUFFDATA,
+)
+
+
 class KernelSet:
     """Kernels that are loaded together.
 
@@ -150,6 +157,35 @@ def body_fixed_axes(
             to_inertial = _rotation_near(frame, et, tolerance_s)
             axes[index] = (spiceypy.tipbod("J2000", body, et) @ to_inertial).T
     return axes
+
+
+def body_fixed_states(
+    spacecraft: str | int, body: int, times: ArrayLike, *, frame: str = ""
+) -> tuple[FloatArray, FloatArray]:
+    """Return positions (N, 3), m, and a frame's axes (N, 3, 3), as far as kernels cover the times.
+
+    What :func:`body_fixed_trajectory` and :func:`body_fixed_axes` return, with NaN at ephemeris
+    times (N,), s, that the kernels do not cover; axes are those of the body without a `frame`.
+    To be called inside ``KernelSet.load()``.
+
+    Raises
+    ------
+    KernelError
+        If a name is unknown, or the kernels do not know the body's rotation.
+    """
+    wanted = np.asarray(times, dtype=np.float64)
+    positions = np.full((len(wanted), 3), np.nan)
+    axes = np.full((len(wanted), 3, 3), np.nan)
+    with SPICE_LOCK, _kernel_errors(f"{spacecraft} at {body} in {frame or 'the body frame'}"):
+        for index, et in enumerate(wanted):
+            turn = spiceypy.tipbod("J2000", body, et)
+            try:
+                inertial, _ = spiceypy.spkpos(str(spacecraft), et, "J2000", "NONE", str(body))
+                rows = (turn @ _rotation_near(frame, et, 0.0)).T if frame else np.eye(3)
+            except _NOT_COVERED:
+                continue
+            positions[index], axes[index] = M_PER_KM * (turn @ inertial), rows
+    return positions, axes
 
 
 def _rotation_near(frame: str, et: float, tolerance_s: float) -> FloatArray:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fusion.fusing.constraints import overlaps
-from fusion.locating import located_store
+from fusion.locating import kernel_paths, located_store
 from fusion.memory import check_grid
 from fusion.registration.summary import transform_of
 from fusion.settings import (
@@ -19,6 +19,7 @@ from fusion.settings import (
     BodySettings,
     MapolaSettings,
     Settings,
+    SpiceSettings,
     SpinSettings,
     Table,
 )
@@ -50,6 +51,7 @@ class BigmapStage:
         BigmapSettings,
         BodySettings,
         MapolaSettings,
+        SpiceSettings,
         SpinSettings,
     )
 
@@ -62,11 +64,12 @@ class BigmapStage:
         return ""
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return fused maplets, maplets, scans, registration and shape."""
+        """Return fused maplets, maplets, scans, kernels, registration and shape."""
         return [
             *workspace.fused_paths(),
             *workspace.maplet_files(),
             *workspace.scan_paths(),
+            *kernel_paths(workspace, settings.spice),
             workspace.registration_path,
             workspace.shape_path(),
         ]
@@ -86,7 +89,12 @@ class BigmapStage:
             raise WorkspaceError("two sites bear one name", where, "rename one")
         shape = workspace.shape()
         radius = context.table(BodySettings).mean_radius_m or shape.mean_radius
-        store = located_store(workspace, context.table(MapolaSettings), context.table(SpinSettings))
+        store = located_store(
+            workspace,
+            context.table(MapolaSettings),
+            context.table(SpinSettings),
+            context.table(SpiceSettings),
+        )
         builder = _Builder(workspace, store, table, RayCaster(shape), radius)
         for folder in ("bigmaps", "bigmaps/maplets", "bigmaps/returns"):
             make_folder(workspace.root / folder)

@@ -10,9 +10,16 @@ from typing import Any
 import numpy as np
 
 from fusion.adjusting import ScanSource, adjusted, adjustment_summary
-from fusion.locating import located_store
+from fusion.locating import kernel_paths, located_store
 from fusion.memory import check_grid
-from fusion.settings import BodySettings, MapolaSettings, Settings, SpinSettings, Table
+from fusion.settings import (
+    BodySettings,
+    MapolaSettings,
+    Settings,
+    SpiceSettings,
+    SpinSettings,
+    Table,
+)
 from fusion.stages.base import StageContext, StageResult
 from fusion.workspace import SETTINGS_FILE, Workspace
 from lidar.formats.adjustment import write_adjustment
@@ -37,7 +44,12 @@ class MapolasStage:
 
     name: str = "mapolas"
     version: int = 11
-    tables: tuple[type[Table], ...] = (MapolaSettings, BodySettings, SpinSettings)
+    tables: tuple[type[Table], ...] = (
+        MapolaSettings,
+        BodySettings,
+        SpinSettings,
+        SpiceSettings,
+    )
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why mapolas cannot be made."""
@@ -52,8 +64,8 @@ class MapolasStage:
         return ""
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return the scans, the maplets or the shape, and images whose states locate returns."""
-        paths = workspace.scan_paths()
+        """Return scans, maplets or the shape, and images or kernels that locate returns."""
+        paths = [*workspace.scan_paths(), *kernel_paths(workspace, settings.spice)]
         if settings.mapolas.trajectory == "spc":
             paths += [workspace.image_path(name) for name in workspace.image_names()]
         if settings.mapolas.source == "cover":
@@ -71,7 +83,9 @@ class MapolasStage:
         workspace, table = context.workspace, context.table(MapolaSettings)
         grids = mapola_grids(workspace, context.settings)
         options = gridding_options(table)
-        store = located_store(workspace, table, context.table(SpinSettings))
+        store = located_store(
+            workspace, table, context.table(SpinSettings), context.table(SpiceSettings)
+        )
         source = ScanSource(store, options)
         adjustment = adjusted(context, source, grids) if table.adjust else None
         counts = _Counts()
@@ -92,6 +106,8 @@ class MapolasStage:
         lost = {scan: count for scan, count in store.without_place.items() if count}
         if lost:
             summary["returns_without_place"] = lost
+        if context.table(SpiceSettings).kernels:
+            summary["located_within_m"] = store.interpolation_error_m
         workspace.adjustment_path.unlink(missing_ok=True)
         if adjustment is not None:
             write_adjustment(workspace.adjustment_path, adjustment)

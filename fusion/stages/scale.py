@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from fusion.locating import turning
+from fusion.locating import kernel_paths, turning
 from fusion.memory import check_grid
 from fusion.registration.match import MatchOptions
 from fusion.scaling.joint import ScaleOptions, estimate_scale
@@ -35,7 +36,14 @@ from fusion.scaling.summary import (
     silent_pairs,
     unobserved_json,
 )
-from fusion.settings import BodySettings, ScaleSettings, Settings, SpinSettings, Table
+from fusion.settings import (
+    BodySettings,
+    ScaleSettings,
+    Settings,
+    SpiceSettings,
+    SpinSettings,
+    Table,
+)
 from fusion.stages.base import StageContext, StageResult
 from fusion.stages.register import maplets_around
 from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
@@ -58,7 +66,12 @@ class ScaleStage:
 
     name: str = "scale"
     version: int = 4
-    tables: tuple[type[Table], ...] = (ScaleSettings, BodySettings, SpinSettings)
+    tables: tuple[type[Table], ...] = (
+        ScaleSettings,
+        BodySettings,
+        SpinSettings,
+        SpiceSettings,
+    )
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why there is no scale to be found."""
@@ -76,6 +89,7 @@ class ScaleStage:
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
         """Return scans, shape, images, the registration if there is one; for pairs maplets."""
         paths = [*workspace.scan_paths(), workspace.shape_path()]
+        paths += kernel_paths(workspace, settings.spice)
         if workspace.registration_path.is_file():
             paths.append(workspace.registration_path)
         paths += [workspace.image_path(name) for name in workspace.image_names()]
@@ -123,7 +137,8 @@ def _scale_options(table: ScaleSettings) -> ScaleOptions:
 def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str, Any]:
     """Single shots of all scans against the shape."""
     workspace, table = context.workspace, context.table(ScaleSettings)
-    scans = _thinned(workspace, context.table(SpinSettings), table.max_shots)
+    turn = turning(workspace, context.table(SpinSettings), context.table(SpiceSettings))
+    scans = _thinned(workspace, turn, table.max_shots)
     located = table.trajectory if workspace.image_names() else "reference"
     states = Trajectory.from_images(workspace.images()) if located == "spc" else None
 
@@ -181,10 +196,9 @@ def state_shares(states: Trajectory, offset: Offset, times: FloatArray) -> csr_a
     return csr_array((known.data, (known.row, column)), shape=(len(times), len(states)))
 
 
-def _thinned(workspace: Workspace, spin: SpinSettings, most: int) -> list[Scan]:
-    """The shots of each scan, evenly thinned to about `most` in all."""
+def _thinned(workspace: Workspace, turn: Callable[[Scan], Scan], most: int) -> list[Scan]:
+    """The shots of each scan where they are now, evenly thinned to about `most` in all."""
     paths = workspace.scan_paths()
-    turn = turning(workspace, spin)
     total = sum(scan_summary(path).count for path in paths)
     step = max(1, -(-total // most))
     return [
@@ -287,7 +301,7 @@ class _PairMaker:
         workspace = context.workspace
         self._workspace, self._options, self._frames = workspace, options, frames
         self._table = context.table(ScaleSettings)
-        self._turn = turning(workspace, context.table(SpinSettings))
+        self._turn = turning(workspace, context.table(SpinSettings), context.table(SpiceSettings))
         self._grids: dict[str, MapletGrid] = {
             name: workspace.maplet(name).grid for name in workspace.maplet_names()
         }

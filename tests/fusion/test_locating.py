@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import spiceypy
 
 from fusion.executor import ThreadExecutor
 from fusion.initialise import new_workspace
-from fusion.locating import turning
+from fusion.locating import kernel_paths, located_store, turning
 from fusion.pipeline import Pipeline
 from fusion.settings import Settings
 from fusion.stages import ingest, mapolas
@@ -20,7 +21,9 @@ from lidar.scan import Scan
 from spcola.errors import SettingsError
 from spcola.formats.map import write_maplet
 from spcola.maplet import Maplet, MapletGrid
+from spcola.spice import KernelSet
 from spcola.spin import Spin, turned
+from spcola.time import SPICE_LOCK
 
 STATED = Spin(85.45, -60.37, 140.69, 2011.15)
 SHIFT = {"shift_pole_dec_deg": 0.05, "shift_meridian_deg": -0.2}
@@ -110,12 +113,15 @@ def test_a_scan_is_turned_whole(tmp_path: Path) -> None:
     workspace = new_workspace(tmp_path / "ws", body="Ball")
     table = Settings().with_table("spin", **SPIN, **SHIFT).spin
     for scan in scans():
-        moved, right = turning(workspace, table)(scan), rotated(scan, STATED, CORRECTED)
+        moved, right = (
+            turning(workspace, table, Settings().spice)(scan),
+            rotated(scan, STATED, CORRECTED),
+        )
         np.testing.assert_allclose(moved.points, right.points, atol=1e-5)
         np.testing.assert_allclose(moved.beam, right.beam, atol=1e-7)
         # The station lies 13 times as far out as the returns, for which steps are fine enough.
         np.testing.assert_allclose(moved.spacecraft, right.spacecraft, atol=2e-4)
-        assert turning(workspace, Settings().spin)(scan) is scan
+        assert turning(workspace, Settings().spin, Settings().spice)(scan) is scan
 
 
 def test_returns_without_time_cannot_be_turned_and_are_counted(tmp_path: Path) -> None:
@@ -124,10 +130,12 @@ def test_returns_without_time_cannot_be_turned_and_are_counted(tmp_path: Path) -
     scan = scans()[0]
     time = scan.time.copy()
     time[:7] = np.nan
-    moved = turning(workspace, table)(replace(scan, time=time))
+    moved = turning(workspace, table, Settings().spice)(replace(scan, time=time))
     assert len(moved) == len(scan) - 7
     assert dict(moved.rejected) == {"no time": 7}
-    none = turning(workspace, table)(replace(scan, time=np.full(len(scan), np.nan)))
+    none = turning(workspace, table, Settings().spice)(
+        replace(scan, time=np.full(len(scan), np.nan))
+    )
     assert (len(none), dict(none.rejected)) == (0, {"no time": len(scan)})
 
 
@@ -135,4 +143,85 @@ def test_a_correction_of_an_unstated_rotation_is_refused(tmp_path: Path) -> None
     workspace = new_workspace(tmp_path / "ws", body="Ball")
     table = Settings().with_table("spin", shift_meridian_deg=0.1).spin
     with pytest.raises(SettingsError, match=r"\[spin\] rate_deg_per_day: must be stated"):
-        turning(workspace, table)
+        turning(workspace, table, Settings().spice)
+
+
+PCK = """KPL/PCK
+\\begindata
+  BODY2101955_POLE_RA  = ( 85.45 0.0 0.0 )
+  BODY2101955_POLE_DEC = ( -60.37 0.0 0.0 )
+  BODY2101955_PM       = ( 140.69 0.0 0.0 )
+\\begintext
+"""
+
+
+def kernels(folder: Path, shift: list[float]) -> dict[str, object]:
+    """Kernels of a body that stands still and the stations of `scans`, moved by `shift` metres."""
+    text, path = folder / "body.tpc", folder / "craft.bsp"
+    text.write_text(PCK)
+    times = np.linspace(400.0, 1400.0, 11)
+    place = np.column_stack([np.full(11, 800.0), 0.05 * times, 0.0 * times]) + shift
+    with KernelSet(text).load():
+        turn = spiceypy.tipbod("J2000", 2101955, START)
+    velocity = np.tile([0.0, 0.05, 0.0], (11, 1))
+    states = np.concatenate([place @ turn, velocity @ turn], axis=1) / 1000.0
+    with SPICE_LOCK:
+        handle = spiceypy.spkopn(str(path), "TEST", 0)
+        spiceypy.spkw09(
+            handle,
+            -999,
+            2101955,
+            "J2000",
+            START + times[0],
+            START + times[-1],
+            "S",
+            1,
+            11,
+            states,
+            START + times,
+        )
+        spiceypy.spkcls(handle)
+    return {"kernels": [str(text), str(path)], "spacecraft": "-999", "body": 2101955}
+
+
+def test_mapolas_move_as_the_trajectory_of_the_kernels_does(tmp_path: Path) -> None:
+    found = scans()
+    as_read = heights(tmp_path / "read", found)
+    by_kernels = heights(tmp_path / "kernels", found, spice=kernels(tmp_path, [0.3, 0.0, 0.0]))
+    rise = by_kernels - as_read
+    assert np.isfinite(rise).mean() > 0.9
+    np.testing.assert_allclose(np.nanmedian(rise), 0.3, atol=QUANTUM_M)
+    assert np.nanquantile(np.abs(rise - 0.3), 0.95) < 3 * QUANTUM_M
+
+
+def test_scans_are_moved_whole_by_kernels(tmp_path: Path) -> None:
+    workspace = new_workspace(tmp_path / "ws", body="Ball")
+    table = kernels(tmp_path, [0.0, 2.0, -1.0])
+    spice = Settings().with_table("spice", **table).spice
+    for scan in scans():
+        moved = turning(workspace, Settings().spin, spice)(scan)
+        shift = np.tile([0.0, 2.0, -1.0], (len(scan), 1))
+        np.testing.assert_allclose(moved.points - scan.points, shift, atol=1e-9)
+        np.testing.assert_allclose(moved.spacecraft - scan.spacecraft, shift, atol=1e-9)
+        np.testing.assert_allclose(moved.beam, scan.beam, atol=1e-9)
+    assert kernel_paths(workspace, spice) == [Path(name) for name in table["kernels"]]
+
+
+@pytest.mark.parametrize(
+    ("table", "changed", "message"),
+    [
+        ("spice", {"spacecraft": ""}, "spacecraft and body"),
+        ("spice", {"frame": "J2000"}, "reference"),
+        ("spice", {"pupil_m": [0.0, 0.0, 1.0]}, "frame"),
+        ("spin", {**SPIN, **SHIFT}, "rotation is that of the kernels"),
+        ("mapolas", {"trajectory": "spc"}, "cannot both locate"),
+    ],
+)
+def test_what_contradicts_kernels_is_refused(
+    tmp_path: Path, table: str, changed: dict[str, object], message: str
+) -> None:
+    workspace = new_workspace(tmp_path / "ws", body="Ball")
+    settings = Settings().with_table("spice", **kernels(tmp_path, [0.0, 0.0, 0.0]))
+    settings = settings.with_table(table, **changed)
+    with pytest.raises(SettingsError, match=message):
+        located_store(workspace, settings.mapolas, settings.spin, settings.spice)
