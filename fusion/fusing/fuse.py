@@ -206,7 +206,7 @@ def _problem(
     """Put steps, weights and constraints together."""
     valid, gsd = parts.spc.valid, parts.grid.gsd
     mask = valid | lidar.known | np.isfinite(parts.prior)
-    bridge = _bridge_sigma(lidar, parts.prior, information)
+    bridge = _bridge_sigma(lidar, parts, information)
     surface = np.where(valid, parts.spc.height, 0.0)
     # A stray return is one cell wide, a boulder is not: the median keeps the one from
     # loosening the steps around it that are to hold it off.
@@ -252,13 +252,17 @@ def _both(mask: BoolArray, axis: int) -> BoolArray:
     return np.take(mask, range(1, count), axis) & np.take(mask, range(count - 1), axis)
 
 
-def _bridge_sigma(lidar: Constraints, prior: FloatArray, information: SlopeInformation) -> float:
+def _bridge_sigma(lidar: Constraints, parts: FuseInput, information: SlopeInformation) -> float:
     """Spread, metres, of the steps of the lidar surface about those of the shape (or a plane).
 
-    It is how far a step of the prior surface may be off where nothing better is known.
+    It is how far a step of the prior surface may be off where nothing better is known: as it is off
+    where SPC knows no slopes either, if the lidar has seen enough of that ground.
     """
-    smooth = filled(prior) if np.isfinite(prior).any() else plane_of(lidar.height)
-    step = roughness(lidar.height - smooth)
+    known = np.isfinite(parts.prior).any()
+    departure = lidar.height - (filled(parts.prior) if known else plane_of(lidar.height))
+    step = roughness(np.where(parts.spc.valid, np.nan, departure))
+    if not np.isfinite(step):
+        step = roughness(departure)
     if not np.isfinite(step):
         return 2.0 * information.step_sigma_m
     return max(step, information.step_sigma_m)

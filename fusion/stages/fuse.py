@@ -15,6 +15,7 @@ from fusion.fusing.constraints import Candidate, lidar_constraints, overlaps
 from fusion.fusing.fuse import FuseInput, FuseOptions, FuseResult, fuse_maplet
 from fusion.fusing.illumination import Illumination
 from fusion.fusing.information import Comparison, SlopeInformation, estimate_information
+from fusion.fusing.prior import bridging_surface
 from fusion.products.fused import write_fused
 from fusion.registration.summary import Placement, placements_of, transform_of
 from fusion.settings import BodySettings, FuseSettings, Settings, Table
@@ -38,7 +39,7 @@ class FuseStage:
     """Maplets, mapolas, registration → fused maplets."""
 
     name: str = "fuse"
-    version: int = 5
+    version: int = 6
     tables: tuple[type[Table], ...] = (FuseSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
@@ -154,7 +155,7 @@ class Scene:
             grid=spc.grid,
             spc=_where_lit(spc, light),
             lidar=lidar_constraints(spc.grid, self._candidates(near)),
-            prior=_with_filled(self.prior(spc.grid), spc, light),
+            prior=bridging_surface(self.prior(spc.grid), spc, light),
             common_covariance=common,
             light=light,
         )
@@ -229,16 +230,6 @@ def _where_lit(spc: Maplet, light: SlopeVariance | None) -> Maplet:
     if light is None:
         return spc
     return replace(spc, height=np.where(light.defined, spc.height, np.nan))
-
-
-def _with_filled(prior: FloatArray, spc: Maplet, light: SlopeVariance | None) -> FloatArray:
-    """The shape's heights, but those of SPC where it has some without slopes from images.
-
-    They were filled in by SPC and are no more than a shape, but one without a step at the border.
-    """
-    if light is None:
-        return prior
-    return np.where(spc.valid & ~light.defined, spc.height, prior)
 
 
 def _illumination(
