@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import spiceypy
+from typer.testing import CliRunner, Result
 
+from fusion.cli.app import app
 from fusion.executor import ThreadExecutor
 from fusion.initialise import new_workspace
 from fusion.locating import kernel_paths, located_store, turning
 from fusion.pipeline import Pipeline
-from fusion.settings import Settings
+from fusion.settings import Settings, write_settings
 from fusion.stages import ingest, mapolas
+from fusion.workspace import SETTINGS_FILE
 from lidar.cubes import QUANTUM_M
 from lidar.formats.native import write_scan
 from lidar.scan import Scan
@@ -225,3 +229,36 @@ def test_what_contradicts_kernels_is_refused(
     settings = settings.with_table(table, **changed)
     with pytest.raises(SettingsError, match=message):
         located_store(workspace, settings.mapolas, settings.spin, settings.spice)
+
+
+def test_kernels_through_the_command_line(tmp_path: Path) -> None:
+    """Kernels stand in the workspace; one that is changed makes mapolas anew, one gone is named."""
+    workspace = new_workspace(tmp_path / "ws", body="Ball")
+    flat = Maplet("AA0001", GRID, np.zeros((17, 17)))
+    write_maplet(workspace.root / "MAPFILES" / "AA0001.MAP", flat)
+    for scan in scans():
+        write_scan(workspace.root / "scans" / f"{scan.name}.h5", [scan])
+    table = kernels(workspace.root, [0.3, 0.0, 0.0])
+    settings = Settings().with_table("mapolas", adjust=False)
+    write_settings(
+        workspace.root / SETTINGS_FILE,
+        settings.with_table("spice", **{**table, "kernels": ["body.tpc", "craft.bsp"]}),
+    )
+
+    def run() -> Result:
+        return CliRunner().invoke(app, ["mapolas", str(workspace.root), "--json"])
+
+    first = json.loads(run().stdout)
+    assert first["summary"]["located_within_m"] < 5e-4
+    height = workspace.mapola("AA0001").height
+    assert json.loads(run().stdout)["state"] == "up to date"
+    (workspace.root / "craft.bsp").unlink()
+    missing = run()
+    assert missing.exit_code == 1
+    assert "craft.bsp: is not a file" in missing.stderr
+    assert missing.stderr.count("\n") == 1
+    kernels(workspace.root, [0.5, 0.0, 0.0])
+    again = json.loads(run().stdout)
+    assert again["state"] == "ran"
+    rise = workspace.mapola("AA0001").height - height
+    np.testing.assert_allclose(np.nanmedian(rise), 0.2, atol=QUANTUM_M)
