@@ -84,7 +84,8 @@ class SpiceSettings(Table):
     """[spice]: kernels by which returns are located again before they are used; none: as read."""
 
     kernels: list[str] = Field(
-        default=[], description="SPK, PCK, and CK, FK, SCLK of the pointing; from this folder"
+        default=[],
+        description="SPK, PCK; CK, FK and SCLK for the pointing; paths from the workspace",
     )
     prime_meridian: str = Field(
         default="", description="which of them counts where they disagree about the rotation"

@@ -22,9 +22,10 @@ from lidar.box import Box
 from lidar.cells import CellReturns, CorrectedMedians, sort_into_cells
 from lidar.mapola import Mapola
 from lidar.outliers import RejectionOptions, find_outliers, find_strays
-from lidar.planes import PlaneFit, PlaneWindows
+from lidar.planes import PlaneFit
 from lidar.returns import Returns
 from lidar.sigma import height_sigma
+from lidar.windows import PlaneWindows
 from spcola.arrays import AnyArray, FloatArray
 from spcola.errors import SettingsError
 from spcola.maplet import MapletGrid

@@ -7,7 +7,8 @@ import pytest
 
 from lidar.gridding import Returns, grid_returns
 from lidar.neighbourhood import expect, supported
-from lidar.planes import PlaneWindows, fit_planes
+from lidar.planes import fit_planes
+from lidar.windows import PlaneWindows
 from spcola.maplet import MapletGrid
 
 SHAPE = (9, 11)
