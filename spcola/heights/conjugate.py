@@ -24,6 +24,8 @@ _SAFETY = 3.0
 _TRIAL = 5
 """Iterations in which the error has to fall tenfold, again and again, or the weights count as too
 wild for 2 × 2 aggregates: by experiment it falls a hundredfold, or by a third."""
+_PATIENCE = 40
+"""Iterations that stiff means are given before: a graph joins all points of each, which costs."""
 _HELD = 0.2
 """Weight of a part, relative to the rim of a square of its size, from which the cycle alone holds
 it: by experiment, from a tenth on iterations grow."""
@@ -262,11 +264,9 @@ class LinearSystem:
         return total
 
     def _is_stuck(self, done: int, share: float) -> bool:
-        """Whether so much of the error is left that the cycle cannot be the right one.
-
-        Stiff means slow it too, but joining all points of each would fill the graph's matrix.
-        """
-        judged = done % _TRIAL == 0 and self._graph is None and self._problem.means is None
+        """Whether so much of the error is left that the cycle cannot be the right one."""
+        patience = _TRIAL if self._problem.means is None else _PATIENCE
+        judged = self._graph is None and done >= patience and done % _TRIAL == 0
         return judged and share > 0.1 ** (done // _TRIAL)
 
     def _product(self, one: FloatArray, other: FloatArray, bands: Bands) -> float:

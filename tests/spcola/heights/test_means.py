@@ -207,3 +207,24 @@ def test_what_does_not_fit_is_refused():
         HeightProblem(
             problem.step_x, problem.step_y, problem.weight_x, problem.weight_y, means=outside
         )
+
+
+def test_means_over_wild_weights_are_met_in_few_iterations():
+    """Means of 8 × 8 points over edges whose weights are drawn from six orders of magnitude."""
+    size, rng = 96, np.random.default_rng(1)
+    surface = rng.normal(size=(size, size)).cumsum(axis=0)
+    label = np.kron(np.arange(144).reshape(12, 12), np.ones((8, 8), dtype=int))
+    mean = np.bincount(label.ravel(), surface.ravel()) / 64.0
+    problem = HeightProblem(
+        np.diff(surface, axis=1),
+        np.diff(surface, axis=0),
+        10 ** rng.uniform(-3, 3, (size, size - 1)),
+        10 ** rng.uniform(-3, 3, (size - 1, size)),
+        np.where(rng.random((size, size)) < 0.02, surface, np.nan),
+        np.ones((size, size)),
+        means=MeanConstraints.of_labels(label, mean, np.full(144, 100.0)),
+    )
+    solution = solve_heights(problem, options=SolverOptions(tolerance_m=1e-5))
+    assert solution.converged, solution.reason
+    assert solution.iterations < 100
+    np.testing.assert_allclose(solution.height, surface, atol=1e-5)
