@@ -188,7 +188,8 @@ class FuseSettings(Table):
     )
     seed: int = Field(default=1, ge=0, description="of the random subset")
     fill_sigma_m: Positive = Field(
-        default=1.0, description="uncertainty of a height that comes from the shape alone"
+        default=1.0,
+        description="uncertainty of a height that comes from the shape alone, where no lidar tells",
     )
     light: Literal["auto", "images", "sun", "none"] = Field(
         default="auto",

@@ -10,12 +10,8 @@ from scipy import ndimage
 
 from fusion.fused import FusedMaplet, Source
 from fusion.fusing.constraints import Constraints
-from fusion.fusing.information import (
-    SlopeInformation,
-    along_edges,
-    light_along_edges,
-    roughness,
-)
+from fusion.fusing.information import SlopeInformation, along_edges, light_along_edges
+from fusion.fusing.shape import ShapeInformation
 from fusion.registration.resolution import filled, plane_of
 from spcola.arrays import BoolArray, FloatArray
 from spcola.bending import bending
@@ -52,7 +48,8 @@ class FuseOptions:
     seed : int
         Of the random subset.
     fill_sigma_m : float
-        Uncertainty, metres, of a height that comes from the shape alone.
+        Uncertainty, metres, of a height that comes from the shape alone, where no lidar height
+        could tell.
     tolerance_m : float
         Largest height error that the solver may leave, metres.
     """
@@ -121,14 +118,15 @@ def fuse_maplet(
     """Minimise (A) of MATH §5 for one maplet and say how sure each height is.
 
     - Between points that the SPC maplet knows, its height steps enter, weighted by
-      `information`; elsewhere the steps of a prior surface (the shape, bent onto the lidar), with
-      the roughness that the lidar shows about it.
+      `information`; elsewhere the steps of the shape do, with the roughness that the lidar shows
+      about it.
     - Lidar heights constrain with 1/σ², under a robust loss.
-    - SPC heights constrain weakly: their errors hold together over many points, so each of them
-      counts as one of that many. This is what ties a part that no return reached.
-    - The sigma is that of the inverse normal matrix, but far from the lidar no less than SPC's;
-      with what all lidar heights share added, and far from them what the maplet's centre does:
-      vertically, and horizontally times the slope.
+    - Heights of SPC, and of the shape where SPC has none, constrain weakly: their errors hold
+      together over many points, so each of them counts as one of that many. This is what ties a
+      part that no return reached.
+    - The sigma is that of the inverse normal matrix, but far from the lidar no less than SPC's,
+      and far from both no less than the shape's; with what all lidar heights share added, and far
+      from them what the maplet's centre does: vertically, and horizontally times the slope.
 
     Parameters
     ----------
@@ -146,8 +144,8 @@ def fuse_maplet(
     options = options or FuseOptions()
     generator = np.random.default_rng([options.seed, _name_number(parts.name)])
     lidar = parts.lidar.subset(options.fraction, generator)
-    prior = _prior_surface(parts, lidar)
-    problem = _problem(parts, lidar, prior, information, options)
+    shape = information.shape or _assumed_shape(information, options)
+    problem = _problem(parts, lidar, information, shape, options)
     # The loss is for the lidar alone; the weak SPC and shape heights stay quadratic because
     # their weights keep them far below its scale.
     solution = solve_heights(problem, options=_solver(options))
@@ -158,7 +156,7 @@ def fuse_maplet(
         [Source.NONE, Source.BOTH, Source.LIDAR, Source.IMAGE],
         Source.FILLED,
     )
-    sigma = _sigma(parts, lidar, information, solution.height, own)
+    sigma = _sigma(parts, lidar, information, shape, solution.height, own)
     maplet = FusedMaplet(
         name=parts.name,
         grid=parts.grid,
@@ -181,60 +179,76 @@ def _name_number(name: str) -> int:
     return int.from_bytes(name.encode("utf-8")[:16].ljust(16, b"\0"), "little")
 
 
-def _prior_surface(parts: FuseInput, lidar: Constraints) -> FloatArray:
-    """Shape heights bent onto SPC and lidar: what bridges points that neither knows.
+def _assumed_shape(information: SlopeInformation, options: FuseOptions) -> ShapeInformation:
+    """What a shape is taken to know where no lidar height could tell: less than SPC."""
+    return ShapeInformation(
+        2.0 * information.step_sigma_m, options.fill_sigma_m, information.correlated_cells
+    )
 
-    The departure of the known heights (lidar before SPC, which is bent onto the lidar in its turn)
-    from the shape is continued into the gaps by its nearest values, so that no step stands at their
-    border. Not by a plane through it: along a single track that would be turned by its noise.
+
+def _shape_surface(parts: FuseInput, lidar: Constraints) -> FloatArray:
+    """The shape, its gaps closed; without one a plane."""
+    if np.isfinite(parts.prior).any():
+        return filled(parts.prior)
+    return plane_of(np.where(np.isfinite(lidar.height), lidar.height, parts.spc.height))
+
+
+def _ground(parts: FuseInput, lidar: Constraints, surface: FloatArray) -> FloatArray:
+    """What the ground is like, for the weights of steps: lidar, else SPC, else the shape.
+
+    Each bent onto the one before by the nearest departure, so that no step stands between them that
+    the ground does not have. Not by a plane through it: along a single track that would be turned
+    by its noise.
     """
     spc = parts.spc.height + np.nan_to_num(carried_on(lidar.height - parts.spc.height))
     known = np.where(np.isfinite(lidar.height), lidar.height, spc)
     if lidar.coarse is not None:
         known = np.where(np.isfinite(known), known, lidar.coarse)
-    shape = filled(parts.prior) if np.isfinite(parts.prior).any() else plane_of(known)
-    return shape + np.nan_to_num(carried_on(known - shape))
+    bent = surface + np.nan_to_num(carried_on(known - surface))
+    # A stray return is one cell wide, a boulder is not: the median keeps the one from
+    # loosening the steps around it that are to hold it off.
+    return ndimage.median_filter(bent, size=3, mode="nearest")
 
 
 def _problem(
     parts: FuseInput,
     lidar: Constraints,
-    prior: FloatArray,
     information: SlopeInformation,
+    shape: ShapeInformation,
     options: FuseOptions,
 ) -> HeightProblem:
     """Put steps, weights and constraints together."""
     valid, gsd = parts.spc.valid, parts.grid.gsd
     mask = valid | lidar.known | np.isfinite(parts.prior)
-    bridge = _bridge_sigma(lidar, parts, information)
-    surface = np.where(valid, parts.spc.height, 0.0)
-    # A stray return is one cell wide, a boulder is not: the median keeps the one from
-    # loosening the steps around it that are to hold it off.
-    ground = ndimage.median_filter(prior, size=3, mode="nearest")
+    known = np.where(valid, parts.spc.height, 0.0)
+    surface = _shape_surface(parts, lidar)
+    ground = _ground(parts, lidar, surface)
     noise = np.nan_to_num(lidar.sigma)
     bent = np.abs(np.nan_to_num(bending(ground)))
     steps, weights = [], []
     for axis in (1, 0):
-        spc_step, prior_step = np.diff(surface, axis=axis), np.diff(prior, axis=axis)
         seen = _both(valid, axis)
+        step = np.where(seen, np.diff(known, axis=axis), np.diff(surface, axis=axis))
         # SPC errs where the ground is steep and its own slope is then too small: the lidar's,
         # which the ground follows, says so too.
         ground_step = np.diff(ground, axis=axis)
-        slope = np.maximum(np.abs(spc_step), np.abs(ground_step)) / gsd
+        slope = np.maximum(np.abs(step), np.abs(ground_step)) / gsd
         bend = along_edges(bent, axis)
         light = None if parts.light is None else light_along_edges(parts.light, 1, axis)
-        sigma = np.where(seen, information.step_sigma(slope, bend, gsd, light), bridge)
-        # The flank of a boulder that SPC cut short is no error of the size that steps have: there
-        # the step says nothing, and least squares would pull the flank down by it.
-        spread = np.hypot(sigma, along_edges(noise, axis))
-        contradicted = np.where(seen, (ground_step - spc_step) / spread, 0.0)
-        trust = cauchy_weight(np.nan_to_num(contradicted), options.step_loss_scale)
-        # SPC rounds what the lidar resolves.
+        sigma = information.step_sigma(slope, bend, gsd, light)
+        sigma = np.where(seen, sigma, shape.step_sigma_m)
+        # The flank of a boulder that SPC cut short, or that the shape does not know, is no error
+        # of the size that steps have: there the step says nothing, and least squares would pull
+        # the flank down by it.
         measured = _both(np.isfinite(lidar.height), axis)
-        trust = np.where(measured, trust / STEPS_ALIKE**2, trust)
-        steps.append(np.where(seen, spc_step, prior_step))
+        spread = np.hypot(sigma, along_edges(noise, axis))
+        contradicted = np.where(seen | measured, (ground_step - step) / spread, 0.0)
+        trust = cauchy_weight(contradicted, options.step_loss_scale)
+        # SPC rounds what the lidar resolves.
+        trust = np.where(seen & measured, trust / STEPS_ALIKE**2, trust)
+        steps.append(step)
         weights.append(np.where(_both(mask, axis), trust / sigma**2, 0.0))
-    height, weight = _heights(parts, lidar, information, options)
+    height, weight = _heights(parts, lidar, information, shape)
     return HeightProblem(
         steps[0], steps[1], weights[0], weights[1], height, weight, mask, lidar.means
     )
@@ -252,32 +266,16 @@ def _both(mask: BoolArray, axis: int) -> BoolArray:
     return np.take(mask, range(1, count), axis) & np.take(mask, range(count - 1), axis)
 
 
-def _bridge_sigma(lidar: Constraints, parts: FuseInput, information: SlopeInformation) -> float:
-    """Spread, metres, of the steps of the lidar surface about those of the shape (or a plane).
-
-    It is how far a step of the prior surface may be off where nothing better is known: as it is off
-    where SPC knows no slopes either, if the lidar has seen enough of that ground.
-    """
-    known = np.isfinite(parts.prior).any()
-    departure = lidar.height - (filled(parts.prior) if known else plane_of(lidar.height))
-    step = roughness(np.where(parts.spc.valid, np.nan, departure))
-    if not np.isfinite(step):
-        step = roughness(departure)
-    if not np.isfinite(step):
-        return 2.0 * information.step_sigma_m
-    return max(step, information.step_sigma_m)
-
-
 def _heights(
-    parts: FuseInput, lidar: Constraints, information: SlopeInformation, options: FuseOptions
+    parts: FuseInput, lidar: Constraints, information: SlopeInformation, shape: ShapeInformation
 ) -> tuple[FloatArray, FloatArray]:
     """Constraining heights and weights: the lidar's, else the maplet's own, else the shape's."""
     own = np.where(np.isfinite(parts.spc.sigma), parts.spc.sigma, information.height_sigma_m)
     own = np.hypot(own, _center_sigma(parts))
     held = parts.spc.valid
-    cells = information.correlated_cells
     height = np.where(held, parts.spc.height, parts.prior)
-    sigma = np.where(held, own, options.fill_sigma_m) * np.sqrt(cells)
+    one = shape.height_sigma_m * np.sqrt(shape.correlated_cells)
+    sigma = np.where(held, own * np.sqrt(information.correlated_cells), one)
     with_lidar = np.isfinite(lidar.height)
     height = np.where(with_lidar, lidar.height, height)
     sigma = np.where(with_lidar, lidar.sigma, sigma)
@@ -295,6 +293,7 @@ def _sigma(
     parts: FuseInput,
     lidar: Constraints,
     information: SlopeInformation,
+    shape: ShapeInformation,
     height: FloatArray,
     own: FloatArray,
 ) -> FloatArray:
@@ -304,16 +303,26 @@ def _sigma(
     that many weak heights of SPC would seem to average out. Where SPC is alone it is no better than
     it says, its centre included; near the lidar it is by what its errors have in common with those
     there: an exponential correlation, lidar on both sides, leaves a share tanh(distance / length).
+    So it is with the shape, away from what either knows.
     """
-    length = np.sqrt(information.correlated_cells / np.pi)
-    known = lidar.known
-    away = ndimage.distance_transform_edt(~known) if known.any() else np.full(known.shape, np.inf)
-    free = np.where(parts.spc.valid, np.tanh(away / length), 0.0)
+    valid = parts.spc.valid
+    free = np.where(valid, _free(lidar.known, information.correlated_cells), 0.0)
     spc = np.where(np.isfinite(parts.spc.sigma), parts.spc.sigma, information.height_sigma_m)
+    filled_in = _free(lidar.known | valid, shape.correlated_cells)
+    least = np.maximum(free * spc**2, filled_in * shape.height_sigma_m**2)
     center = np.diag(np.nan_to_num(parts.spc.center_sigma) ** 2)
     shared = _displaced_variance(parts.grid, height, parts.common_covariance)
     shared = shared + free * _displaced_variance(parts.grid, height, center)
-    return np.sqrt(np.maximum(own**2, free * spc**2) + shared)
+    return np.sqrt(np.maximum(own**2, least) + shared)
+
+
+def _free(known: BoolArray, cells: float) -> FloatArray:
+    """Share of an error over `cells` points that what is `known` around leaves, 0 … 1."""
+    if not known.any():
+        return np.ones(known.shape)
+    away = ndimage.distance_transform_edt(~known)
+    free: FloatArray = np.tanh(away / np.sqrt(cells / np.pi))
+    return free
 
 
 def _displaced_variance(grid: MapletGrid, height: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import nnls
 
+from fusion.fusing.shape import ShapeInformation, estimate_shape
+from fusion.fusing.variogram import correlated_cells, ends, walk_sigma
 from spcola.arrays import FloatArray, IntArray
 from spcola.bending import bending
 from spcola.photoclinometry import SlopeVariance
@@ -51,6 +53,8 @@ class SlopeInformation:
     usual_light : float
         Variance of slopes by photoclinometry at which a step has `step_sigma_m`: that of the
         middle step.
+    shape : ShapeInformation, optional
+        What the shape model knows; None where no lidar height could tell.
     """
 
     step_sigma_m: float
@@ -60,6 +64,7 @@ class SlopeInformation:
     correlated_cells: float
     light_sigma: float = 0.0
     usual_light: float = 0.0
+    shape: ShapeInformation | None = None
 
     def step_sigma(
         self, slope: FloatArray, bend: FloatArray, gsd: float, light: FloatArray | None = None
@@ -93,7 +98,7 @@ seven points."""
 
 def along_edges(layer: FloatArray, axis: int) -> FloatArray:
     """Return the larger value of the two ends of each edge along `axis`, in the order of steps."""
-    return np.maximum(*_ends(layer, 1, axis))
+    return np.maximum(*ends(layer, 1, axis))
 
 
 def light_along_edges(light: SlopeVariance, lag: int, axis: int) -> FloatArray:
@@ -102,7 +107,7 @@ def light_along_edges(light: SlopeVariance, lag: int, axis: int) -> FloatArray:
     Errors of neighbouring slopes are one error: they share images.
     """
     layer = light.along_x if axis == 1 else light.along_y
-    ahead, behind = _ends(layer, lag, axis)
+    ahead, behind = ends(layer, lag, axis)
     mean: FloatArray = 0.5 * (ahead + behind)
     return mean
 
@@ -121,6 +126,8 @@ class Comparison:
         Metres.
     light : SlopeVariance, optional
         What images tell of the slopes there.
+    shape : (2q+1, 2q+1) ndarray, optional
+        Heights of the shape model, metres.
     """
 
     lidar: FloatArray
@@ -128,6 +135,7 @@ class Comparison:
     sigma: FloatArray
     gsd: float
     light: SlopeVariance | None = None
+    shape: FloatArray | None = None
 
 
 def estimate_information(comparisons: list[Comparison], *, reach: int = 8) -> SlopeInformation:
@@ -135,7 +143,8 @@ def estimate_information(comparisons: list[Comparison], *, reach: int = 8) -> Sl
 
     The lidar's own variance is taken off. SPC errors hold together over some cells, while energy
     (A) knows only steps that err independently: their size is chosen so that over one to three
-    cells the surface is nowhere more certain than the differences show (:func:`walk_sigma`).
+    cells the surface is nowhere more certain than the differences show
+    (:func:`fusion.fusing.variogram.walk_sigma`).
 
     Parameters
     ----------
@@ -151,8 +160,9 @@ def estimate_information(comparisons: list[Comparison], *, reach: int = 8) -> Sl
     """
     errors: list[FloatArray] = [pair.spc - pair.lidar for pair in comparisons]
     spread = np.concatenate([_centered(error) for error in errors]) if errors else np.empty(0)
+    shape = _shape_information(comparisons)
     if spread.size < _ENOUGH:
-        return DEFAULT_INFORMATION
+        return replace(DEFAULT_INFORMATION, shape=shape)
     steps = [_steps(comparisons, errors, lag) for lag in range(1, reach + 1)]
     variogram = np.array([_excess(step.square, step.noise) for step in steps])
     noise = float(np.nanmedian([np.nanmedian(pair.sigma) for pair in comparisons]))
@@ -163,58 +173,22 @@ def estimate_information(comparisons: list[Comparison], *, reach: int = 8) -> Sl
         steep_sigma=steep,
         bend_sigma=bend,
         height_sigma_m=height,
-        correlated_cells=_correlated_cells(variogram, height),
+        correlated_cells=correlated_cells(variogram, height),
         light_sigma=light,
         usual_light=float(np.median(steps[0].light)) if steps[0].light.size else 0.0,
+        shape=shape,
     )
 
 
-def walk_sigma(variogram: FloatArray) -> float:
-    """Sigma of a step, metres, with which the grid is nowhere more certain than the variogram.
+def _shape_information(comparisons: list[Comparison]) -> ShapeInformation | None:
+    """What the shape knows of the ground that SPC does not, or of all of it if that is too little.
 
-    On a square grid whose steps err independently with σ, the difference over L cells has the
-    variance σ² R(L), R being the resistance between two nodes of a grid of unit resistors: 1/2 for
-    neighbours, about (ln L + 1.617) / π beyond (Cserti 2000, Am. J. Phys. 68, 896). It grows far
-    less than along a line, because there are many ways around.
-
-    Parameters
-    ----------
-    variogram : (L,) ndarray
-        Variance of the difference over 1 … L cells, square metres.
-
-    Returns
-    -------
-    float
-        Metres; at least 0.1 mm.
+    It is there that the shape is relied upon, and where nothing is lit it may be worse.
     """
-    lags = np.arange(1, len(variogram) + 1)
-    resistance = np.where(lags == 1, 0.5, (np.log(lags) + 1.617) / np.pi)
-    return float(np.sqrt(max(float(np.max(variogram / resistance)), 1e-8)))
-
-
-def roughness(height: FloatArray, *, reach: int = 8) -> float:
-    """The same for a rough surface about a smooth one; its noise is left in (the safe side).
-
-    Parameters
-    ----------
-    height : (2q+1, 2q+1) ndarray
-        Metres; NaN where unknown.
-    reach : int
-        Largest lag, cells.
-
-    Returns
-    -------
-    float
-        Metres; NaN where fewer than 50 neighbours are known.
-    """
-    variogram = []
-    for lag in range(1, reach + 1):
-        steps = np.concatenate([np.subtract(*_ends(height, lag, axis)).ravel() for axis in (0, 1)])
-        steps = steps[np.isfinite(steps)]
-        if steps.size < 50:
-            return float("nan")
-        variogram.append(float(mad(steps)) ** 2)
-    return walk_sigma(np.array(variogram))
+    known = [pair for pair in comparisons if pair.shape is not None]
+    everywhere = [pair.lidar - pair.shape for pair in known if pair.shape is not None]
+    alone = [np.where(np.isnan(p.spc), d, np.nan) for p, d in zip(known, everywhere, strict=True)]
+    return estimate_shape(alone) or estimate_shape(everywhere)
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,11 +210,11 @@ def _steps(comparisons: list[Comparison], errors: list[FloatArray], lag: int) ->
     for pair, error in zip(comparisons, errors, strict=True):
         bent = np.abs(np.nan_to_num(bending(pair.lidar)))
         for axis in (0, 1):
-            ahead, behind = _ends(error, lag, axis)
-            high, low = _ends(pair.lidar, lag, axis)
-            noise = np.hypot(*_ends(pair.sigma, lag, axis)) ** 2
+            ahead, behind = ends(error, lag, axis)
+            high, low = ends(pair.lidar, lag, axis)
+            noise = np.hypot(*ends(pair.sigma, lag, axis)) ** 2
             slope = np.abs(high - low) / (lag * pair.gsd)
-            bend = np.maximum(*_ends(bent, lag, axis))
+            bend = np.maximum(*ends(bent, lag, axis))
             light: FloatArray = np.zeros(slope.shape)
             if pair.light is not None:
                 light = light_along_edges(pair.light, lag, axis)
@@ -253,13 +227,6 @@ def _centered(error: FloatArray) -> FloatArray:
     """Known errors less their median."""
     known = error[np.isfinite(error)]
     return known - np.median(known) if known.size else known
-
-
-def _ends(values: FloatArray, lag: int, axis: int) -> tuple[FloatArray, FloatArray]:
-    """Values `lag` cells ahead along `axis`, and the ones they are compared with."""
-    ahead = np.take(values, range(lag, values.shape[axis]), axis=axis)
-    behind = np.take(values, range(values.shape[axis] - lag), axis=axis)
-    return ahead, behind
 
 
 def _excess(square: FloatArray, noise: FloatArray) -> float:
@@ -312,11 +279,3 @@ def _groups(causes: FloatArray) -> list[IntArray]:
             break
         groups = split
     return groups if len(causes) >= _GROUP else []
-
-
-def _correlated_cells(variogram: FloatArray, height_sigma: float) -> float:
-    """Area, in cells, over which height errors hold together: π L², L where γ reaches 63 %."""
-    sill = 2.0 * height_sigma**2
-    reached = np.nonzero(variogram >= 0.63 * sill)[0]
-    length = float(reached[0] + 1) if reached.size else float(len(variogram))
-    return float(np.pi * length**2)

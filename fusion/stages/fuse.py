@@ -15,7 +15,6 @@ from fusion.fusing.constraints import Candidate, lidar_constraints, overlaps
 from fusion.fusing.fuse import FuseInput, FuseOptions, FuseResult, fuse_maplet
 from fusion.fusing.illumination import Illumination
 from fusion.fusing.information import Comparison, SlopeInformation, estimate_information
-from fusion.fusing.prior import bridging_surface
 from fusion.products.fused import write_fused
 from fusion.registration.summary import Placement, placements_of, transform_of
 from fusion.settings import BodySettings, FuseSettings, Settings, Table
@@ -39,7 +38,7 @@ class FuseStage:
     """Maplets, mapolas, registration → fused maplets."""
 
     name: str = "fuse"
-    version: int = 6
+    version: int = 7
     tables: tuple[type[Table], ...] = (FuseSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
@@ -155,7 +154,7 @@ class Scene:
             grid=spc.grid,
             spc=_where_lit(spc, light),
             lidar=lidar_constraints(spc.grid, self._candidates(near)),
-            prior=bridging_surface(self.prior(spc.grid), spc, light),
+            prior=self._shape(spc),
             common_covariance=common,
             light=light,
         )
@@ -164,11 +163,16 @@ class Scene:
         """Lidar and SPC heights of one maplet, aligned; None where they do not meet."""
         spc = self._spc(name)
         light = self._light(spc)
-        spc = _where_lit(spc, light)
         lidar = lidar_constraints(spc.grid, self._candidates(self._near(name, spc.grid)))
         if not (spc.valid & np.isfinite(lidar.height)).any():
             return None
-        return Comparison(lidar.height, spc.height, lidar.sigma, spc.grid.gsd, light)
+        known, shape = _where_lit(spc, light), self._shape(spc)
+        return Comparison(lidar.height, known.height, lidar.sigma, spc.grid.gsd, light, shape)
+
+    def _shape(self, spc: Maplet) -> FloatArray:
+        """Heights of the shape on the grid of a maplet; without one, those that SPC filled in."""
+        height = self.prior(spc.grid)
+        return height if np.isfinite(height).any() else spc.height
 
     def _light(self, spc: Maplet) -> SlopeVariance | None:
         """What images tell of the slopes of a maplet; None where that is not known."""
@@ -303,11 +307,11 @@ class _Tally:
 
     def summary(self, information: SlopeInformation) -> dict[str, Any]:
         """Return what the command prints."""
-        total = max(sum(self.sources.values()), 1)
+        total, shape, nan = max(sum(self.sources.values()), 1), information.shape, float("nan")
         return {
             "maplets": len(self.sigma),
             **{f"share_{s.name.lower()}": n / total for s, n in self.sources.items()},
-            "median_sigma_m": float(np.median(self.sigma)) if self.sigma else float("nan"),
+            "median_sigma_m": float(np.median(self.sigma)) if self.sigma else nan,
             "parts_without_lidar": len(self.untied),
             "maplets_with_parts_without_lidar": sorted(set(self.untied)),
             "downweighted_heights": self.downweighted,
@@ -317,4 +321,6 @@ class _Tally:
             "spc_bend_sigma": information.bend_sigma,
             "spc_height_sigma_m": information.height_sigma_m,
             "spc_correlated_cells": information.correlated_cells,
+            "shape_height_sigma_m": nan if shape is None else shape.height_sigma_m,
+            "shape_step_sigma_m": nan if shape is None else shape.step_sigma_m,
         }

@@ -1,0 +1,60 @@
+"""How much the shape model knows of ground of which SPC knows nothing, estimated from the lidar."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fusion.fusing.variogram import correlated_cells, mean_square, walk_sigma
+from spcola.arrays import FloatArray
+
+# Fewer differences than this do not tell a spread.
+_ENOUGH = 200
+# Largest lag of the variogram, cells.
+_REACH = 8
+
+
+@dataclass(frozen=True)
+class ShapeInformation:
+    """Uncertainty of the shape between neighbouring points, and of its heights.
+
+    Parameters
+    ----------
+    step_sigma_m : float
+        Standard deviation of the error of a height step between neighbours, metres, as if steps
+        erred independently.
+    height_sigma_m : float
+        Root mean square error of a height, metres.
+    correlated_cells : float
+        Number of neighbouring points whose errors are one error.
+    """
+
+    step_sigma_m: float
+    height_sigma_m: float
+    correlated_cells: float
+
+
+def estimate_shape(departures: Sequence[FloatArray]) -> ShapeInformation | None:
+    """Estimate them from what the lidar's heights depart from the shape's.
+
+    Boulders that the shape does not show are its errors, so that mean squares are taken and no
+    medians. The lidar's noise is left in: the safe side.
+
+    Parameters
+    ----------
+    departures : sequence of (2q+1, 2q+1) ndarrays
+        Lidar less shape, metres, on grids of one GSD; NaN where it is not to count.
+
+    Returns
+    -------
+    ShapeInformation or None
+        None if at any lag up to 8 cells fewer than 200 differences are known.
+    """
+    squares, counts = mean_square(departures, _REACH)
+    if min(counts) < _ENOUGH:
+        return None
+    known = np.concatenate([layer[np.isfinite(layer)] for layer in departures])
+    height = float(np.sqrt(np.mean(known**2)))
+    return ShapeInformation(walk_sigma(squares), height, correlated_cells(squares, height))
