@@ -146,7 +146,7 @@ class Scene:
         """Gather what goes into the fused maplet `name`."""
         spc = self._spc(name)
         light = self._light(spc)
-        near = self._near(name, spc.grid)
+        near = self.near(name, spc.grid)
         # What all lidar heights share is where the first of their mapolas is registered.
         common = self.placements[near[0]].covariance if near else np.zeros((3, 3))
         return FuseInput(
@@ -163,7 +163,7 @@ class Scene:
         """Lidar and SPC heights of one maplet, aligned; None where they do not meet."""
         spc = self._spc(name)
         light = self._light(spc)
-        lidar = lidar_constraints(spc.grid, self._candidates(self._near(name, spc.grid)))
+        lidar = lidar_constraints(spc.grid, self._candidates(self.near(name, spc.grid)))
         if not (spc.valid & np.isfinite(lidar.height)).any():
             return None
         known, shape = _where_lit(spc, light), self._shape(spc)
@@ -208,7 +208,7 @@ class Scene:
             center_sigma=np.zeros(3),
         )
 
-    def _near(self, name: str, grid: MapletGrid) -> list[str]:
+    def near(self, name: str, grid: MapletGrid) -> list[str]:
         """Mapolas over `grid`: the one of the same place first, then the nearest."""
 
         def order(other: str) -> tuple[bool, float]:

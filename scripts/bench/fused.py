@@ -6,8 +6,9 @@ better of SPC alone and mapolas alone. Mapolas alone are taken twice: as they ar
 moving scans to where they agree (`[mapolas] adjust = false`), which is what gridding alone gives.
 
 Printed: rms of the heights by region, ratios beside their bars, errors at the tops of boulders,
-shares of the errors within one and two sigma beside theirs, resolution, and how far neighbouring
-maplets disagree where they overlap.
+shares of the errors within one and two sigma beside theirs, resolution, how far neighbouring
+maplets disagree where they overlap; and, with the truth in hand, the best that any weights of both
+sources could reach and what a movement of the whole surface leaves of the errors (moved.py).
 
     python scripts/bench/fused.py [--preset mini] [--seeds 3] [--work DIR]
 """
@@ -22,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from moved import Errors
 from scipy.ndimage import label, maximum_position
 from truth import fitted, number, timed
 
@@ -145,17 +147,23 @@ def limit(workspace: Path, mission: Path) -> str:
     sources, with_truth, truth_power, lidar_error, fused_error = (
         np.sum(each, axis=0) for each in zip(*spectra, strict=True)
     )
-    best = 0.0
-    for ring in range(len(truth_power)):
-        if truth_power[ring] > 0:
-            weights = np.linalg.lstsq(sources[ring], with_truth[ring], rcond=1e-12)[0]
-            best += truth_power[ring] - with_truth[ring] @ weights
     whole = lidar_error.sum()
+    both = _least(sources, with_truth, truth_power) / whole
+    smoothed = _least(sources[:, :1, :1], with_truth[:, :1], truth_power) / whole
     return (
         f"limit           best weights for each wavelength, by the truth: "
-        f"{np.sqrt(best / whole):.2f} of mapolas; fused {np.sqrt(fused_error.sum() / whole):.2f} "
-        f"({len(spectra)} maplets)"
+        f"{np.sqrt(both):.2f} of mapolas, of the mapolas alone {np.sqrt(smoothed):.2f}; "
+        f"fused {np.sqrt(fused_error.sum() / whole):.2f} ({len(spectra)} maplets)"
     )
+
+
+def _least(sources: FloatArray, with_truth: FloatArray, truth_power: FloatArray) -> float:
+    """Return what of the error power the best weights of each wavelength leave."""
+    left = 0.0
+    for ring in np.nonzero(truth_power > 0)[0]:
+        weights = np.linalg.lstsq(sources[ring], with_truth[ring], rcond=1e-12)[0]
+        left += truth_power[ring] - with_truth[ring] @ weights
+    return left
 
 
 def _ring_sums(
@@ -259,6 +267,7 @@ def report(preset: str, seed: int, work: Path) -> Sequence[str]:
         + f"; fused / SPC {top[FUSED] / top[SPC]:.2f}"
     )
     told.append(limit(workspace, mission))
+    told += Errors(workspace, mission).lines()
     gaps = {m.name: seams(m) for m in workspace_models(Workspace.open(workspace)) if m.name in top}
     told.append("seams           " + ", ".join(f"{name} {v:.4f} m" for name, v in gaps.items()))
     return told
