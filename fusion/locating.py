@@ -12,6 +12,7 @@ from fusion.settings import MapolaSettings, SpiceSettings, SpinSettings
 from fusion.workspace import SETTINGS_FILE, Workspace
 from lidar.formats.native import ScanFile
 from lidar.kernels import KernelPlace
+from lidar.mirror import MirrorAngles
 from lidar.relocation import Relocation, relocated, relocation, turn_of
 from lidar.reprojection import scan_trajectory
 from lidar.scan import Scan
@@ -71,11 +72,12 @@ def kernel_place(
     where = f"{workspace.root / SETTINGS_FILE}: [spice]"
     if not table.spacecraft or not table.body:
         raise SettingsError("must be given with kernels", f"{where} spacecraft and body")
-    if not table.frame and (any(table.boresight_deg) or any(table.pupil_m) or table.reference):
+    if not table.frame and (any(table.mounting) or table.reference):
         raise SettingsError(
-            "must be given with reference, boresight_deg or pupil_m", f"{where} frame"
+            "must be given with reference, boresight_deg, pupil_m, mirror_deg or mirror_scale",
+            f"{where} frame",
         )
-    if table.frame and not table.reference and not any((*table.boresight_deg, *table.pupil_m)):
+    if table.frame and not table.reference and not any(table.mounting):
         raise SettingsError(
             "must be given with a frame: the pointing by which the files were located",
             f"{where} reference",
@@ -101,6 +103,10 @@ def kernel_place(
         reference,
         np.radians(table.boresight_deg),
         np.array(table.pupil_m),
+        MirrorAngles(
+            (np.radians(table.mirror_deg[0]), np.radians(table.mirror_deg[1])),
+            (table.mirror_scale[0], table.mirror_scale[1]),
+        ),
     )
 
 

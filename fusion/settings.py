@@ -16,6 +16,7 @@ Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 
 
 class Table(BaseModel):
@@ -105,6 +106,18 @@ class SpiceSettings(Table):
     pupil_m: Vector = Field(
         default=[0.0, 0.0, 0.0], description="shift of the pupil along the axes of the frame"
     )
+    mirror_deg: Pair = Field(
+        default=[0.0, 0.0],
+        description="added to azimuth and elevation of the beams: from Z of the frame to X, to Y",
+    )
+    mirror_scale: Pair = Field(
+        default=[0.0, 0.0], description="relative correction of azimuth and elevation"
+    )
+
+    @property
+    def mounting(self) -> tuple[float, ...]:
+        """All numbers that only mean something in a frame."""
+        return (*self.boresight_deg, *self.pupil_m, *self.mirror_deg, *self.mirror_scale)
 
 
 class MapolaSettings(Table):

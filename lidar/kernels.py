@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from lidar.mirror import MirrorAngles, MirrorMotion
 from lidar.relocation import Relocation
 from spcola.arrays import BoolArray, FloatArray
 from spcola.spice import KernelSet, body_fixed_states
@@ -40,6 +41,8 @@ class KernelPlace:
         Rotation vector, radians, by which beams are turned in the frame.
     pupil : (3,) ndarray
         Shift of the lidar's pupil in the frame, metres.
+    mirror : MirrorAngles
+        What its mirror's angles err by, in the frame.
     """
 
     kernels: KernelSet
@@ -49,13 +52,14 @@ class KernelPlace:
     reference: KernelSet | None = None
     boresight: FloatArray = field(default_factory=lambda: np.zeros(3))
     pupil: FloatArray = field(default_factory=lambda: np.zeros(3))
+    mirror: MirrorAngles = field(default_factory=MirrorAngles)
 
     def relocation(self, old: Trajectory, radius: float) -> Relocation:
         """Find how the returns of a scan move.
 
         A return p was where the spacecraft s(t) and the way v of the beam put it. The way is v in
-        the frame of the lidar, turned by its mounting B, and the frame's axes (rows) A(t) have
-        become A'(t):
+        the frame of the lidar, turned by its mounting B (and by the mirror before that), and the
+        frame's axes (rows) A(t) have become A'(t):
 
             p' = s' + A'ᵀ o + Q (p − s),    Q = A'ᵀ B A
 
@@ -78,12 +82,17 @@ class KernelPlace:
         """
         begin, end = old.span
         end = max(end, begin + 1.0)
-        count = _FEWEST
+        count, mirror = _FEWEST, None
         while True:
             time = np.linspace(begin, end, count)
-            turn, shift = self._motion(old, time)
+            turn, shift, before = self._motion(old, time)
             known = np.isfinite(shift).all(axis=1)
-            error = _departure(turn, shift, radius)
+            error = _departure(shift) + radius * _departure(turn)
+            if self.mirror:
+                mirror = MirrorMotion(
+                    self.mirror, time[known], old.at(np.clip(time[known], *old.span)), before[known]
+                )
+                error += mirror.reach(radius) * _departure(before.reshape(-1, 9))
             step = (end - begin) / (count - 1)
             fine = error <= _TOLERANCE_M and (known.all() or not known.any() or step <= _EDGE_S)
             if fine or count >= _MOST:
@@ -98,16 +107,22 @@ class KernelPlace:
             moves=True,
             max_gap_s=1.5 * step,
             error_m=error,
+            mirror=mirror if len(time[known]) else None,
         )
 
-    def _motion(self, old: Trajectory, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Rotation vectors of Q (N, 3) and ``s' + A'ᵀ o − Q s`` (N, 3), m; NaN where unknown."""
+    def _motion(
+        self, old: Trajectory, time: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Rotation vectors of Q (N, 3), ``s' + A'ᵀ o − Q s`` (N, 3), m, and A (N, 3, 3).
+
+        NaN where unknown.
+        """
         inside = np.clip(time, *old.span)
         with self.kernels.load():
             place, axes = body_fixed_states(self.spacecraft, self.body, time, frame=self.frame)
         turn = np.zeros((len(time), 3))
         if not self.frame:
-            return turn, place - old.at(inside)
+            return turn, place - old.at(inside), axes
         before = axes
         if self.reference is not None:
             with self.reference.load():
@@ -118,15 +133,13 @@ class KernelPlace:
         turn[known] = Rotation.from_matrix(q[known]).as_rotvec()
         pupil = np.einsum("nij,i->nj", axes, self.pupil)
         shift = place + pupil - np.einsum("nij,nj->ni", q, old.at(inside))
-        return turn, np.where(known[:, None], shift, np.nan)
+        return turn, np.where(known[:, None], shift, np.nan), before
 
 
-def _departure(turn: FloatArray, shift: FloatArray, radius: float) -> float:
-    """Distance (m) of motions at even steps from straight lines, estimated from every second.
+def _departure(values: FloatArray) -> float:
+    """Distance of values (N, ...) at even steps from straight lines, estimated from every second.
 
-    The departure falls fourfold when steps are halved. Where the motion is unknown it says nothing.
+    The departure falls fourfold when steps are halved. Where values are unknown it says nothing.
     """
-    off_turn = np.linalg.norm(turn[1:-1:2] - (turn[:-2:2] + turn[2::2]) / 2.0, axis=1)
-    off_shift = np.linalg.norm(shift[1:-1:2] - (shift[:-2:2] + shift[2::2]) / 2.0, axis=1)
-    off = (off_shift + radius * off_turn) / 4.0
+    off = np.linalg.norm(values[1:-1:2] - (values[:-2:2] + values[2::2]) / 2.0, axis=1) / 4.0
     return float(np.nanmax(off, initial=0.0)) if np.isfinite(off).any() else 0.0

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lidar.cubes import QUANTUM_M
+from lidar.mirror import MirrorMotion
 from lidar.scan import Scan
 from spcola.arrays import BoolArray, FloatArray
 from spcola.kernel import inlined_kernel, kernel
@@ -50,6 +51,8 @@ class Relocation:
         Displacements further apart than this are not interpolated between.
     error_m : float
         By how much what is interpolated may be off, metres.
+    mirror : MirrorMotion, optional
+        What an error of the lidar's mirror did, undone before anything else.
     """
 
     turn_time: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -59,12 +62,15 @@ class Relocation:
     moves: bool = False
     max_gap_s: float = np.inf
     error_m: float = 0.0
+    mirror: MirrorMotion | None = None
 
     def apply(self, points: FloatArray, time: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return the points (N, 3), metres, at their new places, and which have one (N,).
 
         Those without one are NaN: at times that are unknown, or not covered.
         """
+        if self.mirror is not None:
+            points = self.mirror.apply(points, time)
         gap = self.max_gap_s if self.moves else np.nan
         moved, kept = _relocated(
             points, time, self.turn_time, self.turn, self.shift_time, self.shift, gap
@@ -81,7 +87,8 @@ class Relocation:
         """Return by how much a point within `radius` of the origin moves at most, metres."""
         angle = np.linalg.norm(self.turn, axis=1).max(initial=0.0)
         shift = np.linalg.norm(self.shift, axis=1).max(initial=0.0)
-        return float(2.0 * np.sin(min(angle, np.pi) / 2.0) * radius + shift)
+        mirror = 0.0 if self.mirror is None else self.mirror.reach(radius)
+        return float(2.0 * np.sin(min(angle, np.pi) / 2.0) * radius + shift + mirror)
 
 
 def relocation(
@@ -142,7 +149,8 @@ def relocated(scan: Scan, move: Relocation) -> Scan:
     Returns that have no place are counted as rejected, by what they lack.
     """
     points, kept = move.apply(scan.points, scan.time)
-    station, _ = move.apply(scan.spacecraft, scan.time)
+    # No mirror aims at the lidar itself.
+    station, _ = replace(move, mirror=None).apply(scan.spacecraft, scan.time)
     ahead, _ = move.apply(scan.spacecraft + scan.beam, scan.time)
     timeless = int(np.count_nonzero(np.isnan(scan.time)))
     counts = {NO_TIME: timeless, OUTSIDE: int(np.count_nonzero(~kept)) - timeless}

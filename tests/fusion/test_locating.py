@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import spiceypy
+from scipy.spatial import KDTree
 from typer.testing import CliRunner, Result
 
 from fusion.cli.app import app
@@ -19,6 +21,7 @@ from fusion.pipeline import Pipeline
 from fusion.settings import Settings, write_settings
 from fusion.stages import ingest, mapolas
 from fusion.workspace import SETTINGS_FILE
+from lidar.box import Box
 from lidar.cubes import QUANTUM_M
 from lidar.formats.native import write_scan
 from lidar.scan import Scan
@@ -211,12 +214,36 @@ def test_scans_are_moved_whole_by_kernels(tmp_path: Path) -> None:
     assert kernel_paths(workspace, spice) == [Path(name) for name in table["kernels"]]
 
 
+def test_returns_of_the_store_lie_where_scans_put_them_when_the_mirror_is_corrected(
+    tmp_path: Path,
+) -> None:
+    workspace = new_workspace(tmp_path / "ws", body="Ball")
+    for scan in scans():
+        write_scan(workspace.root / "scans" / f"{scan.name}.h5", [scan])
+    wrong = {"frame": "J2000", "mirror_deg": [0.1, -0.05], "mirror_scale": [0.0, 2e-3]}
+    settings = Settings().with_table("spice", **kernels(tmp_path, [0.0, 0.0, 0.0]), **wrong)
+    store = located_store(workspace, settings.mapolas, settings.spin, settings.spice)
+    turn = turning(workspace, settings.spin, settings.spice)
+    right = np.concatenate([turn(scan).points for scan in scans()])
+    read = np.concatenate([scan.points for scan in scans()])
+    assert np.median(np.linalg.norm(right - read, axis=1)) > 1.0
+    box = Box([60.0, 1.0, -1.0], np.eye(3), [10.0, 4.0, 4.0])
+    found = store.returns_inside(box).points
+    apart, _ = KDTree(right).query(found)
+    assert apart.max() < 1e-3
+    assert len(found) == pytest.approx(np.count_nonzero(box.holds(right)), abs=5)
+    # So it is on another machine of a cluster, to which the store is sent.
+    sent = pickle.loads(pickle.dumps(store))
+    np.testing.assert_array_equal(sent.returns_inside(box).points, found)
+
+
 @pytest.mark.parametrize(
     ("table", "changed", "message"),
     [
         ("spice", {"spacecraft": ""}, "spacecraft and body"),
         ("spice", {"frame": "J2000"}, "reference"),
         ("spice", {"pupil_m": [0.0, 0.0, 1.0]}, "frame"),
+        ("spice", {"mirror_scale": [0.0, 1e-3]}, "frame"),
         ("spin", {**SPIN, **SHIFT}, "rotation is that of the kernels"),
         ("mapolas", {"trajectory": "spc"}, "cannot both locate"),
     ],

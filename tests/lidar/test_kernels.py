@@ -10,6 +10,7 @@ import spiceypy
 from scipy.spatial.transform import Rotation
 
 from lidar.kernels import KernelPlace
+from lidar.mirror import MirrorAngles
 from spcola.errors import KernelError
 from spcola.spice import KernelSet, body_fixed_states, body_fixed_trajectory
 from spcola.time import SPICE_LOCK
@@ -115,6 +116,38 @@ def test_mounting_turns_beams_about_the_pupil_and_shifts_it(tmp_path, scan):
     right = station + np.einsum("nij,nj->ni", turn, beam)
     assert np.abs(right - scan[1]).max() > 1.0
     np.testing.assert_allclose(points, right, atol=1e-3)
+
+
+def test_angles_of_the_mirror_are_corrected_in_the_frame_of_the_lidar(tmp_path, scan):
+    old = KernelSet([spk(tmp_path / "old.bsp", np.zeros(3)), pck(tmp_path, "a.tpc")])
+    angles = MirrorAngles((2e-3, -1e-3), (3e-3, 5e-3))
+    place = KernelPlace(old, CRAFT, BENNU, "J2000", mirror=angles)
+    points, known = moved(place, old, scan)
+    assert known.all()
+    station, turn = located(old, scan[0]).position, turns(old, scan[0])
+    beam = np.einsum("nji,nj->ni", turn, scan[1] - station)
+    length = np.linalg.norm(beam, axis=1)
+    azimuth, elevation = np.arctan2(beam[:, 0], beam[:, 2]), np.arcsin(beam[:, 1] / length)
+    azimuth, elevation = 1.003 * azimuth + 2e-3, 1.005 * elevation - 1e-3
+    across = np.cos(elevation)
+    unit = np.stack([across * np.sin(azimuth), np.sin(elevation), across * np.cos(azimuth)], 1)
+    right = station + np.einsum("nij,nj->ni", turn, length[:, None] * unit)
+    assert np.abs(right - scan[1]).max() > 3.0
+    np.testing.assert_allclose(points, right, atol=1e-3)
+    # Ranges are what was measured, whatever the mirror did.
+    np.testing.assert_allclose(np.linalg.norm(points - station, axis=1), length, atol=1e-3)
+    reach = place.relocation(located(old, np.linspace(0.0, SPAN, 2000)), RADIUS).reach(RADIUS)
+    assert np.linalg.norm(points - scan[1], axis=1).max() <= reach
+
+
+def test_a_small_offset_of_the_mirror_is_a_turn_of_the_boresight():
+    """Of the azimuth about Y, at the elevation 0 exactly; of the elevation about −X."""
+    beams = np.array([[0.0, 0.0, 700.0], [70.0, 0.0, 700.0]])
+    turned = MirrorAngles((1e-3, 0.0)).corrected(beams)
+    np.testing.assert_allclose(turned, Rotation.from_rotvec([0, 1e-3, 0]).apply(beams), atol=1e-9)
+    up = MirrorAngles((0.0, 1e-3)).corrected(beams[:1])
+    np.testing.assert_allclose(up, Rotation.from_rotvec([-1e-3, 0, 0]).apply(beams[:1]), atol=1e-9)
+    assert np.isnan(MirrorAngles((1e-3, 0.0)).corrected(np.full((1, 3), np.nan))).all()
 
 
 def test_the_same_kernels_move_nothing(tmp_path, scan):
