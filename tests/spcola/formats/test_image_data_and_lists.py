@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import tempfile
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -32,6 +35,22 @@ def test_the_byte_order_of_16_bit_data_is_recognised(tmp_path, order, peak):
     np.testing.assert_array_equal(back, pixels)
     write_image_data(tmp_path / "B.DAT", back, byte_order=order)
     assert (tmp_path / "B.DAT").read_bytes() == path.read_bytes()
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 9), st.integers(2, 9), st.integers(1, 65535))
+def test_the_order_is_that_in_which_neighbours_differ_less_than_half_as_much(seed, rows, cols, top):
+    pixels = np.random.default_rng(seed).integers(0, top + 1, (rows, cols), dtype=np.uint16)
+    content = pixels.astype(">u2").tobytes()
+
+    def differences(order: str) -> int:
+        read = np.frombuffer(content, f"{order}u2").reshape(rows, cols).astype(np.int64)
+        return int(np.abs(np.diff(read, axis=0)).sum() + np.abs(np.diff(read, axis=1)).sum())
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "A.DAT"
+        path.write_bytes(content)
+        right = "<" if differences("<") < 0.5 * differences(">") else ">"
+        assert recognise_byte_order(path, cols, rows) == right
 
 
 def test_most_significant_first_where_nothing_tells(tmp_path):
