@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache, partial
 from pathlib import Path
 
 from fusion.executor import Executor, ThreadExecutor
@@ -13,7 +14,13 @@ from fusion.truth.planted import TRUTH_FILE, PlacedCenter, Planted, TrueState, w
 from fusion.truth.presets import MissionSettings
 from fusion.truth.scans import day_biases, plan_observations, write_observations
 from fusion.truth.size import check_room, mission_size
-from fusion.truth.solution import plan_states, write_maplets, write_shape, write_states
+from fusion.truth.solution import (
+    light_of,
+    plan_states,
+    write_maplets,
+    write_shape,
+    write_states,
+)
 from fusion.truth.work import Work
 from spcola.image import SpcImage
 from spcola.truth.body import TruthBody
@@ -63,9 +70,8 @@ def make_mission(
         passes = plan_passes(settings.passes, work.random("passes"))
         observations = plan_observations(passes, settings)
         days = day_biases(observations, settings)
-        write_shape(work)
         scans = write_observations(work, observations, days)
-        centers, images = _write_solution(work, passes) if settings.spc else ({}, {})
+        centers, images = _write_solution(work, passes)
         files = files_of(root)
         planted = Planted(settings, scans, days, centers, images, files, body.fingerprint)
         write_truth(root / TRUTH_FILE, planted)
@@ -75,9 +81,17 @@ def make_mission(
 def _write_solution(
     work: Work, passes: list[Pass]
 ) -> tuple[dict[str, PlacedCenter], dict[str, TrueState]]:
-    """Write the SPC solution, and the images if wanted; return what is true of them, by name."""
+    """Write the SPC solution, and the images if wanted; return what is true of them, by name.
+
+    Without a solution only the shape.
+    """
+    if not work.settings.spc:
+        write_shape(work)
+        return {}, {}
     shadows = shadow_ground(work.settings.body)
-    centers = write_maplets(work, shadows)
+    light = cache(partial(light_of, work.settings, shadows))
+    write_shape(work, light)
+    centers = write_maplets(work, light)
     states = plan_states(work, passes)
     write_states(work, states, centers, shadows)
     if work.settings.images:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -32,15 +32,25 @@ from spcola.truth.stations import plan_stations, stations_of_pass
 SHAPE_FILE = Path("SHAPEFILES") / "SHAPE.TXT"
 
 
-def write_shape(work: Work) -> None:
-    """Write the solution's shape model."""
+Lit = Callable[[], LightMap]
+"""Says where the Sun shines: worked out when something that needs it is not there yet."""
+
+
+def write_shape(work: Work, light: Lit | None = None) -> None:
+    """Write the solution's shape model; without `light`, that of a body without maplets."""
     path = work.site.spc / SHAPE_FILE
     if missing(path):
-        shape = spc_shape(work.body, work.settings.to_spc, work.settings.shape_q)
+        shape = spc_shape(
+            work.body,
+            work.settings.to_spc,
+            work.settings.shape_q,
+            light=None if light is None else light(),
+            settings=work.settings.solution,
+        )
         write_icq(path, shape, digits=7)
 
 
-def write_maplets(work: Work, shadows: SampledSurface) -> list[PlacedCenter]:
+def write_maplets(work: Work, light: Lit) -> list[PlacedCenter]:
     """Make and write the maplets, with their sigma companions; leave out what is all dark.
 
     Returns
@@ -51,13 +61,13 @@ def write_maplets(work: Work, shadows: SampledSurface) -> list[PlacedCenter]:
     directions = maplet_directions(work.body, work.settings.solution)
     names = [f"TR{number + 1:04d}" for number in range(len(directions))]
     notes = {name: work.site.note(name) for name in names}
-    light = light_of(work.settings, shadows) if None in notes.values() else None
+    shines = light() if None in notes.values() else None
 
     def make(item: tuple[str, FloatArray]) -> PlacedCenter | None:
         name, direction = item
         noted = notes[name]
-        if noted is None and light is not None:
-            noted = _write_maplet(work, name, direction, light)
+        if noted is None and shines is not None:
+            noted = _write_maplet(work, name, direction, shines)
             work.site.keep(name, noted)
         return restored(PlacedCenter, noted, name) if noted else None
 

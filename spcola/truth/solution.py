@@ -158,7 +158,7 @@ def make_maplet(
     back = to_spc.inverse()
     places = back.apply(wide.points(whole))
     shade = _shade(wide, whole, back, light, settings.darkness)
-    drift = _drift(body, places, shade, settings)
+    drift = _drift(body, places, shade.depth, settings)
     height, sigma = _degraded(whole, shade, settings, generator)
     height, sigma = height + drift, np.hypot(sigma, settings.darkness.drift * shade.depth)
     height[shade.lost | np.isnan(truth)] = np.nan
@@ -211,16 +211,18 @@ def _degraded(
 
 
 def _drift(
-    body: TruthBody, places: FloatArray, shade: Shade, settings: SolutionSettings
+    body: TruthBody, places: FloatArray, depth: FloatArray, settings: SolutionSettings
 ) -> FloatArray:
-    """Return by how much (R, C), metres, the heights drift: alike in all maplets of a place."""
-    if not shade.depth.any():
-        return np.zeros(shade.depth.shape)
+    """Return by how much (...), metres, heights at `places` (..., 3) drift.
+
+    Alike in all maplets of a place, and in the shape; `depth` (...) is how far it is given over to
+    the dark.
+    """
+    if not depth.any():
+        return np.zeros(depth.shape)
     seed = int(stream(body.settings.seed, "drift").integers(2**32))
     wavelength = settings.darkness.wavelength * settings.gsd
-    drift: FloatArray = (
-        settings.darkness.drift * shade.depth * drift_noise(places, wavelength, seed)
-    )
+    drift: FloatArray = settings.darkness.drift * depth * drift_noise(places, wavelength, seed)
     return drift
 
 
@@ -238,10 +240,19 @@ def _albedo(
     return albedo
 
 
-def spc_shape(body: TruthBody, to_spc: Similarity, q: int) -> IcqShape:
-    """Return the solution's shape model: the truth averaged over the facets' size.
+def spc_shape(
+    body: TruthBody,
+    to_spc: Similarity,
+    q: int,
+    *,
+    light: LightMap | None = None,
+    settings: SolutionSettings | None = None,
+) -> IcqShape:
+    """Return the solution's shape model: the truth averaged over the facets, adrift in the dark.
 
-    Each vertex takes the mean radius of nine directions over a quad's width about it.
+    Each vertex takes the mean radius of nine directions over a quad's width about it. Where there
+    is no `light` it drifts as the maplets of `settings` do that a shape is made of; the rest of
+    their errors averages out over a facet.
     """
     directions = icq_directions(q).reshape(-1, 3)
     east = np.cross(
@@ -250,9 +261,16 @@ def spc_shape(body: TruthBody, to_spc: Similarity, q: int) -> IcqShape:
     east /= np.linalg.norm(east, axis=1, keepdims=True)
     north = np.cross(directions, east)
     step = np.pi / 2.0 / q / 3.0
-    mean = np.zeros(len(directions))
+    settings = settings or SolutionSettings()
+    mean, gone = np.zeros((2, len(directions)))
     for i in (-step, 0.0, step):
         for j in (-step, 0.0, step):
-            mean += body.radius(directions + i * east + j * north) / 9.0
+            about = directions + i * east + j * north
+            radius = body.radius(about)
+            mean += radius / 9.0
+            if light is not None:
+                share = light.at(radius[:, None] * about)
+                gone += np.clip(1.0 - share / settings.darkness.dark, 0.0, 1.0) / 9.0
+    mean += _drift(body, mean[:, None] * directions, gone, settings)
     vertices = to_spc.apply(mean[:, None] * directions).reshape(6, q + 1, q + 1, 3)
     return IcqShape(vertices, name="SHAPE")

@@ -228,6 +228,22 @@ def test_the_shape_of_a_sphere_is_a_moved_sphere(sphere: TruthBody) -> None:
     assert shape.mesh().volume > 0
 
 
+def test_in_the_dark_the_shape_drifts_as_the_maplets_do(sphere: TruthBody) -> None:
+    settings = replace(EXACT, gsd=0.1)
+    half = _light(lambda directions: np.where(directions[:, 2] > 0.0, 0.45, 0.0))
+    shape = spc_shape(sphere, TO_SPC, 24, light=half, settings=settings)
+    back = TO_SPC.inverse()
+    places = back.apply(shape.vertices.reshape(-1, 3))
+    drift = np.linalg.norm(places, axis=1) - 40.0
+    north, south = places[:, 2] > 3.0, places[:, 2] < -3.0
+    np.testing.assert_allclose(drift[north], 0.0, atol=1e-9)
+    assert np.sqrt(np.mean(drift[south] ** 2)) == pytest.approx(0.6, rel=0.25)
+    for number in np.flatnonzero(south)[::97]:
+        maplet = _maplet(sphere, settings, places[number], half).maplet
+        centre = np.linalg.norm(back.apply(maplet.grid.center)) - 40.0
+        assert centre == pytest.approx(drift[number], abs=0.01)
+
+
 @pytest.mark.parametrize(
     "wrong", [{"gsd": 0.0}, {"noise": -1.0}, {"maplets": 2}, {"overlap": 1.0}, {"correlation": 0.0}]
 )
