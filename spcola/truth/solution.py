@@ -9,7 +9,7 @@ import numpy as np
 from spcola.arrays import FloatArray
 from spcola.errors import SettingsError
 from spcola.gaps import carried_on
-from spcola.icq import IcqShape, icq_directions
+from spcola.icq import IcqShape, distinct_vertices, icq_directions
 from spcola.maplet import Maplet, MapletGrid
 from spcola.similarity import Similarity
 from spcola.truth.body import TruthBody
@@ -254,7 +254,9 @@ def spc_shape(
     is no `light` it drifts as the maplets of `settings` do that a shape is made of; the rest of
     their errors averages out over a facet.
     """
-    directions = icq_directions(q).reshape(-1, 3)
+    # Labels of one vertex must not lie apart, on whichever side of a shadow rounding puts them.
+    number, first = distinct_vertices(q)
+    directions = icq_directions(q).reshape(-1, 3)[first]
     east = np.cross(
         directions, np.where(np.abs(directions[:, 2:]) < 0.9, [[0, 0, 1.0]], [[1, 0, 0]])
     )
@@ -272,5 +274,5 @@ def spc_shape(
                 share = light.at(radius[:, None] * about)
                 gone += np.clip(1.0 - share / settings.darkness.dark, 0.0, 1.0) / 9.0
     mean += _drift(body, mean[:, None] * directions, gone, settings)
-    vertices = to_spc.apply(mean[:, None] * directions).reshape(6, q + 1, q + 1, 3)
-    return IcqShape(vertices, name="SHAPE")
+    vertices = to_spc.apply(mean[:, None] * directions)[number]
+    return IcqShape(vertices.reshape(6, q + 1, q + 1, 3), name="SHAPE")

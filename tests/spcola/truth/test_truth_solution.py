@@ -228,6 +228,13 @@ def test_the_shape_of_a_sphere_is_a_moved_sphere(sphere: TruthBody) -> None:
     assert shape.mesh().volume > 0
 
 
+def test_a_shadow_that_ends_with_a_face_leaves_the_shape_closed(sphere: TruthBody) -> None:
+    """Light is known face by face, and rounding puts the labels of one vertex on two of them."""
+    shares = np.tile([[0.0], [0.45]], (3, DAY.shares.shape[1])).astype(np.float32)
+    shape = spc_shape(sphere, TO_SPC, 31, light=LightMap(DAY.tiling, shares), settings=SMALL)
+    assert shape.mesh().volume > 0
+
+
 def test_in_the_dark_the_shape_drifts_as_the_maplets_do(sphere: TruthBody) -> None:
     settings = replace(EXACT, gsd=0.1)
     half = _light(lambda directions: np.where(directions[:, 2] > 0.0, 0.45, 0.0))
