@@ -107,14 +107,14 @@ def _order_of(content: bytes, width: int, height: int) -> ByteOrder:
 
 
 @kernel
-def _roughness(pixels: AnyArray) -> tuple[int, int]:
+def _roughness(pixels: AnyArray) -> tuple[np.int64, np.int64]:
     """Sums of absolute differences between neighbours along lines and columns of pixels (R, C).
 
     As they are, and with the two bytes of each exchanged. Compiled, and row by row so that several
     pixels are taken at once: images are read by the thousand, and this looks at all of them.
     """
     rows, columns = pixels.shape
-    kept = swapped = 0
+    kept, swapped = np.int64(0), np.int64(0)
     for r in range(rows):
         here, above = pixels[r], pixels[max(r - 1, 0)]
         for c in range(1, columns):
