@@ -1,9 +1,11 @@
-"""What one movement of the whole surface leaves of the errors of fused heights.
+"""What movements of the surface leave of the errors of fused heights.
 
-All heights of one mission share the error of its registration. Shares of the errors within sigma
-are then one draw of that error, seen by every point: they scatter from seed to seed however right
-the sigma is. Here the movement (shift, turn, scale) that fits the errors best is found with the
-truth in hand and taken out, and the rest is compared with the sigma without its shared part.
+All heights of one mission share the error of its registration, and all heights of a place those of
+its scans. Shares of the errors within sigma are then a few draws of those errors, each seen by many
+points: they scatter from seed to seed however right the sigma is. Here the movement (shift, turn,
+scale) that fits the errors best is found with the truth in hand and taken out, and the rest is
+compared with the sigma without its shared part; then the same with a displacement of each maplet.
+Only points that the lidar knows, which is where heights share such errors.
 """
 
 from __future__ import annotations
@@ -13,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
+from fusion.fused import FusedMaplet, Source
 from fusion.registration.summary import Placement, placements_of
 from fusion.stages.fuse import Scene
 from fusion.truth.assessment.assess import light_on
-from fusion.truth.assessment.gather import workspace_models
 from fusion.truth.assessment.patches import patch_errors
 from fusion.truth.assessment.regions import REGIONS, Ground
 from fusion.truth.assessment.settings import AssessmentSettings
@@ -24,16 +26,18 @@ from fusion.truth.planted import read_truth
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.heights import slopes_of
-from spcola.maplet import Maplet
 
-FUSED = "fused maplets"
 # Errors beyond that many of their deviations do not tell of a movement.
 FAR = 3.0
 ROUNDS = 5
+# Maplets that are looked at.
+MOST = 200
+# Points that tell a displacement well enough.
+ENOUGH = 100
 
 
 class Errors:
-    """Errors of fused heights (N,), their sigmas, regions, and what a movement does to them."""
+    """Errors of fused heights (N,), their variances, regions, maplets, and movements (N, 7)."""
 
     def __init__(self, workspace: Path, mission: Path) -> None:
         planted = read_truth(mission)
@@ -42,59 +46,84 @@ class Errors:
         path = opened.registration_path
         placements = placements_of(opened.read_json(path.name), str(path))
         scene = Scene.of(opened, light="none")
-        (model,) = (m for m in workspace_models(opened) if m.name == FUSED)
         parts: list[list[FloatArray]] = []
-        for key in model.keys(AssessmentSettings().patches):
-            patch = patch_errors(model.patch(key), ground, planted.similarity)
-            near = scene.near(key, patch.maplet.grid)
+        names = opened.fused_names()
+        for number, name in enumerate(names[:: -(-len(names) // MOST)]):
+            maplet = opened.fused(name)
+            near = scene.near(name, maplet.grid)
+            patch = patch_errors(maplet, ground, planted.similarity)
             known = np.isfinite(patch.error)
-            movement = movements(patch.maplet)[known]
-            shared = shared_variance(movement, placements[near[0]] if near else None)
+            measured = np.isin(maplet.source, (Source.LIDAR, Source.BOTH))
+            if not near or np.count_nonzero(known & measured) < ENOUGH:
+                continue
+            movement = movements(maplet)[known & measured]
             parts.append(
                 [
-                    patch.error[known],
-                    np.square(patch.maplet.sigma[known]),
-                    shared,
-                    patch.points.regions,
+                    patch.error[known & measured],
+                    np.square(maplet.sigma[known & measured]),
+                    shared_variance(movement, placements[near[0]]),
+                    patch.points.regions[measured[known]],
+                    np.full(len(movement), number),
                     movement,
                 ]
             )
         columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
-        self.error, self.variance, self.shared, self.regions, self.movement = columns
+        self.error, self.variance, self.shared, self.regions, self.maplet, self.movement = columns
 
-    def best_movement(self) -> FloatArray:
-        """Return shift (m), turn (rad) and scale (7,) that leave least of the errors."""
-        found = np.zeros(self.movement.shape[1])
-        own = np.sqrt(self.variance - self.shared)
-        for _ in range(ROUNDS):
-            left = (self.error - self.movement @ found) / own
-            near = np.abs(left) < FAR * np.median(np.abs(left)) / 0.6745
-            rows = self.movement[near] / own[near, None]
-            found = np.linalg.lstsq(rows.T @ rows, rows.T @ (self.error / own)[near], rcond=None)[0]
-        return found
+    @property
+    def own(self) -> FloatArray:
+        """Sigma (N,), metres, of what heights do not share."""
+        sigma: FloatArray = np.sqrt(self.variance - self.shared)
+        return sigma
+
+    def of_all(self) -> FloatArray:
+        """Return what the best shift, turn and scale of all of them do to the heights (N,)."""
+        return self.movement @ fitted_movement(self.movement, self.error, self.own)
+
+    def of_each(self) -> FloatArray:
+        """Return what the best displacement of each maplet does to its heights (N,)."""
+        moved = np.zeros(len(self.error))
+        for number in np.unique(self.maplet):
+            its = self.maplet == number
+            rows = self.movement[its, :3]
+            moved[its] = rows @ fitted_movement(rows, self.error[its], self.own[its])
+        return moved
 
     def lines(self) -> Iterator[str]:
         """Yield the table."""
-        moved = self.movement @ self.best_movement()
-        left, own = self.error - moved, np.sqrt(self.variance - self.shared)
-        stated = np.sqrt(np.mean(self.shared))
-        yield (
-            f"one movement    moves heights by {np.sqrt(np.mean(moved**2)):.4f} m (rms), "
-            f"stated of what they share {stated:.4f} m; taken out:"
-        )
+        yield f"shared          stated {rms(np.sqrt(self.shared)):.4f} m of the heights on lidar"
+        yield from self._left("one movement", self.of_all())
+        yield from self._left("each maplet's", self.of_each())
+
+    def _left(self, title: str, moved: FloatArray) -> Iterator[str]:
         cells = []
         for region in REGIONS[1:4]:
             inside = (self.regions >> REGIONS.index(region)) & 1 > 0
-            if not inside.any():
-                continue
-            pulls = np.abs(left[inside]) / own[inside]
-            shares = " ".join(f"{np.mean(pulls < k):.3f}" for k in (1, 2))
-            rms = np.sqrt(np.mean(left[inside] ** 2))
-            cells.append(f"{region} {rms:.4f} m, within 1, 2 σ {shares}")
-        yield "                " + "; ".join(cells)
+            if inside.any():
+                left = (self.error - moved)[inside]
+                pulls = np.abs(left) / self.own[inside]
+                shares = " ".join(f"{np.mean(pulls < k):.3f}" for k in (1, 2))
+                cells.append(f"{region} {rms(left):.4f} m, {shares}")
+        yield f"{title:16}{rms(moved):.4f} m (rms); without it, within 1, 2 σ: {'; '.join(cells)}"
 
 
-def movements(maplet: Maplet) -> FloatArray:
+def rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def fitted_movement(rows: FloatArray, error: FloatArray, own: FloatArray) -> FloatArray:
+    """Return the parameters of `rows` (N, P) that leave least of the errors (N,)."""
+    found = np.zeros(rows.shape[1])
+    for _ in range(ROUNDS):
+        left = np.abs(error - rows @ found) / own
+        near = left < FAR * np.median(left) / 0.6745
+        weighed = rows[near] / own[near, None]
+        normal, right = weighed.T @ weighed, weighed.T @ (error / own)[near]
+        found = np.linalg.lstsq(normal, right, rcond=None)[0]
+    return found
+
+
+def movements(maplet: FusedMaplet) -> FloatArray:
     """Return what shifts, turns and a scale of the surface do to its heights (R, C, 7).
 
     A surface displaced by D is met at a height that is off by D·(Uz − ∂h/∂x Ux − ∂h/∂y Uy).
@@ -107,10 +136,8 @@ def movements(maplet: Maplet) -> FloatArray:
     return np.concatenate([normal, np.cross(place, normal), scaled], axis=-1)
 
 
-def shared_variance(movement: FloatArray, placement: Placement | None) -> FloatArray:
+def shared_variance(movement: FloatArray, placement: Placement) -> FloatArray:
     """Variance (N,), m², of heights by the error of where their mapola is registered."""
-    if placement is None:
-        return np.zeros(len(movement))
     normal = movement[:, :3]
     variance: FloatArray = np.einsum("ni,ij,nj->n", normal, placement.covariance, normal)
     return variance
