@@ -21,7 +21,7 @@ from fusion.executor import ThreadExecutor
 from fusion.fused import Source
 from fusion.fusing.fuse import fuse_maplet
 from fusion.fusing.illumination import Illumination
-from fusion.fusing.information import DEFAULT_INFORMATION
+from fusion.fusing.information import DEFAULT_INFORMATION, estimate_information
 from fusion.progress import Progress
 from fusion.stages.fuse import Scene
 from fusion.truth.presets import MissionSettings
@@ -72,13 +72,22 @@ def test_ground_that_no_image_shows_lit_is_given_to_the_lidar(shown: Demonstrati
     assert not dark.spc.valid.any()
     filled_in = bright.spc.valid
     assert filled_in.any()
-    np.testing.assert_array_equal(dark.prior[filled_in], bright.spc.height[filled_in])
+    np.testing.assert_array_equal(dark.prior, scene.prior(dark.grid))
     fused = fuse_maplet(dark, DEFAULT_INFORMATION).maplet
     measured = np.isfinite(dark.lidar.height)
     assert (fused.source[measured] == Source.LIDAR).all()
     unmeasured = ~measured & fused.valid
     assert (fused.source[unmeasured] == Source.FILLED).all()
-    assert polar.comparison(south) is None
+    # It tells nothing of SPC's slopes, but what the shape is worth in the dark.
+    pair = polar.comparison(south)
+    assert pair is not None
+    assert np.isnan(pair.spc).all()
+    found = estimate_information([pair])
+    assert found.shape is not None
+    assert replace(found, shape=None) == DEFAULT_INFORMATION
+    # Without a shape what SPC filled in stands for it.
+    shapeless = replace(polar, prior=lambda grid: np.full(grid.shape, np.nan)).parts(south)
+    np.testing.assert_array_equal(shapeless.prior[filled_in], bright.spc.height[filled_in])
 
 
 def test_every_model_of_the_workspace_is_held_against_the_truth(shown: Demonstration) -> None:
