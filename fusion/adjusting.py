@@ -11,14 +11,15 @@ from fusion.settings import MapolaSettings
 from fusion.stages.base import StageContext
 from lidar.adjustment import AdjustmentOptions, ScanAdjustment, adjust_scans, unadjusted
 from lidar.gridding import Gridding, GriddingOptions, grid_returns
+from lidar.network import Nodes
 from lidar.overlaps import OverlapEquations, ground_shares, overlap_equations
 from lidar.returns import Returns
 from lidar.store import ScanStore
 from spcola.maplet import MapletGrid
 
-# The overlaps are linear in displacements of a hundredth of a cell: a step that moves scans against
-# each other by no more leaves nothing to iterate.
-_STILL = 0.01
+# The overlaps are linear in displacements of a hundredth of a cell, and a step leaves a tenth of
+# itself: one that moves scans against each other by no more leaves less than overlaps tell.
+_STILL = 0.003
 _MAX_ROUNDS = 5
 # Overlaps are compared on grids whose centres lie this many sides apart: ground that is compared
 # twice tells nothing new.
@@ -51,7 +52,8 @@ def adjusted(
     """Find where the scans of a workspace lie to each other, in rounds until they stand still."""
     table = context.table(MapolaSettings)
     options = AdjustmentOptions(table.adjust_sigma_m, float(np.radians(table.adjust_sigma_deg)))
-    found = unadjusted(source.store.scan_names, source.store.middles, options)
+    store = source.store
+    found = unadjusted(store.scan_names, Nodes(store.middles, store.scan_of), options)
     chosen = compared_grids(list(grids.values()))
     for _ in range(_MAX_ROUNDS):
         compare = _Comparison(source, chosen, found)
@@ -64,12 +66,14 @@ def adjusted(
 
 def adjustment_summary(adjustment: ScanAdjustment) -> dict[str, Any]:
     """Return what the command prints of it."""
-    met = adjustment.cells > 0
+    known = adjustment.misfit[np.isfinite(adjustment.misfit)]
     return {
-        "scans_that_overlap": int(np.count_nonzero(met)),
-        "scan_offset_sigma_m": adjustment.offset_sigma_m,
-        "scan_rotation_sigma_deg": float(np.degrees(adjustment.rotation_sigma_rad)),
-        "scan_misfit": float(np.median(adjustment.misfit[met])) if met.any() else float("nan"),
+        "scans_that_overlap": int(np.count_nonzero(adjustment.cells)),
+        "scan_up_sigma_m": adjustment.sizes.up_m,
+        "scan_across_sigma_m": adjustment.sizes.across_m,
+        "scan_rotation_sigma_deg": float(np.degrees(adjustment.sizes.rotation_rad)),
+        "scan_wander_sigma_m": adjustment.sizes.wander_m,
+        "scan_misfit": float(np.median(known)) if known.size else float("nan"),
         "suspect_scans": list(adjustment.suspects),
         "per_scan": [
             {

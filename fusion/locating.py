@@ -26,9 +26,16 @@ Locator = Callable[[ScanFile], Relocation]
 
 
 def located_store(
-    workspace: Workspace, table: MapolaSettings, spin: SpinSettings, spice: SpiceSettings
+    workspace: Workspace,
+    table: MapolaSettings,
+    spin: SpinSettings,
+    spice: SpiceSettings,
+    *,
+    arc_s: float = np.inf,
 ) -> ScanStore:
     """Open the returns of all scans where `[mapolas]`, `[spin]` and `[spice]` say that they are.
+
+    Scans that last longer than `arc_s` seconds are cut into arcs.
 
     Raises
     ------
@@ -47,12 +54,12 @@ def located_store(
             "choose reference, or empty [spice] kernels",
         )
     if place is not None:
-        return ScanStore(workspace.scan_paths(), locate=partial(_by_kernels, place))
+        return ScanStore(workspace.scan_paths(), locate=partial(_by_kernels, place), arc_s=arc_s)
     trajectory = None
     if table.trajectory == "spc":
         trajectory = Trajectory.from_images(workspace.images())
     locate = locator(change, trajectory, table.max_gap_s)
-    return ScanStore(workspace.scan_paths(), locate=locate)
+    return ScanStore(workspace.scan_paths(), locate=locate, arc_s=arc_s)
 
 
 def kernel_place(

@@ -159,6 +159,9 @@ class MapolaSettings(Table):
     adjust_sigma_deg: Positive = Field(
         default=0.003, description="first guess of a scan's rotation; it is estimated"
     )
+    adjust_arc_s: Positive = Field(
+        default=600.0, description="scans that last longer are moved in arcs of at most this"
+    )
 
 
 class RegisterSettings(Table):

@@ -10,22 +10,22 @@ overlap, as large as before between those that do not.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lidar.network import ErrorSizes, Nodes, columns, solve_network
 from lidar.overlaps import DEGREES, OverlapEquations
 from lidar.returns import Returns
 from spcola.arrays import FloatArray, IntArray
 from spcola.errors import SettingsError
 from spcola.kernel import kernel
 
-# The prior's sizes count as found when a round of EM changes them by less than this share.
-_SETTLED = 0.01
-_MAX_ROUNDS = 50
 # A displacement has six numbers. Fewer cells than twice as many can be met by chance, by strays
 # say, and do not tell whether they were.
 _FEWEST_CELLS = 12
+# Eigenvalues of scaled normal equations below this share of the largest are rounding.
+_ROUNDING = 1e-10
 # An overlap is contradicted when it departs from what is expected by so many standard deviations.
 _CONTRADICTED = 5.0
 # Which of the doubtful overlaps count is settled within a few rounds, or they are as many as they
@@ -45,8 +45,10 @@ class AdjustmentOptions:
         First value of the standard deviation of a scan's displacement, each axis, metres.
     rotation_sigma_rad : float
         The same of its rotation, radians.
+    wander_sigma_m : float
+        The same of its own displacement on one grid, beside those of the whole scan, metres.
     estimate : bool
-        Whether the two are estimated from the overlaps, or kept.
+        Whether the three are estimated from the overlaps, or kept.
 
     Raises
     ------
@@ -56,12 +58,19 @@ class AdjustmentOptions:
 
     offset_sigma_m: float = 0.05
     rotation_sigma_rad: float = 5e-5
+    wander_sigma_m: float = 5e-4
     estimate: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("offset_sigma_m", "rotation_sigma_rad"):
+        for name in ("offset_sigma_m", "rotation_sigma_rad", "wander_sigma_m"):
             if not getattr(self, name) > 0:
                 raise SettingsError(f"must be positive, not {getattr(self, name)}", name)
+
+    @property
+    def sizes(self) -> ErrorSizes:
+        """First values of the sizes of the errors."""
+        offset = self.offset_sigma_m
+        return ErrorSizes(offset, offset, self.rotation_sigma_rad, self.wander_sigma_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,15 +80,15 @@ class ScanAdjustment:
     Attributes
     ----------
     names : tuple of str
-    center : (S, 3) ndarray
-        Body-fixed point about which each is turned, metres.
+    nodes : Nodes
+        The points about which they are turned, and which of them are arcs of one scan.
     displacement : (S, 6) ndarray
         Stated minus adjusted place of the centre (metres), and the rotation vector from adjusted
         to stated orientation (radians).
     covariance : (6S, 6S) ndarray
         Of the displacements that are still unknown.
-    offset_sigma_m, rotation_sigma_rad : float
-        Sizes of the displacements, each axis.
+    sizes : ErrorSizes
+        Of the displacements.
     misfit : (S,) ndarray
         Root mean square of what is left between a scan and the others, in its standard
         deviations; NaN for a scan that meets none, or in too few cells to tell.
@@ -91,17 +100,21 @@ class ScanAdjustment:
     """
 
     names: tuple[str, ...]
-    center: FloatArray
+    nodes: Nodes
     displacement: FloatArray
     covariance: FloatArray
-    offset_sigma_m: float
-    rotation_sigma_rad: float
+    sizes: ErrorSizes
     misfit: FloatArray
     cells: FloatArray
     step_m: float = float("nan")
 
     def __len__(self) -> int:
         return len(self.names)
+
+    @property
+    def center(self) -> FloatArray:
+        """Body-fixed points (S, 3) about which they are turned, metres."""
+        return self.nodes.center
 
     @property
     def sigma(self) -> FloatArray:
@@ -132,22 +145,6 @@ class ScanAdjustment:
         shift, turn = (np.linalg.norm(self.displacement[:, k : k + 3], axis=1) for k in (0, 3))
         return float((shift + turn * arm).max(initial=0.0))
 
-    def modes(self, *, reach: float, least: float) -> FloatArray:
-        """Return independent patterns (6S, M) of what is unknown, each of standard deviation 1.
-
-        Parameters
-        ----------
-        reach : float
-            Arm, metres, over which a rotation displaces.
-        least : float
-            Patterns that displace by less than this, metres, are left out.
-        """
-        unit = np.tile([1.0, 1.0, 1.0, reach, reach, reach], len(self))
-        values, vectors = np.linalg.eigh(self.covariance * np.outer(unit, unit))
-        kept = values > least**2
-        patterns: FloatArray = vectors[:, kept] * np.sqrt(values[kept]) / unit[:, None]
-        return patterns
-
 
 @kernel
 def _taken_back(
@@ -172,18 +169,15 @@ def _taken_back(
     return moved
 
 
-def unadjusted(
-    names: Sequence[str], center: FloatArray, options: AdjustmentOptions
-) -> ScanAdjustment:
+def unadjusted(names: Sequence[str], nodes: Nodes, options: AdjustmentOptions) -> ScanAdjustment:
     """What is known of scans before any overlap is looked at: nothing but the prior."""
     count = len(names)
-    sizes = (options.offset_sigma_m, options.rotation_sigma_rad)
     return ScanAdjustment(
         tuple(names),
-        center,
+        nodes,
         np.zeros((count, DEGREES)),
-        np.diag(_prior_variance(count, sizes)),
-        *sizes,
+        nodes.prior(options.sizes),
+        options.sizes,
         np.full(count, np.nan),
         np.zeros(count),
     )
@@ -198,11 +192,10 @@ def adjust_scans(
     """Solve the displacements of all scans from their overlaps.
 
     The equations are those of returns that `before` has corrected; its displacements are added.
-    The sizes of the prior are found by EM: the posterior second moments of all scans are their
-    next squares. An overlap of a few cells, or one that no displacement makes agree, may be one of
-    strays, and one is enough to turn all scans that nothing else holds: it counts as long as the
-    others do not contradict it. Where the overlaps fit worse than their noise has it, the
-    covariance grows with the misfit.
+    The sizes of the errors are found with them (:func:`lidar.network.solve_network`). An overlap of
+    a few cells, or one that no displacement makes agree, may be one of strays, and one is enough to
+    turn all scans that nothing else holds: it counts as long as the others do not contradict it.
+    Where the overlaps fit worse than their noise has it, the covariance grows with the misfit.
 
     Parameters
     ----------
@@ -233,12 +226,6 @@ def adjust_scans(
     return found
 
 
-def _columns(scan: IntArray) -> IntArray:
-    """Where the unknowns of `scan` (K,) are among those of all."""
-    columns: IntArray = (DEGREES * scan[:, None] + np.arange(DEGREES)).ravel()
-    return columns
-
-
 def _stands_alone(part: OverlapEquations) -> bool:
     """Whether an overlap shows by itself that its scans saw the same ground.
 
@@ -246,8 +233,24 @@ def _stands_alone(part: OverlapEquations) -> bool:
     """
     if part.cells.max() < _FEWEST_CELLS:
         return False
-    left = float(part.chi2.sum() - part.right @ _inverse(part.normal) @ part.right)
-    return left <= _CONTRADICTED**2 * float(part.freedom.sum())
+    return _least_energy(part)[0] <= _CONTRADICTED**2 * float(part.freedom.sum())
+
+
+def _least_energy(part: OverlapEquations) -> tuple[float, float]:
+    """Energy of an overlap after the displacement that it likes best, and what is free then."""
+    inverse, rank = _inverse(part.normal)
+    left = float(part.chi2.sum() - part.right @ inverse @ part.right)
+    return left, float(part.freedom.sum()) - rank
+
+
+def _excess(parts: Sequence[OverlapEquations]) -> float:
+    """By what factor variances are too small, at least 1: of the middling overlap.
+
+    One that fits nowhere must not loosen all the others.
+    """
+    energies = [_least_energy(part) for part in parts if part.weight > 0]
+    ratio = [left / free for left, free in energies if free >= _FEWEST_CELLS]
+    return max(float(np.median(ratio)), 1.0) if ratio else 1.0
 
 
 def _silenced(part: OverlapEquations) -> OverlapEquations:
@@ -262,7 +265,7 @@ def _silenced(part: OverlapEquations) -> OverlapEquations:
 
 def _departure(part: OverlapEquations, before: ScanAdjustment, found: ScanAdjustment) -> float:
     """Energy of an overlap as `found` leaves it, over what its noise and the unknown have it."""
-    at = _columns(part.scan)
+    at = columns(part.scan)
     step = (found.displacement - before.displacement).ravel()[at]
     energy = float(part.chi2.sum() - 2.0 * part.right @ step + step @ part.normal @ step)
     unknown = float(np.sum(part.normal * found.covariance[np.ix_(at, at)]))
@@ -274,68 +277,54 @@ def _adjusted(
 ) -> ScanAdjustment:
     """Solve the displacements from overlaps all of which count."""
     count = len(before)
-    normal: FloatArray = np.zeros((DEGREES * count, DEGREES * count))
-    right: FloatArray = np.zeros(DEGREES * count)
     cells, chi2, freedom = np.zeros(count), np.zeros(count), np.zeros(count)
-    weight = sum(part.weight for part in equations)
+    former = before.displacement.ravel()
+    whole = []
     for part in equations:
-        at = _columns(part.scan)
-        normal[np.ix_(at, at)] += part.normal
-        right[at] += part.right
         cells[part.scan] += part.cells
         chi2[part.scan] += part.chi2
         freedom[part.scan] += part.freedom
-    # Departures from the others, in terms of the whole displacement and not of its last step.
-    former, bare = before.displacement.ravel(), normal
-    right = right + normal @ former
+        # Departures from the others, in terms of the whole displacement and not of its last step.
+        right = part.right + part.normal @ former[columns(part.scan)]
+        whole.append(replace(part, right=right))
     few = cells < _FEWEST_CELLS
     with np.errstate(invalid="ignore", divide="ignore"):
         misfit = np.sqrt(chi2 / np.where((freedom > 0) & ~few, freedom, np.nan))
-    # The middling scan's: one that fits nowhere is named, and must not loosen all the others.
-    met = np.isfinite(misfit)
-    excess = max(float(np.median(misfit[met]) ** 2), 1.0) if met.any() else 1.0
-    normal, right = normal / excess, right / excess
-    displacement, covariance, sizes = _solved(normal, right, options)
-    step = displacement.ravel() - former
-    energy = max(float(step @ bare @ step), 0.0)
-    moved = float(np.sqrt(energy / weight)) if weight > 0 else 0.0
+    found = solve_network(
+        whole,
+        before.nodes,
+        options.sizes,
+        excess=_excess(equations),
+        estimate=options.estimate,
+    )
     return ScanAdjustment(
-        before.names, before.center, displacement, covariance, *sizes, misfit, cells, moved
+        before.names,
+        before.nodes,
+        found.displacement.reshape(count, DEGREES),
+        found.covariance,
+        found.sizes,
+        misfit,
+        cells,
+        _moved(equations, found.displacement - former),
     )
 
 
-def _inverse(normal: FloatArray) -> FloatArray:
-    """Pseudo-inverse of normal equations of displacements."""
+def _moved(equations: Sequence[OverlapEquations], step: FloatArray) -> float:
+    """By how much a `step` (6S,) moves the heights of scans against each other, rms, metres."""
+    weight = sum(part.weight for part in equations)
+    energy = sum(
+        float(step[at] @ part.normal @ step[at])
+        for part in equations
+        if len(at := columns(part.scan))
+    )
+    return float(np.sqrt(max(energy, 0.0) / weight)) if weight > 0 else 0.0
+
+
+def _inverse(normal: FloatArray) -> tuple[FloatArray, int]:
+    """Pseudo-inverse of normal equations of displacements, and their rank."""
     # Metres and radians are unlike; the smallest eigenvalues are rounding.
     unit = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    scaled = normal * np.outer(unit, unit)
-    inverse: FloatArray = np.linalg.pinv(scaled, rcond=1e-10, hermitian=True)
-    return inverse * np.outer(unit, unit)
-
-
-def _prior_variance(count: int, sizes: tuple[float, float]) -> FloatArray:
-    return np.tile(np.repeat(np.square(sizes), 3), count)
-
-
-def _solved(
-    normal: FloatArray, right: FloatArray, options: AdjustmentOptions
-) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
-    """Displacements (S, 6), their covariance, and the sizes of the prior."""
-    count = len(right) // DEGREES
-    sizes = (options.offset_sigma_m, options.rotation_sigma_rad)
-    for _ in range(_MAX_ROUNDS if options.estimate else 1):
-        # Scaled by the prior: metres and radians are unlike, and the matrix is then at least 1.
-        root = np.sqrt(_prior_variance(count, sizes))
-        scaled = normal * np.outer(root, root) + np.eye(len(right))
-        covariance = np.linalg.inv(scaled) * np.outer(root, root)
-        displacement = (covariance @ right).reshape(count, DEGREES)
-        moments = displacement**2 + np.diag(covariance).reshape(count, DEGREES)
-        found = (
-            float(np.sqrt(moments[:, :3].mean())),
-            float(np.sqrt(moments[:, 3:].mean())),
-        )
-        change = max(abs(np.log(new / old)) for new, old in zip(found, sizes, strict=True))
-        if not options.estimate or change < _SETTLED:
-            break
-        sizes = found
-    return displacement, covariance, sizes
+    values, vectors = np.linalg.eigh(normal * np.outer(unit, unit))
+    told = values > _ROUNDING * max(float(values[-1]), 0.0)
+    root = unit[:, None] * vectors[:, told] / np.sqrt(values[told])
+    return root @ root.T, int(np.count_nonzero(told))

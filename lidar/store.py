@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from lidar.arcs import Arcs
 from lidar.box import Box
 from lidar.cubes import CubedPoints, keep_inside, touching, unpack_inside
 from lidar.formats.blocks import Block, times_of
@@ -34,13 +35,19 @@ class ScanStore:
         Native scans, of one body-fixed frame.
     locate : callable, optional
         Says how a scan's returns are located again; they stay where they are if not given.
+    arc_s : float
+        Scans that last longer are cut into arcs of at most so many seconds, each of which counts
+        as a scan.
 
     Attributes
     ----------
     scan_names : tuple of str
+        Names of the scans, or of their arcs (:meth:`lidar.arcs.Arcs.names`).
     middles : (S, 3) ndarray
-        Middle of the box that holds each scan as it was located at first, metres; 0 for one
-        without returns.
+        Middle of the box that holds each scan as it was located at first, or mean of the returns
+        of an arc, metres; 0 for one without returns.
+    scan_of : (S,) ndarray of int
+        Which scan each of these is an arc of, or is.
     without_place : mapping of str to int
         By scan, how many returns have no place where they should be located again.
 
@@ -57,34 +64,44 @@ class ScanStore:
         paths: Sequence[str | Path],
         *,
         locate: Callable[[ScanFile], Relocation] | None = None,
+        arc_s: float = np.inf,
     ) -> None:
-        self._paths, self._locate = tuple(paths), locate
+        self._paths, self._locate, self._arc_s = tuple(paths), locate, arc_s
         files = [ScanFile(path) for path in paths]
         summaries = [file.summary for file in files]
-        self.scan_names = tuple(summary.name for summary in summaries)
-        if len(set(self.scan_names)) < len(files):
-            twice = next(n for n in self.scan_names if self.scan_names.count(n) > 1)
+        names = [summary.name for summary in summaries]
+        if len(set(names)) < len(files):
+            twice = next(name for name in names if names.count(name) > 1)
             raise InvalidValueError("two scans bear this name", twice, "import one under another")
         bodies = sorted({summary.body for summary in summaries})
         if len(bodies) > 1:
             raise InvalidValueError(f"lie in different frames: {', '.join(bodies)}", "scans")
-        self.middles = np.array([_middle(s.bounds) for s in summaries]).reshape(-1, 3)
-        moves = [locate(file) if locate else None for file in files]
-        self._blocks = [
-            _Part(number, block, block.cubes, moves[number])
-            for number, file in enumerate(files)
-            for block in file.blocks
-        ]
-        self.without_place = dict.fromkeys(self.scan_names, 0)
-        for part in self._blocks:
-            self.without_place[self.scan_names[part.scan]] += part.without_place()
+        self._blocks: list[_Part] = []
+        self.without_place: dict[str, int] = {}
+        self.scan_names: tuple[str, ...] = ()
+        self.middles: FloatArray = np.empty((0, 3))
+        self.scan_of: IntArray = np.empty(0, dtype=np.int64)
+        for file in files:
+            self._add(file, locate(file) if locate else None)
         spheres = [part.sphere for part in self._blocks]
         self._middle = np.array([middle for middle, _ in spheres]).reshape(-1, 3)
         self._radius = np.array([radius for _, radius in spheres])
 
+    def _add(self, file: ScanFile, move: Relocation | None) -> None:
+        """Append the blocks of a scan, and its arcs."""
+        arcs, first = Arcs.of_span(file.summary.time_span, self._arc_s), len(self.scan_names)
+        parts = [_Part(first, block, block.cubes, move, arcs) for block in file.blocks]
+        middles = _middle(file.summary.bounds)[None] if arcs.count == 1 else _means(parts, arcs)
+        self._blocks += parts
+        self.scan_names += tuple(arcs.names(file.summary.name))
+        self.middles = np.vstack([self.middles, middles])
+        number = len(self.without_place)
+        self.scan_of = np.append(self.scan_of, np.full(arcs.count, number))
+        self.without_place[file.summary.name] = sum(part.without_place() for part in parts)
+
     def __reduce__(self) -> tuple[Callable[..., ScanStore], tuple[Any, ...]]:
         # Another process maps the files itself.
-        return _opened, (self._paths, self._locate)
+        return _opened, (self._paths, self._locate, self._arc_s)
 
     def __len__(self) -> int:
         return sum(len(part.cubes.place) for part in self._blocks)
@@ -117,7 +134,7 @@ class ScanStore:
         for part, chosen in parts:
             end = count + part.unpack(chosen, box, points[count:], rows[count:])
             sigma[count:end] = part.sigmas(rows[count:end])
-            scan[count:end] = part.scan
+            scan[count:end] = part.scans(rows[count:end])
             count = end
         return Returns(points[:count], sigma[:count], scan[:count], self.scan_names)
 
@@ -126,19 +143,20 @@ class ScanStore:
 
 
 def _opened(
-    paths: Sequence[str | Path], locate: Callable[[ScanFile], Relocation] | None
+    paths: Sequence[str | Path], locate: Callable[[ScanFile], Relocation] | None, arc_s: float
 ) -> ScanStore:
-    return ScanStore(paths, locate=locate)
+    return ScanStore(paths, locate=locate, arc_s=arc_s)
 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """A block of a scan, as far as gridding asks for it."""
+    """A block of a scan, as far as gridding asks for it; `scan` is the number of its first arc."""
 
     scan: int
     block: Block
     cubes: CubedPoints
     move: Relocation | None
+    arcs: Arcs
 
     @property
     def sphere(self) -> tuple[FloatArray, float]:
@@ -181,6 +199,12 @@ class _Part:
             return 0
         return int(np.count_nonzero(~self.move.covers(times_of(self.block))))
 
+    def scans(self, rows: IntArray) -> IntArray | int:
+        """Numbers of the scans, or arcs, of single returns."""
+        if self.arcs.count == 1:
+            return self.scan
+        return self.scan + self.arcs.numbers(times_of(self.block, rows))
+
     def sigmas(self, rows: IntArray) -> FloatArray:
         """Sigma of single returns, metres; NaN where unknown."""
         sigma = self.block.layers.get("sigma")
@@ -192,3 +216,14 @@ class _Part:
 def _middle(bounds: FloatArray) -> FloatArray:
     middle: FloatArray = np.nan_to_num(bounds.mean(axis=0))
     return middle
+
+
+def _means(parts: Sequence[_Part], arcs: Arcs) -> FloatArray:
+    """Mean (K, 3) of the returns of each of a scan's arcs, metres; 0 for one without."""
+    total = np.zeros((arcs.count, 4))
+    for part in parts:
+        number = arcs.numbers(times_of(part.block))
+        points = part.cubes.points()
+        np.add.at(total, number, np.column_stack([points, np.ones(len(points))]))
+    means: FloatArray = total[:, :3] / np.maximum(total[:, 3:], 1.0)
+    return means

@@ -118,7 +118,7 @@ def fit_transform(
     displacements : (N, 3) ndarray
         d_i, metres.
     covariances : (N, 3, 3) ndarray
-        Of each d_i from its match, square metres.
+        Of each d_i from its match, and from what scans do to it alone, square metres.
     effects : (N, 3, M) ndarray
         What each pattern of scan errors, of standard deviation 1, does to each mapola, metres.
         Two mapolas of one scan move together when that scan is misplaced; the fit counts them

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +11,11 @@ from lidar.adjustment import ScanAdjustment
 from lidar.overlaps import displacement_rows
 from spcola.arrays import FloatArray
 
-# Patterns of displacements below this, metres, are lost in the noise of any match.
-_LEAST = 5e-4
+# A pattern that displaces the mapolas by less than this, root of the sum of squares, metres, is far
+# below what a match tells, and counts as an error that each mapola has of its own.
+_LEAST = 1e-3
+# Mapolas whose displacements by all scans are in memory at once.
+_CHUNK = 512
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +30,17 @@ class ScanEffects:
         Body-fixed point about which each is turned, metres.
     modes : (6S, M) ndarray
         Displacement (metres) and rotation (radians) of each scan in each pattern.
+    rest : (6S, 6S) ndarray, optional
+        Covariance of the displacements beside the patterns; none if not given.
+    wander_m : float
+        Standard deviation, each axis, metres, of what displaces a scan in one place only.
     """
 
     names: tuple[str, ...]
     center: FloatArray
     modes: FloatArray
+    rest: FloatArray | None = None
+    wander_m: float = 0.0
 
     @classmethod
     def independent(cls, names: Sequence[str], sigma_m: float) -> ScanEffects:
@@ -46,7 +55,7 @@ class ScanEffects:
     def left_by(
         cls, adjustment: ScanAdjustment, shares: FloatArray, points: FloatArray
     ) -> ScanEffects:
-        """What an adjustment left unknown, as far as it is felt at mapolas.
+        """What an adjustment left unknown, the patterns being those that are felt at mapolas.
 
         Parameters
         ----------
@@ -56,24 +65,57 @@ class ScanEffects:
         points : (N, 3) ndarray
             The mapolas' centres, body-fixed, metres.
         """
-        square = np.sum((points[:, None] - adjustment.center) ** 2, axis=2)
-        reach = float(np.sqrt(np.sum(shares * square) / max(float(shares.sum()), 1e-12)))
-        modes = adjustment.modes(reach=reach, least=_LEAST)
-        return cls(adjustment.names, adjustment.center, modes)
+        root = _root(adjustment.covariance)
+        felt = np.zeros((root.shape[1], root.shape[1]))
+        for displaced in _displaced(adjustment.center, shares, points):
+            moved = displaced.reshape(-1, len(root)) @ root
+            felt += moved.T @ moved
+        square, directions = np.linalg.eigh(felt)
+        kept = square > _LEAST**2
+        modes, others = root @ directions[:, kept], root @ directions[:, ~kept]
+        wander = adjustment.sizes.wander_m
+        return cls(adjustment.names, adjustment.center, modes, others @ others.T, wander)
 
     def at(self, shares: FloatArray, points: FloatArray) -> FloatArray:
         """Displacements (N, 3, M), metres, of mapolas at `points` (N, 3) by each pattern.
 
         `shares` (N, S) are those of the mapolas' returns.
         """
-        rows = displacement_rows(points[:, None], self.center)
-        mean = np.einsum("ns,nsij->nisj", shares, rows).reshape(len(points), 3, len(self.modes))
-        effects: FloatArray = mean @ self.modes
+        parts = [rows @ self.modes for rows in _displaced(self.center, shares, points)]
+        effects: FloatArray = np.concatenate([np.zeros((0, 3, self.modes.shape[1])), *parts])
         return effects
+
+    def beside(self, shares: FloatArray, points: FloatArray) -> FloatArray:
+        """Covariances (N, 3, 3), m², of the displacements of mapolas beside the patterns."""
+        variance = self.wander_m**2 * np.sum(shares**2, axis=1)
+        covariance: FloatArray = variance[:, None, None] * np.eye(3)
+        if self.rest is not None:
+            parts = [
+                np.einsum("nip,njp->nij", rows @ self.rest, rows)
+                for rows in _displaced(self.center, shares, points)
+            ]
+            covariance = covariance + np.concatenate([np.zeros((0, 3, 3)), *parts])
+        return covariance
 
     def offsets(self, strengths: FloatArray) -> FloatArray:
         """Displacement (S, 3) of each scan's centre, metres, by patterns of `strengths` (M,)."""
         return (self.modes @ strengths).reshape(-1, 6)[:, :3]
+
+
+def _displaced(center: FloatArray, shares: FloatArray, points: FloatArray) -> Iterator[FloatArray]:
+    """Yield partials (n, 3, 6S) of the places of some mapolas by the displacements of scans."""
+    for first in range(0, len(points), _CHUNK):
+        some = slice(first, first + _CHUNK)
+        rows = shares[some, :, None, None] * displacement_rows(points[some, None], center)
+        yield rows.transpose(0, 2, 1, 3).reshape(len(rows), 3, -1)
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    """Return R (K, K) with R Rᵀ = `covariance`, of metres and radians."""
+    unit = np.sqrt(np.diag(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
+    root: FloatArray = unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
 
 
 def share_matrix(shares: Sequence[dict[str, float]], names: Sequence[str]) -> FloatArray:

@@ -34,11 +34,14 @@ class MatchedMapolas:
     scans : ScanEffects
     effects : (N, 3, M) ndarray
         ``scans.at`` of each mapola.
+    beside : (N, 3, 3) ndarray
+        ``scans.beside`` of each mapola, m².
     """
 
     matches: Sequence[Match]
     scans: ScanEffects
     effects: FloatArray
+    beside: FloatArray
 
     @property
     def usable(self) -> BoolArray:
@@ -106,7 +109,7 @@ def _per_mapola(registration: Registration, mapolas: MatchedMapolas) -> list[dic
     """One entry for each mapola: what was found, and why it was not used if it was not."""
     fit, entries, row = registration.fit, [], 0
     centers = np.array([match.center for match in mapolas.matches])
-    covariance = registration.position_covariance(centers, mapolas.effects)
+    covariance = registration.position_covariance(centers, mapolas.effects) + mapolas.beside
     shift = mapolas.effects @ registration.strengths
     for number, match in enumerate(mapolas.matches):
         residual: FloatArray = np.full(3, np.nan)

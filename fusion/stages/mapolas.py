@@ -22,8 +22,10 @@ from fusion.settings import (
 )
 from fusion.stages.base import StageContext, StageResult
 from fusion.workspace import SETTINGS_FILE, Workspace
+from lidar.arcs import Arcs
 from lidar.formats.adjustment import write_adjustment
 from lidar.formats.mapola import write_mapolas
+from lidar.formats.native import scan_summary
 from lidar.gridding import Gridding, GriddingOptions, RejectionOptions
 from lidar.mapola import Mapola
 from spcola.covering import covering
@@ -33,7 +35,8 @@ from spcola.maplet import MapletGrid
 COVER_HALF_SIZE = 49
 """q of a covering where the settings leave it open: 99 × 99 points, as is usual for maplets."""
 
-
+# The covariance of their displacements is a full matrix, 37 MB for so many.
+_MOST_ARCS = 360
 # Mapolas are small and take from nothing to a second: many may wait behind a long one.
 _AHEAD = 8
 
@@ -43,7 +46,7 @@ class MapolasStage:
     """Scans → mapolas."""
 
     name: str = "mapolas"
-    version: int = 11
+    version: int = 12
     tables: tuple[type[Table], ...] = (
         MapolaSettings,
         BodySettings,
@@ -84,7 +87,11 @@ class MapolasStage:
         grids = mapola_grids(workspace, context.settings)
         options = gridding_options(table)
         store = located_store(
-            workspace, table, context.table(SpinSettings), context.table(SpiceSettings)
+            workspace,
+            table,
+            context.table(SpinSettings),
+            context.table(SpiceSettings),
+            arc_s=_arc_length(workspace, table) if table.adjust else np.inf,
         )
         source = ScanSource(store, options)
         adjustment = adjusted(context, source, grids) if table.adjust else None
@@ -121,6 +128,15 @@ STAGE = MapolasStage()
 def gridding_options(table: MapolaSettings) -> GriddingOptions:
     """Return how returns are gridded by the settings."""
     return GriddingOptions(rejection=RejectionOptions(cell_sigmas=table.outlier_k))
+
+
+def _arc_length(workspace: Workspace, table: MapolaSettings) -> float:
+    """Return the length of arcs, seconds: longer than asked for where they would be too many."""
+    spans = [scan_summary(path).time_span for path in workspace.scan_paths()]
+    arc_s = table.adjust_arc_s
+    while sum(Arcs.of_span(span, arc_s).count for span in spans) > max(_MOST_ARCS, len(spans)):
+        arc_s *= 1.2
+    return arc_s
 
 
 def _some(mapolas: Iterator[Mapola], empty: WorkspaceError) -> Iterator[Mapola]:

@@ -18,7 +18,6 @@ from fusion.registration.summary import MatchedMapolas, registration_json
 from fusion.settings import BodySettings, RegisterSettings, Settings, Table
 from fusion.stages.base import StageContext, StageResult
 from fusion.workspace import SETTINGS_FILE, Workspace
-from spcola.arrays import FloatArray
 from spcola.bigmap import BigmapOptions, make_bigmap
 from spcola.errors import NotObservableError
 from spcola.maplet import Maplet, MapletGrid
@@ -35,7 +34,7 @@ class RegisterStage:
     """Mapolas and SPC surface → registration.json."""
 
     name: str = "register"
-    version: int = 5
+    version: int = 6
     tables: tuple[type[Table], ...] = (RegisterSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
@@ -101,13 +100,12 @@ class RegisterStage:
                 do="check that lidar and SPC are of one body and one frame, or raise [register] "
                 "capture_m",
             )
-        scans, effects = _scan_effects(workspace, matches, table)
-        mapolas = MatchedMapolas(matches, scans, effects)
+        mapolas = _with_scans(workspace, matches, table)
         registration = fit_transform(
             np.stack([match.center for match in usable]),
             np.stack([match.displacement for match in usable]),
-            np.stack([match.covariance for match in usable]),
-            effects[mapolas.usable],
+            np.stack([match.covariance for match in usable]) + mapolas.beside[mapolas.usable],
+            mapolas.effects[mapolas.usable],
             options=FitOptions(
                 model=table.model,
                 center_sigma_m=table.center_sigma_m,
@@ -123,23 +121,21 @@ class RegisterStage:
 STAGE = RegisterStage()
 
 
-def _scan_effects(
+def _with_scans(
     workspace: Workspace, matches: list[Match], table: RegisterSettings
-) -> tuple[ScanEffects, FloatArray]:
+) -> MatchedMapolas:
     """How scan errors reach the mapolas: what their adjustment left, or errors of each scan."""
     found = [workspace.mapola(match.name).scan_share for match in matches]
     centers = np.array([match.center for match in matches])
     adjustment = workspace.adjustment()
     if adjustment is None:
         names = sorted({name for share in found for name in share})
-        scans, shares = (
-            ScanEffects.independent(names, table.scan_sigma_m),
-            share_matrix(found, names),
-        )
+        shares = share_matrix(found, names)
+        scans = ScanEffects.independent(names, table.scan_sigma_m)
     else:
         shares = share_matrix(found, adjustment.names)
         scans = ScanEffects.left_by(adjustment, shares, centers)
-    return scans, scans.at(shares, centers)
+    return MatchedMapolas(matches, scans, scans.at(shares, centers), scans.beside(shares, centers))
 
 
 _LONG = frozenset({"per_mapola", "per_scan", "covariance", "parameters"})

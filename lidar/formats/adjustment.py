@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -9,15 +10,16 @@ import h5py
 import numpy as np
 
 from lidar.adjustment import ScanAdjustment
+from lidar.network import ErrorSizes, Nodes
 from spcola.errors import FormatError, WorkspaceError
 from spcola.formats.hdf5 import replacing_hdf5
 
 ADJUSTMENT_HDF5 = "adjustment.h5"
 """Name of the file in a folder of mapolas."""
 
-_FORMAT = "spcola scan adjustment 1"
-_LAYERS = ("center", "displacement", "covariance", "misfit", "cells")
-_SIZES = ("offset_sigma_m", "rotation_sigma_rad", "step_m")
+_FORMAT = "spcola scan adjustment 2"
+_LAYERS = ("displacement", "covariance", "misfit", "cells")
+_SIZES = tuple(field.name for field in fields(ErrorSizes))
 
 
 def write_adjustment(path: str | Path, adjustment: ScanAdjustment) -> None:
@@ -31,10 +33,12 @@ def write_adjustment(path: str | Path, adjustment: ScanAdjustment) -> None:
     with replacing_hdf5(path) as file:
         file.attrs["format"] = _FORMAT
         file["names"] = np.array(list(adjustment.names), dtype=h5py.string_dtype())
+        file["center"], file["scan"] = adjustment.nodes.center, adjustment.nodes.scan
         for layer in _LAYERS:
             file[layer] = getattr(adjustment, layer)
+        file.attrs["step_m"] = adjustment.step_m
         for size in _SIZES:
-            file.attrs[size] = getattr(adjustment, size)
+            file.attrs[size] = getattr(adjustment.sizes, size)
 
 
 def read_adjustment(path: str | Path) -> ScanAdjustment:
@@ -57,7 +61,13 @@ def read_adjustment(path: str | Path) -> ScanAdjustment:
             raise FormatError(f"is not {_FORMAT!r}", path, again)
         try:
             layers: dict[str, Any] = {layer: file[layer][:] for layer in _LAYERS}
-            layers |= {size: float(file.attrs[size]) for size in _SIZES}
-            return ScanAdjustment(names=tuple(file["names"].asstr()[:]), **layers)
+            sizes = ErrorSizes(*(float(file.attrs[size]) for size in _SIZES))
+            return ScanAdjustment(
+                names=tuple(file["names"].asstr()[:]),
+                nodes=Nodes(file["center"][:], file["scan"][:]),
+                sizes=sizes,
+                step_m=float(file.attrs["step_m"]),
+                **layers,
+            )
         except (KeyError, OSError, ValueError, TypeError) as error:
             raise FormatError(f"is damaged ({error})", path, again) from error

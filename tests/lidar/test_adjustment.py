@@ -11,6 +11,7 @@ import pytest
 from lidar.adjustment import AdjustmentOptions, ScanAdjustment, adjust_scans, unadjusted
 from lidar.formats.adjustment import read_adjustment, write_adjustment
 from lidar.gridding import grid_returns
+from lidar.network import Nodes
 from lidar.overlaps import (
     OverlapEquations,
     displacement_rows,
@@ -27,6 +28,7 @@ AXES = AXES * np.sign(np.linalg.det(AXES))
 GRID = MapletGrid(np.array([200.0, 30.0, -40.0]), AXES, 0.5, 24)
 NAMES = ("a", "b", "c", "alone")
 CENTERS = GRID.center + np.array([[3.0, 0, 0], [0, 3.0, 0], [0, 0, 3.0], [400.0, 0, 0]])
+NODES = Nodes.whole(CENTERS)
 OPTIONS = AdjustmentOptions(0.05, 5e-4)
 
 
@@ -53,7 +55,7 @@ def scans_on(
 def adjusted(returns: Returns, rounds: int = 3, **options: object) -> ScanAdjustment:
     """Solve as the stage does."""
     chosen = AdjustmentOptions(0.05, 5e-4, **options)  # type: ignore[arg-type]
-    found = unadjusted(NAMES, CENTERS, chosen)
+    found = unadjusted(NAMES, NODES, chosen)
     for _ in range(rounds):
         there = found.corrected(returns)
         equations = overlap_equations(grid_returns("A", GRID, there), there, CENTERS)
@@ -102,7 +104,8 @@ def test_a_scan_that_meets_no_other_keeps_its_prior() -> None:
     moved = np.hstack([0.05 * rng.normal(size=(3, 3)), np.zeros((3, 3))])
     found = adjusted(scans_on(moved, rng, noise=0.03))
     assert found.displacement[3] == pytest.approx(np.zeros(6), abs=1e-15)
-    assert found.sigma[3, :3] == pytest.approx(found.offset_sigma_m, rel=0.01)
+    prior = NODES.prior(found.sizes)[18:, 18:]
+    np.testing.assert_allclose(found.covariance[18:, 18:], prior, rtol=0.01, atol=1e-15)
     assert found.cells[3] == 0
     assert np.isnan(found.misfit[3])
     assert found.misfit[:3] == pytest.approx(1.0, abs=0.15)
@@ -115,13 +118,14 @@ def test_a_few_cells_that_meet_by_chance_move_nothing() -> None:
     returns = scans_on(moved, rng)
     equations = overlap_equations(grid_returns("A", GRID, returns), returns, CENTERS)
     assert equations is not None
-    alone = adjust_scans(unadjusted(NAMES, CENTERS, OPTIONS), [equations], options=OPTIONS)
+    alone = adjust_scans(unadjusted(NAMES, NODES, OPTIONS), [equations], options=OPTIONS)
     places = GRID.center + rng.uniform(-1, 1, (5, 3))
     chance = meeting((2, 3), places, GRID.uz, np.array([1.5, 0.2, 1.5, -0.9, 1.5]))
-    both = adjust_scans(unadjusted(NAMES, CENTERS, OPTIONS), [equations, chance], options=OPTIONS)
+    both = adjust_scans(unadjusted(NAMES, NODES, OPTIONS), [equations, chance], options=OPTIONS)
     np.testing.assert_allclose(both.displacement, alone.displacement, atol=1e-6)
     assert both.displacement[3] == pytest.approx(np.zeros(6), abs=1e-12)
-    assert both.sigma[3, :3] == pytest.approx(both.offset_sigma_m, rel=1e-6)
+    prior = NODES.prior(both.sizes)[18:, 18:]
+    np.testing.assert_allclose(both.covariance[18:, 18:], prior, rtol=1e-6, atol=1e-15)
     assert both.cells[3] == 0
     assert np.isnan(both.misfit[3])
     assert both.suspects == ()
@@ -152,7 +156,7 @@ def test_one_cell_of_strays_does_not_turn_scans_that_nothing_else_holds() -> Non
     returns = scans_on(moved, rng)
     equations = overlap_equations(grid_returns("A", GRID, returns), returns, CENTERS)
     assert equations is not None
-    before, place = unadjusted(NAMES, CENTERS, OPTIONS), GRID.center + np.array([[0.0, 9, 4]])
+    before, place = unadjusted(NAMES, NODES, OPTIONS), GRID.center + np.array([[0.0, 9, 4]])
     alone = adjust_scans(before, [equations], options=OPTIONS)
     stray = meeting((1, 3), place, GRID.uz, np.array([7.5]))
     with_stray = adjust_scans(before, [equations, stray], options=OPTIONS)
@@ -163,7 +167,7 @@ def test_one_cell_of_strays_does_not_turn_scans_that_nothing_else_holds() -> Non
 
 def test_a_cell_that_agrees_with_the_others_counts() -> None:
     places = GRID.center + np.random.default_rng(22).uniform(-9, 9, (40, 3))
-    before = unadjusted(NAMES, CENTERS, OPTIONS)
+    before = unadjusted(NAMES, NODES, OPTIONS)
     sound = meeting((0, 1), places, GRID.uz, np.full(40, 0.08))
     few = meeting((0, 1), places[:3], GRID.ux, np.full(3, 0.06))
     for _ in range(3):
@@ -188,7 +192,7 @@ def test_tracks_that_cross_judge_each_other() -> None:
         apart = normal @ (moved[first] - moved[second]) + 0.01 * rng.normal()
         stray = 40.0 if number in (7, 30) else 0.0
         crossings.append(meeting((first, second), place, normal, np.array([apart + stray])))
-    found = unadjusted(NAMES, CENTERS, OPTIONS)
+    found = unadjusted(NAMES, NODES, OPTIONS)
     for _ in range(3):
         still = [left_by(found, part) for part in crossings]
         found = adjust_scans(found, still, options=OPTIONS)
@@ -209,8 +213,9 @@ def test_the_size_of_the_displacements_is_estimated() -> None:
     rng = np.random.default_rng(3)
     moved = np.hstack([1.0 * rng.normal(size=(3, 3)), np.zeros((3, 3))])
     returns = scans_on(moved, rng)
-    assert adjusted(returns, rounds=6).offset_sigma_m > 0.3
-    assert adjusted(returns, estimate=False).offset_sigma_m == 0.05
+    sizes = adjusted(returns, rounds=6).sizes
+    assert 0.3 < np.hypot(sizes.up_m, sizes.across_m) < 3.0
+    assert adjusted(returns, estimate=False).sizes == AdjustmentOptions(0.05, 5e-4).sizes
 
 
 def test_flat_ground_tells_heights_and_not_where_scans_lie_sideways() -> None:
@@ -277,7 +282,7 @@ def test_returns_of_unknown_sigma_and_spread_do_not_rule_the_others() -> None:
     moved = np.hstack([0.05 * rng.normal(size=(3, 3)), np.zeros((3, 3))])
     returns = scans_on(moved, rng)
     good = overlap_equations(grid_returns("A", GRID, returns), returns, CENTERS)
-    before = unadjusted(NAMES, CENTERS, OPTIONS)
+    before = unadjusted(NAMES, NODES, OPTIONS)
     found = adjust_scans(before, [good, equations], options=OPTIONS)
     assert np.abs(relative(found.displacement) - relative(moved)).max() < 0.01
 
@@ -290,7 +295,7 @@ def test_one_scan_that_fits_nowhere_does_not_loosen_the_others() -> None:
     assert good is not None
     wild = replace(good, scan=np.array([2, 3]), normal=np.zeros((12, 12)), right=np.zeros(12),
                    cells=np.full(2, 50.0), chi2=np.array([0, 1e9]), freedom=np.ones(2))  # fmt: skip
-    before = unadjusted(NAMES, CENTERS, OPTIONS)
+    before = unadjusted(NAMES, NODES, OPTIONS)
     alone = adjust_scans(before, [good], options=OPTIONS)
     found = adjust_scans(before, [good, wild], options=OPTIONS)
     assert found.suspects == ("alone",)
@@ -310,18 +315,11 @@ def test_corrected_undoes_a_small_displacement() -> None:
     moved = np.zeros((4, 6))
     moved[:3] = np.hstack([0.1 * rng.normal(size=(3, 3)), 1e-4 * rng.normal(size=(3, 3))])
     still, displaced = (scans_on(m, np.random.default_rng(9)) for m in (np.zeros((3, 6)), moved))
-    adjustment = unadjusted(NAMES, CENTERS, OPTIONS)
+    adjustment = unadjusted(NAMES, NODES, OPTIONS)
     whole = ScanAdjustment(**{**vars(adjustment), "displacement": moved})
     np.testing.assert_allclose(whole.corrected(displaced).points, still.points, atol=3e-5)
     other = Returns(still.points, still.sigma, still.scan, ("x", "y", "z", "w"))
     np.testing.assert_array_equal(whole.corrected(other).points, other.points)
-
-
-def test_modes_are_a_root_of_the_covariance() -> None:
-    found = adjusted(scans_on(np.zeros((3, 6)), np.random.default_rng(10)))
-    modes = found.modes(reach=20.0, least=0.0)
-    np.testing.assert_allclose(modes @ modes.T, found.covariance, atol=1e-12)
-    assert found.modes(reach=20.0, least=0.01).shape[1] < modes.shape[1]
 
 
 def test_an_adjustment_is_read_as_it_was_written(tmp_path: Path) -> None:
@@ -329,8 +327,11 @@ def test_an_adjustment_is_read_as_it_was_written(tmp_path: Path) -> None:
     path = tmp_path / "adjustment.h5"
     write_adjustment(path, found)
     back = read_adjustment(path)
+    np.testing.assert_array_equal(back.nodes.center, CENTERS)
+    np.testing.assert_array_equal(back.nodes.scan, NODES.scan)
     for name, value in vars(found).items():
-        np.testing.assert_array_equal(getattr(back, name), value)
+        if name != "nodes":
+            np.testing.assert_array_equal(getattr(back, name), value)
 
 
 def test_a_damaged_adjustment_is_refused(tmp_path: Path) -> None:
@@ -338,15 +339,15 @@ def test_a_damaged_adjustment_is_refused(tmp_path: Path) -> None:
     path.write_bytes(b"no HDF5")
     with pytest.raises(WorkspaceError, match="make the mapolas again"):
         read_adjustment(path)
-    found = unadjusted(NAMES, CENTERS, OPTIONS)
+    found = unadjusted(NAMES, NODES, OPTIONS)
     write_adjustment(path, found)
     content = path.read_bytes()
-    path.write_bytes(content.replace(b"scan adjustment 1", b"scan adjustment 9"))
+    path.write_bytes(content.replace(b"scan adjustment 2", b"scan adjustment 9"))
     with pytest.raises(FormatError, match="is not"):
         read_adjustment(path)
 
 
-@pytest.mark.parametrize("name", ["offset_sigma_m", "rotation_sigma_rad"])
+@pytest.mark.parametrize("name", ["offset_sigma_m", "rotation_sigma_rad", "wander_sigma_m"])
 def test_sizes_must_be_positive(name: str) -> None:
     with pytest.raises(SettingsError, match=name):
         AdjustmentOptions(**{name: 0.0})
