@@ -11,7 +11,6 @@ from fusion.settings import MapolaSettings
 from fusion.stages.base import StageContext
 from lidar.adjustment import AdjustmentOptions, ScanAdjustment, adjust_scans, unadjusted
 from lidar.gridding import Gridding, GriddingOptions, grid_returns
-from lidar.network import Nodes
 from lidar.overlaps import OverlapEquations, ground_shares, overlap_equations
 from lidar.returns import Returns
 from lidar.store import ScanStore
@@ -52,8 +51,7 @@ def adjusted(
     """Find where the scans of a workspace lie to each other, in rounds until they stand still."""
     table = context.table(MapolaSettings)
     options = AdjustmentOptions(table.adjust_sigma_m, float(np.radians(table.adjust_sigma_deg)))
-    store = source.store
-    found = unadjusted(store.scan_names, Nodes(store.middles, store.scan_of), options)
+    found = unadjusted(source.store.scan_names, source.store.nodes, options)
     chosen = compared_grids(list(grids.values()))
     for _ in range(_MAX_ROUNDS):
         compare = _Comparison(source, chosen, found)
@@ -73,6 +71,7 @@ def adjustment_summary(adjustment: ScanAdjustment) -> dict[str, Any]:
         "scan_across_sigma_m": adjustment.sizes.across_m,
         "scan_rotation_sigma_deg": float(np.degrees(adjustment.sizes.rotation_rad)),
         "scan_wander_sigma_m": adjustment.sizes.wander_m,
+        "day_up_sigma_m": adjustment.sizes.day_m,
         "scan_misfit": float(np.median(known)) if known.size else float("nan"),
         "suspect_scans": list(adjustment.suspects),
         "per_scan": [

@@ -47,8 +47,10 @@ class AdjustmentOptions:
         The same of its rotation, radians.
     wander_sigma_m : float
         The same of its own displacement on one grid, beside those of the whole scan, metres.
+    day_sigma_m : float
+        The same of what all scans of a day are displaced by along the radius, metres.
     estimate : bool
-        Whether the three are estimated from the overlaps, or kept.
+        Whether all are estimated from the overlaps, or kept.
 
     Raises
     ------
@@ -59,10 +61,11 @@ class AdjustmentOptions:
     offset_sigma_m: float = 0.05
     rotation_sigma_rad: float = 5e-5
     wander_sigma_m: float = 5e-4
+    day_sigma_m: float = 0.02
     estimate: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("offset_sigma_m", "rotation_sigma_rad", "wander_sigma_m"):
+        for name in ("offset_sigma_m", "rotation_sigma_rad", "wander_sigma_m", "day_sigma_m"):
             if not getattr(self, name) > 0:
                 raise SettingsError(f"must be positive, not {getattr(self, name)}", name)
 
@@ -70,7 +73,9 @@ class AdjustmentOptions:
     def sizes(self) -> ErrorSizes:
         """First values of the sizes of the errors."""
         offset = self.offset_sigma_m
-        return ErrorSizes(offset, offset, self.rotation_sigma_rad, self.wander_sigma_m)
+        return ErrorSizes(
+            offset, offset, self.rotation_sigma_rad, self.wander_sigma_m, self.day_sigma_m
+        )
 
 
 @dataclass(frozen=True, eq=False)

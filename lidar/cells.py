@@ -16,11 +16,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from lidar.medians import median_of
+from lidar.medians import run_medians
 from lidar.sorting import MANY, sort_points
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.heights.bands import usable_threads
-from spcola.kernel import kernel
+from spcola.kernel import inlined_kernel, kernel
 from spcola.maplet import MapletGrid
 from spcola.robust import MAD_TO_SIGMA
 
@@ -79,7 +79,7 @@ class CellReturns:
 
     def medians(self, values: FloatArray) -> FloatArray:
         """Exact median of `values` (K,) in each cell, of the grid's shape; NaN if empty."""
-        return self._by_cell(_medians, values)
+        return self._by_cell(_all_medians, values)
 
     def means(self, values: FloatArray) -> FloatArray:
         """Mean of `values` (K,) in each cell, of the grid's shape; NaN if empty."""
@@ -107,7 +107,10 @@ class CellReturns:
 
     def spreads(self, values: FloatArray, center: FloatArray) -> FloatArray:
         """1.4826 × median absolute deviation of `values` (K,) from `center`, by cell."""
-        return MAD_TO_SIGMA * _spreads(self.start, values, center.ravel()).reshape(self.shape)
+        spread = np.empty(len(self.start) - 1)
+        every = np.arange(len(spread))
+        run_medians(self.start, values, every, spread, center=center.ravel())
+        return MAD_TO_SIGMA * spread.reshape(self.shape)
 
 
 class CorrectedMedians:
@@ -130,6 +133,7 @@ class CorrectedMedians:
     ) -> None:
         self._cells, self._neglected = cells, 2.0 * neglected_m
         self._slope_x, self._slope_y, self._height = (np.full(cells.shape, np.nan) for _ in "xyz")
+        self._corrected = np.empty(len(cells.height))
         if before is not None:
             same = before._cells.count == cells.count
             self._slope_x[same] = before._slope_x[same]
@@ -141,14 +145,12 @@ class CorrectedMedians:
         moved = np.abs(slope_x - self._slope_x) + np.abs(slope_y - self._slope_y)
         due = ~(moved <= self._neglected)  # NaN, before the first time, is due
         self._slope_x[due], self._slope_y[due] = slope_x[due], slope_y[due]
-        cells = self._cells
-        _renew_medians(
-            cells.start,
-            (cells.height, cells.dx, cells.dy),
-            (self._slope_x.ravel(), self._slope_y.ravel()),
-            due.ravel(),
-            self._height.ravel(),
+        cells, some = self._cells, np.flatnonzero(due)
+        slopes = (self._slope_x.ravel(), self._slope_y.ravel())
+        _correct_some(
+            cells.start, (cells.dx, cells.dy, cells.height), slopes, some, self._corrected
         )
+        run_medians(cells.start, self._corrected, some, self._height.ravel())
         return self._height.copy()
 
 
@@ -164,6 +166,13 @@ def sort_into_cells(grid: MapletGrid, points: FloatArray, reach: float) -> CellR
     return CellReturns(grid.shape, start, local[0], local[1], local[2], index)
 
 
+def _all_medians(start: IntArray, values: FloatArray) -> FloatArray:
+    """Median of each run of `values` (K,) given by `start` (C + 1,)."""
+    medians = np.empty(len(start) - 1)
+    run_medians(start, values, np.arange(len(medians)), medians)
+    return medians
+
+
 @kernel
 def _selected(
     start: IntArray,
@@ -177,7 +186,7 @@ def _selected(
     for k in range(len(keep)):
         count += keep[k]
     ordered = np.empty((3, count))
-    chosen = np.empty(count, dtype=np.int64)
+    chosen = np.empty(count, dtype=np.int32)
     begins = np.zeros(len(start), dtype=np.int64)
     at = 0
     for c in range(len(start) - 1):
@@ -197,72 +206,41 @@ def _corrected(
     slope_x: FloatArray,
     slope_y: FloatArray,
 ) -> FloatArray:
-    dx, dy, height = local
-    result = np.empty(len(height))
+    result = np.empty(len(local[2]))
     for c in range(len(start) - 1):
-        for k in range(start[c], start[c + 1]):
-            result[k] = height[k] - slope_x[c] * dx[k] - slope_y[c] * dy[k]
+        _correct(start[c], start[c + 1], local, slope_x[c], slope_y[c], result)
     return result
 
 
-@kernel
-def _medians(start: IntArray, values: FloatArray) -> FloatArray:
-    """Median of each run of `values` (K,) given by `start` (C + 1,)."""
-    cells = len(start) - 1
-    result = np.full(cells, np.nan)
-    longest = 0
-    for c in range(cells):
-        longest = max(longest, start[c + 1] - start[c])
-    buffer = np.empty(longest)
-    for c in range(cells):
-        size = start[c + 1] - start[c]
-        if size > 0:
-            for i in range(size):
-                buffer[i] = values[start[c] + i]
-            result[c] = median_of(buffer, size)
-    return result
-
-
-@kernel
-def _spreads(start: IntArray, values: FloatArray, center: FloatArray) -> FloatArray:
-    """Median distance of each run of `values` (K,) from its center (C,); NaN if empty."""
-    cells = len(start) - 1
-    result = np.full(cells, np.nan)
-    longest = 0
-    for c in range(cells):
-        longest = max(longest, start[c + 1] - start[c])
-    buffer = np.empty(longest)
-    for c in range(cells):
-        size = start[c + 1] - start[c]
-        if size > 0:
-            for i in range(size):
-                buffer[i] = abs(values[start[c] + i] - center[c])
-            result[c] = median_of(buffer, size)
-    return result
-
-
-@kernel
-def _renew_medians(
-    start: IntArray,
-    returns: tuple[FloatArray, FloatArray, FloatArray],
-    slopes: tuple[FloatArray, FloatArray],
-    due: BoolArray,
+@inlined_kernel
+def _correct(
+    first: int,
+    end: int,
+    local: tuple[FloatArray, FloatArray, FloatArray],
+    slope_x: float,
+    slope_y: float,
     result: FloatArray,
 ) -> None:
-    """Take the medians of slope-corrected heights anew in the cells that are `due` (C,)."""
-    height, dx, dy = returns
+    """Carry heights of one cell to its grid point."""
+    # Of slices the compiler knows that no index is negative, and takes several returns at once.
+    dx, dy, height = local[0][first:end], local[1][first:end], local[2][first:end]
+    carried = result[first:end]
+    for k in range(len(carried)):
+        carried[k] = height[k] - slope_x * dx[k] - slope_y * dy[k]
+
+
+@kernel
+def _correct_some(
+    start: IntArray,
+    local: tuple[FloatArray, FloatArray, FloatArray],
+    slopes: tuple[FloatArray, FloatArray],
+    cells: IntArray,
+    result: FloatArray,
+) -> None:
+    """Carry the heights of some cells (M,) to their grid points."""
     slope_x, slope_y = slopes
-    longest = 0
-    for c in range(len(result)):
-        longest = max(longest, start[c + 1] - start[c])
-    buffer = np.empty(longest)
-    for c in range(len(result)):
-        size = start[c + 1] - start[c]
-        if due[c] and size > 0:
-            for i in range(size):
-                k = start[c] + i
-                buffer[i] = height[k] - slope_x[c] * dx[k] - slope_y[c] * dy[k]
-            result[c] = median_of(buffer, size)
+    for c in cells:
+        _correct(start[c], start[c + 1], local, slope_x[c], slope_y[c], result)
 
 
 @kernel

@@ -48,7 +48,7 @@ def sort_points(points: FloatArray, frame: Frame, half_size: int, reach: float) 
         # In each block first what comes from the first chunk, and so on.
         before = np.cumsum(counts, axis=0) - counts
         begin = np.concatenate([[0], np.cumsum(counts.sum(axis=0))])
-        index, local = np.empty(begin[-1], dtype=np.int64), np.empty((3, begin[-1]))
+        index, local = np.empty(begin[-1], dtype=np.int32), np.empty((3, begin[-1]))
 
         def dealt(number: int) -> None:
             free = begin[:-1] + before[number]
@@ -94,7 +94,7 @@ def _sorted(points: FloatArray, frame: Frame, half_size: int, reach: float) -> S
     for c in range(size * size):
         start[c + 1] += start[c]
     free = start[:-1].copy()
-    index = np.empty(start[-1], dtype=np.int64)
+    index = np.empty(start[-1], dtype=np.int32)
     local = np.empty((3, start[-1]))
     for i in range(len(points)):
         if cell[i] >= 0:

@@ -20,10 +20,13 @@ from lidar.box import Box
 from lidar.cubes import CubedPoints, keep_inside, touching, unpack_inside
 from lidar.formats.blocks import Block, times_of
 from lidar.formats.native import ScanFile
+from lidar.network import Nodes
 from lidar.relocation import Relocation
 from lidar.returns import Returns
 from spcola.arrays import FloatArray, IntArray
 from spcola.errors import InvalidValueError
+
+_DAY_S = 86400.0
 
 
 class ScanStore:
@@ -43,11 +46,9 @@ class ScanStore:
     ----------
     scan_names : tuple of str
         Names of the scans, or of their arcs (:meth:`lidar.arcs.Arcs.names`).
-    middles : (S, 3) ndarray
-        Middle of the box that holds each scan as it was located at first, or mean of the returns
-        of an arc, metres; 0 for one without returns.
-    scan_of : (S,) ndarray of int
-        Which scan each of these is an arc of, or is.
+    nodes : Nodes
+        Of these: the middle of the box that holds a scan as it was located at first, or the mean of
+        the returns of an arc, metres, 0 for one without returns; the scan; and its day.
     without_place : mapping of str to int
         By scan, how many returns have no place where they should be located again.
 
@@ -79,8 +80,7 @@ class ScanStore:
         self._blocks: list[_Part] = []
         self.without_place: dict[str, int] = {}
         self.scan_names: tuple[str, ...] = ()
-        self.middles: FloatArray = np.empty((0, 3))
-        self.scan_of: IntArray = np.empty(0, dtype=np.int64)
+        self.nodes = Nodes.whole(np.empty((0, 3)))
         for file in files:
             self._add(file, locate(file) if locate else None)
         spheres = [part.sphere for part in self._blocks]
@@ -94,9 +94,12 @@ class ScanStore:
         middles = _middle(file.summary.bounds)[None] if arcs.count == 1 else _means(parts, arcs)
         self._blocks += parts
         self.scan_names += tuple(arcs.names(file.summary.name))
-        self.middles = np.vstack([self.middles, middles])
-        number = len(self.without_place)
-        self.scan_of = np.append(self.scan_of, np.full(arcs.count, number))
+        number, before = len(self.without_place), self.nodes
+        self.nodes = Nodes(
+            np.vstack([before.center, middles]),
+            np.append(before.scan, np.full(arcs.count, number)),
+            np.append(before.day, np.full(arcs.count, _day(file.summary.time_span))),
+        )
         self.without_place[file.summary.name] = sum(part.without_place() for part in parts)
 
     def __reduce__(self) -> tuple[Callable[..., ScanStore], tuple[Any, ...]]:
@@ -211,6 +214,13 @@ class _Part:
         if sigma is None:
             return np.full(len(rows), self.block.numbers.get("sigma", np.nan))
         return sigma[rows].astype(np.float64)
+
+
+def _day(span: tuple[float, float]) -> int:
+    """Number of the day on which the middle of a span lies; −1 where it is not known."""
+    middle = (span[0] + span[1]) / 2.0
+    # Ephemeris time begins at noon.
+    return int((middle + _DAY_S / 2.0) // _DAY_S) if np.isfinite(middle) else -1
 
 
 def _middle(bounds: FloatArray) -> FloatArray:

@@ -18,6 +18,7 @@ ADJUSTMENT_HDF5 = "adjustment.h5"
 """Name of the file in a folder of mapolas."""
 
 _FORMAT = "spcola scan adjustment 2"
+_NODES = ("center", "scan", "day")
 _LAYERS = ("displacement", "covariance", "misfit", "cells")
 _SIZES = tuple(field.name for field in fields(ErrorSizes))
 
@@ -33,7 +34,8 @@ def write_adjustment(path: str | Path, adjustment: ScanAdjustment) -> None:
     with replacing_hdf5(path) as file:
         file.attrs["format"] = _FORMAT
         file["names"] = np.array(list(adjustment.names), dtype=h5py.string_dtype())
-        file["center"], file["scan"] = adjustment.nodes.center, adjustment.nodes.scan
+        for layer in _NODES:
+            file[layer] = getattr(adjustment.nodes, layer)
         for layer in _LAYERS:
             file[layer] = getattr(adjustment, layer)
         file.attrs["step_m"] = adjustment.step_m
@@ -64,7 +66,7 @@ def read_adjustment(path: str | Path) -> ScanAdjustment:
             sizes = ErrorSizes(*(float(file.attrs[size]) for size in _SIZES))
             return ScanAdjustment(
                 names=tuple(file["names"].asstr()[:]),
-                nodes=Nodes(file["center"][:], file["scan"][:]),
+                nodes=Nodes(*(file[layer][:] for layer in _NODES)),
                 sizes=sizes,
                 step_m=float(file.attrs["step_m"]),
                 **layers,

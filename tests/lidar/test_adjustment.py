@@ -329,6 +329,7 @@ def test_an_adjustment_is_read_as_it_was_written(tmp_path: Path) -> None:
     back = read_adjustment(path)
     np.testing.assert_array_equal(back.nodes.center, CENTERS)
     np.testing.assert_array_equal(back.nodes.scan, NODES.scan)
+    np.testing.assert_array_equal(back.nodes.day, NODES.day)
     for name, value in vars(found).items():
         if name != "nodes":
             np.testing.assert_array_equal(getattr(back, name), value)
@@ -347,7 +348,9 @@ def test_a_damaged_adjustment_is_refused(tmp_path: Path) -> None:
         read_adjustment(path)
 
 
-@pytest.mark.parametrize("name", ["offset_sigma_m", "rotation_sigma_rad", "wander_sigma_m"])
+@pytest.mark.parametrize(
+    "name", ["offset_sigma_m", "rotation_sigma_rad", "wander_sigma_m", "day_sigma_m"]
+)
 def test_sizes_must_be_positive(name: str) -> None:
     with pytest.raises(SettingsError, match=name):
         AdjustmentOptions(**{name: 0.0})
