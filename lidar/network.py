@@ -127,8 +127,8 @@ class Nodes:
         for frame, center in zip(frames, self.center, strict=True):
             if center.any():
                 # The other two directions are any: nothing tells them apart.
-                frame[:] = np.linalg.qr(np.column_stack([center, np.eye(3)]))[0].T
-                frame *= np.sign(frame[0] @ center)
+                rows = np.linalg.qr(np.column_stack([center, np.eye(3)]))[0].T
+                frame[:] = np.sign(rows[0] @ center) * rows
         return frames
 
     def prior(self, sizes: ErrorSizes) -> FloatArray:

@@ -10,11 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import spiceypy
+from distributed import LocalCluster
 from scipy.spatial import KDTree
 from typer.testing import CliRunner, Result
 
 from fusion.cli.app import app
-from fusion.executor import ThreadExecutor
+from fusion.cluster import ClusterExecutor
+from fusion.executor import Executor, ThreadExecutor
 from fusion.initialise import new_workspace
 from fusion.locating import kernel_paths, located_store, turning
 from fusion.pipeline import Pipeline
@@ -79,7 +81,12 @@ def rotated(scan: Scan, old: Spin, new: Spin) -> Scan:
     )
 
 
-def heights(folder: Path, found: list[Scan], **tables: dict[str, object]) -> np.ndarray:
+def heights(
+    folder: Path,
+    found: list[Scan],
+    executor: Executor | None = None,
+    **tables: dict[str, object],
+) -> np.ndarray:
     """Heights of a mapola of these scans in a new workspace, with these settings."""
     workspace = new_workspace(folder, body="Ball")
     write_maplet(
@@ -91,7 +98,7 @@ def heights(folder: Path, found: list[Scan], **tables: dict[str, object]) -> np.
     for table, changed in tables.items():
         settings = settings.with_table(table, **changed)
     stages = [ingest.STAGE, mapolas.STAGE]
-    Pipeline(workspace, settings, stages, ThreadExecutor(2)).run_stage("mapolas")
+    Pipeline(workspace, settings, stages, executor or ThreadExecutor(2)).run_stage("mapolas")
     return workspace.mapola("AA0001").height
 
 
@@ -199,6 +206,21 @@ def test_mapolas_move_as_the_trajectory_of_the_kernels_does(tmp_path: Path) -> N
     assert np.isfinite(rise).mean() > 0.9
     np.testing.assert_allclose(np.nanmedian(rise), 0.3, atol=QUANTUM_M)
     assert np.nanquantile(np.abs(rise - 0.3), 0.95) < 3 * QUANTUM_M
+
+
+def test_kernels_locate_returns_on_a_cluster_to_the_same_bits(tmp_path: Path) -> None:
+    """Each worker opens the store and loads the kernels itself."""
+    found = scans()
+    spice = kernels(tmp_path, [0.3, 0.0, 0.0])
+    here = heights(tmp_path / "here", found, spice=spice)
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        executor = ClusterExecutor(str(cluster.scheduler_address))
+        there = heights(tmp_path / "there", found, executor, spice=spice)
+        executor.close()
+    assert np.isfinite(here).mean() > 0.9
+    np.testing.assert_array_equal(there, here)
 
 
 def test_scans_are_moved_whole_by_kernels(tmp_path: Path) -> None:
