@@ -199,3 +199,58 @@ def ball() -> Mesh:
         top = (bands - 2) * around
         facets += [[south, j, i], [top + i, top + j, north]]
     return Mesh(RADIUS * vertices, np.array(facets))
+
+
+def wavy(longitude: np.ndarray[Any, Any], z: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Points of a sphere with hills."""
+    across = np.sqrt(1.0 - z**2)
+    radius = RADIUS + 0.5 * np.sin(25 * longitude) * np.cos(28 * z)
+    away = np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
+    moved: np.ndarray[Any, Any] = radius[:, None] * away
+    return moved
+
+
+def test_a_long_track_is_moved_in_arcs_and_bends_rasters_less(workspace: Workspace) -> None:
+    """It alone goes from raster to raster, and is too high in its middle."""
+    for path in workspace.scan_paths():
+        path.unlink()
+    generator = np.random.default_rng(5)
+    for number, start in enumerate((-0.2, 0.12, 0.44)):
+        longitude = generator.uniform(start, start + 0.3, 40_000)
+        points = wavy(longitude, generator.uniform(-0.12, 0.12, 40_000))
+        raster = Scan.of_points(f"r{number}", points, time=np.full(40_000, 6.2e8), body="Ball")
+        write_scan(workspace.root / "scans" / f"r{number}.h5", [raster])
+    longitude = np.linspace(-0.2, 0.74, 40_000)
+    way = wavy(longitude, generator.uniform(-0.05, 0.05, 40_000))
+    lift = 0.2 * np.cos(3.0 * (longitude - 0.27))
+    track = way * (1.0 + lift / RADIUS)[:, None]
+    time = np.linspace(6.3e8, 6.3e8 + 2400.0, 40_000)
+    write_scan(
+        workspace.root / "scans" / "track.h5",
+        [Scan.of_points("track", track, time=time, body="Ball")],
+    )
+    bent = []
+    for arc_s, names in ((600.0, ["track:1", "track:2", "track:3", "track:4"]), (1e6, ["track"])):
+        settings = Settings().with_table("mapolas", adjust_arc_s=arc_s)
+        summary = pipeline(workspace, settings).run_stage("mapolas").summary
+        adjustment = workspace.adjustment()
+        assert adjustment is not None
+        assert adjustment.names == ("r0", "r1", "r2", *names)
+        assert [entry["scan"] for entry in summary["per_scan"]] == list(adjustment.names)
+        assert set(workspace.mapola("AA0001").scan_share) <= set(adjustment.names)
+        up = adjustment.center / np.linalg.norm(adjustment.center, axis=1)[:, None]
+        lifted = np.einsum("si,si->s", adjustment.displacement[:, :3], up)
+        bent.append(np.ptp(lifted[:3]))
+    assert bent[0] < 0.6 * bent[1]
+
+
+def test_arcs_are_longer_where_they_would_be_too_many(workspace: Workspace) -> None:
+    """Their covariance is a full matrix."""
+    time = np.linspace(0.0, 36_000.0, 15_000)
+    track = Scan.of_points("track", sphere_points(1, 15_000), time=time, body="Ball")
+    write_scan(workspace.root / "scans" / "track.h5", [track])
+    table = Settings().mapolas
+    assert mapolas._arc_length(workspace, table) == table.adjust_arc_s
+    short = Settings().with_table("mapolas", adjust_arc_s=10.0).mapolas
+    arcs = 36_000.0 / mapolas._arc_length(workspace, short)
+    assert 0.8 * mapolas._MOST_ARCS < arcs <= mapolas._MOST_ARCS
