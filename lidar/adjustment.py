@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lidar.network import ErrorSizes, Nodes, columns, solve_network
+from lidar.network import solve_network
+from lidar.nodes import ErrorSizes, Nodes, columns
 from lidar.overlaps import DEGREES, OverlapEquations
 from lidar.returns import Returns
 from spcola.arrays import FloatArray, IntArray

@@ -20,7 +20,7 @@ from lidar.box import Box
 from lidar.cubes import CubedPoints, keep_inside, touching, unpack_inside
 from lidar.formats.blocks import Block, times_of
 from lidar.formats.native import ScanFile
-from lidar.network import Nodes
+from lidar.nodes import Nodes
 from lidar.relocation import Relocation
 from lidar.returns import Returns
 from spcola.arrays import FloatArray, IntArray

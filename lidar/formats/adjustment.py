@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from lidar.adjustment import ScanAdjustment
-from lidar.network import ErrorSizes, Nodes
+from lidar.nodes import ErrorSizes, Nodes
 from spcola.errors import FormatError, WorkspaceError
 from spcola.formats.hdf5 import replacing_hdf5
 

@@ -11,7 +11,7 @@ import pytest
 from lidar.adjustment import AdjustmentOptions, ScanAdjustment, adjust_scans, unadjusted
 from lidar.formats.adjustment import read_adjustment, write_adjustment
 from lidar.gridding import grid_returns
-from lidar.network import Nodes
+from lidar.nodes import Nodes
 from lidar.overlaps import (
     OverlapEquations,
     displacement_rows,

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidar.network import ErrorSizes, Nodes, solve_network
+from lidar.network import solve_network
+from lidar.nodes import ErrorSizes, Nodes
 from lidar.overlaps import OverlapEquations, displacement_rows
 from spcola.arrays import FloatArray
 

@@ -7,7 +7,7 @@ import pytest
 
 from fusion.registration.scans import ScanEffects
 from lidar.adjustment import AdjustmentOptions, ScanAdjustment, unadjusted
-from lidar.network import Nodes
+from lidar.nodes import Nodes
 from lidar.overlaps import displacement_rows
 from spcola.arrays import FloatArray
 
