@@ -218,9 +218,11 @@ def adjust_scans(
     sound = [part for part in equations if _stands_alone(part)]
     doubtful = [part for part in equations if not _stands_alone(part)]
     believed = np.zeros(len(doubtful), dtype=np.bool_)
+    start = before.sizes if options.estimate else options.sizes
     for _ in range(_MOST_SORTINGS):
         heard = [p if b else _silenced(p) for p, b in zip(doubtful, believed, strict=True)]
-        found = _adjusted(before, [*sound, *heard], options)
+        found = _adjusted(before, [*sound, *heard], options, start)
+        start = found.sizes
         ratio = np.array([_departure(part, before, found) for part in doubtful])
         # Where no overlap stands alone, as among tracks, they have to judge each other.
         many = not sound and len(doubtful) >= _FEWEST_CELLS
@@ -279,9 +281,12 @@ def _departure(part: OverlapEquations, before: ScanAdjustment, found: ScanAdjust
 
 
 def _adjusted(
-    before: ScanAdjustment, equations: Sequence[OverlapEquations], options: AdjustmentOptions
+    before: ScanAdjustment,
+    equations: Sequence[OverlapEquations],
+    options: AdjustmentOptions,
+    start: ErrorSizes,
 ) -> ScanAdjustment:
-    """Solve the displacements from overlaps all of which count."""
+    """Solve the displacements from overlaps all of which count; sizes are sought from `start`."""
     count = len(before)
     cells, chi2, freedom = np.zeros(count), np.zeros(count), np.zeros(count)
     former = before.displacement.ravel()
@@ -300,6 +305,7 @@ def _adjusted(
         whole,
         before.nodes,
         options.sizes,
+        start=start,
         excess=_excess(equations),
         estimate=options.estimate,
     )

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import block_diag
+from scipy.linalg.lapack import dpotrf, dpotri
 
 from lidar.nodes import KINDS, ErrorSizes, Nodes, columns, turned, turned_vector
 from lidar.overlaps import DEGREES, OverlapEquations
@@ -54,6 +54,7 @@ def solve_network(
     nodes: Nodes,
     sizes: ErrorSizes,
     *,
+    start: ErrorSizes | None = None,
     excess: float = 1.0,
     estimate: bool = True,
 ) -> NetworkSolution:
@@ -70,10 +71,12 @@ def solve_network(
     nodes : Nodes
     sizes : ErrorSizes
         First guesses, which count for a few numbers each; or what holds, with ``estimate=False``.
+    start : ErrorSizes, optional
+        Where the search begins, by default at the first guesses.
     excess : float
         The variances of the parts are too small by this factor.
     """
-    first = sizes
+    first, sizes = sizes, start or sizes
     heard = [
         _LocalEquations.of(part, nodes.frames[part.scan], excess) for part in parts if part.weight
     ]
@@ -143,13 +146,32 @@ def _at(
         right[part.at] += reduced_right
     # A scan is displaced by itself, and with its day; scaled by the prior, as metres and radians
     # are unlike.
-    both = np.hstack([np.eye(count), nodes.lifted])
-    both *= np.concatenate([sizes.local(len(nodes)), np.full(days, sizes.day_m)])
-    scaled = both.T @ normal @ both + block_diag(nodes.precision, np.eye(days))
-    inverse = np.linalg.inv(scaled)
-    value = inverse @ (both.T @ right)
-    solution = NetworkSolution(both @ value, both @ inverse @ both.T, sizes)
-    return solution, _Parted(value, np.diag(inverse))
+    root, lifted = sizes.local(len(nodes)), sizes.day_m * nodes.lifted
+    by_day = normal @ lifted
+    scaled = np.empty((count + days, count + days))
+    scaled[:count, :count] = normal * np.outer(root, root) + nodes.precision
+    scaled[:count, count:] = root[:, None] * by_day
+    scaled[count:, :count] = scaled[:count, count:].T
+    scaled[count:, count:] = lifted.T @ by_day + np.eye(days)
+    inverse = _inverse(scaled)
+    value = inverse @ np.concatenate([root * right, lifted.T @ right])
+    # Of both together.
+    crossed = root[:, None] * inverse[:count, count:] @ lifted.T
+    covariance = inverse[:count, :count] * np.outer(root, root) + crossed + crossed.T
+    covariance += lifted @ inverse[count:, count:] @ lifted.T
+    displacement = root * value[:count] + lifted @ value[count:]
+    solution = NetworkSolution(displacement, covariance, sizes)
+    return solution, _Parted(value, np.diag(inverse).copy())
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    """Inverse of a symmetric positive definite matrix, at half of what a general one costs."""
+    lower, failed = dpotrf(matrix, lower=True)
+    inverse, failed_too = dpotri(lower, lower=True)
+    if failed or failed_too:
+        raise np.linalg.LinAlgError("the network's normal equations are not positive definite")
+    found: FloatArray = np.tril(inverse)
+    return found + np.tril(found, -1).T
 
 
 def _renewed(
