@@ -16,10 +16,13 @@ from pathlib import Path
 from threading import Event
 
 from fusion.executor import usable_cores
+from fusion.pages import announce
 from spcola.errors import WorkspaceError
 
 # Read at a time for a digest: little beside the caches, much beside a system call.
 _BLOCK_BYTES = 1 << 20
+# Asked for ahead of the reading: what the disk brings while a block is worked on.
+_WINDOW_BYTES = 1 << 26
 # Files per core whose digests are made ahead: what is read for its digest is still in the
 # system's memory when it is read for its content.
 _AHEAD = 2
@@ -42,8 +45,16 @@ def file_digest(path: Path, stopped: Event | None = None) -> str:
     """Return the SHA-256 of a file's bytes, hexadecimal; of some of them once `stopped` is set."""
     digest, block = hashlib.sha256(), memoryview(bytearray(_BLOCK_BYTES))
     with path.open("rb", buffering=0) as stream:
-        while (count := stream.readinto(block)) and not (stopped and stopped.is_set()):
+        announced = done = 0
+        while True:
+            if done >= announced - _WINDOW_BYTES // 2:
+                announce(stream.fileno(), announced, _WINDOW_BYTES)
+                announced += _WINDOW_BYTES
+            count = stream.readinto(block)
+            if not count or (stopped and stopped.is_set()):
+                break
             digest.update(block[:count])
+            done += count
     return digest.hexdigest()
 
 

@@ -189,11 +189,10 @@ class Pipeline:
         record = catalog.record(stage.name)
         if record is None or record.key != key.digest:
             return None
-        for path, digest in record.outputs.items():
-            file = self.workspace.root / path
-            if not file.is_file() or catalog.digest(file) != digest:
-                return None
-        return record
+        files = [self.workspace.root / path for path in record.outputs]
+        if not all(file.is_file() for file in files):
+            return None
+        return record if catalog.digests_of(files) == list(record.outputs.values()) else None
 
     def _is_stale(self, stage: Stage, catalog: Catalog) -> bool:
         """Tell whether `stage` ran before but what it depends on has changed since."""

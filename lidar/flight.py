@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from spcola.arrays import FloatArray
+from spcola.arrays import FloatArray, IntArray
 from spcola.kernel import inlined_kernel, kernel
 
 # A cubic through fewer knots is none.
@@ -41,8 +41,14 @@ class Flight:
         return positions
 
     def misses(self, time: FloatArray, position: FloatArray, tolerance: float) -> bool:
-        """Whether some of the positions (N, 3) lies off by more than a tolerance, metres."""
-        return bool(_misses(self.time, self._coefficients, time, position, tolerance))
+        """Whether some of the positions (N, 3) lies off by more than a tolerance, metres.
+
+        Their times (N,), seconds, never fall, and lie within the knots.
+        """
+        begin = np.searchsorted(time, self.time)
+        # The last knot belongs to the last piece.
+        begin[-1] = len(time)
+        return bool(_misses(self.time, self._coefficients, begin, time, position, tolerance))
 
     @cached_property
     def _coefficients(self) -> FloatArray:
@@ -69,17 +75,18 @@ def fit_flight(time: FloatArray, position: FloatArray, tolerance: float) -> Flig
         None where a position or time is not finite, or the path is too rough for an eighth as many
         knots as there are times.
     """
-    if not (np.isfinite(time).all() and np.isfinite(position).all()):
+    if not _all_finite(time, position):
         return None
-    if (np.diff(time) < 0).any():
+    first, rises = _first_rows(time)
+    if not rises:
         rising = np.argsort(time, kind="stable")
         time, position = time[rising], position[rising]
-    first = np.flatnonzero(np.diff(time, prepend=-np.inf))
+        first, _ = _first_rows(time)
     knots = _FEWEST
     while knots <= len(first) // 8:
         chosen = first[np.unique(np.linspace(0, len(first) - 1, knots).round().astype(np.intp))]
         flight = Flight(time[chosen], position[chosen])
-        # A sample tells soonest that there are too few knots.
+        # A few rows tell soonest that there are too few knots.
         for rows in (slice(None, None, 1 + len(time) // 1000), slice(None)):
             if flight.misses(time[rows], position[rows], tolerance):
                 break
@@ -87,6 +94,31 @@ def fit_flight(time: FloatArray, position: FloatArray, tolerance: float) -> Flig
             return flight
         knots = 2 * knots - 1
     return None
+
+
+@kernel
+def _all_finite(time: FloatArray, position: FloatArray) -> bool:
+    """Whether all times (N,) and positions (N, 3) are known, told without a temporary of N."""
+    sum_of_none = 0.0
+    for n in range(len(time)):
+        x, y, z = position[n, 0], position[n, 1], position[n, 2]
+        # Nothing times a number is nothing, times NaN or infinity it is NaN.
+        sum_of_none += 0.0 * time[n] + 0.0 * x + 0.0 * y + 0.0 * z
+    return sum_of_none == 0.0
+
+
+@kernel
+def _first_rows(time: FloatArray) -> tuple[IntArray, bool]:
+    """Rows at which another time than the one before begins, and whether times never fall."""
+    first = np.empty(len(time), dtype=np.int64)
+    count = 0
+    rises = True
+    for n in range(len(time)):
+        before = time[n - 1] if n else -np.inf
+        first[count] = n
+        count += time[n] != before
+        rises &= time[n] >= before
+    return first[:count], rises
 
 
 @inlined_kernel
@@ -126,16 +158,21 @@ def _evaluate(
 
 @kernel
 def _misses(
-    knots: FloatArray, pieces: FloatArray, time: FloatArray, position: FloatArray, tolerance: float
+    knots: FloatArray,
+    pieces: FloatArray,
+    begin: IntArray,
+    time: FloatArray,
+    position: FloatArray,
+    tolerance: float,
 ) -> bool:
-    piece = 0
-    for n in range(len(time)):
-        found = _piece(knots, time[n], piece)
-        if found < 0:
-            return True
-        piece = found
+    for piece in range(len(pieces)):
+        first, end = begin[piece], begin[piece + 1]
         for axis in range(3):
-            value = _value(pieces, piece, axis, time[n] - knots[piece])
-            if not abs(value - position[n, axis]) <= tolerance:
+            # Without a branch, so that several rows are compared at once.
+            met = True
+            for n in range(first, end):
+                value = _value(pieces, piece, axis, time[n] - knots[piece])
+                met &= abs(value - position[n, axis]) <= tolerance
+            if not met:
                 return True
     return False

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from fusion.catalog import content_digest
 from fusion.executor import Executor
+from fusion.pages import release
 from fusion.progress import Progress
 from fusion.settings import BodySettings, ImportSettings, Settings, Table
 from fusion.stages.base import StageContext, StageResult
@@ -198,7 +200,8 @@ class IngestStage:
             If that is so of a scan whose file is gone.
         """
         workspace, settings, digests = context.workspace, context.settings, context.inputs
-        limits = radius_limits(workspace, settings)
+        # The shape is read only if a scan is.
+        limits = cache(lambda: radius_limits(workspace, settings))
 
         def one(path: Path) -> ScanSummary:
             scan = scan_summary(path)
@@ -216,7 +219,7 @@ class IngestStage:
                     source.path,
                     "restore the file or the settings",
                 )
-            options = lidar_options(source, settings, path.stem, limits)
+            options = lidar_options(source, settings, path.stem, limits())
             return _write(path, options, source, settings, digest)
 
         paths = workspace.scan_paths()
@@ -335,7 +338,9 @@ def _write(
         "gps_time": int(source.gps_time),
         "import_key": _key(source, settings),
     }
-    return write_scan(path, chunks, digest=digest, parameters=parameters)
+    scan = write_scan(path, chunks, digest=digest, parameters=parameters)
+    release(source.path)
+    return scan
 
 
 def _key(source: Source, settings: Settings) -> str:

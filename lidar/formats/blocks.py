@@ -79,11 +79,11 @@ def encode(scan: Scan) -> Block:
         "place": cubes.place,
     }
     numbers: dict[str, float] = {"bits": cubes.bits}
-    _put_counted(layers, numbers, "time", scan.time[order], _LEAST_TIME_STEP_S)
-    _put_counted(layers, numbers, "range", scan.range[order], QUANTUM_M)
-    _put(layers, numbers, "sigma", scan.sigma[order].astype(np.float32))
-    _put(layers, numbers, "intensity", scan.intensity[order].astype(np.float32))
-    _put(layers, numbers, "flag", scan.flag[order].astype(np.int32))
+    _put_counted(layers, numbers, "time", scan.time, order, _LEAST_TIME_STEP_S)
+    _put_counted(layers, numbers, "range", scan.range, order, QUANTUM_M)
+    _put(layers, numbers, "sigma", scan.sigma.astype(np.float32), order)
+    _put(layers, numbers, "intensity", scan.intensity.astype(np.float32), order)
+    _put(layers, numbers, "flag", scan.flag.astype(np.int32), order)
     _put_flight(layers, scan, order)
     if np.isfinite(scan.beam).any() and not _beam_follows(scan):
         layers["beam"] = scan.beam[order]
@@ -140,13 +140,17 @@ def times_of(block: Block, rows: IntArray | slice = slice(None)) -> FloatArray:
 
 
 def _put(
-    layers: dict[str, AnyArray], numbers: dict[str, float], name: str, values: AnyArray
+    layers: dict[str, AnyArray],
+    numbers: dict[str, float],
+    name: str,
+    values: AnyArray,
+    order: IntArray,
 ) -> None:
-    """Keep a layer, or the one number that it is throughout."""
+    """Keep a layer in another order, or the one number that it is throughout."""
     if len(values) == 0 or (values == values[0]).all():
         numbers[name] = float(values[0]) if len(values) else 0.0
     elif not np.isnan(values).all():
-        layers[name] = values
+        layers[name] = values[order]
 
 
 def _put_counted(
@@ -154,20 +158,38 @@ def _put_counted(
     numbers: dict[str, float],
     name: str,
     values: FloatArray,
+    order: IntArray,
     step: float,
 ) -> None:
     """Keep a layer as whole steps from its least value; nothing of one that is unknown."""
-    known = np.isfinite(values)
-    if not known.any():
+    start, last = _known_span(values)
+    if not start <= last:
         return
-    start = float(values[known].min())
-    span = float(values[known].max()) - start
-    while span / step >= _UNKNOWN - 1:
+    while (last - start) / step >= _UNKNOWN - 1:
         step *= 10.0
-    steps = np.full(len(values), _UNKNOWN, dtype=np.uint32)
-    steps[known] = np.rint((values[known] - start) / step)
-    layers[name] = steps
+    layers[name] = _counted_steps(values, order, start, step)
     numbers[f"{name}_start"], numbers[f"{name}_step"] = start, step
+
+
+@kernel
+def _known_span(values: FloatArray) -> tuple[float, float]:
+    """Least and greatest finite value; inf and −inf if there is none."""
+    least, greatest = np.inf, -np.inf
+    for value in values:
+        if np.isfinite(value):
+            least, greatest = min(least, value), max(greatest, value)
+    return least, greatest
+
+
+@kernel
+def _counted_steps(values: FloatArray, order: IntArray, start: float, step: float) -> IntArray:
+    """Whole steps (N,) from `start`, in the given order."""
+    steps = np.empty(len(order), dtype=np.uint32)
+    for n in range(len(order)):
+        value = values[order[n]]
+        known = np.isfinite(value)
+        steps[n] = np.uint32(np.rint((value - start) / step)) if known else np.uint32(_UNKNOWN)
+    return steps
 
 
 def _counted(block: Block, name: str, rows: IntArray | slice = slice(None)) -> FloatArray:

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from lidar.formats.binary import check_whole, mapped_chunks, probed
 from lidar.formats.options import LidarOptions
-from lidar.formats.screening import Agreement, Records, Screen, norms, spherical_of
+from lidar.formats.screening import Agreement, Records, Screen, norms
 from lidar.scan import Scan
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.atomic import replacing
 from spcola.errors import FormatError
+from spcola.kernel import kernel
 from spcola.time import utc_from_et
 
 RECORD = np.dtype(
@@ -46,6 +47,7 @@ RECORD = np.dtype(
 
 _MONTHS = "JANFEBMARAPRMAYJUNJULAUGSEPOCTNOVDEC"
 _OLD_SIZE = 144
+_DEGREE = np.pi / 180.0
 _TIME_TEXT = re.compile(rb"\d{4}[- ]\w{2,3}[-T ]\d{2}")
 _REASONS = {1: "overflow", 2: "no return", 3: "missing"}
 
@@ -97,19 +99,47 @@ def write_ola(path: str | Path, chunks: Iterable[Scan]) -> None:
 
 
 def _records(table: NDArray[Any]) -> Records:
-    flag = table["flag_status"].astype(np.int16)
+    count = len(table)
+    points, spacecraft, spherical = (np.empty((count, 3)) for _ in range(3))
+    ranges, time, intensity = (np.empty(count) for _ in range(3))
+    flag = np.empty(count, dtype=np.int16)
+    _split(table, points, spacecraft, spherical, ranges, time, intensity, flag)
     return Records(
-        points=table["xyz"].astype(np.float64),
-        spacecraft=table["scxyz"].astype(np.float64),
-        range=table["range_mm"] * 1e-3,
-        spherical=spherical_of(
-            table["elongitude_deg"], table["latitude_deg"], table["radius_km"] * 1e3
-        ),
-        time=table["et"].astype(np.float64),
-        intensity=table["intensity_trr"].astype(np.float64),
+        points=points,
+        spacecraft=spacecraft,
+        range=ranges,
+        spherical=spherical,
+        time=time,
+        intensity=intensity,
         flag=flag,
         refused=_refused(flag),
     )
+
+
+@kernel
+def _split(
+    table: NDArray[Any],
+    points: FloatArray,
+    spacecraft: FloatArray,
+    spherical: FloatArray,
+    ranges: FloatArray,
+    time: FloatArray,
+    intensity: FloatArray,
+    flag: AnyArray,
+) -> None:
+    """Write the fields of records into layers, SI units: a table is gone through once."""
+    for n in range(len(table)):
+        record = table[n]
+        for axis in range(3):
+            points[n, axis] = record.xyz[axis]
+            spacecraft[n, axis] = record.scxyz[axis]
+        spherical[n, 0] = record.elongitude_deg * _DEGREE
+        spherical[n, 1] = record.latitude_deg * _DEGREE
+        spherical[n, 2] = record.radius_km * 1e3
+        ranges[n] = record.range_mm * 1e-3
+        time[n] = record.et
+        intensity[n] = record.intensity_trr
+        flag[n] = record.flag_status
 
 
 def _refused(flag: AnyArray) -> dict[str, BoolArray]:

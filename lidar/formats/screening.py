@@ -180,13 +180,14 @@ class Screen:
 
     def _scan(self, records: Records, kept: BoolArray, counts: dict[str, int]) -> Scan:
         options = self._options
-        whole = bool(kept.all())
         count = int(np.count_nonzero(kept))
+        rows = None if count == len(kept) else np.flatnonzero(kept)
 
         def layer(values: AnyArray | None, default: AnyArray) -> AnyArray:
             if values is None:
                 return default
-            return values if whole else values[kept]
+            # Several times as fast as by the mask.
+            return values if rows is None else values.take(rows, axis=0)
 
         unknown = np.full(count, np.nan)
         points = layer(records.points, unknown)
