@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from scipy.spatial import cKDTree
 
 from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import InvalidValueError
 from spcola.maplet import MapletGrid
 from spcola.mesh import Mesh
 from spcola.rays import RayCaster
+from spcola.samples import sample_surface
 from spcola.uncovered import FACING, Uncovered
 
 SAMPLES_PER_HALF = 10
@@ -52,58 +50,15 @@ def covering(
     step = half * (1 - overlap) / SAMPLES_PER_HALF
     samples = sample_surface(mesh, step)
     limit = half * (1 - overlap) - step
-    tree = cKDTree(samples.points)
-    uncovered = Uncovered(samples.points, samples.normals, limit, half - step)
+    uncovered = Uncovered(samples, limit, half - step)
     grids: list[MapletGrid] = []
     index = 0
     while index >= 0:
-        grid = MapletGrid.facing(
-            samples.points[index], _mean_normal(samples, tree, index, half), gsd, half_size
-        )
+        normal = uncovered.mean_normal(index, half)
+        grid = MapletGrid.facing(samples.points[index], normal, gsd, half_size)
         grids.append(grid)
         index = uncovered.cover(grid, index)
     return grids
-
-
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """Points (N, 3), metres, spread over a surface, with unit normals and areas (N,), m²."""
-
-    points: FloatArray
-    normals: FloatArray
-    areas: FloatArray
-
-
-def sample_surface(mesh: Mesh, step: float) -> Samples:
-    """Return points such that every surface point has one on its facet within `step` metres.
-
-    Each facet is cut into k² equal triangles whose centres are taken; k is chosen so that no
-    point of such a triangle is further than `step` from its centre.
-
-    Raises
-    ------
-    InvalidValueError
-        If `step` is not positive or no facet has an area.
-    """
-    if not (np.isfinite(step) and step > 0):
-        raise InvalidValueError(f"must be positive, not {step} m", "step")
-    area = np.linalg.norm(mesh.area_vectors, axis=1)
-    facets = np.flatnonzero(area > 0)
-    if not facets.size:
-        raise InvalidValueError("has no area to cover", mesh.name)
-    corners = mesh.corners[facets]
-    reach = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
-    cuts = np.maximum(1, np.ceil(reach / step)).astype(np.int64)
-    points, owners = [], []
-    for k in np.unique(cuts):
-        chosen = np.flatnonzero(cuts == k)
-        weights = _sub_triangle_centers(int(k))
-        points.append(np.einsum("wk,fkj->fwj", weights, corners[chosen]).reshape(-1, 3))
-        owners.append(np.repeat(chosen, len(weights)))
-    owner = np.concatenate(owners)
-    return Samples(
-        np.concatenate(points), mesh.normals[facets[owner]], (area[facets] / cuts**2)[owner]
-    )
 
 
 def inside(
@@ -119,23 +74,3 @@ def inside(
         & (np.abs(height) <= depth)
         & (normals @ grid.uz >= FACING)
     )
-
-
-def _sub_triangle_centers(k: int) -> FloatArray:
-    """Return barycentric coordinates (k², 3) of the centres of k² equal parts of a triangle."""
-    i, j = np.meshgrid(np.arange(k), np.arange(k), indexing="ij")
-    upright = i + j <= k - 1
-    turned = i + j <= k - 2
-    first = np.concatenate([i[upright] + 1 / 3, i[turned] + 2 / 3]) / k
-    second = np.concatenate([j[upright] + 1 / 3, j[turned] + 2 / 3]) / k
-    return np.stack([first, second, 1 - first - second], axis=1)
-
-
-def _mean_normal(samples: Samples, tree: cKDTree, index: int, radius: float) -> FloatArray:
-    """Return the mean normal around a sample, or its own where it would not face that."""
-    own = samples.normals[index]
-    near = np.asarray(tree.query_ball_point(samples.points[index], radius))
-    same_side = near[samples.normals[near] @ own > 0]
-    mean = samples.areas[same_side] @ samples.normals[same_side]
-    mean = mean / np.linalg.norm(mean)
-    return mean if mean @ own > 2 * FACING else own

@@ -71,7 +71,7 @@ class MapletGrid:
         """
         uz = np.asarray(normal, dtype=np.float64)
         uz = uz / np.linalg.norm(uz)
-        east = np.cross([0.0, 0.0, 1.0], uz)
+        east = np.array([-uz[1], uz[0], 0.0])  # +Z × Uz
         if np.linalg.norm(east) < 1e-6:
             east = np.array([0.0, 1.0, 0.0]) - uz[1] * uz
         uy = east / np.linalg.norm(east)

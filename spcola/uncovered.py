@@ -12,6 +12,7 @@ import numpy as np
 from spcola.arrays import FloatArray, IntArray
 from spcola.kernel import kernel
 from spcola.maplet import MapletGrid
+from spcola.samples import Samples
 
 FACING = 0.2
 """Least cosine between a surface's normal and Uz for the grid to count as covering it (78°)."""
@@ -25,25 +26,27 @@ class Uncovered:
 
     Parameters
     ----------
-    points, normals : (N, 3) ndarrays
-        Metres; unit vectors outward.
+    samples : Samples
     side, depth : float
         A grid covers what lies within `side` of its centre along Ux and Uy and within `depth`
         along Uz, and faces Uz; metres.
     """
 
-    def __init__(self, points: FloatArray, normals: FloatArray, side: float, depth: float) -> None:
+    def __init__(self, samples: Samples, side: float, depth: float) -> None:
         self._limits = (side, depth)
         edge = max(side, depth)
-        cube = np.floor(points / edge).astype(np.int64)
+        cube = np.floor(samples.points / edge).astype(np.int64)
         order = np.lexsort((cube[:, 2], cube[:, 1], cube[:, 0]))
         cube = cube[order]
         new = np.any(np.diff(cube, axis=0, prepend=cube[:1] - 1), axis=1)
-        self._start = np.append(np.flatnonzero(new), len(points))
+        self._start = np.append(np.flatnonzero(new), len(order))
         self._middle = (cube[new] + 0.5) * edge
         self._wide = np.sqrt(0.75) * edge
-        self._points, self._normals, self._number = points[order], normals[order], order
-        self._distance = np.full(len(points), np.inf)
+        self._points, self._normals = samples.points[order], samples.normals[order]
+        self._areas, self._number = samples.areas[order], order
+        self._row = np.empty(len(order), dtype=np.int64)
+        self._row[order] = np.arange(len(order))
+        self._distance = np.full(len(order), np.inf)
         self._furthest = self._start[:-1].copy()
 
     @property
@@ -67,10 +70,25 @@ class Uncovered:
             self._limits,
             index,
         )
-        far = self._distance[self._furthest]
-        if far.max() == COVERED:
-            return -1
-        return int(self._number[self._furthest[far == far.max()]].min())
+        return int(_furthest_of_all(self._furthest, self._distance, self._number))
+
+    def mean_normal(self, index: int, radius: float) -> FloatArray:
+        """Return the unit mean normal (3,) around the sample `index`, by area.
+
+        Of all samples within `radius` metres that face the same side, covered or not; the sample's
+        own normal where the mean would not face it.
+        """
+        row = self._row[index]
+        own = self._normals[row]
+        mean = _sum_of_normals(
+            (self._points, self._normals, self._areas),
+            (self._start, self._middle),
+            self._wide,
+            row,
+            radius,
+        )
+        mean = mean / np.linalg.norm(mean)
+        return mean if mean @ own > 2 * FACING else own
 
 
 @kernel
@@ -123,3 +141,42 @@ def _cover(
             if distance[i] > distance[best]:
                 best = i
         furthest[b] = best
+
+
+@kernel
+def _furthest_of_all(furthest: IntArray, distance: FloatArray, number: IntArray) -> int:
+    """Number of the sample furthest from all centres, the first of several; −1 if none is left."""
+    far, first = COVERED, -1
+    for row in furthest:
+        if distance[row] > far or (distance[row] == far and number[row] < first):
+            far, first = distance[row], number[row]
+    return first
+
+
+@kernel
+def _sum_of_normals(
+    samples: tuple[FloatArray, FloatArray, FloatArray],
+    cubes: tuple[IntArray, FloatArray],
+    wide: float,
+    own: int,
+    radius: float,
+) -> FloatArray:
+    """Normals (3,) times areas, summed over what is within `radius` of a row and faces its side."""
+    points, normals, areas = samples
+    start, middle = cubes
+    total = np.zeros(3)
+    reach = radius + wide
+    for b in range(len(middle)):
+        x, y, z = middle[b, 0], middle[b, 1], middle[b, 2]
+        x, y, z = x - points[own, 0], y - points[own, 1], z - points[own, 2]
+        if x * x + y * y + z * z > reach * reach:
+            continue
+        for i in range(start[b], start[b + 1]):
+            squared = same_side = 0.0
+            for axis in range(3):
+                squared += (points[i, axis] - points[own, axis]) ** 2
+                same_side += normals[i, axis] * normals[own, axis]
+            if squared <= radius * radius and same_side > 0.0:
+                for axis in range(3):
+                    total[axis] += areas[i] * normals[i, axis]
+    return total

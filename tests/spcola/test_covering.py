@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spcola.covering import covering, inside, sample_surface
+from spcola.covering import covering, inside
 from spcola.errors import InvalidValueError
 from spcola.formats.obj import read_obj
 from spcola.maplet import MapletGrid
 from spcola.mesh import Mesh
+from spcola.samples import Samples, sample_surface
 from spcola.uncovered import COVERED, Uncovered
 
 
@@ -76,7 +77,7 @@ def test_grids_stand_on_the_surface_and_face_outward() -> None:
 
 def test_each_grid_leaves_what_the_formula_says() -> None:
     samples = sample_surface(ellipsoid(50.0, 40.0, 30.0), 1.5)
-    uncovered = Uncovered(samples.points, samples.normals, 7.0, 9.0)
+    uncovered = Uncovered(samples, 7.0, 9.0)
     expected, index = np.full(len(samples.points), np.inf), 0
     for _ in range(60):
         normal = samples.normals[index]
@@ -93,8 +94,28 @@ def test_each_grid_leaves_what_the_formula_says() -> None:
 
 def test_nothing_is_left_when_all_is_covered() -> None:
     points, normals = np.array([[3.0, 0, 0]]), np.array([[1.0, 0, 0]])
-    uncovered = Uncovered(points, normals, 1.0, 1.0)
+    uncovered = Uncovered(Samples(points, normals, np.ones(1)), 1.0, 1.0)
     assert uncovered.cover(MapletGrid.facing(points[0], normals[0], 1.0, 3), 0) == -1
+
+
+def test_mean_normal_is_that_of_all_samples_around_on_its_side() -> None:
+    samples = sample_surface(ellipsoid(50.0, 40.0, 30.0), 1.5)
+    uncovered = Uncovered(samples, 7.0, 9.0)
+    # Larger than a cube, and on the flat side; smaller, and where it is bent most.
+    for index, radius in ((0, 25.0), (int(np.argmax(samples.points[:, 0])), 4.0)):
+        near = np.linalg.norm(samples.points - samples.points[index], axis=1) <= radius
+        near &= samples.normals @ samples.normals[index] > 0
+        mean = samples.areas[near] @ samples.normals[near]
+        found = uncovered.mean_normal(index, radius)
+        np.testing.assert_allclose(found, mean / np.linalg.norm(mean), atol=1e-13)
+
+
+def test_mean_normal_that_a_sample_does_not_face_gives_way_to_its_own() -> None:
+    points = np.array([[0.0, 0, 0], [1.0, 0, 0]])
+    normals = np.array([[0.0, 0, 1.0], [np.sqrt(0.99), 0, 0.1]])
+    uncovered = Uncovered(Samples(points, normals, np.array([1.0, 1e4])), 2.0, 2.0)
+    np.testing.assert_array_equal(uncovered.mean_normal(0, 3.0), normals[0])
+    assert uncovered.mean_normal(1, 3.0) @ normals[1] == pytest.approx(1.0)
 
 
 def test_more_overlap_takes_more_grids() -> None:
