@@ -26,8 +26,9 @@ from lidar.planes import PlaneFit
 from lidar.returns import Returns
 from lidar.sigma import height_sigma
 from lidar.windows import PlaneWindows
-from spcola.arrays import AnyArray, FloatArray
+from spcola.arrays import AnyArray, FloatArray, IntArray
 from spcola.errors import SettingsError
+from spcola.kernel import kernel
 from spcola.maplet import MapletGrid
 
 __all__ = [
@@ -357,10 +358,19 @@ def _finish(
 
 def _scan_share(returns: Returns, index: AnyArray) -> dict[str, float]:
     """Share of the returns at `index` that came from each scan (those that gave any)."""
-    numbers = np.bincount(returns.scan[index], minlength=len(returns.scan_names))
+    numbers = _counted(returns.scan, index, len(returns.scan_names))
     total = max(1, int(numbers.sum()))
     return {
         name: float(number / total)
         for name, number in zip(returns.scan_names, numbers, strict=True)
         if number
     }
+
+
+@kernel
+def _counted(numbers: IntArray, chosen: IntArray, most: int) -> IntArray:
+    """How often each number from 0 on, below `most`, is among the chosen (K,) of `numbers`."""
+    counts = np.zeros(most, dtype=np.int64)
+    for k in chosen:
+        counts[numbers[k]] += 1
+    return counts

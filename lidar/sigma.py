@@ -88,9 +88,9 @@ def height_sigma(
 
 def _known_medians(cells: CellReturns, single: FloatArray) -> FloatArray:
     """Median single-return sigma of each cell, of the returns whose sigma is known."""
+    if len(single) and ((single == single[0]).all() or np.isnan(single).all()):
+        return np.where(cells.count > 0, single[0], np.nan)
     sigma = single[cells.index]
-    if len(sigma) and (sigma == sigma[0]).all():
-        return np.where(cells.count > 0, sigma[0], np.nan)
     known = np.isfinite(sigma)
     return cells.select(known).medians(sigma[known])
 

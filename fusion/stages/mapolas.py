@@ -38,7 +38,7 @@ COVER_HALF_SIZE = 49
 # The covariance of their displacements is a full matrix, 37 MB for so many.
 _MOST_ARCS = 360
 # Mapolas are small and take from nothing to a second: many may wait behind a long one.
-_AHEAD = 8
+_AHEAD = 64
 
 
 @dataclass(frozen=True)
