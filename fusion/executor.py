@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -19,6 +20,9 @@ Result = TypeVar("Result")
 
 AHEAD = 2
 """Results per worker that wait to be taken, where nothing else is said."""
+
+
+_SWITCH_S = 2e-4
 
 
 class Executor(Protocol):
@@ -76,6 +80,10 @@ class ThreadExecutor:
         # The workers are the parallelism: a BLAS that starts threads of its own in each of them
         # makes small factorisations many times slower.
         blas = threadpool_limits(limits=1, user_api="blas")
+        # Between kernels a worker needs the interpreter for microseconds; by default whoever has it
+        # need not give it up for five milliseconds.
+        usual = sys.getswitchinterval()
+        sys.setswitchinterval(_SWITCH_S)
         try:
             for item in items:
                 waiting.append(pool.submit(function, item))
@@ -85,6 +93,7 @@ class ThreadExecutor:
                 yield _taken(waiting)
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+            sys.setswitchinterval(usual)
             blas.restore_original_limits()
 
     def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -72,10 +72,36 @@ class CellReturns:
 
     def select(self, keep: BoolArray) -> CellReturns:
         """Return the returns chosen by the mask `keep` (K,)."""
-        start, index, local = _selected(
-            self.start, self.index, (self.dx, self.dy, self.height), keep
-        )
-        return CellReturns(self.shape, start, local[0], local[1], local[2], index)
+        local = [values.copy() for values in (self.dx, self.dy, self.height)]
+        return replace(
+            self, dx=local[0], dy=local[1], height=local[2], index=self.index.copy()
+        ).reduced(keep)
+
+    def reduced(self, keep: BoolArray) -> CellReturns:
+        """Return the returns chosen by the mask `keep` (K,), in the memory of all of them.
+
+        What they were is lost: of large grids, moving them together is most of what this takes.
+        """
+        start = _move_together(self.start, (self.dx, self.dy, self.height), self.index, keep)
+        few = slice(0, int(start[-1]))
+        local = (self.dx[few], self.dy[few], self.height[few])
+        chosen = CellReturns(self.shape, start, *local, self.index[few])
+        chosen._inherit(self)
+        return chosen
+
+    def _inherit(self, before: CellReturns) -> None:
+        """Take over what was known `before` of the cells that have lost nothing since."""
+        lost = np.flatnonzero(np.diff(self.start) != np.diff(before.start))
+        known = vars(before)
+        if "place" in known:
+            place = tuple(layer.copy() for layer in before.place)
+            for layer, values in zip(place, (self.dx, self.dy), strict=True):
+                _means_of(self.start, values, lost, layer.ravel())
+            vars(self)["place"] = place
+        if "middle" in known:
+            middle = before.middle.copy()
+            run_medians(self.start, self.height, lost, middle.ravel())
+            vars(self)["middle"] = middle
 
     def medians(self, values: FloatArray) -> FloatArray:
         """Exact median of `values` (K,) in each cell, of the grid's shape; NaN if empty."""
@@ -83,7 +109,7 @@ class CellReturns:
 
     def means(self, values: FloatArray) -> FloatArray:
         """Mean of `values` (K,) in each cell, of the grid's shape; NaN if empty."""
-        return self._by_cell(_means, values)
+        return self._by_cell(_all_means, values)
 
     def _by_cell(
         self, statistic: Callable[[IntArray, FloatArray], FloatArray], values: FloatArray
@@ -142,11 +168,8 @@ class CorrectedMedians:
 
     def at(self, slope_x: FloatArray, slope_y: FloatArray) -> FloatArray:
         """Median height of each cell with slopes in metres per step, of the grid's shape."""
-        moved = np.abs(slope_x - self._slope_x) + np.abs(slope_y - self._slope_y)
-        due = ~(moved <= self._neglected)  # NaN, before the first time, is due
-        self._slope_x[due], self._slope_y[due] = slope_x[due], slope_y[due]
-        cells, some = self._cells, np.flatnonzero(due)
-        slopes = (self._slope_x.ravel(), self._slope_y.ravel())
+        cells, slopes = self._cells, (self._slope_x.ravel(), self._slope_y.ravel())
+        some = _follow(slopes, (slope_x.ravel(), slope_y.ravel()), self._neglected)
         _correct_some(
             cells.start, (cells.dx, cells.dy, cells.height), slopes, some, self._corrected
         )
@@ -174,29 +197,22 @@ def _all_medians(start: IntArray, values: FloatArray) -> FloatArray:
 
 
 @kernel
-def _selected(
+def _move_together(
     start: IntArray,
-    index: IntArray,
     local: tuple[FloatArray, FloatArray, FloatArray],
+    index: IntArray,
     keep: BoolArray,
-) -> tuple[IntArray, IntArray, FloatArray]:
-    """Starts, indices and local coordinates (3, M) of the returns that are kept."""
+) -> IntArray:
+    """Move the returns that are kept to the front, in their order; return where cells start now."""
     dx, dy, height = local
-    count = 0
-    for k in range(len(keep)):
-        count += keep[k]
-    ordered = np.empty((3, count))
-    chosen = np.empty(count, dtype=np.int32)
     begins = np.zeros(len(start), dtype=np.int64)
     at = 0
     for c in range(len(start) - 1):
         for k in range(start[c], start[c + 1]):
-            if keep[k]:
-                ordered[0, at], ordered[1, at], ordered[2, at] = dx[k], dy[k], height[k]
-                chosen[at] = index[k]
-                at += 1
+            dx[at], dy[at], height[at], index[at] = dx[k], dy[k], height[k], index[k]
+            at += keep[k]
         begins[c + 1] = at
-    return begins, chosen, ordered
+    return begins
 
 
 @kernel
@@ -230,6 +246,22 @@ def _correct(
 
 
 @kernel
+def _follow(
+    slopes: tuple[FloatArray, FloatArray], new: tuple[FloatArray, FloatArray], neglected: float
+) -> IntArray:
+    """Let the slopes of cells (C,) be the new ones where they differ; return where they do."""
+    some = np.empty(len(slopes[0]), dtype=np.int64)
+    count = 0
+    for c in range(len(some)):
+        moved = abs(new[0][c] - slopes[0][c]) + abs(new[1][c] - slopes[1][c])
+        if not moved <= neglected:  # NaN, before the first time, differs from everything
+            slopes[0][c], slopes[1][c] = new[0][c], new[1][c]
+            some[count] = c
+            count += 1
+    return some[:count]
+
+
+@kernel
 def _correct_some(
     start: IntArray,
     local: tuple[FloatArray, FloatArray, FloatArray],
@@ -243,16 +275,21 @@ def _correct_some(
         _correct(start[c], start[c + 1], local, slope_x[c], slope_y[c], result)
 
 
+def _all_means(start: IntArray, values: FloatArray) -> FloatArray:
+    """Mean of each run of `values` (K,) given by `start` (C + 1,)."""
+    means = np.empty(len(start) - 1)
+    _means_of(start, values, np.arange(len(means)), means)
+    return means
+
+
 @kernel
-def _means(start: IntArray, values: FloatArray) -> FloatArray:
-    """Mean of each run of `values` (K,), summed with the rounding errors carried along.
+def _means_of(start: IntArray, values: FloatArray, runs: IntArray, out: FloatArray) -> None:
+    """Write the means of some runs of `values` (K,), summed with the rounding errors carried along.
 
     The carried sum (Neumaier 1974) makes the mean correctly rounded for all practical purposes,
     so that it does not depend on the order of the returns either.
     """
-    cells = len(start) - 1
-    result = np.full(cells, np.nan)
-    for c in range(cells):
+    for c in runs:
         total, lost = 0.0, 0.0
         for i in range(start[c], start[c + 1]):
             value = values[i]
@@ -262,6 +299,5 @@ def _means(start: IntArray, values: FloatArray) -> FloatArray:
             else:
                 lost += (value - new) + total
             total = new
-        if start[c + 1] > start[c]:
-            result[c] = (total + lost) / (start[c + 1] - start[c])
-    return result
+        size = start[c + 1] - start[c]
+        out[c] = (total + lost) / size if size else np.nan

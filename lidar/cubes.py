@@ -29,7 +29,7 @@ _ROOM = 21
 # Edges of 41 cm to 105 m, as powers of two of a quantum; larger ones have no room.
 _FEWEST_BITS, _USUAL_BITS, _MOST_BITS = 13, 16, _ROOM
 # Returns to a cube: fewer would be all index, more reach far beyond what is asked for.
-_AIM = 500
+_AIM = 120
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,13 +236,22 @@ def _is_inside(x: float, y: float, z: float, box: BoxArrays, reach: float) -> bo
 
 
 @kernel
-def _touching(middle: FloatArray, box: BoxArrays, reach: float) -> IntArray:
+def _touching(
+    middle: FloatArray, start: IntArray, box: BoxArrays, across: FloatArray
+) -> tuple[IntArray, int]:
     chosen = np.empty(len(middle), dtype=np.int64)
-    count = 0
+    center = box[0]
+    count = held = 0
     for t in range(len(middle)):
+        x, y, z = middle[t, 0], middle[t, 1], middle[t, 2]
+        near = abs(x - center[0]) <= across[0]
+        near &= abs(y - center[1]) <= across[1]
+        near &= abs(z - center[2]) <= across[2]
+        near &= _is_inside(x, y, z, box, 0.0)
         chosen[count] = t
-        count += _is_inside(middle[t, 0], middle[t, 1], middle[t, 2], box, reach)
-    return chosen[:count]
+        count += near
+        held += near * (start[t + 1] - start[t])
+    return chosen[:count], held
 
 
 @kernel
@@ -278,11 +287,16 @@ def _keep_inside(points: FloatArray, rows: IntArray, box: BoxArrays) -> int:
     return count
 
 
-def touching(cubes: CubedPoints, box: Box, reach: float = 0.0) -> IntArray:
-    """Return the numbers of the cubes that may hold points within `reach` (m) of `box`."""
-    arrays = (box.center, box.axes, box.half)
-    chosen: IntArray = _touching(cubes.middle, arrays, reach + cubes.reach)
-    return chosen
+def touching(cubes: CubedPoints, box: Box, reach: float = 0.0) -> tuple[IntArray, int]:
+    """Return the cubes (numbers) that may hold points within `reach` (m) of `box`; how many in all.
+
+    A cube that lies apart from the box along an axis of either holds none.
+    """
+    room, slant = 0.5 * edge_of(cubes.bits) + reach, np.abs(box.axes)
+    along = box.half + 0.5 * edge_of(cubes.bits) * slant.sum(axis=1) + reach
+    wide = (box.center, box.axes, along)
+    chosen, held = _touching(cubes.middle, cubes.start, wide, room + box.half @ slant)
+    return chosen, held
 
 
 def unpack_inside(

@@ -176,12 +176,13 @@ def grid_returns(
     gives a mapola without heights.
     """
     options = options or GriddingOptions()
-    inside = sort_into_cells(grid, returns.points, options.reach(grid))
-    if not len(inside.index):
+    cells = sort_into_cells(grid, returns.points, options.reach(grid))
+    if not len(cells.index):
         return _nothing(name, grid, len(returns))
-    cleaned = _without_strays(inside, grid.gsd, options)
-    surface = _settle(cleaned, grid.gsd, options)
-    outlying = 0
+    inside, count = len(cells.index), cells.count
+    cells = _without_strays(cells, grid.gsd, options)
+    stray, outlying = inside - len(cells.index), 0
+    surface = _settle(cells, grid.gsd, options)
     for _ in range(options.rejection.max_rounds):
         outlier = find_outliers(
             surface.cells,
@@ -194,8 +195,21 @@ def grid_returns(
         if not outlier.any():
             break
         outlying += int(np.count_nonzero(outlier))
-        surface = _settle(surface.cells.select(~outlier), grid.gsd, options, start=surface)
-    return _finish(name, grid, returns, (inside, cleaned, surface), outlying, options)
+        surface = _settle(surface.cells.reduced(~outlier), grid.gsd, options, start=surface)
+    report = GriddingReport(
+        offered=len(returns),
+        ignored=len(returns) - inside,
+        stray=stray,
+        outlying=outlying,
+        emptied=int(np.count_nonzero((count > 0) & (surface.cells.count == 0))),
+        iterations=surface.iterations,
+        largest_change_m=surface.change,
+        converged=surface.converged,
+        reason="no height changes any more"
+        if surface.converged
+        else f"the limit of {options.max_iterations} iterations was reached",
+    )
+    return _finish(name, grid, returns, surface, report, options)
 
 
 def _nothing(name: str, grid: MapletGrid, offered: int) -> Gridding:
@@ -275,13 +289,12 @@ def _settle(
     while change > options.tolerance * gsd and iteration < options.max_iterations:
         fitted = at_place
         new_x, new_y = windows.slopes(fitted)
-        # A median may hop between two returns for ever; half steps end that.
-        step = 1.0 if iteration < _FULL_STEPS else 0.5
-        slope_x = slope_x + step * (new_x - slope_x)
-        slope_y = slope_y + step * (new_y - slope_y)
+        if iteration >= _FULL_STEPS:
+            # A median may hop between two returns for ever; half steps end that.
+            new_x, new_y = 0.5 * (slope_x + new_x), 0.5 * (slope_y + new_y)
+        slope_x, slope_y = new_x, new_y
         previous, height = height, medians.at(slope_x, slope_y)
-        at_place = height + slope_x * place_x + slope_y * place_y
-        change = float(np.nanmax(np.abs(height - previous), initial=0.0))
+        at_place, change = _carried(height, previous, (slope_x, slope_y), (place_x, place_y))
         iteration += 1
     converged = change <= options.tolerance * gsd
     corrected = cells.corrected(slope_x, slope_y)
@@ -300,13 +313,33 @@ def _settle(
     )
 
 
+@kernel
+def _carried(
+    height: FloatArray,
+    previous: FloatArray,
+    slopes: tuple[FloatArray, FloatArray],
+    places: tuple[FloatArray, FloatArray],
+) -> tuple[FloatArray, float]:
+    """Heights (R, C) carried from the grid points to the places, and the largest change, metres."""
+    at_place = np.empty_like(height)
+    change = 0.0
+    for row in range(height.shape[0]):
+        for column in range(height.shape[1]):
+            here = (row, column)
+            carried = slopes[0][here] * places[0][here] + slopes[1][here] * places[1][here]
+            at_place[here] = height[here] + carried
+            moved = abs(height[here] - previous[here])
+            change = moved if moved > change else change
+    return at_place, change
+
+
 def _without_strays(cells: CellReturns, gsd: float, options: GriddingOptions) -> CellReturns:
-    """Take the stray returns out of cells that hold too few to tell by themselves."""
+    """Take the stray returns out of cells that hold too few to tell by themselves, in place."""
     for _ in range(options.rejection.max_rounds):
         stray = find_strays(cells, gsd, options.rejection)
         if not stray.any():
             break
-        cells = cells.select(~stray)
+        cells = cells.reduced(~stray)
     return cells
 
 
@@ -314,12 +347,11 @@ def _finish(
     name: str,
     grid: MapletGrid,
     returns: Returns,
-    passes: tuple[CellReturns, CellReturns, _Surface],
-    outlying: int,
+    surface: _Surface,
+    report: GriddingReport,
     options: GriddingOptions,
 ) -> Gridding:
-    """Put the mapola and the report together."""
-    inside, cleaned, surface = passes
+    """Make the mapola of a surface."""
     cells = surface.cells
     spread = np.where(cells.count >= 3, surface.spread, np.nan)
     sigma = height_sigma(
@@ -338,18 +370,6 @@ def _finish(
         count=cells.count,
         spread=spread,
         scan_share=_scan_share(returns, cells.index),
-    )
-    limit = f"the limit of {options.max_iterations} iterations was reached"
-    report = GriddingReport(
-        offered=len(returns),
-        ignored=len(returns) - len(inside.index),
-        stray=len(inside.index) - len(cleaned.index),
-        outlying=outlying,
-        emptied=int(np.count_nonzero((inside.count > 0) & (cells.count == 0))),
-        iterations=surface.iterations,
-        largest_change_m=surface.change,
-        converged=surface.converged,
-        reason="no height changes any more" if surface.converged else limit,
     )
     used = np.zeros(len(returns), dtype=np.bool_)
     used[cells.index] = True

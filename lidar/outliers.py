@@ -138,13 +138,16 @@ def _judged(
     stray = np.zeros(len(height), dtype=np.bool_)
     suspect = np.zeros(len(height), dtype=np.bool_)
     for c in range(len(start) - 1):
-        thin = start[c + 1] - start[c] <= abs(few)
-        for k in range(start[c], start[c + 1]):
-            carried = height[k] - slope_x[c] * dx[k] - slope_y[c] * dy[k]
-            distance = abs(carried - base[c])
-            stray[k] = distance > departure
+        some = slice(start[c], start[c + 1])
+        x, y, h, away = dx[some], dy[some], height[some], stray[some]
+        for k in range(len(h)):
+            away[k] = abs(h[k] - slope_x[c] * x[k] - slope_y[c] * y[k] - base[c]) > departure
+        if len(h) > abs(few):
+            continue
+        for k in range(len(h)):
+            distance = abs(h[k] - slope_x[c] * x[k] - slope_y[c] * y[k] - base[c])
             unjudged = few > 0 and not np.isfinite(distance)
-            suspect[k] = thin and not stray[k] and (distance > limit[c] or unjudged)
+            suspect[start[c] + k] = (distance > limit[c] or unjudged) and not away[k]
     return stray, suspect
 
 

@@ -85,10 +85,9 @@ def _placed(
 def _sorted(points: FloatArray, frame: Frame, half_size: int, reach: float) -> Sorted:
     size = 2 * half_size + 1
     cell = np.empty(len(points), dtype=np.int32)
-    place = np.empty((len(points), 3))
     start = np.zeros(size * size + 1, dtype=np.int64)
     for i in range(len(points)):
-        cell[i], place[i, 0], place[i, 1], place[i, 2] = _placed(points, i, frame, half_size, reach)
+        cell[i], _, _, _ = _placed(points, i, frame, half_size, reach)
         if cell[i] >= 0:
             start[cell[i] + 1] += 1
     for c in range(size * size):
@@ -101,9 +100,11 @@ def _sorted(points: FloatArray, frame: Frame, half_size: int, reach: float) -> S
             k = free[cell[i]]
             free[cell[i]] += 1
             index[k] = i
-            local[0, k] = place[i, 0] - np.floor(place[i, 0] + 0.5)
-            local[1, k] = place[i, 1] - np.floor(place[i, 1] + 0.5)
-            local[2, k] = place[i, 2]
+            # Worked out again: keeping it takes more memory, and time, than this.
+            _, along_x, along_y, height = _placed(points, i, frame, half_size, reach)
+            local[0, k] = along_x - np.floor(along_x + 0.5)
+            local[1, k] = along_y - np.floor(along_y + 0.5)
+            local[2, k] = height
     return start, index, local
 
 

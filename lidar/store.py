@@ -124,17 +124,17 @@ class ScanStore:
 
         As many as :meth:`returns_inside` unpacks, somewhat more than it returns.
         """
-        return sum(part.held(part.touching(box)) for part in self._touching(box))
+        return sum(part.touching(box)[1] for part in self._touching(box))
 
     def returns_inside(self, box: Box) -> Returns:
         """Return all returns inside `box`, in the order of the scans, in each by cube."""
         parts = [(part, part.touching(box)) for part in self._touching(box)]
-        room = sum(part.held(chosen) for part, chosen in parts)
+        room = sum(held for _, (_, held) in parts)
         # Parts write one behind the other: joining what each found would copy it all.
         points, sigma = np.empty((room, 3)), np.empty(room)
         rows, scan = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.int32)
         count = 0
-        for part, chosen in parts:
+        for part, (chosen, _) in parts:
             end = count + part.unpack(chosen, box, points[count:], rows[count:])
             sigma[count:end] = part.sigmas(rows[count:end])
             scan[count:end] = part.scans(rows[count:end])
@@ -177,13 +177,9 @@ class _Part:
         radius = float(np.linalg.norm(self.cubes.middle, axis=1).max()) + self.cubes.reach
         return self.move.reach(radius)
 
-    def touching(self, box: Box) -> IntArray:
-        """Numbers of the cubes that may hold returns which are inside `box` now."""
+    def touching(self, box: Box) -> tuple[IntArray, int]:
+        """Cubes (numbers) that may hold returns which are inside `box` now, and how many in all."""
         return touching(self.cubes, box, self.reach)
-
-    def held(self, chosen: IntArray) -> int:
-        """Count the returns in the `chosen` cubes."""
-        return int((self.cubes.start[chosen + 1] - self.cubes.start[chosen]).sum())
 
     def unpack(self, chosen: IntArray, box: Box, points: FloatArray, rows: IntArray) -> int:
         """Write what is inside `box` now to the front of `points` and `rows`; return how many.
@@ -208,12 +204,12 @@ class _Part:
             return self.scan
         return self.scan + self.arcs.numbers(times_of(self.block, rows))
 
-    def sigmas(self, rows: IntArray) -> FloatArray:
-        """Sigma of single returns, metres; NaN where unknown."""
+    def sigmas(self, rows: IntArray) -> FloatArray | float:
+        """Sigma of single returns, or of all of them, metres; NaN where unknown."""
         sigma = self.block.layers.get("sigma")
         if sigma is None:
-            return np.full(len(rows), self.block.numbers.get("sigma", np.nan))
-        return sigma[rows].astype(np.float64)
+            return self.block.numbers.get("sigma", np.nan)
+        return sigma[rows]
 
 
 def _day(span: tuple[float, float]) -> int:

@@ -57,18 +57,20 @@ class PlaneWindows:
 
         `height` (R, C) are metres at the places; NaN where these are.
         """
-        slopes = np.zeros((2, *height.shape))
-        _apply(_framed(height), self._factor, slopes)
-        place_x, place_y, weight = self._cells
         windows = (self._least, self._max_radius)
-        _slopes_of_wide(self._wide, place_x, place_y, height, weight, windows, slopes)
+        slopes = _slopes(height, self._factor, self._wide, self._cells, windows)
         return slopes[0], slopes[1]
 
 
+@kernel
 def _framed(layer: FloatArray) -> FloatArray:
     """Return a layer with a frame of one cell, 0 there and where it is empty."""
-    framed = np.zeros((layer.shape[0] + 2, layer.shape[1] + 2))
-    framed[1:-1, 1:-1] = np.nan_to_num(layer)
+    rows, columns = layer.shape
+    framed = np.zeros((rows + 2, columns + 2))
+    for row in range(rows):
+        for column in range(columns):
+            value = layer[row, column]
+            framed[row + 1, column + 1] = 0.0 if np.isnan(value) else value
     return framed
 
 
@@ -155,6 +157,21 @@ def _set_factors(
         share = w[j] * sums[0, j]
         factor[0, j] = share * (sums[5, j] * along_x - sums[4, j] * along_y)
         factor[1, j] = share * (sums[3, j] * along_y - sums[4, j] * along_x)
+
+
+@kernel
+def _slopes(
+    height: FloatArray,
+    factor: FloatArray,
+    wide: IntArray,
+    cells: tuple[FloatArray, FloatArray, FloatArray],
+    windows: tuple[float, int],
+) -> FloatArray:
+    """Slopes (2, R, C) of all cells."""
+    slopes = np.zeros((2, *height.shape))
+    _apply(_framed(height), factor, slopes)
+    _slopes_of_wide(wide, cells[0], cells[1], height, cells[2], windows, slopes)
+    return slopes
 
 
 @kernel

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -43,8 +43,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
     temporary = Path(name)
     try:
         yield temporary
-        with temporary.open("rb") as stream:
-            os.fsync(stream.fileno())
+        flush([temporary])
         # mkstemp makes private files; what is kept has the permissions of any new file.
         mask = os.umask(0)
         os.umask(mask)
@@ -54,6 +53,19 @@ def replacing(path: str | Path) -> Iterator[Path]:
         raise write_error(target, error) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def flush(paths: Iterable[Path]) -> None:
+    """Have files on the disk, not only on their way to it.
+
+    Raises
+    ------
+    OSError
+        If one cannot be written.
+    """
+    for path in paths:
+        with path.open("rb") as stream:
+            os.fsync(stream.fileno())
 
 
 def write_bytes(path: str | Path, content: bytes) -> None:

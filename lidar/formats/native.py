@@ -150,7 +150,7 @@ class ScanFile:
                     f"{held} of {self.summary.count} returns are there", "place"
                 )
             # Mapped within the context, so that a file that is too short is named there.
-            content = np.memmap(path, dtype=np.uint8, mode="r")
+            content = np.asarray(np.memmap(path, dtype=np.uint8, mode="r"))
             self.blocks: Sequence[Block] = [
                 _read_block(Path(path), content, group) for group in groups
             ]

@@ -21,17 +21,19 @@ from spcola.formats.map_header import (
     header_of,
     map_length,
 )
-from spcola.formats.sigma import read_sigma, sigma_path, write_sigma
+from spcola.formats.sigma import read_sigma, sigma_content, sigma_path, write_sigma
 from spcola.formats.source import KM, read_bytes
 from spcola.maplet import Maplet
 
 __all__ = [
     "MapFile",
     "MapHeader",
+    "map_content",
     "map_length",
     "read_map",
     "read_maplet",
     "read_sigma",
+    "sigma_content",
     "sigma_path",
     "write_maplet",
     "write_sigma",
@@ -145,6 +147,19 @@ def write_maplet(
     WorkspaceError
         If the file cannot be written.
     """
+    atomic.write_bytes(path, map_content(maplet, header))
+    if sigma_companion:
+        write_sigma(sigma_path(path), maplet.sigma)
+
+
+def map_content(maplet: Maplet, header: MapHeader | None = None) -> bytes:
+    """Return what :func:`write_maplet` writes.
+
+    Raises
+    ------
+    InvalidValueError
+        As there.
+    """
     header = header or MapHeader()
     record = encode_header(maplet, header)
     heights = maplet.height.T.ravel() / (float(record["gsd"][0]) * KM)
@@ -153,9 +168,7 @@ def write_maplet(
     body = record.tobytes() + nodes.tobytes()
     room = map_length(maplet.grid.half_size) - len(body)
     padding = header.padding if len(header.padding) == room else bytes(room)
-    atomic.write_bytes(path, body + padding)
-    if sigma_companion:
-        write_sigma(sigma_path(path), maplet.sigma)
+    return body + padding
 
 
 def _nodes(counts: FloatArray, maplet: Maplet, header: MapHeader) -> AnyArray:

@@ -20,10 +20,10 @@ import h5py
 import numpy as np
 
 from spcola.arrays import AnyArray
-from spcola.atomic import replacing, write_error
+from spcola.atomic import flush, replacing, write_error
 from spcola.errors import FormatError, InvalidValueError, WorkspaceError
 from spcola.formats.hdf5 import new_hdf5
-from spcola.formats.map import sigma_path, write_maplet
+from spcola.formats.map import map_content, sigma_content, sigma_path
 from spcola.maplet import Maplet, MapletGrid
 
 M = TypeVar("M", bound=Maplet)
@@ -88,7 +88,10 @@ class MapStore(Generic[M]):
         try:
             with replacing(folder / self.file) as temporary:
                 names = self._stage(temporary, staging, maplets, sigma_companions)
-                for path in sorted(staging.iterdir()):
+                staged = sorted(staging.iterdir())
+                # All at the end: each by itself would wait for all that was written before it.
+                flush(staged)
+                for path in staged:
                     path.replace(folder / path.name)
             for name in set(former) - set(names):
                 (folder / f"{name}.MAP").unlink(missing_ok=True)
@@ -148,13 +151,20 @@ class MapStore(Generic[M]):
     ) -> list[str]:
         """Write the HDF5 and, into `staging`, the .MAP files; return the names."""
         names: list[str] = []
+        folder = hdf5.parent
         with new_hdf5(hdf5) as file:
             file.attrs["format"] = self.form
             for maplet in maplets:
                 self._check_name(maplet.name, names)
-                path = staging / f"{maplet.name}.MAP"
-                write_maplet(path, maplet, sigma_companion=companions)
-                self._store(file.create_group(maplet.name), maplet, path)
+                path, content = staging / f"{maplet.name}.MAP", map_content(maplet)
+                try:
+                    path.write_bytes(content)
+                    if companions:
+                        sigma_path(path).write_bytes(sigma_content(maplet.sigma))
+                except OSError as error:
+                    raise write_error(folder / path.name, error) from error
+                digest = hashlib.sha256(content).hexdigest()
+                self._store(file.create_group(maplet.name), maplet, digest)
                 names.append(maplet.name)
         return names
 
@@ -165,8 +175,8 @@ class MapStore(Generic[M]):
         if not name or Path(name).name != name or name.startswith("."):
             raise InvalidValueError("is no name for a file", repr(name))
 
-    def _store(self, group: Any, maplet: M, map_path: Path) -> None:
-        """Write one maplet into its group."""
+    def _store(self, group: Any, maplet: M, digest: str) -> None:
+        """Write one maplet into its group, with the digest of its .MAP."""
         for layer in self.layers:
             values = getattr(maplet, layer)
             # In one piece: what is read is always a whole layer.
@@ -177,7 +187,7 @@ class MapStore(Generic[M]):
             center=grid.center, axes=grid.axes, gsd=grid.gsd, half_size=grid.half_size
         )
         group.attrs["center_sigma"] = maplet.center_sigma
-        group.attrs["map_sha256"] = self._digest(map_path)
+        group.attrs["map_sha256"] = digest
         for mapping in self.mappings:
             _store_mapping(group.create_group(mapping), getattr(maplet, mapping))
 

@@ -65,7 +65,12 @@ def write_sigma(path: str | Path, sigma: FloatArray) -> None:
     WorkspaceError
         If the file cannot be written.
     """
-    atomic.write_bytes(path, (np.asarray(sigma).T / KM).astype(">f4").tobytes())
+    atomic.write_bytes(path, sigma_content(sigma))
+
+
+def sigma_content(sigma: FloatArray) -> bytes:
+    """Return what :func:`write_sigma` writes."""
+    return (np.asarray(sigma).T / KM).astype(">f4").tobytes()
 
 
 def _is_sigma_km(values: AnyArray) -> bool:
