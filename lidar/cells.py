@@ -126,10 +126,15 @@ class CellReturns:
             )
             return np.concatenate(list(parts)).reshape(self.shape)
 
-    def corrected(self, slope_x: FloatArray, slope_y: FloatArray) -> FloatArray:
+    def corrected(
+        self, slope_x: FloatArray, slope_y: FloatArray, *, out: FloatArray | None = None
+    ) -> FloatArray:
         """Heights (K,) carried to the grid points with slopes in metres per step [36]."""
+        result = np.empty(len(self.height)) if out is None else out
         local = (self.dx, self.dy, self.height)
-        return _corrected(self.start, local, slope_x.ravel(), slope_y.ravel())
+        every = np.arange(len(self.start) - 1)
+        _correct_some(self.start, local, (slope_x.ravel(), slope_y.ravel()), every, result)
+        return result
 
     def spreads(self, values: FloatArray, center: FloatArray) -> FloatArray:
         """1.4826 × median absolute deviation of `values` (K,) from `center`, by cell."""
@@ -176,6 +181,10 @@ class CorrectedMedians:
         run_medians(cells.start, self._corrected, some, self._height.ravel())
         return self._height.copy()
 
+    def of_returns(self, slope_x: FloatArray, slope_y: FloatArray) -> FloatArray:
+        """Heights (K,) of all returns with these slopes; no medians can be taken after that."""
+        return self._cells.corrected(slope_x, slope_y, out=self._corrected)
+
 
 def sort_into_cells(grid: MapletGrid, points: FloatArray, reach: float) -> CellReturns:
     """Bring points (N, 3), metres, into the cells of their nearest grid points.
@@ -213,19 +222,6 @@ def _move_together(
             at += keep[k]
         begins[c + 1] = at
     return begins
-
-
-@kernel
-def _corrected(
-    start: IntArray,
-    local: tuple[FloatArray, FloatArray, FloatArray],
-    slope_x: FloatArray,
-    slope_y: FloatArray,
-) -> FloatArray:
-    result = np.empty(len(local[2]))
-    for c in range(len(start) - 1):
-        _correct(start[c], start[c + 1], local, slope_x[c], slope_y[c], result)
-    return result
 
 
 @inlined_kernel

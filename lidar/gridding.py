@@ -297,7 +297,7 @@ def _settle(
         at_place, change = _carried(height, previous, (slope_x, slope_y), (place_x, place_y))
         iteration += 1
     converged = change <= options.tolerance * gsd
-    corrected = cells.corrected(slope_x, slope_y)
+    corrected = medians.of_returns(slope_x, slope_y)
     return _Surface(
         cells,
         medians,

@@ -8,7 +8,7 @@ import numpy as np
 
 from lidar.medians import column_medians, median_of, middle_network
 from spcola.arrays import BoolArray, FloatArray, IntArray
-from spcola.kernel import kernel
+from spcola.kernel import inlined_kernel, kernel
 from spcola.robust import MAD_TO_SIGMA
 
 
@@ -76,22 +76,22 @@ def _expect_in_whole(
         column_medians(steps, networks[0], slope_x)
         _list_steps(height, row, radius, 1, 0, steps)
         column_medians(steps, networks[0], slope_y)
-        around[:] = 0.0
+        around[:] = height[row, here]
         n = 0
         for down in range(-radius, radius + 1):
             for right in range(-radius, radius + 1):
-                there = slice(radius + right, columns - radius + right)
                 if down == 0 and right == 0:
-                    around += height[row, there]
                     continue
-                step_x = (place_x[row, here] - right) - place_x[row + down, there]
-                step_y = (place_y[row, here] - down) - place_y[row + down, there]
-                carried[n] = height[row + down, there] + slope_x * step_x + slope_y * step_y
-                around += carried[n]
+                there = slice(radius + right, columns - radius + right)
+                heights = (height[row + down, there], slope_x, slope_y)
+                step_x = (place_x[row, here], right, place_x[row + down, there])
+                step_y = (place_y[row, here], down, place_y[row + down, there])
+                _carry(heights, step_x, step_y, carried[n], around)
                 n += 1
-        column_medians(carried, networks[1], layers[0, row, here])
+        expected = layers[0, row, here]
+        column_medians(carried, networks[1], expected)
         for k in range(n):
-            carried[k] = np.abs(carried[k] - layers[0, row, here])
+            _take_off(carried[k], expected)
         column_medians(carried, networks[1], layers[3, row, here])
         for j in range(wide):
             # One NaN among the heights has made this sum one.
@@ -100,6 +100,34 @@ def _expect_in_whole(
                 value = layers[layer, row, j + radius]
                 value *= MAD_TO_SIGMA if layer == 3 else 1.0
                 layers[layer, row, j + radius] = value if whole[row, j + radius] else np.nan
+
+
+@inlined_kernel
+def _carry(
+    heights: tuple[FloatArray, FloatArray, FloatArray],
+    step_x: tuple[FloatArray, int, FloatArray],
+    step_y: tuple[FloatArray, int, FloatArray],
+    carried: FloatArray,
+    around: FloatArray,
+) -> None:
+    """Carry the heights of one neighbour of each cell of a row to the cells, and add them up.
+
+    `heights` go with the slopes there; a step is the cell's place, less that of its neighbour.
+    """
+    height, slope_x, slope_y = heights
+    here_x, right, there_x = step_x
+    here_y, down, there_y = step_y
+    for j in range(len(carried)):
+        x, y = (here_x[j] - right) - there_x[j], (here_y[j] - down) - there_y[j]
+        carried[j] = height[j] + slope_x[j] * x + slope_y[j] * y
+        around[j] += carried[j]
+
+
+@inlined_kernel
+def _take_off(values: FloatArray, center: FloatArray) -> None:
+    """Make of values their distances from a center."""
+    for j in range(len(values)):
+        values[j] = abs(values[j] - center[j])
 
 
 @kernel

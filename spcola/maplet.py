@@ -77,7 +77,7 @@ class MapletGrid:
         uy = east / np.linalg.norm(east)
         return cls(
             np.asarray(center, dtype=np.float64),
-            np.stack([np.cross(uy, uz), uy, uz]),
+            np.stack([_cross(uy, uz), uy, uz]),
             gsd,
             half_size,
         )
@@ -228,6 +228,12 @@ class Maplet:
     def moved(self, transform: Similarity | Affine) -> Self:
         """Return the maplet on ``grid.moved(transform)``: same heights, new place."""
         return replace(self, grid=self.grid.moved(transform))
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Cross product (3,); of single vectors NumPy's own takes ten times as long."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def check_layer(values: AnyArray, grid: MapletGrid, name: str) -> None:

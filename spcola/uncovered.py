@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from spcola.arrays import FloatArray, IntArray
-from spcola.kernel import kernel
+from spcola.kernel import inlined_kernel, kernel
 from spcola.maplet import MapletGrid
 from spcola.samples import Samples
 
@@ -48,6 +48,7 @@ class Uncovered:
         self._row[order] = np.arange(len(order))
         self._distance = np.full(len(order), np.inf)
         self._furthest = self._start[:-1].copy()
+        self._far = np.inf
 
     @property
     def distance(self) -> FloatArray:
@@ -62,15 +63,15 @@ class Uncovered:
         Its own grid covers a sample, whatever rounding says. The next is the one furthest from
         all centres, the first of them if several are.
         """
-        _cover(
+        self._far, following = _cover(
             (self._points, self._normals, self._number, self._distance),
             (self._start, self._middle, self._furthest),
-            self._wide,
+            (self._far, self._wide),
             (grid.center, grid.axes),
             self._limits,
             index,
         )
-        return int(_furthest_of_all(self._furthest, self._distance, self._number))
+        return int(following)
 
     def mean_normal(self, index: int, radius: float) -> FloatArray:
         """Return the unit mean normal (3,) around the sample `index`, by area.
@@ -95,62 +96,62 @@ class Uncovered:
 def _cover(
     samples: tuple[FloatArray, FloatArray, IntArray, FloatArray],
     cubes: tuple[IntArray, FloatArray, IntArray],
-    wide: float,
+    reaches: tuple[float, float],
     frame: tuple[FloatArray, FloatArray],
     limits: tuple[float, float],
     own: int,
-) -> None:
-    """Mark what a grid covers, and note each cube's furthest; both in place."""
+) -> tuple[float, int]:
+    """Mark what a grid covers, and note each cube's furthest; both in place.
+
+    `reaches` are the largest distance there is, squared, and half a cube's diagonal. Returns the
+    new largest distance and the number of its sample, the first of several; −1 if none is left.
+    """
     points, normals, number, distance = samples
     start, middle, furthest = cubes
-    center, axes = frame
-    side, depth = limits
-    reached = 2.0 * side * side + depth * depth
-    most = 0.0
-    for b in range(len(furthest)):
-        most = max(most, distance[furthest[b]])
-    reach = np.sqrt(max(most, reached)) + wide
+    center, _ = frame
+    most, wide = reaches
+    reach = np.sqrt(max(most, 2.0 * limits[0] ** 2 + limits[1] ** 2)) + wide
+    far, first = COVERED, -1
     for b in range(len(furthest)):
         x, y, z = middle[b, 0] - center[0], middle[b, 1] - center[1], middle[b, 2] - center[2]
-        if x * x + y * y + z * z > reach * reach:
-            continue
-        best = start[b]
-        for i in range(start[b], start[b + 1]):
-            if number[i] == own:
-                distance[i] = COVERED
-            if distance[i] >= 0.0:
-                dx, dy, dz = (
-                    points[i, 0] - center[0],
-                    points[i, 1] - center[1],
-                    points[i, 2] - center[2],
-                )
-                squared = dx * dx + dy * dy + dz * dz
-                distance[i] = min(distance[i], squared)
-                if squared <= reached:
-                    along_x = dx * axes[0, 0] + dy * axes[0, 1] + dz * axes[0, 2]
-                    along_y = dx * axes[1, 0] + dy * axes[1, 1] + dz * axes[1, 2]
-                    h = dx * axes[2, 0] + dy * axes[2, 1] + dz * axes[2, 2]
-                    cosine = (
-                        normals[i, 0] * axes[2, 0]
-                        + normals[i, 1] * axes[2, 1]
-                        + normals[i, 2] * axes[2, 2]
-                    )
-                    near = abs(along_x) <= side and abs(along_y) <= side and abs(h) <= depth
-                    if near and cosine >= FACING:
-                        distance[i] = COVERED
-            if distance[i] > distance[best]:
-                best = i
-        furthest[b] = best
+        if x * x + y * y + z * z <= reach * reach:
+            best = start[b]
+            for i in range(start[b], start[b + 1]):
+                if number[i] == own:
+                    distance[i] = COVERED
+                if distance[i] >= 0.0:
+                    distance[i] = min(distance[i], _left_over(points, normals, i, frame, limits))
+                if distance[i] > distance[best]:
+                    best = i
+            furthest[b] = best
+        # Of equal distances the sample's number decides, not the order of the cubes.
+        best = furthest[b]
+        if distance[best] > far or (distance[best] == far and number[best] < first):
+            far, first = distance[best], number[best]
+    return far, first
 
 
-@kernel
-def _furthest_of_all(furthest: IntArray, distance: FloatArray, number: IntArray) -> int:
-    """Number of the sample furthest from all centres, the first of several; −1 if none is left."""
-    far, first = COVERED, -1
-    for row in furthest:
-        if distance[row] > far or (distance[row] == far and number[row] < first):
-            far, first = distance[row], number[row]
-    return first
+@inlined_kernel
+def _left_over(
+    points: FloatArray,
+    normals: FloatArray,
+    i: int,
+    frame: tuple[FloatArray, FloatArray],
+    limits: tuple[float, float],
+) -> float:
+    """Distance of a sample from a grid's centre, squared; `COVERED` if the grid covers it."""
+    center, axes = frame
+    side, depth = limits
+    dx, dy, dz = points[i, 0] - center[0], points[i, 1] - center[1], points[i, 2] - center[2]
+    squared = dx * dx + dy * dy + dz * dz
+    if squared > 2.0 * side * side + depth * depth:
+        return squared
+    along_x = dx * axes[0, 0] + dy * axes[0, 1] + dz * axes[0, 2]
+    along_y = dx * axes[1, 0] + dy * axes[1, 1] + dz * axes[1, 2]
+    height = dx * axes[2, 0] + dy * axes[2, 1] + dz * axes[2, 2]
+    cosine = normals[i, 0] * axes[2, 0] + normals[i, 1] * axes[2, 1] + normals[i, 2] * axes[2, 2]
+    near = abs(along_x) <= side and abs(along_y) <= side and abs(height) <= depth
+    return COVERED if near and cosine >= FACING else squared
 
 
 @kernel
