@@ -26,7 +26,7 @@ from lidar.planes import PlaneFit
 from lidar.returns import Returns
 from lidar.sigma import height_sigma
 from lidar.windows import PlaneWindows
-from spcola.arrays import AnyArray, FloatArray, IntArray
+from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.errors import SettingsError
 from spcola.kernel import kernel
 from spcola.maplet import MapletGrid
@@ -157,7 +157,7 @@ class Gridding:
 
     mapola: Mapola
     report: GriddingReport
-    used: AnyArray
+    used: BoolArray
 
 
 def make_mapola(
@@ -353,6 +353,7 @@ def _finish(
 ) -> Gridding:
     """Make the mapola of a surface."""
     cells = surface.cells
+    used = _marked(cells.index, len(returns))
     spread = np.where(cells.count >= 3, surface.spread, np.nan)
     sigma = height_sigma(
         cells,
@@ -369,16 +370,14 @@ def _finish(
         sigma=sigma,
         count=cells.count,
         spread=spread,
-        scan_share=_scan_share(returns, cells.index),
+        scan_share=_scan_share(returns, used),
     )
-    used = np.zeros(len(returns), dtype=np.bool_)
-    used[cells.index] = True
     return Gridding(mapola, report, used)
 
 
-def _scan_share(returns: Returns, index: AnyArray) -> dict[str, float]:
-    """Share of the returns at `index` that came from each scan (those that gave any)."""
-    numbers = _counted(returns.scan, index, len(returns.scan_names))
+def _scan_share(returns: Returns, used: BoolArray) -> dict[str, float]:
+    """Share of the returns `used` that came from each scan (those that gave any)."""
+    numbers = _counted(returns.scan, used, len(returns.scan_names))
     total = max(1, int(numbers.sum()))
     return {
         name: float(number / total)
@@ -388,9 +387,18 @@ def _scan_share(returns: Returns, index: AnyArray) -> dict[str, float]:
 
 
 @kernel
-def _counted(numbers: IntArray, chosen: IntArray, most: int) -> IntArray:
-    """How often each number from 0 on, below `most`, is among the chosen (K,) of `numbers`."""
+def _marked(index: IntArray, count: int) -> BoolArray:
+    """Mask (count,) of what `index` lists."""
+    marked = np.zeros(count, dtype=np.bool_)
+    for k in index:
+        marked[k] = True
+    return marked
+
+
+@kernel
+def _counted(numbers: IntArray, chosen: BoolArray, most: int) -> IntArray:
+    """How often each number from 0 on, below `most`, is among the chosen of `numbers` (N,)."""
     counts = np.zeros(most, dtype=np.int64)
-    for k in chosen:
-        counts[numbers[k]] += 1
+    for i in range(len(numbers)):
+        counts[numbers[i]] += chosen[i]
     return counts

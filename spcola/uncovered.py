@@ -34,7 +34,7 @@ class Uncovered:
 
     def __init__(self, samples: Samples, side: float, depth: float) -> None:
         self._limits = (side, depth)
-        edge = max(side, depth)
+        edge = 2.0 * max(side, depth)
         cube = np.floor(samples.points / edge).astype(np.int64)
         order = np.lexsort((cube[:, 2], cube[:, 1], cube[:, 0]))
         cube = cube[order]

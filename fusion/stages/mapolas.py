@@ -46,7 +46,7 @@ class MapolasStage:
     """Scans → mapolas."""
 
     name: str = "mapolas"
-    version: int = 12
+    version: int = 13
     tables: tuple[type[Table], ...] = (
         MapolaSettings,
         BodySettings,
