@@ -21,7 +21,8 @@ Result = TypeVar("Result")
 AHEAD = 2
 """Results per worker that wait to be taken, where nothing else is said."""
 
-
+# Between kernels a worker needs the interpreter for microseconds; by default whoever has it need
+# not give it up for five milliseconds.
 _SWITCH_S = 2e-4
 
 
@@ -80,8 +81,6 @@ class ThreadExecutor:
         # The workers are the parallelism: a BLAS that starts threads of its own in each of them
         # makes small factorisations many times slower.
         blas = threadpool_limits(limits=1, user_api="blas")
-        # Between kernels a worker needs the interpreter for microseconds; by default whoever has it
-        # need not give it up for five milliseconds.
         usual = sys.getswitchinterval()
         sys.setswitchinterval(_SWITCH_S)
         try:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
@@ -72,20 +72,22 @@ class CellReturns:
 
     def select(self, keep: BoolArray) -> CellReturns:
         """Return the returns chosen by the mask `keep` (K,)."""
-        local = [values.copy() for values in (self.dx, self.dy, self.height)]
-        return replace(
-            self, dx=local[0], dy=local[1], height=local[2], index=self.index.copy()
-        ).reduced(keep)
+        local = (self.dx.copy(), self.dy.copy(), self.height.copy())
+        return self._moved_together(keep, local, self.index.copy())
 
     def reduced(self, keep: BoolArray) -> CellReturns:
         """Return the returns chosen by the mask `keep` (K,), in the memory of all of them.
 
-        What they were is lost: of large grids, moving them together is most of what this takes.
+        What they were is lost. On large grids copying is most of what choosing takes.
         """
-        start = _move_together(self.start, (self.dx, self.dy, self.height), self.index, keep)
-        few = slice(0, int(start[-1]))
-        local = (self.dx[few], self.dy[few], self.height[few])
-        chosen = CellReturns(self.shape, start, *local, self.index[few])
+        return self._moved_together(keep, (self.dx, self.dy, self.height), self.index)
+
+    def _moved_together(
+        self, keep: BoolArray, local: tuple[FloatArray, FloatArray, FloatArray], index: IntArray
+    ) -> CellReturns:
+        start = _move_together(self.start, local, index, keep)
+        dx, dy, height = (values[: start[-1]] for values in local)
+        chosen = CellReturns(self.shape, start, dx, dy, height, index[: start[-1]])
         chosen._inherit(self)
         return chosen
 

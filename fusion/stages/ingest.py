@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -200,37 +199,43 @@ class IngestStage:
             If that is so of a scan whose file is gone.
         """
         workspace, settings, digests = context.workspace, context.settings, context.inputs
+        scans = {path: scan_summary(path) for path in workspace.scan_paths()}
+        due = {path: source for path, scan in scans.items() if (source := _due(scan, context))}
         # The shape is read only if a scan is.
-        limits = cache(lambda: radius_limits(workspace, settings))
+        limits = radius_limits(workspace, settings) if due else (0.0, math.inf)
 
         def one(path: Path) -> ScanSummary:
-            scan = scan_summary(path)
-            source = recorded_source(scan)
-            if source is None:
-                return scan
-            digest = digests.get(workspace.relative(source.path))
-            current = scan.parameters.get("import_key") == _key(source, settings)
-            if current and digest in (None, scan.digest):
-                return scan
-            if digest is None:
-                raise WorkspaceError(
-                    f"scan {scan.name} has to be read again ([body] or [import] changed), but its "
-                    "file is gone",
-                    source.path,
-                    "restore the file or the settings",
-                )
-            options = lidar_options(source, settings, path.stem, limits())
-            return _write(path, options, source, settings, digest)
+            options = lidar_options(due[path], settings, path.stem, limits)
+            digest = digests[workspace.relative(due[path].path)]
+            return _write(path, options, due[path], settings, digest)
 
-        paths = workspace.scan_paths()
-        scans = context.map("import", one, paths)
-        rejected = {scan.name: dict(scan.rejected) for scan in scans if scan.rejected}
-        returns = sum(scan.count for scan in scans)
+        scans |= zip(due, context.map("import", one, due), strict=True)
+        rejected = {scan.name: dict(scan.rejected) for scan in scans.values() if scan.rejected}
+        returns = sum(scan.count for scan in scans.values())
         summary = {"scans": len(scans), "returns": returns, "rejected": rejected}
-        return StageResult(tuple(paths), summary)
+        return StageResult(tuple(scans), summary)
 
 
 STAGE = IngestStage()
+
+
+def _due(scan: ScanSummary, context: StageContext) -> Source | None:
+    """Return from where a scan has to be read again; None if it is as the settings have it."""
+    source = recorded_source(scan)
+    if source is None:
+        return None
+    digest = context.inputs.get(context.workspace.relative(source.path))
+    current = scan.parameters.get("import_key") == _key(source, context.settings)
+    if current and digest in (None, scan.digest):
+        return None
+    if digest is None:
+        raise WorkspaceError(
+            f"scan {scan.name} has to be read again ([body] or [import] changed), but its file is "
+            "gone",
+            source.path,
+            "restore the file or the settings",
+        )
+    return source
 
 
 def recorded_source(scan: ScanSummary) -> Source | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from pathlib import Path
 from threading import Event
 
@@ -11,6 +12,7 @@ import pytest
 from fusion.catalog import Catalog
 from fusion.digests import file_digest
 from fusion.initialise import new_workspace
+from fusion.pages import release
 from fusion.workspace import Workspace
 from spcola.errors import WorkspaceError
 
@@ -75,3 +77,17 @@ def test_what_is_no_file_is_refused_before_any_is_read(workspace: Workspace) -> 
         ):
             pytest.fail("nothing is begun")
     catalog.close()
+
+
+def test_files_are_read_alike_where_the_system_takes_no_hints(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(bytes(range(256)) * 10_000)
+    digest = file_digest(path)
+    release(path)
+    release(tmp_path / "gone")
+    assert file_digest(path) == digest == hashlib.sha256(path.read_bytes()).hexdigest()
+    monkeypatch.delattr(os, "posix_fadvise", raising=False)
+    release(path)
+    assert file_digest(path) == digest

@@ -18,8 +18,9 @@ import fusion.cluster
 from fusion.cli.app import app
 from fusion.cluster import ClusterExecutor
 from fusion.initialise import new_workspace
-from fusion.workspace import Workspace
-from lidar.formats.native import write_scan
+from fusion.settings import write_settings
+from fusion.workspace import SETTINGS_FILE, Workspace
+from lidar.formats.native import ScanFile, write_scan
 from lidar.scan import Scan
 from spcola.errors import SettingsError, WorkspaceError
 from spcola.formats.map import write_maplet
@@ -143,6 +144,27 @@ def test_mapolas_made_by_a_cluster_are_the_same_bytes(address: str, workspace: W
     np.testing.assert_array_equal(first.displacement, second.displacement)
     np.testing.assert_array_equal(first.covariance, second.covariance)
     assert np.abs(first.displacement[:, :3]).max() > 0.005
+
+
+def test_scans_read_by_a_cluster_are_the_same_bytes(address: str, tmp_path: Path) -> None:
+    """… also those that other settings have it read again."""
+    points = np.random.default_rng(3).normal([60.0, 0.0, 0.0], 1.0, (500, 3))
+    table = tmp_path / "shots.csv"
+    np.savetxt(table, points, delimiter=",", header="X [m],Y [m],Z [m]", comments="")
+    made = []
+    for name, choice in (("here", ["--workers", "2"]), ("there", ["--cluster", address])):
+        root = new_workspace(tmp_path / name, body="Ball").root
+        columns = ["--columns", "x=X [m],y=Y [m],z=Z [m]"]
+        result = CliRunner().invoke(app, ["import", str(root), str(table), *columns, *choice])
+        assert result.exit_code == 0, result.output
+        settings = Workspace.open(root).settings().with_table("import", sigma_range_m=0.07)
+        write_settings(root / SETTINGS_FILE, settings)
+        result = CliRunner().invoke(app, ["run", str(root), *choice])
+        assert "ingest: ran" in result.output
+        scan = ScanFile(root / "scans" / "shots.h5")
+        assert scan.blocks[0].numbers["sigma"] == pytest.approx(0.07)
+        made.append((root / "scans" / "shots.h5").read_bytes())
+    assert made[0] == made[1]
 
 
 def test_where_there_is_no_cluster_it_is_said(

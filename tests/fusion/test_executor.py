@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -18,6 +19,16 @@ def test_results_keep_the_order_of_the_items() -> None:
         return item * item
 
     assert ThreadExecutor(4).map(slow_first, range(20)) == [n * n for n in range(20)]
+
+
+def test_the_interpreter_is_handed_over_as_before_when_the_work_is_done() -> None:
+    usual = sys.getswitchinterval()
+    during = ThreadExecutor(2).map(lambda _: sys.getswitchinterval(), range(2))
+    assert max(during) < usual
+    assert sys.getswitchinterval() == usual
+    with pytest.raises(ZeroDivisionError):
+        ThreadExecutor(2).map(lambda n: 1 / n, [0])
+    assert sys.getswitchinterval() == usual
 
 
 def test_no_items_give_no_results() -> None:

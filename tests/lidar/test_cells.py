@@ -92,6 +92,34 @@ def test_selected_returns_keep_their_cells():
     assert isinstance(chosen, CellReturns)
     assert np.array_equal(chosen.cell, cells.cell[keep])
     assert np.array_equal(chosen.index, cells.index[keep])
+    assert np.array_equal(chosen.height, cells.height[keep])
+
+
+def test_returns_are_moved_together_in_their_own_memory():
+    cells = sort_into_cells(GRID, scattered(np.random.default_rng(7), 2000), 10.0)
+    keep = np.random.default_rng(8).random(len(cells.index)) < 0.9
+    chosen = cells.select(keep)
+    reduced = cells.reduced(keep)
+    for layer in ("start", "dx", "dy", "height", "index"):
+        assert np.array_equal(getattr(reduced, layer), getattr(chosen, layer)), layer
+    assert np.shares_memory(reduced.height, cells.height)
+    assert not np.shares_memory(chosen.height, cells.height)
+
+
+def test_what_is_known_of_cells_that_lost_nothing_is_kept():
+    """… and is the same as if it had been found anew; cells that lost all know nothing."""
+    cells = sort_into_cells(GRID, scattered(np.random.default_rng(8), 5000), 5.0)
+    keep = np.random.default_rng(9).random(len(cells.index)) > 0.05
+    keep[cells.cell == cells.cell[0]] = False
+    anew = cells.select(keep)
+    assert not {"place", "middle"} & vars(anew).keys()
+    assert np.isfinite(cells.middle).any()
+    assert np.isfinite(cells.place).any()
+    kept = cells.select(keep)
+    assert {"place", "middle"} <= vars(kept).keys()
+    assert np.array_equal(kept.middle, anew.middle, equal_nan=True)
+    assert np.array_equal(kept.place, anew.place, equal_nan=True)
+    assert np.isnan(kept.middle.ravel()[cells.cell[0]])
 
 
 def test_medians_are_taken_over_where_cells_lost_nothing():

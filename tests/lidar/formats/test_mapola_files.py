@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 from dataclasses import replace
 
 import h5py
@@ -51,6 +52,33 @@ def test_round_trip_at_full_precision(tmp_path):
     for mapola in mapolas:
         assert_equal(read_mapola(tmp_path, mapola.name), mapola)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["AA0001.MAP", "AA0002.MAP", "mapolas.h5"]
+
+
+def test_layers_of_one_number_take_no_room(tmp_path):
+    mapola = made("AA0001")
+    unknown = mapola.with_layers(spread=np.full(mapola.grid.shape, np.nan))
+    write_mapolas(tmp_path, [unknown])
+    with h5py.File(tmp_path / "mapolas.h5") as file:
+        room = {
+            layer: file["AA0001"][layer].id.get_storage_size() for layer in ("albedo", "spread")
+        }
+        assert room == {"albedo": 0, "spread": 0}
+        assert file["AA0001/height"].id.get_storage_size() == mapola.height.nbytes
+    assert_equal(read_mapola(tmp_path, "AA0001"), unknown)
+
+
+def test_maps_are_on_the_disk_before_they_take_the_place_of_others(tmp_path, monkeypatch):
+    flushed = []
+    monkeypatch.setattr(os, "fsync", lambda file: flushed.append((os.fstat(file), there())))
+
+    def there():
+        return sorted(path.name for path in tmp_path.glob("*.MAP"))
+
+    write_mapolas(tmp_path, [made("AA0001"), made("AA0002", 2)])
+    (first, before), (second, still) = flushed[:2]
+    assert before == still == []
+    for status, name in ((first, "AA0001.MAP"), (second, "AA0002.MAP")):
+        assert os.path.samestat(status, (tmp_path / name).stat())
 
 
 @pytest.mark.parametrize("shares", [{}, {f"OLA {n}/é": n / 5000 for n in range(5000)}])
