@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from fusion.workspace import SETTINGS_FILE, Workspace
 from lidar.formats.native import ScanFile
 from lidar.kernels import KernelPlace
 from lidar.mirror import MirrorAngles
+from lidar.rangeshift import RangeShift
 from lidar.relocation import Relocation, relocated, relocation, turn_of
 from lidar.reprojection import scan_trajectory
 from lidar.scan import Scan
@@ -53,12 +55,15 @@ def located_store(
             f"{workspace.root / SETTINGS_FILE}: [mapolas] trajectory",
             "choose reference, or empty [spice] kernels",
         )
+    locate: Locator | None
     if place is not None:
-        return ScanStore(workspace.scan_paths(), locate=partial(_by_kernels, place), arc_s=arc_s)
-    trajectory = None
-    if table.trajectory == "spc":
-        trajectory = Trajectory.from_images(workspace.images())
-    locate = locator(change, trajectory, table.max_gap_s)
+        locate = partial(_by_kernels, place)
+    else:
+        images = workspace.images() if table.trajectory == "spc" else None
+        trajectory = None if images is None else Trajectory.from_images(images)
+        locate = locator(change, trajectory, table.max_gap_s)
+    if spice.range_m:
+        locate = partial(_by_ranges, spice.range_m, locate)
     return ScanStore(workspace.scan_paths(), locate=locate, arc_s=arc_s)
 
 
@@ -134,6 +139,16 @@ def _by_kernels(place: KernelPlace, file: ScanFile) -> Relocation:
         return Relocation(moves=True)
 
 
+def _by_ranges(range_m: float, locate: Locator | None, file: ScanFile) -> Relocation:
+    """How a scan moves whose ranges are corrected, and which `locate` locates again."""
+    try:
+        path = file.trajectory()
+    except InvalidValueError:
+        return Relocation(moves=True)
+    move = Relocation() if locate is None else locate(file)
+    return replace(move, ranges=RangeShift(range_m, path.time, path.position))
+
+
 def _radius_of(file: ScanFile) -> float:
     """Largest distance of a scan's returns from the origin, metres, or somewhat more."""
     return float(np.linalg.norm(np.nan_to_num(np.abs(file.summary.bounds)).max(axis=0)))
@@ -167,7 +182,7 @@ def locator(
 def turning(
     workspace: Workspace, spin: SpinSettings, spice: SpiceSettings
 ) -> Callable[[Scan], Scan]:
-    """Return what brings a scan to where the corrected rotation, or kernels, put it.
+    """Return what brings a scan to where corrected ranges and rotation, or kernels, put it.
 
     Returns that have no place there are left out, and counted as rejected.
 
@@ -180,7 +195,11 @@ def turning(
     place = kernel_place(workspace, spice, change)
 
     def turn(scan: Scan) -> Scan:
-        if (change is None and place is None) or not len(scan):
+        if not len(scan):
+            return scan
+        if spice.range_m:
+            scan = _with_ranges(scan, spice.range_m)
+        if change is None and place is None:
             return scan
         radius = float(np.linalg.norm(scan.points, axis=1).max())
         known = scan.time[np.isfinite(scan.time)]
@@ -195,6 +214,15 @@ def turning(
         return relocated(scan, move)
 
     return turn
+
+
+def _with_ranges(scan: Scan, range_m: float) -> Scan:
+    """Return a scan whose ranges are longer by `range_m`, metres."""
+    try:
+        path = scan_trajectory(scan)
+    except InvalidValueError:
+        return relocated(scan, Relocation(moves=True))
+    return relocated(scan, Relocation(ranges=RangeShift(range_m, path.time, path.position)))
 
 
 def spin_change(workspace: Workspace, table: SpinSettings) -> tuple[Spin, Spin] | None:

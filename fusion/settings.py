@@ -114,6 +114,11 @@ class SpiceSettings(Table):
         default=[0.0, 0.0], description="relative correction of azimuth and elevation"
     )
 
+    range_m: float = Field(
+        default=0.0,
+        description="added to the ranges: another reference point; needs no kernels",
+    )
+
     @property
     def mounting(self) -> tuple[float, ...]:
         """All numbers that only mean something in a frame."""

@@ -18,6 +18,7 @@ import numpy as np
 
 from lidar.cubes import QUANTUM_M
 from lidar.mirror import MirrorMotion
+from lidar.rangeshift import RangeShift
 from lidar.scan import Scan
 from spcola.arrays import BoolArray, FloatArray
 from spcola.kernel import inlined_kernel, kernel
@@ -53,6 +54,8 @@ class Relocation:
         By how much what is interpolated may be off, metres.
     mirror : MirrorMotion, optional
         What an error of the lidar's mirror did, undone before anything else.
+    ranges : RangeShift, optional
+        What is added to the ranges, before anything else.
     """
 
     turn_time: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -63,12 +66,15 @@ class Relocation:
     max_gap_s: float = np.inf
     error_m: float = 0.0
     mirror: MirrorMotion | None = None
+    ranges: RangeShift | None = None
 
     def apply(self, points: FloatArray, time: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return the points (N, 3), metres, at their new places, and which have one (N,).
 
         Those without one are NaN: at times that are unknown, or not covered.
         """
+        if self.ranges is not None:
+            points = self.ranges.apply(points, time)
         if self.mirror is not None:
             points = self.mirror.apply(points, time)
         gap = self.max_gap_s if self.moves else np.nan
@@ -87,8 +93,10 @@ class Relocation:
         """Return by how much a point within `radius` of the origin moves at most, metres."""
         angle = np.linalg.norm(self.turn, axis=1).max(initial=0.0)
         shift = np.linalg.norm(self.shift, axis=1).max(initial=0.0)
-        mirror = 0.0 if self.mirror is None else self.mirror.reach(radius)
-        return float(2.0 * np.sin(min(angle, np.pi) / 2.0) * radius + shift + mirror)
+        along = 0.0 if self.ranges is None else abs(self.ranges.shift_m)
+        mirror = 0.0 if self.mirror is None else self.mirror.reach(radius + along)
+        turned = 2.0 * np.sin(min(angle, np.pi) / 2.0) * (radius + along)
+        return float(turned + shift + mirror + along)
 
 
 def relocation(
@@ -149,9 +157,10 @@ def relocated(scan: Scan, move: Relocation) -> Scan:
     Returns that have no place are counted as rejected, by what they lack.
     """
     points, kept = move.apply(scan.points, scan.time)
-    # No mirror aims at the lidar itself.
-    station, _ = replace(move, mirror=None).apply(scan.spacecraft, scan.time)
-    ahead, _ = move.apply(scan.spacecraft + scan.beam, scan.time)
+    # No mirror aims at the lidar itself, and no range leads to it.
+    station, _ = replace(move, mirror=None, ranges=None).apply(scan.spacecraft, scan.time)
+    ahead, _ = replace(move, ranges=None).apply(scan.spacecraft + scan.beam, scan.time)
+    longer = 0.0 if move.ranges is None else move.ranges.shift_m
     timeless = int(np.count_nonzero(np.isnan(scan.time)))
     counts = {NO_TIME: timeless, OUTSIDE: int(np.count_nonzero(~kept)) - timeless}
     chosen = scan.select(kept)
@@ -160,6 +169,7 @@ def relocated(scan: Scan, move: Relocation) -> Scan:
         points=points[kept],
         spacecraft=station[kept],
         beam=(ahead - station)[kept],
+        range=chosen.range + longer,
         rejected=counted(scan.rejected, counts),
     )
 

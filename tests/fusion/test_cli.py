@@ -274,6 +274,27 @@ def test_ctrl_c_leaves_the_workspace_usable(folder: Path, table: Path) -> None:
     assert called("import", folder, table)["scans"][0]["returns"] == 10
 
 
+def test_an_import_that_is_killed_keeps_what_it_had_imported(folder: Path, table: Path) -> None:
+    """… and leaves no half scan; the next one goes on where it was."""
+    endless = folder / "endless.csv"
+    os.mkfifo(endless)  # its reading waits for what never comes
+    with program("import", folder, table, endless) as process:
+        until = time.monotonic() + 60
+        while not list((folder / "scans").glob("[!.]*.h5")) and time.monotonic() < until:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGKILL)
+        process.communicate(timeout=60)
+    assert process.returncode == -signal.SIGKILL
+    done = [path.name for path in (folder / "scans").glob("[!.]*")]
+    assert len(done) == 1
+    endless.unlink()
+    endless.write_text(table.read_text().replace("1", "2"))
+    scans = called("import", folder, table, endless)["scans"]
+    assert [scan["state"] for scan in scans] == ["imported already", "imported"]
+    names = {path.name for path in (folder / "scans").iterdir()}
+    assert names == {*done, "endless.h5"}
+
+
 def test_a_full_disk_is_one_line_and_nothing_is_half_written(folder: Path, tmp_path: Path) -> None:
     big = write_table(tmp_path / "big.csv", np.random.default_rng(1).normal(size=(20_000, 3)))
 

@@ -259,6 +259,59 @@ def test_returns_of_the_store_lie_where_scans_put_them_when_the_mirror_is_correc
     np.testing.assert_array_equal(sent.returns_inside(box).points, found)
 
 
+def longer(scan: Scan, by: float) -> Scan:
+    """The scan as its file would be if every range were longer by so many metres."""
+    return scan.with_points(scan.points + by * scan.beam, range=scan.range + by)
+
+
+def test_mapolas_by_corrected_ranges_are_those_of_corrected_files(tmp_path: Path) -> None:
+    found = scans()
+    corrected = heights(tmp_path / "ranges", found, spice={"range_m": -1.15})
+    files = heights(tmp_path / "files", [longer(scan, -1.15) for scan in found])
+    assert np.isfinite(files).mean() > 0.9
+    assert np.nanquantile(np.abs(corrected - files), 0.98) < 3 * QUANTUM_M
+    # Also of a body that turns meanwhile, or whose trajectory is another.
+    for tables in ({"spin": {**SPIN, **SHIFT}}, {"spice": kernels(tmp_path, [0.3, 0.0, 0.0])}):
+        both = {**tables, "spice": {**tables.get("spice", {}), "range_m": -1.15}}
+        name = "-".join(tables)
+        corrected = heights(tmp_path / f"{name}-ranges", found, **both)
+        files = heights(tmp_path / f"{name}-files", [longer(s, -1.15) for s in found], **tables)
+        assert np.isfinite(files).mean() > 0.9
+        assert np.nanquantile(np.abs(corrected - files), 0.98) < 3 * QUANTUM_M
+
+
+def test_scans_of_corrected_ranges_keep_stations_and_beams(tmp_path: Path) -> None:
+    workspace = new_workspace(tmp_path / "ws", body="Ball")
+    settings = Settings().with_table("spice", range_m=0.4)
+    turn = turning(workspace, settings.spin, settings.spice)
+    for scan in scans():
+        moved, right = turn(scan), longer(scan, 0.4)
+        np.testing.assert_allclose(moved.points, right.points, atol=1e-9)
+        np.testing.assert_array_equal(moved.range, right.range)
+        np.testing.assert_allclose(moved.spacecraft, scan.spacecraft, atol=1e-9)
+        np.testing.assert_allclose(moved.beam, scan.beam, atol=1e-12)
+    timeless = replace(scan, time=np.full(len(scan), np.nan))
+    assert dict(turn(timeless).rejected) == {"no time": len(scan)}
+
+
+def test_returns_are_found_where_longer_ranges_put_them(tmp_path: Path) -> None:
+    workspace = new_workspace(tmp_path / "ws", body="Ball")
+    for scan in scans():
+        write_scan(workspace.root / "scans" / f"{scan.name}.h5", [scan])
+    bare = Scan.of_points("bare", scan.points[:100], body="Ball")
+    write_scan(workspace.root / "scans" / "bare.h5", [bare])
+    settings = Settings().with_table("spice", range_m=25.0)
+    store = located_store(workspace, settings.mapolas, settings.spin, settings.spice)
+    assert store.without_place == {"bare": 100, "one": 0, "two": 0}
+    right = np.concatenate([longer(scan, 25.0).points for scan in scans()])
+    box = Box([35.0, 1.0, -1.0], np.eye(3), [10.0, 2.0, 2.0])
+    found = store.returns_inside(box).points
+    apart, _ = KDTree(right).query(found)
+    assert apart.max() < 2 * QUANTUM_M
+    assert len(found) == pytest.approx(np.count_nonzero(box.holds(right)), abs=3)
+    assert len(found) > 1000
+
+
 @pytest.mark.parametrize(
     ("table", "changed", "message"),
     [
