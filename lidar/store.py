@@ -27,6 +27,10 @@ from spcola.arrays import FloatArray, IntArray
 from spcola.errors import InvalidValueError
 
 _DAY_S = 86400.0
+# Reading one cube maps the pages around it too, so many bytes of a file.
+_MAPPED_BYTES = 1 << 16
+# Of mapped files so many bytes are held at most: a mission's are more than the memory of a machine.
+_MOST_MAPPED_BYTES = 1 << 29
 
 
 class ScanStore:
@@ -78,11 +82,13 @@ class ScanStore:
         if len(bodies) > 1:
             raise InvalidValueError(f"lie in different frames: {', '.join(bodies)}", "scans")
         self._blocks: list[_Part] = []
+        self._files, self._mapped = files, 0
         self.without_place: dict[str, int] = {}
         self.scan_names: tuple[str, ...] = ()
         self.nodes = Nodes.whole(np.empty((0, 3)))
         for file in files:
             self._add(file, locate(file) if locate else None)
+            file.release()
         spheres = [part.sphere for part in self._blocks]
         self._middle = np.array([middle for middle, _ in spheres]).reshape(-1, 3)
         self._radius = np.array([radius for _, radius in spheres])
@@ -139,7 +145,17 @@ class ScanStore:
             sigma[count:end] = part.sigmas(rows[count:end])
             scan[count:end] = part.scans(rows[count:end])
             count = end
+        self._note(sum(len(chosen) for _, (chosen, _) in parts))
         return Returns(points[:count], sigma[:count], scan[:count], self.scan_names)
+
+    def _note(self, cubes: int) -> None:
+        """Note that cubes were read, and give back what is mapped before it becomes too much."""
+        # Threads may lose some of each other's counts: that is no more than a few mapolas.
+        self._mapped += cubes * _MAPPED_BYTES
+        if self._mapped > _MOST_MAPPED_BYTES:
+            self._mapped = 0
+            for file in self._files:
+                file.release()
 
     def _touching(self, box: Box) -> list[_Part]:
         return [self._blocks[k] for k in np.flatnonzero(box.touches(self._middle, self._radius))]

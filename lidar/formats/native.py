@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import mmap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -150,10 +151,17 @@ class ScanFile:
                     f"{held} of {self.summary.count} returns are there", "place"
                 )
             # Mapped within the context, so that a file that is too short is named there.
-            content = np.asarray(np.memmap(path, dtype=np.uint8, mode="r"))
+            with Path(path).open("rb") as raw:
+                self._map = mmap.mmap(raw.fileno(), 0, access=mmap.ACCESS_READ)
+            content = np.frombuffer(self._map, dtype=np.uint8)
             self.blocks: Sequence[Block] = [
                 _read_block(Path(path), content, group) for group in groups
             ]
+
+    def release(self) -> None:
+        """Give back the memory of what was read; what is asked for again is mapped again."""
+        if hasattr(self._map, "madvise"):  # not on Windows
+            self._map.madvise(mmap.MADV_DONTNEED)
 
     def trajectory(self) -> Trajectory:
         """Return where the spacecraft was, over the span of the scan.

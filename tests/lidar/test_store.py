@@ -9,7 +9,7 @@ import pytest
 
 from lidar.box import Box
 from lidar.cubes import QUANTUM_M
-from lidar.formats.native import write_scan
+from lidar.formats.native import ScanFile, write_scan
 from lidar.gridding import GriddingOptions, grid_returns
 from lidar.relocation import relocation
 from lidar.returns import Returns
@@ -73,6 +73,25 @@ def test_returns_inside_a_box_are_all_there(paths: list[Path], scans: list[Scan]
             inside = everything.select(box.holds(everything.points))
             assert rows(store.returns_inside(box)) == rows(inside)
             assert store.count_inside(box) >= len(inside)
+
+
+def test_memory_of_files_is_given_back_and_mapped_again(
+    paths: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """… as a mission has more returns than memory; what is found stays the same."""
+    box, given_back = cube_at([50.0, 0.0, 0.0], 12.0), []
+    store = ScanStore(paths)
+    first = store.returns_inside(box)
+    monkeypatch.setattr("lidar.store._MOST_MAPPED_BYTES", 0)
+    monkeypatch.setattr(
+        ScanFile,
+        "release",
+        lambda file, release=ScanFile.release: (given_back.append(file), release(file)),
+    )
+    for _ in range(2):
+        again = store.returns_inside(box)
+        np.testing.assert_array_equal(again.points, first.points)
+    assert len(given_back) == 2 * len(paths)
 
 
 def test_mapolas_from_the_store_are_those_from_memory(paths: list[Path], scans: list[Scan]) -> None:
