@@ -51,7 +51,8 @@ class Relocation:
     max_gap_s : float
         Displacements further apart than this are not interpolated between.
     error_m : float
-        By how much what is interpolated may be off, metres.
+        By how much what is interpolated may be off, metres: of kernels at most, between states of
+        images one standard deviation where they lie furthest apart.
     mirror : MirrorMotion, optional
         What an error of the lidar's mirror did, undone before anything else.
     ranges : RangeShift, optional
@@ -135,13 +136,15 @@ def relocation(
     if spin is not None and len(times):
         there = turned(spin[0].change_to(spin[1], times), old.at(times))
         reference = Trajectory(old.name, times, there)
-    shifts = trajectory.offset_from(reference).differences
+    offset = trajectory.offset_from(reference)
+    shifts = offset.differences
     return replace(
         turns,
         shift_time=shifts.time,
         shift=shifts.position,
         moves=True,
         max_gap_s=max_gap_s,
+        error_m=offset.widest(max_gap_s),
     )
 
 

@@ -122,7 +122,10 @@ class ScanStore:
 
     @property
     def interpolation_error_m(self) -> float:
-        """By how much returns that are located again may be off by interpolation, metres."""
+        """By how much returns that are located again may be off by interpolation, metres.
+
+        See :attr:`lidar.relocation.Relocation.error_m`.
+        """
         return max((part.move.error_m for part in self._blocks if part.move), default=0.0)
 
     def count_inside(self, box: Box) -> int:

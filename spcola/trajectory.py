@@ -175,6 +175,15 @@ class Offset:
         sigma[covered] = np.sqrt(states + bridge)
         return value, sigma
 
+    def widest(self, max_gap_s: float) -> float:
+        """Return the sigma of the straight line in the middle of the longest gap, metres.
+
+        Of the gaps that are not longer than `max_gap_s`, seconds; 0 where nothing is interpolated.
+        """
+        gaps = np.diff(self.differences.time)
+        gaps = gaps[gaps <= max_gap_s]
+        return float(np.sqrt(self.drift.sum() * gaps.max() / 4.0)) if gaps.size else 0.0
+
     def shares(self, times: ArrayLike) -> csr_array:
         """Return the share (M, K), sparse, that each of the K differences has at times (M,).
 

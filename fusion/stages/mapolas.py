@@ -113,7 +113,7 @@ class MapolasStage:
         lost = {scan: count for scan, count in store.without_place.items() if count}
         if lost:
             summary["returns_without_place"] = lost
-        if context.table(SpiceSettings).kernels:
+        if context.table(SpiceSettings).kernels or table.trajectory == "spc":
             summary["located_within_m"] = store.interpolation_error_m
         workspace.adjustment_path.unlink(missing_ok=True)
         if adjustment is not None:

@@ -27,12 +27,15 @@ from lidar.box import Box
 from lidar.cubes import QUANTUM_M
 from lidar.formats.native import write_scan
 from lidar.scan import Scan
+from spcola.camera import Camera
 from spcola.errors import SettingsError
 from spcola.formats.map import write_maplet
+from spcola.formats.sum import write_summary
+from spcola.image import SpcImage
 from spcola.maplet import Maplet, MapletGrid
 from spcola.spice import KernelSet
 from spcola.spin import Spin, turned
-from spcola.time import SPICE_LOCK
+from spcola.time import SPICE_LOCK, utc_from_et
 
 STATED = Spin(85.45, -60.37, 140.69, 2011.15)
 SHIFT = {"shift_pole_dec_deg": 0.05, "shift_meridian_deg": -0.2}
@@ -257,6 +260,35 @@ def test_returns_of_the_store_lie_where_scans_put_them_when_the_mirror_is_correc
     # So it is on another machine of a cluster, to which the store is sent.
     sent = pickle.loads(pickle.dumps(store))
     np.testing.assert_array_equal(sent.returns_inside(box).points, found)
+
+
+def test_mapolas_move_as_the_states_of_images_do(tmp_path: Path) -> None:
+    workspace = new_workspace(tmp_path / "ws", body="Ball")
+    flat = Maplet("AA0001", GRID, np.zeros((17, 17)))
+    write_maplet(workspace.root / "MAPFILES" / "AA0001.MAP", flat)
+    for scan in scans():
+        write_scan(workspace.root / "scans" / f"{scan.name}.h5", [scan])
+    camera = Camera(100.0, [256, 256], [[60.0, 0, 0], [0, 60.0, 0]], 512, 512)
+    rng = np.random.default_rng(5)
+    for number, time in enumerate(np.linspace(450.0, 1350.0, 10)):
+        off = [0.3, 0.0, 0.0] + 0.02 * rng.normal(size=3)
+        place = np.array([800.0, 0.05 * time, 0.0]) + off
+        utc = utc_from_et(START + time, 6)
+        image = SpcImage(f"I{number:03d}", utc, camera, -place, np.eye(3), [1.0, 0, 0])
+        write_summary(workspace.image_path(image.name), image)
+    result = {}
+    for trajectory in ("reference", "spc"):
+        settings = Settings().with_table("mapolas", adjust=False, trajectory=trajectory)
+        write_settings(workspace.root / SETTINGS_FILE, settings)
+        printed = CliRunner().invoke(app, ["mapolas", str(workspace.root), "--json"])
+        assert printed.exit_code == 0, printed.output
+        result[trajectory] = json.loads(printed.stdout)["summary"], workspace.mapola("AA0001")
+    (summary, by_images), (as_read, read) = result["spc"], result["reference"]
+    rise = np.nanmedian(by_images.height - read.height)
+    assert rise == pytest.approx(0.3, abs=0.03)
+    # States that wander by 2 cm an axis between each other are 2 to 4 cm off halfway.
+    assert 0.01 < summary["located_within_m"] < 0.05
+    assert "located_within_m" not in as_read
 
 
 def longer(scan: Scan, by: float) -> Scan:

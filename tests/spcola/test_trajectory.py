@@ -87,6 +87,18 @@ def test_offset_sigma_is_that_of_the_states_and_of_the_bridge() -> None:
     np.testing.assert_allclose(sigma[1, 1], 0.3 / np.sqrt(2))
 
 
+def test_the_widest_gap_says_how_much_may_be_off_between_states() -> None:
+    times = np.array([0.0, 100.0, 300.0])
+    positions = np.array([[0.0, 0, 0], [1.0, 0, 0], [1.0, 2.0, 0]])
+    new = Trajectory("new", times, positions, np.zeros((3, 3)))
+    offset = new.offset_from(Trajectory("ref", times, np.zeros((3, 3))))
+    _, sigma = offset.at([200.0, 50.0], max_gap_s=1e3)
+    assert offset.widest(1e3) == pytest.approx(np.linalg.norm(sigma[0]))
+    # Over gaps that are too long nothing is interpolated.
+    assert offset.widest(150.0) == pytest.approx(np.linalg.norm(sigma[1]))
+    assert offset.widest(50.0) == 0.0
+
+
 def test_bridge_sigma_is_what_random_walks_show() -> None:
     rng = np.random.default_rng(5)
     walks = np.cumsum(rng.normal(0, 0.1, (20_000, 3)), axis=0)
