@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from fusion.settings import MapolaSettings
 from fusion.stages.base import StageContext
+from fusion.tables import MapolaSettings
 from lidar.adjustment import AdjustmentOptions, ScanAdjustment, adjust_scans, unadjusted
 from lidar.gridding import Gridding, GriddingOptions, grid_returns
 from lidar.overlaps import OverlapEquations, ground_shares, overlap_equations

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fusion.settings import MapolaSettings, SpiceSettings, SpinSettings
+from fusion.tables import MapolaSettings, SpiceSettings, SpinSettings
 from fusion.workspace import SETTINGS_FILE, Workspace
 from lidar.formats.native import ScanFile
 from lidar.kernels import KernelPlace

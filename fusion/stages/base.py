@@ -9,7 +9,8 @@ from typing import Any, Protocol, TypeVar
 
 from fusion.executor import AHEAD, Executor
 from fusion.progress import Progress
-from fusion.settings import Settings, Table
+from fusion.settings import Settings
+from fusion.tables import Table
 from fusion.workspace import Workspace
 from spcola.errors import SettingsError
 

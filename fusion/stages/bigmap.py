@@ -13,17 +13,17 @@ from fusion.fusing.constraints import overlaps
 from fusion.locating import kernel_paths, located_store
 from fusion.memory import check_grid
 from fusion.registration.summary import transform_of
-from fusion.settings import (
+from fusion.settings import Settings
+from fusion.stages.base import StageContext, StageResult
+from fusion.tables import (
     BigmapSettings,
     BigmapSite,
     BodySettings,
     MapolaSettings,
-    Settings,
     SpiceSettings,
     SpinSettings,
     Table,
 )
-from fusion.stages.base import StageContext, StageResult
 from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
 from lidar.bigmap import LidarBigmapOptions, bigmap_from_returns
 from lidar.returns import Returns

@@ -17,9 +17,10 @@ from fusion.fusing.illumination import Illumination
 from fusion.fusing.information import Comparison, SlopeInformation, estimate_information
 from fusion.products.fused import write_fused
 from fusion.registration.summary import Placement, placements_of, transform_of
-from fusion.settings import BodySettings, FuseSettings, Settings, Table
+from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult, find_table
 from fusion.stages.register import maplets_around
+from fusion.tables import BodySettings, FuseSettings, Table
 from fusion.workspace import Workspace, make_folder
 from lidar.mapola import Mapola
 from spcola.arrays import FloatArray

@@ -16,8 +16,9 @@ from fusion.catalog import content_digest
 from fusion.executor import Executor
 from fusion.pages import release
 from fusion.progress import Progress
-from fusion.settings import BodySettings, ImportSettings, Settings, Table
+from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
+from fusion.tables import BodySettings, ImportSettings, Table
 from fusion.workspace import Workspace
 from lidar.formats.native import ScanSummary, scan_summary, write_scan
 from lidar.formats.options import LidarOptions

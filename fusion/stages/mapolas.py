@@ -12,15 +12,9 @@ import numpy as np
 from fusion.adjusting import ScanSource, adjusted, adjustment_summary
 from fusion.locating import kernel_paths, located_store
 from fusion.memory import check_grid
-from fusion.settings import (
-    BodySettings,
-    MapolaSettings,
-    Settings,
-    SpiceSettings,
-    SpinSettings,
-    Table,
-)
+from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
+from fusion.tables import BodySettings, MapolaSettings, SpiceSettings, SpinSettings, Table
 from fusion.workspace import SETTINGS_FILE, Workspace
 from lidar.arcs import Arcs
 from lidar.formats.adjustment import write_adjustment

@@ -15,8 +15,9 @@ from fusion.registration.match import Match, MatchOptions, Surface, match_surfac
 from fusion.registration.resolution import estimate_blur
 from fusion.registration.scans import ScanEffects, share_matrix
 from fusion.registration.summary import MatchedMapolas, registration_json
-from fusion.settings import BodySettings, RegisterSettings, Settings, Table
+from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
+from fusion.tables import BodySettings, RegisterSettings, Table
 from fusion.workspace import SETTINGS_FILE, Workspace
 from spcola.bigmap import BigmapOptions, make_bigmap
 from spcola.errors import NotObservableError

@@ -25,8 +25,9 @@ from fusion.products.manifest import (
 )
 from fusion.products.naming import product_stems
 from fusion.products.surface import write_obj, write_ply
-from fusion.settings import BodySettings, ReleaseSettings, Settings, Table
+from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
+from fusion.tables import BodySettings, ReleaseSettings, Table
 from fusion.workspace import Workspace, make_folder
 from spcola.atomic import write_error
 from spcola.formats.map import read_maplet

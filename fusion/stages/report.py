@@ -8,8 +8,9 @@ from pathlib import Path
 from fusion.products.fused import FUSED_HDF5
 from fusion.report.gather import PLANTED_FILE, gather_report
 from fusion.report.page import make_report
-from fusion.settings import BodySettings, Settings, Table
+from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
+from fusion.tables import BodySettings, Table
 from fusion.workspace import Workspace
 from spcola import atomic
 

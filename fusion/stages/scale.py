@@ -36,16 +36,10 @@ from fusion.scaling.summary import (
     silent_pairs,
     unobserved_json,
 )
-from fusion.settings import (
-    BodySettings,
-    ScaleSettings,
-    Settings,
-    SpiceSettings,
-    SpinSettings,
-    Table,
-)
+from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
 from fusion.stages.register import maplets_around
+from fusion.tables import BodySettings, ScaleSettings, SpiceSettings, SpinSettings, Table
 from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
 from lidar.formats.native import iter_scan, scan_summary
 from lidar.reprojection import reproject, scan_trajectory

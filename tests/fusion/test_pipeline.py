@@ -16,8 +16,9 @@ import pytest
 from fusion.catalog import CATALOG_FILE, Catalog
 from fusion.executor import ThreadExecutor
 from fusion.pipeline import LOCK_FILE, SCRATCH_FOLDER, Pipeline
-from fusion.settings import FuseSettings, MapolaSettings, RegisterSettings, Settings, Table
+from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
+from fusion.tables import FuseSettings, MapolaSettings, RegisterSettings, Table
 from fusion.workspace import Workspace
 from spcola import atomic
 from spcola.errors import SettingsError, WorkspaceError

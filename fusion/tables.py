@@ -1,0 +1,307 @@
+"""Tables of the settings: what each stage may be told, with defaults, limits and meanings."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+Positive = Annotated[float, Field(gt=0.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
+Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
+
+
+class Table(BaseModel):
+    """One table of the settings; what it does not know is refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class BodySettings(Table):
+    """[body]: what the workspace is about."""
+
+    name: str = Field(
+        default="body",
+        pattern=r"^[!-~]([ -~]{0,38}[!-~])?$",  # FITS and SPICE know ASCII only
+        description="name of the body (and of its body-fixed frame), in ASCII",
+    )
+    mean_radius_m: NotNegative = Field(default=0.0, description="mean radius; 0: that of the shape")
+    shape: str = Field(
+        default="", description="file in SHAPEFILES; empty: the only one, or SHAPE.TXT"
+    )
+    shape_unit: Literal["km", "m"] = Field(
+        default="km", description="of an OBJ or PLY shape; ICQ is in km"
+    )
+
+
+class ImportSettings(Table):
+    """[import]: how lidar files are read."""
+
+    sigma_range_m: NotNegative = Field(
+        default=0.0,
+        description="standard deviation of one range where the file states none; 0: unknown",
+    )
+    range_tolerance_m: NotNegative = Field(
+        default=0.0,
+        description="a return whose point and range disagree by more is rejected; 0: as the format",
+    )
+    min_radius_m: NotNegative = Field(
+        default=0.0, description="returns nearer to the centre of the body are rejected"
+    )
+    max_radius_m: NotNegative = Field(
+        default=0.0, description="returns further from it are rejected; both 0: by the shape"
+    )
+    chunk: int = Field(default=1_000_000, ge=1000, description="returns held in memory at a time")
+
+
+class SpinSettings(Table):
+    """[spin]: the body's rotation, and what is to be corrected of it before returns are used."""
+
+    pole_ra_deg: float = Field(
+        default=0.0, description="pole in J2000 by which the lidar files were located"
+    )
+    pole_dec_deg: float = Field(default=90.0, ge=-90.0, le=90.0, description="its declination")
+    meridian_deg: float = Field(
+        default=0.0, description="angle of the prime meridian at J2000 (W0), in those files"
+    )
+    rate_deg_per_day: float = Field(
+        default=0.0, description="rotation of the body in those files; 0: not stated"
+    )
+    shift_pole_ra_deg: float = Field(default=0.0, description="corrected less stated")
+    shift_pole_dec_deg: float = Field(default=0.0, description="corrected less stated")
+    shift_meridian_deg: float = Field(default=0.0, description="corrected less stated")
+    shift_rate_deg_per_day: float = Field(default=0.0, description="corrected less stated")
+
+
+class SpiceSettings(Table):
+    """[spice]: kernels by which returns are located again before they are used; none: as read."""
+
+    kernels: list[str] = Field(
+        default=[],
+        description="SPK, PCK; CK, FK and SCLK for the pointing; paths from the workspace",
+    )
+    prime_meridian: str = Field(
+        default="", description="which of them counts where they disagree about the rotation"
+    )
+    spacecraft: str = Field(default="", description="its name or NAIF number")
+    body: int = Field(default=0, description="NAIF number of the body")
+    frame: str = Field(
+        default="", description="frame of the lidar; empty: beams keep their body-fixed direction"
+    )
+    reference: list[str] = Field(
+        default=[], description="kernels of the pointing by which the lidar files were located"
+    )
+    reference_prime_meridian: str = Field(default="", description="as prime_meridian, for these")
+    boresight_deg: Vector = Field(
+        default=[0.0, 0.0, 0.0], description="rotation of the beams about the axes of the frame"
+    )
+    pupil_m: Vector = Field(
+        default=[0.0, 0.0, 0.0], description="shift of the pupil along the axes of the frame"
+    )
+    mirror_deg: Pair = Field(
+        default=[0.0, 0.0],
+        description="added to azimuth and elevation of the beams: from Z of the frame to X, to Y",
+    )
+    mirror_scale: Pair = Field(
+        default=[0.0, 0.0], description="relative correction of azimuth and elevation"
+    )
+
+    range_m: float = Field(
+        default=0.0,
+        description="added to the ranges: another reference point; needs no kernels",
+    )
+
+    @property
+    def mounting(self) -> tuple[float, ...]:
+        """All numbers that only mean something in a frame."""
+        return (*self.boresight_deg, *self.pupil_m, *self.mirror_deg, *self.mirror_scale)
+
+
+class MapolaSettings(Table):
+    """[mapolas]: how returns become mapolas."""
+
+    source: Literal["maplets", "cover"] = Field(
+        default="maplets",
+        description="centres: those of the SPC maplets, or a covering of the shape",
+    )
+    gsd_m: NotNegative = Field(
+        default=0.0, description="ground sample distance; 0: that of the maplet"
+    )
+    half_size: int = Field(
+        default=0, ge=0, description="q of the (2q+1)² grid; 0: that of the maplet"
+    )
+    overlap: float = Field(
+        default=0.3, ge=0.0, le=0.8, description="of neighbours in a covering, in half sides"
+    )
+    min_count: int = Field(default=1, ge=1, description="returns that a cell needs to get a height")
+    min_coverage: Fraction = Field(
+        default=0.1, description="share of the cells that a mapola must hold to be kept"
+    )
+    outlier_k: Positive = Field(
+        default=5.0, description="returns beyond this many sigmas do not enter"
+    )
+    trajectory: Literal["reference", "spc"] = Field(
+        default="reference",
+        description="by which returns are located: that of their files, or the states of images",
+    )
+    max_gap_s: Positive = Field(
+        default=600.0, description="longest gap between images' states interpolated over"
+    )
+    adjust: bool = Field(
+        default=True, description="whether scans are moved to where they agree in their overlaps"
+    )
+    adjust_sigma_m: Positive = Field(
+        default=0.05, description="first guess of a scan's displacement, per axis; it is estimated"
+    )
+    adjust_sigma_deg: Positive = Field(
+        default=0.003, description="first guess of a scan's rotation; it is estimated"
+    )
+    adjust_arc_s: Positive = Field(
+        default=600.0, description="scans that last longer are moved in arcs of at most this"
+    )
+
+
+class RegisterSettings(Table):
+    """[register]: how mapolas are matched to the SPC surface, and what is fitted."""
+
+    model: Literal["rigid", "similarity", "affine"] = Field(
+        default="similarity", description="6, 7 or 12 parameters"
+    )
+    against: Literal["maplets", "bigmap", "shape"] = Field(
+        default="maplets",
+        description="the surface that is matched: the maplet, its neighbours too, or shape",
+    )
+    capture_m: Positive = Field(default=2.0, description="largest horizontal displacement searched")
+    min_coverage: Fraction = Field(
+        default=0.3, description="share of the grid that both surfaces hold"
+    )
+    min_correlation: Fraction = Field(
+        default=0.5, description="of the two surfaces after the match"
+    )
+    center_sigma_m: Positive = Field(
+        default=0.05, description="expected error of a maplet's centre; its size is estimated"
+    )
+    scan_sigma_m: NotNegative = Field(
+        default=0.05,
+        description="expected error that the returns of a scan share; its size is estimated",
+    )
+    reject_sigmas: Positive = Field(
+        default=5.0, description="mapolas further off than this are rejected"
+    )
+
+
+class FuseSettings(Table):
+    """[fuse]: how lidar heights enter the integration of slopes."""
+
+    loss: Literal["l2", "huber", "cauchy"] = Field(
+        default="huber", description="of lidar constraints"
+    )
+    constraint_fraction: Fraction = Field(
+        default=1.0, description="share of the lidar heights used (a random subset below 1)"
+    )
+    seed: int = Field(default=1, ge=0, description="of the random subset")
+    fill_sigma_m: Positive = Field(
+        default=1.0,
+        description="uncertainty of a height that comes from the shape alone, where no lidar tells",
+    )
+    light: Literal["auto", "images", "sun", "none"] = Field(
+        default="auto",
+        description="what says where SPC has slopes: the frames of its images, only their Sun, "
+        "or nothing; auto: frames, if maplets lie in three or more",
+    )
+
+
+class BigmapSite(Table):
+    """One entry of [bigmap] sites."""
+
+    name: str = Field(pattern=r"^[A-Za-z0-9_]{1,6}$")
+    latitude_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
+    longitude_deg: float = 0.0
+    size_m: NotNegative = 0.0
+    gsd_m: NotNegative = 0.0
+
+
+POLES = [
+    BigmapSite(name="NPOLE", latitude_deg=90.0),
+    BigmapSite(name="SPOLE", latitude_deg=-90.0),
+]
+
+
+class BigmapSettings(Table):
+    """[bigmap]: maplets, returns and fused maplets joined over larger squares."""
+
+    sites: list[BigmapSite] = Field(
+        default=POLES, description="where; size_m 0: half the mean radius; gsd_m 0: the maplets'"
+    )
+    constraint_fraction: Fraction = Field(default=1.0, description="share of averaged heights used")
+    seed: int = Field(default=1, ge=0, description="of the random subset")
+    max_gsd_m: NotNegative = Field(
+        default=0.0, description="coarser maplets are left out; 0: none is"
+    )
+    max_distance_m: NotNegative = Field(
+        default=0.0, description="heights further from the shape are left out; 0: none is"
+    )
+    max_gap: int = Field(
+        default=3, ge=0, description="widest gap of the returns that is bridged, cells"
+    )
+
+
+class ScaleSettings(Table):
+    """[scale]: how the scale, the centre and the prime meridian are found."""
+
+    method: Literal["pairs", "shots"] = Field(
+        default="pairs", description="paired bigmaps, or single shots against the shape"
+    )
+    trajectory: Literal["spc", "reference"] = Field(
+        default="spc", description="by which returns are located, for pairs and for shots"
+    )
+    size_m: Positive = Field(default=100.0, description="side of the paired bigmaps")
+    gsd_m: Positive = Field(default=0.5, description="ground sample distance of the paired bigmaps")
+    min_coverage: Fraction = Field(
+        default=0.3, description="share of the grid that both bigmaps hold"
+    )
+    min_correlation: Fraction = Field(default=0.5, description="of the two bigmaps after the match")
+    center_prior_m: Positive = Field(
+        default=10.0, description="prior sigma of the centre, each axis"
+    )
+    meridian_prior_deg: Positive = Field(
+        default=1.0, description="prior sigma of the prime meridian"
+    )
+    pole_prior_deg: Positive = Field(
+        default=0.1, description="prior sigma of the pole, each direction"
+    )
+    range_bias_prior_m: Positive = Field(
+        default=0.03, description="prior sigma of a constant error of the measured range"
+    )
+    capture_m: Positive = Field(
+        default=5.0, description="largest displacement of paired bigmaps that is searched"
+    )
+    single_sigma_m: Positive = Field(
+        default=0.1, description="expected error of one pair or shot; its size is estimated"
+    )
+    state_sigma_m: NotNegative = Field(
+        default=0.2, description="expected error of an image's state or a scan's; estimated"
+    )
+    day_sigma_m: NotNegative = Field(
+        default=0.02, description="expected error that a day's images share; estimated"
+    )
+    reject_sigmas: Positive = Field(
+        default=5.0, description="pairs or shots further off than this are rejected"
+    )
+    max_shots: int = Field(
+        default=4_000, ge=10, description="single shots used; more are thinned evenly"
+    )
+    max_gap_s: Positive = Field(
+        default=600.0, description="longest gap of the trajectory interpolated over"
+    )
+
+
+class ReleaseSettings(Table):
+    """[release]: what is published."""
+
+    products: list[Literal["map", "fits", "geotiff", "obj", "ply"]] = Field(
+        default=["map", "fits", "geotiff", "obj", "ply"], description="formats written"
+    )
+    version: int = Field(default=1, ge=1, le=999, description="of the products, in their names")
