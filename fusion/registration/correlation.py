@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import fft
 
-from spcola.arrays import BoolArray, FloatArray
+from spcola.arrays import AnyArray, BoolArray, FloatArray
 
 # Fewer points tell no variance.
 _LEAST_POINTS = 30
@@ -42,23 +42,28 @@ def shift_variances(
         in weight meet.
     """
     base = float(np.mean(fixed[fixed_weight > 0]))
-    one, two = moving_mask.astype(np.float64), fixed_weight
-    a, b = (moving - base) * one, fixed - base
-    total = _correlate(one, two, reach)
-    cross = _correlate(a, two * b, reach)
-    first = _correlate(one, two * b, reach) - _correlate(a, two, reach)
-    second = _correlate(one, two * b * b, reach) + _correlate(a * a, two, reach) - 2.0 * cross
+    a, b = moving - base, fixed - base
+    size = _padded(fixed.shape, reach)
+    one, first, second = (fft.rfft2(a**power * moving_mask, size).conj() for power in range(3))
+    two, third, fourth = (fft.rfft2(b**power * fixed_weight, size) for power in range(3))
+    total = _lags(one * two, size, reach)
+    mean = _lags(one * third - first * two, size, reach)
+    square = _lags(one * fourth + second * two - 2.0 * first * third, size, reach)
     with np.errstate(invalid="ignore", divide="ignore"):
-        variance = second / total - (first / total) ** 2
+        variance = square / total - (mean / total) ** 2
     # Half a point for the rounding of the transforms.
     variance[total < _LEAST_POINTS - 0.5] = np.nan
     return np.maximum(variance, 0.0)
 
 
-def _correlate(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:
-    """``Σ_x a(x − shift) b(x)`` for shifts −reach … reach on both axes."""
-    size = tuple(fft.next_fast_len(n + reach, real=True) for n in a.shape)
-    spectrum = np.conj(fft.rfft2(a, size)) * fft.rfft2(b, size)
+def _padded(shape: tuple[int, ...], reach: int) -> tuple[int, int]:
+    """Size of a transform in which lags up to `reach` do not meet the other edge."""
+    rows, columns = (fft.next_fast_len(n + reach, real=True) for n in shape)
+    return rows, columns
+
+
+def _lags(spectrum: AnyArray, size: tuple[int, int], reach: int) -> FloatArray:
+    """Lags −reach … reach on both axes of a correlation given by its spectrum."""
     full = fft.irfft2(spectrum, size)
     index = np.arange(-reach, reach + 1)
     return full[np.ix_(index, index)]
@@ -77,15 +82,15 @@ def autocovariance(residual: FloatArray, reach: int) -> FloatArray:
     Returns
     -------
     (2·reach + 1, 2·reach + 1) ndarray
-        Square metres. Symmetric; the centre is the variance. A Bartlett window takes it to 0 at
-        the edge, which keeps it positive definite.
+        Square metres. Symmetric; the centre is the variance. A Hann window takes it to 0 at the
+        edge, and the lags that hold most of it are left nearly as they are.
     """
     known = np.isfinite(residual)
-    values = np.where(known, residual, 0.0)
-    mask = known.astype(np.float64)
-    count = np.maximum(_correlate(mask, mask, reach), 1.0)
-    raw = _correlate(values, values, reach) / count
-    taper = 1.0 - np.abs(np.arange(-reach, reach + 1)) / (reach + 1.0)
+    size = _padded(residual.shape, reach)
+    mask = np.abs(fft.rfft2(known.astype(np.float64), size)) ** 2
+    power = np.abs(fft.rfft2(np.where(known, residual, 0.0), size)) ** 2
+    raw = _lags(power, size, reach) / np.maximum(_lags(mask, size, reach), 1.0)
+    taper = 0.5 + 0.5 * np.cos(np.pi * np.arange(-reach, reach + 1) / (reach + 1.0))
     return raw * np.outer(taper, taper)
 
 
@@ -102,11 +107,13 @@ def independent_patches(residual: FloatArray, *, reach: int = 20) -> float:
         Largest lag, cells; at most a quarter of the grid is used.
     """
     covariance = autocovariance(residual, _usable(reach, residual))
+    return float(np.count_nonzero(np.isfinite(residual))) / _area(covariance)
+
+
+def _area(covariance: FloatArray) -> float:
+    """Cells that an autocovariance covers, at least one."""
     variance = float(covariance[covariance.shape[0] // 2, covariance.shape[1] // 2])
-    if variance <= 0:
-        return float(np.count_nonzero(np.isfinite(residual)))
-    area = max(float(np.sum(covariance)) / variance, 1.0)
-    return float(np.count_nonzero(np.isfinite(residual))) / area
+    return max(float(np.sum(covariance)) / variance, 1.0) if variance > 0 else 1.0
 
 
 def _usable(reach: int, residual: FloatArray) -> int:
@@ -114,24 +121,34 @@ def _usable(reach: int, residual: FloatArray) -> int:
     return max(1, min(reach, residual.shape[0] // 4))
 
 
-def residual_covariance(
-    design: FloatArray, weight: FloatArray, residual: FloatArray, *, reach: int = 20
+def robust_covariance(
+    design: FloatArray,
+    residual: FloatArray,
+    *,
+    bound: float = 0.0,
+    rise: FloatArray | None = None,
+    reach: int = 20,
 ) -> FloatArray:
-    """Covariance of a weighted least-squares estimate under the errors that the residual shows.
+    """Covariance of a robust least-squares estimate under the errors that the residual shows.
 
-    ``H⁻¹ (Σ_ij g_i w_i C(i − j) w_j g_jᵀ) H⁻¹`` with C the autocovariance of the residuals: errors
-    that neighbours share count as shared (the "sandwich" estimate). What P parameters have
-    taken out of the residuals is put back by n / (n − P), n the independent patches.
+    Huber's estimate solves ``Σ ψ(e_i) g_i = 0``, ψ cutting residuals off at `bound`. With C the
+    autocovariance of ψ(e) and H the sum of g rᵀ over the points that are not cut off, its
+    covariance is ``H⁻¹ (Σ_ij g_i C(i − j) g_jᵀ) H⁻ᵀ``: errors that neighbours share count as
+    shared (the "sandwich" estimate). What P parameters have taken out of the residuals is put back
+    by n / (n − P), n the independent patches.
 
     Parameters
     ----------
     design : (N, N, P) ndarray
-        Partial derivatives g at each grid point.
-    weight : (N, N) ndarray
-        0 where nothing was compared.
+        Partial derivatives g at each grid point; 0 where nothing was compared.
     residual : (N, N) ndarray
         Of one standard deviation throughout (metres, or over the points' own sigma, as the design
         is then too); NaN where nothing was compared.
+    bound : float
+        In the unit of the residual; 0: nothing was cut off.
+    rise : (N, N, P) ndarray, optional
+        r, by how much the residual changes with the estimate, where that is known better than by
+        g, whose own noise would pass for information; g by default.
     reach : int
         Largest lag, cells; at most a quarter of the grid is used.
 
@@ -141,21 +158,34 @@ def residual_covariance(
         In the units of the estimate squared; infinite where there are no more patches than
         parameters. Source: Huber (1967); docs: mathematics §13.
     """
+    size = design.shape[2]
     reach = _usable(reach, residual)
-    covariance = autocovariance(residual, reach)
-    patches = independent_patches(residual, reach=reach)
-    freedom = patches - design.shape[2]
-    fields = np.moveaxis(design * weight[..., None], -1, 0)
-    information = np.einsum("prc,rcq->pq", fields, design)
-    if freedom <= 0:
-        return np.full((design.shape[2],) * 2, np.inf)
-    size = tuple(fft.next_fast_len(n + 2 * reach, real=True) for n in residual.shape)
+    cut = np.clip(residual, -bound, bound) if bound > 0 else residual
+    covariance = autocovariance(cut, reach)
+    patches = np.count_nonzero(np.isfinite(residual)) / _area(covariance)
+    if patches <= size:
+        return np.full((size, size), np.inf)
+    covariance *= patches / (patches - size)
+    held = np.isfinite(residual) & ((np.abs(residual) < bound) | (bound <= 0))
+    inverse = np.linalg.inv(design[held].T @ (design if rise is None else rise)[held])
+    sandwich: FloatArray = inverse @ _smeared(design, covariance) @ inverse.T
+    return (sandwich + sandwich.T) / 2.0
+
+
+def _smeared(design: FloatArray, covariance: FloatArray) -> FloatArray:
+    """``Σ_ij g_i C(i − j) g_jᵀ`` (P, P) over a grid, by FFT; C is held positive."""
+    reach = covariance.shape[0] // 2
+    size = tuple(fft.next_fast_len(n + 2 * reach, real=True) for n in design.shape[:2])
     kernel = np.zeros(size)
     index = np.arange(-reach, reach + 1)
-    kernel[np.ix_(index, index)] = covariance * patches / freedom
-    spread = fft.irfft2(fft.rfft2(fields, size) * fft.rfft2(kernel), size)
-    smeared = spread[:, : residual.shape[0], : residual.shape[1]]
-    middle = np.einsum("prc,qrc->pq", fields, smeared)
-    inverse = np.linalg.inv(information)
-    sandwich: FloatArray = inverse @ (middle + middle.T) @ inverse / 2.0
-    return sandwich
+    kernel[np.ix_(index, index)] = covariance
+    power = np.maximum(fft.rfft2(kernel).real, 0.0)
+    spectra = fft.rfft2(np.moveaxis(design, -1, 0), size).reshape(design.shape[2], -1)
+    # Columns of a real transform that stand for their mirror images too.
+    twice = np.full(power.shape, 2.0)
+    twice[:, 0] = 1.0
+    if size[1] % 2 == 0:
+        twice[:, -1] = 1.0
+    weighted = spectra * (power * twice).ravel()
+    middle: FloatArray = (weighted @ spectra.conj().T).real / (size[0] * size[1])
+    return middle

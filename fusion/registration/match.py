@@ -7,15 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from fusion.registration.correlation import (
-    independent_patches,
-    residual_covariance,
-    shift_variances,
-)
-from fusion.registration.resolution import blur, filled
+from fusion.registration.alignment import Alignment, Fields, Left, align, left_at, tilts
+from fusion.registration.correlation import independent_patches, shift_variances
+from fusion.registration.noise import NoiseSpectrum, bridged, supported
+from fusion.registration.resolution import blur, plane_of
 from spcola.arrays import BoolArray, FloatArray
 from spcola.maplet import MapletGrid
-from spcola.robust import huber_weight, mad
 
 # Two displacements further apart than this many cells are two answers.
 _APART = 3.0
@@ -24,6 +21,17 @@ _MIN_PATCHES = 10.0
 # Share of the points that count alike, as known best: a few that claim far more than the rest, or
 # an error of 0, must not carry the match.
 _BEST = 0.1
+# Cells over which differences hold together, about.
+_AREA = 60.0
+# Ground that differs by no more than this many of its stated sigmas is the same ground, however
+# little relief there is to correlate.
+_AS_STATED = 2.0
+# A filtered match further from the unfiltered one than this many of the latter's sigmas has found
+# another valley.
+_TORN = 5.0
+# A displacement that moves by less than that, cells, has settled; one that is a start for another
+# search, or a rival, sooner.
+_SETTLED, _ROUGH = 1e-4, 0.02
 
 
 @dataclass(frozen=True)
@@ -49,7 +57,7 @@ class MatchOptions:
     min_coverage: float = 0.3
     min_correlation: float = 0.5
     ambiguity: float = 1.2
-    max_iterations: int = 20
+    max_iterations: int = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,14 +131,22 @@ class Match:
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """Two surfaces on one grid at one resolution; gaps filled smoothly."""
+    """Two surfaces on one grid at one resolution, less the plane that they have in common."""
 
-    moving: FloatArray  # the lidar heights, filled
-    moving_mask: BoolArray
+    moving: FloatArray
     fixed: FloatArray
-    fixed_mask: BoolArray
+    plane: FloatArray  # (3,) height in the middle, rise over the grid along x and y
     sigma: FloatArray  # of their difference, against that of the points known best
+    stated: float  # metres, what a `sigma` of 1 is; 0 where none is known
     gsd: float
+
+    @property
+    def moving_known(self) -> BoolArray:
+        return np.isfinite(self.moving)
+
+    @property
+    def fixed_known(self) -> BoolArray:
+        return np.isfinite(self.fixed)
 
 
 def match_surfaces(
@@ -140,15 +156,18 @@ def match_surfaces(
     fixed: Surface,
     *,
     blur_cells: float = 0.0,
+    spectrum: NoiseSpectrum | None = None,
     options: MatchOptions | None = None,
 ) -> Match:
     """Match the lidar heights `moving` to the SPC heights `fixed` on one grid.
 
-    The difference ``fixed(x) − moving(x − d) − d_z − plane``, in units of the two surfaces'
-    sigmas, is made smallest in the sense of Huber: first on whole cells over the capture range,
-    then by Gauss–Newton at sub-cell accuracy. The plane is a nuisance: a maplet's own long-wave
-    tilt must not be taken for a displacement of a sloping surface. Ground that SPC hardly knows,
-    as in shadow, where its heights drift by decimetres together, has little say.
+    The likelihood of the difference ``fixed(x) − moving(x − d) − d_z − plane`` is made greatest,
+    given how both surfaces' sigmas vary from point to point and, with `spectrum`, over which
+    wavelengths the errors are spread; robustly (Huber): first on whole cells over the capture
+    range, then by Gauss–Newton at sub-cell accuracy. The plane is a nuisance: a maplet's own
+    long-wave tilt must not be taken for a displacement of a sloping surface. Ground that SPC
+    hardly knows, as in shadow, where its heights drift by decimetres together, has little say.
+    What the relief does not tell stays 0 within the capture range, which is its sigma then.
 
     Parameters
     ----------
@@ -160,6 +179,8 @@ def match_surfaces(
     blur_cells : float
         Standard deviation, in cells, of the Gaussian that brings the sharper surface (lidar if
         positive, SPC if negative) to the resolution of the other.
+    spectrum : NoiseSpectrum, optional
+        Of the difference of such surfaces; white by default.
     options : MatchOptions, optional
 
     Returns
@@ -169,50 +190,54 @@ def match_surfaces(
     """
     options = options or MatchOptions()
     pair = _prepare(grid, moving, fixed, blur_cells)
-    both = float(np.mean(pair.moving_mask & pair.fixed_mask))
+    both = float(np.mean(pair.moving_known & pair.fixed_known))
     if both < options.min_coverage:
         return _unmatched(name, grid, both, f"only {both:.0%} of the grid is held by both surfaces")
     start, rivals = _coarse(pair, options)
     if max(abs(start)) == _reach(pair, options) > 1:
         edge = f"the best match lies at the edge of the capture range ({options.capture_m:g} m)"
         return _unmatched(name, grid, both, edge)
-    fine = _refine(pair, start, options)
-    if fine is None:
-        return _unmatched(name, grid, both, "the terrain has no relief to hold the match")
-    others = [_refine(pair, rival, options) for rival in rivals]
-    if any(other and _as_good(other, fine, options) for other in others):
-        return _unmatched(
-            name, grid, both, "two displacements fit alike (flat or periodic terrain)"
-        )
-    return _judged(name, grid, pair, fine, options)
+    fields = _plain(pair)
+    # What is only where a sharper search begins need not be found to a thousandth of a cell.
+    plain = _aligned(fields, start, pair.gsd, options, rough=spectrum is not None)
+    if plain is None:
+        return _unmatched(name, grid, both, "too few points are common to both surfaces")
+    others = [_aligned(fields, rival, pair.gsd, options, rough=True) for rival in rivals]
+    alike = [other for other in others if other and _as_good(other, plain, options)]
+    sharp = None if spectrum is None or alike else _whitened(pair, spectrum, plain, options)
+    found = _Found(plain if sharp is None else sharp, left_at(fields, plain, sharp), alike)
+    return _judged(name, grid, pair, found, options)
 
 
 def _prepare(grid: MapletGrid, moving: Surface, fixed: Surface, blur_cells: float) -> _Pair:
-    """Bring both surfaces to one resolution and fill their gaps."""
+    """Bring both surfaces to one resolution, and take out the plane of the fixed one."""
     soft_moving = blur(moving.height, blur_cells) if blur_cells > 0 else moving.height
     soft_fixed = blur(fixed.height, -blur_cells) if blur_cells < 0 else fixed.height
-    return _Pair(
-        filled(soft_moving),
-        np.isfinite(soft_moving),
-        filled(soft_fixed),
-        np.isfinite(soft_fixed),
-        _relative_sigma(moving, fixed),
-        grid.gsd,
+    plane = plane_of(soft_fixed)
+    rows, columns = plane.shape
+    rise = np.array(
+        [
+            plane.mean(),
+            (plane[0, -1] - plane[0, 0]) * columns / (columns - 1),
+            (plane[-1, 0] - plane[0, 0]) * rows / (rows - 1),
+        ]
     )
+    sigma, stated = _relative_sigma(moving, fixed)
+    return _Pair(soft_moving - plane, soft_fixed - plane, rise, sigma, stated, grid.gsd)
 
 
-def _relative_sigma(moving: Surface, fixed: Surface) -> FloatArray:
+def _relative_sigma(moving: Surface, fixed: Surface) -> tuple[FloatArray, float]:
     """Sigma of the difference at each point against that of the points known best, at least 1.
 
-    The displacements searched for are small against how far sigmas reach: where they lie before
-    the move is good enough.
+    Second that of these points, metres; 0 where none is stated. The displacements searched for are
+    small against how far sigmas reach: where they lie before the move is good enough.
     """
     sigma: FloatArray = np.sqrt(moving.variance + fixed.variance)
     both = np.isfinite(moving.height) & np.isfinite(fixed.height)
     if not (sigma[both] > 0).any():
-        return np.ones(sigma.shape)
+        return np.ones(sigma.shape), 0.0
     best = float(np.quantile(sigma[both], _BEST))
-    return np.maximum(sigma / best, 1.0)
+    return np.maximum(sigma / best, 1.0), best
 
 
 def _reach(pair: _Pair, options: MatchOptions) -> int:
@@ -227,12 +252,13 @@ def _coarse(pair: _Pair, options: MatchOptions) -> tuple[FloatArray, list[FloatA
     deep, or deep against what unrelated terrain shows.
     """
     reach = _reach(pair, options)
-    weight = np.where(pair.fixed_mask, pair.sigma**-2, 0.0)
-    variance = shift_variances(pair.moving, pair.moving_mask, pair.fixed, weight, reach=reach)
-    best = np.unravel_index(int(np.nanargmin(variance)), variance.shape)
+    weight = np.where(pair.fixed_known, pair.sigma**-2, 0.0)
+    moving, fixed = (np.nan_to_num(layer) for layer in (pair.moving, pair.fixed))
+    variance = shift_variances(moving, pair.moving_known, fixed, weight, reach=reach)
+    best = _likeliest(variance, pair)
     start = np.array([best[1] - reach, best[0] - reach], dtype=np.float64)
     depth = max(
-        options.ambiguity * _valley_floor(variance, int(best[0]), int(best[1])),
+        options.ambiguity * _valley_floor(variance, *best),
         0.25 * float(np.nanmedian(variance)),
     )
     valleys = np.argwhere(ndimage.minimum_filter(variance, size=5, mode="nearest") == variance)
@@ -245,10 +271,25 @@ def _coarse(pair: _Pair, options: MatchOptions) -> tuple[FloatArray, list[FloatA
     return start, [np.array(rival[1:], dtype=np.float64) for rival in rivals]
 
 
-def _as_good(other: _Fine, best: _Fine, options: MatchOptions) -> bool:
+def _likeliest(variance: FloatArray, pair: _Pair) -> tuple[int, int]:
+    """Row and column of the likeliest shift: that of least variance, unless many are alike.
+
+    ``n/2 ln(variance)`` for n independent differences, and a Gaussian prior as wide as the capture
+    range: over flat ground, or along a ridge, the least of many like variances is none to follow.
+    """
+    reach = variance.shape[0] // 2
+    step = np.arange(-reach, reach + 1) / reach
+    count = np.count_nonzero(pair.moving_known & pair.fixed_known) / _AREA
+    with np.errstate(divide="ignore"):
+        cost = 0.5 * count * np.log(variance) + 0.5 * (step[:, None] ** 2 + step[None, :] ** 2)
+    row, column = np.unravel_index(int(np.nanargmin(cost)), cost.shape)
+    return int(row), int(column)
+
+
+def _as_good(other: Alignment, best: Alignment, options: MatchOptions) -> bool:
     """Whether another displacement leaves about the same difference as the best one."""
     apart = float(np.hypot(*(other.shift - best.shift))) > _APART
-    spread, least = (float(np.nanvar(fine.standardised)) for fine in (other, best))
+    spread, least = (float(np.nanvar(one.left.standardised)) for one in (other, best))
     return apart and spread < options.ambiguity * least
 
 
@@ -272,132 +313,135 @@ def _valley_floor(variance: FloatArray, row: int, column: int) -> float:
     return max(floor, 0.0)
 
 
-@dataclass(frozen=True, eq=False)
-class _Fine:
-    shift: FloatArray  # (x, y) cells
-    dz: float  # metres
-    covariance: FloatArray  # (3, 3) of (x cells, y cells, z metres)
-    residual: FloatArray
-    standardised: FloatArray  # the same over the relative sigma
-    compared: BoolArray
-    moved: FloatArray
-    iterations: int
-    settled: bool
-
-
-def _refine(pair: _Pair, start: FloatArray, options: MatchOptions) -> _Fine | None:
-    """Gauss–Newton on the resampled lidar surface; None where the normal matrix is singular."""
-    size = pair.moving.shape[0]
-    coefficients = ndimage.spline_filter(pair.moving, order=3)
-    holes = (~pair.moving_mask).astype(np.float64)
-    y, x = np.mgrid[:size, :size].astype(np.float64)
-    tilt_x, tilt_y = (x - (size - 1) / 2) / size, (y - (size - 1) / 2) / size
-    shift = start.copy()
-    iterations, settled = 0, False
-    while not settled and iterations < options.max_iterations:
-        iterations += 1
-        where = np.stack([y - shift[1], x - shift[0]])
-        moved = ndimage.map_coordinates(
-            coefficients, where, order=3, prefilter=False, mode="nearest"
-        )
-        hole = ndimage.map_coordinates(holes, where, order=1, mode="constant", cval=1.0)
-        compared = pair.fixed_mask & (hole < 1e-6)
-        slope_y, slope_x = np.gradient(moved)
-        design = np.stack([-slope_x, -slope_y, np.ones_like(moved), tilt_x, tilt_y], axis=-1)
-        design /= pair.sigma[..., None]
-        rows, difference = design[compared], ((pair.fixed - moved) / pair.sigma)[compared]
-        if len(rows) < 30:
-            return None
-        step = _robust_step(rows, difference)
-        if step is None:
-            return None
-        offsets, weight = step
-        shift = shift + np.clip(offsets[:2], -1.0, 1.0)
-        settled = bool(np.max(np.abs(offsets[:2])) < 1e-4)
-    standardised = np.full_like(moved, np.nan)
-    standardised[compared] = difference - rows[:, 2:] @ offsets[2:]
-    weights = np.zeros_like(moved)
-    weights[compared] = weight
-    return _Fine(
-        shift=shift,
-        dz=float(offsets[2]),
-        covariance=residual_covariance(design, weights, standardised)[:3, :3],
-        residual=standardised * pair.sigma,
-        standardised=standardised,
-        compared=compared,
-        moved=moved,
-        iterations=iterations,
-        settled=settled,
+def _aligned(
+    fields: Fields, start: FloatArray, gsd: float, options: MatchOptions, *, rough: bool = False
+) -> Alignment | None:
+    """Gauss–Newton from a whole-cell start; what the relief does not tell stays in the range."""
+    reach = options.capture_m / gsd
+    return align(
+        fields,
+        start,
+        reach=reach,
+        max_iterations=options.max_iterations,
+        tolerance=_ROUGH if rough else _SETTLED,
     )
 
 
-def _robust_step(rows: FloatArray, difference: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """Huber-weighted least squares (a few re-weightings); None where columns depend.
+def _plain(pair: _Pair) -> Fields:
+    """The surfaces as they are, all wavelengths alike."""
+    return Fields(
+        bridged(pair.moving),
+        pair.moving_known,
+        bridged(pair.fixed),
+        pair.fixed_known,
+        pair.sigma,
+        1.0,
+    )
 
-    Returns the offsets (P,) and the weights (N,).
+
+def _whitened(
+    pair: _Pair, spectrum: NoiseSpectrum, plain: Alignment, options: MatchOptions
+) -> Alignment | None:
+    """Align the surfaces again, filtered so that their difference is white; None if no better.
+
+    Where gaps leave too little that the filter can be sure of, or the relief has nothing at short
+    wavelengths, the unfiltered answer is the sharper one.
     """
-    weight: FloatArray = np.ones(len(rows))
-    offsets: FloatArray = np.zeros(rows.shape[1])
-    scale = np.sqrt(np.mean(rows**2, axis=0))
-    if np.min(scale) < 1e-9:
+    fields = Fields(
+        spectrum.whitened(pair.moving),
+        supported(pair.moving_known),
+        spectrum.whitened(pair.fixed),
+        supported(pair.fixed_known),
+        pair.sigma,
+        spectrum.level,
+    )
+    sharp = _aligned(fields, plain.shift, pair.gsd, options)
+    if sharp is None or not sharp.settled or not np.isfinite(sharp.covariance).all():
         return None
-    unit = rows / scale
-    for _ in range(4):
-        weighted = unit * weight[:, None]
-        normal = weighted.T @ unit
-        if np.linalg.cond(normal) > 1e10:
-            return None
-        offsets = np.linalg.solve(normal, weighted.T @ difference)
-        rest = difference - unit @ offsets
-        spread = float(mad(rest))
-        if spread <= 1e-12:
-            break
-        weight = huber_weight(rest / spread)
-    return offsets / scale, weight
+    moved = sharp.shift - plain.shift
+    apart = moved @ np.linalg.solve(plain.covariance[:2, :2], moved)
+    gained = np.trace(sharp.covariance[:2, :2]) < np.trace(plain.covariance[:2, :2])
+    return sharp if gained and apart < _TORN**2 else None
 
 
-def _judged(name: str, grid: MapletGrid, pair: _Pair, fine: _Fine, options: MatchOptions) -> Match:
-    """Turn a refined match into the result, with the reason if it cannot be trusted."""
-    step = np.diag([grid.gsd, grid.gsd, 1.0])
-    local = step @ np.array([*fine.shift, fine.dz])
-    covariance = step @ fine.covariance @ step
-    correlation = _correlation(pair, fine)
-    coverage = float(np.mean(fine.compared))
-    reason = ""
-    patches = independent_patches(fine.standardised)
-    if coverage < options.min_coverage:
-        reason = f"only {coverage:.0%} of the grid could be compared"
-    elif not fine.settled:
-        reason = f"the displacement still moved after {fine.iterations} steps"
-    elif patches < _MIN_PATCHES:
-        reason = (
-            f"the differences hold together over so far that only {patches:.0f} are independent"
-        )
-    elif correlation < options.min_correlation:
-        reason = f"the surfaces correlate by {correlation:.2f} only"
-    elif np.hypot(local[0], local[1]) > options.capture_m:
-        reason = f"the displacement left the capture range ({options.capture_m} m)"
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """The displacement, what is left there of the unfiltered difference, and others as good."""
+
+    best: Alignment
+    left: Left
+    alike: list[Alignment]
+
+
+def _judged(
+    name: str, grid: MapletGrid, pair: _Pair, found: _Found, options: MatchOptions
+) -> Match:
+    """Turn an alignment into the result, with the reason if it cannot be trusted."""
+    local, covariance = _in_metres(pair, found, options)
+    left = found.left
+    correlation = _correlation(pair, left)
+    coverage = float(np.mean(left.compared))
     return Match(
         name=name,
         center=grid.center,
         displacement=grid.axes.T @ local,
         covariance=grid.axes.T @ covariance @ grid.axes,
         local=local,
-        residual=fine.residual,
+        residual=left.standardised * pair.sigma,
         correlation=correlation,
         coverage=coverage,
-        iterations=fine.iterations,
-        reason=reason,
+        iterations=found.best.iterations,
+        reason=_objection(pair, found, options, correlation, local),
     )
 
 
-def _correlation(pair: _Pair, fine: _Fine) -> float:
+def _in_metres(pair: _Pair, found: _Found, options: MatchOptions) -> tuple[FloatArray, FloatArray]:
+    """Displacement (3,) along the grid's axes, metres, and its covariance.
+
+    Along a direction in which others fit as well it is not known within the capture range.
+    """
+    best, slope = found.best, pair.plane[1:] / pair.moving.shape[::-1]
+    covariance = best.covariance[:3, :3].copy()
+    for other in found.alike:
+        along = other.shift - best.shift
+        reach = options.capture_m / pair.gsd
+        covariance[:2, :2] += np.outer(along, along) * reach**2 / (along @ along)
+    # The plane that was taken out has moved too.
+    to_metres = np.diag([pair.gsd, pair.gsd, 1.0])
+    to_metres[2, :2] = slope
+    return to_metres @ np.array([*best.shift, best.plane[0]]), (
+        to_metres @ covariance @ to_metres.T
+    )
+
+
+def _objection(
+    pair: _Pair, found: _Found, options: MatchOptions, correlation: float, local: FloatArray
+) -> str:
+    """Why a match must not be used; empty if it may."""
+    best, left = found.best, found.left
+    coverage, patches = float(np.mean(left.compared)), independent_patches(left.standardised)
+    if coverage < options.min_coverage:
+        return f"only {coverage:.0%} of the grid could be compared"
+    if not best.settled:
+        return f"the displacement still moved after {best.iterations} steps"
+    if patches < _MIN_PATCHES:
+        return f"the differences hold together over so far that only {patches:.0f} are independent"
+    spread = float(np.nanstd(left.standardised))
+    if correlation < options.min_correlation and spread > _AS_STATED * pair.stated:
+        return f"the surfaces correlate by {correlation:.2f} only"
+    if np.hypot(local[0], local[1]) > options.capture_m:
+        return f"the displacement left the capture range ({options.capture_m} m)"
+    return ""
+
+
+def _correlation(pair: _Pair, left: Left) -> float:
     """Weighted correlation of the two surfaces, planes removed, over the compared points."""
-    rows, columns = np.nonzero(fine.compared)
-    share = 1.0 / pair.sigma[fine.compared][:, None]
-    plane = share * np.stack([np.ones(len(rows)), rows, columns], axis=1)
-    both = share * np.stack([pair.fixed[fine.compared], fine.moved[fine.compared]], axis=1)
-    rest = both - plane @ np.linalg.lstsq(plane, both, rcond=None)[0]
+    compared = left.compared
+    share = 1.0 / pair.sigma[compared]
+    tilt_x, tilt_y = tilts(pair.sigma.shape)
+    plane = np.stack([share, share * tilt_x[compared], share * tilt_y[compared]], axis=1)
+    both = share[:, None] * np.stack([pair.fixed[compared], left.moved[compared]], axis=1)
+    rest = both - plane @ np.linalg.solve(plane.T @ plane, plane.T @ both)
     product = rest.T @ rest
     scale = np.sqrt(product[0, 0] * product[1, 1])
     return float(product[0, 1] / scale) if scale > 0 else 0.0

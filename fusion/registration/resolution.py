@@ -1,9 +1,8 @@
 """Bringing two surfaces to one resolution.
 
 Smoothing only one of two matched surfaces biases the scale by tens to hundreds of parts per
-million: a convex body loses height where it is smoothed. SPC smooths, a lidar does not (or
-less), so the blur of one against the other is estimated and given to the sharper one before
-they are compared.
+million. SPC smooths, a lidar does not (or less), so the blur of one against the other is estimated
+and given to the sharper one before they are compared.
 """
 
 from __future__ import annotations
@@ -50,8 +49,29 @@ def filled(height: FloatArray) -> FloatArray:
     return result
 
 
+def trend_of(height: FloatArray) -> FloatArray:
+    """Least-squares paraboloid (R, C) through the known points of `height` (R, C), metres.
+
+    That of :func:`plane_of` if fewer than twelve points are known.
+    """
+    known = np.isfinite(height)
+    if known.sum() < 12:
+        return plane_of(height)
+    y, x = (np.linspace(-1.0, 1.0, n) for n in height.shape)
+    y, x = np.meshgrid(y, x, indexing="ij")
+    design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
+    rows = design[known]
+    solution = np.linalg.lstsq(rows.T @ rows, rows.T @ height[known], rcond=1e-12)[0]
+    trend: FloatArray = design @ solution
+    return trend
+
+
 def blur(height: FloatArray, sigma_cells: float) -> FloatArray:
-    """Gaussian smoothing that leaves planes and unknown points alone.
+    """Gaussian smoothing that leaves paraboloids and unknown points alone.
+
+    SPC smooths slopes and integrates them; where its heights lie is told by stereo. The slopes of a
+    paraboloid are planes, which no smoothing changes, so that the roundness of the body loses
+    nothing: smoothed as heights it would, by σ² over its radius.
 
     Parameters
     ----------
@@ -66,13 +86,13 @@ def blur(height: FloatArray, sigma_cells: float) -> FloatArray:
         NaN where `height` is, and where too little was known around.
     """
     known = np.isfinite(height)
-    plane = plane_of(height)
-    rest = np.where(known, height - plane, 0.0)
+    trend = trend_of(height)
+    rest = np.where(known, height - trend, 0.0)
     support = _smooth(known.astype(np.float64), sigma_cells)
     with np.errstate(invalid="ignore", divide="ignore"):
         soft = _smooth(rest, sigma_cells) / support
     enough = support > _MIN_SUPPORT * _smooth(np.ones(height.shape), sigma_cells)
-    result: FloatArray = np.where(known & enough, soft + plane, np.nan)
+    result: FloatArray = np.where(known & enough, soft + trend, np.nan)
     return result
 
 

@@ -16,6 +16,7 @@ from fusion.registration.fit import (
     similarity_numbers,
 )
 from fusion.registration.match import Match
+from fusion.registration.noise import NoiseSpectrum
 from fusion.registration.scans import ScanEffects
 from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import InvalidValueError
@@ -50,7 +51,11 @@ class MatchedMapolas:
 
 
 def registration_json(
-    registration: Registration, mapolas: MatchedMapolas, *, blur_cells: float
+    registration: Registration,
+    mapolas: MatchedMapolas,
+    *,
+    blur_cells: float,
+    spectrum: NoiseSpectrum | None,
 ) -> dict[str, Any]:
     """Content of ``registration.json`` (DESIGN: keys that other programs read).
 
@@ -61,6 +66,8 @@ def registration_json(
     mapolas : MatchedMapolas
     blur_cells : float
         Blur of the SPC surface against the lidar, cells, that was applied.
+    spectrum : NoiseSpectrum or None
+        Of the differences, by which they were made white.
 
     Returns
     -------
@@ -93,6 +100,7 @@ def registration_json(
             for name, offset in zip(scans.names, offsets, strict=True)
         ],
         "blur_cells": blur_cells,
+        "noise_spectrum": None if spectrum is None else spectrum.as_json(),
         "iterations": registration.iterations,
         "converged": fit.converged,
         "reason": fit.reason,

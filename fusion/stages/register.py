@@ -12,6 +12,7 @@ from fusion.fusing.constraints import overlaps
 from fusion.memory import check_grid
 from fusion.registration.fit import FitOptions, fit_transform
 from fusion.registration.match import Match, MatchOptions, Surface, match_surfaces
+from fusion.registration.noise import NoiseSpectrum, estimate_spectrum
 from fusion.registration.resolution import estimate_blur
 from fusion.registration.scans import ScanEffects, share_matrix
 from fusion.registration.summary import MatchedMapolas, registration_json
@@ -35,7 +36,7 @@ class RegisterStage:
     """Mapolas and SPC surface → registration.json."""
 
     name: str = "register"
-    version: int = 6
+    version: int = 7
     tables: tuple[type[Table], ...] = (RegisterSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
@@ -55,7 +56,7 @@ class RegisterStage:
         return [*workspace.mapola_paths(), *workspace.maplet_files()]
 
     def run(self, context: StageContext) -> StageResult:
-        """Match every mapola, bring both surfaces to one resolution, match again, fit.
+        """Learn from a sample how SPC smooths and errs, match every mapola, fit.
 
         Raises
         ------
@@ -71,7 +72,7 @@ class RegisterStage:
         )
         names = workspace.mapola_names()
 
-        def matched(name: str, blur: float) -> Match:
+        def matched(name: str, blur: float, spectrum: NoiseSpectrum | None = None) -> Match:
             mapola = workspace.mapola(name)
             check_grid(
                 mapola.grid.half_size + table.capture_m / mapola.grid.gsd,
@@ -84,6 +85,7 @@ class RegisterStage:
                 Surface(mapola.height, mapola.sigma),
                 reference(name, mapola.grid),
                 blur_cells=blur,
+                spectrum=spectrum,
                 options=options,
             )
 
@@ -92,7 +94,9 @@ class RegisterStage:
 
         blurs = np.array(context.map("compare resolutions", measured, _sample(names)))
         blur = float(np.nanmedian(blurs)) if np.isfinite(blurs).any() else 0.0
-        matches = context.map("match mapolas", lambda name: matched(name, blur), names)
+        first = context.map("compare errors", lambda name: matched(name, blur), _sample(names))
+        spectrum = estimate_spectrum(match.residual for match in first if match.usable)
+        matches = context.map("match mapolas", lambda name: matched(name, blur, spectrum), names)
         usable = [match for match in matches if match.usable]
         if not usable:
             raise NotObservableError(
@@ -113,7 +117,7 @@ class RegisterStage:
                 reject=table.reject_sigmas,
             ),
         )
-        content = registration_json(registration, mapolas, blur_cells=blur)
+        content = registration_json(registration, mapolas, blur_cells=blur, spectrum=spectrum)
         path = context.write_json(workspace.registration_path.name, content)
         summary = {k: v for k, v in content.items() if k not in _LONG}
         return StageResult((path,), summary)
@@ -139,15 +143,15 @@ def _with_scans(
     return MatchedMapolas(matches, scans, scans.at(shares, centers), scans.beside(shares, centers))
 
 
-_LONG = frozenset({"per_mapola", "per_scan", "covariance", "parameters"})
+_LONG = frozenset({"per_mapola", "per_scan", "covariance", "parameters", "noise_spectrum"})
 
-# The blur is one number for the whole solution; this many mapolas tell it.
-_BLUR_SAMPLE = 24
+# Blur and spectrum are of the whole solution; this many mapolas tell them.
+_SAMPLE = 24
 
 
 def _sample(names: list[str]) -> list[str]:
     """At most that many names, spread over the list, the same in each run."""
-    return names[:: -(-len(names) // _BLUR_SAMPLE)]
+    return names[:: -(-len(names) // _SAMPLE)]
 
 
 def _blur(match: Match, reference: Reference, grid: MapletGrid) -> float:

@@ -6,6 +6,7 @@ from scipy import ndimage
 
 from fusion.registration.correlation import autocovariance, shift_variances
 from fusion.registration.match import MatchOptions, Surface, match_surfaces
+from fusion.registration.noise import bridged, estimate_spectrum, supported
 from fusion.registration.resolution import blur, estimate_blur, filled, plane_of
 from spcola.maplet import MapletGrid
 
@@ -55,6 +56,69 @@ def test_pulls_are_of_unit_width_for_white_and_for_correlated_errors(correlated)
     assert np.all((width > 0.75) & (width < 1.4)), width
 
 
+def correlated_noise(generator, cells):
+    """Noise of standard deviation 1 that holds together over some cells."""
+    noise = ndimage.gaussian_filter(generator.normal(size=(99, 99)), cells, mode="wrap")
+    return noise / noise.std()
+
+
+def errors_and_sigmas(seeds, spectrum):
+    """Errors (S, 3) of matches under SPC's noise of 10 cm over five cells, and their sigmas."""
+    rows = []
+    for seed in seeds:
+        generator = np.random.default_rng(2000 + seed)
+        spc = blur(terrain(seed, shift=(0.4, 0.3), smooth=1.2, relief=0.3), 1.2)
+        spc += 0.1 * correlated_noise(generator, 2.5) + 0.005 * generator.normal(size=spc.shape)
+        lidar = terrain(seed, smooth=1.2, relief=0.3) + 0.01 * generator.normal(size=spc.shape)
+        match = matched(lidar, spc, blur_cells=1.2, spectrum=spectrum)
+        assert match.usable, match.reason
+        spread = np.sqrt(np.diag(GRID.axes @ match.covariance @ GRID.axes.T))
+        rows.append((match.local - [0.2, 0.15, 0.0], spread, match))
+    return np.array([row[0] for row in rows]), np.array([row[1] for row in rows]), rows
+
+
+def test_the_likelihood_of_correlated_errors_is_several_times_sharper_and_honest():
+    plain, _, rows = errors_and_sigmas(range(30), None)
+    spectrum = estimate_spectrum(row[2].residual for row in rows[:12])
+    sharp, sigma, _ = errors_and_sigmas(range(30), spectrum)
+    before, after = (np.sqrt(np.mean(np.square(errors[:, :2]))) for errors in (plain, sharp))
+    assert after < 0.25 * before, (before, after)
+    width = np.sqrt(np.mean(np.square(sharp / sigma), axis=0))
+    assert np.all((width > 0.7) & (width < 1.35)), width
+
+
+def test_spectrum_of_known_noise_and_its_filter():
+    generator = np.random.default_rng(3)
+    noise = [correlated_noise(generator, 2.0) for _ in range(20)]
+    spectrum = estimate_spectrum(noise)
+    known = np.exp(-4.0 * np.pi**2 * 2.0**2 * spectrum.wavenumber**2)
+    strong = known > 0.05
+    np.testing.assert_allclose(spectrum.power[strong], known[strong], atol=0.08)
+    # Where the filter trusts the spectrum, what comes out is white.
+    white = np.stack([spectrum.whitened(layer)[10:-10, 10:-10] for layer in noise])
+    power = np.mean(np.abs(np.fft.rfft2(white)) ** 2, axis=0)
+    k = np.hypot(np.fft.fftfreq(79)[:, None], np.fft.rfftfreq(79)[None, :])
+    inside = (k > 0.02) & (k < 0.12)
+    assert power[inside].std() / power[inside].mean() < 0.5
+    # What is alike everywhere passes by the stated gain; noise of no variance tells nothing.
+    np.testing.assert_allclose(spectrum.whitened(np.full((99, 99), 2.0)), 2.0 * spectrum.level)
+    assert estimate_spectrum([np.full((99, 99), np.nan), np.zeros((99, 99))]) is None
+
+
+def test_gaps_are_bridged_and_what_is_near_them_does_not_count():
+    surface = terrain(4, smooth=3.0)
+    holed = surface.copy()
+    holed[50, 50] = np.nan
+    assert bridged(holed)[50, 50] == pytest.approx(surface[50, 50], abs=0.04)
+    known = np.isfinite(holed)
+    assert supported(known)[50, 53]
+    assert not supported(known)[50, 50]
+    known[20:40, 20:40] = False
+    assert not supported(known)[19, 30]
+    assert supported(known)[15, 30]
+    assert not bridged(np.full((5, 5), np.nan)).any()
+
+
 def test_boulders_that_one_surface_lacks_do_not_pull():
     generator = np.random.default_rng(5)
     lidar, spc = terrain(3), terrain(3, shift=(0.5, 0.0))
@@ -79,22 +143,32 @@ def test_gaps_do_not_matter_but_too_many_are_said():
     assert np.isnan(refused.displacement).all()
 
 
-@pytest.mark.parametrize("surface", ["flat", "cylinder", "periodic"])
-def test_terrain_that_cannot_hold_a_match_is_refused_or_uncertain(surface):
-    generator = np.random.default_rng(7)
+@pytest.mark.parametrize("surface", ["flat", "ridged", "periodic"])
+def test_what_terrain_does_not_tell_is_as_uncertain_as_the_capture_range(surface):
+    """Along a ridge, or by whole periods, a surface slides over itself; up and down it does not."""
     y, x = np.mgrid[-49:50, -49:50].astype(float)
-    base = {
-        "flat": 0.0 * x,
-        "cylinder": 0.3 * np.sin(x / 9.0) + 0.002 * x**2 / 10,
-        "periodic": 0.3 * (np.sin(x) + np.sin(y)),
+    base, told = {
+        "flat": (0.0 * x, [False, False]),
+        "ridged": (0.3 * np.sin(x / 9.0) + 0.0002 * x**2, [True, False]),
+        "periodic": (0.3 * (np.sin(x) + np.sin(y)), [False, False]),
     }[surface]
-    noisy = [base + 0.02 * generator.normal(size=x.shape) for _ in range(2)]
-    match = matched(*noisy, options=MatchOptions(capture_m=4.0))
-    if match.usable:
-        sigma = np.sqrt(np.diag(GRID.axes @ match.covariance @ GRID.axes.T))
-        assert sigma[1] > 20 * sigma[0]
-    else:
-        assert match.reason
+    pulls = []
+    for seed in range(6):
+        generator = np.random.default_rng(70 + seed)
+        lidar, spc = (base + 0.02 * generator.normal(size=x.shape) for _ in range(2))
+        sigma = np.full(x.shape, 0.02)
+        match = match_surfaces(
+            "M", GRID, Surface(lidar, sigma), Surface(spc + 0.4, sigma),
+            options=MatchOptions(capture_m=4.0),
+        )  # fmt: skip
+        assert match.usable, match.reason
+        spread = np.sqrt(np.diag(GRID.axes @ match.covariance @ GRID.axes.T))
+        for axis in range(2):
+            assert spread[axis] < 0.05 if told[axis] else spread[axis] > 3.0
+            assert abs(match.local[axis]) < 3 * spread[axis]
+        pulls.append((match.local[2] - 0.4) / spread[2])
+        assert spread[2] < 0.005
+    assert np.sqrt(np.mean(np.square(pulls))) < 1.6
 
 
 def dark_part(seed):
@@ -162,9 +236,15 @@ def test_autocovariance_of_a_known_process():
     field = ndimage.uniform_filter(generator.normal(size=(400, 400)), 3, mode="wrap")
     field[generator.random(field.shape) < 0.1] = np.nan
     lags = autocovariance(field, 5)
-    taper = 1 - np.abs(np.arange(-5, 6)) / 6
+    taper = 0.5 + 0.5 * np.cos(np.pi * np.arange(-5, 6) / 6)
     expected = np.maximum(3 - np.abs(np.arange(-5, 6)), 0) / 9
     np.testing.assert_allclose(lags, np.outer(expected * taper, expected * taper), atol=2e-3)
+
+
+def test_blur_leaves_the_roundness_of_the_body_alone():
+    y, x = np.mgrid[-49:50, -49:50].astype(float)
+    round_ground = -(x**2 + 0.7 * y**2 - 0.3 * x * y) / 300.0
+    np.testing.assert_allclose(blur(round_ground, 2.0), round_ground, atol=1e-9)
 
 
 def test_blur_leaves_planes_and_gaps_alone_and_is_found_again():

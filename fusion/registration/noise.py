@@ -1,0 +1,165 @@
+"""How the difference of two surfaces is spread over wavelengths, and the filter that evens it out.
+
+Errors of SPC heights hold together over several cells: nearly all of their power lies at long
+wavelengths, while the relief that tells a displacement has much of its own at short ones. In a fit
+that takes the points as equals the few long waves drown what the many short ones say. Both surfaces
+are therefore passed through the filter that makes their difference white: the likelihood of
+correlated Gaussian errors is that of white ones after it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft, ndimage
+
+from fusion.registration.correlation import autocovariance
+from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape, frozen
+from spcola.errors import InvalidValueError
+from spcola.gaps import carried_on
+from spcola.robust import mad
+
+# Below this share of the largest power a residual shows what the model of the surfaces lacks, and
+# not noise: the filter trusts no wavelength more than this allows.
+_LEAST = 3e-3
+# Lags, cells, over which the noise of a residual is looked at, and rings of wavenumber.
+_REACH = 24
+_RINGS = 37
+# Robust standard deviations at which a difference is cut off: a boulder is no noise.
+_CUT = 3.0
+# Cells by which a field is carried on beyond its edges, mirrored, and over which a gap is bridged.
+_MARGIN = 24
+_BRIDGE = 1.0
+# Standard deviation, cells, of the neighbourhood of which a filtered point must know this share.
+_SUPPORT = 1.5
+_KNOWN = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseSpectrum:
+    """Power of the difference of two surfaces by wavenumber, alike in all directions.
+
+    Parameters
+    ----------
+    wavenumber : (K,) array_like
+        Cycles per cell, increasing from 0.
+    power : (K,) array_like
+        Relative; only the shape matters.
+
+    Raises
+    ------
+    InvalidValueError
+        If lengths disagree, a number is not finite, or no power is positive.
+    """
+
+    wavenumber: FloatArray
+    power: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "wavenumber", frozen(self.wavenumber, (None,), "wavenumber"))
+        check_shape(np.asarray(self.power), self.wavenumber.shape, "power")
+        object.__setattr__(self, "power", frozen(self.power, (None,), "power"))
+        check_finite(self.wavenumber, "wavenumber")
+        check_finite(self.power, "power")
+        if not self.power.max() > 0:
+            raise InvalidValueError("is nowhere positive", "power")
+
+    def gain(self, wavenumber: FloatArray) -> FloatArray:
+        """Gain (…) of the whitening filter at wavenumbers (…), cycles per cell; at most 1."""
+        least = _LEAST * float(self.power.max())
+        at = np.maximum(np.interp(wavenumber, self.wavenumber, self.power), least)
+        gain: FloatArray = np.sqrt(least / at)
+        return gain
+
+    def as_json(self) -> dict[str, list[float]]:
+        """Wavenumber (cycles per cell) and power, as other programs read them."""
+        return {
+            "wavenumber_per_cell": self.wavenumber.tolist(),
+            "power": self.power.tolist(),
+        }
+
+    @property
+    def level(self) -> float:
+        """Gain for a plane: a symmetric filter leaves it a plane."""
+        return float(self.gain(np.zeros(1))[0])
+
+    def whitened(self, height: FloatArray) -> FloatArray:
+        """Pass heights (R, C), metres, through the filter.
+
+        Gaps are bridged from around first, and edges mirrored: :func:`supported` tells which points
+        are as good as without.
+        """
+        whole = bridged(height)
+        size = [fft.next_fast_len(n + 2 * _MARGIN, real=True) for n in whole.shape]
+        after = [n - rest - _MARGIN for n, rest in zip(size, whole.shape, strict=True)]
+        padded = np.pad(whole, [(_MARGIN, extra) for extra in after], mode="symmetric")
+        rows, columns = fft.fftfreq(size[0]), fft.rfftfreq(size[1])
+        gain = self.gain(np.hypot(rows[:, None], columns[None, :]))
+        filtered = fft.irfft2(fft.rfft2(padded) * gain, size)
+        inner: FloatArray = filtered[
+            _MARGIN : _MARGIN + whole.shape[0], _MARGIN : _MARGIN + whole.shape[1]
+        ]
+        return inner
+
+
+def estimate_spectrum(residuals: Iterable[FloatArray]) -> NoiseSpectrum | None:
+    """The spectrum that differences of many matched surfaces have in common.
+
+    Each is divided by its own robust standard deviation and cut off at three of them, so that
+    neither dark ground nor boulders speak for the rest.
+
+    Parameters
+    ----------
+    residuals : iterable of (R, C) ndarrays
+        Metres; NaN where nothing was compared. Of one GSD.
+
+    Returns
+    -------
+    NoiseSpectrum or None
+        None if no residual tells a variance.
+    """
+    total, count = np.zeros((2 * _REACH + 1,) * 2), 0
+    for residual in residuals:
+        spread = float(mad(residual))
+        if np.isfinite(spread) and spread > 0 and min(residual.shape) > 2 * _REACH:
+            total += autocovariance(np.clip(residual / spread, -_CUT, _CUT), _REACH)
+            count += 1
+    if not count:
+        return None
+    size = 4 * _REACH
+    power = np.abs(fft.rfft2(total / count, (size, size)))
+    wavenumber = np.hypot(fft.fftfreq(size)[:, None], fft.rfftfreq(size)[None, :])
+    ring = np.minimum(np.round(wavenumber * 2 * (_RINGS - 1)), _RINGS - 1).astype(np.intp).ravel()
+    members = np.bincount(ring, minlength=_RINGS)
+    mean = [
+        np.bincount(ring, weights=layer.ravel(), minlength=_RINGS) / np.maximum(members, 1)
+        for layer in (wavenumber, power)
+    ]
+    held = members > 0
+    return NoiseSpectrum(mean[0][held], mean[1][held] / mean[1].max())
+
+
+def bridged(height: FloatArray) -> FloatArray:
+    """Heights (R, C), metres, with gaps closed by what is around: smoothly where they are narrow.
+
+    0 everywhere if nothing is known.
+    """
+    known = np.isfinite(height)
+    if known.all():
+        return height
+    if not known.any():
+        return np.zeros(height.shape)
+    support = ndimage.gaussian_filter(known.astype(np.float64), _BRIDGE)
+    around = ndimage.gaussian_filter(np.where(known, height, 0.0), _BRIDGE)
+    near = known | (support > 0.2)
+    whole = np.where(known, height, around / np.maximum(support, 1e-12))
+    return carried_on(np.where(near, whole, np.nan))
+
+
+def supported(known: BoolArray) -> BoolArray:
+    """Where (R, C) a filtered value rests on points that are known, beyond a few around it."""
+    share = ndimage.gaussian_filter(known.astype(np.float64), _SUPPORT, mode="constant")
+    enough: BoolArray = known & (share > _KNOWN)
+    return enough
