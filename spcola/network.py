@@ -129,7 +129,7 @@ def solve_network(
         none = np.zeros((len(names), 3, 0))
         return Network(tuple(names), np.zeros(centers.shape), own, none, float("nan"), 0, 0)
     residual = np.concatenate([one.residual for one in sightings])
-    spread, weight = options.pixel_sigma, np.ones(len(residual))
+    spread, weight = options.pixel_sigma, huber_weight(np.zeros(len(residual)))
     for _ in range(_ROUNDS):
         normal = _Normal.of(sightings, weight / spread**2, stated)
         left = residual - normal.predicted(sightings)
