@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from fusion.registration.correlation import (
-    independent_patches,
-    residual_covariance,
-    shift_variances,
-)
 from fusion.registration.resolution import blur, filled
 from spcola.arrays import BoolArray, FloatArray
 from spcola.maplet import MapletGrid
 from spcola.robust import huber_weight, mad
+from spcola.surfacecorrelation import (
+    independent_patches,
+    residual_covariance,
+    shift_variances,
+)
 
 # Two displacements further apart than this many cells are two answers.
 _APART = 3.0
