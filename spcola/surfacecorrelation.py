@@ -55,6 +55,44 @@ def shift_variances(
     return np.maximum(variance, 0.0)
 
 
+def shift_correlations(
+    moving: FloatArray,
+    moving_mask: BoolArray,
+    fixed: FloatArray,
+    fixed_mask: BoolArray,
+    *,
+    reach: int,
+) -> FloatArray:
+    """Correlation of ``fixed(x)`` with ``moving(x − shift)`` for every whole-cell shift.
+
+    Parameters
+    ----------
+    moving, fixed : (N, N) ndarrays
+        Of any unit, with means near 0; any finite value where they are not known.
+    moving_mask, fixed_mask : (N, N) bool ndarrays
+        Where they are known.
+    reach : int
+        Largest shift, cells.
+
+    Returns
+    -------
+    (2·reach + 1, 2·reach + 1) ndarray
+        Index ``[dy + reach, dx + reach]``, −1 … 1; NaN where fewer than 30 points meet, or one
+        side has no texture there.
+    """
+    one, two = moving_mask.astype(np.float64), fixed_mask.astype(np.float64)
+    a, b = moving * one, fixed * two
+    total = _correlate(one, two, reach)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean_a, mean_b = _correlate(a, two, reach) / total, _correlate(one, b, reach) / total
+        cross = _correlate(a, b, reach) / total - mean_a * mean_b
+        spread_a = _correlate(a * a, two, reach) / total - mean_a**2
+        spread_b = _correlate(one, b * b, reach) / total - mean_b**2
+        correlation: FloatArray = cross / np.sqrt(spread_a * spread_b)
+    correlation[(total < _LEAST_POINTS - 0.5) | ~np.isfinite(correlation)] = np.nan
+    return correlation
+
+
 def _correlate(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:
     """``Σ_x a(x − shift) b(x)`` for shifts −reach … reach on both axes."""
     size = tuple(fft.next_fast_len(n + reach, real=True) for n in a.shape)
