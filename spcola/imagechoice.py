@@ -64,7 +64,8 @@ def choose_images(
         for image in images
         if (matrix := _information(grid, image, options)) is not None
     ]
-    chosen, total = [], _NONE * np.eye(3)
+    chosen: list[SpcImage] = []
+    total = _NONE * np.eye(3)
     while told and len(chosen) < options.most:
         gains = [np.linalg.slogdet(total + matrix)[1] for _, matrix in told]
         image, matrix = told.pop(int(np.argmax(gains)))

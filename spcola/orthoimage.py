@@ -114,9 +114,10 @@ def view_of(
         seen &= (line >= 0.5) & (line < camera.height + 0.5)
         lit: BoolArray = incidence > 0.0
     step = [1.0, 1.0, grid.gsd]
-    place = grid.axes @ (image.position - grid.center) / [grid.gsd, grid.gsd, 1.0]
+    first = np.array([grid.half_size, grid.half_size, 0.0])
+    place = first + grid.axes @ (image.position - grid.center) / [grid.gsd, grid.gsd, 1.0]
     if seen.any():
-        seen &= ~hidden(ground.height, place + [grid.half_size, grid.half_size, 0.0])
+        seen &= ~hidden(ground.height, place)
         lit &= ~cast_shadow(ground.height, sun * step)
     if beyond is not None:
         _stop(seen, beyond, ground, eye)

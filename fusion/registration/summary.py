@@ -197,7 +197,7 @@ def placements_of(content: Mapping[str, Any], where: str) -> dict[str, Placement
         return {
             str(entry["name"]): Placement(
                 _vector(entry["scan_shift_m"]),
-                _vector(entry["residual_m"]) if entry["used"] else np.full(3, np.nan),
+                _to_surface(entry),
                 np.array(entry["position_covariance_m2"], dtype=np.float64).reshape(3, 3),
             )
             for entry in content["per_mapola"]
@@ -206,6 +206,13 @@ def placements_of(content: Mapping[str, Any], where: str) -> dict[str, Placement
         raise InvalidValueError(
             f"has no usable mapolas ({error})", where, "remove it and register again"
         ) from error
+
+
+def _to_surface(entry: Mapping[str, Any]) -> FloatArray:
+    """How far the SPC surface lies (3,), metres: of a fit by images not what is left of that."""
+    if "surface_residual_m" in entry:
+        return _vector(entry["surface_residual_m"])
+    return _vector(entry["residual_m"]) if entry["used"] else np.full(3, np.nan)
 
 
 def _vector(values: Any) -> FloatArray:
