@@ -173,12 +173,21 @@ class RegisterSettings(Table):
         default="maplets",
         description="the surface that is matched: the maplet, its neighbours too, or shape",
     )
+    by: Literal["topography", "images", "both"] = Field(
+        default="topography",
+        description="what is matched: heights, images rendered from them, or both",
+    )
+    photometry: str = Field(
+        default="lunar-lambert",
+        description="photometric function of the rendering",
+    )
+    max_images: int = Field(default=20, ge=2, description="images in which a mapola is sought")
     capture_m: Positive = Field(default=2.0, description="largest horizontal displacement searched")
     min_coverage: Fraction = Field(
         default=0.3, description="share of the grid that both surfaces hold"
     )
     min_correlation: Fraction = Field(
-        default=0.5, description="of the two surfaces after the match"
+        default=0.5, description="of two surfaces, or of image and rendering, after the match"
     )
     center_sigma_m: Positive = Field(
         default=0.05, description="expected error of a maplet's centre; its size is estimated"

@@ -65,6 +65,9 @@ class LandmarkSolution:
         Whether the last step was below the tolerance.
     reason : str
         Why the iteration stopped.
+    gain : (N, 3, 2) ndarray
+        ∂V/∂(pixel, line) of each observation, metres per pixel: how errors of observations, and
+        of states, reach V.
     """
 
     estimate: FloatArray
@@ -73,6 +76,7 @@ class LandmarkSolution:
     iterations: int
     converged: bool
     reason: str
+    gain: FloatArray
 
     @property
     def sigma(self) -> FloatArray:
@@ -134,6 +138,7 @@ def solve_landmark(
     observed: ArrayLike,
     sigma_px: ArrayLike,
     *,
+    state_covariance: ArrayLike | None = None,
     prior: Prior | None = None,
     options: EstimationOptions = DEFAULTS,
 ) -> LandmarkSolution:
@@ -147,8 +152,11 @@ def solve_landmark(
         Those that see it. Finite sigmas of V0 and pointing add to the observation's variance.
     observed : (N, 2) array_like
         Pixel and line in each.
-    sigma_px : (N,) array_like or float
-        One standard deviation of each, pixels.
+    sigma_px : (N,) array_like or float, or (N, 2, 2) array_like
+        One standard deviation of each, pixels, or covariances, pixels².
+    state_covariance : (N, 6, 6) array_like, optional
+        Of (τ1, τ2, τ3, V0) of each image, in place of its sigmas: errors of position and pointing
+        that go together hardly move the ground.
     prior : Prior, optional
         Of V, metres.
     options : EstimationOptions
@@ -161,20 +169,17 @@ def solve_landmark(
     InvalidValueError
         If observations or sigmas have another shape, are not finite, or a sigma not positive.
     """
-    seen, sigma = _checked(observed, sigma_px, len(images))
+    seen, noise = _checked(observed, sigma_px, len(images))
+    states = _state_covariances(images, state_covariance)
 
     def linearise(point: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         residuals, partials = np.empty((len(images), 2)), np.empty((len(images), 2, 3))
         variances = np.empty((len(images), 2, 2))
         for i, image in enumerate(images):
-            state = (image.camera, image.axes, image.scobj, point)
             residuals[i] = seen[i] - np.array(project_image(image, point))
-            partials[i] = partials_position(*state)
-            variances[i] = (
-                sigma[i] ** 2 * np.eye(2)
-                + _spread(partials[i], image.scobj_sigma)
-                + _spread(partials_rotation(*state), image.pointing_sigma)
-            )
+            by_state = state_partials(image, point)
+            partials[i] = by_state[:, 3:]
+            variances[i] = noise[i] + by_state @ states[i] @ by_state.T
         return residuals, partials, variances
 
     def add_prior(point: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -186,10 +191,18 @@ def solve_landmark(
     found = _iterate(
         begin, linearise, add_prior, lambda point, step: point + step, LANDMARK_PARAMETERS, options
     )
+    _, partials, variances = linearise(found.state)
+    gain = np.einsum("ij,naj,nab->nib", found.covariance, partials, np.linalg.inv(variances))
     return LandmarkSolution(
         found.state, found.covariance, found.residuals, found.iterations, found.converged,
-        found.reason,
+        found.reason, gain,
     )  # fmt: skip
+
+
+def state_partials(image: SpcImage, points: ArrayLike) -> FloatArray:
+    """Return ∂(pixel, line)/∂(τ1, τ2, τ3, V0) (…, 2, 6) at points (…, 3) [8, 12]."""
+    state = (image.camera, image.axes, image.scobj, points)
+    return np.concatenate([partials_rotation(*state), partials_position(*state)], axis=-1)
 
 
 def solve_state(
@@ -212,8 +225,8 @@ def solve_state(
         V of each, body-fixed, metres.
     observed : (N, 2) array_like
         Pixel and line of each.
-    sigma_px : (N,) array_like or float
-        One standard deviation of each, pixels.
+    sigma_px : (N,) array_like or float, or (N, 2, 2) array_like
+        One standard deviation of each, pixels, or covariances, pixels².
     landmark_sigma : (N, 3) array_like, optional
         One standard deviation of each V, metres; adds to the observation's variance.
     use_prior : bool
@@ -232,15 +245,13 @@ def solve_state(
     points = np.asarray(landmarks, dtype=np.float64)
     check_shape(points, (None, 3), "landmarks")
     check_finite(points, "landmarks")
-    seen, sigma = _checked(observed, sigma_px, len(points))
+    seen, noise = _checked(observed, sigma_px, len(points))
     spread = np.full(points.shape, np.nan) if landmark_sigma is None else landmark_sigma
     known = np.broadcast_to(np.asarray(spread, dtype=np.float64), points.shape)
 
     def linearise(now: SpcImage) -> tuple[FloatArray, FloatArray, FloatArray]:
-        state = (now.camera, now.axes, now.scobj, points)
-        by_position = partials_position(*state)
-        partials = np.concatenate([partials_rotation(*state), by_position], axis=2)
-        variances = sigma[:, None, None] ** 2 * np.eye(2) + _spread(by_position, known)
+        partials = state_partials(now, points)
+        variances = noise + _spread(partials[..., 3:], known)
         return seen - np.stack(project_image(now, points), axis=1), partials, variances
 
     def add_prior(now: SpcImage) -> tuple[FloatArray, FloatArray]:
@@ -330,17 +341,34 @@ def _spread(partials: FloatArray, sigma: FloatArray) -> FloatArray:
     return variance
 
 
+def _state_covariances(images: Sequence[SpcImage], given: ArrayLike | None) -> FloatArray:
+    """Return covariances (N, 6, 6) of states: those given, else of independent known sigmas."""
+    if given is not None:
+        covariances = np.asarray(given, dtype=np.float64)
+        check_shape(covariances, (len(images), 6, 6), "state_covariance")
+        check_finite(covariances, "state_covariance")
+        return covariances
+    sigmas = [np.concatenate([image.pointing_sigma, image.scobj_sigma]) for image in images]
+    known: FloatArray = np.nan_to_num(np.array(sigmas).reshape(-1, 6))
+    return known[:, :, None] ** 2 * np.eye(6)
+
+
 def _checked(observed: ArrayLike, sigma_px: ArrayLike, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return observations (N, 2) and sigmas (N,), refused unless sound."""
+    """Return observations (N, 2) and their covariances (N, 2, 2), refused unless sound."""
     seen = np.asarray(observed, dtype=np.float64)
     check_shape(seen, (count, 2), "observed")
     check_finite(seen, "observed")
-    sigma = np.asarray(sigma_px, dtype=np.float64)
-    if sigma.ndim:
-        check_shape(sigma, (count,), "sigma_px")
-    if not (np.isfinite(sigma).all() and (sigma > 0).all()):
+    given = np.asarray(sigma_px, dtype=np.float64)
+    if given.ndim == 3:
+        check_shape(given, (count, 2, 2), "sigma_px")
+        if not (np.isfinite(given).all() and (np.linalg.eigvalsh(given) > 0).all()):
+            raise InvalidValueError("must be positive definite", "sigma_px")
+        return seen, given
+    if given.ndim:
+        check_shape(given, (count,), "sigma_px")
+    if not (np.isfinite(given).all() and (given > 0).all()):
         raise InvalidValueError("must be positive", "sigma_px")
-    return seen, np.broadcast_to(sigma, (count,))
+    return seen, np.broadcast_to(given, (count,))[:, None, None] ** 2 * np.eye(2)
 
 
 def _not_observable(parameters: Sequence[str], free: BoolArray) -> NotObservableError:

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from spcola.arrays import BoolArray, FloatArray, IntArray
-from spcola.heights.slopes import slopes_of
+from spcola.ground import Ground
 from spcola.image import SpcImage
-from spcola.kernel import kernel
 from spcola.maplet import Maplet
 from spcola.photometry import PhotometricFunction, lunar_lambert
 from spcola.projection import project_image
+from spcola.shadows import cast_shadow
 
 MOST_INCIDENCE = np.radians(80.0)
 """Ground on which the Sun stands lower than 10° does not enter, radians: what lies in the shadow of
@@ -88,7 +88,7 @@ def slope_variance(
     SlopeVariance
         No slope is defined where the maplet has none.
     """
-    ground = _Ground.of(maplet)
+    ground = Ground.of(maplet.grid, maplet.height)
     matrix = np.zeros((6, *maplet.grid.shape))
     count = np.zeros(maplet.grid.shape, dtype=np.int64)
     for image in images:
@@ -101,55 +101,7 @@ def slope_variance(
     return _reduced(matrix, count)
 
 
-@dataclass(frozen=True, eq=False)
-class _Ground:
-    """A maplet as photoclinometry sees it: axes are the maplet's own."""
-
-    maplet: Maplet
-    points: FloatArray
-    slope_x: FloatArray
-    slope_y: FloatArray
-
-    @classmethod
-    def of(cls, maplet: Maplet) -> _Ground:
-        return cls(maplet, maplet.points(), *slopes_of(maplet.height, maplet.grid.gsd))
-
-    def pixel(self, image: SpcImage) -> float:
-        """Width of a pixel on the ground that the camera looks straight at, grid steps."""
-        grid = self.maplet.grid
-        away = float(np.linalg.norm(image.position - grid.center))
-        return image.camera.pixel_angle * away / grid.gsd
-
-    def sun(self, image: SpcImage) -> FloatArray:
-        """Direction of the Sun (3,) along Ux, Uy, Uz."""
-        direction: FloatArray = self.maplet.grid.axes @ image.sun
-        return direction
-
-    def eye(self, image: SpcImage) -> FloatArray:
-        """Unit vectors (R, C, 3) to the camera along Ux, Uy, Uz."""
-        away = (image.position - self.points) @ self.maplet.grid.axes.T
-        unit: FloatArray = away / np.linalg.norm(away, axis=-1, keepdims=True)
-        return unit
-
-    def cosine(self, direction: FloatArray) -> FloatArray:
-        """Cosine (R, C) between the normals and a direction (…, 3) [19]."""
-        steep = np.sqrt(1.0 + self.slope_x**2 + self.slope_y**2)
-        along: FloatArray = (
-            direction[..., 2] - self.slope_x * direction[..., 0] - self.slope_y * direction[..., 1]
-        )
-        return along / steep
-
-    def partials(self, direction: FloatArray, cosine: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Change of that cosine with either slope (R, C)."""
-        square = 1.0 + self.slope_x**2 + self.slope_y**2
-        steep = np.sqrt(square)
-        return (
-            -direction[..., 0] / steep - cosine * self.slope_x / square,
-            -direction[..., 1] / steep - cosine * self.slope_y / square,
-        )
-
-
-def _lit(ground: _Ground, image: SpcImage, framed: bool) -> BoolArray:
+def _lit(ground: Ground, image: SpcImage, framed: bool) -> BoolArray:
     """Where (R, C) the image shows lit ground."""
     sun = ground.sun(image)
     lit: BoolArray = ground.cosine(sun) > np.cos(MOST_INCIDENCE)
@@ -157,12 +109,12 @@ def _lit(ground: _Ground, image: SpcImage, framed: bool) -> BoolArray:
     if framed and lit.any():
         lit &= _well_exposed(ground, image)
     if lit.any():
-        grid = ground.maplet.grid
-        lit &= ~cast_shadow(ground.maplet.height, sun * [1.0, 1.0, grid.gsd])
+        grid = ground.grid
+        lit &= ~cast_shadow(ground.height, sun * [1.0, 1.0, grid.gsd])
     return lit
 
 
-def _well_exposed(ground: _Ground, image: SpcImage) -> BoolArray:
+def _well_exposed(ground: Ground, image: SpcImage) -> BoolArray:
     """Where (R, C) a point lies on the detector, and its pixel is neither shadow nor saturated."""
     pixel, line = project_image(image, ground.points)
     width, height = image.camera.width, image.camera.height
@@ -181,7 +133,7 @@ def _well_exposed(ground: _Ground, image: SpcImage) -> BoolArray:
 
 def _add_image(
     matrix: FloatArray,
-    ground: _Ground,
+    ground: Ground,
     image: SpcImage,
     lit: BoolArray,
     function: PhotometricFunction,
@@ -222,53 +174,3 @@ def _reduced(matrix: FloatArray, count: IntArray) -> SlopeVariance:
             np.where(known, left_xx / determinant, np.inf),
             count,
         )
-
-
-def cast_shadow(height: FloatArray, sun: FloatArray) -> BoolArray:
-    """Tell which points of a grid lie in the shadow of others.
-
-    Parameters
-    ----------
-    height : (R, C) ndarray
-        NaN where unknown: nothing stands there.
-    sun : (3,) ndarray
-        Direction of the Sun along columns, rows and up, in grid steps and the unit of `height`:
-        for a unit vector s in maplet axes and heights in metres, (s_x, s_y, gsd · s_z).
-
-    Returns
-    -------
-    (R, C) ndarray of bool
-        All where the Sun is below the plane's horizon; unknown points are never in shadow.
-    """
-    if sun[2] <= 0.0:
-        return np.isfinite(height)
-    dark = np.zeros(height.shape, dtype=np.bool_)
-    run = float(np.hypot(sun[0], sun[1]))
-    if run == 0.0 or not np.isfinite(height).any():
-        return dark
-    step = np.array([sun[0], sun[1], sun[2]]) / run
-    _march(height, step[0], step[1], step[2], float(np.nanmax(height)), dark)
-    return dark
-
-
-@kernel
-def _march(
-    height: FloatArray, across: float, along: float, rise: float, top: float, dark: BoolArray
-) -> None:
-    """Follow the ray from each point to the Sun, one grid step at a time, over bilinear ground."""
-    rows, columns = height.shape
-    for row in range(rows):
-        for column in range(columns):
-            x, y, ray = float(column), float(row), height[row, column]
-            while ray <= top:
-                x, y, ray = x + across, y + along, ray + rise
-                left, low = int(np.floor(x)), int(np.floor(y))
-                if left < 0 or low < 0 or left + 1 >= columns or low + 1 >= rows:
-                    break
-                u, v = x - left, y - low
-                ground = (1.0 - v) * (
-                    (1.0 - u) * height[low, left] + u * height[low, left + 1]
-                ) + v * ((1.0 - u) * height[low + 1, left] + u * height[low + 1, left + 1])
-                if ground > ray:
-                    dark[row, column] = True
-                    break

@@ -34,7 +34,11 @@ def mad(values: ArrayLike, axis: int | None = None) -> FloatArray:
     return MAD_TO_SIGMA * _median(deviation, axis)
 
 
-def huber_weight(z: ArrayLike, k: float = 1.345) -> FloatArray:
+HUBER = 1.345
+"""Standard deviations beyond which Huber's estimate gives a residual less weight."""
+
+
+def huber_weight(z: ArrayLike, k: float = HUBER) -> FloatArray:
     """Return Huber's weights: 1 for |z| ≤ k, then k/|z| (95 % efficient with k = 1.345).
 
     `z` are residuals over their standard deviation; NaN weighs 0.
@@ -52,6 +56,46 @@ def cauchy_weight(z: ArrayLike, k: float = 2.385) -> FloatArray:
     ratio = np.asarray(z, dtype=np.float64) / k
     weight = 1.0 / (1.0 + ratio * ratio)
     return np.where(np.isnan(ratio), 0.0, weight)
+
+
+def huber_solution(
+    rows: FloatArray, values: FloatArray, *, rounds: int = 4, largest_condition: float = 1e10
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return the least-squares solution (P,) of ``rows · p = values`` and Huber's weights (N,).
+
+    Weights are those of residuals over their median deviation, a few rounds of them.
+
+    Parameters
+    ----------
+    rows : (N, P) ndarray
+    values : (N,) ndarray
+    rounds : int
+    largest_condition : float
+        Of the normal matrix scaled to a unit diagonal.
+
+    Returns
+    -------
+    tuple or None
+        None where columns depend on one another, or one of them is 0.
+    """
+    weight: FloatArray = np.ones(len(rows))
+    solution: FloatArray = np.zeros(rows.shape[1])
+    scale = np.sqrt(np.mean(rows**2, axis=0))
+    if not np.min(scale) > 1e-12 * np.max(scale):
+        return None
+    unit = rows / scale
+    for _ in range(rounds):
+        weighted = unit * weight[:, None]
+        normal = weighted.T @ unit
+        if np.linalg.cond(normal) > largest_condition:
+            return None
+        solution = np.linalg.solve(normal, weighted.T @ values)
+        rest = values - unit @ solution
+        spread = float(mad(rest))
+        if spread <= 1e-12 * float(np.max(np.abs(values), initial=0.0)):
+            break
+        weight = huber_weight(rest / spread)
+    return solution / scale, weight
 
 
 def _median(array: FloatArray, axis: int) -> FloatArray:

@@ -7,13 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from fusion.registration.correlation import robust_covariance
 from spcola.arrays import BoolArray, FloatArray
 from spcola.kernel import kernel
-from spcola.robust import MAD_TO_SIGMA, huber_weight
-
-HUBER = 1.345
-"""Residuals beyond so many robust standard deviations lose weight."""
+from spcola.robust import HUBER, MAD_TO_SIGMA, huber_weight
+from spcola.surfacecorrelation import robust_covariance
 
 # Fewer points give no displacement.
 _LEAST_POINTS = 30

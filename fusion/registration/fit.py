@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -107,6 +108,7 @@ def fit_transform(
     covariances: FloatArray,
     effects: FloatArray,
     *,
+    further: Sequence[FloatArray] = (),
     options: FitOptions | None = None,
 ) -> Registration:
     """Fit ``V_i + d_i = T + (1 + κ) R V_i`` robustly (MATH §8; Gaskell et al. §6.1).
@@ -123,6 +125,9 @@ def fit_transform(
         What each pattern of scan errors, of standard deviation 1, does to each mapola, metres.
         Two mapolas of one scan move together when that scan is misplaced; the fit counts them
         accordingly. A factor on all patterns is estimated, its prior median is 1.
+    further : sequence of (N, 3, M_g) ndarrays
+        The same of errors of other kinds, each with a factor of its own: those of images, say. They
+        are errors of the displacements and do not move a mapola.
     options : FitOptions, optional
 
     Returns
@@ -142,11 +147,12 @@ def fit_transform(
             names,
             do="match more mapolas, or ask for model = rigid",
         )
+    groups = (effects, *further)
     center = np.mean(centers, axis=0)
     reach = max(float(np.sqrt(np.mean(np.sum((centers - center) ** 2, axis=1)))), 1e-6)
     mixed = MixedOptions(
         prior=np.full(len(names), np.inf),
-        sizes=ErrorSizes(options.center_sigma_m, (1.0,)),
+        sizes=ErrorSizes(options.center_sigma_m, (1.0,) * len(groups)),
         # Without extent (one point) rotation and scale are free whatever unit they are put in.
         scale=np.where([name.endswith("_m") for name in names], 1.0, 1.0 / max(reach, 1.0)),
         names=names,
@@ -159,13 +165,15 @@ def fit_transform(
         iterations += 1
         design = transform_partials(options.model, current.nearest_similarity(), centers, center)
         value = target - current.apply(centers)
-        fit = fit_mixed(Observations(value, design, covariances, (effects,)), mixed)
+        fit = fit_mixed(Observations(value, design, covariances, groups), mixed)
         current = _updated(current, fit.estimate, options.model, center)
         # The error sizes do not depend on where the transform is linearised.
         mixed = replace(mixed, sizes=replace(fit.sizes, width=0.0))
         if np.max(np.abs(fit.estimate) / mixed.scale) < 1e-7 * reach:
             break
-    joint = _about_origin(fit.joint, options.model, current, center)
+    # Of all effects, those of the scans alone move the mapolas.
+    moving = len(names) + effects.shape[2]
+    joint = _about_origin(fit.joint[:moving, :moving], options.model, current, center)
     covariance = joint[: len(names), : len(names)]
     return Registration(current, options.model, names, covariance, joint, center, fit, iterations)
 

@@ -8,11 +8,11 @@ import numpy as np
 from scipy import ndimage
 
 from fusion.registration.alignment import Alignment, Fields, Left, align, left_at, tilts
-from fusion.registration.correlation import independent_patches, shift_variances
 from fusion.registration.noise import NoiseSpectrum, bridged, supported
 from fusion.registration.resolution import blur, plane_of
 from spcola.arrays import BoolArray, FloatArray
 from spcola.maplet import MapletGrid
+from spcola.surfacecorrelation import independent_patches, shift_variances
 
 # Two displacements further apart than this many cells are two answers.
 _APART = 3.0

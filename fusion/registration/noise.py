@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, ndimage
 
-from fusion.registration.correlation import autocovariance
 from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape, frozen
 from spcola.errors import InvalidValueError
 from spcola.gaps import carried_on
 from spcola.robust import mad
+from spcola.surfacecorrelation import autocovariance
 
 # Below this share of the largest power a residual shows what the model of the surfaces lacks, and
 # not noise: the filter trusts no wavelength more than this allows.

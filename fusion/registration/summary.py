@@ -16,7 +16,6 @@ from fusion.registration.fit import (
     similarity_numbers,
 )
 from fusion.registration.match import Match
-from fusion.registration.noise import NoiseSpectrum
 from fusion.registration.scans import ScanEffects
 from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import InvalidValueError
@@ -53,9 +52,6 @@ class MatchedMapolas:
 def registration_json(
     registration: Registration,
     mapolas: MatchedMapolas,
-    *,
-    blur_cells: float,
-    spectrum: NoiseSpectrum | None,
 ) -> dict[str, Any]:
     """Content of ``registration.json`` (DESIGN: keys that other programs read).
 
@@ -64,10 +60,6 @@ def registration_json(
     registration : Registration
         Fitted to the usable ones of `mapolas`, in their order.
     mapolas : MatchedMapolas
-    blur_cells : float
-        Blur of the SPC surface against the lidar, cells, that was applied.
-    spectrum : NoiseSpectrum or None
-        Of the differences, by which they were made white.
 
     Returns
     -------
@@ -99,8 +91,6 @@ def registration_json(
             {"scan": name, "offset_m": offset}
             for name, offset in zip(scans.names, offsets, strict=True)
         ],
-        "blur_cells": blur_cells,
-        "noise_spectrum": None if spectrum is None else spectrum.as_json(),
         "iterations": registration.iterations,
         "converged": fit.converged,
         "reason": fit.reason,
@@ -205,7 +195,7 @@ def placements_of(content: Mapping[str, Any], where: str) -> dict[str, Placement
         return {
             str(entry["name"]): Placement(
                 _vector(entry["scan_shift_m"]),
-                _vector(entry["residual_m"]) if entry["used"] else np.full(3, np.nan),
+                _to_surface(entry),
                 np.array(entry["position_covariance_m2"], dtype=np.float64).reshape(3, 3),
             )
             for entry in content["per_mapola"]
@@ -214,6 +204,13 @@ def placements_of(content: Mapping[str, Any], where: str) -> dict[str, Placement
         raise InvalidValueError(
             f"has no usable mapolas ({error})", where, "remove it and register again"
         ) from error
+
+
+def _to_surface(entry: Mapping[str, Any]) -> FloatArray:
+    """How far the SPC surface lies (3,), metres: of a fit by images not what is left of that."""
+    if "surface_residual_m" in entry:
+        return _vector(entry["surface_residual_m"])
+    return _vector(entry["residual_m"]) if entry["used"] else np.full(3, np.nan)
 
 
 def _vector(values: Any) -> FloatArray:

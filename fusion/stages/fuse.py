@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from fusion.exposures import Exposures
 from fusion.fused import FusedMaplet, Source
 from fusion.fusing.constraints import Candidate, lidar_constraints, overlaps
 from fusion.fusing.fuse import FuseInput, FuseOptions, FuseResult, fuse_maplet
@@ -25,7 +25,6 @@ from fusion.workspace import Workspace, make_folder
 from lidar.mapola import Mapola
 from spcola.arrays import FloatArray
 from spcola.bigmap import make_bigmap
-from spcola.image import SpcImage
 from spcola.maplet import Maplet, MapletGrid
 from spcola.photoclinometry import SlopeVariance
 from spcola.rays import RayCaster
@@ -90,8 +89,6 @@ STAGE = FuseStage()
 _SAME_PLACE = 2.0
 # The information is one for the whole solution; at most this many maplets tell it.
 _SAMPLE = 24
-# Images whose pixels are held at a time: neighbouring maplets lie in the same.
-_IMAGES_KEPT = 64
 
 LightSource = Literal["auto", "images", "sun", "none"]
 
@@ -246,25 +243,10 @@ def _illumination(
     images = tuple(workspace.images())
     if not images:
         return None
-    exposed = _Exposures(workspace)
+    exposed = Exposures(workspace)
     if light == "auto":
         return Illumination.of(images, grids, exposed)
     return Illumination(images, light, exposed)
-
-
-class _Exposures:
-    """Reads images with their pixels, and keeps the last few."""
-
-    def __init__(self, workspace: Workspace) -> None:
-        self._workspace = workspace
-        self._read = lru_cache(_IMAGES_KEPT)(workspace.exposed)
-
-    def __call__(self, image: SpcImage) -> SpcImage:
-        return self._read(image)
-
-    def __reduce__(self) -> tuple[type[_Exposures], tuple[Workspace]]:
-        # Another process reads the images itself.
-        return _Exposures, (self._workspace,)
 
 
 def _is_same_place(one: MapletGrid, other: MapletGrid) -> bool:

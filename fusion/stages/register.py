@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fusion.fusing.constraints import overlaps
 from fusion.memory import check_grid
-from fusion.registration.fit import FitOptions, fit_transform
+from fusion.registration.fit import FitOptions
+from fusion.registration.kinds import fit_mapolas, kinds_json, register_kinds
 from fusion.registration.match import Match, MatchOptions, Surface, match_surfaces
 from fusion.registration.noise import NoiseSpectrum, estimate_spectrum
 from fusion.registration.resolution import estimate_blur
@@ -18,6 +20,7 @@ from fusion.registration.scans import ScanEffects, share_matrix
 from fusion.registration.summary import MatchedMapolas, registration_json
 from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
+from fusion.stages.imaging import imaged_mapolas, landmark_files
 from fusion.tables import BodySettings, RegisterSettings, Table
 from fusion.workspace import SETTINGS_FILE, Workspace
 from spcola.bigmap import BigmapOptions, make_bigmap
@@ -47,13 +50,20 @@ class RegisterStage:
             return "there is no shape in SHAPEFILES to register against"
         if settings.registration.against != "shape" and not workspace.maplet_names():
             return 'there are no maplets in MAPFILES; set [register] against = "shape"'
+        if settings.registration.by != "topography" and not workspace.image_names():
+            return 'there are no images in SUMFILES; set [register] by = "topography"'
         return ""
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return the mapolas, and the maplets or the shape."""
-        if settings.registration.against == "shape":
-            return [*workspace.mapola_paths(), workspace.shape_path()]
-        return [*workspace.mapola_paths(), *workspace.maplet_files()]
+        """Return the mapolas, the maplets or the shape, and what images are looked at with."""
+        shape = settings.registration.against == "shape"
+        surface = [workspace.shape_path()] if shape else workspace.maplet_files()
+        seen: list[Path] = []
+        if settings.registration.by != "topography":
+            seen = [*workspace.image_files(), *landmark_files(workspace)]
+            if workspace.has_shape() and not shape:
+                seen.append(workspace.shape_path())
+        return [*workspace.mapola_paths(), *surface, *seen]
 
     def run(self, context: StageContext) -> StageResult:
         """Learn from a sample how SPC smooths and errs, match every mapola, fit.
@@ -97,33 +107,43 @@ class RegisterStage:
         first = context.map("compare errors", lambda name: matched(name, blur), _sample(names))
         spectrum = estimate_spectrum(match.residual for match in first if match.usable)
         matches = context.map("match mapolas", lambda name: matched(name, blur, spectrum), names)
-        usable = [match for match in matches if match.usable]
-        if not usable:
-            raise NotObservableError(
-                f"none of {len(names)} mapolas matches the SPC surface ({matches[0].reason})",
-                where=workspace.root / "mapolas",
-                do="check that lidar and SPC are of one body and one frame, or raise [register] "
-                "capture_m",
-            )
         mapolas = _with_scans(workspace, matches, table)
-        registration = fit_transform(
-            np.stack([match.center for match in usable]),
-            np.stack([match.displacement for match in usable]),
-            np.stack([match.covariance for match in usable]) + mapolas.beside[mapolas.usable],
-            mapolas.effects[mapolas.usable],
-            options=FitOptions(
-                model=table.model,
-                center_sigma_m=table.center_sigma_m,
-                reject=table.reject_sigmas,
-            ),
-        )
-        content = registration_json(registration, mapolas, blur_cells=blur, spectrum=spectrum)
+        if table.by == "topography":
+            content = self._by_topography(context, mapolas)
+        else:
+            grids = [workspace.mapola(name).grid for name in names]
+            imaged = imaged_mapolas(context, names, grids)
+            found = register_kinds(table.by, grids, mapolas, imaged, options=_fit_options(table))
+            content = kinds_json(table.by, found, matches, imaged)
+        content["blur_cells"] = blur
+        content["noise_spectrum"] = None if spectrum is None else spectrum.as_json()
         path = context.write_json(workspace.registration_path.name, content)
         summary = {k: v for k, v in content.items() if k not in _LONG}
         return StageResult((path,), summary)
 
+    def _by_topography(self, context: StageContext, mapolas: MatchedMapolas) -> dict[str, Any]:
+        """Fit the transform to the matches of heights."""
+        if not mapolas.usable.any():
+            raise NotObservableError(
+                f"none of {len(mapolas.matches)} mapolas matches the SPC surface "
+                f"({mapolas.matches[0].reason})",
+                where=context.workspace.root / "mapolas",
+                do="check that lidar and SPC are of one body and one frame, or raise [register] "
+                "capture_m",
+            )
+        options = _fit_options(context.table(RegisterSettings))
+        content = registration_json(fit_mapolas(mapolas, options=options), mapolas)
+        return {**content, "by": "topography"}
+
 
 STAGE = RegisterStage()
+
+
+def _fit_options(table: RegisterSettings) -> FitOptions:
+    """How the transform is fitted by the settings."""
+    return FitOptions(
+        model=table.model, center_sigma_m=table.center_sigma_m, reject=table.reject_sigmas
+    )
 
 
 def _with_scans(

@@ -6,8 +6,9 @@ import pytest
 from spcola.camera import Camera
 from spcola.image import SpcImage
 from spcola.maplet import Maplet, MapletGrid
-from spcola.photoclinometry import cast_shadow, slope_variance
+from spcola.photoclinometry import slope_variance
 from spcola.photometry import lambert, lunar_lambert
+from spcola.shadows import cast_shadow
 
 GRID = MapletGrid.facing([80.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.5, 10)
 DISTANCE = 1000.0

@@ -56,6 +56,46 @@ def shift_variances(
     return np.maximum(variance, 0.0)
 
 
+def shift_correlations(
+    moving: FloatArray,
+    moving_mask: BoolArray,
+    fixed: FloatArray,
+    fixed_mask: BoolArray,
+    *,
+    reach: int,
+) -> FloatArray:
+    """Correlation of ``fixed(x)`` with ``moving(x − shift)`` for every whole-cell shift.
+
+    Parameters
+    ----------
+    moving, fixed : (N, N) ndarrays
+        Of any unit, with means near 0; any finite value where they are not known.
+    moving_mask, fixed_mask : (N, N) bool ndarrays
+        Where they are known.
+    reach : int
+        Largest shift, cells.
+
+    Returns
+    -------
+    (2·reach + 1, 2·reach + 1) ndarray
+        Index ``[dy + reach, dx + reach]``, −1 … 1; NaN where fewer than 30 points meet, or one
+        side has no texture there.
+    """
+    size = _padded(fixed.shape, reach)
+    one = [fft.rfft2(moving**power * moving_mask, size).conj() for power in range(3)]
+    two = [fft.rfft2(fixed**power * fixed_mask, size) for power in range(3)]
+    total = _lags(one[0] * two[0], size, reach)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean_a = _lags(one[1] * two[0], size, reach) / total
+        mean_b = _lags(one[0] * two[1], size, reach) / total
+        cross = _lags(one[1] * two[1], size, reach) / total - mean_a * mean_b
+        spread_a = _lags(one[2] * two[0], size, reach) / total - mean_a**2
+        spread_b = _lags(one[0] * two[2], size, reach) / total - mean_b**2
+        correlation: FloatArray = cross / np.sqrt(spread_a * spread_b)
+    correlation[(total < _LEAST_POINTS - 0.5) | ~np.isfinite(correlation)] = np.nan
+    return correlation
+
+
 def _padded(shape: tuple[int, ...], reach: int) -> tuple[int, int]:
     """Size of a transform in which lags up to `reach` do not meet the other edge."""
     rows, columns = (fft.next_fast_len(n + reach, real=True) for n in shape)
