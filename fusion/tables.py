@@ -192,6 +192,10 @@ class RegisterSettings(Table):
     center_sigma_m: Positive = Field(
         default=0.05, description="expected error of a maplet's centre; its size is estimated"
     )
+    landmarks: Literal["images", "sigmas", "ignore"] = Field(
+        default="images",
+        description="errors of maplets' centres: by the images that tie them, or as they state",
+    )
     scan_sigma_m: NotNegative = Field(
         default=0.05,
         description="expected error that the returns of a scan share; its size is estimated",

@@ -19,8 +19,8 @@ from spcola.errors import NotObservableError
 from spcola.maplet import MapletGrid
 
 Kind = Literal["images", "both"]
-# The covariances of joined matches hold the sizes of their kinds: what may be left is the error of
-# the mapola itself, expected at this share of that of a maplet's centre.
+# Where covariances hold the sizes of what errs, what may be left is expected at this share of the
+# error of a maplet's centre.
 _LEFT = 0.1
 
 
@@ -61,12 +61,21 @@ def fit_mapolas(
         raise NotObservableError(
             f"none of {len(mapolas.matches)} mapolas matches ({mapolas.matches[0].reason})"
         )
+    displacement = np.stack([match.displacement for match in matches])
+    covariance = np.stack([match.covariance for match in matches]) + mapolas.beside[usable]
+    groups = [group[usable] for group in further]
+    landmarks = mapolas.landmarks
+    if landmarks is not None:
+        displacement = displacement - landmarks.offset[usable]
+        covariance = covariance + landmarks.own[usable]
+        groups.append(landmarks.shared[usable])
+        options = replace(options, center_sigma_m=_LEFT * options.center_sigma_m)
     return fit_transform(
         np.stack([match.center for match in matches]),
-        np.stack([match.displacement for match in matches]),
-        np.stack([match.covariance for match in matches]) + mapolas.beside[usable],
+        displacement,
+        covariance,
         mapolas.effects[usable],
-        further=[group[usable] for group in further],
+        further=groups,
         options=options,
     )
 

@@ -15,6 +15,7 @@ from fusion.registration.fit import (
     shear_significance,
     similarity_numbers,
 )
+from fusion.registration.landmarks import LandmarkErrors
 from fusion.registration.match import Match
 from fusion.registration.scans import ScanEffects
 from spcola.arrays import BoolArray, FloatArray
@@ -36,12 +37,15 @@ class MatchedMapolas:
         ``scans.at`` of each mapola.
     beside : (N, 3, 3) ndarray
         ``scans.beside`` of each mapola, m².
+    landmarks : LandmarkErrors, optional
+        How the maplets err to which they were matched; unknown by default.
     """
 
     matches: Sequence[Match]
     scans: ScanEffects
     effects: FloatArray
     beside: FloatArray
+    landmarks: LandmarkErrors | None = None
 
     @property
     def usable(self) -> BoolArray:
@@ -94,6 +98,7 @@ def registration_json(
         "iterations": registration.iterations,
         "converged": fit.converged,
         "reason": fit.reason,
+        "landmarks": None if mapolas.landmarks is None else mapolas.landmarks.as_json(),
         "per_mapola": _per_mapola(registration, mapolas),
     }
     if registration.model == "affine":
@@ -109,6 +114,8 @@ def _per_mapola(registration: Registration, mapolas: MatchedMapolas) -> list[dic
     centers = np.array([match.center for match in mapolas.matches])
     covariance = registration.position_covariance(centers, mapolas.effects) + mapolas.beside
     shift = mapolas.effects @ registration.strengths
+    moved = np.array([match.displacement for match in mapolas.matches]).reshape(-1, 3)
+    surface = centers + moved - registration.transform.apply(centers) - shift
     for number, match in enumerate(mapolas.matches):
         residual: FloatArray = np.full(3, np.nan)
         reason, used = match.reason, False
@@ -124,6 +131,7 @@ def _per_mapola(registration: Registration, mapolas: MatchedMapolas) -> list[dic
                 "sigma_m": np.sqrt(np.diag(match.covariance)),
                 "scan_shift_m": shift[number],
                 "residual_m": residual,
+                "surface_residual_m": surface[number] if used else np.full(3, np.nan),
                 "position_covariance_m2": covariance[number],
                 "used": used,
                 "reason": reason,

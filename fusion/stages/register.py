@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from fusion.fusing.constraints import overlaps
 from fusion.memory import check_grid
 from fusion.registration.fit import FitOptions
 from fusion.registration.kinds import fit_mapolas, kinds_json, register_kinds
+from fusion.registration.landmarks import LandmarkErrors
 from fusion.registration.match import Match, MatchOptions, Surface, match_surfaces
 from fusion.registration.noise import NoiseSpectrum, estimate_spectrum
 from fusion.registration.resolution import estimate_blur
@@ -26,6 +27,7 @@ from fusion.workspace import SETTINGS_FILE, Workspace
 from spcola.bigmap import BigmapOptions, make_bigmap
 from spcola.errors import NotObservableError
 from spcola.maplet import Maplet, MapletGrid
+from spcola.network import NetworkOptions, solve_network
 from spcola.rays import RayCaster
 from spcola.regrid import project_maplet
 from spcola.shapegrid import shape_heights
@@ -59,7 +61,11 @@ class RegisterStage:
         shape = settings.registration.against == "shape"
         surface = [workspace.shape_path()] if shape else workspace.maplet_files()
         seen: list[Path] = []
-        if settings.registration.by != "topography":
+        if settings.registration.by == "topography":
+            if settings.registration.landmarks != "ignore" and not shape:
+                sums = [workspace.image_path(name) for name in workspace.image_names()]
+                seen = [*sums, *landmark_files(workspace)]
+        else:
             seen = [*workspace.image_files(), *landmark_files(workspace)]
             if workspace.has_shape() and not shape:
                 seen.append(workspace.shape_path())
@@ -109,6 +115,7 @@ class RegisterStage:
         matches = context.map("match mapolas", lambda name: matched(name, blur, spectrum), names)
         mapolas = _with_scans(workspace, matches, table)
         if table.by == "topography":
+            mapolas = replace(mapolas, landmarks=_landmarks(context, names))
             content = self._by_topography(context, mapolas)
         else:
             grids = [workspace.mapola(name).grid for name in names]
@@ -137,6 +144,22 @@ class RegisterStage:
 
 
 STAGE = RegisterStage()
+
+
+def _landmarks(context: StageContext, names: list[str]) -> LandmarkErrors | None:
+    """How the maplets err, by their landmarks' sigmas and the images; None if not to be asked."""
+    workspace, table = context.workspace, context.table(RegisterSettings)
+    if table.landmarks == "ignore" or table.against == "shape" or not workspace.landmark_names():
+        return None
+    landmarks = [workspace.landmark(name) for name in workspace.landmark_names()]
+    network = solve_network(
+        [landmark.name for landmark in landmarks],
+        np.array([landmark.grid.center for landmark in landmarks]),
+        np.array([landmark.sigma for landmark in landmarks]),
+        workspace.images() if table.landmarks == "images" else [],
+        options=NetworkOptions(center_sigma=table.center_sigma_m),
+    )
+    return LandmarkErrors.of_mapolas(network, names, table.center_sigma_m)
 
 
 def _fit_options(table: RegisterSettings) -> FitOptions:
