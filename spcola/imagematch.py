@@ -225,7 +225,7 @@ def _covariance(design: FloatArray, residual: FloatArray) -> FloatArray:
     compared = np.isfinite(residual)
     rows = np.where(compared[..., None], design, 0.0)
     covariance = robust_covariance(rows, residual, bound=HUBER * float(mad(residual)))
-    return covariance[:2, :2]
+    return covariance.matrix[:2, :2]
 
 
 def _judged(match: ImageMatch, residual: FloatArray, options: ImageMatchOptions) -> ImageMatch:

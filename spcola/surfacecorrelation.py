@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy import fft
 
@@ -161,6 +163,13 @@ def _usable(reach: int, residual: FloatArray) -> int:
     return max(1, min(reach, residual.shape[0] // 4))
 
 
+class RobustCovariance(NamedTuple):
+    """Covariance (P, P) of an estimate, and how many independent patches its residual has."""
+
+    matrix: FloatArray
+    patches: float
+
+
 def robust_covariance(
     design: FloatArray,
     residual: FloatArray,
@@ -168,7 +177,7 @@ def robust_covariance(
     bound: float = 0.0,
     rise: FloatArray | None = None,
     reach: int = 20,
-) -> FloatArray:
+) -> RobustCovariance:
     """Covariance of a robust least-squares estimate under the errors that the residual shows.
 
     Huber's estimate solves ``Σ ψ(e_i) g_i = 0``, ψ cutting residuals off at `bound`. With C the
@@ -186,15 +195,16 @@ def robust_covariance(
         is then too); NaN where nothing was compared.
     bound : float
         In the unit of the residual; 0: nothing was cut off.
-    rise : (N, N, P) ndarray, optional
-        r, by how much the residual changes with the estimate, where that is known better than by
-        g, whose own noise would pass for information; g by default.
+    rise : (M, P) ndarray, optional
+        r of the M points with a residual, in the order of the grid: by how much the residual
+        changes with the estimate, where that is known better than by g, whose own noise would pass
+        for information; g by default.
     reach : int
         Largest lag, cells; at most a quarter of the grid is used.
 
     Returns
     -------
-    (P, P) ndarray
+    RobustCovariance
         In the units of the estimate squared; infinite where there are no more patches than
         parameters. Source: Huber (1967); docs: mathematics §13.
     """
@@ -202,20 +212,22 @@ def robust_covariance(
     reach = _usable(reach, residual)
     cut = np.clip(residual, -bound, bound) if bound > 0 else residual
     covariance = autocovariance(cut, reach)
-    patches = np.count_nonzero(np.isfinite(residual)) / _area(covariance)
+    patches = float(np.count_nonzero(np.isfinite(residual)) / _area(covariance))
     if patches <= size:
-        return np.full((size, size), np.inf)
+        return RobustCovariance(np.full((size, size), np.inf), patches)
     covariance *= patches / (patches - size)
-    held = np.isfinite(residual) & ((np.abs(residual) < bound) | (bound <= 0))
-    inverse = np.linalg.inv(design[held].T @ (design if rise is None else rise)[held])
+    compared = np.isfinite(residual)
+    held = (np.abs(residual[compared]) < bound) | (bound <= 0)
+    rows = design[compared]
+    inverse = np.linalg.inv(rows[held].T @ (rows if rise is None else rise)[held])
     sandwich: FloatArray = inverse @ _smeared(design, covariance) @ inverse.T
-    return (sandwich + sandwich.T) / 2.0
+    return RobustCovariance((sandwich + sandwich.T) / 2.0, patches)
 
 
 def _smeared(design: FloatArray, covariance: FloatArray) -> FloatArray:
     """``Σ_ij g_i C(i − j) g_jᵀ`` (P, P) over a grid, by FFT; C is held positive."""
     reach = covariance.shape[0] // 2
-    size = tuple(fft.next_fast_len(n + 2 * reach, real=True) for n in design.shape[:2])
+    size = _padded(design.shape[:2], reach)
     kernel = np.zeros(size)
     index = np.arange(-reach, reach + 1)
     kernel[np.ix_(index, index)] = covariance

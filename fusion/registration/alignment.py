@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
 
 from spcola.arrays import BoolArray, FloatArray
 from spcola.kernel import kernel
-from spcola.robust import HUBER, MAD_TO_SIGMA, huber_weight
-from spcola.surfacecorrelation import robust_covariance
+from spcola.robust import HUBER, MAD_TO_SIGMA
+from spcola.surfacecorrelation import RobustCovariance, robust_covariance
 
 # Fewer points give no displacement.
 _LEAST_POINTS = 30
@@ -75,6 +77,8 @@ class Alignment:
         Height at the middle, and rise over the grid along x and y, metres.
     covariance : (5, 5) ndarray
         Of shift (cells) and plane (metres).
+    patches : float
+        Of the differences, about independent.
     left : Left
     iterations : int
     settled : bool
@@ -83,72 +87,175 @@ class Alignment:
     shift: FloatArray
     plane: FloatArray
     covariance: FloatArray
+    patches: float
     left: Left
     iterations: int
     settled: bool
 
 
-def tilts(shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-    """Planes (R, C) that rise by 1 over a grid along x and along y, 0 in its middle."""
+@lru_cache(4)
+def tilts(shape: tuple[int, int]) -> FloatArray:
+    """Planes (2, R, C) that rise by 1 over a grid along x and along y, 0 in its middle."""
     rows, columns = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
-    return (columns - (shape[1] - 1) / 2) / shape[1], (rows - (shape[0] - 1) / 2) / shape[0]
+    rising = np.stack(
+        [
+            (columns - (shape[1] - 1) / 2) / shape[1],
+            (rows - (shape[0] - 1) / 2) / shape[0],
+        ]
+    )
+    rising.flags.writeable = False
+    return rising
 
 
-def align(
-    fields: Fields,
-    start: FloatArray,
-    *,
-    reach: float,
-    max_iterations: int,
-    tolerance: float = 1e-4,
-) -> Alignment | None:
-    """Find the displacement near `start` (2,), cells, robustly (Huber).
+@dataclass(frozen=True)
+class Search:
+    """How a displacement is looked for.
 
-    Along a direction in which the two surfaces have no relief in common, on a plane or along a
-    ridge, nothing is looked for: the displacement is 0 there, ± `reach` (cells). One that moves
-    by less than `tolerance`, cells, has settled.
-
-    Returns
-    -------
-    Alignment or None
-        None where too few points are common.
+    Parameters
+    ----------
+    reach : float
+        Cells: the sigma of a displacement that the relief does not tell.
+    max_iterations : int
+    tolerance : float
+        One that moves by less, cells, has settled.
+    area : float
+        Cells over which errors hold together; 0: as the residual shows. For a start of another
+        search a guess will do.
     """
-    search = _Search.of(fields)
-    told = search.told(start)
-    if told is None:
-        return None
-    shift = told @ (told.T @ start)
-    step = _Step(np.zeros(3), 0.0)
-    settled, iterations = False, 0
-    while not settled and iterations < max_iterations:
-        iterations += 1
-        rows, difference, _, _ = search.linearised(shift, told)
+
+    reach: float
+    max_iterations: int
+    tolerance: float = 1e-4
+    area: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Aligner:
+    """Two surfaces, made ready to be displaced against each other.
+
+    Attributes
+    ----------
+    fields : Fields
+    coefficients : (R, C) ndarray
+        Of the cubic spline through the moving surface.
+    partials : (R, C, 2) ndarray
+        What a displacement does to the difference, by the slopes of the *fixed* surface, over
+        sigma. As ``Σ ∂m (f − m)`` changes by ``Σ ∂m ∂f`` when m is displaced, and as the noise of
+        one surface has nothing to do with the slopes of the other, this is what the data know;
+        squares of one surface's slopes hold its noise.
+    """
+
+    fields: Fields
+    coefficients: FloatArray
+    partials: FloatArray
+
+    @classmethod
+    def of(cls, fields: Fields) -> Aligner:
+        """Fit the spline, take the slopes."""
+        slopes = np.stack(_slopes(fields.fixed), axis=-1)
+        partials = -slopes / fields.sigma[..., None]
+        return cls(fields, ndimage.spline_filter(fields.moving, order=3), partials)
+
+    def align(self, start: FloatArray, search: Search) -> Alignment | None:
+        """Find the displacement near `start` (2,), cells, robustly (Huber).
+
+        Along a direction in which the two surfaces have no relief in common, on a plane or along a
+        ridge, nothing is looked for: the displacement is 0 there, ± the reach.
+
+        Returns
+        -------
+        Alignment or None
+            None where too few points are common.
+        """
+        told = self._told(start)
+        if told is None:
+            return None
+        found = self._settled(told @ (told.T @ start), told, search)
+        if found is None:
+            return None
+        rows, difference, compared, moved = self._linearised(found.shift, told)
+        level = _on_grid(difference - rows[:, told.shape[1] :] @ found.plane, compared)
+        left = Left(level, moved)
+        known = self._covariance(rows, left, found.spread, told, search.area)
+        return Alignment(
+            shift=found.shift,
+            plane=found.plane,
+            covariance=_in_full(known.matrix, told, search.reach),
+            patches=known.patches,
+            left=left,
+            iterations=found.iterations,
+            settled=found.settled,
+        )
+
+    def left_at(self, shift: FloatArray) -> Left:
+        """What is left of the difference at a displacement (2,), cells."""
+        nowhere = np.zeros((2, 0))
+        rows, difference, compared, moved = self._linearised(shift, nowhere)
+        found = self._settled(shift, nowhere, Search(0.0, 3))
+        plane = np.zeros(3) if found is None else found.plane
+        return Left(_on_grid(difference - rows @ plane, compared), moved)
+
+    def _settled(self, start: FloatArray, told: FloatArray, search: Search) -> _Settled | None:
+        """Gauss–Newton along `told` (2, K) from a displacement (2,), and the plane there."""
+        fields = self.fields
+        shift, plane, spread, iterations, settled = _gauss_newton(
+            (self.coefficients, fields.fixed, fields.sigma),
+            (fields.moving_known, fields.fixed_known),
+            np.ascontiguousarray(told),
+            fields.level,
+            np.array(start, dtype=np.float64),
+            (search.max_iterations, search.tolerance),
+        )
+        return _Settled(shift, plane, spread, iterations, settled) if iterations else None
+
+    def _covariance(
+        self, rows: FloatArray, left: Left, spread: float, told: FloatArray, area: float
+    ) -> RobustCovariance:
+        """Of displacements along `told` and of the plane."""
+        compared, bound = left.compared, HUBER * spread
+        rise = rows.copy()
+        rise[:, :-3] = self.partials[compared] @ told
+        if area > 0.0:
+            inverse = np.linalg.inv(rows.T @ rise)
+            guess = inverse @ (rows.T @ rows) @ inverse.T * area * spread**2
+            return RobustCovariance(guess, len(rows) / area)
+        design = np.zeros((*compared.shape, rows.shape[1]))
+        design[compared] = rows
+        return robust_covariance(design, left.standardised, bound=bound, rise=rise)
+
+    def _told(self, start: FloatArray) -> FloatArray | None:
+        """Directions (2, K), K = 0 … 2, in which both surfaces have relief in common.
+
+        The correlation of their slopes tells: slopes that are noise are each surface's own. None
+        where too few points are common.
+        """
+        rows, _, compared, _ = self._linearised(start, np.eye(2))
         if len(rows) < _LEAST_POINTS:
             return None
-        step = _robust_step(rows, difference, step)
-        offset = told @ np.clip(step.moved, -1.0, 1.0)
-        shift = shift + offset
-        settled = bool(np.max(np.abs(offset)) < tolerance) and iterations > 2
-    rows, difference, compared, moved = search.linearised(shift, told)
-    layer = _on_grid(difference - rows[:, told.shape[1] :] @ step.plane, compared)
-    design, rise = np.zeros((2, *moved.shape, rows.shape[1]))
-    design[compared], rise[compared] = rows, rows
-    rise[compared, :-3] = search.fixed_slopes(compared) @ told
-    covariance = robust_covariance(design, layer, bound=HUBER * step.spread, rise=rise)
-    found = Left(layer, moved)
-    return Alignment(
-        shift, step.plane, _in_full(covariance, told, reach), found, iterations, settled
-    )
+        other = self.partials[compared]
+        one, two = rows[:, :2] - rows[:, :2].mean(axis=0), other - other.mean(axis=0)
+        common = one.T @ two
+        _, directions = np.linalg.eigh(common + common.T)
+        shared = np.einsum("ik,ij,jk->k", directions, common, directions)
+        own = np.einsum("ik,ij,jk->k", directions, one.T @ one, directions)
+        own = own * np.einsum("ik,ij,jk->k", directions, two.T @ two, directions)
+        told: FloatArray = directions[:, shared > _TOLD * np.sqrt(own)]
+        return told
 
+    def _linearised(
+        self, shift: FloatArray, told: FloatArray
+    ) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
+        """Partials (N, K + 3) by displacements along `told` (2, K) and by the plane, over sigma.
 
-def left_at(fields: Fields, near: Alignment, other: Alignment | None) -> Left:
-    """What is left of `fields` where they were aligned, or at the shift of `other` if given."""
-    if other is None:
-        return near.left
-    search = _Search.of(fields)
-    rows, difference, compared, moved = search.linearised(other.shift, np.zeros((2, 0)))
-    step = _robust_step(rows, difference, _Step(np.zeros(3), 0.0))
-    return Left(_on_grid(difference - rows @ step.plane, compared), moved)
+        With them the differences (N,) over sigma, where these points are, and the moved surface.
+        """
+        fields = self.fields
+        moved, held = _displaced(self.coefficients, fields.moving_known, shift[0], shift[1])
+        compared = fields.fixed_known & held
+        rows, difference = _rows(
+            moved, fields.fixed, fields.sigma, compared, np.ascontiguousarray(told), fields.level
+        )
+        return rows, difference, compared, moved
 
 
 def _in_full(covariance: FloatArray, told: FloatArray, reach: float) -> FloatArray:
@@ -168,117 +275,126 @@ def _on_grid(values: FloatArray, where: BoolArray) -> FloatArray:
     return layer
 
 
-@dataclass(frozen=True, eq=False)
-class _Search:
-    """What stays the same while the displacement is looked for."""
+class _Settled(NamedTuple):
+    """Where Gauss–Newton ended, and the robust standard deviation of what is left there."""
 
-    fields: Fields
-    coefficients: FloatArray
-    plane: FloatArray  # (R, C, 3)
-
-    @classmethod
-    def of(cls, fields: Fields) -> _Search:
-        tilt = tilts(fields.moving.shape)
-        plane = fields.level * np.stack([np.ones(fields.moving.shape), *tilt], axis=-1)
-        return cls(fields, ndimage.spline_filter(fields.moving, order=3), plane)
-
-    def told(self, start: FloatArray) -> FloatArray | None:
-        """Directions (2, K), K = 0 … 2, in which both surfaces have relief in common.
-
-        The correlation of their slopes tells: slopes that are noise are each surface's own. None
-        where too few points are common.
-        """
-        rows, _, compared, _ = self.linearised(start, np.eye(2))
-        if len(rows) < _LEAST_POINTS:
-            return None
-        other = self.fixed_slopes(compared)
-        # A filtered plane has slopes too, which all surfaces share.
-        one = rows[:, :2] - rows[:, :2].mean(axis=0)
-        two = other - other.mean(axis=0)
-        common = one.T @ two
-        _, directions = np.linalg.eigh(common + common.T)
-        one, two = one @ directions, two @ directions
-        own: FloatArray = np.sum(one**2, axis=0) * np.sum(two**2, axis=0)
-        shared: FloatArray = np.sum(one * two, axis=0)
-        told: FloatArray = directions[:, shared > _TOLD * np.sqrt(own)]
-        return told
-
-    def fixed_slopes(self, where: BoolArray) -> FloatArray:
-        """What a displacement does to the difference (N, 2), by the slopes of the fixed surface.
-
-        As ``Σ ∂m (f − m)`` changes by ``Σ ∂m ∂f`` when m is displaced, and as the noise of one
-        surface has nothing to do with the slopes of the other, this is what the data know; squares
-        of one surface's slopes hold its noise.
-        """
-        slope_x, slope_y = _slopes(self.fields.fixed)
-        slopes = np.stack([slope_x[where], slope_y[where]], axis=1)
-        partials: FloatArray = -slopes / self.fields.sigma[where][:, None]
-        return partials
-
-    def linearised(
-        self, shift: FloatArray, told: FloatArray
-    ) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
-        """Partials (N, K + 3) by displacements along `told` (2, K) and by the plane, over sigma.
-
-        With them the differences (N,) over sigma, where these points are, and the moved surface.
-        """
-        fields = self.fields
-        moved, slope_x, slope_y, held = _displaced(
-            self.coefficients, fields.moving_known, shift[0], shift[1]
-        )
-        compared = fields.fixed_known & held
-        share = 1.0 / fields.sigma[compared]
-        slopes = np.stack([slope_x[compared], slope_y[compared]], axis=1)
-        rows = np.concatenate([-slopes @ told, self.plane[compared]], axis=1)
-        rows *= share[:, None]
-        return rows, (fields.fixed - moved)[compared] * share, compared, moved
+    shift: FloatArray
+    plane: FloatArray
+    spread: float
+    iterations: int
+    settled: bool
 
 
-@dataclass(frozen=True, eq=False)
-class _Step:
-    estimate: FloatArray  # (K + 3,) displacement along K directions, and plane
-    spread: float  # robust standard deviation of what is left
+@kernel
+def _gauss_newton(
+    layers: tuple[FloatArray, FloatArray, FloatArray],
+    known: tuple[BoolArray, BoolArray],
+    told: FloatArray,
+    level: float,
+    start: FloatArray,
+    limits: tuple[int, float],
+) -> tuple[FloatArray, FloatArray, float, int, bool]:
+    """Displace, linearise, re-weight twice, solve, until the displacement settles.
 
-    @property
-    def moved(self) -> FloatArray:
-        return self.estimate[:-3]
+    `layers` are the spline's coefficients, the fixed surface and sigma. After 0 iterations too few
+    points are common.
+    """
+    coefficients, fixed, sigma = layers
+    shift, along = start.copy(), told.shape[1]
+    estimate, spread = np.zeros(along + 3), 0.0
+    for iteration in range(1, limits[0] + 1):
+        moved, held = _displaced(coefficients, known[0], shift[0], shift[1])
+        rows, difference = _rows(moved, fixed, sigma, known[1] & held, told, level)
+        if rows.shape[0] < _LEAST_POINTS:
+            return shift, estimate[along:], spread, 0, False
+        estimate[:along] = 0.0
+        if iteration == 1:
+            estimate[along] = np.median(difference / rows[:, along])
+        for weighing in range(2):
+            left = difference - rows @ estimate
+            # About 0, where the plane of the step before has put their middle.
+            if weighing == 0 or iteration == 1:
+                spread = MAD_TO_SIGMA * np.median(np.abs(left))
+            normal, right = _normal(rows, difference, left, HUBER * spread)
+            estimate = np.linalg.solve(normal, right)
+        most = 0.0
+        for axis in range(2):
+            offset = 0.0
+            for k in range(along):
+                offset += told[axis, k] * min(max(estimate[k], -1.0), 1.0)
+            shift[axis] += offset
+            most = max(most, abs(offset))
+        if most < limits[1] and iteration > 2:
+            return shift, estimate[along:], spread, iteration, True
+    return shift, estimate[along:], spread, limits[0], False
 
-    @property
-    def plane(self) -> FloatArray:
-        return self.estimate[-3:]
+
+@kernel
+def _normal(
+    rows: FloatArray, difference: FloatArray, left: FloatArray, bound: float
+) -> tuple[FloatArray, FloatArray]:
+    """Normal matrix (P, P) and right side (P,) by Huber's weights; of bound 0 all weigh 1."""
+    count = rows.shape[1]
+    normal, right = np.zeros((count, count)), np.zeros(count)
+    for n in range(rows.shape[0]):
+        size = abs(left[n])
+        weight = bound / size if size > bound > 1e-12 else 1.0
+        for p in range(count):
+            scaled = weight * rows[n, p]
+            right[p] += scaled * difference[n]
+            for q in range(p + 1):
+                normal[p, q] += scaled * rows[n, q]
+    for p in range(count):
+        for q in range(p):
+            normal[q, p] = normal[p, q]
+    return normal, right
 
 
-def _robust_step(rows: FloatArray, difference: FloatArray, before: _Step) -> _Step:
-    """Two re-weightings, from the weights that the plane of the step before leaves."""
-    estimate, spread = np.zeros(rows.shape[1]), before.spread
-    estimate[-3:] = before.plane
-    if spread == 0.0:
-        estimate[-3] = np.median(difference / rows[:, -3])
-    for _ in range(2):
-        left = difference - rows @ estimate
-        spread = _spread(left)
-        weighted = rows if spread <= 1e-12 else rows * huber_weight(left / spread)[:, None]
-        estimate[:] = np.linalg.solve(weighted.T @ rows, weighted.T @ difference)
-    return _Step(estimate, spread)
+@kernel
+def _rows(
+    moved: FloatArray,
+    fixed: FloatArray,
+    sigma: FloatArray,
+    compared: BoolArray,
+    told: FloatArray,
+    level: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Partials (N, K + 3) and differences (N,) over sigma of the compared points.
 
-
-def _spread(left: FloatArray) -> float:
-    """Robust standard deviation of finite values (N,)."""
-    half = len(left) // 2
-    away = np.abs(left - np.partition(left, half)[half])
-    return MAD_TO_SIGMA * float(np.partition(away, half)[half])
+    Slopes are antisymmetric differences of the displaced heights and not the spline's own: its
+    smoothing of noise depends on where between the points it is evaluated, and slopes that see
+    that would draw the displacement to half a cell. By these a noise of the heights is not
+    correlated with its slope.
+    """
+    height, width = moved.shape
+    along = told.shape[1]
+    rows = np.empty((np.count_nonzero(compared), along + 3))
+    difference = np.empty(rows.shape[0])
+    n = 0
+    for r in range(height):
+        for c in range(width):
+            if not compared[r, c]:
+                continue
+            share = 1.0 / sigma[r, c]
+            for k in range(along):
+                rows[n, k] = -share * (
+                    told[0, k] * _slope(moved[r], c) + told[1, k] * _slope(moved[:, c], r)
+                )
+            rows[n, along] = share * level
+            rows[n, along + 1] = share * level * (c - (width - 1) / 2) / width
+            rows[n, along + 2] = share * level * (r - (height - 1) / 2) / height
+            difference[n] = share * (fixed[r, c] - moved[r, c])
+            n += 1
+    return rows, difference
 
 
 @kernel
 def _displaced(
     coefficients: FloatArray, known: BoolArray, shift_x: float, shift_y: float
-) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
-    """Cubic spline at ``(x − shift_x, y − shift_y)`` with its slopes, and where it is known.
+) -> tuple[FloatArray, BoolArray]:
+    """Cubic spline at ``(x − shift_x, y − shift_y)``, and where it is known.
 
-    A displacement that is alike everywhere needs one set of weights. The slopes are antisymmetric
-    differences of the displaced heights and not the spline's own: its smoothing of noise depends on
-    where between the points it is evaluated, and slopes that see that would draw the displacement
-    to half a cell. By these a noise of the heights is not correlated with its slope.
+    A displacement that is alike everywhere needs one set of weights.
     """
     rows, columns = coefficients.shape
     i, j = int(np.floor(-shift_y)), int(np.floor(-shift_x))
@@ -306,8 +422,7 @@ def _displaced(
                     and known[r + i, c + j + right]
                     and known[r + i + down, c + j + right]
                 )
-    slope_x, slope_y = _slopes(value)
-    return value, slope_x, slope_y, held
+    return value, held
 
 
 @kernel

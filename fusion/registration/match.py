@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
 
-from fusion.registration.alignment import Alignment, Fields, Left, align, left_at, tilts
+from fusion.registration.alignment import Aligner, Alignment, Fields, Left, Search, tilts
 from fusion.registration.noise import NoiseSpectrum, bridged, supported
 from fusion.registration.resolution import blur, plane_of
 from spcola.arrays import BoolArray, FloatArray
 from spcola.maplet import MapletGrid
-from spcola.surfacecorrelation import independent_patches, shift_variances
+from spcola.surfacecorrelation import shift_variances
 
 # Two displacements further apart than this many cells are two answers.
 _APART = 3.0
@@ -198,15 +198,18 @@ def match_surfaces(
         edge = f"the best match lies at the edge of the capture range ({options.capture_m:g} m)"
         return _unmatched(name, grid, both, edge)
     fields = _plain(pair)
-    # What is only where a sharper search begins need not be found to a thousandth of a cell.
-    plain = _aligned(fields, start, pair.gsd, options, rough=spectrum is not None)
+    aligner = Aligner.of(fields)
+    rough = Search(options.capture_m / grid.gsd, options.max_iterations, _ROUGH, _AREA)
+    plain = aligner.align(start, rough)
     if plain is None:
         return _unmatched(name, grid, both, "too few points are common to both surfaces")
-    others = [_aligned(fields, rival, pair.gsd, options, rough=True) for rival in rivals]
+    others = [aligner.align(rival, rough) for rival in rivals]
     alike = [other for other in others if other and _as_good(other, plain, options)]
-    sharp = None if spectrum is None or alike else _whitened(pair, spectrum, plain, options)
-    found = _Found(plain if sharp is None else sharp, left_at(fields, plain, sharp), alike)
-    return _judged(name, grid, pair, found, options)
+    sharp = None if spectrum is None or alike else _whitened(fields, spectrum, plain, rough)
+    if sharp is None:
+        best = aligner.align(plain.shift, replace(rough, tolerance=_SETTLED, area=0.0)) or plain
+        return _judged(name, grid, pair, _Found(best, best.left, alike), options)
+    return _judged(name, grid, pair, _Found(sharp, aligner.left_at(sharp.shift), alike), options)
 
 
 def _prepare(grid: MapletGrid, moving: Surface, fixed: Surface, blur_cells: float) -> _Pair:
@@ -313,20 +316,6 @@ def _valley_floor(variance: FloatArray, row: int, column: int) -> float:
     return max(floor, 0.0)
 
 
-def _aligned(
-    fields: Fields, start: FloatArray, gsd: float, options: MatchOptions, *, rough: bool = False
-) -> Alignment | None:
-    """Gauss–Newton from a whole-cell start; what the relief does not tell stays in the range."""
-    reach = options.capture_m / gsd
-    return align(
-        fields,
-        start,
-        reach=reach,
-        max_iterations=options.max_iterations,
-        tolerance=_ROUGH if rough else _SETTLED,
-    )
-
-
 def _plain(pair: _Pair) -> Fields:
     """The surfaces as they are, all wavelengths alike."""
     return Fields(
@@ -340,7 +329,7 @@ def _plain(pair: _Pair) -> Fields:
 
 
 def _whitened(
-    pair: _Pair, spectrum: NoiseSpectrum, plain: Alignment, options: MatchOptions
+    plain_fields: Fields, spectrum: NoiseSpectrum, plain: Alignment, search: Search
 ) -> Alignment | None:
     """Align the surfaces again, filtered so that their difference is white; None if no better.
 
@@ -348,14 +337,15 @@ def _whitened(
     wavelengths, the unfiltered answer is the sharper one.
     """
     fields = Fields(
-        spectrum.whitened(pair.moving),
-        supported(pair.moving_known),
-        spectrum.whitened(pair.fixed),
-        supported(pair.fixed_known),
-        pair.sigma,
+        spectrum.whitened(plain_fields.moving),
+        supported(plain_fields.moving_known),
+        spectrum.whitened(plain_fields.fixed),
+        supported(plain_fields.fixed_known),
+        plain_fields.sigma,
         spectrum.level,
     )
-    sharp = _aligned(fields, plain.shift, pair.gsd, options)
+    fine = replace(search, tolerance=_SETTLED, area=0.0)
+    sharp = Aligner.of(fields).align(plain.shift, fine)
     if sharp is None or not sharp.settled or not np.isfinite(sharp.covariance).all():
         return None
     moved = sharp.shift - plain.shift
@@ -419,7 +409,7 @@ def _objection(
 ) -> str:
     """Why a match must not be used; empty if it may."""
     best, left = found.best, found.left
-    coverage, patches = float(np.mean(left.compared)), independent_patches(left.standardised)
+    coverage, patches = float(np.mean(left.compared)), best.patches
     if coverage < options.min_coverage:
         return f"only {coverage:.0%} of the grid could be compared"
     if not best.settled:
@@ -438,7 +428,8 @@ def _correlation(pair: _Pair, left: Left) -> float:
     """Weighted correlation of the two surfaces, planes removed, over the compared points."""
     compared = left.compared
     share = 1.0 / pair.sigma[compared]
-    tilt_x, tilt_y = tilts(pair.sigma.shape)
+    rows, columns = pair.sigma.shape
+    tilt_x, tilt_y = tilts((rows, columns))
     plane = np.stack([share, share * tilt_x[compared], share * tilt_y[compared]], axis=1)
     both = share[:, None] * np.stack([pair.fixed[compared], left.moved[compared]], axis=1)
     rest = both - plane @ np.linalg.solve(plane.T @ plane, plane.T @ both)

@@ -30,7 +30,7 @@ _RINGS = 37
 # Robust standard deviations at which a difference is cut off: a boulder is no noise.
 _CUT = 3.0
 # Cells by which a field is carried on beyond its edges, mirrored, and over which a gap is bridged.
-_MARGIN = 24
+_MARGIN = 12
 _BRIDGE = 1.0
 # Standard deviation, cells, of the neighbourhood of which a filtered point must know this share.
 _SUPPORT = 1.5
@@ -86,20 +86,19 @@ class NoiseSpectrum:
         return float(self.gain(np.zeros(1))[0])
 
     def whitened(self, height: FloatArray) -> FloatArray:
-        """Pass heights (R, C), metres, through the filter.
+        """Pass heights (R, C), metres, without gaps (:func:`bridged`) through the filter.
 
-        Gaps are bridged from around first, and edges mirrored: :func:`supported` tells which points
-        are as good as without.
+        Edges are mirrored. :func:`supported` tells which points are as good as without edges and
+        gaps.
         """
-        whole = bridged(height)
-        size = [fft.next_fast_len(n + 2 * _MARGIN, real=True) for n in whole.shape]
-        after = [n - rest - _MARGIN for n, rest in zip(size, whole.shape, strict=True)]
-        padded = np.pad(whole, [(_MARGIN, extra) for extra in after], mode="symmetric")
+        size = [fft.next_fast_len(n + 2 * _MARGIN, real=True) for n in height.shape]
+        after = [n - rest - _MARGIN for n, rest in zip(size, height.shape, strict=True)]
+        padded = np.pad(height, [(_MARGIN, extra) for extra in after], mode="symmetric")
         rows, columns = fft.fftfreq(size[0]), fft.rfftfreq(size[1])
         gain = self.gain(np.hypot(rows[:, None], columns[None, :]))
         filtered = fft.irfft2(fft.rfft2(padded) * gain, size)
         inner: FloatArray = filtered[
-            _MARGIN : _MARGIN + whole.shape[0], _MARGIN : _MARGIN + whole.shape[1]
+            _MARGIN : _MARGIN + height.shape[0], _MARGIN : _MARGIN + height.shape[1]
         ]
         return inner
 

@@ -7,6 +7,8 @@ and given to the sharper one before they are compared.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from scipy import ndimage
 from scipy.optimize import minimize_scalar
@@ -26,14 +28,36 @@ def plane_of(height: FloatArray) -> FloatArray:
 
     0 if fewer than three points are known.
     """
-    known = np.isfinite(height)
-    rows, columns = np.indices(height.shape)
-    design = np.stack([np.ones(height.size), rows.ravel(), columns.ravel()], axis=1)
-    if known.sum() < 3:
-        return np.zeros(height.shape)
-    solution = np.linalg.lstsq(design[known.ravel()], height[known], rcond=None)[0]
-    plane: FloatArray = (design @ solution).reshape(height.shape)
-    return plane
+    return _fitted(height, 3) if np.isfinite(height).sum() >= 3 else np.zeros(height.shape)
+
+
+def trend_of(height: FloatArray) -> FloatArray:
+    """Least-squares paraboloid (R, C) through the known points of `height` (R, C), metres.
+
+    That of :func:`plane_of` if fewer than twelve points are known.
+    """
+    return _fitted(height, 6) if np.isfinite(height).sum() >= 12 else plane_of(height)
+
+
+def _fitted(height: FloatArray, terms: int) -> FloatArray:
+    """Least-squares polynomial (R, C) of the first `terms` of 1, x, y, x², xy, y²."""
+    rows, columns = height.shape
+    design = _polynomial((rows, columns))[:, :terms]
+    known = np.isfinite(height).ravel()
+    rows_known = design[known]
+    normal, right = rows_known.T @ rows_known, rows_known.T @ height.ravel()[known]
+    solution = np.linalg.lstsq(normal, right, rcond=1e-12)[0]
+    fitted: FloatArray = (design @ solution).reshape(height.shape)
+    return fitted
+
+
+@lru_cache(4)
+def _polynomial(shape: tuple[int, int]) -> FloatArray:
+    """1, x, y, x², xy, y² (R·C, 6) with x and y from −1 to 1 over a grid."""
+    y, x = np.meshgrid(*(np.linspace(-1.0, 1.0, n) for n in shape), indexing="ij")
+    design = np.stack([np.ones(shape), x, y, x * x, x * y, y * y], axis=-1).reshape(-1, 6)
+    design.flags.writeable = False
+    return design
 
 
 def filled(height: FloatArray) -> FloatArray:
@@ -47,23 +71,6 @@ def filled(height: FloatArray) -> FloatArray:
     plane = plane_of(height)
     result: FloatArray = np.where(known, height, carried_on(height - plane) + plane)
     return result
-
-
-def trend_of(height: FloatArray) -> FloatArray:
-    """Least-squares paraboloid (R, C) through the known points of `height` (R, C), metres.
-
-    That of :func:`plane_of` if fewer than twelve points are known.
-    """
-    known = np.isfinite(height)
-    if known.sum() < 12:
-        return plane_of(height)
-    y, x = (np.linspace(-1.0, 1.0, n) for n in height.shape)
-    y, x = np.meshgrid(y, x, indexing="ij")
-    design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
-    rows = design[known]
-    solution = np.linalg.lstsq(rows.T @ rows, rows.T @ height[known], rcond=1e-12)[0]
-    trend: FloatArray = design @ solution
-    return trend
 
 
 def blur(height: FloatArray, sigma_cells: float) -> FloatArray:
@@ -88,12 +95,22 @@ def blur(height: FloatArray, sigma_cells: float) -> FloatArray:
     known = np.isfinite(height)
     trend = trend_of(height)
     rest = np.where(known, height - trend, 0.0)
-    support = _smooth(known.astype(np.float64), sigma_cells)
+    rows, columns = height.shape
+    whole = _support((rows, columns), sigma_cells)
+    support = whole if known.all() else _smooth(known.astype(np.float64), sigma_cells)
     with np.errstate(invalid="ignore", divide="ignore"):
         soft = _smooth(rest, sigma_cells) / support
-    enough = support > _MIN_SUPPORT * _smooth(np.ones(height.shape), sigma_cells)
+    enough = support > _MIN_SUPPORT * whole
     result: FloatArray = np.where(known & enough, soft + trend, np.nan)
     return result
+
+
+@lru_cache(16)
+def _support(shape: tuple[int, int], sigma_cells: float) -> FloatArray:
+    """What smoothing leaves of ones on a grid without gaps."""
+    support = _smooth(np.ones(shape), sigma_cells)
+    support.flags.writeable = False
+    return support
 
 
 def _smooth(values: FloatArray, sigma_cells: float) -> FloatArray:
