@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fusion.fusing.constraints import overlaps
 from fusion.memory import check_grid
+from fusion.registration.apply import GivenRegistration, applied_json, given_registration
 from fusion.registration.fit import FitOptions, fit_transform
 from fusion.registration.match import Match, MatchOptions, Surface, match_surfaces
 from fusion.registration.resolution import estimate_blur
@@ -19,8 +21,9 @@ from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
 from fusion.tables import BodySettings, RegisterSettings, Table
 from fusion.workspace import SETTINGS_FILE, Workspace
+from spcola.arrays import FloatArray
 from spcola.bigmap import BigmapOptions, make_bigmap
-from spcola.errors import NotObservableError
+from spcola.errors import NotObservableError, SettingsError
 from spcola.maplet import Maplet, MapletGrid
 from spcola.rays import RayCaster
 from spcola.regrid import project_maplet
@@ -35,7 +38,7 @@ class RegisterStage:
     """Mapolas and SPC surface → registration.json."""
 
     name: str = "register"
-    version: int = 6
+    version: int = 7
     tables: tuple[type[Table], ...] = (RegisterSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
@@ -49,13 +52,17 @@ class RegisterStage:
         return ""
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return the mapolas, and the maplets or the shape."""
+        """Return the mapolas, the maplets or the shape, and the transform that is given."""
+        given = given_path(workspace, settings.registration)
+        paths = [*workspace.mapola_paths(), *([] if given is None else [given])]
         if settings.registration.against == "shape":
-            return [*workspace.mapola_paths(), workspace.shape_path()]
-        return [*workspace.mapola_paths(), *workspace.maplet_files()]
+            return [*paths, workspace.shape_path()]
+        return [*paths, *workspace.maplet_files()]
 
     def run(self, context: StageContext) -> StageResult:
         """Match every mapola, bring both surfaces to one resolution, match again, fit.
+
+        Where a transform is given the mapolas are matched as it places them, and nothing is fitted.
 
         Raises
         ------
@@ -63,7 +70,7 @@ class RegisterStage:
             If too few mapolas match, or a parameter of the model is free.
         """
         workspace, table = context.workspace, context.table(RegisterSettings)
-        reference = surface_reference(workspace, table.against)
+        reference, given = surface_reference(workspace, table.against), _given(workspace, table)
         options = MatchOptions(
             capture_m=table.capture_m,
             min_coverage=table.min_coverage,
@@ -71,24 +78,28 @@ class RegisterStage:
         )
         names = workspace.mapola_names()
 
+        def placed(name: str) -> MapletGrid:
+            grid = workspace.mapola(name).grid
+            return grid if given is None else given.moved(grid)
+
         def matched(name: str, blur: float) -> Match:
-            mapola = workspace.mapola(name)
+            mapola, grid = workspace.mapola(name), placed(name)
             check_grid(
-                mapola.grid.half_size + table.capture_m / mapola.grid.gsd,
+                grid.half_size + table.capture_m / grid.gsd,
                 f"{workspace.root / SETTINGS_FILE}: [register] capture_m",
                 "lower it",
             )
             return match_surfaces(
                 name,
-                mapola.grid,
+                grid,
                 Surface(mapola.height, mapola.sigma),
-                reference(name, mapola.grid),
+                reference(name, grid),
                 blur_cells=blur,
                 options=options,
             )
 
         def measured(name: str) -> float:
-            return _blur(matched(name, 0.0), reference, workspace.mapola(name).grid)
+            return _blur(matched(name, 0.0), reference, placed(name))
 
         blurs = np.array(context.map("compare resolutions", measured, _sample(names)))
         blur = float(np.nanmedian(blurs)) if np.isfinite(blurs).any() else 0.0
@@ -101,7 +112,9 @@ class RegisterStage:
                 do="check that lidar and SPC are of one body and one frame, or raise [register] "
                 "capture_m",
             )
-        mapolas = _with_scans(workspace, matches, table)
+        if given is not None:
+            return _written(context, _applied(workspace, given, matches, blur, table))
+        mapolas, _ = _with_scans(workspace, matches, table)
         registration = fit_transform(
             np.stack([match.center for match in usable]),
             np.stack([match.displacement for match in usable]),
@@ -113,19 +126,68 @@ class RegisterStage:
                 reject=table.reject_sigmas,
             ),
         )
-        content = registration_json(registration, mapolas, blur_cells=blur)
-        path = context.write_json(workspace.registration_path.name, content)
-        summary = {k: v for k, v in content.items() if k not in _LONG}
-        return StageResult((path,), summary)
+        return _written(context, registration_json(registration, mapolas, blur_cells=blur))
 
 
 STAGE = RegisterStage()
 
 
+def _written(context: StageContext, content: dict[str, Any]) -> StageResult:
+    """Write the registration."""
+    path = context.write_json(context.workspace.registration_path.name, content)
+    return StageResult((path,), {k: v for k, v in content.items() if k not in _LONG})
+
+
+def given_path(workspace: Workspace, table: RegisterSettings) -> Path | None:
+    """Return the file whose transform is applied; None where one is fitted.
+
+    Raises
+    ------
+    SettingsError
+        If it is not there, is what the stage itself writes, or is named by `inverse` alone.
+    """
+    where = f"{workspace.root / SETTINGS_FILE}: [register] apply"
+    if not table.apply:
+        if table.inverse:
+            raise SettingsError("names no file whose inverse is to be taken", where)
+        return None
+    path = workspace.root / table.apply
+    if not path.is_file():
+        raise SettingsError(f"names {path}, which is no file", where, "check the path")
+    if path.resolve() == workspace.registration_path.resolve():
+        raise SettingsError(f"names {path}, which is written anew", where, "name a copy of it")
+    return path
+
+
+def _given(workspace: Workspace, table: RegisterSettings) -> GivenRegistration | None:
+    """Read the transform that is to be applied; None where one is to be fitted."""
+    path = given_path(workspace, table)
+    if path is None:
+        return None
+    return given_registration(workspace.read_json(str(path)), str(path), inverse=table.inverse)
+
+
+def _applied(
+    workspace: Workspace,
+    given: GivenRegistration,
+    matches: list[Match],
+    blur: float,
+    table: RegisterSettings,
+) -> dict[str, Any]:
+    """Content of the registration by a transform that is given."""
+    own = [given.referred(match, workspace.mapola(match.name).grid) for match in matches]
+    mapolas, shares = _with_scans(workspace, own, table)
+    content = applied_json(given, mapolas, shares, reject=table.reject_sigmas, blur_cells=blur)
+    return {**content, "applied": {"file": table.apply, "inverse": table.inverse}}
+
+
 def _with_scans(
     workspace: Workspace, matches: list[Match], table: RegisterSettings
-) -> MatchedMapolas:
-    """How scan errors reach the mapolas: what their adjustment left, or errors of each scan."""
+) -> tuple[MatchedMapolas, FloatArray]:
+    """How scan errors reach the mapolas, and the shares (N, S) of the scans in them.
+
+    They are what the adjustment of the scans left, or errors of each scan.
+    """
     found = [workspace.mapola(match.name).scan_share for match in matches]
     centers = np.array([match.center for match in matches])
     adjustment = workspace.adjustment()
@@ -136,10 +198,11 @@ def _with_scans(
     else:
         shares = share_matrix(found, adjustment.names)
         scans = ScanEffects.left_by(adjustment, shares, centers)
-    return MatchedMapolas(matches, scans, scans.at(shares, centers), scans.beside(shares, centers))
+    effects, beside = scans.at(shares, centers), scans.beside(shares, centers)
+    return MatchedMapolas(matches, scans, effects, beside), shares
 
 
-_LONG = frozenset({"per_mapola", "per_scan", "covariance", "parameters"})
+_LONG = frozenset({"per_mapola", "per_scan", "covariance", "parameters", "stability", "inverse"})
 
 # The blur is one number for the whole solution; this many mapolas tell it.
 _BLUR_SAMPLE = 24
