@@ -36,8 +36,10 @@ def strained(truth, strain):
 def registered(points, seed, *, truth=PLANTED, sigma=0.02, scan_sigma=0.03, scans=12, **given):
     """Fit to mapolas at `points` that err by `sigma`, and their scans by `scan_sigma`.
 
-    `given`: `model`; `covariance` (3, 3) or (N, 3, 3) of the matches if not σ²; `extra` (N, 3),
-    metres, that is added to the displacements.
+    Maplet centres err by 1 cm beside.
+
+    `given`: `model`; `covariance` (3, 3) or (N, 3, 3) of the matches if not σ², `drawn` if their
+    errors are of another; `extra` (N, 3), metres, that is added to the displacements.
     """
     generator = np.random.default_rng(seed)
     shares = np.eye(scans)[generator.permutation(len(points)) % scans]
@@ -47,8 +49,9 @@ def registered(points, seed, *, truth=PLANTED, sigma=0.02, scan_sigma=0.03, scan
     moved = moved + shares @ (scan_sigma * generator.normal(size=(scans, 3)))
     covariance = given.get("covariance", sigma**2 * np.eye(3))
     covariances = np.broadcast_to(covariance, (len(points), 3, 3))
-    root = np.linalg.cholesky(covariances)
+    root = np.linalg.cholesky(np.broadcast_to(given.get("drawn", covariance), covariances.shape))
     moved = moved + np.einsum("nij,nj->ni", root, generator.normal(size=points.shape))
+    moved = moved + 0.01 * generator.normal(size=points.shape)
     options = FitOptions(model=given.get("model", "similarity"), center_sigma_m=0.01)
     return fit_transform(points, moved, covariances, effects, options=options)
 

@@ -63,7 +63,7 @@ def test_a_region_that_lies_elsewhere_is_named(scene):
 
 
 def test_a_region_without_which_nothing_is_left_is_said(scene):
-    points = scene.cap(12, share=0.01)
+    points = scene.cap(8, share=0.002)
     regions = leave_one_region_out(scene.registered(points, 3, scans=3), points)
     assert len(regions) == 1
     assert regions[0].reason.startswith("without it the observations leave")
@@ -74,11 +74,12 @@ def test_a_region_without_which_nothing_is_left_is_said(scene):
 def test_the_bootstrap_gives_the_formal_sigma_where_errors_are_independent(scene):
     points, ratios = scene.body(300), []
     for seed in range(6):
-        fit = scene.registered(points, seed, scan_sigma=0.0, scans=150)
+        fit = scene.registered(points, seed, scan_sigma=0.0)
         found = block_bootstrap(fit, points)
         ratios.append(found.sigma / np.sqrt(np.diag(fit.covariance)))
         assert (found.samples, found.reason) == (200, "")
-    np.testing.assert_allclose(np.median(ratios, axis=0), 1.0, atol=0.25)
+    # The translation has a share of what all scans could be off by, which no drawing shows.
+    np.testing.assert_allclose(np.median(ratios, axis=0)[3:], 1.0, atol=0.15)
 
 
 def test_the_bootstrap_sees_errors_that_neighbours_share_and_the_model_does_not(scene):
@@ -86,9 +87,9 @@ def test_the_bootstrap_sees_errors_that_neighbours_share_and_the_model_does_not(
     points = scene.body(600)
     nearest = np.argmax(points @ lattice(60).T, axis=1)
     extra = 0.05 * np.random.default_rng(4).normal(size=(60, 3))[nearest]
-    fit = scene.registered(points, 4, extra=extra, scan_sigma=0.0, scans=200)
+    fit = scene.registered(points, 4, extra=extra, scan_sigma=0.0)
     ratio = block_bootstrap(fit, points).sigma / np.sqrt(np.diag(fit.covariance))
-    assert np.median(ratio) > 1.8
+    assert np.median(ratio) > 1.6
 
 
 def test_the_bootstrap_is_reproducible_and_says_where_blocks_are_too_few(scene):
