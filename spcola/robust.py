@@ -1,4 +1,4 @@
-"""Robust scale and weights: the one home of median deviations, Huber and Cauchy."""
+"""Robust scale and weights: the one home of median deviations, Huber, Cauchy, Tukey."""
 
 from __future__ import annotations
 
@@ -51,6 +51,17 @@ def cauchy_weight(z: ArrayLike, k: float = 2.385) -> FloatArray:
     """
     ratio = np.asarray(z, dtype=np.float64) / k
     weight = 1.0 / (1.0 + ratio * ratio)
+    return np.where(np.isnan(ratio), 0.0, weight)
+
+
+def biweight(z: ArrayLike, c: float = 4.685) -> FloatArray:
+    """Return Tukey's weights (1 − (z/c)²)², 0 beyond c (95 % efficient with c = 4.685).
+
+    `z` are residuals over their standard deviation; NaN weighs 0. What lies far off on one side
+    only does not pull at all, but the start must be good: begin with :func:`huber_weight`.
+    """
+    ratio = np.minimum(np.abs(np.asarray(z, dtype=np.float64)) / c, 1.0)
+    weight: FloatArray = (1.0 - ratio * ratio) ** 2
     return np.where(np.isnan(ratio), 0.0, weight)
 
 

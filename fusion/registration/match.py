@@ -15,7 +15,7 @@ from fusion.registration.correlation import (
 from fusion.registration.resolution import blur, filled
 from spcola.arrays import BoolArray, FloatArray
 from spcola.maplet import MapletGrid
-from spcola.robust import huber_weight, mad
+from spcola.robust import biweight, huber_weight, mad
 
 # Two displacements further apart than this many cells are two answers.
 _APART = 3.0
@@ -24,6 +24,8 @@ _MIN_PATCHES = 10.0
 # Share of the points that count alike, as known best: a few that claim far more than the rest, or
 # an error of 0, must not carry the match.
 _BEST = 0.1
+# The weights after each solution; those after the last enter the covariance alone.
+_REWEIGHTINGS = (huber_weight, huber_weight, biweight, biweight, biweight)
 
 
 @dataclass(frozen=True)
@@ -332,9 +334,11 @@ def _refine(pair: _Pair, start: FloatArray, options: MatchOptions) -> _Fine | No
 
 
 def _robust_step(rows: FloatArray, difference: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """Huber-weighted least squares (a few re-weightings); None where columns depend.
+    """Robust least squares (a few re-weightings); None where columns depend.
 
-    Returns the offsets (P,) and the weights (N,).
+    First Huber's weights, which lead anywhere near, then Tukey's: boulders that SPC shortens all
+    lie to one side, and any weight left to them pulls the height. Returns the offsets (P,) and the
+    weights (N,).
     """
     weight: FloatArray = np.ones(len(rows))
     offsets: FloatArray = np.zeros(rows.shape[1])
@@ -342,7 +346,7 @@ def _robust_step(rows: FloatArray, difference: FloatArray) -> tuple[FloatArray, 
     if np.min(scale) < 1e-9:
         return None
     unit = rows / scale
-    for _ in range(4):
+    for weigh in _REWEIGHTINGS:
         weighted = unit * weight[:, None]
         normal = weighted.T @ unit
         if np.linalg.cond(normal) > 1e10:
@@ -352,7 +356,7 @@ def _robust_step(rows: FloatArray, difference: FloatArray) -> tuple[FloatArray, 
         spread = float(mad(rest))
         if spread <= 1e-12:
             break
-        weight = huber_weight(rest / spread)
+        weight = weigh(rest / spread)
     return offsets / scale, weight
 
 

@@ -59,7 +59,7 @@ class ScaleStage:
     """Scans, images and SPC surface → scale.json and pairs/."""
 
     name: str = "scale"
-    version: int = 4
+    version: int = 5
     tables: tuple[type[Table], ...] = (
         ScaleSettings,
         BodySettings,
