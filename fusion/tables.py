@@ -203,6 +203,14 @@ class RegisterSettings(Table):
     reject_sigmas: Positive = Field(
         default=5.0, description="mapolas further off than this are rejected"
     )
+    apply: str = Field(
+        default="",
+        description="registration.json whose transform is taken and nothing fitted; path from the "
+        "workspace; empty: fit",
+    )
+    inverse: bool = Field(
+        default=False, description="whether that file takes SPC to lidar coordinates"
+    )
 
 
 class FuseSettings(Table):

@@ -10,7 +10,7 @@ from scipy import ndimage
 from spcola.arrays import BoolArray, FloatArray
 from spcola.gaps import carried_on
 from spcola.orthoimage import OrthoImage
-from spcola.robust import HUBER, huber_solution, mad
+from spcola.robust import huber_scores, huber_solution, mad
 from spcola.surfacecorrelation import (
     independent_patches,
     robust_covariance,
@@ -224,7 +224,7 @@ def _covariance(design: FloatArray, residual: FloatArray) -> FloatArray:
     """Covariance (2, 2) of the displacement, square cells."""
     compared = np.isfinite(residual)
     rows = np.where(compared[..., None], design, 0.0)
-    covariance = robust_covariance(rows, residual, bound=HUBER * float(mad(residual)))
+    covariance = robust_covariance(rows, huber_scores(residual, float(mad(residual))))
     return covariance.matrix[:2, :2]
 
 

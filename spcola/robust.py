@@ -1,6 +1,8 @@
-"""Robust scale and weights: the one home of median deviations, Huber and Cauchy."""
+"""Robust scale and weights: the one home of median deviations, Huber, Cauchy, Tukey."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -96,6 +98,52 @@ def huber_solution(
             break
         weight = huber_weight(rest / spread)
     return solution / scale, weight
+
+
+TUKEY = 4.685
+"""Standard deviations beyond which Tukey's estimate gives a residual no weight."""
+
+
+def biweight(z: ArrayLike, c: float = TUKEY) -> FloatArray:
+    """Return Tukey's weights (1 − (z/c)²)², 0 beyond c (95 % efficient with c = 4.685).
+
+    `z` are residuals over their standard deviation; NaN weighs 0. What lies far off on one side
+    only does not pull at all, but the start must be good: begin with :func:`huber_weight`.
+    """
+    ratio = np.minimum(np.abs(np.asarray(z, dtype=np.float64)) / c, 1.0)
+    weight: FloatArray = (1.0 - ratio * ratio) ** 2
+    return np.where(np.isnan(ratio), 0.0, weight)
+
+
+class Scores(NamedTuple):
+    """What residuals pull with, ψ(e), and by how much that changes with them, ψ′(e)."""
+
+    pull: FloatArray
+    slope: FloatArray
+
+
+def huber_scores(residual: ArrayLike, spread: float) -> Scores:
+    """Return Huber's ψ, the residual cut off at 1.345 `spread`; of no spread the residual itself.
+
+    Any unit; NaN stays NaN.
+    """
+    array = np.asarray(residual, dtype=np.float64)
+    if not spread > 0:
+        return Scores(array, np.ones(array.shape))
+    bound = HUBER * spread
+    return Scores(np.clip(array, -bound, bound), (np.abs(array) < bound).astype(np.float64))
+
+
+def biweight_scores(residual: ArrayLike, spread: float) -> Scores:
+    """Return Tukey's ψ, 0 beyond 4.685 `spread`; of no spread the residual itself.
+
+    Any unit; NaN stays NaN.
+    """
+    array = np.asarray(residual, dtype=np.float64)
+    if not spread > 0:
+        return Scores(array, np.ones(array.shape))
+    square = np.minimum((array / (TUKEY * spread)) ** 2, 1.0)
+    return Scores(array * (1.0 - square) ** 2, (1.0 - square) * (1.0 - 5.0 * square))
 
 
 def _median(array: FloatArray, axis: int) -> FloatArray:

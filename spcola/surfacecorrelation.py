@@ -8,6 +8,7 @@ import numpy as np
 from scipy import fft
 
 from spcola.arrays import AnyArray, BoolArray, FloatArray
+from spcola.robust import Scores
 
 # Fewer points tell no variance.
 _LEAST_POINTS = 30
@@ -172,29 +173,25 @@ class RobustCovariance(NamedTuple):
 
 def robust_covariance(
     design: FloatArray,
-    residual: FloatArray,
+    scores: Scores,
     *,
-    bound: float = 0.0,
     rise: FloatArray | None = None,
     reach: int = 20,
 ) -> RobustCovariance:
     """Covariance of a robust least-squares estimate under the errors that the residual shows.
 
-    Huber's estimate solves ``Σ ψ(e_i) g_i = 0``, ψ cutting residuals off at `bound`. With C the
-    autocovariance of ψ(e) and H the sum of g rᵀ over the points that are not cut off, its
-    covariance is ``H⁻¹ (Σ_ij g_i C(i − j) g_jᵀ) H⁻ᵀ``: errors that neighbours share count as
-    shared (the "sandwich" estimate). What P parameters have taken out of the residuals is put back
-    by n / (n − P), n the independent patches.
+    A robust estimate solves ``Σ ψ(e_i) g_i = 0``. With C the autocovariance of ψ(e) and
+    ``H = Σ ψ′(e_i) g_i r_iᵀ`` its covariance is ``H⁻¹ (Σ_ij g_i C(i − j) g_jᵀ) H⁻ᵀ``: errors that
+    neighbours share count as shared (the "sandwich" estimate). What P parameters have taken out of
+    the residuals is put back by n / (n − P), n the independent patches.
 
     Parameters
     ----------
     design : (N, N, P) ndarray
         Partial derivatives g at each grid point; 0 where nothing was compared.
-    residual : (N, N) ndarray
-        Of one standard deviation throughout (metres, or over the points' own sigma, as the design
-        is then too); NaN where nothing was compared.
-    bound : float
-        In the unit of the residual; 0: nothing was cut off.
+    scores : Scores
+        Of residuals (N, N) that are of one standard deviation throughout (metres, or over the
+        points' own sigma, as the design is then too); NaN where nothing was compared.
     rise : (M, P) ndarray, optional
         r of the M points with a residual, in the order of the grid: by how much the residual
         changes with the estimate, where that is known better than by g, whose own noise would pass
@@ -209,17 +206,15 @@ def robust_covariance(
         parameters. Source: Huber (1967); docs: mathematics §13.
     """
     size = design.shape[2]
-    reach = _usable(reach, residual)
-    cut = np.clip(residual, -bound, bound) if bound > 0 else residual
-    covariance = autocovariance(cut, reach)
-    patches = float(np.count_nonzero(np.isfinite(residual)) / _area(covariance))
+    covariance = autocovariance(scores.pull, _usable(reach, scores.pull))
+    compared = np.isfinite(scores.pull)
+    patches = float(np.count_nonzero(compared) / _area(covariance))
     if patches <= size:
         return RobustCovariance(np.full((size, size), np.inf), patches)
     covariance *= patches / (patches - size)
-    compared = np.isfinite(residual)
-    held = (np.abs(residual[compared]) < bound) | (bound <= 0)
     rows = design[compared]
-    inverse = np.linalg.inv(rows[held].T @ (rows if rise is None else rise)[held])
+    weighed = rows * scores.slope[compared][:, None]
+    inverse = np.linalg.inv(weighed.T @ (rows if rise is None else rise))
     sandwich: FloatArray = inverse @ _smeared(design, covariance) @ inverse.T
     return RobustCovariance((sandwich + sandwich.T) / 2.0, patches)
 

@@ -74,6 +74,22 @@ def register(
         Literal["maplets", "bigmap", "shape"] | None,
         typer.Option(help=f"[register] against. {_ONCE}"),
     ] = None,
+    apply: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Take the transform of another registration.json, or of JSON with model, scale, "
+            "rotation_deg and translation_m (V_spc = translation + scale R V_lidar), and fit "
+            f"nothing: [register] apply. {_ONCE}",
+        ),
+    ] = None,
+    inverse: Annotated[
+        bool | None,
+        typer.Option(
+            "--inverse/--no-inverse",
+            help=f"That file takes SPC to lidar coordinates: [register] inverse. {_ONCE}",
+        ),
+    ] = None,
     force: ForceOption = False,
     workers: WorkersOption = None,
     cluster: ClusterOption = "",
@@ -81,9 +97,11 @@ def register(
 ) -> None:
     """Register the mapolas to the SPC surface.
 
-    Each is matched in three components; one transform is fitted to all: registration.json.
+    Each is matched in three components; one transform is fitted to all: registration.json. It takes
+    lidar coordinates to SPC coordinates; its `inverse` takes SPC to lidar.
     """
-    changed = {"model": model, "against": against}
+    given = None if apply is None else str(apply.resolve())
+    changed = {"model": model, "against": against, "apply": given, "inverse": inverse}
     _run(workspace, ("register",), ("register", changed), How(force, workers, cluster, as_json))
 
 

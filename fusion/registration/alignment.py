@@ -11,11 +11,16 @@ from scipy import ndimage
 
 from spcola.arrays import BoolArray, FloatArray
 from spcola.kernel import kernel
-from spcola.robust import HUBER, MAD_TO_SIGMA
+from spcola.robust import HUBER, MAD_TO_SIGMA, TUKEY, biweight_scores
 from spcola.surfacecorrelation import RobustCovariance, robust_covariance
 
 # Fewer points give no displacement.
 _LEAST_POINTS = 30
+# Steps that weigh by Huber before Tukey may, and that take the spread anew: spread and weights
+# that follow each other may go in circles.
+_ROUNDS_OF_HUBER, _ROUNDS_OF_SPREAD = 2, 8
+# Steps, cells, that are small enough after so many.
+_TO_AND_FRO = 5e-3
 # Slopes that correlate by less have no relief in common: chance makes a few hundredths of ten
 # thousand of them.
 _TOLD = 0.2
@@ -157,7 +162,7 @@ class Aligner:
         return cls(fields, ndimage.spline_filter(fields.moving, order=3), partials)
 
     def align(self, start: FloatArray, search: Search) -> Alignment | None:
-        """Find the displacement near `start` (2,), cells, robustly (Huber).
+        """Find the displacement near `start` (2,), cells, robustly (Huber, then Tukey).
 
         Along a direction in which the two surfaces have no relief in common, on a plane or along a
         ridge, nothing is looked for: the displacement is 0 there, ± the reach.
@@ -191,7 +196,7 @@ class Aligner:
         """What is left of the difference at a displacement (2,), cells."""
         nowhere = np.zeros((2, 0))
         rows, difference, compared, moved = self._linearised(shift, nowhere)
-        found = self._settled(shift, nowhere, Search(0.0, 3))
+        found = self._settled(shift, nowhere, Search(0.0, 6))
         plane = np.zeros(3) if found is None else found.plane
         return Left(_on_grid(difference - rows @ plane, compared), moved)
 
@@ -212,7 +217,7 @@ class Aligner:
         self, rows: FloatArray, left: Left, spread: float, told: FloatArray, area: float
     ) -> RobustCovariance:
         """Of displacements along `told` and of the plane."""
-        compared, bound = left.compared, HUBER * spread
+        compared = left.compared
         rise = rows.copy()
         rise[:, :-3] = self.partials[compared] @ told
         if area > 0.0:
@@ -221,7 +226,7 @@ class Aligner:
             return RobustCovariance(guess, len(rows) / area)
         design = np.zeros((*compared.shape, rows.shape[1]))
         design[compared] = rows
-        return robust_covariance(design, left.standardised, bound=bound, rise=rise)
+        return robust_covariance(design, biweight_scores(left.standardised, spread), rise=rise)
 
     def _told(self, start: FloatArray) -> FloatArray | None:
         """Directions (2, K), K = 0 … 2, in which both surfaces have relief in common.
@@ -313,9 +318,9 @@ def _gauss_newton(
         for weighing in range(2):
             left = difference - rows @ estimate
             # About 0, where the plane of the step before has put their middle.
-            if weighing == 0 or iteration == 1:
+            if iteration == 1 or (weighing == 0 and iteration <= _ROUNDS_OF_SPREAD):
                 spread = MAD_TO_SIGMA * np.median(np.abs(left))
-            normal, right = _normal(rows, difference, left, HUBER * spread)
+            normal, right = _normal(rows, difference, left, spread, iteration > _ROUNDS_OF_HUBER)
             estimate = np.linalg.solve(normal, right)
         most = 0.0
         for axis in range(2):
@@ -324,21 +329,33 @@ def _gauss_newton(
                 offset += told[axis, k] * min(max(estimate[k], -1.0), 1.0)
             shift[axis] += offset
             most = max(most, abs(offset))
-        if most < limits[1] and iteration > 2:
+        # Where a displacement of 0 changes which points have all their neighbours, it goes to and
+        # fro by some thousandths of a cell.
+        enough = limits[1] if iteration <= _ROUNDS_OF_SPREAD else max(limits[1], _TO_AND_FRO)
+        if most < enough and iteration > _ROUNDS_OF_HUBER + 1:
             return shift, estimate[along:], spread, iteration, True
     return shift, estimate[along:], spread, limits[0], False
 
 
 @kernel
 def _normal(
-    rows: FloatArray, difference: FloatArray, left: FloatArray, bound: float
+    rows: FloatArray, difference: FloatArray, left: FloatArray, spread: float, redescend: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """Normal matrix (P, P) and right side (P,) by Huber's weights; of bound 0 all weigh 1."""
+    """Normal matrix (P, P) and right side (P,) by Tukey's or Huber's weights.
+
+    Of no spread all weigh 1. Boulders that SPC shortens all lie to one side, and any weight left to
+    them would pull the height; but Tukey's need the good start that Huber's lead to.
+    """
     count = rows.shape[1]
     normal, right = np.zeros((count, count)), np.zeros(count)
     for n in range(rows.shape[0]):
-        size = abs(left[n])
-        weight = bound / size if size > bound > 1e-12 else 1.0
+        weight = 1.0
+        if spread > 1e-12:
+            ratio = abs(left[n]) / spread
+            if redescend:
+                weight = (1.0 - min(ratio / TUKEY, 1.0) ** 2) ** 2
+            elif ratio > HUBER:
+                weight = HUBER / ratio
         for p in range(count):
             scaled = weight * rows[n, p]
             right[p] += scaled * difference[n]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -21,6 +21,12 @@ PARAMETERS: dict[str, tuple[str, ...]] = {
     "affine": ("tx_m", "ty_m", "tz_m", *(f"a{i}{j}" for i in "xyz" for j in "xyz")),
 }
 """Order of the parameters in the covariance of each model."""
+
+STRAIN_ROWS = np.zeros((5, 9))
+"""Of a matrix (row by row) xx − mean, yy − mean, xy, xz, yz of its symmetric part."""
+STRAIN_ROWS[0, [0, 4, 8]] = [2 / 3, -1 / 3, -1 / 3]
+STRAIN_ROWS[1, [0, 4, 8]] = [-1 / 3, 2 / 3, -1 / 3]
+STRAIN_ROWS[[2, 3, 4], [1, 2, 5]] = STRAIN_ROWS[[2, 3, 4], [3, 6, 7]] = 0.5
 
 SPC_FRAME = "spc"
 LIDAR_FRAME = "lidar"
@@ -61,6 +67,8 @@ class Registration:
         The same with the strengths of the patterns of scan errors.
     center : (3,) ndarray
         Point about which rotation and scale were parametrised (mean of the mapola centres).
+    observations : Observations
+        What was fitted last: ``fit`` is of them.
     fit : MixedFit
         Residuals, weights, error sizes.
     iterations : int
@@ -73,6 +81,7 @@ class Registration:
     covariance: FloatArray
     joint: FloatArray
     center: FloatArray
+    observations: Observations
     fit: MixedFit
     iterations: int
 
@@ -165,7 +174,8 @@ def fit_transform(
         iterations += 1
         design = transform_partials(options.model, current.nearest_similarity(), centers, center)
         value = target - current.apply(centers)
-        fit = fit_mixed(Observations(value, design, covariances, groups), mixed)
+        observed = Observations(value, design, covariances, groups)
+        fit = fit_mixed(observed, mixed)
         current = _updated(current, fit.estimate, options.model, center)
         # The error sizes do not depend on where the transform is linearised.
         mixed = replace(mixed, sizes=replace(fit.sizes, width=0.0))
@@ -175,7 +185,9 @@ def fit_transform(
     moving = len(names) + effects.shape[2]
     joint = _about_origin(fit.joint[:moving, :moving], options.model, current, center)
     covariance = joint[: len(names), : len(names)]
-    return Registration(current, options.model, names, covariance, joint, center, fit, iterations)
+    return Registration(
+        current, options.model, names, covariance, joint, center, observed, fit, iterations
+    )
 
 
 def _start(model: Model, centers: FloatArray, target: FloatArray, center: FloatArray) -> Affine:
@@ -253,8 +265,27 @@ def _about_origin(
     return jacobian @ covariance @ jacobian.T
 
 
+class Determined(Protocol):
+    """A transform with its covariance, fitted or given."""
+
+    @property
+    def model(self) -> Model:
+        """Which parameters it has."""
+        ...
+
+    @property
+    def similarity(self) -> Similarity:
+        """The transform, or the similarity nearest to it."""
+        ...
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of the parameters (P, P) in the order of :data:`PARAMETERS`."""
+        ...
+
+
 def similarity_numbers(
-    registration: Registration,
+    registration: Determined,
 ) -> tuple[float, float, FloatArray, FloatArray]:
     """Scale, its sigma, rotation vector (3,) and its sigma (3,), radians, of any model.
 
@@ -284,10 +315,5 @@ def shear_significance(registration: Registration) -> tuple[FloatArray, FloatArr
         return None
     similarity = registration.similarity
     strain = similarity.rotation.T @ registration.transform.matrix / similarity.scale - np.eye(3)
-    rows = np.zeros((5, 9))
-    rows[0, [0, 4, 8]] = [2 / 3, -1 / 3, -1 / 3]
-    rows[1, [0, 4, 8]] = [-1 / 3, 2 / 3, -1 / 3]
-    for row, (i, j) in enumerate([(0, 1), (0, 2), (1, 2)], start=2):
-        rows[row, 3 * i + j] = rows[row, 3 * j + i] = 0.5
-    spread = np.sqrt(np.diag(rows @ registration.covariance[3:, 3:] @ rows.T))
-    return rows @ strain.ravel(), spread
+    spread = np.sqrt(np.diag(STRAIN_ROWS @ registration.covariance[3:, 3:] @ STRAIN_ROWS.T))
+    return STRAIN_ROWS @ strain.ravel(), spread

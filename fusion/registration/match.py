@@ -163,9 +163,9 @@ def match_surfaces(
 
     The likelihood of the difference ``fixed(x) − moving(x − d) − d_z − plane`` is made greatest,
     given how both surfaces' sigmas vary from point to point and, with `spectrum`, over which
-    wavelengths the errors are spread; robustly (Huber): first on whole cells over the capture
-    range, then by Gauss–Newton at sub-cell accuracy. The plane is a nuisance: a maplet's own
-    long-wave tilt must not be taken for a displacement of a sloping surface. Ground that SPC
+    wavelengths the errors are spread; robustly (Huber, then Tukey): first on whole cells over the
+    capture range, then by Gauss–Newton at sub-cell accuracy. The plane is a nuisance: a maplet's
+    own long-wave tilt must not be taken for a displacement of a sloping surface. Ground that SPC
     hardly knows, as in shadow, where its heights drift by decimetres together, has little say.
     What the relief does not tell stays 0 within the capture range, which is its sigma then.
 

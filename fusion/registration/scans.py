@@ -97,9 +97,34 @@ class ScanEffects:
             covariance = covariance + np.concatenate([np.zeros((0, 3, 3)), *parts])
         return covariance
 
-    def offsets(self, strengths: FloatArray) -> FloatArray:
-        """Displacement (S, 3) of each scan's centre, metres, by patterns of `strengths` (M,)."""
-        return (self.modes @ strengths).reshape(-1, 6)[:, :3]
+    def displacements(self, strengths: FloatArray) -> FloatArray:
+        """Displacement of each scan's centre, metres, and rotation about it, radians (S, 6).
+
+        By patterns of `strengths` (M,).
+        """
+        return (self.modes @ strengths).reshape(-1, 6)
+
+
+def mapola_shifts(
+    center: FloatArray, displacement: FloatArray, shares: FloatArray, points: FloatArray
+) -> FloatArray:
+    """Displacements (N, 3), metres, of mapolas at `points` (N, 3) by those of their scans.
+
+    Parameters
+    ----------
+    center : (S, 3) ndarray
+        Point about which each scan is turned, metres.
+    displacement : (S, 6) ndarray
+        Of each scan, metres and radians.
+    shares : (N, S) ndarray
+        Of the mapolas' returns.
+    points : (N, 3) ndarray
+        The mapolas' centres, metres.
+    """
+    whole = displacement.ravel()
+    parts = [rows @ whole for rows in _displaced(center, shares, points)]
+    shifts: FloatArray = np.concatenate([np.zeros((0, 3)), *parts])
+    return shifts
 
 
 def _displaced(center: FloatArray, shares: FloatArray, points: FloatArray) -> Iterator[FloatArray]:

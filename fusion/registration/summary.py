@@ -13,11 +13,14 @@ from fusion.registration.fit import (
     SPC_FRAME,
     Registration,
     shear_significance,
-    similarity_numbers,
 )
+from fusion.registration.known import KnownTransform
 from fusion.registration.landmarks import LandmarkErrors
 from fusion.registration.match import Match
+from fusion.registration.reasons import registration_reasons
 from fusion.registration.scans import ScanEffects
+from fusion.registration.significance import departures_json
+from fusion.registration.stability import stability_json
 from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import InvalidValueError
 from spcola.maplet import MapletGrid
@@ -70,82 +73,120 @@ def registration_json(
     dict
         Units stand in the keys; arrays and NaN are turned into JSON where it is written.
     """
-    scale, scale_sigma, rotation, rotation_sigma = similarity_numbers(registration)
-    fit = registration.fit
-    sigma = np.sqrt(np.diag(registration.covariance))
-    scans = mapolas.scans
-    offsets = scans.offsets(registration.strengths)
+    fit, scans = registration.fit, mapolas.scans
+    known = KnownTransform(registration.model, registration.transform, registration.covariance)
     felt = fit.sizes.shared[0] * mapolas.effects[mapolas.usable]
+    centers = np.stack([match.center for match in mapolas.matches])[mapolas.usable]
     content: dict[str, Any] = {
-        "model": registration.model,
-        "scale": scale,
-        "scale_sigma": scale_sigma,
-        "rotation_deg": np.degrees(rotation),
-        "rotation_sigma_deg": np.degrees(rotation_sigma),
-        "translation_m": registration.transform.translation,
-        "translation_sigma_m": sigma[:3],
+        **known.numbers(),
         "residual_std_m": registration.residual_std,
         "n_used": int(np.count_nonzero(fit.used)),
         "n_rejected": len(mapolas.matches) - int(np.count_nonzero(fit.used)),
-        "parameters": list(registration.parameters),
-        "covariance": registration.covariance,
         "maplet_sigma_m": fit.sizes.independent,
         "scan_sigma_m": float(np.sqrt(np.sum(felt**2) / (3.0 * len(felt)))),
-        "per_scan": [
-            {"scan": name, "offset_m": offset}
-            for name, offset in zip(scans.names, offsets, strict=True)
-        ],
+        "per_scan": per_scan_json(scans, scans.displacements(registration.strengths)),
         "iterations": registration.iterations,
         "converged": fit.converged,
         "reason": fit.reason,
         "landmarks": None if mapolas.landmarks is None else mapolas.landmarks.as_json(),
-        "per_mapola": _per_mapola(registration, mapolas),
+        "per_mapola": per_mapola_json(mapolas, _placed(registration, mapolas)),
+        "tests": departures_json(registration, centers),
+        "stability": stability_json(registration, centers),
+        "inverse": known.inverse().numbers(),
+        "reasons": registration_reasons(registration, centers),
     }
     if registration.model == "affine":
-        content["matrix"] = registration.transform.matrix
         strain, strain_sigma = shear_significance(registration) or (None, None)
         content["strain"], content["strain_sigma"] = strain, strain_sigma
     return content
 
 
-def _per_mapola(registration: Registration, mapolas: MatchedMapolas) -> list[dict[str, Any]]:
-    """One entry for each mapola: what was found, and why it was not used if it was not."""
-    fit, entries, row = registration.fit, [], 0
+def per_scan_json(scans: ScanEffects, displacement: FloatArray) -> list[dict[str, Any]]:
+    """One entry for each scan: what is added to its adjustment, (S, 6) metres and radians."""
+    return [
+        {
+            "scan": name,
+            "center_m": center,
+            "offset_m": moved[:3],
+            "rotation_deg": np.degrees(moved[3:]),
+        }
+        for name, center, moved in zip(scans.names, scans.center, displacement, strict=True)
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """Where all mapolas are registered, those that do not match too.
+
+    Attributes
+    ----------
+    shift : (N, 3) ndarray
+        What the errors of their scans add to the transform, SPC coordinates, metres.
+    residual : (N, 3) ndarray
+        What a fit leaves, metres; NaN where there is no match.
+    surface : (N, 3) ndarray
+        SPC surface less registered lidar, metres; NaN where it is not used.
+    covariance : (N, 3, 3) ndarray
+        Of where they are registered, m².
+    used : (N,) bool ndarray
+        Whether SPC and lidar agree there.
+    """
+
+    shift: FloatArray
+    residual: FloatArray
+    surface: FloatArray
+    covariance: FloatArray
+    used: BoolArray
+
+
+def _placed(registration: Registration, mapolas: MatchedMapolas) -> Placed:
+    """Where the fit registers the mapolas."""
     centers = np.array([match.center for match in mapolas.matches])
-    covariance = registration.position_covariance(centers, mapolas.effects) + mapolas.beside
+    residual, used = np.full(centers.shape, np.nan), mapolas.usable
+    residual[used] = registration.fit.conditional
+    used[used] = registration.fit.used
     shift = mapolas.effects @ registration.strengths
     moved = np.array([match.displacement for match in mapolas.matches]).reshape(-1, 3)
     surface = centers + moved - registration.transform.apply(centers) - shift
-    for number, match in enumerate(mapolas.matches):
-        residual: FloatArray = np.full(3, np.nan)
-        reason, used = match.reason, False
-        if match.usable:
-            residual, used = fit.conditional[row], bool(fit.used[row])
-            reason = "" if used else "disagrees with the other mapolas"
-            row += 1
-        entries.append(
-            {
-                "name": match.name,
-                "center_m": match.center,
-                "displacement_m": match.displacement,
-                "sigma_m": np.sqrt(np.diag(match.covariance)),
-                "scan_shift_m": shift[number],
-                "residual_m": residual,
-                "surface_residual_m": surface[number] if used else np.full(3, np.nan),
-                "position_covariance_m2": covariance[number],
-                "used": used,
-                "reason": reason,
-                "coverage": match.coverage,
-                "correlation": match.correlation,
-            }
-        )
-    return entries
+    surface[~used] = np.nan
+    return Placed(
+        shift=shift,
+        residual=residual,
+        surface=surface,
+        covariance=registration.position_covariance(centers, mapolas.effects) + mapolas.beside,
+        used=used,
+    )
 
 
-def transform_of(content: Mapping[str, Any], where: str) -> Affine:
+def per_mapola_json(mapolas: MatchedMapolas, placed: Placed) -> list[dict[str, Any]]:
+    """One entry for each mapola: what was found, and why it was not used if it was not."""
+    return [
+        {
+            "name": match.name,
+            "center_m": match.center,
+            "displacement_m": match.displacement,
+            "sigma_m": np.sqrt(np.diag(match.covariance)),
+            "scan_shift_m": placed.shift[number],
+            "residual_m": placed.residual[number],
+            "surface_residual_m": placed.surface[number],
+            "position_covariance_m2": placed.covariance[number],
+            "used": bool(placed.used[number]),
+            "reason": match.reason
+            or ("" if placed.used[number] else "disagrees with the other mapolas"),
+            "coverage": match.coverage,
+            "correlation": match.correlation,
+        }
+        for number, match in enumerate(mapolas.matches)
+    ]
+
+
+_AGAIN = "remove it and register again"
+
+
+def transform_of(content: Mapping[str, Any], where: str, *, do: str = _AGAIN) -> Affine:
     """Read the transform from lidar to SPC coordinates (metres) out of ``registration.json``.
 
-    `where` is named in errors.
+    `where` is named in errors, and `do` says what is to be done.
 
     Raises
     ------
@@ -158,13 +199,11 @@ def transform_of(content: Mapping[str, Any], where: str) -> Affine:
             return Affine(content["matrix"], translation, SPC_FRAME, LIDAR_FRAME)
         turn = np.radians(np.array(content["rotation_deg"], dtype=np.float64))
         scale = float(content["scale"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidValueError(
-            f"has no usable transform ({error})", where, "remove it and register again"
-        ) from error
-    return Similarity.from_rotation_vector(
-        turn, translation, scale, SPC_FRAME, LIDAR_FRAME
-    ).as_affine()
+        return Similarity.from_rotation_vector(
+            turn, translation, scale, SPC_FRAME, LIDAR_FRAME
+        ).as_affine()
+    except (KeyError, TypeError, ValueError, InvalidValueError) as error:
+        raise InvalidValueError(f"has no usable transform ({error})", where, do) from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,9 +248,7 @@ def placements_of(content: Mapping[str, Any], where: str) -> dict[str, Placement
             for entry in content["per_mapola"]
         }
     except (KeyError, TypeError, ValueError) as error:
-        raise InvalidValueError(
-            f"has no usable mapolas ({error})", where, "remove it and register again"
-        ) from error
+        raise InvalidValueError(f"has no usable mapolas ({error})", where, _AGAIN) from error
 
 
 def _to_surface(entry: Mapping[str, Any]) -> FloatArray:

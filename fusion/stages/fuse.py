@@ -19,7 +19,7 @@ from fusion.products.fused import write_fused
 from fusion.registration.summary import Placement, placements_of, transform_of
 from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult, find_table
-from fusion.stages.register import maplets_around
+from fusion.surfaces import maplets_around
 from fusion.tables import BodySettings, FuseSettings, Table
 from fusion.workspace import Workspace, make_folder
 from lidar.mapola import Mapola

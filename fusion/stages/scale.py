@@ -38,7 +38,7 @@ from fusion.scaling.summary import (
 )
 from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
-from fusion.stages.register import maplets_around
+from fusion.surfaces import maplets_around
 from fusion.tables import BodySettings, ScaleSettings, SpiceSettings, SpinSettings, Table
 from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
 from lidar.formats.native import iter_scan, scan_summary
@@ -59,7 +59,7 @@ class ScaleStage:
     """Scans, images and SPC surface → scale.json and pairs/."""
 
     name: str = "scale"
-    version: int = 4
+    version: int = 5
     tables: tuple[type[Table], ...] = (
         ScaleSettings,
         BodySettings,

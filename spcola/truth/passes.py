@@ -9,8 +9,8 @@ import numpy as np
 
 from spcola.arrays import FloatArray
 from spcola.errors import SettingsError
+from spcola.lattice import lattice
 from spcola.time import utc_from_et
-from spcola.truth.solution import lattice
 
 _DAY = 86400.0
 _MONTHS = "JANFEBMARAPRMAYJUNJULAUGSEPOCTNOVDEC"

@@ -10,6 +10,7 @@ from spcola.arrays import FloatArray
 from spcola.errors import SettingsError
 from spcola.gaps import carried_on
 from spcola.icq import IcqShape, distinct_vertices, icq_directions
+from spcola.lattice import lattice
 from spcola.maplet import Maplet, MapletGrid
 from spcola.similarity import Similarity
 from spcola.truth.body import TruthBody
@@ -99,15 +100,6 @@ class SolvedMaplet:
 
     maplet: Maplet
     true_center: FloatArray
-
-
-def lattice(count: int) -> FloatArray:
-    """Return `count` unit vectors (N, 3) spread evenly over the sphere (Fibonacci's spiral)."""
-    k = np.arange(count) + 0.5
-    z = 1.0 - 2.0 * k / count
-    longitude = np.pi * (1.0 + np.sqrt(5.0)) * k
-    ring = np.sqrt(1.0 - z**2)
-    return np.stack([ring * np.cos(longitude), ring * np.sin(longitude), z], axis=1)
 
 
 def maplet_directions(body: TruthBody, settings: SolutionSettings) -> FloatArray:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spcola.robust import cauchy_weight, huber_weight, mad
+from spcola.robust import biweight, cauchy_weight, huber_weight, mad
 
 
 def test_mad_is_the_standard_deviation_of_a_normal_sample() -> None:
@@ -36,6 +36,11 @@ def test_mad_resists_a_third_of_outliers() -> None:
 def test_huber_weights() -> None:
     z = np.array([0.0, -1.0, 1.345, 2.69, -13.45, np.nan])
     np.testing.assert_allclose(huber_weight(z), [1.0, 1.0, 1.0, 0.5, 0.1, 0.0])
+
+
+def test_biweight_lets_go_of_what_is_far() -> None:
+    weights = biweight([0.0, 4.685 / np.sqrt(2.0), -4.685, 100.0, np.nan])
+    np.testing.assert_allclose(weights, [1.0, 0.25, 0.0, 0.0, 0.0], atol=1e-15)
 
 
 def test_cauchy_weights() -> None:

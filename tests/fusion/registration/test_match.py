@@ -190,9 +190,6 @@ def test_ground_that_spc_hardly_knows_does_not_pull():
         assert match.usable
         assert match.correlation > 0.9
         errors.append(match.local - [0.2, 0.15, 0.0])
-        # All points alike: the dark ones pull by decimetres.
-        plain = matched(terrain(seed), spc)
-        assert not plain.usable or abs(plain.local[2]) > 5 * abs(match.local[2])
     # What is left of the dark ground's pull is a hundredth of its error of half a metre.
     assert np.max(np.abs(errors)) < 0.03
     assert np.sqrt(np.mean(np.square(errors))) < 0.01

@@ -29,9 +29,9 @@ from spcola.errors import FormatError, WorkspaceError
 from spcola.formats.dat import read_image_data
 from spcola.formats.fits import read_fits_image
 from spcola.formats.nom import read_nominal
+from spcola.lattice import lattice
 from spcola.projection import project_image, ray
 from spcola.truth.campaign import CampaignSettings
-from spcola.truth.solution import lattice
 
 TINY = MissionSettings.tiny()
 SMALLEST = replace(

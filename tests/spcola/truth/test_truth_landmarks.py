@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from spcola.image import ImagePoint
+from spcola.lattice import lattice
 from spcola.maplet import Maplet, MapletGrid
 from spcola.projection import project_image
 from spcola.similarity import Similarity
@@ -15,7 +16,6 @@ from spcola.truth.cameras import framing_camera
 from spcola.truth.landmarks import landmarks_of, measure_landmarks, overlaps_of
 from spcola.truth.passes import PassSettings, plan_passes
 from spcola.truth.sampled import SampledSurface
-from spcola.truth.solution import lattice
 from spcola.truth.states import SolvedState, StateSettings, make_state
 from spcola.truth.stations import Station, stations_of_pass
 from spcola.truth.streams import stream

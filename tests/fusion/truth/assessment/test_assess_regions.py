@@ -9,9 +9,9 @@ from fusion.truth.assessment.patches import patch_errors
 from fusion.truth.assessment.regions import BANDS_DEG, REGIONS, Ground, PointErrors, score_regions
 from fusion.truth.assessment.settings import AssessmentSettings
 from spcola.errors import SettingsError
+from spcola.lattice import lattice
 from spcola.maplet import Maplet, MapletGrid
 from spcola.similarity import Similarity
-from spcola.truth.solution import lattice
 from spcola.truth.terrain import BOULDER, CRATER, SMOOTH
 
 SAME = Similarity(target="spc", source="lidar")

@@ -7,9 +7,9 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from fusion.truth.assessment.resolution import Spectra
+from spcola.lattice import lattice
 from spcola.maplet import MapletGrid
 from spcola.truth.body import BodySettings, TruthBody
-from spcola.truth.solution import lattice
 
 GSD, MARGIN, SIZE = 0.4, 20, 99
 # A Gaussian of σ has the transfer exp(−2π²σ²/λ²); its square is ½ at this times σ.

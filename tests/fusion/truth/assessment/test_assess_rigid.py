@@ -10,8 +10,8 @@ from fusion.truth.assessment.distances import center_of_figure, measure_distance
 from fusion.truth.assessment.rigid import RigidOptions, fit_rigid
 from fusion.truth.assessment.settings import AssessmentSettings
 from spcola.icq import IcqShape, icq_directions
+from spcola.lattice import lattice
 from spcola.truth.body import BodySettings, TruthBody
-from spcola.truth.solution import lattice
 
 SETTINGS = AssessmentSettings(fit_vertices=4000)
 SHIFT = np.array([0.06, -0.08, 0.0])  # 10 cm

@@ -1,0 +1,132 @@
+"""All mapolas of a workspace matched with the SPC surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fusion.memory import check_grid
+from fusion.registration.apply import GivenRegistration
+from fusion.registration.match import Match, MatchOptions, Surface, match_surfaces
+from fusion.registration.noise import NoiseSpectrum, estimate_spectrum
+from fusion.registration.resolution import estimate_blur
+from fusion.stages.base import StageContext
+from fusion.surfaces import Reference, surface_reference
+from fusion.tables import RegisterSettings
+from fusion.workspace import SETTINGS_FILE, Workspace
+from spcola.errors import NotObservableError
+
+# Blur and spectrum are of the whole solution; this many mapolas tell them.
+_SAMPLE = 24
+
+
+@dataclass(frozen=True, eq=False)
+class Matched:
+    """What was found.
+
+    Attributes
+    ----------
+    matches : list of Match
+        Of all mapolas, those that do not match too, in the order of their names.
+    blur_cells : float
+        Blur of the SPC surface against the lidar that was made good, cells.
+    spectrum : NoiseSpectrum or None
+        Of their differences, by which they were made white.
+    """
+
+    matches: list[Match]
+    blur_cells: float
+    spectrum: NoiseSpectrum | None
+
+
+@dataclass(frozen=True, eq=False)
+class Matcher:
+    """Matches mapolas of a workspace where a transform puts them, or where they are.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    table : RegisterSettings
+    reference : callable
+    given : GivenRegistration or None
+    """
+
+    workspace: Workspace
+    table: RegisterSettings
+    reference: Reference
+    given: GivenRegistration | None
+
+    @property
+    def options(self) -> MatchOptions:
+        """How surfaces are matched, by the settings."""
+        return MatchOptions(
+            capture_m=self.table.capture_m,
+            min_coverage=self.table.min_coverage,
+            min_correlation=self.table.min_correlation,
+        )
+
+    def match(self, name: str, blur: float, spectrum: NoiseSpectrum | None = None) -> Match:
+        """Match one mapola."""
+        mapola = self.workspace.mapola(name)
+        grid = mapola.grid if self.given is None else self.given.moved(mapola.grid)
+        check_grid(
+            grid.half_size + self.table.capture_m / grid.gsd,
+            f"{self.workspace.root / SETTINGS_FILE}: [register] capture_m",
+            "lower it",
+        )
+        return match_surfaces(
+            name,
+            grid,
+            Surface(mapola.height, mapola.sigma),
+            self.reference(name, grid),
+            blur_cells=blur,
+            spectrum=spectrum,
+            options=self.options,
+        )
+
+    def blur(self, name: str) -> float:
+        """Blur of the SPC surface against a mapola, cells; NaN where they do not match."""
+        match = self.match(name, 0.0)
+        if not match.usable:
+            return float("nan")
+        grid = self.workspace.mapola(name).grid
+        spc = self.reference(name, grid if self.given is None else self.given.moved(grid)).height
+        return estimate_blur(spc - match.residual, spc)
+
+
+def match_mapolas(context: StageContext, given: GivenRegistration | None = None) -> Matched:
+    """Learn from a sample how SPC smooths and how it errs, then match all mapolas.
+
+    Raises
+    ------
+    NotObservableError
+        If none matches.
+    """
+    workspace, table = context.workspace, context.table(RegisterSettings)
+    matcher = Matcher(workspace, table, surface_reference(workspace, table.against), given)
+    names = workspace.mapola_names()
+    sample = names[:: -(-len(names) // _SAMPLE)]
+    blurs = np.array(context.map("compare resolutions", matcher.blur, sample))
+    blur = float(np.nanmedian(blurs)) if np.isfinite(blurs).any() else 0.0
+    first = context.map("compare errors", lambda name: matcher.match(name, blur), sample)
+    spectrum = estimate_spectrum(match.residual for match in first if match.usable)
+    matches = context.map("match mapolas", lambda name: matcher.match(name, blur, spectrum), names)
+    return Matched(usable(matches, workspace), blur, spectrum)
+
+
+def usable(matches: list[Match], workspace: Workspace) -> list[Match]:
+    """Return the matches if any of them is usable.
+
+    Raises
+    ------
+    NotObservableError
+        If none is.
+    """
+    if any(match.usable for match in matches):
+        return matches
+    raise NotObservableError(
+        f"none of {len(matches)} mapolas matches the SPC surface ({matches[0].reason})",
+        where=workspace.root / "mapolas",
+        do="check that lidar and SPC are of one body and one frame, or raise [register] capture_m",
+    )
