@@ -24,6 +24,9 @@ _MIN_PATCHES = 10.0
 # Share of the points that count alike, as known best: a few that claim far more than the rest, or
 # an error of 0, must not carry the match.
 _BEST = 0.1
+# Steps, cells, that go to and fro for ever: beside a gap the points compared change with the sign
+# of the shift.
+_TO_AND_FRO = 0.01
 # The weights after each solution; those after the last enter the covariance alone.
 _REWEIGHTINGS = (huber_weight, huber_weight, biweight, biweight, biweight)
 
@@ -315,7 +318,8 @@ def _refine(pair: _Pair, start: FloatArray, options: MatchOptions) -> _Fine | No
             return None
         offsets, weight = step
         shift = shift + np.clip(offsets[:2], -1.0, 1.0)
-        settled = bool(np.max(np.abs(offsets[:2])) < 1e-4)
+        enough = 1e-4 if 2 * iterations <= options.max_iterations else _TO_AND_FRO
+        settled = bool(np.max(np.abs(offsets[:2])) < enough)
     standardised = np.full_like(moved, np.nan)
     standardised[compared] = difference - rows[:, 2:] @ offsets[2:]
     weights = np.zeros_like(moved)
