@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -160,12 +160,12 @@ def fit_transform(
         design = transform_partials(options.model, current.nearest_similarity(), centers, center)
         value = target - current.apply(centers)
         fit = fit_mixed(Observations(value, design, covariances, (effects,)), mixed)
-        current = _updated(current, fit.estimate, options.model, center)
+        current = updated_transform(current, fit.estimate, options.model, center)
         # The error sizes do not depend on where the transform is linearised.
         mixed = replace(mixed, sizes=replace(fit.sizes, width=0.0))
         if np.max(np.abs(fit.estimate) / mixed.scale) < 1e-7 * reach:
             break
-    joint = _about_origin(fit.joint, options.model, current, center)
+    joint = about_origin(fit.joint, options.model, current, center)
     covariance = joint[: len(names), : len(names)]
     return Registration(current, options.model, names, covariance, joint, center, fit, iterations)
 
@@ -177,7 +177,7 @@ def _start(model: Model, centers: FloatArray, target: FloatArray, center: FloatA
         design = transform_partials(model, current.nearest_similarity(), centers, center)
         value = (target - current.apply(centers)).ravel()
         step = np.linalg.lstsq(design.reshape(len(value), -1), value, rcond=1e-10)[0]
-        current = _updated(current, step, model, center)
+        current = updated_transform(current, step, model, center)
     return current
 
 
@@ -217,8 +217,11 @@ def transform_partials(
     return np.concatenate([shift, turning, (arms / transform.scale)[:, :, None]], axis=2)
 
 
-def _updated(current: Affine, step: FloatArray, model: Model, center: FloatArray) -> Affine:
-    """Apply a step of the parameters, which act about the image of `center`."""
+def updated_transform(current: Affine, step: FloatArray, model: Model, center: FloatArray) -> Affine:
+    """Return `current` after a step (P,) of the parameters, which act about the image of `center`.
+
+    Metres, radians, and units of scale or matrix, in the order of :data:`PARAMETERS`.
+    """
     image = current.apply(center) + step[:3]
     if model == "affine":
         matrix = current.matrix + step[3:].reshape(3, 3)
@@ -227,16 +230,17 @@ def _updated(current: Affine, step: FloatArray, model: Model, center: FloatArray
         turn = Similarity.from_rotation_vector(step[3:6])
         scale = before.scale + (step[6] if model == "similarity" else 0.0)
         matrix = scale * turn.rotation @ before.rotation
-    return Affine(matrix, image - matrix @ center, SPC_FRAME, LIDAR_FRAME)
+    return Affine(matrix, image - matrix @ center, current.target, current.source)
 
 
-def _about_origin(
+def about_origin(
     covariance: FloatArray, model: Model, transform: Affine, center: FloatArray
 ) -> FloatArray:
     """Covariance with the translation that of the origin instead of that of `center`.
 
     The translation in ``V_spc = T + s R V`` is where the body's origin goes: T follows from the
     image of the centre by subtracting what rotation and scale do to the arm between the two.
+    What follows the parameters of the model in `covariance` is carried along.
     """
     origin = np.zeros((1, 3))
     row = transform_partials(model, transform.nearest_similarity(), origin, center)[0]
@@ -245,8 +249,21 @@ def _about_origin(
     return jacobian @ covariance @ jacobian.T
 
 
+class Fitted(Protocol):
+    """A transform with its covariance, about the origin, whatever it was fitted to."""
+
+    @property
+    def model(self) -> Model: ...
+    @property
+    def transform(self) -> Affine: ...
+    @property
+    def similarity(self) -> Similarity: ...
+    @property
+    def covariance(self) -> FloatArray: ...
+
+
 def similarity_numbers(
-    registration: Registration,
+    registration: Fitted,
 ) -> tuple[float, float, FloatArray, FloatArray]:
     """Scale, its sigma, rotation vector (3,) and its sigma (3,), radians, of any model.
 
