@@ -91,7 +91,7 @@ def grid_cloud(
 
 
 @kernel
-def _sum_up(  # noqa: PLR0913, PLR0917  flat arguments: numba knows no dataclasses
+def _sum_up(
     points: FloatArray,
     matrix: FloatArray,
     offset: FloatArray,

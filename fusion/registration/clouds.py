@@ -194,9 +194,7 @@ class _Level:
                 # Where the clouds nearly agree, what is left tells how far errors hold together.
                 area = np.isfinite(difference).sum() / independent_patches(difference)
                 block = max(4, int(np.ceil(_CLUSTER * np.sqrt(area))))
-        return _State(
-            transform, center, found, difference, blur, cloud.points, iterations, settled
-        )
+        return _State(transform, center, found, difference, blur, cloud.points, iterations, settled)
 
     def result(self, state: _State) -> DirectRegistration:
         """Return what other programs need of the last state."""
@@ -227,7 +225,8 @@ class _Level:
         return cloud.surface(self.slopes[0], self.slopes[1], soft)
 
     def _slopes_of(self, height: FloatArray) -> None:
-        self.slopes = np.nan_to_num(np.stack(np.gradient(height, self.grid.gsd)[::-1]))
+        down, along = np.gradient(height, self.grid.gsd)
+        self.slopes = np.nan_to_num(np.stack([along, down]))
 
     def _pair(self, cloud: CloudGrid, blur: float) -> tuple[SurfacePair, FloatArray]:
         """Both surfaces, weighed by their points and robustly; and their difference."""
@@ -242,14 +241,13 @@ class _Level:
 
     def _blur(self, transform: Affine) -> float:
         """Blur of the fixed cloud's ground against the moving one's, steps."""
-        halves = [
-            tuple(
-                self._surface(grid_cloud(points[part::2], self.grid, frame), 0.0)[0]
-                for part in range(2)
-            )
-            for points, frame in ((self.moving, transform), (self.still, self.here))
-        ]
-        return significant_blur(*relative_blur(halves[0], halves[1]))
+        moving = self._halves(self.moving, transform)
+        return significant_blur(*relative_blur(moving, self._halves(self.still, self.here)))
+
+    def _halves(self, points: FloatArray, frame: Affine) -> tuple[FloatArray, FloatArray]:
+        """Surfaces of every other point, and of the rest."""
+        one, two = (grid_cloud(points[part::2], self.grid, frame) for part in range(2))
+        return self._surface(one, 0.0)[0], self._surface(two, 0.0)[0]
 
 
 def _scatter(points: FloatArray, grid: MapletGrid, height: FloatArray) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 from fusion.mixed import check_rank
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
-from spcola.kernel import kernel, parallel_kernel, prange
+from spcola.kernel import kernel
 from spcola.maplet import MapletGrid
 from spcola.similarity import Affine
 
@@ -179,7 +179,7 @@ def pair_equations(
     -------
     Equations
     """
-    slopes = _both_slopes(pair, grid.gsd)
+    slopes = both_slopes(pair, grid.gsd)
     known = np.isfinite(pair.fixed - pair.moving + slopes.sum(axis=0))
     weights = np.where(known, np.nan_to_num(pair.weights), 0.0)
     scale = 1.0 / transform.nearest_similarity().scale if size == 7 else 1.0
@@ -196,7 +196,7 @@ def pair_equations(
     return Equations(normal.sum(axis=0), shown.sum(axis=0), scores.sum(axis=0), scores, cells)
 
 
-def _both_slopes(pair: SurfacePair, gsd: float) -> FloatArray:
+def both_slopes(pair: SurfacePair, gsd: float) -> FloatArray:
     """Slopes (4, N, N): along x and y of the fixed surface, then of the moving one.
 
     Beside a gap of one surface the other's slopes serve for both.
@@ -231,8 +231,8 @@ def _fill_row(row: FloatArray, normal: FloatArray, arm: FloatArray, per_scale: f
         row[6] = per_scale * (arm[0] * normal[0] + arm[1] * normal[1] + arm[2] * normal[2])
 
 
-@parallel_kernel
-def _accumulate(  # noqa: PLR0913, PLR0917  flat arguments: numba knows no dataclasses
+@kernel
+def _accumulate(
     layers: FloatArray,
     slopes: FloatArray,
     frame: FloatArray,
@@ -241,17 +241,17 @@ def _accumulate(  # noqa: PLR0913, PLR0917  flat arguments: numba knows no datac
     size: int,
     block: int,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Sum up the cells of each row of blocks by itself, so that threads cannot change the sums.
+    """Sum up the cells by rows of blocks.
 
-    `layers` are fixed, moving and the two weights; `frame` the grid's axes and its centre from the image
-    of the point about which the parameters act; `steps` GSD and one over the scale.
+    `layers` are fixed, moving and the two weights; `frame` the grid's axes and its centre from the
+    image of the point about which the parameters act; `steps` GSD and one over the scale.
     """
     points = layers.shape[1]
     blocks = (points + block - 1) // block
     normal, shown = np.zeros((blocks, size, size)), np.zeros((blocks, size, size))
     scores, cells = np.zeros((blocks, blocks, size)), np.zeros((blocks, blocks))
     middle = 0.5 * (points - 1)
-    for band in prange(blocks):
+    for band in range(blocks):
         first, second, mean = np.empty(size), np.empty(size), np.empty(size)
         up, arm, place = np.empty(3), np.empty(3), np.empty(3)
         for row in range(band * block, min((band + 1) * block, points)):
@@ -267,7 +267,10 @@ def _accumulate(  # noqa: PLR0913, PLR0917  flat arguments: numba knows no datac
                 for i in range(3):
                     arm[i] = back[i, 0] * place[0] + back[i, 1] * place[1] + back[i, 2] * place[2]
                 for side in range(2):
-                    slope_x, slope_y = slopes[2 * side, row, column], slopes[2 * side + 1, row, column]
+                    slope_x, slope_y = (
+                        slopes[2 * side, row, column],
+                        slopes[2 * side + 1, row, column],
+                    )
                     for i in range(3):
                         up[i] = frame[2, i] - slope_x * frame[0, i] - slope_y * frame[1, i]
                     _fill_row(first if side == 0 else second, up, arm, steps[1])

@@ -217,7 +217,9 @@ def transform_partials(
     return np.concatenate([shift, turning, (arms / transform.scale)[:, :, None]], axis=2)
 
 
-def updated_transform(current: Affine, step: FloatArray, model: Model, center: FloatArray) -> Affine:
+def updated_transform(
+    current: Affine, step: FloatArray, model: Model, center: FloatArray
+) -> Affine:
     """Return `current` after a step (P,) of the parameters, which act about the image of `center`.
 
     Metres, radians, and units of scale or matrix, in the order of :data:`PARAMETERS`.
@@ -253,13 +255,24 @@ class Fitted(Protocol):
     """A transform with its covariance, about the origin, whatever it was fitted to."""
 
     @property
-    def model(self) -> Model: ...
+    def model(self) -> Model:
+        """What was fitted."""
+        ...
+
     @property
-    def transform(self) -> Affine: ...
+    def transform(self) -> Affine:
+        """The transform."""
+        ...
+
     @property
-    def similarity(self) -> Similarity: ...
+    def similarity(self) -> Similarity:
+        """The nearest similarity."""
+        ...
+
     @property
-    def covariance(self) -> FloatArray: ...
+    def covariance(self) -> FloatArray:
+        """Of the parameters, (P, P)."""
+        ...
 
 
 def similarity_numbers(

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import fft
 
 from fusion.registration.resolution import filled, plane_of
-from spcola.arrays import FloatArray
+from spcola.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 # Rings of wavenumbers, from the third on: what is as long as the grid tells nothing of blur.
 _RINGS = 40
@@ -65,20 +65,20 @@ def significant_blur(square: float, sigma: float) -> float:
 
 
 def _powers(
-    halves: tuple[FloatArray, FloatArray], ring: FloatArray, seen: FloatArray
+    halves: tuple[FloatArray, FloatArray], ring: IntArray, seen: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
     """Power by ring of what two halves have in common, and of one of them with its noise."""
     one, two = (_spectrum(half) for half in halves)
     common = (one * np.conj(two)).real.ravel()[seen]
     whole = 0.5 * (np.abs(one) ** 2 + np.abs(two) ** 2).ravel()[seen]
-    return (
-        np.bincount(ring[seen], common, minlength=_RINGS),
-        np.bincount(ring[seen], whole, minlength=_RINGS),
-    )
+    own: FloatArray = np.bincount(ring[seen], common, minlength=_RINGS).astype(np.float64)
+    noisy: FloatArray = np.bincount(ring[seen], whole, minlength=_RINGS).astype(np.float64)
+    return own, noisy
 
 
-def _spectrum(height: FloatArray) -> FloatArray:
+def _spectrum(height: FloatArray) -> AnyArray:
     """Transform of a surface without its plane, faded out towards the edges."""
     whole = filled(height)
     window = np.hanning(len(height) + 2)[1:-1]
-    return fft.rfft2((whole - plane_of(whole)) * np.outer(window, window))
+    spectrum: AnyArray = fft.rfft2((whole - plane_of(whole)) * np.outer(window, window))
+    return spectrum
