@@ -169,6 +169,10 @@ class RegisterSettings(Table):
     model: Literal["rigid", "similarity", "affine"] = Field(
         default="similarity", description="6, 7 or 12 parameters"
     )
+    by: Literal["mapolas", "returns"] = Field(
+        default="mapolas",
+        description="what is matched: gridded heights, or the returns themselves",
+    )
     against: Literal["maplets", "bigmap", "shape"] = Field(
         default="maplets",
         description="the surface that is matched: the maplet, its neighbours too, or shape",

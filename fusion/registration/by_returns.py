@@ -16,6 +16,7 @@ from fusion.registration.fit import (
     SPC_FRAME,
     Model,
     about_origin,
+    natural_sizes,
     updated_transform,
 )
 from fusion.registration.match import MatchOptions
@@ -103,7 +104,7 @@ def register_returns(
     middles = np.array([fixed.grid.center for _, fixed in near])
     center = transform.inverse().apply(middles.mean(axis=0))
     reach = max(_reach(near, middles), 1e-6)
-    natural = np.where([name.endswith("_m") for name in names], 1.0, 1.0 / reach)
+    natural = natural_sizes(names, reach)
     iterations, settled, rounds = 0, False, _Round(options, len(near) >= _ENOUGH * len(names))
     while not settled and iterations < options.max_iterations:
         iterations += 1

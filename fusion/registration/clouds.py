@@ -11,7 +11,13 @@ from fusion.registration.cloud_grid import CloudGrid, grid_cloud
 from fusion.registration.correlation import independent_patches, shift_variances
 from fusion.registration.direct import DirectRegistration
 from fusion.registration.equations import Equations, SurfacePair, pair_equations
-from fusion.registration.fit import PARAMETERS, Model, about_origin, updated_transform
+from fusion.registration.fit import (
+    PARAMETERS,
+    Model,
+    about_origin,
+    natural_sizes,
+    updated_transform,
+)
 from fusion.registration.resolution import filled
 from fusion.registration.softness import relative_blur, significant_blur
 from spcola.arrays import FloatArray, check_finite, check_shape
@@ -178,7 +184,7 @@ class _Level:
         center = transform.inverse().apply(self.grid.center)
         # The middling distance from the centre: a turn or stretch by 1/reach moves that by 1 m.
         reach = self.grid.half_size * self.grid.gsd / np.sqrt(1.5)
-        natural = np.where([name.endswith("_m") for name in self.names], 1.0, 1.0 / reach)
+        natural = natural_sizes(self.names, reach)
         while not settled and iterations < self.options.max_iterations:
             iterations += 1
             cloud = self._moved(transform)

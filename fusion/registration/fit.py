@@ -148,7 +148,7 @@ def fit_transform(
         prior=np.full(len(names), np.inf),
         sizes=ErrorSizes(options.center_sigma_m, (1.0,)),
         # Without extent (one point) rotation and scale are free whatever unit they are put in.
-        scale=np.where([name.endswith("_m") for name in names], 1.0, 1.0 / max(reach, 1.0)),
+        scale=natural_sizes(names, max(reach, 1.0)),
         names=names,
         reject=options.reject,
     )
@@ -215,6 +215,11 @@ def transform_partials(
     if model == "rigid":
         return np.concatenate([shift, turning], axis=2)
     return np.concatenate([shift, turning, (arms / transform.scale)[:, :, None]], axis=2)
+
+
+def natural_sizes(names: tuple[str, ...], reach: float) -> FloatArray:
+    """Size (P,) of each parameter that moves ground `reach` metres from the centre by a metre."""
+    return np.where([name.endswith("_m") for name in names], 1.0, 1.0 / reach)
 
 
 def updated_transform(

@@ -9,15 +9,25 @@ from pathlib import Path
 import numpy as np
 
 from fusion.fusing.constraints import overlaps
+from fusion.locating import return_paths
 from fusion.memory import check_grid
 from fusion.registration.fit import FitOptions, fit_transform
 from fusion.registration.match import Match, MatchOptions, Surface, match_surfaces
 from fusion.registration.resolution import estimate_blur
 from fusion.registration.scans import ScanEffects, share_matrix
 from fusion.registration.summary import MatchedMapolas, registration_json
+from fusion.return_source import ReturnSource
+from fusion.scan_fits import ScanRegistration
 from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
-from fusion.tables import BodySettings, RegisterSettings, Table
+from fusion.tables import (
+    BodySettings,
+    MapolaSettings,
+    RegisterSettings,
+    SpiceSettings,
+    SpinSettings,
+    Table,
+)
 from fusion.workspace import SETTINGS_FILE, Workspace
 from spcola.bigmap import BigmapOptions, make_bigmap
 from spcola.errors import NotObservableError
@@ -35,8 +45,14 @@ class RegisterStage:
     """Mapolas and SPC surface → registration.json."""
 
     name: str = "register"
-    version: int = 6
-    tables: tuple[type[Table], ...] = (RegisterSettings, BodySettings)
+    version: int = 7
+    tables: tuple[type[Table], ...] = (
+        RegisterSettings,
+        BodySettings,
+        MapolaSettings,
+        SpinSettings,
+        SpiceSettings,
+    )
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why there is nothing to register."""
@@ -49,10 +65,13 @@ class RegisterStage:
         return ""
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return the mapolas, and the maplets or the shape."""
+        """Return the mapolas, the maplets or the shape, and the returns where these are asked."""
+        paths = workspace.mapola_paths()
+        if settings.registration.by == "returns":
+            paths = [*paths, *return_paths(workspace, settings)]
         if settings.registration.against == "shape":
-            return [*workspace.mapola_paths(), workspace.shape_path()]
-        return [*workspace.mapola_paths(), *workspace.maplet_files()]
+            return [*paths, workspace.shape_path()]
+        return [*paths, *workspace.maplet_files()]
 
     def run(self, context: StageContext) -> StageResult:
         """Match every mapola, bring both surfaces to one resolution, match again, fit.
@@ -70,6 +89,7 @@ class RegisterStage:
             min_correlation=table.min_correlation,
         )
         names = workspace.mapola_names()
+        source = ReturnSource.of(context) if table.by == "returns" else None
 
         def matched(name: str, blur: float) -> Match:
             mapola = workspace.mapola(name)
@@ -78,6 +98,9 @@ class RegisterStage:
                 f"{workspace.root / SETTINGS_FILE}: [register] capture_m",
                 "lower it",
             )
+            if source is not None:
+                spc = reference(name, mapola.grid)
+                return source.match(name, mapola.grid, spc, blur, options)
             return match_surfaces(
                 name,
                 mapola.grid,
@@ -114,6 +137,10 @@ class RegisterStage:
             ),
         )
         content = registration_json(registration, mapolas, blur_cells=blur)
+        if source is not None:
+            grids = {name: workspace.mapola(name).grid for name in names}
+            scans = ScanRegistration(source, reference, registration, blur)
+            content["per_scan_fit"] = scans.entries(context, grids)
         path = context.write_json(workspace.registration_path.name, content)
         summary = {k: v for k, v in content.items() if k not in _LONG}
         return StageResult((path,), summary)
@@ -139,7 +166,7 @@ def _with_scans(
     return MatchedMapolas(matches, scans, scans.at(shares, centers), scans.beside(shares, centers))
 
 
-_LONG = frozenset({"per_mapola", "per_scan", "covariance", "parameters"})
+_LONG = frozenset({"per_mapola", "per_scan", "per_scan_fit", "covariance", "parameters"})
 
 # The blur is one number for the whole solution; this many mapolas tell it.
 _BLUR_SAMPLE = 24
