@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from fusion.adjusting import compared_grids
-from fusion.registration.by_returns import surface_equations
-from fusion.registration.equations import Equations
+from fusion.registration.by_returns import SurfaceSays, surface_equations
+from fusion.registration.equations import Equations, modelled_covariance
 from fusion.registration.fit import (
     Model,
     Registration,
@@ -45,7 +45,7 @@ class ScanFit:
         Lidar, as adjusted, to SPC coordinates; where it began if it cannot be told.
     model : str
     covariance : (P, P) ndarray
-        About the origin, errors of one maplet taken to hold together.
+        About the origin; the errors of maplets' centres are in it.
     center : (3,) ndarray
         The scan's own middle, lidar coordinates, metres.
     surfaces, points : int
@@ -67,21 +67,28 @@ class ScanFit:
         """The transform as a similarity."""
         return self.transform.nearest_similarity()
 
-    def stepped(self, parts: list[tuple[Equations, int]], names: tuple[str, ...]) -> ScanFit:
-        """Return the fit after one Gauss–Newton step by what the surfaces say."""
-        surfaces, points = len(parts), sum(count for _, count in parts)
-        if surfaces <= len(names):
-            reason = f"it crosses {surfaces} maplets, {len(names) + 1} are needed"
+    def stepped(
+        self, parts: list[SurfaceSays], names: tuple[str, ...], maplet_sigma_m: float
+    ) -> ScanFit:
+        """Return the fit after one Gauss–Newton step by what the surfaces say.
+
+        `maplet_sigma_m` is the error of a maplet's centre, each axis.
+        """
+        surfaces, points = len(parts), sum(part.returns for part in parts)
+        if not surfaces:
+            reason = f"no maplet is covered by {_FEWEST} of its returns"
             return self._without(surfaces, points, reason)
-        joined = Equations.joined([equations for equations, _ in parts])
+        equations = [part.equations for part in parts]
+        joined = Equations.joined(equations)
         try:
             step = joined.solve(names, natural_sizes(names, _extent(joined)))
         except NotObservableError as error:
             return self._without(surfaces, points, error.what)
+        covariance = modelled_covariance(equations, [part.area for part in parts], maplet_sigma_m)
         return ScanFit(
             updated_transform(self.transform, step, self.model, self.center),
             self.model,
-            about_origin(joined.covariance(), self.model, self.transform, self.center),
+            about_origin(covariance, self.model, self.transform, self.center),
             self.center,
             surfaces,
             points,
@@ -162,12 +169,15 @@ class ScanRegistration:
             name: ScanFit(self.whole.transform, model, unknown, center)
             for name, center in zip(store.scan_names, store.nodes.center, strict=True)
         }
+        maplet_sigma = self.whole.fit.sizes.independent
         for number in range(_PASSES):
             step = _Pass(self, fits)
             title = f"register scans, pass {number + 1} of {_PASSES}"
             parts = context.map(title, step.on_surface, chosen)
             fits = {
-                name: fit.stepped([part[name] for part in parts if name in part], names)
+                name: fit.stepped(
+                    [part[name] for part in parts if name in part], names, maplet_sigma
+                )
                 for name, fit in fits.items()
             }
         return [fit.entry(name, self.whole) for name, fit in fits.items()]
@@ -180,16 +190,16 @@ class _Pass:
     of: ScanRegistration
     fits: Mapping[str, ScanFit]
 
-    def on_surface(self, item: tuple[str, MapletGrid]) -> dict[str, tuple[Equations, int]]:
-        """What one surface says about each scan that crosses it, and by how many returns."""
+    def on_surface(self, item: tuple[str, MapletGrid]) -> dict[str, SurfaceSays]:
+        """What one surface says about each scan that crosses it."""
         name, grid = item
         fixed = FixedSurface(grid, self.of.reference(name, grid), self.of.blur_cells)
         around = self.of.source.around(grid, 0.0)
         counts = np.bincount(around.scan, minlength=len(around.scan_names))
-        found: dict[str, tuple[Equations, int]] = {}
+        found: dict[str, SurfaceSays] = {}
         for scan in np.flatnonzero(counts >= _FEWEST).tolist():
             fit, chosen = self.fits[around.scan_names[scan]], around.scan == scan
-            equations = surface_equations(
+            says = surface_equations(
                 CloudOfReturns(around.points[chosen], around.sigma[chosen]),
                 fixed,
                 fit.transform,
@@ -197,6 +207,6 @@ class _Pass:
                 size=len(fit.covariance),
                 min_coverage=0.0,
             )
-            if equations is not None:
-                found[around.scan_names[scan]] = equations, int(counts[scan])
+            if says is not None:
+                found[around.scan_names[scan]] = says
         return found

@@ -129,6 +129,24 @@ def register_returns(
     )
 
 
+@dataclass(frozen=True, eq=False)
+class SurfaceSays:
+    """What one surface says about a transform.
+
+    Attributes
+    ----------
+    equations : Equations
+        With all the surface as one cluster.
+    area : float
+        Cells over which its errors hold together.
+    returns : int
+    """
+
+    equations: Equations
+    area: float
+    returns: int
+
+
 def surface_equations(
     returns: CloudOfReturns,
     fixed: FixedSurface,
@@ -137,8 +155,8 @@ def surface_equations(
     *,
     size: int,
     min_coverage: float,
-) -> Equations | None:
-    """Return what one surface says about a transform, as one cluster; None if hardly covered.
+) -> SurfaceSays | None:
+    """Return what one surface says about a transform; None if hardly covered.
 
     Parameters
     ----------
@@ -158,7 +176,10 @@ def surface_equations(
         return None
     pair = compared(lidar, fixed)
     whole = len(pair.fixed)
-    return pair_equations(pair, fixed.grid, transform, about, size=size, block=whole)
+    equations = pair_equations(pair, fixed.grid, transform, about, size=size, block=whole)
+    difference = pair.fixed - pair.moving
+    area = float(np.isfinite(difference).sum() / independent_patches(difference))
+    return SurfaceSays(equations, area, len(returns))
 
 
 class _Round:

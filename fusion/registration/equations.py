@@ -9,6 +9,7 @@ noises have nothing in common, is what the instrument tells (errors in variables
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,12 +90,6 @@ class Equations:
             np.concatenate([part.cells for part in parts]),
         )
 
-    def as_one_cluster(self) -> Equations:
-        """Return the same with all errors taken to hold together."""
-        return Equations(
-            self.normal, self.shown, self.right, self.right[None], self.cells.sum()[None]
-        )
-
     def solve(self, names: tuple[str, ...], natural: FloatArray) -> FloatArray:
         """Return the step (P,).
 
@@ -147,6 +142,37 @@ class Equations:
         inverse = np.linalg.inv(self.normal)
         spread: FloatArray = inverse @ middle @ inverse.T
         return spread
+
+
+def modelled_covariance(
+    parts: Sequence[Equations], areas: Sequence[float], shift_sigma_m: float
+) -> FloatArray:
+    """Covariance (P, P) of the solution from a few surfaces, whose errors are known from others.
+
+    Of few clusters the scores do not tell their own spread. Differences of standard deviation 1
+    that hold together over an area of cells give a surface's scores the covariance ``area Σ g gᵀ``;
+    a surface that is displaced as a whole by `shift_sigma_m`, each axis, adds the square of what
+    its equations feel of a translation.
+
+    Parameters
+    ----------
+    parts : sequence of Equations
+        One for each surface; translations first, weights in units of the differences' variance.
+    areas : sequence of float
+        Cells over which differences hold together.
+    shift_sigma_m : float
+        Metres.
+    """
+    inverse = np.linalg.inv(np.sum([part.normal for part in parts], axis=0))
+    middle = np.sum(
+        [
+            area * part.shown + shift_sigma_m**2 * part.normal[:, :3] @ part.normal[:, :3].T
+            for part, area in zip(parts, areas, strict=True)
+        ],
+        axis=0,
+    )
+    spread: FloatArray = inverse @ middle @ inverse.T
+    return spread
 
 
 def pair_equations(

@@ -30,8 +30,9 @@ from spcola.similarity import Affine
 _APART = 3.0
 # Fewer independent differences than twice the parameters give no covariance.
 _MIN_PATCHES = 10.0
-# A displacement is found when a step is shorter than this, cells.
-_STILL = 1e-3
+# A displacement is found when a step is shorter than this, cells, or than that share of its sigma:
+# returns that change cells with every step keep the last digits moving.
+_STILL, _STILL_SIGMAS = 1e-3, 0.05
 # Below this share of relief in the slopes shown, noise holds the match.
 _LEAST_COMMON = 0.1
 
@@ -145,7 +146,8 @@ def _refined(
         step, rest, covariance = solved
         length = float(np.max(np.abs(step[:2]))) / gsd
         local = local + step[:3] / max(length, 1.0)
-        settled = length < _STILL
+        known_to = float(np.sqrt(np.min(np.diag(covariance)[:2]))) / gsd
+        settled = length < max(_STILL, _STILL_SIGMAS * known_to)
     return _Fine(local, covariance, rest, pair, iterations, settled)
 
 
