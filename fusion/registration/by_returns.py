@@ -9,7 +9,7 @@ import numpy as np
 
 from fusion.registration.correlation import independent_patches
 from fusion.registration.direct import DirectRegistration
-from fusion.registration.equations import Equations, pair_equations
+from fusion.registration.equations import Clusters, Equations, pair_equations
 from fusion.registration.fit import (
     LIDAR_FRAME,
     PARAMETERS,
@@ -36,8 +36,6 @@ from spcola.similarity import Affine
 _START_SAMPLE = 12
 # With fewer surfaces than so many times the parameters, the surfaces are cut into clusters.
 _ENOUGH = 3
-# Side of these in lengths over which errors hold together (as for clouds).
-_CLUSTER = 8.0
 # A step that moves the ground by less than this share of a grid step is the last.
 _STILL = 1e-3
 
@@ -112,12 +110,12 @@ def register_returns(
         step = found.solve(names, natural)
         transform = updated_transform(transform, step, options.model, center)
         shortest = min(fixed.grid.gsd for _, fixed in near)
-        settled = float(np.max(np.abs(step) / natural)) < _STILL * shortest
+        settled = iterations > 1 and float(np.max(np.abs(step) / natural)) < _STILL * shortest
     return DirectRegistration(
         transform=transform,
         model=options.model,
         parameters=names,
-        covariance=about_origin(found.covariance(), options.model, transform, center),
+        covariance=about_origin(found.covariance(rounds.inside), options.model, transform, center),
         center=center,
         blur_cells=float(np.mean([fixed.blur_cells for _, fixed in near])),
         residual_std_m=float(mad(rounds.differences)),
@@ -187,8 +185,13 @@ class _Round:
 
     def __init__(self, options: ReturnsOptions, whole: bool) -> None:
         self.options, self.whole = options, whole
-        self.block = 0
+        self.clusters: Clusters | None = None
         self.differences: FloatArray = np.empty(0)
+
+    @property
+    def inside(self) -> float:
+        """Share of the correlation of errors that lies within clusters."""
+        return self.clusters.inside if self.clusters else 1.0
 
     def equations(
         self, near: list[tuple[CloudOfReturns, FixedSurface]], transform: Affine, about: FloatArray
@@ -202,7 +205,7 @@ class _Round:
                 continue
             pair = compared(lidar, fixed)
             difference = pair.fixed - pair.moving
-            block = len(difference) if self.whole else self.block or len(difference)
+            block = self.clusters.block if self.clusters else len(difference)
             parts.append(pair_equations(pair, fixed.grid, transform, about, size=size, block=block))
             differences.append(difference[np.isfinite(difference)])
             if not self.whole:
@@ -212,7 +215,8 @@ class _Round:
                 "the returns cover none of the surfaces", do="lower the coverage asked for"
             )
         if areas:
-            self.block = max(4, int(np.ceil(_CLUSTER * np.sqrt(np.median(areas)))))
+            points = int(np.sqrt(sum(len(fixed.height) ** 2 for _, fixed in near)))
+            self.clusters = Clusters.of(float(np.median(areas)), points, size)
         self.differences = np.concatenate(differences)
         return Equations.joined(parts)
 

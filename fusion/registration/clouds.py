@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy import ndimage
+from scipy.spatial import ConvexHull
 
 from fusion.registration.cloud_grid import CloudGrid, grid_cloud
 from fusion.registration.correlation import independent_patches, shift_variances
 from fusion.registration.direct import DirectRegistration
-from fusion.registration.equations import Equations, SurfacePair, pair_equations
+from fusion.registration.equations import Clusters, Equations, SurfacePair, pair_equations
 from fusion.registration.fit import (
     PARAMETERS,
     Model,
@@ -32,9 +34,10 @@ _COARSER = (4.0, 2.0, 1.0)
 _SEARCH = 10
 # A level is left when the transform moves the ground by less than this share of a step.
 _STILL = 2e-4
-# Side of the clusters in lengths over which the errors hold together: so much of what crosses
-# their borders is lost, and so many of them are left.
-_CLUSTER = 8.0
+# Share of the ground around a point that must be there where one surface is smoothed.
+_WHOLE = 0.98
+# Gaussian, steps, under which half of the points leave hardly a gap.
+_HALF_SMOOTH = 0.7
 # Points that tell a scatter.
 _SAMPLE = 100_000
 
@@ -112,16 +115,29 @@ def register_clouds(
 
 
 def _grid_over(points: FloatArray, others: int, gsd: float) -> MapletGrid:
-    """Return a square grid along the mean plane of `points`, its Uz away from the origin."""
+    """Return a square grid along the mean plane of `points`, its Uz away from the origin.
+
+    Its sides lie along those of the smallest rectangle around the points: their spectra are taken.
+    """
     center = np.mean(points, axis=0)
     arms = points - center
-    axes = np.linalg.eigh(arms.T @ arms)[1].T[::-1]
-    uz = axes[2] * (1.0 if axes[2] @ center >= 0 else -1.0)
-    axes = np.stack([axes[0], np.cross(uz, axes[0]), uz])
-    flat = arms @ axes[:2].T
-    low, high = flat.min(axis=0), flat.max(axis=0)
+    plane = np.linalg.eigh(arms.T @ arms)[1].T[::-1]
+    uz = plane[2] * (1.0 if plane[2] @ center >= 0 else -1.0)
+    flat = arms @ plane[:2].T
+    hull = ConvexHull(flat)
+    rim = flat[hull.vertices]
+    edges = np.roll(rim, -1, axis=0) - rim
+    along = edges / np.linalg.norm(edges, axis=1)[:, None]
+    sides = np.stack([along, np.stack([-along[:, 1], along[:, 0]], axis=1)], axis=1)
+    spans = rim @ sides.transpose(0, 2, 1)
+    low, high = spans.min(axis=1), spans.max(axis=1)
+    best = int(np.argmin(np.prod(high - low, axis=1)))
+    ux = sides[best, 0] @ plane[:2]
+    axes = np.stack([ux, np.cross(uz, ux), uz])
+    across = arms @ axes[:2].T
+    low, high = across.min(axis=0), across.max(axis=0)
     if not gsd:
-        gsd = float(np.sqrt(np.prod(high - low) / min(len(points), others)))
+        gsd = float(np.sqrt(hull.volume / min(len(points), others)))
     middle = center + (low + high) / 2.0 @ axes[:2]
     return MapletGrid(middle, axes, gsd, max(2, int(np.ceil(np.max(high - low) / 2.0 / gsd))))
 
@@ -154,6 +170,7 @@ class _State(NamedTuple):
     equations: Equations
     difference: FloatArray
     blur: float
+    clusters: Clusters
     points: int
     iterations: int
     settled: bool
@@ -173,12 +190,13 @@ class _Level:
         height = self._surface(self.fixed, 0.0)[0]
         self.limit = options.reject * _scatter(fixed, grid, height)
         self.expected = height
-        self.fixed = grid_cloud(fixed, grid, self.here, expected=height, limit_m=self.limit)
+        self.fixed = self._gridded(fixed, self.here)
         self._slopes_of(self._surface(self.fixed, 0.0)[0])
 
     def settled(self, transform: Affine, *, finest: bool) -> _State:
         """Step until the transform stands still."""
-        blur, block, iterations, settled = self.options.blur_cells or 0.0, 32, 0, False
+        blur, iterations, settled = self.options.blur_cells or 0.0, 0, False
+        clusters = Clusters(self.grid.size)
         if finest and self.options.blur_cells is None:
             blur = self._blur(transform)
         center = transform.inverse().apply(self.grid.center)
@@ -187,29 +205,32 @@ class _Level:
         natural = natural_sizes(self.names, reach)
         while not settled and iterations < self.options.max_iterations:
             iterations += 1
-            cloud = self._moved(transform)
+            cloud = self._gridded(self.moving, transform)
             pair, difference = self._pair(cloud, blur if finest else 0.0)
             found = pair_equations(
-                pair, self.grid, transform, center, size=len(self.names), block=block
+                pair, self.grid, transform, center, size=len(self.names), block=clusters.block
             )
             step = found.solve(self.names, natural)
             transform = updated_transform(transform, step, self.options.model, center)
             moved = float(np.max(np.abs(step) / natural)) / self.grid.gsd
             settled = moved < (_STILL if finest else 0.1)
-            if finest and block == 32 and moved < 0.05:
-                # Where the clouds nearly agree, what is left tells how far errors hold together.
+            if finest and clusters.inside == 1.0:
                 area = np.isfinite(difference).sum() / independent_patches(difference)
-                block = max(4, int(np.ceil(_CLUSTER * np.sqrt(area))))
-        return _State(transform, center, found, difference, blur, cloud.points, iterations, settled)
+                clusters = Clusters.of(area, self.grid.size, len(self.names))
+                settled = False
+        return _State(
+            transform, center, found, difference, blur, clusters, cloud.points, iterations, settled
+        )
 
     def result(self, state: _State) -> DirectRegistration:
         """Return what other programs need of the last state."""
         model, equations = self.options.model, state.equations
+        spread = equations.covariance(state.clusters.inside)
         return DirectRegistration(
             transform=state.transform,
             model=model,
             parameters=self.names,
-            covariance=about_origin(equations.covariance(), model, state.transform, state.center),
+            covariance=about_origin(spread, model, state.transform, state.center),
             center=state.center,
             blur_cells=state.blur,
             residual_std_m=float(mad(state.difference[::3, ::3])),
@@ -220,10 +241,9 @@ class _Level:
             converged=state.settled,
         )
 
-    def _moved(self, transform: Affine) -> CloudGrid:
-        return grid_cloud(
-            self.moving, self.grid, transform, expected=self.expected, limit_m=self.limit
-        )
+    def _gridded(self, points: FloatArray, frame: Affine) -> CloudGrid:
+        """Grid points, strays left out."""
+        return grid_cloud(points, self.grid, frame, expected=self.expected, limit_m=self.limit)
 
     def _surface(self, cloud: CloudGrid, blur: float) -> tuple[FloatArray, FloatArray]:
         """Heights and what they rest on, `blur` steps softer than the other cloud's are."""
@@ -242,6 +262,12 @@ class _Level:
         weight = rests * carries / np.maximum(rests + carries, 1e-12)
         difference = fixed - moving
         standard = difference * np.sqrt(weight)
+        if blur:
+            # Smoothed over its rim a surface has nothing to be like on the other side.
+            rim = ndimage.gaussian_filter(
+                np.isfinite(difference).astype(np.float64), abs(blur), mode="constant"
+            )
+            weight = np.where(rim > _WHOLE, weight, 0.0)
         robust = huber_weight(standard / max(float(mad(standard[::3, ::3])), 1e-12), k=2.0)
         return SurfacePair(fixed, moving, weight, robust), difference
 
@@ -251,9 +277,10 @@ class _Level:
         return significant_blur(*relative_blur(moving, self._halves(self.still, self.here)))
 
     def _halves(self, points: FloatArray, frame: Affine) -> tuple[FloatArray, FloatArray]:
-        """Surfaces of every other point, and of the rest."""
-        one, two = (grid_cloud(points[part::2], self.grid, frame) for part in range(2))
-        return self._surface(one, 0.0)[0], self._surface(two, 0.0)[0]
+        """Surfaces of every other point, and of the rest; nothing in one is from the other."""
+        flat = np.zeros(self.grid.shape)
+        one, two = (self._gridded(points[part::2], frame) for part in range(2))
+        return one.surface(flat, flat, _HALF_SMOOTH)[0], two.surface(flat, flat, _HALF_SMOOTH)[0]
 
 
 def _scatter(points: FloatArray, grid: MapletGrid, height: FloatArray) -> float:

@@ -24,6 +24,8 @@ from spcola.similarity import Affine
 # Below this share of what slopes show that is relief of both surfaces, and not noise of one, a
 # parameter hangs on noise.
 _LEAST_COMMON = 0.1
+# Clusters for each parameter; their sides in lengths over which errors hold together.
+_ENOUGH, _WIDE, _NARROW = 3.0, 8.0, 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,23 +127,52 @@ class Equations:
         step: FloatArray = natural * np.linalg.solve(self.normal * scale, self.right * natural)
         return step
 
-    def covariance(self) -> FloatArray:
+    def covariance(self, inside: float = 1.0) -> FloatArray:
         """Covariance (P, P) of the solution: ``M⁻¹ (Σ_k s_k s_kᵀ) M⁻ᵀ`` over clusters k.
 
-        Whatever errors do within a cluster is counted; between clusters they must be independent.
-        Of K clusters' scores the solution has taken P freedoms, put back by K/(K − P). Infinite
-        where K does not exceed P. Source: Huber (1967); Liang & Zeger (1986); docs: mathematics
-        §20.
+        Whatever errors do within a cluster is counted; `inside` is the share of their correlation
+        that lies within clusters and not across their borders. Of K clusters' scores the solution
+        has taken P freedoms, put back by K/(K − P). Infinite where K does not exceed P. Source:
+        Huber (1967); Liang & Zeger (1986); docs: mathematics §20.
         """
         size, held = self.right.size, self.scores[self.cells > 0]
         if len(held) <= size:
             return np.full((size, size), np.inf)
         # At the solution the scores add up to nothing but for what is left of the last step.
         rest = held - held.sum(axis=0) * (self.cells[self.cells > 0] / self.cells.sum())[:, None]
-        middle = rest.T @ rest * (len(held) / (len(held) - size))
+        middle = rest.T @ rest * (len(held) / (len(held) - size) / inside)
         inverse = np.linalg.inv(self.normal)
         spread: FloatArray = inverse @ middle @ inverse.T
         return spread
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """Squares of grid points into which a surface is cut.
+
+    Parameters
+    ----------
+    block : int
+        Points along a side.
+    inside : float
+        Share of the correlation of errors that lies within squares.
+    """
+
+    block: int
+    inside: float = 1.0
+
+    @classmethod
+    def of(cls, area: float, points: int, parameters: int) -> Clusters:
+        """Return the squares for errors that hold together over `area` cells.
+
+        Eight lengths √area wide, if a surface of `points` a side falls into three times as many as
+        there are parameters; else narrower, but not below two lengths. Of errors that
+        hold together as a Gaussian does a share √area / (π block) reaches across, on each axis.
+        """
+        length = max(float(np.sqrt(area)), 1.0)
+        most = points / np.ceil(np.sqrt(_ENOUGH * parameters))
+        block = max(int(min(_WIDE * length, most)), int(np.ceil(_NARROW * length)))
+        return cls(block, (1.0 - length / (np.pi * block)) ** 2)
 
 
 def modelled_covariance(

@@ -249,6 +249,8 @@ def about_origin(
     image of the centre by subtracting what rotation and scale do to the arm between the two.
     What follows the parameters of the model in `covariance` is carried along.
     """
+    if not np.isfinite(covariance).all():
+        return covariance
     origin = np.zeros((1, 3))
     row = transform_partials(model, transform.nearest_similarity(), origin, center)[0]
     jacobian = np.eye(len(covariance))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import fft
 
-from fusion.registration.resolution import filled, plane_of
+from fusion.registration.resolution import filled
 from spcola.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 # Rings of wavenumbers, from the third on: what is as long as the grid tells nothing of blur.
@@ -69,16 +69,22 @@ def _powers(
 ) -> tuple[FloatArray, FloatArray]:
     """Power by ring of what two halves have in common, and of one of them with its noise."""
     one, two = (_spectrum(half) for half in halves)
-    common = (one * np.conj(two)).real.ravel()[seen]
-    whole = 0.5 * (np.abs(one) ** 2 + np.abs(two) ** 2).ravel()[seen]
+    common = np.sum((one * np.conj(two)).real, axis=0).ravel()[seen]
+    whole = 0.5 * np.sum(np.abs(one) ** 2 + np.abs(two) ** 2, axis=0).ravel()[seen]
     own: FloatArray = np.bincount(ring[seen], common, minlength=_RINGS).astype(np.float64)
     noisy: FloatArray = np.bincount(ring[seen], whole, minlength=_RINGS).astype(np.float64)
     return own, noisy
 
 
 def _spectrum(height: FloatArray) -> AnyArray:
-    """Transform of a surface without its plane, faded out towards the edges."""
-    whole = filled(height)
+    """Transform (2, N, M) of the slopes of a surface, faded out towards the edges.
+
+    Of slopes, not heights: what is long is so much higher that the window would leave some of it
+    where the ground is fine.
+    """
     window = np.hanning(len(height) + 2)[1:-1]
-    spectrum: AnyArray = fft.rfft2((whole - plane_of(whole)) * np.outer(window, window))
+    down, along = np.gradient(filled(height))
+    slopes = np.stack([down, along])
+    slopes -= slopes.mean(axis=(1, 2), keepdims=True)
+    spectrum: AnyArray = fft.rfft2(slopes * np.outer(window, window))
     return spectrum
