@@ -108,7 +108,9 @@ def register_clouds(
     grid = _grid_over(fixed, len(moving), options.gsd_m)
     transform = _searched(moving, fixed, grid, options)
     for coarser in _COARSER:
-        level = _Level(moving, fixed, grid.with_gsd(coarser * grid.gsd), options)
+        # A cell of a coarser grid holds more points than it takes to come nearer.
+        some, others = (np.ascontiguousarray(each[:: int(coarser)]) for each in (moving, fixed))
+        level = _Level(some, others, grid.with_gsd(coarser * grid.gsd), options)
         state = level.settled(transform, finest=coarser == _COARSER[-1])
         transform = state.transform
     return level.result(state)
