@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from scipy import fft
 
-from fusion.registration.resolution import filled
 from spcola.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 # Rings of wavenumbers, from the third on: what is as long as the grid tells nothing of blur.
@@ -80,11 +79,11 @@ def _spectrum(height: FloatArray) -> AnyArray:
     """Transform (2, N, M) of the slopes of a surface, faded out towards the edges.
 
     Of slopes, not heights: what is long is so much higher that the window would leave some of it
-    where the ground is fine.
+    where the ground is fine. Gaps are no slope: those of two halves have nothing in common.
     """
     window = np.hanning(len(height) + 2)[1:-1]
-    down, along = np.gradient(filled(height))
+    down, along = np.gradient(height)
     slopes = np.stack([down, along])
-    slopes -= slopes.mean(axis=(1, 2), keepdims=True)
+    slopes = np.nan_to_num(slopes - np.nanmean(slopes, axis=(1, 2), keepdims=True))
     spectrum: AnyArray = fft.rfft2(slopes * np.outer(window, window))
     return spectrum
