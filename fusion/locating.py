@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fusion.settings import Settings
 from fusion.tables import MapolaSettings, SpiceSettings, SpinSettings
 from fusion.workspace import SETTINGS_FILE, Workspace
 from lidar.formats.native import ScanFile
@@ -129,6 +130,14 @@ def kernel_paths(workspace: Workspace, table: SpiceSettings) -> list[Path]:
         return []
     sets = [place.kernels] + ([place.reference] if place.reference is not None else [])
     return list(dict.fromkeys(path for kernels in sets for path in kernels.paths))
+
+
+def return_paths(workspace: Workspace, settings: Settings) -> list[Path]:
+    """Return every file that says where the returns are: scans, states of images, kernels."""
+    paths = [*workspace.scan_paths(), *kernel_paths(workspace, settings.spice)]
+    if settings.mapolas.trajectory == "spc":
+        paths += [workspace.image_path(name) for name in workspace.image_names()]
+    return paths
 
 
 def _by_kernels(place: KernelPlace, file: ScanFile) -> Relocation:

@@ -11,6 +11,7 @@ from fusion.registration.apply import GivenRegistration
 from fusion.registration.match import Match, MatchOptions, Surface, match_surfaces
 from fusion.registration.noise import NoiseSpectrum, estimate_spectrum
 from fusion.registration.resolution import estimate_blur
+from fusion.return_source import ReturnSource
 from fusion.stages.base import StageContext
 from fusion.surfaces import Reference, surface_reference
 from fusion.tables import RegisterSettings
@@ -50,12 +51,15 @@ class Matcher:
     table : RegisterSettings
     reference : callable
     given : GivenRegistration or None
+    source : ReturnSource or None
+        Of returns that are matched themselves, instead of the mapolas' heights.
     """
 
     workspace: Workspace
     table: RegisterSettings
     reference: Reference
     given: GivenRegistration | None
+    source: ReturnSource | None
 
     @property
     def options(self) -> MatchOptions:
@@ -75,6 +79,8 @@ class Matcher:
             f"{self.workspace.root / SETTINGS_FILE}: [register] capture_m",
             "lower it",
         )
+        if self.source is not None:
+            return self.source.match(name, grid, self.reference(name, grid), blur, self.options)
         return match_surfaces(
             name,
             grid,
@@ -95,8 +101,15 @@ class Matcher:
         return estimate_blur(spc - match.residual, spc)
 
 
-def match_mapolas(context: StageContext, given: GivenRegistration | None = None) -> Matched:
+def match_mapolas(
+    context: StageContext,
+    given: GivenRegistration | None = None,
+    source: ReturnSource | None = None,
+) -> Matched:
     """Learn from a sample how SPC smooths and how it errs, then match all mapolas.
+
+    Where a transform is `given` they are matched as it puts them; with a `source` of returns, by
+    these.
 
     Raises
     ------
@@ -104,13 +117,15 @@ def match_mapolas(context: StageContext, given: GivenRegistration | None = None)
         If none matches.
     """
     workspace, table = context.workspace, context.table(RegisterSettings)
-    matcher = Matcher(workspace, table, surface_reference(workspace, table.against), given)
+    matcher = Matcher(workspace, table, surface_reference(workspace, table.against), given, source)
     names = workspace.mapola_names()
     sample = names[:: -(-len(names) // _SAMPLE)]
     blurs = np.array(context.map("compare resolutions", matcher.blur, sample))
     blur = float(np.nanmedian(blurs)) if np.isfinite(blurs).any() else 0.0
-    first = context.map("compare errors", lambda name: matcher.match(name, blur), sample)
-    spectrum = estimate_spectrum(match.residual for match in first if match.usable)
+    spectrum = None
+    if source is None:
+        first = context.map("compare errors", lambda name: matcher.match(name, blur), sample)
+        spectrum = estimate_spectrum(match.residual for match in first if match.usable)
     matches = context.map("match mapolas", lambda name: matcher.match(name, blur, spectrum), names)
     return Matched(usable(matches, workspace), blur, spectrum)
 

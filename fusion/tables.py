@@ -173,9 +173,10 @@ class RegisterSettings(Table):
         default="maplets",
         description="the surface that is matched: the maplet, its neighbours too, or shape",
     )
-    by: Literal["topography", "images", "both"] = Field(
+    by: Literal["topography", "returns", "images", "both"] = Field(
         default="topography",
-        description="what is matched: heights, images rendered from them, or both",
+        description="what is matched: heights of mapolas, the returns themselves, images rendered "
+        "from mapolas, or heights and images",
     )
     photometry: str = Field(
         default="lunar-lambert",

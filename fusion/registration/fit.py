@@ -163,7 +163,7 @@ def fit_transform(
         prior=np.full(len(names), np.inf),
         sizes=ErrorSizes(options.center_sigma_m, (1.0,) * len(groups)),
         # Without extent (one point) rotation and scale are free whatever unit they are put in.
-        scale=np.where([name.endswith("_m") for name in names], 1.0, 1.0 / max(reach, 1.0)),
+        scale=natural_sizes(names, max(reach, 1.0)),
         names=names,
         reject=options.reject,
     )
@@ -176,14 +176,14 @@ def fit_transform(
         value = target - current.apply(centers)
         observed = Observations(value, design, covariances, groups)
         fit = fit_mixed(observed, mixed)
-        current = _updated(current, fit.estimate, options.model, center)
+        current = updated_transform(current, fit.estimate, options.model, center)
         # The error sizes do not depend on where the transform is linearised.
         mixed = replace(mixed, sizes=replace(fit.sizes, width=0.0))
         if np.max(np.abs(fit.estimate) / mixed.scale) < 1e-7 * reach:
             break
     # Of all effects, those of the scans alone move the mapolas.
     moving = len(names) + effects.shape[2]
-    joint = _about_origin(fit.joint[:moving, :moving], options.model, current, center)
+    joint = about_origin(fit.joint[:moving, :moving], options.model, current, center)
     covariance = joint[: len(names), : len(names)]
     return Registration(
         current, options.model, names, covariance, joint, center, observed, fit, iterations
@@ -197,7 +197,7 @@ def _start(model: Model, centers: FloatArray, target: FloatArray, center: FloatA
         design = transform_partials(model, current.nearest_similarity(), centers, center)
         value = (target - current.apply(centers)).ravel()
         step = np.linalg.lstsq(design.reshape(len(value), -1), value, rcond=1e-10)[0]
-        current = _updated(current, step, model, center)
+        current = updated_transform(current, step, model, center)
     return current
 
 
@@ -237,8 +237,18 @@ def transform_partials(
     return np.concatenate([shift, turning, (arms / transform.scale)[:, :, None]], axis=2)
 
 
-def _updated(current: Affine, step: FloatArray, model: Model, center: FloatArray) -> Affine:
-    """Apply a step of the parameters, which act about the image of `center`."""
+def natural_sizes(names: tuple[str, ...], reach: float) -> FloatArray:
+    """Size (P,) of each parameter that moves ground `reach` metres from the centre by a metre."""
+    return np.where([name.endswith("_m") for name in names], 1.0, 1.0 / reach)
+
+
+def updated_transform(
+    current: Affine, step: FloatArray, model: Model, center: FloatArray
+) -> Affine:
+    """Return `current` after a step (P,) of the parameters, which act about the image of `center`.
+
+    Metres, radians, and units of scale or matrix, in the order of :data:`PARAMETERS`.
+    """
     image = current.apply(center) + step[:3]
     if model == "affine":
         matrix = current.matrix + step[3:].reshape(3, 3)
@@ -247,17 +257,20 @@ def _updated(current: Affine, step: FloatArray, model: Model, center: FloatArray
         turn = Similarity.from_rotation_vector(step[3:6])
         scale = before.scale + (step[6] if model == "similarity" else 0.0)
         matrix = scale * turn.rotation @ before.rotation
-    return Affine(matrix, image - matrix @ center, SPC_FRAME, LIDAR_FRAME)
+    return Affine(matrix, image - matrix @ center, current.target, current.source)
 
 
-def _about_origin(
+def about_origin(
     covariance: FloatArray, model: Model, transform: Affine, center: FloatArray
 ) -> FloatArray:
     """Covariance with the translation that of the origin instead of that of `center`.
 
     The translation in ``V_spc = T + s R V`` is where the body's origin goes: T follows from the
     image of the centre by subtracting what rotation and scale do to the arm between the two.
+    What follows the parameters of the model in `covariance` is carried along.
     """
+    if not np.isfinite(covariance).all():
+        return covariance
     origin = np.zeros((1, 3))
     row = transform_partials(model, transform.nearest_similarity(), origin, center)[0]
     jacobian = np.eye(len(covariance))
@@ -266,11 +279,16 @@ def _about_origin(
 
 
 class Determined(Protocol):
-    """A transform with its covariance, fitted or given."""
+    """A transform with its covariance about the origin, fitted to anything or given."""
 
     @property
     def model(self) -> Model:
         """Which parameters it has."""
+        ...
+
+    @property
+    def transform(self) -> Affine:
+        """The transform."""
         ...
 
     @property

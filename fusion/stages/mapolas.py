@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fusion.adjusting import ScanSource, adjusted, adjustment_summary
-from fusion.locating import kernel_paths, located_store
+from fusion.locating import located_store, return_paths
 from fusion.memory import check_grid
 from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
@@ -62,9 +62,7 @@ class MapolasStage:
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
         """Return scans, maplets or the shape, and images or kernels that locate returns."""
-        paths = [*workspace.scan_paths(), *kernel_paths(workspace, settings.spice)]
-        if settings.mapolas.trajectory == "spc":
-            paths += [workspace.image_path(name) for name in workspace.image_names()]
+        paths = return_paths(workspace, settings)
         if settings.mapolas.source == "cover":
             return [*paths, workspace.shape_path()]
         return [*paths, *workspace.maplet_files()]
@@ -85,7 +83,7 @@ class MapolasStage:
             table,
             context.table(SpinSettings),
             context.table(SpiceSettings),
-            arc_s=_arc_length(workspace, table) if table.adjust else np.inf,
+            arc_s=arc_length(workspace, table) if table.adjust else np.inf,
         )
         source = ScanSource(store, options)
         adjustment = adjusted(context, source, grids) if table.adjust else None
@@ -124,7 +122,7 @@ def gridding_options(table: MapolaSettings) -> GriddingOptions:
     return GriddingOptions(rejection=RejectionOptions(cell_sigmas=table.outlier_k))
 
 
-def _arc_length(workspace: Workspace, table: MapolaSettings) -> float:
+def arc_length(workspace: Workspace, table: MapolaSettings) -> float:
     """Return the length of arcs, seconds: longer than asked for where they would be too many."""
     spans = [scan_summary(path).time_span for path in workspace.scan_paths()]
     arc_s = table.adjust_arc_s

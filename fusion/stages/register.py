@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fusion.locating import return_paths
 from fusion.matching import Matched, match_mapolas
 from fusion.registration.apply import GivenRegistration, applied_json, given_registration
 from fusion.registration.fit import FitOptions
@@ -16,10 +17,20 @@ from fusion.registration.landmarks import LandmarkErrors
 from fusion.registration.match import Match
 from fusion.registration.scans import ScanEffects, share_matrix
 from fusion.registration.summary import MatchedMapolas, registration_json
+from fusion.return_source import ReturnSource
+from fusion.scan_fits import ScanRegistration
 from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
 from fusion.stages.imaging import imaged_mapolas, landmark_files
-from fusion.tables import BodySettings, RegisterSettings, Table
+from fusion.surfaces import surface_reference
+from fusion.tables import (
+    BodySettings,
+    MapolaSettings,
+    RegisterSettings,
+    SpiceSettings,
+    SpinSettings,
+    Table,
+)
 from fusion.workspace import SETTINGS_FILE, Workspace
 from spcola.arrays import FloatArray
 from spcola.errors import SettingsError
@@ -32,7 +43,13 @@ class RegisterStage:
 
     name: str = "register"
     version: int = 8
-    tables: tuple[type[Table], ...] = (RegisterSettings, BodySettings)
+    tables: tuple[type[Table], ...] = (
+        RegisterSettings,
+        BodySettings,
+        MapolaSettings,
+        SpinSettings,
+        SpiceSettings,
+    )
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why there is nothing to register."""
@@ -49,6 +66,7 @@ class RegisterStage:
         table = settings.registration
         given = given_path(workspace, table)
         paths = [*workspace.mapola_paths(), *([] if given is None else [given])]
+        paths += return_paths(workspace, settings) if table.by == "returns" else []
         shape = table.against == "shape"
         paths += [workspace.shape_path()] if shape else workspace.maplet_files()
         if table.by in ("images", "both"):
@@ -71,13 +89,14 @@ class RegisterStage:
         """
         workspace, table = context.workspace, context.table(RegisterSettings)
         given = _given(workspace, table)
-        matched = match_mapolas(context, given)
+        source = ReturnSource.of(context) if table.by == "returns" and given is None else None
+        matched = match_mapolas(context, given, source)
         if given is not None:
             content = _applied(workspace, given, matched, table)
-        elif table.by == "topography":
-            content = _by_topography(context, matched)
-        else:
+        elif table.by in ("images", "both"):
             content = _by_images(context, matched)
+        else:
+            content = _by_topography(context, matched, source)
         spectrum = matched.spectrum
         content["blur_cells"] = matched.blur_cells
         content["noise_spectrum"] = None if spectrum is None else spectrum.as_json()
@@ -91,6 +110,7 @@ _LONG = frozenset(
     {
         "per_mapola",
         "per_scan",
+        "per_scan_fit",
         "covariance",
         "parameters",
         "noise_spectrum",
@@ -100,14 +120,22 @@ _LONG = frozenset(
 )
 
 
-def _by_topography(context: StageContext, matched: Matched) -> dict[str, Any]:
-    """Fit the transform to the matches of heights."""
-    table = context.table(RegisterSettings)
-    mapolas, _ = _with_scans(context.workspace, matched.matches, table)
+def _by_topography(
+    context: StageContext, matched: Matched, source: ReturnSource | None
+) -> dict[str, Any]:
+    """Fit the transform to the matches of heights, of mapolas or of the returns themselves."""
+    workspace, table = context.workspace, context.table(RegisterSettings)
+    mapolas, _ = _with_scans(workspace, matched.matches, table)
     names = [match.name for match in matched.matches]
     mapolas = replace(mapolas, landmarks=_landmarks(context, names))
     registration = fit_mapolas(mapolas, options=_fit_options(table))
-    return {**registration_json(registration, mapolas), "by": table.by}
+    content = {**registration_json(registration, mapolas), "by": table.by}
+    if source is not None:
+        reference = surface_reference(workspace, table.against)
+        scans = ScanRegistration(source, reference, registration, matched.blur_cells)
+        grids = {name: workspace.mapola(name).grid for name in names}
+        content["per_scan_fit"] = scans.entries(context, grids)
+    return content
 
 
 def _by_images(context: StageContext, matched: Matched) -> dict[str, Any]:

@@ -190,6 +190,26 @@ def test_mapolas_are_registered_by_every_model_against_every_surface(
         assert abs(error) < 4.0 * summary["scale_sigma"]
 
 
+def test_returns_themselves_are_registered_like_their_mapolas(
+    shown: Demonstration, copied: Path
+) -> None:
+    by_mapolas = json.loads((copied / "registration.json").read_text(encoding="utf-8"))
+    settings = copied / "spcola.toml"
+    text = settings.read_text(encoding="utf-8")
+    settings.write_text(text.replace('by = "topography"', 'by = "returns"'), encoding="utf-8")
+    summary = command("register", copied)
+    planted = {row.name: row.planted for row in shown.recovered}
+    error = summary["scale"] - planted["registration scale"]
+    assert abs(error) < 4.0 * summary["scale_sigma"]
+    apart = abs(summary["scale"] - by_mapolas["scale"])
+    assert apart < summary["scale_sigma"]
+    content = json.loads((copied / "registration.json").read_text(encoding="utf-8"))
+    told = [scan for scan in content["per_scan_fit"] if not scan["reason"]]
+    assert len(told) > len(content["per_scan_fit"]) / 2
+    pulls = [np.divide(scan["offset_m"], scan["offset_sigma_m"]) for scan in told]
+    assert np.sqrt(np.mean(np.square(pulls))) < 2.0
+
+
 def test_single_shots_give_the_same_scale(shown: Demonstration, copied: Path) -> None:
     summary = command("scale", copied, "--method", "shots")
     planted = {row.name: row.planted for row in shown.recovered}

@@ -1,0 +1,266 @@
+#!/usr/bin/env python3
+"""Registration beside its limits and its peer: a table, all measured in this run.
+
+Two clouds of a million points each lie on a fractal square of 100 m with slopes of 0.2 (rms, of
+one power in every octave down to 11 cm), with 30 mm of noise; one is moved by 50 mm, 0.002° and
+−500 ppm. Printed: errors of the similarity found and its stated sigmas beside the formal
+limit of that data (Cramér–Rao, from the true slopes and both clouds' noise and numbers), the same
+for Open3D's ICP with scaling, root mean squares over seeds, what smoothing of one cloud does to
+the scale, a scan of a million returns against an SPC surface, and how many mapolas are matched in
+a second.
+
+    python scripts/bench/registration [--seeds 8] [--parts clouds icp blur returns match]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+
+import numpy as np
+from scipy import ndimage
+
+from fusion.executor import ThreadExecutor
+from fusion.registration.by_returns import register_returns
+from fusion.registration.clouds import CloudOptions, register_clouds
+from fusion.registration.match import Surface, match_surfaces
+from fusion.registration.return_heights import CloudOfReturns, FixedSurface
+from spcola.arrays import AnyArray, FloatArray
+from spcola.maplet import MapletGrid
+from spcola.similarity import Affine, Similarity
+
+SIDE_M, NODES, SLOPE, NOISE_M = 100.0, 1024, 0.2, 0.03
+STEP_M = 1.1 * SIDE_M / NODES
+CELL_M = 0.1
+PLANTED = Similarity.from_rotation_vector(
+    np.radians(0.002) * np.array([1.0, -1.0, 1.0]) / np.sqrt(3.0),
+    0.05 * np.array([1.0, 1.0, -1.0]) / np.sqrt(3.0),
+    1.0 - 500e-6,
+)
+BARS = {"limit": 1.5, "icp": 20.0, "match": 200.0}
+THREADS, MAPOLAS = 2, 400
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Fractal heights by their spectrum."""
+
+    spectrum: AnyArray
+    wave: FloatArray
+
+    @classmethod
+    def of(cls, seed: int) -> Ground:
+        wave = 2.0 * np.pi * np.fft.fftfreq(NODES, STEP_M)
+        length = np.hypot(wave[None], wave[:, None])
+        length[0, 0] = np.inf
+        white = np.random.default_rng(seed).normal(size=(NODES, NODES))
+        ground = cls(np.fft.fft2(white) * length**-2.0, wave)
+        slopes = [layer.std() for layer in ground.slope_layers()]
+        return cls(ground.spectrum * SLOPE / np.hypot(*slopes), wave)
+
+    def slope_layers(self) -> list[FloatArray]:
+        along, down = 1j * self.wave[None], 1j * self.wave[:, None]
+        return [np.fft.ifft2(each * self.spectrum).real for each in (along, down)]
+
+    def heights(self, x: FloatArray, y: FloatArray, blur_m: float = 0.0) -> FloatArray:
+        square = self.wave[None] ** 2 + self.wave[:, None] ** 2
+        return at(np.fft.ifft2(self.spectrum * np.exp(-0.5 * blur_m**2 * square)).real, x, y)
+
+    def cloud(self, seed: int, count: int, blur_m: float = 0.0) -> FloatArray:
+        rng = np.random.default_rng(seed)
+        x, y = rng.uniform(-SIDE_M / 2, SIDE_M / 2, (2, count))
+        height = self.heights(x, y, blur_m) + NOISE_M * rng.normal(size=count)
+        return np.stack([x, y, height], axis=1)
+
+    def limit(self, cloud: FloatArray) -> FloatArray:
+        """Sigmas (7,) that no unbiased estimate from two such clouds falls below."""
+        slopes = [at(layer, cloud[:, 0], cloud[:, 1]) for layer in self.slope_layers()]
+        up = np.stack([-slopes[0], -slopes[1], np.ones(len(cloud))], axis=1)
+        along = np.sum(cloud * up, axis=1)[:, None]
+        rows = np.concatenate([up, np.cross(cloud, up), along], axis=1)
+        return np.sqrt(2.0 * NOISE_M**2 * np.diag(np.linalg.inv(rows.T @ rows)))
+
+
+def at(layer: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
+    places = [y / STEP_M + NODES / 2, x / STEP_M + NODES / 2]
+    found: FloatArray = ndimage.map_coordinates(layer, places, order=3, mode="grid-wrap")
+    return found
+
+
+def errors(found: Similarity) -> FloatArray:
+    """Translation, rotation and scale (7,) less what was planted."""
+    turn = Similarity(found.rotation @ PLANTED.rotation.T).rotation_vector
+    shift = found.translation - PLANTED.translation
+    return np.array([*shift, *turn, found.scale - PLANTED.scale])
+
+
+def numbers(seven: FloatArray) -> str:
+    """Millimetres, degrees and parts per million of lengths of seven numbers."""
+    shift, turn = np.linalg.norm(seven[:3]), np.degrees(np.linalg.norm(seven[3:6]))
+    return f"{1e3 * shift:9.3f} mm {turn:10.5f}° {1e6 * abs(seven[6]):9.1f} ppm"
+
+
+@dataclass(frozen=True)
+class Found:
+    """What one run of one way gave."""
+
+    seconds: float
+    error: FloatArray
+    sigma: FloatArray
+    limit: FloatArray
+
+
+def ours(seed: int, count: int) -> Found:
+    ground = Ground.of(seed)
+    cloud = ground.cloud(1000 + seed, count)
+    moving, fixed = PLANTED.inverse().apply(cloud), ground.cloud(2000 + seed, count)
+    start = time.perf_counter()
+    found = register_clouds(moving, fixed)
+    seconds = time.perf_counter() - start
+    sigma = np.sqrt(np.diag(found.covariance))
+    return Found(seconds, errors(found.similarity), sigma, ground.limit(cloud))
+
+
+def cloud_lines(seeds: int, count: int) -> Iterator[str]:
+    ours(99, min(count, 50_000))  # compiles, or loads what was
+    runs = [ours(seed, count) for seed in range(seeds)]
+    for seed, run in enumerate(runs):
+        yield f"seed {seed:<2} {run.seconds:6.2f} s {numbers(run.error)}"
+    rms = [np.sqrt(np.mean(np.square(each), axis=0)) for each in (
+        [run.error for run in runs], [run.sigma for run in runs], [run.limit for run in runs],
+        [run.error / run.sigma for run in runs],
+    )]  # fmt: skip
+    for name, seven in zip(("rms error", "stated", "limit"), rms[:3], strict=True):
+        yield f"{name:17}{numbers(seven)}"
+    groups = {"translation": slice(3), "rotation": slice(3, 6), "scale": slice(6, 7)}
+    for name, part in groups.items():
+        ratio = np.linalg.norm(rms[0][part]) / np.linalg.norm(rms[2][part])
+        pull = np.sqrt(np.mean(rms[3][part] ** 2))
+        yield f"{name}: {ratio:.2f} × the limit (bar {BARS['limit']}); pulls {pull:.2f} wide"
+    ratio = float(np.sqrt(np.mean((rms[0] / rms[2]) ** 2)))
+    yield f"all seven together: {ratio:.2f} × the limit"
+
+
+def icp_lines(count: int) -> Iterator[str]:
+    if find_spec("open3d") is None:
+        yield "Open3D: not installed"
+        return
+    run = ours(0, count)
+    o3d = import_module("open3d")
+    ground = Ground.of(0)
+    moving = PLANTED.inverse().apply(ground.cloud(1000, count))
+    clouds = [
+        o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+        for points in (moving, ground.cloud(2000, count))
+    ]
+    way = o3d.pipelines.registration
+    start = time.perf_counter()
+    result = way.registration_icp(
+        *clouds,
+        0.3,
+        np.eye(4),
+        way.TransformationEstimationPointToPoint(with_scaling=True),
+        way.ICPConvergenceCriteria(max_iteration=100),
+    )
+    seconds = time.perf_counter() - start
+    matrix = np.asarray(result.transformation)
+    found = Affine(matrix[:3, :3], matrix[:3, 3]).nearest_similarity()
+    yield f"{'ours':8}{run.seconds:8.2f} s {numbers(run.error)}"
+    yield f"{'Open3D':8}{seconds:8.2f} s {numbers(errors(found))}"
+    yield f"Open3D / ours = {seconds / run.seconds:.0f} (bar {BARS['icp']:.0f})"
+
+
+def blur_lines(seeds: int, count: int) -> Iterator[str]:
+    yield "fixed cloud smoothed by       as it is      both at one resolution   stated sigma"
+    plain = [scale_error(seed, count, 0.0, None)[0] for seed in range(seeds)]
+    for cells in (1.0, 2.0):
+        columns = []
+        for blur in (0.0, None):
+            found = [scale_error(seed, count, cells * CELL_M, blur) for seed in range(seeds)]
+            change = [one[0] - other for one, other in zip(found, plain, strict=True)]
+            columns.append((np.mean(change), np.mean([one[1] for one in found])))
+        yield (
+            f"{cells:.0f} cells of {CELL_M} m{columns[0][0] * 1e6:18.0f} ppm"
+            f"{columns[1][0] * 1e6:18.0f} ppm{columns[1][1] * 1e6:15.0f} ppm"
+        )
+
+
+def scale_error(seed: int, count: int, blur_m: float, blur: float | None) -> tuple[float, float]:
+    """Error of the scale, and its stated sigma."""
+    ground = Ground.of(seed)
+    moving = PLANTED.inverse().apply(ground.cloud(1000 + seed, count))
+    fixed = ground.cloud(2000 + seed, count, blur_m)
+    found = register_clouds(moving, fixed, options=CloudOptions(blur_cells=blur))
+    return float(errors(found.similarity)[6]), float(np.sqrt(found.covariance[6, 6]))
+
+
+def spc_heights(ground: Ground, grid: MapletGrid, seed: int) -> FloatArray:
+    """A surface as SPC gives it: smoothed by a cell, errors of 5 cm that hold over cells."""
+    x, y = np.meshgrid(grid.gsd * grid.offsets, grid.gsd * grid.offsets)
+    error = ndimage.gaussian_filter(np.random.default_rng(seed).normal(size=grid.shape), 3.0)
+    return ground.heights(x, y, grid.gsd) + 0.05 * error / error.std()
+
+
+def returns_lines(count: int) -> Iterator[str]:
+    grid = MapletGrid(np.zeros(3), np.eye(3), 0.2, 240)
+    ground = Ground.of(5)
+    cloud = PLANTED.inverse().apply(ground.cloud(3000, count))
+    returns = CloudOfReturns(cloud, np.full(count, NOISE_M))
+    for number in range(2):
+        fixed = FixedSurface(grid, Surface(spc_heights(ground, grid, 0)), 1.0)
+        start = time.perf_counter()
+        found = register_returns(returns, [fixed])
+        seconds = time.perf_counter() - start
+        if number:
+            yield f"{count} returns to an SPC surface of {grid.size}²: {seconds:.2f} s"
+    yield f"{'error':17}{numbers(errors(found.similarity))}"
+    yield f"{'stated':17}{numbers(np.sqrt(np.diag(found.covariance)))}"
+
+
+def match_lines() -> Iterator[str]:
+    grid = MapletGrid(np.zeros(3), np.eye(3), 0.2, 49)
+    x, y = np.meshgrid(grid.gsd * grid.offsets, grid.gsd * grid.offsets)
+    rng, ground = np.random.default_rng(0), Ground.of(6)
+    lidar = Surface(ground.heights(x, y) + 0.01 * rng.normal(size=grid.shape))
+    spc = Surface(ground.heights(x - 0.1, y + 0.07) + 0.02 * rng.normal(size=grid.shape))
+
+    def one(_: int) -> bool:
+        return match_surfaces("M", grid, lidar, spc).usable
+
+    executor = ThreadExecutor(THREADS)
+    executor.map(one, range(4))
+    start = time.perf_counter()
+    usable = executor.map(one, range(MAPOLAS))
+    rate = MAPOLAS / (time.perf_counter() - start)
+    yield (
+        f"mapolas of 99²: {rate:.0f} matched a second on {THREADS} threads "
+        f"(bar {BARS['match']:.0f}), {np.mean(usable):.0%} usable"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Registration beside its limits and its peer.")
+    parts = ("clouds", "icp", "blur", "returns", "match")
+    parser.add_argument("--parts", nargs="+", default=list(parts), choices=parts)
+    parser.add_argument("--seeds", type=int, default=8)
+    parser.add_argument("--points", type=int, default=1_000_000, help="of each cloud")
+    options = parser.parse_args()
+    ways = {
+        "clouds": lambda: cloud_lines(options.seeds, options.points),
+        "icp": lambda: icp_lines(options.points),
+        "blur": lambda: blur_lines(min(options.seeds, 3), options.points),
+        "returns": lambda: returns_lines(options.points),
+        "match": match_lines,
+    }
+    for part in options.parts:
+        print(f"— {part}")
+        for line in ways[part]():
+            print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()
