@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from fusion.scaling.frames import LeftOut
 from fusion.scaling.joint import ScaleEstimate
 from fusion.scaling.observation import PARAMETERS, ScaleObservations
-from fusion.scaling.pairs import LeftOut, Pair
+from fusion.scaling.pairs import Pair
 from fusion.scaling.shots import LongitudeCheck, ShotComparison
 
 
@@ -52,6 +53,7 @@ def scale_json(
         "single_sigma_m": fit.sizes.independent,
         "state_sigma_m": fit.sizes.shared[0],
         "day_sigma_m": fit.sizes.shared[1],
+        "ground_factor": fit.sizes.shared[2] or None,
         "n_used": int(np.count_nonzero(fit.used)),
         "n_rejected": int(np.count_nonzero(~fit.used)),
         "parameters": list(PARAMETERS),
@@ -63,6 +65,8 @@ def scale_json(
                 "epsilon": day.epsilon,
                 "epsilon_sigma": day.epsilon_sigma,
                 "size_correction_m": day.epsilon * mean_radius,
+                "mean_epsilon": day.mean,
+                "standard_error": day.standard_error,
             }
             for day in estimate.days
         ],
@@ -95,6 +99,7 @@ def unobserved_json(kind: str, trajectory: str, reason: str) -> dict[str, Any]:
         "single_sigma_m": None,
         "state_sigma_m": None,
         "day_sigma_m": None,
+        "ground_factor": None,
         "n_used": 0,
         "n_rejected": 0,
         "parameters": list(PARAMETERS),
@@ -143,6 +148,8 @@ def per_pair(
                 "coverage": match.coverage,
                 "longitude_deg": np.degrees(observations.longitude[row]),
                 "local_time_h": frame.local_time_h,
+                "emission_deg": frame.emission_deg,
+                "incidence_deg": frame.incidence_deg,
                 "used": bool(used[row]),
                 "reason": "" if used[row] else "disagrees with the other pairs",
             }
