@@ -307,6 +307,12 @@ class ScaleSettings(Table):
     reject_sigmas: Positive = Field(
         default=5.0, description="pairs or shots further off than this are rejected"
     )
+    footprint_mrad: NotNegative = Field(
+        default=0.0, description="full width of the beam of single shots; 0: not known"
+    )
+    pointing_sigma_mrad: NotNegative = Field(
+        default=0.0, description="error of their pointing, each of two axes; 0: not known"
+    )
     max_shots: int = Field(
         default=4_000, ge=10, description="single shots used; more are thinned evenly"
     )

@@ -14,6 +14,7 @@ from fusion.scaling.joint import ScaleEstimate
 from fusion.scaling.observation import PARAMETERS, ScaleObservations
 from fusion.scaling.pairs import Pair
 from fusion.scaling.shots import LongitudeCheck, ShotComparison
+from fusion.scaling.spots import SpotOptions
 
 
 def scale_json(
@@ -172,6 +173,7 @@ def per_shot(comparison: ShotComparison, estimate: ScaleEstimate) -> list[dict[s
             "day": observations.day[row],
             "epsilon": epsilon[row],
             "range_m": observations.range[row],
+            "sigma_m": np.sqrt(observations.covariance[row, 0, 0]),
             "residual_m": observations.value[row, 0],
             "fitted_residual_m": fit.residual[row, 0],
             "longitude_deg": np.degrees(observations.longitude[row]),
@@ -179,6 +181,15 @@ def per_shot(comparison: ShotComparison, estimate: ScaleEstimate) -> list[dict[s
         }
         for row in range(len(observations))
     ]
+
+
+def assumed_json(spots: SpotOptions) -> dict[str, Any]:
+    """Entry ``assumed``: what was taken for footprint and pointing of shots; null if unknown."""
+    return {
+        "footprint_mrad": 1e3 * spots.footprint_rad or None,
+        "pointing_sigma_mrad": 1e3 * spots.pointing_sigma_rad or None,
+        "range_sigma_m": spots.range_sigma_m,
+    }
 
 
 def longitude_json(check: LongitudeCheck) -> dict[str, Any]:

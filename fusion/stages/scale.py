@@ -14,7 +14,9 @@ from fusion.pairing import pair_images, state_shares, write_pairs
 from fusion.scaling.joint import ScaleOptions, estimate_scale
 from fusion.scaling.pairs import pair_observations
 from fusion.scaling.shots import ShotComparison, check_longitude, compare_shots, join_shots
+from fusion.scaling.spots import SpotOptions
 from fusion.scaling.summary import (
+    assumed_json,
     consistency,
     longitude_json,
     per_pair,
@@ -119,11 +121,13 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
     located = table.trajectory if workspace.image_names() else "reference"
     states = Trajectory.from_images(workspace.images()) if located == "spc" else None
 
+    spots = SpotOptions(table.footprint_mrad / 1e3, table.pointing_sigma_mrad / 1e3)
+
     def one(scan: Scan) -> ShotComparison:
         if states is None:
-            return compare_shots(scan, caster, trajectory=located)
+            return compare_shots(scan, caster, trajectory=located, spots=spots)
         again, shares = _relocated(scan, states, table.max_gap_s)
-        return compare_shots(again, caster, trajectory=located, shares=shares)
+        return compare_shots(again, caster, trajectory=located, shares=shares, spots=spots)
 
     compared = join_shots(context.map("cast shots", one, scans))
     scan = join("shots", scans)
@@ -148,6 +152,7 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
             f"{check.best_m:.2f} m instead of {check.here_m:.2f} m (p = {check.p_value:.1e})"
         )
     content["longitude_check"] = longitude_json(check)
+    content["assumed"] = assumed_json(spots)
     content["missed"] = compared.missed
     content["per_shot"] = per_shot(compared, estimate)
     return content
