@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from fusion.scaling.frames import LeftOut
 from fusion.scaling.joint import ScaleEstimate
@@ -201,33 +200,4 @@ def longitude_json(check: LongitudeCheck) -> dict[str, Any]:
         "best_turn_deg": check.best_deg,
         "p_value": check.p_value,
         "misfit": check.misfit,
-    }
-
-
-def consistency(scale: Mapping[str, Any], registration: Mapping[str, Any]) -> dict[str, Any]:
-    """Compare the scale of the registration with ε: (1 + ε) · scale is to be 1.
-
-    The two are taken as independent, which errs to the safe side where they share lidar data.
-
-    Parameters
-    ----------
-    scale, registration : mapping
-        Content of ``scale.json`` and ``registration.json``.
-
-    Returns
-    -------
-    dict
-        `difference` (1 + ε) · scale − 1, its sigma, z, and the two-sided p-value; NaN without a
-        sigma.
-    """
-    if scale["epsilon"] is None:
-        return dict.fromkeys(("difference", "difference_sigma", "z", "p_value"))
-    product = (1.0 + float(scale["epsilon"])) * float(registration["scale"]) - 1.0
-    sigma = float(np.hypot(scale["epsilon_sigma"], registration["scale_sigma"]))
-    z = product / sigma if sigma > 0 else float("nan")
-    return {
-        "difference": product,
-        "difference_sigma": sigma,
-        "z": z,
-        "p_value": float(2.0 * stats.norm.sf(abs(z))),
     }

@@ -9,15 +9,17 @@ from typing import Any
 
 import numpy as np
 
+from fusion.influence import influence
 from fusion.locating import kernel_paths, turning
-from fusion.pairing import pair_images, state_shares, write_pairs
-from fusion.scaling.joint import ScaleOptions, estimate_scale
-from fusion.scaling.pairs import pair_observations
+from fusion.pairing import Pairing, pair_images, state_shares, write_pairs
+from fusion.registration.scans import ScanEffects, share_matrix
+from fusion.scaling.consistency import consistency, registration_influence, shared_by_maplets
+from fusion.scaling.joint import ScaleEstimate, ScaleOptions, estimate_scale
+from fusion.scaling.pairs import maplets_under, pair_observations
 from fusion.scaling.shots import ShotComparison, check_longitude, compare_shots, join_shots
 from fusion.scaling.spots import SpotOptions
 from fusion.scaling.summary import (
     assumed_json,
-    consistency,
     longitude_json,
     per_pair,
     per_shot,
@@ -69,7 +71,7 @@ class ScaleStage:
         paths = [*workspace.scan_paths(), workspace.shape_path()]
         paths += kernel_paths(workspace, settings.spice)
         if workspace.registration_path.is_file():
-            paths.append(workspace.registration_path)
+            paths += [workspace.registration_path, *workspace.mapola_paths()]
         paths += [workspace.image_path(name) for name in workspace.image_names()]
         if settings.scale.method == "pairs":
             paths += workspace.maplet_files()
@@ -88,7 +90,10 @@ class ScaleStage:
             content, files = _pairs(context, caster, radius)
         if workspace.registration_path.is_file():
             registration = workspace.read_json(workspace.registration_path.name)
-            content["registration_consistency"] = consistency(content, registration)
+            content["registration_consistency"] = consistency(
+                content, registration, content.pop(_SHARED, None)
+            )
+        content.pop(_SHARED, None)
         path = context.write_json(workspace.scale_path.name, content)
         summary = {k: v for k, v in content.items() if k not in _LONG}
         return StageResult((path, *files), summary)
@@ -96,6 +101,7 @@ class ScaleStage:
 
 STAGE = ScaleStage()
 
+_SHARED = "covariance_with_registration"
 _LONG = frozenset({"per_pair", "per_shot", "covariance", "parameters"})
 
 
@@ -213,4 +219,41 @@ def _pairs(
         "blur_cells": made.blur_cells,
         "per_pair": per_pair(pairs, left_out, observations, estimate),
     }
+    if workspace.registration_path.is_file() and table.trajectory == "spc":
+        content[_SHARED] = _shared_with_registration(workspace, made, estimate)
     return content, write_pairs(workspace, pairs)
+
+
+def _shared_with_registration(
+    workspace: Workspace, made: Pairing, estimate: ScaleEstimate
+) -> float | None:
+    """Covariance of ε and the registration's scale by the maplets under both; None if not known.
+
+    Where states locate the returns of pairs, trajectories of scans are no part of ε.
+    """
+    registration = workspace.read_json(workspace.registration_path.name)
+    used = [entry for entry in registration["per_mapola"] if entry["used"]]
+    names = [str(entry["name"]) for entry in used]
+    if registration["model"] != "similarity" or not set(names) <= set(workspace.mapola_names()):
+        return None
+    shares = [workspace.mapola(name).scan_share for name in names]
+    centers = np.array([entry["center_m"] for entry in used])
+    adjustment = workspace.adjustment()
+    if adjustment is None:
+        scans = sorted({scan for share in shares for scan in share})
+        matrix = share_matrix(shares, scans)
+        left = ScanEffects.independent(scans, float(registration["scan_sigma_m"]))
+    else:
+        matrix = share_matrix(shares, adjustment.names)
+        left = ScanEffects.left_by(adjustment, matrix, centers)
+    moved = registration_influence(
+        registration, left.at(matrix, centers), left.beside(matrix, centers)
+    )
+    place = {name: number for number, name in enumerate(made.maplets)}
+    of_scale = np.zeros((len(place), 3))
+    for name, change in zip(names, moved, strict=True):
+        if name in place:
+            of_scale[place[name]] = change
+    # What moves a maplet moves SPC against the lidar in a pair, and its mapola with it.
+    of_epsilon = -maplets_under(made.pairs).T @ influence(estimate.equations, estimate.fit)[0]
+    return shared_by_maplets(of_epsilon, of_scale, made.center_sigma)
