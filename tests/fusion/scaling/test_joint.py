@@ -205,6 +205,9 @@ def test_days_and_trends():
     assert sum(day.count for day in estimate.days) == np.count_nonzero(estimate.fit.used)
     for day in estimate.days:
         assert day.epsilon == pytest.approx(2e-4, abs=5 * day.epsilon_sigma)
+        # As published: a plain mean and its standard error, which knows of no shared error.
+        assert day.mean == pytest.approx(2e-4, abs=5 * day.standard_error)
+        assert day.standard_error < 2 * day.epsilon_sigma
     assert estimate.trends["longitude"].p_value > 1e-3
     wave = 1e-4 * np.cos(data.local_time_h * np.pi / 12.0 - 1.0)
     value = data.value + (wave * data.range)[:, None] * data.beam
