@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
+Angle = Annotated[float, Field(gt=0.0, le=180.0)]
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 
@@ -279,8 +280,18 @@ class ScaleSettings(Table):
     trajectory: Literal["spc", "reference"] = Field(
         default="spc", description="by which returns are located, for pairs and for shots"
     )
-    size_m: Positive = Field(default=100.0, description="side of the paired bigmaps")
-    gsd_m: Positive = Field(default=0.5, description="ground sample distance of the paired bigmaps")
+    size_m: NotNegative = Field(
+        default=0.0, description="side of the paired bigmaps; 0: by rule, 100 m at Bennu"
+    )
+    gsd_m: NotNegative = Field(
+        default=0.0, description="their ground sample distance; 0: by rule, 0.5 m at Bennu"
+    )
+    max_emission_deg: Angle = Field(
+        default=60.0, description="largest angle of a pair's ground to its image"
+    )
+    max_incidence_deg: Angle = Field(
+        default=85.0, description="largest angle of a pair's ground to the Sun of its image"
+    )
     min_coverage: Fraction = Field(
         default=0.3, description="share of the grid that both bigmaps hold"
     )
@@ -306,11 +317,23 @@ class ScaleSettings(Table):
     state_sigma_m: NotNegative = Field(
         default=0.2, description="expected error of an image's state or a scan's; estimated"
     )
+    scan_sigma_m: NotNegative = Field(
+        default=0.05, description="pointing error of a scan on the ground, where states locate it"
+    )
+    maplet_sigma_m: NotNegative = Field(
+        default=0.05, description="error of a maplet's centre where its file states none"
+    )
     day_sigma_m: NotNegative = Field(
         default=0.02, description="expected error that a day's images share; estimated"
     )
     reject_sigmas: Positive = Field(
         default=5.0, description="pairs or shots further off than this are rejected"
+    )
+    footprint_mrad: NotNegative = Field(
+        default=0.0, description="full width of the beam of single shots; 0: not known"
+    )
+    pointing_sigma_mrad: NotNegative = Field(
+        default=0.0, description="error of their pointing, each of two axes; 0: not known"
     )
     max_shots: int = Field(
         default=4_000, ge=10, description="single shots used; more are thinned evenly"

@@ -31,7 +31,7 @@ COMMANDS: tuple[tuple[str, Callable[..., Any], str], ...] = (
     ("register", stages.register, "spcola register bennu --model rigid"),
     ("fuse", stages.fuse, "spcola fuse bennu"),
     ("bigmap", stages.bigmap, "spcola bigmap bennu"),
-    ("scale", stages.scale, "spcola scale ryugu --method shots"),
+    ("scale", stages.scale, "spcola scale ryugu --method shots; spcola scale bennu --apply"),
     ("release", stages.release, "spcola release bennu"),
     ("run", stages.run, "spcola run bennu --workers 4"),
     ("info", folder.info, "spcola info bennu; spcola info bennu/MAPFILES/AB0001.MAP --json"),

@@ -135,10 +135,22 @@ def bigmap(
 
 def scale(
     workspace: WorkspaceArgument,
+    destination: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="DEST", help="With --apply: a new folder; by default WS with -scaled behind."
+        ),
+    ] = None,
     method: Annotated[
         Literal["pairs", "shots"] | None,
         typer.Option(help=f"[scale] method: paired bigmaps, or shots against the shape. {_ONCE}"),
     ] = None,
+    apply: Annotated[
+        bool,
+        typer.Option(
+            "--apply", help="Write a scaled copy of the SPC solution; the original stays."
+        ),
+    ] = False,
     force: ForceOption = False,
     workers: WorkersOption = None,
     cluster: ClusterOption = "",
@@ -146,11 +158,32 @@ def scale(
 ) -> None:
     """Find scale, centre and prime meridian.
 
-    From paired bigmaps, or from single shots, with their sigmas: scale.json.
+    From paired bigmaps, or from single shots, with their sigmas: scale.json. With --apply a copy
+    of maplets, landmarks, states and shape is written in which all lengths are 1 + epsilon times
+    as long: a workspace of its own, with the same scans.
     """
-    _run(
-        workspace, ("scale",), ("scale", {"method": method}), How(force, workers, cluster, as_json)
-    )
+    if destination is not None and not apply:
+        raise typer.BadParameter("is given without --apply", param_hint="DEST")
+    how = How(force, workers, cluster, as_json)
+    if apply:
+        _scale_and_apply(workspace, destination, method, how)
+    else:
+        _run(workspace, ("scale",), ("scale", {"method": method}), how)
+
+
+def _scale_and_apply(
+    workspace: Path, destination: Path | None, method: str | None, how: How
+) -> None:
+    """Bring the scale up to date, and write the copy."""
+    from fusion.rescaling import apply_scale
+
+    pipeline = _pipeline(workspace, ("scale", {"method": method}), how)
+    root = pipeline.workspace.root
+    target = destination or root.absolute().with_name(f"{root.absolute().name}-scaled")
+    ran = pipeline.run_stage("scale", force=how.force)
+    applied = apply_scale(pipeline.workspace, target, pipeline.progress)
+    content = {**run_content(ran), "applied": applied.as_dict()}
+    show(content, [*run_lines(ran), *applied.lines()], as_json=how.as_json)
 
 
 def release(

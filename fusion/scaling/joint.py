@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from fusion.mixed import ErrorSizes, MixedFit, MixedOptions, Observations, fit_mixed
+from fusion.scaling.groups import ErrorGroups
 from fusion.scaling.observation import PARAMETERS, ScaleObservations
-from spcola.arrays import BoolArray, FloatArray
+from fusion.scaling.trends import DayScale, Trend, by_day, trends
+from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
 
 # A parameter whose sigma is still this share of its prior was not determined by the data.
@@ -41,6 +42,9 @@ class ScaleOptions:
     state_sigma_m : float
         Prior median of the error of an image's state (or of a scan's trajectory), metres, per
         axis; estimated. 0: none.
+    scan_sigma_m : float
+        Error of a scan's pointing on the ground, metres, per axis, where states of images locate
+        its returns. 0: none.
     day_sigma_m : float
         Prior median of the error that a day's observations share, metres; estimated. 0: none.
     reject : float
@@ -54,6 +58,7 @@ class ScaleOptions:
     range_bias_prior_m: float = 0.03
     single_sigma_m: float = 0.1
     state_sigma_m: float = 0.2
+    scan_sigma_m: float = 0.05
     day_sigma_m: float = 0.02
     reject: float = 5.0
 
@@ -67,30 +72,6 @@ class ScaleOptions:
         )
 
 
-@dataclass(frozen=True)
-class Trend:
-    """A once-around dependence of ε on an angle: ε = a cos φ + b sin φ.
-
-    `amplitude` and `sigma` are dimensionless; `p_value` is the chance of such an amplitude where
-    there is no dependence; `phase_rad` is the angle of the largest ε.
-    """
-
-    amplitude: float
-    sigma: float
-    phase_rad: float
-    p_value: float
-
-
-@dataclass(frozen=True)
-class DayScale:
-    """ε of one day: mean of its observations weighted by their covariance, and its sigma."""
-
-    day: str
-    count: int
-    epsilon: float
-    epsilon_sigma: float
-
-
 @dataclass(frozen=True, eq=False)
 class ScaleEstimate:
     """The joint estimate.
@@ -99,6 +80,8 @@ class ScaleEstimate:
     ----------
     fit : MixedFit
         Parameters in the order of :data:`PARAMETERS`, covariance, residuals, weights.
+    equations : Observations
+        What was fitted.
     days : tuple of DayScale
     trends : dict of str to Trend
         "longitude" and, where the Sun is known, "local_time".
@@ -107,6 +90,7 @@ class ScaleEstimate:
     """
 
     fit: MixedFit
+    equations: Observations
     days: tuple[DayScale, ...]
     trends: dict[str, Trend]
     reasons: tuple[str, ...]
@@ -149,139 +133,30 @@ def estimate_scale(
             PARAMETERS,
             do="add images or scans, or relax the selection",
         )
-    days = sorted(set(observations.day))
-    member = np.array([[day == other for other in days] for day in observations.day], dtype=float)
+    groups = ErrorGroups.of(
+        observations, options.state_sigma_m, options.scan_sigma_m, options.day_sigma_m
+    )
     mixed = MixedOptions(
         prior=options.prior,
-        sizes=ErrorSizes(
-            options.single_sigma_m,
-            (
-                options.state_sigma_m if observations.leant_on.shape[1] > 1 else 0.0,
-                options.day_sigma_m if len(days) > 1 else 0.0,
-            ),
-        ),
+        sizes=ErrorSizes(options.single_sigma_m, groups.sizes),
         scale=options.prior,
         names=PARAMETERS,
         reject=options.reject,
     )
-    fit = fit_mixed(
-        Observations(
-            observations.value,
-            observations.design(),
-            observations.covariance,
-            (_effects(observations.leant_on, observations), _effects(member, observations)),
-        ),
-        mixed,
+    equations = Observations(
+        observations.value,
+        observations.design(),
+        observations.covariance,
+        groups.entering(observations),
     )
-    reasons = _reasons(fit, options, observations, len(days))
-    return ScaleEstimate(fit, _by_day(observations, fit, days), _trends(observations, fit), reasons)
-
-
-def _effects(shares: FloatArray, observations: ScaleObservations) -> FloatArray:
-    """How displacements (3,) of S sources enter the observations (N, D, 3 S).
-
-    A pair sees all three components, a shot what they change of its range.
-    """
-    count = len(shares)
-    seen: FloatArray = np.broadcast_to(np.eye(3), (count, 3, 3))
-    if observations.kind == "shots":
-        seen = observations.along_range[:, None, :]
-    return np.einsum("ns,ndi->ndsi", shares, seen).reshape(count, seen.shape[1], -1)
-
-
-def _by_day(
-    observations: ScaleObservations, fit: MixedFit, days: list[str]
-) -> tuple[DayScale, ...]:
-    """Mean ε of each day from the observations that were not rejected, with its standard error.
-
-    Observations that lean on one state count as what they are together, not as many.
-    """
-    day = np.array(observations.day)
-    rows = []
-    for name in days:
-        chosen = (day == name) & fit.used
-        if not chosen.any():
-            continue
-        mean = _fit_epsilon(observations, fit, chosen, np.ones((len(day), 1)))
-        rows.append(
-            DayScale(name, int(chosen.sum()), float(mean.estimate[0]), float(mean.sigma[0]))
-        )
-    return tuple(rows)
-
-
-def _fit_epsilon(
-    observations: ScaleObservations, fit: MixedFit, chosen: BoolArray, design: FloatArray
-) -> MixedFit:
-    """Fit `design` (N, P) to the ε of the `chosen` observations, with the error sizes of `fit`.
-
-    Raises
-    ------
-    NotObservableError
-        If they leave a column of the design free.
-    """
-    gain = observations.range_per_epsilon
-    # Rotation and range bias are known from the joint estimate; an offset of the centre is what
-    # a dependence on longitude may be.
-    known = observations.design()[:, :, 4:] @ fit.estimate[4:]
-    residual = observations.in_range(observations.value - known)
-    variance = (observations.range_variance + fit.sizes.independent**2) / np.maximum(
-        fit.weight, 1e-12
-    )
-    days = sorted(set(np.array(observations.day)[chosen]))
-    member = np.array([[day == name for name in days] for day in observations.day], dtype=float)
-    groups = [(observations.leant_on, fit.sizes.shared[0]), (member, fit.sizes.shared[1])]
-    # One day cannot be told from its mean; its own error stays out of its standard error.
-    groups = groups if len(days) > 1 else groups[:1]
-    effects = [
-        np.einsum("ns,ni->nsi", shares, observations.sight).reshape(len(shares), 1, -1)
-        for shares, _ in groups
-    ]
-    return fit_mixed(
-        Observations(
-            residual[chosen, None],
-            (design * gain[:, None])[chosen, None, :],
-            variance[chosen, None, None],
-            tuple(group[chosen] for group in effects),
-        ),
-        MixedOptions(
-            prior=np.full(design.shape[1], np.inf),
-            sizes=ErrorSizes(0.0, tuple(size for _, size in groups), width=0.0),
-            scale=np.full(design.shape[1], 1.0 / float(np.mean(np.abs(gain)))),
-            names=("mean", "cosine", "sine")[: design.shape[1]],
-            robust=False,
-        ),
-    )
-
-
-def _trends(observations: ScaleObservations, fit: MixedFit) -> dict[str, Trend]:
-    """Dependence of ε, as each observation gives it, on longitude and on local time."""
-    angles = {"longitude": observations.longitude}
-    if np.isfinite(observations.local_time_h).all():
-        angles["local_time"] = observations.local_time_h * (np.pi / 12.0)
-    found = {}
-    for name, angle in angles.items():
-        trend = _once_around(observations, fit, angle)
-        if trend is not None:
-            found[name] = trend
-    return found
-
-
-def _once_around(observations: ScaleObservations, fit: MixedFit, angle: FloatArray) -> Trend | None:
-    """Fit mean + a cos + b sin; None where the angles do not spread enough to tell."""
-    design = np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=1)
-    used = design[fit.used]
-    if len(used) < 5 or np.linalg.cond(used.T @ used) > 1e4:
-        return None
-    wave = _fit_epsilon(observations, fit, fit.used, design)
-    part, spread = wave.estimate[1:], wave.covariance[1:, 1:]
-    amplitude = float(np.hypot(*part))
-    toward = part / amplitude if amplitude > 0 else np.array([1.0, 0.0])
-    chi_square = float(part @ np.linalg.solve(spread, part))
-    return Trend(
-        amplitude,
-        float(np.sqrt(toward @ spread @ toward)),
-        float(np.arctan2(part[1], part[0])),
-        float(stats.chi2.sf(chi_square, 2)),
+    fit = fit_mixed(equations, mixed)
+    reasons = _reasons(fit, options, observations, len(set(observations.day)))
+    return ScaleEstimate(
+        fit,
+        equations,
+        by_day(observations, fit, groups),
+        trends(observations, fit, groups),
+        reasons,
     )
 
 

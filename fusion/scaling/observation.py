@@ -62,6 +62,17 @@ class ScaleObservations:
         By which trajectory the returns are located: with SPC's own, spacecraft and surface are
         scaled together and a scale error shows as ε r along the beam; with an independent one it
         shows as ε times the surface point.
+    scan : tuple of str, optional
+        Scan of each observation: beside the states its pointing errs as a whole. Without, nothing
+        of the kind is considered.
+    leaning : (N, 3, 3 S) ndarray, optional
+        What displacements of the sources of `shares` (three components each) do to each
+        comparison, per metre, where that is more than a share: a pair whose returns lean on
+        several states is bent by what these differ. Without, it is the shares times the unit
+        matrix.
+    ground : (N, 3, K) ndarray, optional
+        What patterns of errors of the SPC surface, of standard deviation 1, do to each comparison,
+        metres: comparisons over the same ground err together. `covariance` is beside them.
 
     Raises
     ------
@@ -81,6 +92,9 @@ class ScaleObservations:
     local_time_h: FloatArray
     shares: FloatArray
     trajectory: Trajectory
+    scan: tuple[str, ...] = ()
+    leaning: FloatArray | None = None
+    ground: FloatArray | None = None
 
     def __post_init__(self) -> None:
         count, size = self.value.shape
@@ -93,18 +107,27 @@ class ScaleObservations:
             check_finite(getattr(self, name), name)
         for name in ("point", "beam", "normal"):
             check_shape(getattr(self, name), (count, 3), name)
+        if self.scan and len(self.scan) != count:
+            raise InvalidValueError(f"names {len(self.scan)} scans of {count}", "scan")
+        for name in ("leaning", "ground"):
+            if (layer := getattr(self, name)) is not None:
+                check_shape(layer, (count, 3, None), name)
+                check_finite(layer, name)
 
     def __len__(self) -> int:
         return len(self.value)
 
     @property
     def leant_on(self) -> FloatArray:
-        """The columns (N, S′) of `shares` of the sources on which any observation leans.
+        """What displacements of the S′ sources do on which any observation leans (N, 3, 3 S′).
 
         The others change no estimate, only the size of the matrices: of 495 images of a campaign
         the lidar passes have 120.
         """
-        return self.shares[:, self.shares.any(axis=0)]
+        sources = self.shares.any(axis=0)
+        if self.leaning is not None:
+            return self.leaning[:, :, np.repeat(sources, 3)]
+        return everywhere(self.shares[:, sources])
 
     @property
     def longitude(self) -> FloatArray:
@@ -140,9 +163,7 @@ class ScaleObservations:
         displacement = np.concatenate(
             [arm[:, :, None], center, turning, self.beam[:, :, None]], axis=2
         )
-        if self.kind == "pairs":
-            return displacement
-        return np.einsum("ni,nip->np", self.along_range, displacement)[:, None, :]
+        return self.entering(displacement)
 
     @property
     def sight(self) -> FloatArray:
@@ -153,6 +174,15 @@ class ScaleObservations:
         """
         matched = self.kind == "pairs" and self.trajectory == "spc"
         return self.beam if matched else self.along_range
+
+    def entering(self, displaced: FloatArray) -> FloatArray:
+        """How displacements (N, 3, …) of the surfaces enter the observations (N, D, …).
+
+        A pair sees all three components, a shot what they change of its range.
+        """
+        if self.kind == "pairs":
+            return displaced
+        return np.einsum("ni,ni...->n...", self.along_range, displaced)[:, None]
 
     def in_range(self, components: FloatArray) -> FloatArray:
         """Turn quantities (N, D, …) of the observations into ranges (N, …)."""
@@ -180,3 +210,8 @@ class ScaleObservations:
         """
         gain = self.range_per_epsilon
         return self.in_range(self.value) / gain, np.sqrt(self.range_variance) / np.abs(gain)
+
+
+def everywhere(shares: FloatArray) -> FloatArray:
+    """Displacements (N, 3, 3 S) by sources that displace observations by their `shares` (N, S)."""
+    return np.einsum("ns,di->ndsi", shares, np.eye(3)).reshape(len(shares), 3, -1)

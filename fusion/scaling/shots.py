@@ -12,6 +12,7 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from fusion.scaling.observation import ScaleObservations, Trajectory
+from fusion.scaling.spots import SpotOptions, cast_spots
 from lidar.scan import Scan
 from spcola.arrays import FloatArray
 from spcola.errors import InvalidValueError
@@ -45,7 +46,7 @@ def compare_shots(
     *,
     trajectory: Trajectory = "reference",
     shares: FloatArray | None = None,
-    sigma_m: float = 0.1,
+    spots: SpotOptions | None = None,
     turn_rad: float = 0.0,
 ) -> ShotComparison:
     """Predict the range of each shot by casting its beam on the shape.
@@ -64,8 +65,8 @@ def compare_shots(
     shares : (N, S) ndarray, optional
         Share of each of S image states in where the shots lie; by default the scan has one error
         of its own.
-    sigma_m : float
-        Of a range, metres, where the scan does not say.
+    spots : SpotOptions, optional
+        Footprint and pointing; by default neither is known.
     turn_rad : float
         Turns the lidar (spacecraft and beam) about the body's Z axis first: to see what a wrong
         prime meridian would give. Radians, eastward.
@@ -79,15 +80,18 @@ def compare_shots(
     turn = Rotation.from_rotvec([0.0, 0.0, turn_rad]).as_matrix()
     spacecraft, beam = scan.spacecraft @ turn.T, scan.beam @ turn.T
     measured = np.linalg.norm(scan.points - scan.spacecraft, axis=1)
+    spots = spots or SpotOptions()
     known = np.isfinite(spacecraft).all(axis=1) & np.isfinite(beam).all(axis=1)
     distance = np.full(len(scan), np.nan)
     normal = np.full((len(scan), 3), np.nan)
+    unsure = np.zeros(len(scan))
     if known.any():
-        hits = caster.cast(spacecraft[known], beam[known])
-        distance[known], normal[known] = hits.distance, hits.normals
+        seen = cast_spots(caster, spacecraft[known], beam[known], spots)
+        distance[known], normal[known], unsure[known] = seen.distance, seen.normal, seen.variance
     with np.errstate(invalid="ignore"):
         good = np.isfinite(distance) & (-np.sum(normal * beam, axis=1) > _MIN_COSINE)
-    sigma = np.where(np.isfinite(scan.sigma), scan.sigma, sigma_m)[good]
+    sigma = np.where(np.isfinite(scan.sigma), scan.sigma, spots.range_sigma_m)
+    variance = (sigma**2 + unsure)[good]
     point = spacecraft[good] + distance[good, None] * beam[good]
     return ShotComparison(
         ScaleObservations(
@@ -95,7 +99,7 @@ def compare_shots(
             label=(scan.name,) * int(good.sum()),
             day=tuple(_day(time) for time in scan.time[good]),
             value=(measured - distance)[good, None],
-            covariance=(sigma**2)[:, None, None],
+            covariance=variance[:, None, None],
             point=point,
             beam=beam[good],
             range=distance[good],
@@ -103,6 +107,7 @@ def compare_shots(
             local_time_h=np.full(int(good.sum()), np.nan),
             shares=(np.ones((len(scan), 1)) if shares is None else shares)[good],
             trajectory=trajectory,
+            scan=(scan.name,) * int(good.sum()),
         ),
         int(np.count_nonzero(~good)),
     )
@@ -129,7 +134,7 @@ def join_shots(compared: Sequence[ShotComparison]) -> ShotComparison:
         for layer in ("value", "covariance", "point", "beam", "range", "normal", "local_time_h")
     }
     days = tuple(day for part in parts for day in part.day)
-    joined = replace(parts[0], label=labels, day=days, shares=joint, **layers)
+    joined = replace(parts[0], label=labels, scan=labels, day=days, shares=joint, **layers)
     return ShotComparison(joined, sum(one.missed for one in compared))
 
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
+from fusion.scaling.frames import LeftOut
 from fusion.scaling.joint import ScaleEstimate
 from fusion.scaling.observation import PARAMETERS, ScaleObservations
-from fusion.scaling.pairs import LeftOut, Pair
+from fusion.scaling.pairs import Pair
 from fusion.scaling.shots import LongitudeCheck, ShotComparison
+from fusion.scaling.spots import SpotOptions
 
 
 def scale_json(
@@ -52,6 +53,7 @@ def scale_json(
         "single_sigma_m": fit.sizes.independent,
         "state_sigma_m": fit.sizes.shared[0],
         "day_sigma_m": fit.sizes.shared[1],
+        "ground_factor": fit.sizes.shared[2] or None,
         "n_used": int(np.count_nonzero(fit.used)),
         "n_rejected": int(np.count_nonzero(~fit.used)),
         "parameters": list(PARAMETERS),
@@ -63,6 +65,8 @@ def scale_json(
                 "epsilon": day.epsilon,
                 "epsilon_sigma": day.epsilon_sigma,
                 "size_correction_m": day.epsilon * mean_radius,
+                "mean_epsilon": day.mean,
+                "standard_error": day.standard_error,
             }
             for day in estimate.days
         ],
@@ -95,6 +99,7 @@ def unobserved_json(kind: str, trajectory: str, reason: str) -> dict[str, Any]:
         "single_sigma_m": None,
         "state_sigma_m": None,
         "day_sigma_m": None,
+        "ground_factor": None,
         "n_used": 0,
         "n_rejected": 0,
         "parameters": list(PARAMETERS),
@@ -143,6 +148,8 @@ def per_pair(
                 "coverage": match.coverage,
                 "longitude_deg": np.degrees(observations.longitude[row]),
                 "local_time_h": frame.local_time_h,
+                "emission_deg": frame.emission_deg,
+                "incidence_deg": frame.incidence_deg,
                 "used": bool(used[row]),
                 "reason": "" if used[row] else "disagrees with the other pairs",
             }
@@ -165,6 +172,7 @@ def per_shot(comparison: ShotComparison, estimate: ScaleEstimate) -> list[dict[s
             "day": observations.day[row],
             "epsilon": epsilon[row],
             "range_m": observations.range[row],
+            "sigma_m": np.sqrt(observations.covariance[row, 0, 0]),
             "residual_m": observations.value[row, 0],
             "fitted_residual_m": fit.residual[row, 0],
             "longitude_deg": np.degrees(observations.longitude[row]),
@@ -172,6 +180,15 @@ def per_shot(comparison: ShotComparison, estimate: ScaleEstimate) -> list[dict[s
         }
         for row in range(len(observations))
     ]
+
+
+def assumed_json(spots: SpotOptions) -> dict[str, Any]:
+    """Entry ``assumed``: what was taken for footprint and pointing of shots; null if unknown."""
+    return {
+        "footprint_mrad": 1e3 * spots.footprint_rad or None,
+        "pointing_sigma_mrad": 1e3 * spots.pointing_sigma_rad or None,
+        "range_sigma_m": spots.range_sigma_m,
+    }
 
 
 def longitude_json(check: LongitudeCheck) -> dict[str, Any]:
@@ -183,33 +200,4 @@ def longitude_json(check: LongitudeCheck) -> dict[str, Any]:
         "best_turn_deg": check.best_deg,
         "p_value": check.p_value,
         "misfit": check.misfit,
-    }
-
-
-def consistency(scale: Mapping[str, Any], registration: Mapping[str, Any]) -> dict[str, Any]:
-    """Compare the scale of the registration with ε: (1 + ε) · scale is to be 1.
-
-    The two are taken as independent, which errs to the safe side where they share lidar data.
-
-    Parameters
-    ----------
-    scale, registration : mapping
-        Content of ``scale.json`` and ``registration.json``.
-
-    Returns
-    -------
-    dict
-        `difference` (1 + ε) · scale − 1, its sigma, z, and the two-sided p-value; NaN without a
-        sigma.
-    """
-    if scale["epsilon"] is None:
-        return dict.fromkeys(("difference", "difference_sigma", "z", "p_value"))
-    product = (1.0 + float(scale["epsilon"])) * float(registration["scale"]) - 1.0
-    sigma = float(np.hypot(scale["epsilon_sigma"], registration["scale_sigma"]))
-    z = product / sigma if sigma > 0 else float("nan")
-    return {
-        "difference": product,
-        "difference_sigma": sigma,
-        "z": z,
-        "p_value": float(2.0 * stats.norm.sf(abs(z))),
     }

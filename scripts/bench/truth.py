@@ -25,11 +25,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from fusion.demo import PAIR_SIZE
-from fusion.settings import Settings, write_settings
-from fusion.truth.planted import read_truth
-from fusion.workspace import SETTINGS_FILE, Workspace
-
 STAGES = ("mapolas", "register", "fuse", "bigmap", "scale")
 MODELS = ("SPC maplets", "mapolas, registered", "fused maplets")
 REGIONS = ("lit", "shadowed", "boulders", "craters", "smooth site", "other ground")
@@ -50,13 +45,6 @@ def timed(arguments: Sequence[object], out: Path | None = None) -> dict[str, flo
     return {"seconds": time.perf_counter() - start, "gib": used.ru_maxrss / _GIB}
 
 
-def fitted(mission: Path, settings: Settings) -> Settings:
-    """Fit the paired bigmaps to a body smaller than Bennu, as the demonstration does."""
-    planted = read_truth(mission).settings
-    size = min(settings.scale.size_m, PAIR_SIZE * planted.body.radius)
-    return settings.with_table("scale", size_m=size)
-
-
 def measured(preset: str, seed: int, work: Path, *, images: bool) -> dict[str, Any]:
     """Return the steps' costs and the assessment of one mission, made now or kept in `work`."""
     root = work / f"{preset}{seed}"
@@ -69,8 +57,6 @@ def measured(preset: str, seed: int, work: Path, *, images: bool) -> dict[str, A
     steps = {"make": timed(["truth", "make", mission, "--preset", preset, "--seed", seed, *choice])}
     shutil.rmtree(workspace, ignore_errors=True)
     timed(["init", workspace, "--spc", mission / "spc", "--body", "Truth"])
-    settings = fitted(mission, Workspace.open(workspace).settings())
-    write_settings(workspace / SETTINGS_FILE, settings)
     steps["import"] = timed(["import", workspace, *sorted((mission / "lidar").iterdir())])
     for stage in STAGES:
         steps[stage] = timed([stage, workspace])

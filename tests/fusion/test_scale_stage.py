@@ -32,6 +32,8 @@ def test_ryugu_shots_through_the_command_line(ryugu):
     content = json.loads((ryugu / "scale.json").read_text())
     assert content["epsilon"] == summary["epsilon"]
     assert len(content["per_shot"]) == 26
+    assert content["assumed"]["footprint_mrad"] is None
+    assert content["assumed"]["pointing_sigma_mrad"] is None
     residuals = [shot["residual_m"] for shot in content["per_shot"]]
     assert np.mean(residuals) == pytest.approx(-2.8, abs=0.1)
     assert not content["longitude_check"]["misfit"]
@@ -40,6 +42,22 @@ def test_ryugu_shots_through_the_command_line(ryugu):
     assert any(reason.startswith("epsilon: not determined") for reason in content["reasons"])
     assert abs(content["epsilon"]) < 2 * content["epsilon_sigma"]
     assert all(sigma > 0.5 for sigma in content["center_offset_sigma_m"])
+
+
+@pytest.mark.real_data
+def test_ryugu_shots_with_a_footprint_and_pointing(ryugu, tmp_path):
+    workspace = tmp_path / "WS"
+    shutil.copytree(ryugu, workspace)
+    settings = workspace / "spcola.toml"
+    text = settings.read_text().replace("footprint_mrad = 0.0", "footprint_mrad = 1.5")
+    text = text.replace("pointing_sigma_mrad = 0.0", "pointing_sigma_mrad = 0.5")
+    settings.write_text(text)
+    run("scale", workspace, "--method", "shots")
+    content = json.loads((workspace / "scale.json").read_text())
+    assert content["assumed"]["footprint_mrad"] == pytest.approx(1.5)
+    assert content["assumed"]["pointing_sigma_mrad"] == pytest.approx(0.5)
+    # Ten metres of pointing on slopes of some degrees: more than the 10 cm of a range.
+    assert all(shot["sigma_m"] > 0.3 for shot in content["per_shot"])
 
 
 @pytest.mark.real_data

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fusion.scaling.consistency import consistency
 from fusion.scaling.joint import ScaleOptions, estimate_scale
 from fusion.scaling.observation import PARAMETERS, ScaleObservations
-from fusion.scaling.summary import consistency, scale_json, unobserved_json
+from fusion.scaling.summary import scale_json, unobserved_json
 from spcola.errors import InvalidValueError, NotObservableError
 
 DAYS = ("2019-03-07", "2019-03-14", "2019-03-21", "2019-03-28", "2019-04-04")
@@ -140,7 +141,7 @@ def test_states_on_which_nothing_leans_change_nothing():
     data = mission(np.random.default_rng(4), count=24, shares=shares, state_noise=0.2)
     others = np.zeros((24, 7))
     more = replace(data, shares=np.hstack([others, shares[:, :9], others, shares[:, 9:]]))
-    np.testing.assert_array_equal(more.leant_on, shares)
+    np.testing.assert_array_equal(more.leant_on, data.leant_on)
     few, many = estimate_scale(data), estimate_scale(more)
     np.testing.assert_array_equal(many.fit.estimate, few.fit.estimate)
     np.testing.assert_array_equal(many.fit.covariance, few.fit.covariance)
@@ -204,6 +205,9 @@ def test_days_and_trends():
     assert sum(day.count for day in estimate.days) == np.count_nonzero(estimate.fit.used)
     for day in estimate.days:
         assert day.epsilon == pytest.approx(2e-4, abs=5 * day.epsilon_sigma)
+        # As published: a plain mean and its standard error, which knows of no shared error.
+        assert day.mean == pytest.approx(2e-4, abs=5 * day.standard_error)
+        assert day.standard_error < 2 * day.epsilon_sigma
     assert estimate.trends["longitude"].p_value > 1e-3
     wave = 1e-4 * np.cos(data.local_time_h * np.pi / 12.0 - 1.0)
     value = data.value + (wave * data.range)[:, None] * data.beam

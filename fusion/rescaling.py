@@ -1,0 +1,253 @@
+"""A scaled copy of the SPC solution of a workspace: ``spcola scale --apply``."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fusion.progress import Progress
+from fusion.settings import Settings, write_settings
+from fusion.workspace import (
+    OWN_FOLDERS,
+    SETTINGS_FILE,
+    SPC_FOLDERS,
+    SPC_LISTS,
+    Workspace,
+    json_text,
+    make_folder,
+)
+from spcola import atomic
+from spcola.errors import NotObservableError, WorkspaceError
+from spcola.formats.icq import read_icq, write_icq
+from spcola.formats.lmk import read_landmark, write_landmark
+from spcola.formats.map import read_map, sigma_path, write_maplet
+from spcola.formats.nom import read_nominal, write_nominal
+from spcola.formats.obj import Unit, read_obj, write_obj
+from spcola.formats.ply import read_ply_mesh, write_ply_mesh
+from spcola.formats.shape import recognise_shape
+from spcola.formats.sigma import read_sigma
+from spcola.formats.sum import read_summary, write_summary
+from spcola.scaled import (
+    scaled_image,
+    scaled_landmark,
+    scaled_maplet,
+    scaled_nominal,
+    scaled_shape,
+)
+
+APPLIED_FILE = "applied_scale.json"
+# A shape is written with so many decimals that a second scaling still finds what the first one did.
+_ICQ_DIGITS = 9
+_UNUSABLE = ("epsilon: not determined", "misfit:")
+
+
+@dataclass(frozen=True)
+class AppliedScale:
+    """What was written.
+
+    Attributes
+    ----------
+    folder : Path
+        A workspace with the scaled solution, the same settings and the same scans.
+    epsilon, epsilon_sigma : float
+        All lengths are 1 + ε times those of the original.
+    written : mapping of str to int
+        Files scaled, by their folder.
+    copied : tuple of str
+        Files in folders of SPC that are in no format that is known here, copied as they are.
+    """
+
+    folder: Path
+    epsilon: float
+    epsilon_sigma: float
+    written: Mapping[str, int]
+    copied: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it in JSON types."""
+        return {
+            "folder": str(self.folder),
+            "epsilon": self.epsilon,
+            "epsilon_sigma": self.epsilon_sigma,
+            "factor": 1.0 + self.epsilon,
+            "written": dict(self.written),
+            "copied": list(self.copied),
+        }
+
+    def lines(self) -> list[str]:
+        """Return what people read of it."""
+        counts = ", ".join(f"{count} in {name}" for name, count in self.written.items())
+        lines = [
+            f"applied: all lengths times 1 {self.epsilon:+.4e} (sigma {self.epsilon_sigma:.1e})",
+            f"  written to {self.folder}: {counts}",
+        ]
+        if self.copied:
+            lines.append(f"  copied as they are, no known format: {', '.join(self.copied)}")
+        return [*lines, f"  next: spcola scale {self.folder}"]
+
+
+def usable_epsilon(content: Mapping[str, Any], where: Path) -> tuple[float, float]:
+    """Return ε and its sigma out of ``scale.json``; `where` is named in errors.
+
+    Raises
+    ------
+    NotObservableError
+        If the data did not determine it, did not fit, or the fit did not converge.
+    """
+    do = "look at its reasons; add scans or images, and run: spcola scale"
+    epsilon, sigma = content.get("epsilon"), content.get("epsilon_sigma")
+    said = [line for line in content.get("reasons", ()) if line.startswith(_UNUSABLE)]
+    if epsilon is None or sigma is None:
+        said = [str(content.get("reason", "nothing is observed"))]
+    elif not content.get("converged"):
+        said.append(f"the fit did not converge ({content.get('reason', '')})")
+    if said:
+        raise NotObservableError(
+            f"there is no epsilon to apply: {said[0]}", ("epsilon",), where=where, do=do
+        )
+    return float(content["epsilon"]), float(content["epsilon_sigma"])
+
+
+def apply_scale(workspace: Workspace, folder: Path, progress: Progress) -> AppliedScale:
+    """Write the workspace's SPC solution, multiplied by 1 + ε of ``scale.json``, to `folder`.
+
+    Maplets with their sigmas, landmarks, states, nominal states and shapes are scaled; lists are
+    copied, pixels and scans linked. The original is only read. The folder is whole or not there.
+
+    Raises
+    ------
+    NotObservableError
+        If there is no usable ε.
+    WorkspaceError
+        If `folder` exists, or something cannot be read or written.
+    FormatError
+        If a file of the solution does not hold what it should.
+    """
+    where = workspace.scale_path
+    epsilon, sigma = usable_epsilon(workspace.read_json(where.name), where)
+    if folder.exists() or folder.is_symlink():
+        raise WorkspaceError("is there already", folder, "name a folder that does not exist")
+    make_folder(folder.parent)
+    making = folder.with_name(f".{folder.name}.{os.getpid()}")
+    try:
+        made = _written(workspace, making, 1.0 + epsilon, progress)
+        applied = AppliedScale(folder, epsilon, sigma, *made)
+        content = {**applied.as_dict(), "from": str(workspace.root.resolve())}
+        atomic.write_text(making / APPLIED_FILE, json_text(content))
+        making.rename(folder)
+    except OSError as error:
+        raise atomic.write_error(folder, error) from error
+    finally:
+        shutil.rmtree(making, ignore_errors=True)
+    return applied
+
+
+def _written(
+    workspace: Workspace, making: Path, factor: float, progress: Progress
+) -> tuple[dict[str, int], tuple[str, ...]]:
+    """Write everything into `making`; count what was scaled, and name what could not be."""
+    settings = workspace.settings()
+    for name in (*SPC_FOLDERS, *OWN_FOLDERS):
+        make_folder(making / name)
+    write_settings(making / SETTINGS_FILE, _settings(settings, factor))
+    for name in SPC_LISTS:
+        if (workspace.root / name).is_file():
+            shutil.copyfile(workspace.root / name, making / name)
+    for path in (*_files(workspace.root / "IMAGEFILES"), *workspace.scan_paths()):
+        _link(path, making / path.parent.name / path.name)
+    unit = settings.body.shape_unit
+    written: dict[str, int] = {}
+    copied: list[str] = []
+    for name in ("MAPFILES", "LMKFILES", "SUMFILES", "NOMINALS", "SHAPEFILES"):
+        paths = list(_files(workspace.root / name))
+        count = 0
+        with progress.task(f"scale {name}", len(paths)) as task:
+            for path in paths:
+                write = _writer(path, unit)
+                if write is not None:
+                    write(path, making / name / path.name, factor)
+                    count += 1
+                elif path.suffix != ".SIG":
+                    shutil.copyfile(path, making / name / path.name)
+                    copied.append(f"{name}/{path.name}")
+                task.advance()
+        if count:
+            written[name] = count
+    return written, tuple(copied)
+
+
+def _settings(settings: Settings, factor: float) -> Settings:
+    """Settings of the copy: a mean radius that is set is a length, too."""
+    radius = settings.body.mean_radius_m
+    return settings.with_table("body", mean_radius_m=factor * radius) if radius else settings
+
+
+Write = Callable[[Path, Path, float], None]
+
+
+def _writer(path: Path, unit: Unit) -> Write | None:
+    """Return what scales a file; None if it is in no format that holds lengths."""
+    if path.parent.name == "SHAPEFILES":
+        return lambda source, target, factor: _scale_shape(source, target, factor, unit)
+    return _WRITERS.get((path.parent.name, path.suffix))
+
+
+def _scale_maplet(source: Path, target: Path, factor: float) -> None:
+    file, companion = read_map(source), sigma_path(source)
+    maplet = file.maplet
+    if companion.exists():
+        maplet = maplet.with_layers(sigma=read_sigma(companion, maplet.grid.half_size))
+    write_maplet(
+        target,
+        scaled_maplet(maplet, factor),
+        header=file.header,
+        sigma_companion=companion.exists(),
+    )
+
+
+def _scale_landmark(source: Path, target: Path, factor: float) -> None:
+    write_landmark(target, scaled_landmark(read_landmark(source), factor), like=source)
+
+
+def _scale_image(source: Path, target: Path, factor: float) -> None:
+    write_summary(target, scaled_image(read_summary(source), factor), like=source)
+
+
+def _scale_nominal(source: Path, target: Path, factor: float) -> None:
+    write_nominal(target, scaled_nominal(read_nominal(source), factor), like=source)
+
+
+def _scale_shape(source: Path, target: Path, factor: float, unit: Unit) -> None:
+    kind = recognise_shape(source)
+    if kind == "icq":
+        write_icq(target, scaled_shape(read_icq(source), factor), digits=_ICQ_DIGITS)
+    elif kind == "obj":
+        write_obj(target, scaled_shape(read_obj(source, unit=unit), factor), unit=unit)
+    else:
+        write_ply_mesh(target, scaled_shape(read_ply_mesh(source, unit=unit), factor), unit=unit)
+
+
+_WRITERS: dict[tuple[str, str], Write] = {
+    ("MAPFILES", ".MAP"): _scale_maplet,
+    ("LMKFILES", ".LMK"): _scale_landmark,
+    ("SUMFILES", ".SUM"): _scale_image,
+    ("NOMINALS", ".NOM"): _scale_nominal,
+}
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    """Yield the files of a folder, if there is one, in the order of their names."""
+    if folder.is_dir():
+        yield from sorted(p for p in folder.iterdir() if p.is_file() and p.name[0] != ".")
+
+
+def _link(source: Path, target: Path) -> None:
+    """Link to what does not change; copy where the file system knows no links."""
+    try:
+        target.symlink_to(source.resolve())
+    except OSError:
+        shutil.copyfile(source, target)

@@ -1,0 +1,135 @@
+"""``spcola scale --apply``, through the real command line on a small synthetic mission."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from fusion.cli.app import app
+from fusion.rescaling import APPLIED_FILE, usable_epsilon
+from fusion.workspace import Workspace
+from spcola.errors import NotObservableError
+
+
+def run(*arguments, code=0):
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == code, result.output
+    return result
+
+
+def digests(folder):
+    """The digest of every file of an SPC solution."""
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+@pytest.fixture(scope="module")
+def applied(tmp_path_factory):
+    """A mission, its workspace, what the command printed, and the solution's digests before."""
+    root = tmp_path_factory.mktemp("apply")
+    # A scale ten times that of Bennu's largest day, so that it stands out on a small body.
+    run("truth", "make", root / "M", "--preset", "tiny", "--seed", 3, "--set", "epsilon=0.0025")
+    run("init", root / "WS", "--spc", root / "M" / "spc", "--body", "Truth")
+    run("import", root / "WS", *sorted((root / "M" / "lidar").iterdir()))
+    before = digests(root / "M" / "spc")
+    printed = run("scale", root / "WS", root / "C", "--apply", "--json")
+    return root, json.loads(printed.stdout), before
+
+
+def test_the_command_says_what_it_wrote(applied):
+    root, content, _ = applied
+    assert content["applied"]["folder"] == str(root / "C")
+    assert content["applied"]["epsilon"] == content["summary"]["epsilon"]
+    assert content["applied"]["copied"] == []
+    assert content["applied"]["written"]["MAPFILES"] == 24
+    kept = json.loads((root / "C" / APPLIED_FILE).read_text())
+    assert kept["factor"] == 1.0 + content["applied"]["epsilon"]
+    assert kept["from"] == str((root / "WS").resolve())
+
+
+def test_the_original_is_untouched(applied):
+    root, _, before = applied
+    assert digests(root / "M" / "spc") == before
+    assert not list(root.glob(".C*"))
+
+
+def test_every_length_of_the_copy_is_scaled(applied):
+    root, content, _ = applied
+    factor = 1.0 + content["applied"]["epsilon"]
+    old, new = Workspace.open(root / "WS"), Workspace.open(root / "C")
+    assert new.maplet_names() == old.maplet_names()
+    assert new.image_names() == old.image_names()
+    for name in old.maplet_names()[:5]:
+        was, now = old.maplet(name), new.maplet(name)
+        assert now.grid.gsd == pytest.approx(factor * was.grid.gsd, rel=2e-7)
+        np.testing.assert_allclose(now.grid.center, factor * was.grid.center, rtol=3e-7, atol=1e-5)
+        np.testing.assert_allclose(now.height, factor * was.height, rtol=3e-7, atol=1e-7)
+        np.testing.assert_allclose(now.sigma, factor * was.sigma, rtol=3e-7)
+        center = new.landmark(name).grid.center
+        np.testing.assert_allclose(center, factor * old.landmark(name).grid.center, rtol=1e-9)
+    for was, now in zip(old.images(), new.images(), strict=True):
+        np.testing.assert_allclose(now.position, factor * was.position, rtol=1e-9)
+        np.testing.assert_allclose(now.axes, was.axes)
+    np.testing.assert_allclose(
+        new.shape().vertices, factor * old.shape().vertices, rtol=1e-6, atol=1e-6
+    )
+
+
+def test_a_second_run_on_the_copy_finds_no_scale_left(applied):
+    root, content, _ = applied
+    first = content["summary"]
+    assert abs(first["epsilon"]) > 5 * first["epsilon_sigma"]
+    again = json.loads(run("scale", root / "C", "--json").stdout)["summary"]
+    assert abs(again["epsilon"]) < again["epsilon_sigma"]
+    assert abs(again["n_used"] - first["n_used"]) <= 2
+
+
+def test_what_exists_is_not_written_over(applied):
+    root, _, _ = applied
+    result = run("scale", root / "WS", root / "C", "--apply", code=1)
+    assert "is there already" in result.stderr
+
+
+def test_without_a_usable_epsilon_nothing_is_written(applied, tmp_path):
+    root, _, _ = applied
+    alone = tmp_path / "WS"
+    shutil.copytree(root / "WS", alone, symlinks=True)
+    for scan in sorted((alone / "scans").glob("*.h5"))[1:]:
+        scan.unlink()
+    settings = alone / "spcola.toml"
+    settings.write_text(
+        settings.read_text().replace("max_emission_deg = 60.0", "max_emission_deg = 0.001")
+    )
+    result = run("scale", alone, tmp_path / "C", "--apply", code=1)
+    assert "there is no epsilon to apply" in result.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["WS"]
+
+
+def test_a_destination_needs_apply(applied):
+    root, _, _ = applied
+    assert run("scale", root / "WS", root / "D", code=2).stdout == ""
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"epsilon": None, "reason": "no pair"},
+        {"reasons": ["epsilon: not determined by the data; its sigma is that of the prior"]},
+        {"reasons": ["misfit: turned by +30 deg about Z the shots scatter less"]},
+        {"converged": False, "reason": "weights still moved"},
+    ],
+)
+def test_an_epsilon_is_usable_only_if_the_data_gave_it(change):
+    good = {"epsilon": 1e-4, "epsilon_sigma": 1e-5, "reasons": ["cx_m: x"], "converged": True}
+    assert usable_epsilon(good, Path("scale.json")) == (1e-4, 1e-5)
+    with pytest.raises(NotObservableError, match="there is no epsilon to apply"):
+        usable_epsilon({**good, **change}, Path("scale.json"))

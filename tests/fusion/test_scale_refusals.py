@@ -1,0 +1,88 @@
+"""Where the data cannot tell the scale: a clear statement, no number or one with a true sigma."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from fusion.cli.app import app
+from lidar.formats.reader import read_scan
+
+PLANTED = 2.5e-4
+SMOOTH = ("shape=0", "roughness=0", "craters.density_per_km2=0", "boulders.density_per_km2=0")
+
+
+def run(*arguments):
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == 0, result.output
+    return result
+
+
+def make(root, *changes):
+    """Make the tiny mission of one seed, of another body where `changes` say so."""
+    given = [part for change in changes for part in ("--set", f"body.{change}")]
+    run("truth", "make", root, "--preset", "tiny", "--seed", 5, *given)
+    return root
+
+
+@pytest.fixture(scope="module")
+def mission(tmp_path_factory):
+    return make(tmp_path_factory.mktemp("refusals") / "one")
+
+
+def scaled(root, spc, scans):
+    """The content of scale.json of a workspace over an SPC solution with some scans."""
+    run("init", root, "--spc", spc, "--body", "Truth")
+    run("import", root, *scans)
+    run("scale", root)
+    return json.loads((root / "scale.json").read_text())
+
+
+def covers(content):
+    """Whether the sigma of ε covers what was planted."""
+    return abs(content["epsilon"] - PLANTED) < 3 * content["epsilon_sigma"]
+
+
+def height(path):
+    """How far north the ground of a scan lies, metres."""
+    return read_scan(path).points[:, 2].mean()
+
+
+def is_silent(content):
+    """Whether nothing is claimed, and said why, of each image too."""
+    said = content["reasons"][0].startswith("nothing is observed")
+    everyone = all(pair["reason"] and not pair["used"] for pair in content["per_pair"])
+    return content["epsilon"] is None and not content["converged"] and said and everyone
+
+
+def test_lidar_of_another_body_is_no_match(mission, tmp_path):
+    other = make(tmp_path / "other", "seed=6")
+    content = scaled(tmp_path / "WS", mission / "spc", sorted((other / "lidar").iterdir()))
+    # Taken at the same times from the same places: only the ground is another.
+    assert is_silent(content)
+
+
+def test_a_sphere_without_relief_holds_no_match(tmp_path):
+    smooth = make(tmp_path / "smooth", *SMOOTH)
+    content = scaled(tmp_path / "WS", smooth / "spc", sorted((smooth / "lidar").iterdir()))
+    assert is_silent(content)
+
+
+def test_a_single_scan_does_not_tell_the_size_from_the_centre(mission, tmp_path):
+    scan = sorted((mission / "lidar").iterdir())[0]
+    content = scaled(tmp_path / "WS", mission / "spc", [scan])
+    assert covers(content)
+    # A thousand times what all eight scans know.
+    assert content["epsilon_sigma"] > 1e-3
+    assert any("not separable" in reason for reason in content["reasons"])
+    assert "per-day terms: all observations are of one day" in content["reasons"]
+
+
+def test_one_cap_knows_less_and_says_so_by_its_sigma(mission, tmp_path):
+    # The two scans nearest to the north pole, at 60° and 38° of latitude.
+    scans = sorted((mission / "lidar").iterdir(), key=height)[-2:]
+    content = scaled(tmp_path / "WS", mission / "spc", scans)
+    assert covers(content)
+    assert content["epsilon_sigma"] > 5e-5
