@@ -92,7 +92,8 @@ def match_image(
 
     ``ortho(x + d) = g rendered(x) + o + a·x + error`` with gain g, offset o and plane a as
     nuisances: the best whole-cell d by normalised correlation, then Gauss–Newton with Huber's
-    weights.
+    weights. Shadows, rendered or shown, and what lies next to them, do not enter: how long they are
+    depends on relief that the grid does not hold, and all of them are wrong away from the Sun.
 
     Parameters
     ----------
@@ -107,10 +108,11 @@ def match_image(
         With NaN shift and a reason where nothing trustworthy was found.
     """
     options = options or ImageMatchOptions()
-    name, known = ortho.view.image, np.isfinite(rendered)
-    shown = np.isfinite(ortho.brightness) & ~ortho.saturated
+    name, known = ortho.view.image, np.isfinite(rendered) & _clear(ortho.view.lit)
+    shown = np.isfinite(ortho.brightness) & _clear(ortho.exposed | ~ortho.view.seen)
+    rendered = np.where(known, rendered, np.nan)
     both = known & shown
-    lit = int(np.count_nonzero(both & ortho.exposed & ortho.view.lit))
+    lit = int(np.count_nonzero(both))
     if lit < options.min_points:
         return _unmatched(name, f"shows only {lit} lit points of it")
     shown_flat, known_flat = _flattened(ortho.brightness, both), _flattened(rendered, both)
@@ -128,6 +130,12 @@ def match_image(
     if reason:
         return _unmatched(name, reason)
     return _refined(name, pair, start, options)
+
+
+def _clear(mask: BoolArray) -> BoolArray:
+    """Return `mask` (R, C) without the points next to one outside it."""
+    inside: BoolArray = ndimage.binary_erosion(mask, np.ones((3, 3)), border_value=1)
+    return inside
 
 
 @dataclass(frozen=True, eq=False)
