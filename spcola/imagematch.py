@@ -24,6 +24,7 @@ _APART = 3.0
 # Steps by which a fine match may leave the best whole cell; further it has followed something else.
 _STRAYED = 3.0
 _SETTLED = 1e-3
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,8 @@ def match_image(
     if lit < options.min_points:
         return _unmatched(name, f"shows only {lit} lit points of it")
     shown_flat, known_flat = _flattened(ortho.brightness, both), _flattened(rendered, both)
-    if not (np.std(shown_flat[both]) > 0.0 and np.std(known_flat[both]) > 0.0):
+    textured = _textured(ortho.brightness, shown_flat, both)
+    if not (textured and _textured(rendered, known_flat, both)):
         return _unmatched(name, "has no texture there")
     pair = _Pair(
         carried_on(np.where(shown, ortho.brightness, np.nan)), shown, carried_on(rendered), known
@@ -134,7 +136,9 @@ def match_image(
 
 def _clear(mask: BoolArray) -> BoolArray:
     """Return `mask` (R, C) without the points next to one outside it."""
-    inside: BoolArray = ndimage.binary_erosion(mask, np.ones((3, 3)), border_value=1)
+    inside: BoolArray = ndimage.binary_erosion(
+        mask, np.ones((3, 3), dtype=np.bool_), border_value=1
+    )
     return inside
 
 
@@ -146,6 +150,11 @@ class _Pair:
     shown_mask: BoolArray
     rendered: FloatArray
     rendered_mask: BoolArray
+
+
+def _textured(layer: FloatArray, flat: FloatArray, mask: BoolArray) -> bool:
+    """Tell whether a layer less its plane, `flat`, is more than rounding over `mask`."""
+    return float(np.std(flat[mask])) > _ROUNDING * float(np.max(np.abs(layer[mask])))
 
 
 def _flattened(layer: FloatArray, mask: BoolArray) -> FloatArray:

@@ -18,6 +18,7 @@ from spcola.photometry import PhotometricFunction, lunar_lambert
 from spcola.projection import project_image
 from spcola.rays import RayCaster
 from spcola.rendering import render
+from spcola.statecovariance import by_position_and_pointing
 
 # Once the place is known, a match is sought so many cells around.
 _NEAR = 3.0
@@ -89,9 +90,11 @@ class Sighting:
     def __len__(self) -> int:
         return len(self.images)
 
-    def scaled(self, match: float, state: float) -> Sighting:
-        """Return it with sigmas of matches and of states times these factors."""
-        return replace(self, covariance=match**2 * self.covariance, states=state**2 * self.states)
+    def scaled(self, match: float, position: float, pointing: float) -> Sighting:
+        """Return it with sigmas of matches, and of positions and pointing, times these factors."""
+        by_position, by_pointing = by_position_and_pointing(self.states)
+        states = position**2 * by_position + pointing**2 * by_pointing
+        return replace(self, covariance=match**2 * self.covariance, states=states)
 
     def solve(self, start: FloatArray | None = None) -> LandmarkSolution:
         """Return the place that the images give [9, 10].
@@ -123,10 +126,10 @@ class Sighting:
             left_out={**self.left_out, **left_out},
         )
 
-    def state_spread(self, point: FloatArray) -> FloatArray:
-        """Covariances (N, 2, 2), pixels², of where a point is seen, by the states' errors."""
+    def spread_by(self, states: FloatArray, point: FloatArray) -> FloatArray:
+        """Covariances (N, 2, 2), pixels², of where a point is seen, by `states` (N, 6, 6)."""
         rows = np.array([state_partials(image, point) for image in self.images])
-        spread: FloatArray = rows @ self.states @ np.swapaxes(rows, 1, 2)
+        spread: FloatArray = rows @ states @ np.swapaxes(rows, 1, 2)
         return spread
 
 
@@ -194,7 +197,7 @@ def agreeing(sighting: Sighting) -> Sighting:
         except NotObservableError:
             alone = "no other image is there to tell the place with it"
             return sighting.of([], left_out | {image.name: alone for image in some.images})
-        variance = some.covariance + some.state_spread(solution.estimate)
+        variance = some.covariance + some.spread_by(some.states, solution.estimate)
         weighed = np.linalg.solve(variance, solution.residuals[..., None])[..., 0]
         off = np.sqrt(np.sum(weighed * solution.residuals, axis=1) / 2.0)
         worst = int(np.argmax(off))

@@ -39,7 +39,7 @@ class ImagedMapolas:
         What patterns of the states' errors, each of standard deviation 1, do to each mapola,
         metres.
     factors : SizeFactors
-        By which sigmas of matches and states were multiplied.
+        By which sigmas of matches, positions and pointing were multiplied.
     """
 
     matches: tuple[Match, ...]
@@ -78,7 +78,7 @@ def place_mapolas(
 
 
 def _scaled_back(sighting: Sighting, factors: SizeFactors) -> Sighting:
-    return sighting.scaled(1.0 / factors.match, 1.0 / factors.state)
+    return sighting.scaled(*(1.0 / factor for factor in factors))
 
 
 def _solved(sighting: Sighting, least: int) -> LandmarkSolution | None:

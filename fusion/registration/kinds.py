@@ -136,7 +136,8 @@ def kinds_json(
         "maplet_sigma_m": found.sizes.topography,
         "image_sigma_m": found.sizes.images,
         "image_match_factor": images.factors.match,
-        "image_state_factor": images.factors.state,
+        "image_position_factor": images.factors.position,
+        "image_pointing_factor": images.factors.pointing,
         "n_images": len(used),
     }
     rows = zip(content["per_mapola"], topography, images.sightings, found.chi2, strict=True)
