@@ -184,28 +184,43 @@ def find_ground(
 def agreeing(sighting: Sighting) -> Sighting:
     """Return a sighting without the images that contradict the others.
 
-    The worst one goes first, as long as it is off by more than four standard deviations, or four
-    times what the images are off by in the median, whichever is more. Without images, and the
-    reason beside each, where too few are left to tell the place.
+    The worst one goes first, as long as it is off from where the others put the ground by more than
+    four standard deviations, or four times what these are off by in the median, whichever is more.
+    Without images, and the reason beside each, where too few are left to tell the place.
     """
     left_out: dict[str, str] = {}
     keep = list(range(len(sighting)))
     while keep:
         some = sighting.of(keep, left_out)
         try:
-            solution = some.solve()
+            off = _off(some, some.solve())
+            if len(keep) < 3:
+                return some
+            worst = int(np.argmax(off))
+            rest = sighting.of([k for k in keep if k != keep[worst]], left_out)
+            others = rest.solve()
         except NotObservableError:
+            if len(keep) > 2:
+                return some
             alone = "no other image is there to tell the place with it"
             return sighting.of([], left_out | {image.name: alone for image in some.images})
-        variance = some.covariance + some.spread_by(some.states, solution.estimate)
-        weighed = np.linalg.solve(variance, solution.residuals[..., None])[..., 0]
-        off = np.sqrt(np.sum(weighed * solution.residuals, axis=1) / 2.0)
-        worst = int(np.argmax(off))
-        if len(keep) < 3 or off[worst] <= _REJECT * max(1.0, float(np.median(off))):
+        usual = max(1.0, float(np.median(_off(rest, others))))
+        if _off(sighting.of([keep[worst]], {}), others)[0] <= _REJECT * usual:
             return some
         left_out[some.images[worst].name] = "contradicts the other images"
         keep.remove(keep[worst])
     return sighting
+
+
+def _off(sighting: Sighting, solution: LandmarkSolution) -> FloatArray:
+    """How far (N,) each image shows the ground from a solved place, standard deviations."""
+    place = solution.estimate
+    seen = np.array([project_image(image, place) for image in sighting.images])
+    variance = sighting.covariance + sighting.spread_by(sighting.states, place)
+    residual = sighting.observed - seen
+    weighed = np.linalg.solve(variance, residual[..., None])[..., 0]
+    off: FloatArray = np.sqrt(np.sum(weighed * residual, axis=1) / 2.0)
+    return off
 
 
 def _match(
