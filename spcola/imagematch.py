@@ -221,31 +221,35 @@ def _refined(name: str, pair: _Pair, start: FloatArray, options: ImageMatchOptio
         settled = bool(np.max(np.abs(solution[:2])) < _SETTLED)
     if not settled or float(np.hypot(*(shift - start))) > _STRAYED:
         return _unmatched(name, "the match does not settle")
-    residual, weights = np.full(size, np.nan), np.zeros(size)
-    residual[compared] = (shown - design @ solution)[compared]
-    weights[compared] = weight
-    model = design[..., 2:] @ solution[2:]
-    return _judged(
-        ImageMatch(
-            name,
-            shift,
-            residual_covariance(design, weights, residual)[:2, :2],
-            _correlation(shown, model, compared) * float(np.sign(solution[2])),
-            int(np.count_nonzero(compared)),
-        ),
-        residual,
-        options,
-    )
+    return _judged(name, shift, (shown, design, compared), (solution, weight), options)
 
 
-def _judged(match: ImageMatch, residual: FloatArray, options: ImageMatchOptions) -> ImageMatch:
-    """Return the match, with the reason if it cannot be trusted."""
+def _judged(
+    name: str,
+    shift: FloatArray,
+    compared: tuple[FloatArray, FloatArray, BoolArray],
+    found: tuple[FloatArray, FloatArray],
+    options: ImageMatchOptions,
+) -> ImageMatch:
+    """Turn what settled into a match, with the reason if it cannot be trusted.
+
+    `compared` are the shifted ortho-image, the partials and where both are known; `found` the
+    solution and the weights there.
+    """
+    shown, design, mask = compared
+    solution, weight = found
+    residual, weights = np.full(shown.shape, np.nan), np.zeros(shown.shape)
+    residual[mask] = (shown - design @ solution)[mask]
+    weights[mask] = weight
+    correlation = _correlation(shown, design[..., 2:] @ solution[2:], mask)
+    correlation *= float(np.sign(solution[2]))
     patches = independent_patches(residual)
-    if not match.correlation >= options.min_correlation:
-        return _unmatched(match.image, f"correlates by {match.correlation:.2f} only")
-    if patches < _MIN_PATCHES or not np.isfinite(match.covariance).all():
-        return _unmatched(match.image, f"only {patches:.0f} of its differences are independent")
-    return match
+    covariance = residual_covariance(design, weights, residual)[:2, :2]
+    if not correlation >= options.min_correlation:
+        return _unmatched(name, f"correlates by {correlation:.2f} only")
+    if patches < _MIN_PATCHES or not np.isfinite(covariance).all():
+        return _unmatched(name, f"only {patches:.0f} of its differences are independent")
+    return ImageMatch(name, shift, covariance, correlation, int(np.count_nonzero(mask)))
 
 
 def _correlation(one: FloatArray, other: FloatArray, mask: BoolArray) -> float:
