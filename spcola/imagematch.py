@@ -24,6 +24,7 @@ _APART = 3.0
 # Steps by which a fine match may leave the best whole cell; further it has followed something else.
 _STRAYED = 3.0
 _SETTLED = 1e-3
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,8 @@ def match_image(
 
     ``ortho(x + d) = g rendered(x) + o + a·x + error`` with gain g, offset o and plane a as
     nuisances: the best whole-cell d by normalised correlation, then Gauss–Newton with Huber's
-    weights.
+    weights. Shadows, rendered or shown, and what lies next to them, do not enter: how long they are
+    depends on relief that the grid does not hold, and all of them are wrong away from the Sun.
 
     Parameters
     ----------
@@ -107,14 +109,16 @@ def match_image(
         With NaN shift and a reason where nothing trustworthy was found.
     """
     options = options or ImageMatchOptions()
-    name, known = ortho.view.image, np.isfinite(rendered)
-    shown = np.isfinite(ortho.brightness) & ~ortho.saturated
+    name, known = ortho.view.image, np.isfinite(rendered) & _clear(ortho.view.lit)
+    shown = np.isfinite(ortho.brightness) & _clear(ortho.exposed | ~ortho.view.seen)
+    rendered = np.where(known, rendered, np.nan)
     both = known & shown
-    lit = int(np.count_nonzero(both & ortho.exposed & ortho.view.lit))
+    lit = int(np.count_nonzero(both))
     if lit < options.min_points:
         return _unmatched(name, f"shows only {lit} lit points of it")
     shown_flat, known_flat = _flattened(ortho.brightness, both), _flattened(rendered, both)
-    if not (np.std(shown_flat[both]) > 0.0 and np.std(known_flat[both]) > 0.0):
+    textured = _textured(ortho.brightness, shown_flat, both)
+    if not (textured and _textured(rendered, known_flat, both)):
         return _unmatched(name, "has no texture there")
     pair = _Pair(
         carried_on(np.where(shown, ortho.brightness, np.nan)), shown, carried_on(rendered), known
@@ -130,6 +134,14 @@ def match_image(
     return _refined(name, pair, start, options)
 
 
+def _clear(mask: BoolArray) -> BoolArray:
+    """Return `mask` (R, C) without the points next to one outside it."""
+    inside: BoolArray = ndimage.binary_erosion(
+        mask, np.ones((3, 3), dtype=np.bool_), border_value=1
+    )
+    return inside
+
+
 @dataclass(frozen=True, eq=False)
 class _Pair:
     """Ortho-image and rendering, gaps filled so that splines can be run over them."""
@@ -138,6 +150,11 @@ class _Pair:
     shown_mask: BoolArray
     rendered: FloatArray
     rendered_mask: BoolArray
+
+
+def _textured(layer: FloatArray, flat: FloatArray, mask: BoolArray) -> bool:
+    """Tell whether a layer less its plane, `flat`, is more than rounding over `mask`."""
+    return float(np.std(flat[mask])) > _ROUNDING * float(np.max(np.abs(layer[mask])))
 
 
 def _flattened(layer: FloatArray, mask: BoolArray) -> FloatArray:
@@ -204,38 +221,34 @@ def _refined(name: str, pair: _Pair, start: FloatArray, options: ImageMatchOptio
         settled = bool(np.max(np.abs(solution[:2])) < _SETTLED)
     if not settled or float(np.hypot(*(shift - start))) > _STRAYED:
         return _unmatched(name, "the match does not settle")
-    residual = np.full(size, np.nan)
-    residual[compared] = (shown - design @ solution)[compared]
-    model = design[..., 2:] @ solution[2:]
-    return _judged(
-        ImageMatch(
-            name,
-            shift,
-            _covariance(design, residual),
-            _correlation(shown, model, compared) * float(np.sign(solution[2])),
-            int(np.count_nonzero(compared)),
-        ),
-        residual,
-        options,
-    )
+    return _judged(name, shift, (shown, design, compared), solution, options)
 
 
-def _covariance(design: FloatArray, residual: FloatArray) -> FloatArray:
-    """Covariance (2, 2) of the displacement, square cells."""
-    compared = np.isfinite(residual)
-    rows = np.where(compared[..., None], design, 0.0)
-    covariance = robust_covariance(rows, huber_scores(residual, float(mad(residual))))
-    return covariance.matrix[:2, :2]
+def _judged(
+    name: str,
+    shift: FloatArray,
+    compared: tuple[FloatArray, FloatArray, BoolArray],
+    solution: FloatArray,
+    options: ImageMatchOptions,
+) -> ImageMatch:
+    """Turn what settled into a match, with the reason if it cannot be trusted.
 
-
-def _judged(match: ImageMatch, residual: FloatArray, options: ImageMatchOptions) -> ImageMatch:
-    """Return the match, with the reason if it cannot be trusted."""
+    `compared` are the shifted ortho-image, the partials and where both are known.
+    """
+    shown, design, mask = compared
+    residual = np.full(shown.shape, np.nan)
+    residual[mask] = (shown - design @ solution)[mask]
+    correlation = _correlation(shown, design[..., 2:] @ solution[2:], mask)
+    correlation *= float(np.sign(solution[2]))
     patches = independent_patches(residual)
-    if not match.correlation >= options.min_correlation:
-        return _unmatched(match.image, f"correlates by {match.correlation:.2f} only")
-    if patches < _MIN_PATCHES or not np.isfinite(match.covariance).all():
-        return _unmatched(match.image, f"only {patches:.0f} of its differences are independent")
-    return match
+    rows = np.where(mask[..., None], design, 0.0)
+    scores = huber_scores(residual, float(mad(residual)))
+    covariance = robust_covariance(rows, scores).matrix[:2, :2]
+    if not correlation >= options.min_correlation:
+        return _unmatched(name, f"correlates by {correlation:.2f} only")
+    if patches < _MIN_PATCHES or not np.isfinite(covariance).all():
+        return _unmatched(name, f"only {patches:.0f} of its differences are independent")
+    return ImageMatch(name, shift, covariance, correlation, int(np.count_nonzero(mask)))
 
 
 def _correlation(one: FloatArray, other: FloatArray, mask: BoolArray) -> float:

@@ -18,6 +18,7 @@ from spcola.photometry import PhotometricFunction, lunar_lambert
 from spcola.projection import project_image
 from spcola.rays import RayCaster
 from spcola.rendering import render
+from spcola.statecovariance import by_position_and_pointing
 
 # Once the place is known, a match is sought so many cells around.
 _NEAR = 3.0
@@ -89,9 +90,11 @@ class Sighting:
     def __len__(self) -> int:
         return len(self.images)
 
-    def scaled(self, match: float, state: float) -> Sighting:
-        """Return it with sigmas of matches and of states times these factors."""
-        return replace(self, covariance=match**2 * self.covariance, states=state**2 * self.states)
+    def scaled(self, match: float, position: float, pointing: float) -> Sighting:
+        """Return it with sigmas of matches, and of positions and pointing, times these factors."""
+        by_position, by_pointing = by_position_and_pointing(self.states)
+        states = position**2 * by_position + pointing**2 * by_pointing
+        return replace(self, covariance=match**2 * self.covariance, states=states)
 
     def solve(self, start: FloatArray | None = None) -> LandmarkSolution:
         """Return the place that the images give [9, 10].
@@ -123,10 +126,10 @@ class Sighting:
             left_out={**self.left_out, **left_out},
         )
 
-    def state_spread(self, point: FloatArray) -> FloatArray:
-        """Covariances (N, 2, 2), pixels², of where a point is seen, by the states' errors."""
+    def spread_by(self, states: FloatArray, point: FloatArray) -> FloatArray:
+        """Covariances (N, 2, 2), pixels², of where a point is seen, by `states` (N, 6, 6)."""
         rows = np.array([state_partials(image, point) for image in self.images])
-        spread: FloatArray = rows @ self.states @ np.swapaxes(rows, 1, 2)
+        spread: FloatArray = rows @ states @ np.swapaxes(rows, 1, 2)
         return spread
 
 
@@ -181,28 +184,43 @@ def find_ground(
 def agreeing(sighting: Sighting) -> Sighting:
     """Return a sighting without the images that contradict the others.
 
-    The worst one goes first, as long as it is off by more than four standard deviations, or four
-    times what the images are off by in the median, whichever is more. Without images, and the
-    reason beside each, where too few are left to tell the place.
+    The worst one goes first, as long as it is off from where the others put the ground by more than
+    four standard deviations, or four times what these are off by in the median, whichever is more.
+    Without images, and the reason beside each, where too few are left to tell the place.
     """
     left_out: dict[str, str] = {}
     keep = list(range(len(sighting)))
     while keep:
         some = sighting.of(keep, left_out)
         try:
-            solution = some.solve()
+            off = _off(some, some.solve())
+            if len(keep) < 3:
+                return some
+            worst = int(np.argmax(off))
+            rest = sighting.of([k for k in keep if k != keep[worst]], left_out)
+            others = rest.solve()
         except NotObservableError:
+            if len(keep) > 2:
+                return some
             alone = "no other image is there to tell the place with it"
             return sighting.of([], left_out | {image.name: alone for image in some.images})
-        variance = some.covariance + some.state_spread(solution.estimate)
-        weighed = np.linalg.solve(variance, solution.residuals[..., None])[..., 0]
-        off = np.sqrt(np.sum(weighed * solution.residuals, axis=1) / 2.0)
-        worst = int(np.argmax(off))
-        if len(keep) < 3 or off[worst] <= _REJECT * max(1.0, float(np.median(off))):
+        usual = max(1.0, float(np.median(_off(rest, others))))
+        if _off(sighting.of([keep[worst]], {}), others)[0] <= _REJECT * usual:
             return some
         left_out[some.images[worst].name] = "contradicts the other images"
         keep.remove(keep[worst])
     return sighting
+
+
+def _off(sighting: Sighting, solution: LandmarkSolution) -> FloatArray:
+    """How far (N,) each image shows the ground from a solved place, standard deviations."""
+    place = solution.estimate
+    seen = np.array([project_image(image, place) for image in sighting.images])
+    variance = sighting.covariance + sighting.spread_by(sighting.states, place)
+    residual = sighting.observed - seen
+    weighed = np.linalg.solve(variance, residual[..., None])[..., 0]
+    off: FloatArray = np.sqrt(np.sum(weighed * residual, axis=1) / 2.0)
+    return off
 
 
 def _match(

@@ -11,22 +11,28 @@ from scipy.optimize import minimize
 from spcola.arrays import FloatArray
 from spcola.projection import partials_position
 from spcola.sighting import Sighting
+from spcola.statecovariance import by_position_and_pointing
 
-# Factors are known beforehand to e², standard deviation of their logarithms.
-_WIDTH = 2.0
+# Standard deviation of the logarithms of the factors beforehand: of matches and pointing to e²; of
+# positions, which the solution states to stand by, to e.
+_WIDTHS = np.array([2.0, 1.0, 2.0])
 # Logarithm of a factor that is as good as none.
 _SMALLEST = -6.0
 
 
 class SizeFactors(NamedTuple):
-    """Factors on the sigmas of matches and of states."""
+    """Factors on the sigmas of matches, and of the states' positions and pointing.
+
+    Pointing is that at a known position; what turns with the position is in the second.
+    """
 
     match: float
-    state: float
+    position: float
+    pointing: float
 
 
 def estimate_factors(sightings: Sequence[Sighting]) -> SizeFactors:
-    """Return by what the stated errors of matches and states are to be multiplied.
+    """Return by what the stated errors of matches and of states are to be multiplied.
 
     N images give 2N numbers for the three of a place. What is left, over all sightings, tells how
     large errors are: the restricted likelihood of Patterson & Thompson (1971), with a log-normal
@@ -41,34 +47,34 @@ def estimate_factors(sightings: Sequence[Sighting]) -> SizeFactors:
     Returns
     -------
     SizeFactors
-        1 and 1 where nothing tells.
+        1 throughout where nothing tells.
     """
     cases = [_case(sighting) for sighting in sightings if len(sighting) > 1]
     if not cases:
-        return SizeFactors(1.0, 1.0)
+        return SizeFactors(1.0, 1.0, 1.0)
 
     def cost(logs: FloatArray) -> float:
-        match, state = np.exp(2.0 * np.clip(logs, _SMALLEST, -_SMALLEST))
-        total = float(np.sum((logs / _WIDTH) ** 2))
-        for left, by_match, by_state in cases:
-            root = np.linalg.cholesky(match * by_match + state * by_state)
+        squares = np.exp(2.0 * np.clip(logs, _SMALLEST, -_SMALLEST))
+        total = float(np.sum((logs / _WIDTHS) ** 2))
+        for left, parts in cases:
+            root = np.linalg.cholesky(np.tensordot(squares, parts, axes=1))
             white = np.linalg.solve(root, left)
             total += float(white @ white) + 2.0 * float(np.sum(np.log(np.diag(root))))
         return total
 
-    simplex = np.array([[0.0, 0.0], [0.7, 0.0], [0.0, -0.7]])
+    simplex = np.vstack([np.zeros(3), np.diag([0.7, -0.4, -0.7])])
     found = minimize(
         cost,
         simplex[0],
         method="Nelder-Mead",
-        options={"xatol": 0.02, "fatol": 0.02, "maxiter": 120, "initial_simplex": simplex},
+        options={"xatol": 0.02, "fatol": 0.02, "maxiter": 200, "initial_simplex": simplex},
     )
-    match, state = np.exp(np.clip(found.x, _SMALLEST, -_SMALLEST))
-    return SizeFactors(float(match), float(state))
+    match, position, pointing = np.exp(np.clip(found.x, _SMALLEST, -_SMALLEST)).tolist()
+    return SizeFactors(match, position, pointing)
 
 
-def _case(sighting: Sighting) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Residuals (K,) that no place explains, and their covariances by matches and by states."""
+def _case(sighting: Sighting) -> tuple[FloatArray, FloatArray]:
+    """Residuals (K,) that no place explains, and their covariances (3, K, K) by each factor."""
     solution = sighting.solve()
     place, count = solution.estimate, len(sighting)
     partials = np.concatenate(
@@ -79,12 +85,14 @@ def _case(sighting: Sighting) -> tuple[FloatArray, FloatArray, FloatArray]:
     )
     # An orthonormal basis of what the three columns of the place leave.
     basis = np.linalg.qr(partials, mode="complete")[0][:, 3:]
-    by_match, by_state = np.zeros((2, 2 * count, 2 * count))
-    for k, spread in enumerate(sighting.state_spread(place)):
+    by_position, by_pointing = by_position_and_pointing(sighting.states)
+    parts = [
+        sighting.covariance,
+        sighting.spread_by(by_position, place),
+        sighting.spread_by(by_pointing, place),
+    ]
+    whole = np.zeros((3, 2 * count, 2 * count))
+    for k in range(count):
         pair = slice(2 * k, 2 * k + 2)
-        by_match[pair, pair], by_state[pair, pair] = sighting.covariance[k], spread
-    return (
-        basis.T @ solution.residuals.ravel(),
-        basis.T @ by_match @ basis,
-        basis.T @ by_state @ basis,
-    )
+        whole[:, pair, pair] = [part[k] for part in parts]
+    return basis.T @ solution.residuals.ravel(), basis.T @ whole @ basis

@@ -99,3 +99,20 @@ def state_covariance(
         raise NotObservableError("states no sigma, and has no landmarks", (), where=image.name)
     stated = replace(image, pointing_sigma=np.array([np.nan, np.nan, turns[2]]))
     return solve_state(stated, points, observed, noise, landmark_sigma=spread).covariance
+
+
+def by_position_and_pointing(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Part covariances (…, 6, 6) of states into errors of position, and of pointing.
+
+    Returns
+    -------
+    position, pointing : (…, 6, 6) ndarrays
+        Errors of the position with the turn of the camera that goes along with them, and what is
+        left of the pointing at a known position. Their sum is `covariance`.
+    """
+    crossed, placed = covariance[..., :3, 3:], covariance[..., 3:, 3:]
+    along = crossed @ np.linalg.inv(placed) @ np.swapaxes(crossed, -1, -2)
+    position, pointing = covariance.copy(), np.zeros_like(covariance)
+    position[..., :3, :3] = along
+    pointing[..., :3, :3] = covariance[..., :3, :3] - along
+    return position, pointing

@@ -73,25 +73,27 @@ def combine(
     CombinedMatches
         Where one kind is not usable, the other alone.
     """
-    matches, effects, chi2 = [], np.zeros_like(images.effects), np.full(len(topography), np.nan)
+    shared = images.effects
+    left, chi2 = np.zeros_like(shared), np.full(len(topography), np.nan)
+    matches = []
     for row, (grid, ground, seen) in enumerate(zip(grids, topography, images.matches, strict=True)):
         known = [_covered(ground, sizes.topography), _covered(seen, sizes.images)]
         if not (ground.usable and seen.usable):
-            effects[row] = images.effects[row] if seen.usable else 0.0
+            left[row] = shared[row] if seen.usable else 0.0
             matches.append(known[1] if seen.usable else known[0])
             continue
-        shared = images.effects[row]
         apart = known[1].displacement - known[0].displacement
-        variance = known[0].covariance + known[1].covariance + shared @ shared.T
+        alone = known[0].covariance + known[1].covariance
+        variance = alone + shared[row] @ shared[row].T
         chi2[row] = float(apart @ np.linalg.solve(variance, apart))
         share = np.linalg.solve(variance, known[0].covariance).T
-        effects[row] = share @ shared
+        left[row] = share @ shared[row]
         joined = _joined(grid, known[0], known[1], share)
         if chi2[row] > 3.0 * reject**2:
             off = np.sqrt(chi2[row] / 3.0)
             joined = replace(joined, reason=f"topography and images differ by {off:.1f} sigma")
         matches.append(joined)
-    return CombinedMatches(tuple(matches), effects, chi2)
+    return CombinedMatches(tuple(matches), left, chi2)
 
 
 def _covered(match: Match, size: float) -> Match:

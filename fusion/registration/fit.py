@@ -43,11 +43,15 @@ class FitOptions:
         Prior median of the error of a single maplet's centre, metres; its size is estimated.
     reject : float
         Mapolas whose residual exceeds this many standard deviations are rejected.
+    held : tuple of float
+        Error sizes that are known: of a centre, then the factors of the groups of effects. Empty:
+        they are estimated.
     """
 
     model: Model = "similarity"
     center_sigma_m: float = 0.05
     reject: float = 5.0
+    held: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +165,9 @@ def fit_transform(
     reach = max(float(np.sqrt(np.mean(np.sum((centers - center) ** 2, axis=1)))), 1e-6)
     mixed = MixedOptions(
         prior=np.full(len(names), np.inf),
-        sizes=ErrorSizes(options.center_sigma_m, (1.0,) * len(groups)),
+        sizes=ErrorSizes(options.held[0], options.held[1:], width=0.0)
+        if options.held
+        else ErrorSizes(options.center_sigma_m, (1.0,) * len(groups)),
         # Without extent (one point) rotation and scale are free whatever unit they are put in.
         scale=natural_sizes(names, max(reach, 1.0)),
         names=names,

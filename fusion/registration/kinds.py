@@ -110,21 +110,41 @@ def register_kinds(
     nothing = np.full(len(grids), np.nan)
     seen = replace(topography, matches=images.matches)
     if by == "images":
-        registration = fit_mapolas(seen, [images.effects], options=options)
+        registration = _fit_seen(seen, [images.effects, images.common], options)
         sizes = KindSizes(float("nan"), registration.fit.sizes.independent)
         return KindRegistration(registration, seen, sizes, nothing)
-    sizes = KindSizes(_size(topography, [], options), _size(seen, [images.effects], options))
+    sizes = KindSizes(
+        _size(topography, [], options), _size(seen, [images.effects, images.common], options)
+    )
     joined = combine(grids, topography.matches, images, sizes, reject=options.reject)
     mapolas = replace(topography, matches=joined.matches)
     left = replace(options, center_sigma_m=_LEFT * options.center_sigma_m)
-    registration = fit_mapolas(mapolas, [joined.effects], options=left)
+    registration = _fit_seen(mapolas, [joined.effects, images.common], left)
     return KindRegistration(registration, mapolas, sizes, joined.chi2)
+
+
+def _fit_seen(
+    mapolas: MatchedMapolas, further: list[FloatArray], options: FitOptions
+) -> Registration:
+    """Fit matches by images, the errors of scans as large as their adjustment says.
+
+    The last group of `further` are errors that no match tells from the transform.
+
+    Images err smoothly over the body too. A factor on the errors of scans would be made to explain
+    that, and the translation, which no match tells from an error that all scans share, would be
+    told too uncertain by it.
+    """
+    alone = replace(mapolas, effects=mapolas.effects[:, :, :0])
+    sizes = fit_mapolas(alone, further[:-1], options=options).fit.sizes
+    held = (sizes.independent, 1.0, *sizes.shared[1:], 1.0)
+    return fit_mapolas(mapolas, further, options=replace(options, held=held))
 
 
 def _size(mapolas: MatchedMapolas, further: list[FloatArray], options: FitOptions) -> float:
     """Error size of a kind of match by its own fit, metres; what was expected, if there is none."""
     try:
-        return fit_mapolas(mapolas, further, options=options).fit.sizes.independent
+        fit = _fit_seen if further else fit_mapolas
+        return fit(mapolas, further, options=options).fit.sizes.independent
     except NotObservableError:
         return options.center_sigma_m
 
@@ -143,7 +163,8 @@ def kinds_json(
         "maplet_sigma_m": found.sizes.topography,
         "image_sigma_m": found.sizes.images,
         "image_match_factor": images.factors.match,
-        "image_state_factor": images.factors.state,
+        "image_position_factor": images.factors.position,
+        "image_pointing_factor": images.factors.pointing,
         "n_images": len(used),
     }
     rows = zip(content["per_mapola"], topography, images.sightings, found.chi2, strict=True)

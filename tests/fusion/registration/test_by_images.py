@@ -1,0 +1,152 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fusion.registration.by_images import ImagedMapolas, place_mapolas
+from fusion.registration.combine import KindSizes, combine
+from fusion.registration.fit import FitOptions, fit_transform
+from fusion.registration.match import Match
+from spcola.camera import Camera
+from spcola.image import SpcImage
+from spcola.maplet import MapletGrid
+from spcola.projection import project_image
+from spcola.sighting import Sighting
+from spcola.sightingsizes import SizeFactors
+from spcola.statecovariance import Fixes, state_covariance
+
+CAMERA = Camera(100.0, [128.5, 128.5], [[40.0, 0.0, 0.0], [0.0, 40.0, 0.0]], 256, 256)
+NO_FIXES = Fixes(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 3)))
+
+
+def looking(name, position):
+    position = np.array(position, dtype=float)
+    boresight = -position / np.linalg.norm(position)
+    across = np.cross(boresight, [0.1, 0.2, 1.0])
+    across /= np.linalg.norm(across)
+    axes = np.stack([across, np.cross(boresight, across), boresight])
+    return SpcImage(
+        name, "2019 JAN 01 00:00:00.000", CAMERA, -position, axes, [1.0, 0, 0],
+        scobj_sigma=np.full(3, 0.2), pointing_sigma=np.full(3, 1e-5),
+    )  # fmt: skip
+
+
+def grids_facing_x(count, rng):
+    directions = np.concatenate([np.ones((count, 1)), 0.5 * rng.normal(size=(count, 2))], axis=1)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return [MapletGrid.facing(75.0 * d, d, 0.5, 4) for d in directions]
+
+
+def sighting(name, grid, images, truth, rng, *, noise=0.02):
+    states = [state_covariance(image, [75.0, 0, 0], NO_FIXES, sigma_px=0.3) for image in images]
+    seen = [np.array(project_image(image, truth)) + noise * rng.normal(size=2) for image in images]
+    count = len(images)
+    return Sighting(
+        name, grid.center, tuple(images), np.array(seen).reshape(count, 2),
+        np.tile(noise**2 * np.eye(2), (count, 1, 1)), np.array(states).reshape(count, 6, 6),
+        np.full(count, 0.9), np.full(count, 0.8),
+    )  # fmt: skip
+
+
+def test_planted_displacements_are_recovered_with_their_sigma():
+    rng = np.random.default_rng(4)
+    places = 3000.0 * np.concatenate([np.ones((8, 1)), 0.5 * rng.normal(size=(8, 2))], axis=1)
+    images = [looking(f"I{k}", place) for k, place in enumerate(places)]
+    grids = grids_facing_x(30, rng)
+    planted = 0.1 * rng.normal(size=(30, 3))
+    found = place_mapolas(
+        grids,
+        [
+            sighting(f"M{k}", grid, images, grid.center + d, rng)
+            for k, (grid, d) in enumerate(zip(grids, planted, strict=True))
+        ],
+    )
+    errors = np.array([match.displacement for match in found.matches]) - planted
+    shared = found.effects @ np.swapaxes(found.effects, 1, 2)
+    spread = np.array([match.covariance for match in found.matches]) + shared
+    pulls = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(spread), errors)
+    assert 2.0 < np.mean(pulls) < 4.5
+    assert all(match.usable for match in found.matches)
+
+
+def test_a_mapola_that_no_image_shows_says_so():
+    rng = np.random.default_rng(5)
+    images = [looking(f"I{k}", [3000.0, 900.0 * k, 500.0]) for k in range(3)]
+    grids = grids_facing_x(3, rng)
+    seen = sighting("M0", grids[0], images, grids[0].center, rng)
+    unseen = sighting("M1", grids[1], [], grids[1].center, rng)
+    refused = replace(unseen, name="M2", left_out={"I0": "has no texture there"})
+    found = place_mapolas(grids, [seen, unseen, refused])
+    assert [match.usable for match in found.matches] == [True, False, False]
+    assert found.matches[1].reason == "no image shows it"
+    assert "has no texture there" in found.matches[2].reason
+    assert found.effects.shape[:2] == (3, 3)
+    assert not found.effects[1:].any()
+
+
+def match(displacement, sigma, reason=""):
+    grid = MapletGrid.facing([75.0, 0, 0], [1.0, 0, 0], 0.5, 4)
+    d = np.array(displacement, dtype=float)
+    covariance = np.diag(np.square(np.broadcast_to(sigma, 3)).astype(float))
+    return grid, Match(
+        "M",
+        grid.center,
+        d,
+        covariance,
+        grid.axes @ d,
+        np.full(grid.shape, np.nan),
+        0.9,
+        0.9,
+        3,
+        reason,
+    )
+
+
+def imaged(*matches, effects=None):
+    count = len(matches)
+    none = np.zeros((count, 3, 0)) if effects is None else effects
+    return ImagedMapolas(matches, (), none, np.zeros((count, 3, 2)), SizeFactors(1.0, 1.0, 1.0))
+
+
+def test_both_kinds_are_weighed_by_their_information():
+    grid, ground = match([0.1, 0.0, 0.0], 0.03)
+    _, seen = match([0.0, 0.1, 0.0], 0.01)
+    sizes = KindSizes(0.04, 0.0)
+    effects = np.zeros((1, 3, 1))
+    found = combine([grid], [ground], imaged(seen, effects=effects), sizes)
+    share = 0.05**2 / (0.05**2 + 0.01**2)
+    np.testing.assert_allclose(found.matches[0].displacement, [0.1 * (1 - share), 0.1 * share, 0])
+    variance = 1.0 / (1.0 / 0.05**2 + 1.0 / 0.01**2)
+    np.testing.assert_allclose(found.matches[0].covariance, variance * np.eye(3), rtol=1e-9)
+    assert found.chi2[0] == pytest.approx(0.02 / (0.05**2 + 0.01**2))
+
+
+def test_kinds_that_contradict_are_not_used_and_one_kind_is_enough():
+    grid, ground = match([0.0, 0.0, 0.0], 0.01)
+    _, far = match([0.5, 0.0, 0.0], 0.01)
+    _, unseen = match([np.nan] * 3, 0.01, "no image shows it")
+    sizes = KindSizes(0.02, 0.005)
+    found = combine([grid] * 2, [ground] * 2, imaged(far, unseen), sizes)
+    assert "topography and images differ by" in found.matches[0].reason
+    assert found.matches[1].usable
+    np.testing.assert_allclose(found.matches[1].displacement, 0.0)
+    assert np.isnan(found.chi2[1])
+
+
+def test_errors_that_images_share_widen_the_transform_but_move_no_mapola():
+    rng = np.random.default_rng(6)
+    points = 75.0 * rng.normal(size=(60, 3))
+    points *= 75.0 / np.linalg.norm(points, axis=1, keepdims=True)
+    covariances = np.broadcast_to(1e-4 * np.eye(3), (60, 3, 3))
+    moved = 0.01 * rng.normal(size=(60, 3))
+    none, common = np.zeros((60, 3, 0)), (0.02 / 75.0 * points)[:, :, None]
+    options = FitOptions(held=(1e-3, 1.0))
+    plain = fit_transform(points, moved, covariances, none, options=options)
+    options = FitOptions(held=(1e-3, 1.0, 1.0))
+    wide = fit_transform(points, moved, covariances, none, further=[common], options=options)
+    np.testing.assert_allclose(wide.transform.matrix, plain.transform.matrix, atol=1e-7)
+    added = wide.covariance[6, 6] - plain.covariance[6, 6]
+    assert np.sqrt(added) == pytest.approx(0.02 / 75.0, rel=0.01)
+    assert wide.joint.shape == (7, 7)

@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spcola.orthoimage import ortho_rectify, view_of
+from spcola.photometry import lambert, lommel_seeliger
+from spcola.rendering import blur_of, render, smoothed
+
+LIGHT = [0.5, 0.2, 0.8]
+
+
+def test_flat_ground_has_the_brightness_of_the_function(waves):
+    image = waves.photograph("A", [0.2, 0.0, 1.0], LIGHT, samples=1, pixel=0.2)
+    flat = np.zeros(waves.grid.shape)
+    view = view_of(image, waves.grid, flat)
+    sun = waves.grid.axes @ image.sun
+    np.testing.assert_allclose(render(view, function=lambert), sun[2], atol=1e-12)
+    albedo = np.full(flat.shape, 1.2)
+    eye = view.cos_emission
+    np.testing.assert_allclose(
+        render(view, function=lommel_seeliger, albedo=albedo),
+        1.2 * 2 * sun[2] / (sun[2] + eye),
+        rtol=1e-9,
+    )
+
+
+@pytest.mark.parametrize("pixel", [0.2, 0.5, 1.0])
+def test_a_rendering_looks_like_the_photograph(waves, pixel):
+    """Shot by rays at the same surface: only what the grid does not hold is different."""
+    image = waves.photograph("A", [0.4, -0.3, 1.0], LIGHT, pixel=pixel, size=200)
+    view = view_of(image, waves.grid, waves.heights())
+    shown, rendered = (
+        ortho_rectify(image, view).brightness / 20000.0,
+        render(view, function=lambert),
+    )
+    both = np.isfinite(shown) & np.isfinite(rendered)
+    both[:4], both[-4:], both[:, :4], both[:, -4:] = False, False, False, False
+    rest = (shown - rendered)[both]
+    assert both.sum() > 2000
+    assert abs(np.mean(rest)) < 0.002
+    assert np.std(rest) < 0.25 * np.std(shown[both])
+
+
+def test_shadow_is_dark_and_unknown_ground_unknown(waves):
+    height = np.zeros(waves.grid.shape)
+    height[:, 30] = 3.0
+    height[5, 5] = np.nan
+    image = waves.photograph("A", [0.0, 0.0, 1.0], [-1.0, 0.0, 1.0], samples=1, pixel=0.3)
+    rendered = render(view_of(image, waves.grid, height), function=lambert)
+    assert np.isnan(rendered[5, 5])
+    assert (rendered[30, 32:35] == 0.0).all()
+    assert (rendered[30, 40:50] > 0.5).all()
+
+
+def test_a_blur_has_its_covariance_and_keeps_what_is_even():
+    covariance = np.array([[3.0, 1.0], [1.0, 2.0]])
+    point = np.zeros((61, 61))
+    point[30, 30] = 1.0
+    spread = smoothed(point, covariance)
+    y, x = np.indices(point.shape) - 30.0
+    found = [[np.sum(spread * a * b) for a in (x, y)] for b in (x, y)]
+    np.testing.assert_allclose(found, covariance + 0.1 * np.eye(2), atol=0.12)
+    assert spread.sum() == pytest.approx(1.0, abs=1e-9)
+    np.testing.assert_allclose(smoothed(np.full((20, 20), 3.0), covariance), 3.0)
+    holes = np.full((20, 20), 2.0)
+    holes[8:, :] = np.nan
+    kept = smoothed(holes, covariance)
+    assert np.isnan(kept[8:]).all()
+    np.testing.assert_allclose(kept[:5], 2.0)
+
+
+def test_small_pixels_blur_nothing_and_large_ones_by_their_width():
+    assert np.allclose(blur_of(np.eye(2) * 4.0), 0.0)
+    np.testing.assert_allclose(blur_of(np.diag([0.5, 2.0])), np.diag([3.0 / 12.0, 0.0]))
+    np.testing.assert_allclose(blur_of(np.eye(2), psf_px=0.5), np.eye(2) * 0.25)
