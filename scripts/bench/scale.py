@@ -1,14 +1,16 @@
 #!/usr/bin/env python3
-"""The scale: planted against recovered over seeds, by the scale stage alone.
+"""The scale, and the registration: planted against recovered over seeds.
 
 A mission of each seed is made without its images, its scans are imported, and the scale is found
-(with `--method shots` by single shots against the shape). Printed for each parameter: mean and
+(with `--method shots` by single shots against the shape); with `--registration` the scans are
+adjusted and gridded before, and registered. Printed for each parameter: mean and
 standard deviation of the pulls (recovered − planted) / sigma, their root mean square about zero
 with the interval of 95 %, and beside it the limit, 1; the rms error beside the rms of the stated
 sigmas. `mini` takes half a minute to a minute a seed. `--lines FILE` keeps a line for each mission
 and goes on from there.
 
     python scripts/bench/scale [--seeds 20] [--preset tiny|mini] [--method pairs|shots]
+                               [--registration]
 """
 
 from __future__ import annotations
@@ -36,8 +38,8 @@ from fusion.truth.pulls import pull_statistics
 from fusion.truth.recovery import Recovered, compare
 
 
-def recovered(preset: str, seed: int, method: str) -> list[Recovered]:
-    """Make a mission without images, find its scale, and return it beside what was planted."""
+def recovered(preset: str, seed: int, method: str, registration: bool) -> list[Recovered]:
+    """Make a mission without images, and return what is found of it beside what was planted."""
     settings = PRESETS[preset](seed).with_images(False)
     executor, progress = ThreadExecutor(usable_cores()), Progress.fitting(silent=True)
     with tempfile.TemporaryDirectory() as folder:
@@ -48,10 +50,13 @@ def recovered(preset: str, seed: int, method: str) -> list[Recovered]:
         sources = [Source(path) for path in sorted((mission / LIDAR_FOLDER).iterdir())]
         with closing(Catalog(workspace)) as catalog:
             import_files(workspace, chosen, sources, Workers(executor, progress, catalog.digesting))
-        Pipeline(workspace, chosen, load_stages(), executor, progress).run_stage("scale")
+        pipeline = Pipeline(workspace, chosen, load_stages(), executor, progress)
+        for stage in ("mapolas", "register", "scale") if registration else ("scale",):
+            pipeline.run_stage(stage)
         found = workspace.read_json(workspace.scale_path.name)
-    rows = compare(planted, {}, found)
-    return [row for row in rows if not row.name.startswith("registration")]
+        fitted = workspace.read_json(workspace.registration_path.name) if registration else {}
+    rows = compare(planted, fitted, found)
+    return [row for row in rows if registration or not row.name.startswith("registration")]
 
 
 def main() -> None:
@@ -60,10 +65,11 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--preset", choices=sorted(PRESETS), default="mini")
     parser.add_argument("--method", choices=("pairs", "shots"), default="pairs")
+    parser.add_argument("--registration", action="store_true", help="register too")
     parser.add_argument("--lines", type=Path, help="keep a line for each mission in this file")
     options = parser.parse_args()
     known: dict[int, list[Recovered]] = {}
-    kind = [options.preset, options.method]
+    kind = [options.preset, options.method, options.registration]
     if options.lines and options.lines.exists():
         for text in options.lines.read_text(encoding="utf-8").splitlines():
             entry = json.loads(text)
@@ -74,7 +80,7 @@ def main() -> None:
         if seed in known:
             continue
         start = time.perf_counter()
-        known[seed] = recovered(options.preset, seed, options.method)
+        known[seed] = recovered(options.preset, seed, options.method, options.registration)
         if options.lines:
             entry = {"kind": kind, "seed": seed, "rows": [asdict(row) for row in known[seed]]}
             with options.lines.open("a", encoding="utf-8") as file:

@@ -1,0 +1,224 @@
+"""What a registration of a mission reaches, and what holds it back, with the truth in hand.
+
+For each mission with its workspace (mapolas made), errors over stated sigmas of
+
+- `as it is`: the transform as the program registers the mission;
+- `true scans`: mapolas that hold the heights of the true body, so that no scan errs;
+- `true centres`: the same, and each maplet's planted error of its centre taken from its match:
+  what the match of surfaces alone allows.
+
+At the end the rms errors over the missions, beside the rms of the stated sigmas and the bar.
+
+    python scripts/bench/limits.py MISSION=WORKSPACE [MISSION=WORKSPACE ...] [--every 1]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from fusion.executor import ThreadExecutor, usable_cores
+from fusion.registration.fit import FitOptions, Registration, similarity_numbers
+from fusion.registration.kinds import fit_mapolas
+from fusion.registration.landmarks import LandmarkErrors
+from fusion.registration.match import Match, Surface, match_surfaces
+from fusion.registration.noise import estimate_spectrum
+from fusion.registration.resolution import estimate_blur
+from fusion.registration.scans import ScanEffects, share_matrix
+from fusion.registration.summary import MatchedMapolas
+from fusion.surfaces import Reference, surface_reference
+from fusion.truth.planted import Planted, read_truth
+from fusion.workspace import Workspace
+from lidar.mapola import Mapola
+from spcola.arrays import FloatArray
+from spcola.network import Network, NetworkOptions, solve_network
+
+BARS = {"translation": 2.0, "rotation": 1e-4, "scale": 2.0}
+UNITS = {"translation": "mm", "rotation": "deg", "scale": "ppm"}
+SAMPLE = 24
+
+
+@dataclass(frozen=True)
+class Row:
+    """Errors and sigmas (7,) in mm, degrees and ppm."""
+
+    error: FloatArray
+    sigma: FloatArray
+
+
+class Case:
+    """One mission, its mapolas, and its maplets' errors."""
+
+    def __init__(self, mission: Path, workspace: Path, every: int) -> None:
+        self.planted: Planted = read_truth(mission)
+        self.workspace = Workspace.open(workspace)
+        self.names = self.workspace.mapola_names()[::every]
+        self.reference: Reference = surface_reference(self.workspace, "maplets")
+        self.executor = ThreadExecutor(usable_cores())
+        known = [self.workspace.landmark(name) for name in self.workspace.landmark_names()]
+        self.network: Network = solve_network(
+            [one.name for one in known],
+            np.array([one.grid.center for one in known]),
+            np.array([one.sigma for one in known]),
+            self.workspace.images(),
+            options=NetworkOptions(),
+        )
+
+    def mapped(self, function: Callable[[str], object], names: Sequence[str]) -> list[object]:
+        return list(self.executor.map(function, names))
+
+    def heights(self) -> dict[str, Surface]:
+        """Heights of the mapolas as they are."""
+        return {name: surface_of(self.workspace.mapola(name)) for name in self.names}
+
+    def true_heights(self) -> dict[str, Surface]:
+        """The same points with the heights of the true body, and noise of half their sigma."""
+        body, found = self.planted.body(), {}
+        for number, name in enumerate(self.names):
+            mapola = self.workspace.mapola(name)
+            noise = np.random.default_rng(number).normal(size=mapola.height.shape)
+            truth = body.heights(mapola.grid) + 0.5 * np.nan_to_num(mapola.sigma) * noise
+            known = np.isfinite(mapola.height)
+            found[name] = Surface(np.where(known, truth, np.nan), mapola.sigma)
+        return found
+
+    def matches(self, heights: dict[str, Surface]) -> list[Match]:
+        """Match all mapolas as the program does."""
+        sample = self.names[:: -(-len(self.names) // SAMPLE)]
+
+        def match(name: str, blur: float = 0.0, spectrum: object = None) -> Match:
+            grid = self.workspace.mapola(name).grid
+            spc = self.reference(name, grid)
+            return match_surfaces(
+                name, grid, heights[name], spc, blur_cells=blur, spectrum=spectrum
+            )
+
+        def blur_of(found: Match) -> float:
+            grid = self.workspace.mapola(found.name).grid
+            spc = self.reference(found.name, grid).height
+            return estimate_blur(spc - found.residual, spc)
+
+        first = [match(name) for name in sample]
+        blur = float(np.nanmedian([blur_of(one) for one in first if one.usable]))
+        again = [match(name, blur) for name in sample]
+        spectrum = estimate_spectrum(one.residual for one in again if one.usable)
+        start = time.perf_counter()
+        found = self.mapped(lambda name: match(name, blur, spectrum), self.names)
+        took = time.perf_counter() - start
+        print(f"    matched {len(found) / took:.0f} mapolas/s (reading and projecting in it)")
+        return found
+
+    def mapolas(self, matches: list[Match], scans: bool) -> MatchedMapolas:
+        """How scans reach the mapolas: as the adjustment left them, or not at all."""
+        shares = [self.workspace.mapola(match.name).scan_share for match in matches]
+        centers = np.array([match.center for match in matches])
+        adjustment = self.workspace.adjustment()
+        if scans and adjustment is not None:
+            matrix = share_matrix(shares, adjustment.names)
+            effects = ScanEffects.left_by(adjustment, matrix, centers)
+        else:
+            names = sorted({name for share in shares for name in share})
+            matrix = share_matrix(shares, names)
+            effects = ScanEffects.independent(names, 0.0)
+        return MatchedMapolas(
+            matches, effects, effects.at(matrix, centers), effects.beside(matrix, centers)
+        )
+
+    def landmarks(self) -> LandmarkErrors:
+        return LandmarkErrors.of_mapolas(self.network, self.names, 0.05)
+
+    def without_center_errors(self, matches: list[Match]) -> list[Match]:
+        """The matches less the planted errors of the maplets' centres."""
+        similarity, centers = self.planted.similarity, self.planted.centers
+        moved = []
+        for match in matches:
+            true = similarity.apply(np.array(centers[match.name].true_center_m))
+            error = self.workspace.maplet(match.name).grid.center - true
+            moved.append(replace(match, displacement=match.displacement - error))
+        return moved
+
+    def row(self, registration: Registration) -> Row:
+        """Errors and sigmas of a registration."""
+        planted = self.planted.similarity
+        scale, scale_sigma, rotation, rotation_sigma = similarity_numbers(registration)
+        sigma = np.sqrt(np.diag(registration.covariance))[:3]
+        shift = registration.transform.translation - planted.translation
+        error = [
+            *(1e3 * shift),
+            *np.degrees(rotation - planted.rotation_vector),
+            1e6 * (scale - planted.scale),
+        ]
+        stated = [*(1e3 * sigma), *np.degrees(rotation_sigma), 1e6 * scale_sigma]
+        return Row(np.array(error), np.array(stated))
+
+    def rows(self) -> dict[str, Row]:
+        """All three registrations."""
+        found = {}
+        whole = replace(
+            self.mapolas(self.matches(self.heights()), True), landmarks=self.landmarks()
+        )
+        found["as it is"] = self.row(fit_mapolas(whole, options=FitOptions()))
+        matches = self.matches(self.true_heights())
+        true = replace(self.mapolas(matches, False), landmarks=self.landmarks())
+        found["true scans"] = self.row(fit_mapolas(true, options=FitOptions()))
+        bare = self.mapolas(self.without_center_errors(matches), False)
+        found["true centres"] = self.row(fit_mapolas(bare, options=FitOptions(center_sigma_m=1e-3)))
+        return found
+
+
+def surface_of(mapola: Mapola) -> Surface:
+    return Surface(mapola.height, mapola.sigma)
+
+
+def shown(values: FloatArray) -> str:
+    return (
+        " ".join(f"{value:+7.2f}" for value in values[:3])
+        + "  "
+        + " ".join(f"{1e4 * value:+7.2f}" for value in values[3:6])
+        + f"  {values[6]:+7.2f}"
+    )
+
+
+def summary(rows: dict[str, list[Row]]) -> None:
+    """Print rms errors over all missions and components."""
+    print(f"\n{'rms over missions':16}" + "".join(f"{name:>34}" for name in BARS))
+    for name, found in rows.items():
+        error = np.array([row.error for row in found])
+        sigma = np.array([row.sigma for row in found])
+        cells = []
+        for part, where in (("translation", slice(0, 3)), ("rotation", slice(3, 6)), ("scale", 6)):
+            of, stated = rms(error[:, where]), rms(sigma[:, where])
+            cells.append(f"{of:10.2e} (sigma {stated:.2e}) {UNITS[part]:>4}")
+        print(f"{name:16}" + "".join(f"{cell:>34}" for cell in cells))
+    bars = [f"{bar:10.2e} {UNITS[part]:>21}" for part, bar in BARS.items()]
+    print(f"{'bar':16}" + "".join(f"{cell:>34}" for cell in bars))
+
+
+def rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="What a registration reaches and what holds it.")
+    parser.add_argument("cases", nargs="+", help="MISSION=WORKSPACE")
+    parser.add_argument("--every", type=int, default=1, help="use each so many-th mapola")
+    options = parser.parse_args()
+    rows: dict[str, list[Row]] = {}
+    for text in options.cases:
+        mission, workspace = (Path(part) for part in text.split("=", 1))
+        print(f"{mission}: translation mm, rotation 1e-4 deg, scale ppm", flush=True)
+        for name, row in Case(mission, workspace, options.every).rows().items():
+            rows.setdefault(name, []).append(row)
+            print(f"  {name:14}{shown(row.error)}   error / sigma", flush=True)
+            pulls = " ".join(f"{pull:+5.2f}" for pull in row.error / row.sigma)
+            print(f"  {'':14}{shown(row.sigma)}   {pulls}", flush=True)
+    summary(rows)
+
+
+if __name__ == "__main__":
+    main()
