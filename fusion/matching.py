@@ -97,8 +97,9 @@ class Matcher:
         if not match.usable:
             return float("nan")
         grid = self.workspace.mapola(name).grid
-        spc = self.reference(name, grid if self.given is None else self.given.moved(grid)).height
-        return estimate_blur(spc - match.residual, spc)
+        spc = self.reference(name, grid if self.given is None else self.given.moved(grid))
+        lidar = spc.height - match.residual
+        return estimate_blur(lidar, spc.height, of_slopes=spc.of_slopes)
 
 
 def match_mapolas(

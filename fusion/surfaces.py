@@ -34,7 +34,9 @@ def surface_reference(workspace: Workspace, against: str) -> Reference:
     """
     if against == "shape":
         caster = RayCaster(workspace.shape())
-        return lambda _, grid: Surface(shape_heights(caster, grid, reach=grid.radius))
+        return lambda _, grid: Surface(
+            shape_heights(caster, grid, reach=grid.radius), of_slopes=False
+        )
     grids = {name: workspace.maplet(name).grid for name in workspace.maplet_names()}
 
     def own(name: str, grid: MapletGrid) -> Surface:

@@ -76,3 +76,13 @@ class Mesh:
     def mean_radius(self) -> float:
         """Radius of the sphere of equal volume, metres."""
         return float(np.cbrt(3.0 * abs(self.volume) / (4.0 * np.pi)))
+
+    @property
+    def sagitta(self) -> float:
+        """How far the middle of an edge lies below the round body it is a chord of, metres.
+
+        l²/(8 R), with the facets' typical edge l and the mean radius R.
+        """
+        area = float(np.median(np.linalg.norm(self.area_vectors, axis=1)))
+        # Of two facets that make a square: its side.
+        return 2.0 * area / (8.0 * self.mean_radius)

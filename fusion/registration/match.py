@@ -71,10 +71,14 @@ class Surface:
     sigma : (N, N) ndarray, optional
         One standard deviation, metres; NaN or 0 where it is not known. Only how the sigmas of
         points compare matters to a match: their size is judged by what is left.
+    of_slopes : bool
+        Whether it is smooth because its slopes are, as those of maplets, or because its heights
+        are, as those of facets: a chord lies below a round body.
     """
 
     height: FloatArray
     sigma: FloatArray | None = None
+    of_slopes: bool = True
 
     @property
     def variance(self) -> FloatArray:
@@ -214,8 +218,11 @@ def match_surfaces(
 
 def _prepare(grid: MapletGrid, moving: Surface, fixed: Surface, blur_cells: float) -> _Pair:
     """Bring both surfaces to one resolution, and take out the plane of the fixed one."""
-    soft_moving = blur(moving.height, blur_cells) if blur_cells > 0 else moving.height
-    soft_fixed = blur(fixed.height, -blur_cells) if blur_cells < 0 else fixed.height
+    soft_moving, soft_fixed = moving.height, fixed.height
+    if blur_cells > 0:
+        soft_moving = blur(soft_moving, blur_cells, of_slopes=fixed.of_slopes)
+    elif blur_cells < 0:
+        soft_fixed = blur(soft_fixed, -blur_cells, of_slopes=moving.of_slopes)
     plane = plane_of(soft_fixed)
     rows, columns = plane.shape
     rise = np.array(

@@ -7,7 +7,8 @@ and given to the sharper one before they are compared.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from collections.abc import Callable
+from functools import lru_cache, partial
 
 import numpy as np
 from scipy import ndimage
@@ -73,12 +74,12 @@ def filled(height: FloatArray) -> FloatArray:
     return result
 
 
-def blur(height: FloatArray, sigma_cells: float) -> FloatArray:
-    """Gaussian smoothing that leaves paraboloids and unknown points alone.
+def blur(height: FloatArray, sigma_cells: float, *, of_slopes: bool = True) -> FloatArray:
+    """Gaussian smoothing of a surface's slopes, which leaves unknown points alone.
 
     SPC smooths slopes and integrates them; where its heights lie is told by stereo. The slopes of a
     paraboloid are planes, which no smoothing changes, so that the roundness of the body loses
-    nothing: smoothed as heights it would, by σ² over its radius.
+    nothing. Smoothed as heights it does, by σ² over its radius, as the facets of a shape do.
 
     Parameters
     ----------
@@ -86,6 +87,8 @@ def blur(height: FloatArray, sigma_cells: float) -> FloatArray:
         Metres; NaN where unknown.
     sigma_cells : float
         Standard deviation of the Gaussian, cells.
+    of_slopes : bool
+        False: of the heights.
 
     Returns
     -------
@@ -93,7 +96,7 @@ def blur(height: FloatArray, sigma_cells: float) -> FloatArray:
         NaN where `height` is, and where too little was known around.
     """
     known = np.isfinite(height)
-    trend = trend_of(height)
+    trend = trend_of(height) if of_slopes else plane_of(height)
     rest = np.where(known, height - trend, 0.0)
     rows, columns = height.shape
     whole = _support((rows, columns), sigma_cells)
@@ -117,7 +120,9 @@ def _smooth(values: FloatArray, sigma_cells: float) -> FloatArray:
     return ndimage.gaussian_filter(values, sigma_cells, mode="constant", truncate=4.0)
 
 
-def estimate_blur(lidar: FloatArray, spc: FloatArray, *, largest_cells: float = 4.0) -> float:
+def estimate_blur(
+    lidar: FloatArray, spc: FloatArray, *, largest_cells: float = 4.0, of_slopes: bool = True
+) -> float:
     """Blur of `spc` against `lidar` (same grid, aligned), as a Gaussian's sigma in cells.
 
     The blur is the one with which the smoothed lidar surface differs least from the SPC
@@ -132,6 +137,8 @@ def estimate_blur(lidar: FloatArray, spc: FloatArray, *, largest_cells: float = 
         Heights, metres; NaN where unknown.
     largest_cells : float
         Largest blur that is tried, cells.
+    of_slopes : bool
+        As of :func:`blur`.
 
     Returns
     -------
@@ -141,9 +148,10 @@ def estimate_blur(lidar: FloatArray, spc: FloatArray, *, largest_cells: float = 
     margin = np.isfinite(blur(lidar, largest_cells)) & np.isfinite(blur(spc, largest_cells))
     if margin.sum() < 100:
         return float("nan")
+    soften = partial(blur, of_slopes=of_slopes)
     if _detail_kept(lidar, spc, margin, largest_cells) < 1.0:
-        return _least(lidar, spc, margin, largest_cells)
-    return -_least(spc, lidar, margin, largest_cells)
+        return _least(lidar, spc, margin, largest_cells, soften)
+    return -_least(spc, lidar, margin, largest_cells, soften)
 
 
 def _detail_kept(lidar: FloatArray, spc: FloatArray, common: BoolArray, largest: float) -> float:
@@ -158,11 +166,17 @@ def _detail_kept(lidar: FloatArray, spc: FloatArray, common: BoolArray, largest:
     return float(sharp[kept] @ soft[kept] / max(float(sharp[kept] @ sharp[kept]), 1e-300))
 
 
-def _least(sharp: FloatArray, soft: FloatArray, common: BoolArray, largest: float) -> float:
+def _least(
+    sharp: FloatArray,
+    soft: FloatArray,
+    common: BoolArray,
+    largest: float,
+    soften: Callable[[FloatArray, float], FloatArray],
+) -> float:
     """The blur of `sharp` with which it differs least from `soft`."""
 
     def difference(sigma: float) -> float:
-        rest = (blur(sharp, sigma) if sigma > 0.05 else sharp) - soft
+        rest = (soften(sharp, sigma) if sigma > 0.05 else sharp) - soft
         return float(mad(rest[common]))
 
     found = minimize_scalar(

@@ -34,6 +34,7 @@ from fusion.tables import (
 from fusion.workspace import SETTINGS_FILE, Workspace
 from spcola.arrays import FloatArray
 from spcola.errors import SettingsError
+from spcola.mesh import Mesh
 from spcola.network import NetworkOptions, solve_network
 
 
@@ -128,7 +129,8 @@ def _by_topography(
     mapolas, _ = _with_scans(workspace, matched.matches, table)
     names = [match.name for match in matched.matches]
     mapolas = replace(mapolas, landmarks=_landmarks(context, names))
-    registration = fit_mapolas(mapolas, options=_fit_options(table))
+    further = [_chords(workspace.shape(), matched.matches)] if table.against == "shape" else []
+    registration = fit_mapolas(mapolas, further, options=_fit_options(table))
     content = {**registration_json(registration, mapolas), "by": table.by}
     if source is not None:
         reference = surface_reference(workspace, table.against)
@@ -136,6 +138,17 @@ def _by_topography(
         grids = {name: workspace.mapola(name).grid for name in names}
         content["per_scan_fit"] = scans.entries(context, grids)
     return content
+
+
+def _chords(shape: Mesh, matches: list[Match]) -> FloatArray:
+    """What all facets of a shape may do to mapolas (N, 3, 1), metres: lie below a round body.
+
+    Or not, where its maker has put them half above: no match tells that from a scale.
+    """
+    centers = np.array([match.center for match in matches])
+    outward = centers / np.linalg.norm(centers, axis=1, keepdims=True)
+    chords: FloatArray = shape.sagitta * outward[:, :, None]
+    return chords
 
 
 def _by_images(context: StageContext, matched: Matched) -> dict[str, Any]:

@@ -202,7 +202,8 @@ def test_returns_themselves_are_registered_like_their_mapolas(
     error = summary["scale"] - planted["registration scale"]
     assert abs(error) < 4.0 * summary["scale_sigma"]
     apart = abs(summary["scale"] - by_mapolas["scale"])
-    assert apart < summary["scale_sigma"]
+    # The same returns, but matches that weigh wavelengths otherwise.
+    assert apart < 2.0 * summary["scale_sigma"]
     content = json.loads((copied / "registration.json").read_text(encoding="utf-8"))
     told = [scan for scan in content["per_scan_fit"] if not scan["reason"]]
     assert len(told) > len(content["per_scan_fit"]) / 2

@@ -250,7 +250,7 @@ def test_arcs_are_longer_where_they_would_be_too_many(workspace: Workspace) -> N
     track = Scan.of_points("track", sphere_points(1, 15_000), time=time, body="Ball")
     write_scan(workspace.root / "scans" / "track.h5", [track])
     table = Settings().mapolas
-    assert mapolas._arc_length(workspace, table) == table.adjust_arc_s
+    assert mapolas.arc_length(workspace, table) == table.adjust_arc_s
     short = Settings().with_table("mapolas", adjust_arc_s=10.0).mapolas
-    arcs = 36_000.0 / mapolas._arc_length(workspace, short)
+    arcs = 36_000.0 / mapolas.arc_length(workspace, short)
     assert 0.8 * mapolas._MOST_ARCS < arcs <= mapolas._MOST_ARCS
