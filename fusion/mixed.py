@@ -78,12 +78,14 @@ class ErrorSizes:
 
     As a prior, each is the median of a log-normal distribution that is `width` wide (standard
     deviation of the natural logarithm); a size of 0 is held at 0, and a width of 0 holds all.
-    `shared` has one size for each group of effects.
+    `shared` has one size for each group of effects; those of the groups numbered in `held` stay as
+    they are.
     """
 
     independent: float
     shared: tuple[float, ...] = ()
     width: float = 1.0
+    held: tuple[int, ...] = ()
 
     @property
     def all(self) -> FloatArray:
@@ -392,7 +394,8 @@ def _estimate_sizes(
 ) -> ErrorSizes:
     """Maximise the restricted likelihood over the error sizes that are not held at 0."""
     prior = options.sizes.all
-    free = np.flatnonzero(prior > 0)
+    stays = np.isin(np.arange(len(prior)) - 1, options.sizes.held)
+    free = np.flatnonzero((prior > 0) & ~stays)
     if options.sizes.width <= 0 or not free.size:
         return start
     center = np.log(prior[free])

@@ -18,7 +18,9 @@ from spcola.surfacecorrelation import RobustCovariance, robust_covariance
 _LEAST_POINTS = 30
 # Steps that weigh by Huber before Tukey may, and that take the spread anew: spread and weights
 # that follow each other may go in circles.
-_ROUNDS_OF_HUBER, _ROUNDS_OF_SPREAD = 2, 8
+_ROUNDS_OF_HUBER, _ROUNDS_OF_SPREAD = 2, 5
+# Each so many-th residual tells the spread, to some hundredths.
+_THINNED = 4
 # Steps, cells, that are small enough after so many.
 _TO_AND_FRO = 5e-3
 # Slopes that correlate by less have no relief in common: chance makes a few hundredths of ten
@@ -196,7 +198,7 @@ class Aligner:
         """What is left of the difference at a displacement (2,), cells."""
         nowhere = np.zeros((2, 0))
         rows, difference, compared, moved = self._linearised(shift, nowhere)
-        found = self._settled(shift, nowhere, Search(0.0, 6))
+        found = self._settled(shift, nowhere, Search(0.0, 2))
         plane = np.zeros(3) if found is None else found.plane
         return Left(_on_grid(difference - rows @ plane, compared), moved)
 
@@ -234,16 +236,20 @@ class Aligner:
         The correlation of their slopes tells: slopes that are noise are each surface's own. None
         where too few points are common.
         """
-        rows, _, compared, _ = self._linearised(start, np.eye(2))
-        if len(rows) < _LEAST_POINTS:
+        fields = self.fields
+        moved, held = _displaced(self.coefficients, fields.moving_known, start[0], start[1])
+        count, moments = _slope_moments(
+            moved, self.partials, fields.sigma, fields.fixed_known & held
+        )
+        if count < _LEAST_POINTS:
             return None
-        other = self.partials[compared]
-        one, two = rows[:, :2] - rows[:, :2].mean(axis=0), other - other.mean(axis=0)
-        common = one.T @ two
+        common = moments[:2, 2:]
         _, directions = np.linalg.eigh(common + common.T)
-        shared = np.einsum("ik,ij,jk->k", directions, common, directions)
-        own = np.einsum("ik,ij,jk->k", directions, one.T @ one, directions)
-        own = own * np.einsum("ik,ij,jk->k", directions, two.T @ two, directions)
+        shared, one, two = (
+            np.sum(directions * (matrix @ directions), axis=0)
+            for matrix in (common, moments[:2, :2], moments[2:, 2:])
+        )
+        own = one * two
         told: FloatArray = directions[:, shared > _TOLD * np.sqrt(own)]
         return told
 
@@ -299,7 +305,7 @@ def _gauss_newton(
     start: FloatArray,
     limits: tuple[int, float],
 ) -> tuple[FloatArray, FloatArray, float, int, bool]:
-    """Displace, linearise, re-weight twice, solve, until the displacement settles.
+    """Displace, linearise, re-weight, solve, until the displacement settles.
 
     `layers` are the spline's coefficients, the fixed surface and sigma. After 0 iterations too few
     points are common.
@@ -315,11 +321,11 @@ def _gauss_newton(
         estimate[:along] = 0.0
         if iteration == 1:
             estimate[along] = np.median(difference / rows[:, along])
-        for weighing in range(2):
+        for weighing in range(2 if iteration <= _ROUNDS_OF_HUBER else 1):
             left = difference - rows @ estimate
             # About 0, where the plane of the step before has put their middle.
             if iteration == 1 or (weighing == 0 and iteration <= _ROUNDS_OF_SPREAD):
-                spread = MAD_TO_SIGMA * np.median(np.abs(left))
+                spread = MAD_TO_SIGMA * np.median(np.abs(left[:: _THINNED if along else 1]))
             normal, right = _normal(rows, difference, left, spread, iteration > _ROUNDS_OF_HUBER)
             estimate = np.linalg.solve(normal, right)
         most = 0.0
@@ -332,7 +338,9 @@ def _gauss_newton(
         # Where a displacement of 0 changes which points have all their neighbours, it goes to and
         # fro by some thousandths of a cell.
         enough = limits[1] if iteration <= _ROUNDS_OF_SPREAD else max(limits[1], _TO_AND_FRO)
-        if most < enough and iteration > _ROUNDS_OF_HUBER + 1:
+        # A rough answer need not have come to Tukey's weights.
+        fewest = 2 if limits[1] > _TO_AND_FRO else _ROUNDS_OF_HUBER + 2
+        if most < enough and iteration >= fewest:
             return shift, estimate[along:], spread, iteration, True
     return shift, estimate[along:], spread, limits[0], False
 
@@ -403,6 +411,35 @@ def _rows(
             difference[n] = share * (fixed[r, c] - moved[r, c])
             n += 1
     return rows, difference
+
+
+@kernel
+def _slope_moments(
+    moved: FloatArray, partials: FloatArray, sigma: FloatArray, compared: BoolArray
+) -> tuple[int, FloatArray]:
+    """Points compared, and covariances (4, 4) times their number of slopes over sigma.
+
+    Of the displaced surface along x and y, with its sign turned, then of `partials` (R, C, 2).
+    """
+    total, moments = np.zeros(4), np.zeros((4, 4))
+    value = np.empty(4)
+    count = 0
+    for r in range(moved.shape[0]):
+        for c in range(moved.shape[1]):
+            if not compared[r, c]:
+                continue
+            count += 1
+            value[0] = -_slope(moved[r], c) / sigma[r, c]
+            value[1] = -_slope(moved[:, c], r) / sigma[r, c]
+            value[2], value[3] = partials[r, c, 0], partials[r, c, 1]
+            for i in range(4):
+                total[i] += value[i]
+                for j in range(4):
+                    moments[i, j] += value[i] * value[j]
+    for i in range(4):
+        for j in range(4):
+            moments[i, j] -= total[i] * total[j] / max(count, 1)
+    return count, moments
 
 
 @kernel

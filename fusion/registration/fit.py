@@ -46,12 +46,15 @@ class FitOptions:
     held : tuple of float
         Error sizes that are known: of a centre, then the factors of the groups of effects. Empty:
         they are estimated.
+    stated : tuple of int
+        Groups of effects, scans being 0, whose size is known beforehand: it stays 1.
     """
 
     model: Model = "similarity"
     center_sigma_m: float = 0.05
     reject: float = 5.0
     held: tuple[float, ...] = ()
+    stated: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +170,7 @@ def fit_transform(
         prior=np.full(len(names), np.inf),
         sizes=ErrorSizes(options.held[0], options.held[1:], width=0.0)
         if options.held
-        else ErrorSizes(options.center_sigma_m, (1.0,) * len(groups)),
+        else ErrorSizes(options.center_sigma_m, (1.0,) * len(groups), held=options.stated),
         # Without extent (one point) rotation and scale are free whatever unit they are put in.
         scale=natural_sizes(names, max(reach, 1.0)),
         names=names,

@@ -69,7 +69,12 @@ def fit_mapolas(
         displacement = displacement - landmarks.offset[usable]
         covariance = covariance + landmarks.own[usable]
         groups.append(landmarks.shared[usable])
-        options = replace(options, center_sigma_m=_LEFT * options.center_sigma_m)
+        options = replace(
+            options,
+            center_sigma_m=_LEFT * options.center_sigma_m,
+            # Most of what landmarks share is what no match tells from the transform.
+            stated=(*options.stated, len(groups)),
+        )
     return fit_transform(
         np.stack([match.center for match in matches]),
         displacement,

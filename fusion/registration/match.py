@@ -31,7 +31,7 @@ _AS_STATED = 2.0
 _TORN = 5.0
 # A displacement that moves by less than that, cells, has settled; one that is a start for another
 # search, or a rival, sooner.
-_SETTLED, _ROUGH = 1e-4, 0.02
+_SETTLED, _ROUGH = 1e-3, 0.03
 
 
 @dataclass(frozen=True)
@@ -86,6 +86,8 @@ class Surface:
         if self.sigma is None:
             return np.zeros(self.height.shape)
         known = np.isfinite(self.height) & (self.sigma > 0)
+        if known.all():
+            return self.sigma**2
         usual = float(np.median(self.sigma[known])) if known.any() else 0.0
         variance: FloatArray = np.where(known, self.sigma, usual) ** 2
         return variance
@@ -246,7 +248,8 @@ def _relative_sigma(moving: Surface, fixed: Surface) -> tuple[FloatArray, float]
     both = np.isfinite(moving.height) & np.isfinite(fixed.height)
     if not (sigma[both] > 0).any():
         return np.ones(sigma.shape), 0.0
-    best = float(np.quantile(sigma[both], _BEST))
+    known = sigma[both]
+    best = float(np.partition(known, int(_BEST * len(known)))[int(_BEST * len(known))])
     return np.maximum(sigma / best, 1.0), best
 
 

@@ -129,8 +129,11 @@ def _by_topography(
     mapolas, _ = _with_scans(workspace, matched.matches, table)
     names = [match.name for match in matched.matches]
     mapolas = replace(mapolas, landmarks=_landmarks(context, names))
-    further = [_chords(workspace.shape(), matched.matches)] if table.against == "shape" else []
-    registration = fit_mapolas(mapolas, further, options=_fit_options(table))
+    options, further = _fit_options(table), []
+    if table.against == "shape":
+        options = replace(options, stated=(1,))
+        further = [_chords(workspace.shape(), matched.matches)]
+    registration = fit_mapolas(mapolas, further, options=options)
     content = {**registration_json(registration, mapolas), "by": table.by}
     if source is not None:
         reference = surface_reference(workspace, table.against)

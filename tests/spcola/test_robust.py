@@ -3,7 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spcola.robust import biweight, cauchy_weight, huber_weight, mad
+from spcola.robust import (
+    HUBER,
+    biweight,
+    biweight_scores,
+    cauchy_weight,
+    huber_scores,
+    huber_weight,
+    mad,
+)
 
 
 def test_mad_is_the_standard_deviation_of_a_normal_sample() -> None:
@@ -46,3 +54,17 @@ def test_biweight_lets_go_of_what_is_far() -> None:
 def test_cauchy_weights() -> None:
     z = np.array([0.0, 2.385, -2.385, np.inf, np.nan])
     np.testing.assert_allclose(cauchy_weight(z), [1.0, 0.5, 0.5, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("scores", [huber_scores, biweight_scores])
+def test_scores_are_residuals_by_their_weights_and_change_as_stated(scores):
+    residual = np.linspace(-3.0, 3.0, 601)
+    found = scores(residual, 0.4)
+    weight = huber_weight if scores is huber_scores else biweight
+    np.testing.assert_allclose(found.pull, residual * weight(residual / 0.4), atol=1e-12)
+    slope = np.gradient(found.pull, residual)
+    smooth = np.abs(np.abs(residual) - HUBER * 0.4) > 0.02
+    np.testing.assert_allclose(found.slope[smooth], slope[smooth], atol=5e-3)
+    alone = scores(np.array([1.0, np.nan]), 0.0)
+    assert alone.pull[0] == 1.0
+    assert np.isnan(alone.pull[1])
