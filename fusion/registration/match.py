@@ -5,24 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from fusion.registration.alignment import Aligner, Alignment, Fields, Left, Search, tilts
+from fusion.registration.coarse import APART, AREA, coarse_shift
 from fusion.registration.noise import NoiseSpectrum, bridged, supported
 from fusion.registration.resolution import blur, plane_of
 from spcola.arrays import BoolArray, FloatArray
 from spcola.maplet import MapletGrid
-from spcola.surfacecorrelation import shift_variances
 
-# Two displacements further apart than this many cells are two answers.
-_APART = 3.0
 # Fewer independent differences than twice the parameters of a match give no covariance.
 _MIN_PATCHES = 10.0
 # Share of the points that count alike, as known best: a few that claim far more than the rest, or
 # an error of 0, must not carry the match.
 _BEST = 0.1
-# Cells over which differences hold together, about.
-_AREA = 60.0
 # Ground that differs by no more than this many of its stated sigmas is the same ground, however
 # little relief there is to correlate.
 _AS_STATED = 2.0
@@ -199,13 +194,13 @@ def match_surfaces(
     both = float(np.mean(pair.moving_known & pair.fixed_known))
     if both < options.min_coverage:
         return _unmatched(name, grid, both, f"only {both:.0%} of the grid is held by both surfaces")
-    start, rivals = _coarse(pair, options)
-    if max(abs(start)) == _reach(pair, options) > 1:
+    fields, reach = _plain(pair), max(1, int(np.ceil(options.capture_m / grid.gsd)))
+    start, rivals = coarse_shift(fields, reach=reach, ambiguity=options.ambiguity)
+    if max(abs(start)) == reach > 1:
         edge = f"the best match lies at the edge of the capture range ({options.capture_m:g} m)"
         return _unmatched(name, grid, both, edge)
-    fields = _plain(pair)
     aligner = Aligner.of(fields)
-    rough = Search(options.capture_m / grid.gsd, options.max_iterations, _ROUGH, _AREA)
+    rough = Search(options.capture_m / grid.gsd, options.max_iterations, _ROUGH, AREA)
     plain = aligner.align(start, rough)
     if plain is None:
         return _unmatched(name, grid, both, "too few points are common to both surfaces")
@@ -253,77 +248,11 @@ def _relative_sigma(moving: Surface, fixed: Surface) -> tuple[FloatArray, float]
     return np.maximum(sigma / best, 1.0), best
 
 
-def _reach(pair: _Pair, options: MatchOptions) -> int:
-    """Capture range in whole cells."""
-    return max(1, int(np.ceil(options.capture_m / pair.gsd)))
-
-
-def _coarse(pair: _Pair, options: MatchOptions) -> tuple[FloatArray, list[FloatArray]]:
-    """Best whole-cell shift (x, y), in cells, and up to three others that may rival it.
-
-    A rival is a valley of the difference's variance, apart from the best one, that is about as
-    deep, or deep against what unrelated terrain shows.
-    """
-    reach = _reach(pair, options)
-    weight = np.where(pair.fixed_known, pair.sigma**-2, 0.0)
-    moving, fixed = (np.nan_to_num(layer) for layer in (pair.moving, pair.fixed))
-    variance = shift_variances(moving, pair.moving_known, fixed, weight, reach=reach)
-    best = _likeliest(variance, pair)
-    start = np.array([best[1] - reach, best[0] - reach], dtype=np.float64)
-    depth = max(
-        options.ambiguity * _valley_floor(variance, *best),
-        0.25 * float(np.nanmedian(variance)),
-    )
-    valleys = np.argwhere(ndimage.minimum_filter(variance, size=5, mode="nearest") == variance)
-    found = [
-        (_valley_floor(variance, row, column), column - reach, row - reach)
-        for row, column in valleys.tolist()
-        if np.hypot(row - best[0], column - best[1]) > _APART
-    ]
-    rivals = sorted(rival for rival in found if rival[0] < depth)[:3]
-    return start, [np.array(rival[1:], dtype=np.float64) for rival in rivals]
-
-
-def _likeliest(variance: FloatArray, pair: _Pair) -> tuple[int, int]:
-    """Row and column of the likeliest shift: that of least variance, unless many are alike.
-
-    ``n/2 ln(variance)`` for n independent differences, and a Gaussian prior as wide as the capture
-    range: over flat ground, or along a ridge, the least of many like variances is none to follow.
-    """
-    reach = variance.shape[0] // 2
-    step = np.arange(-reach, reach + 1) / reach
-    count = np.count_nonzero(pair.moving_known & pair.fixed_known) / _AREA
-    with np.errstate(divide="ignore"):
-        cost = 0.5 * count * np.log(variance) + 0.5 * (step[:, None] ** 2 + step[None, :] ** 2)
-    row, column = np.unravel_index(int(np.nanargmin(cost)), cost.shape)
-    return int(row), int(column)
-
-
 def _as_good(other: Alignment, best: Alignment, options: MatchOptions) -> bool:
     """Whether another displacement leaves about the same difference as the best one."""
-    apart = float(np.hypot(*(other.shift - best.shift))) > _APART
+    apart = float(np.hypot(*(other.shift - best.shift))) > APART
     spread, least = (float(np.nanvar(one.left.standardised)) for one in (other, best))
     return apart and spread < options.ambiguity * least
-
-
-def _valley_floor(variance: FloatArray, row: int, column: int) -> float:
-    """Lowest variance near a whole-cell minimum, by a parabola along each axis.
-
-    Between whole cells a steep valley can be far deeper than at any of them.
-    """
-    middle = float(variance[row, column])
-    floor = middle
-    for before, after in (
-        ((row - 1, column), (row + 1, column)),
-        ((row, column - 1), (row, column + 1)),
-    ):
-        if min(before) < 0 or max(after) >= len(variance):
-            continue
-        left, right = float(variance[before]), float(variance[after])
-        bend = left - 2.0 * middle + right
-        if np.isfinite(bend) and bend > 0:
-            floor -= (right - left) ** 2 / (8.0 * bend)
-    return max(floor, 0.0)
 
 
 def _plain(pair: _Pair) -> Fields:
