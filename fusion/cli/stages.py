@@ -74,6 +74,13 @@ def register(
         Literal["maplets", "bigmap", "shape"] | None,
         typer.Option(help=f"[register] against. {_ONCE}"),
     ] = None,
+    by: Annotated[
+        Literal["topography", "returns", "images", "both"] | None,
+        typer.Option(
+            help="[register] by: heights of mapolas, the returns themselves, images rendered from "
+            f"mapolas, or heights and images. {_ONCE}"
+        ),
+    ] = None,
     apply: Annotated[
         Path | None,
         typer.Option(
@@ -101,7 +108,13 @@ def register(
     lidar coordinates to SPC coordinates; its `inverse` takes SPC to lidar.
     """
     given = None if apply is None else str(apply.resolve())
-    changed = {"model": model, "against": against, "apply": given, "inverse": inverse}
+    changed = {
+        "model": model,
+        "against": against,
+        "by": by,
+        "apply": given,
+        "inverse": inverse,
+    }
     _run(workspace, ("register",), ("register", changed), How(force, workers, cluster, as_json))
 
 

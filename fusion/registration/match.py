@@ -193,17 +193,17 @@ def match_surfaces(
     pair = _prepare(grid, moving, fixed, blur_cells)
     both = float(np.mean(pair.moving_known & pair.fixed_known))
     if both < options.min_coverage:
-        return _unmatched(name, grid, both, f"only {both:.0%} of the grid is held by both surfaces")
+        return unmatched(name, grid, both, f"only {both:.0%} of the grid is held by both surfaces")
     fields, reach = _plain(pair), max(1, int(np.ceil(options.capture_m / grid.gsd)))
     start, rivals = coarse_shift(fields, reach=reach, ambiguity=options.ambiguity)
     if max(abs(start)) == reach > 1:
         edge = f"the best match lies at the edge of the capture range ({options.capture_m:g} m)"
-        return _unmatched(name, grid, both, edge)
+        return unmatched(name, grid, both, edge)
     aligner = Aligner.of(fields)
     rough = Search(options.capture_m / grid.gsd, options.max_iterations, _ROUGH, AREA)
     plain = aligner.align(start, rough)
     if plain is None:
-        return _unmatched(name, grid, both, "too few points are common to both surfaces")
+        return unmatched(name, grid, both, "too few points are common to both surfaces")
     others = [aligner.align(rival, rough) for rival in rivals]
     alike = [other for other in others if other and _as_good(other, plain, options)]
     sharp = None if spectrum is None or alike else _whitened(fields, spectrum, plain, rough)
@@ -377,8 +377,8 @@ def _correlation(pair: _Pair, left: Left) -> float:
     return float(product[0, 1] / scale) if scale > 0 else 0.0
 
 
-def _unmatched(name: str, grid: MapletGrid, coverage: float, reason: str) -> Match:
-    """Return a match that says why there is none."""
+def unmatched(name: str, grid: MapletGrid, coverage: float, reason: str) -> Match:
+    """Return a match on `grid` that says why there is none: NaN but for the share compared."""
     unknown = np.full(3, np.nan)
     return Match(
         name=name,

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from fusion.registration.equations import SurfacePair, both_slopes
-from fusion.registration.match import Match, MatchOptions
+from fusion.registration.match import Match, MatchOptions, unmatched
 from fusion.registration.resolution import filled
 from fusion.registration.return_heights import (
     CloudOfReturns,
@@ -67,19 +67,19 @@ def match_returns(
     here = height_of_returns(returns, fixed, _shift(fixed, np.zeros(3)))
     both = float(np.mean(np.isfinite(here.height)))
     if both < options.min_coverage:
-        return _unmatched(name, fixed, both, f"returns and surface share only {both:.0%} of it")
+        return unmatched(name, fixed.grid, both, f"returns and surface share only {both:.0%} of it")
     starts = _searched(here.height, fixed, relative_weight(here, fixed.surface), options)
     if not starts:
         edge = f"the best match lies at the edge of the capture range ({options.capture_m:g} m)"
-        return _unmatched(name, fixed, both, edge)
+        return unmatched(name, fixed.grid, both, edge)
     found = [_refined(returns, fixed, start, options) for start in starts]
     best = found[0]
     if best is None:
-        return _unmatched(name, fixed, both, "the terrain has no relief to hold the match")
+        return unmatched(name, fixed.grid, both, "the terrain has no relief to hold the match")
     for other in found[1:]:
         if other is not None and _rivals(other, best, fixed.grid.gsd, options):
             alike = "two displacements fit alike (flat or periodic terrain)"
-            return _unmatched(name, fixed, both, alike)
+            return unmatched(name, fixed.grid, both, alike)
     return _judged(name, fixed, best, options)
 
 
@@ -260,20 +260,3 @@ def _correlation(pair: SurfacePair, known: BoolArray) -> float:
     product = rest.T @ rest
     scale = np.sqrt(product[0, 0] * product[1, 1])
     return float(product[0, 1] / scale) if scale > 0 else 0.0
-
-
-def _unmatched(name: str, fixed: FixedSurface, coverage: float, reason: str) -> Match:
-    """Return a match that says why there is none."""
-    unknown = np.full(3, np.nan)
-    return Match(
-        name=name,
-        center=fixed.grid.center,
-        displacement=unknown,
-        covariance=np.full((3, 3), np.nan),
-        local=unknown,
-        residual=np.full(fixed.grid.shape, np.nan),
-        correlation=float("nan"),
-        coverage=coverage,
-        iterations=0,
-        reason=reason,
-    )

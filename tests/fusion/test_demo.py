@@ -194,10 +194,7 @@ def test_returns_themselves_are_registered_like_their_mapolas(
     shown: Demonstration, copied: Path
 ) -> None:
     by_mapolas = json.loads((copied / "registration.json").read_text(encoding="utf-8"))
-    settings = copied / "spcola.toml"
-    text = settings.read_text(encoding="utf-8")
-    settings.write_text(text.replace('by = "topography"', 'by = "returns"'), encoding="utf-8")
-    summary = command("register", copied)
+    summary = command("register", copied, "--by", "returns")
     planted = {row.name: row.planted for row in shown.recovered}
     error = summary["scale"] - planted["registration scale"]
     assert abs(error) < 4.0 * summary["scale_sigma"]
