@@ -236,12 +236,14 @@ class _PairMaker:
         if offset is None:
             own = np.array([path.stem == scan.name for path in self._spans], dtype=np.float64)
             return own, own[:, None, None] * np.eye(3)
-        shares = state_shares(self._trajectory, offset, scan.time).toarray()
-        felt = np.flatnonzero(shares.any(axis=0))
-        cells = cell_means(spc.grid, scan.points, shares[:, felt])
+        # Of hundreds of states the returns of a scan lean on a few: dense, millions of returns by
+        # all of them would take gigabytes.
+        shares = state_shares(self._trajectory, offset, scan.time)
+        felt = np.unique(shares.indices)
+        cells = cell_means(spc.grid, scan.points, shares[:, felt].toarray())
         leaning = np.zeros((shares.shape[1], 3, 3))
         leaning[felt] = match_response(spc.grid, spc.height, spc.sigma**2, cells)
-        return shares.mean(axis=0), leaning
+        return np.asarray(shares.mean(axis=0)), leaning
 
 
 def state_shares(states: Trajectory, offset: Offset, times: FloatArray) -> csr_array:
