@@ -192,12 +192,9 @@ class Aligner:
             settled=found.settled,
         )
 
-    def left_at(self, shift: FloatArray) -> Left:
-        """What is left of the difference at a displacement (2,), cells."""
-        nowhere = np.zeros((2, 0))
-        rows, difference, compared, moved = self._linearised(shift, nowhere)
-        found = self._settled(shift, nowhere, Search(0.0, 2))
-        plane = np.zeros(3) if found is None else found.plane
+    def left_at(self, shift: FloatArray, plane: FloatArray) -> Left:
+        """What is left of the difference at a displacement (2,), cells, beside a plane (3,)."""
+        rows, difference, compared, moved = self._linearised(shift, np.zeros((2, 0)))
         return Left(_on_grid(difference - rows @ plane, compared), moved)
 
     def _settled(self, start: FloatArray, told: FloatArray, search: Search) -> _Settled | None:
@@ -217,13 +214,12 @@ class Aligner:
         self, rows: FloatArray, left: Left, spread: float, told: FloatArray, area: float
     ) -> RobustCovariance:
         """Of displacements along `told` and of the plane."""
+        if area > 0.0:
+            guess = np.linalg.inv(rows.T @ rows) * area * spread**2
+            return RobustCovariance(guess, len(rows) / area)
         compared = left.compared
         rise = rows.copy()
         rise[:, :-3] = self.partials[compared] @ told
-        if area > 0.0:
-            inverse = np.linalg.inv(rows.T @ rise)
-            guess = inverse @ (rows.T @ rows) @ inverse.T * area * spread**2
-            return RobustCovariance(guess, len(rows) / area)
         design = np.zeros((*compared.shape, rows.shape[1]))
         design[compared] = rows
         return robust_covariance(design, biweight_scores(left.standardised, spread), rise=rise)

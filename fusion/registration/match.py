@@ -210,7 +210,9 @@ def match_surfaces(
     if sharp is None:
         best = aligner.align(plain.shift, replace(rough, tolerance=_SETTLED, area=0.0)) or plain
         return _judged(name, grid, pair, _Found(best, best.left, alike), options)
-    return _judged(name, grid, pair, _Found(sharp, aligner.left_at(sharp.shift), alike), options)
+    return _judged(
+        name, grid, pair, _Found(sharp, aligner.left_at(sharp.shift, sharp.plane), alike), options
+    )
 
 
 def _prepare(grid: MapletGrid, moving: Surface, fixed: Surface, blur_cells: float) -> _Pair:
