@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,11 +12,13 @@ from fusion.registration.apply import GivenRegistration
 from fusion.registration.match import Match, MatchOptions, Surface, match_surfaces
 from fusion.registration.noise import NoiseSpectrum, estimate_spectrum
 from fusion.registration.resolution import estimate_blur
+from fusion.registration.transfer import Transfer, estimate_transfer
 from fusion.return_source import ReturnSource
 from fusion.stages.base import StageContext
 from fusion.surfaces import Reference, surface_reference
 from fusion.tables import RegisterSettings
 from fusion.workspace import SETTINGS_FILE, Workspace
+from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
 
 # Blur and spectrum are of the whole solution; this many mapolas tell them.
@@ -34,11 +37,23 @@ class Matched:
         Blur of the SPC surface against the lidar that was made good, cells.
     spectrum : NoiseSpectrum or None
         Of their differences, by which they were made white.
+    transfer : Transfer or None
+        What SPC keeps of the lidar's relief, wavelength by wavelength, before the blur was made
+        good.
     """
 
     matches: list[Match]
     blur_cells: float
     spectrum: NoiseSpectrum | None
+    transfer: Transfer | None
+
+
+class Aligned(NamedTuple):
+    """Heights (R, C) of lidar and SPC on one grid, metres, and SPC's blur against it, cells."""
+
+    lidar: FloatArray
+    spc: FloatArray
+    blur: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,15 +106,16 @@ class Matcher:
             options=self.options,
         )
 
-    def blur(self, name: str) -> float:
-        """Blur of the SPC surface against a mapola, cells; NaN where they do not match."""
+    def aligned(self, name: str) -> Aligned | None:
+        """Heights of a mapola and of SPC where they match as they are; None where they do not."""
         match = self.match(name, 0.0)
         if not match.usable:
-            return float("nan")
+            return None
         grid = self.workspace.mapola(name).grid
         spc = self.reference(name, grid if self.given is None else self.given.moved(grid))
         lidar = spc.height - match.residual
-        return estimate_blur(lidar, spc.height, of_slopes=spc.of_slopes)
+        blur = estimate_blur(lidar, spc.height, of_slopes=spc.of_slopes)
+        return Aligned(lidar, spc.height, blur)
 
 
 def match_mapolas(
@@ -121,14 +137,16 @@ def match_mapolas(
     matcher = Matcher(workspace, table, surface_reference(workspace, table.against), given, source)
     names = workspace.mapola_names()
     sample = names[:: -(-len(names) // _SAMPLE)]
-    blurs = np.array(context.map("compare resolutions", matcher.blur, sample))
+    aligned = [pair for pair in context.map("compare resolutions", matcher.aligned, sample) if pair]
+    blurs = np.array([pair.blur for pair in aligned])
     blur = float(np.nanmedian(blurs)) if np.isfinite(blurs).any() else 0.0
     spectrum = None
     if source is None:
         first = context.map("compare errors", lambda name: matcher.match(name, blur), sample)
         spectrum = estimate_spectrum(match.residual for match in first if match.usable)
     matches = context.map("match mapolas", lambda name: matcher.match(name, blur, spectrum), names)
-    return Matched(usable(matches, workspace), blur, spectrum)
+    transfer = estimate_transfer((pair.lidar, pair.spc) for pair in aligned)
+    return Matched(usable(matches, workspace), blur, spectrum, transfer)
 
 
 def usable(matches: list[Match], workspace: Workspace) -> list[Match]:

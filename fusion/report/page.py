@@ -14,6 +14,7 @@ from fusion.report.scale import scale_figure
 from fusion.report.style import data_uri
 from fusion.report.surfaces import surfaces_figure
 from fusion.report.tables import (
+    checks_table,
     planted_table,
     registration_tables,
     rejected_table,
@@ -109,7 +110,11 @@ def _registration(data: ReportData) -> str:
     )
     figure = _figure(registration_figure(data.registration), caption, "registration residuals")
     return (
-        intro + registration_tables(data.registration) + figure + rejected_table(data.registration)
+        intro
+        + registration_tables(data.registration)
+        + checks_table(data.registration)
+        + figure
+        + rejected_table(data.registration)
     )
 
 

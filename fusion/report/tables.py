@@ -65,6 +65,30 @@ def registration_tables(registration: Mapping[str, Any]) -> str:
     return f'<div class="tables">{transform}{table(["", "value"], fit, caption="Fit")}</div>'
 
 
+def checks_table(registration: Mapping[str, Any]) -> str:
+    """Table of what was tested beside the fit, and the list of what it hardly determines."""
+    rows = []
+    names = {"strain": "shear and non-uniform scale", "scale": "scale against 1"}
+    for key, test in (registration.get("tests") or {}).items():
+        if test:
+            squares = f"{number(test.get('chi2'), 1.0)} of {test.get('degrees_of_freedom')}"
+            why = f"{_TEXT}{escape(str(test.get('reason') or ''))}"
+            rows.append([names.get(key, escape(key)), squares, _chance(test.get("p_value")), why])
+    for name in (registration.get("stability") or {}).get("suspect_regions") or []:
+        said = f"{_TEXT}without it the transform changes by more than it should"
+        rows.append([escape(str(name)), "", "", said])
+    caption = "Checks: χ² of its degrees of freedom, and the chance of as much"
+    shown = table(["", "χ²", "p", ""], rows, caption=caption) if rows else ""
+    return shown + _noted("Weakly determined", registration.get("reasons") or [])
+
+
+def _chance(p_value: Any) -> str:
+    """Return a probability: three digits, or a power of ten."""
+    if p_value is None:
+        return "–"
+    return f"{p_value:.3f}" if p_value >= 1e-3 else f"{p_value:.0e}"
+
+
 def rejected_table(registration: Mapping[str, Any], *, most: int = 40) -> str:
     """Table of the mapolas that were not used, with the reasons."""
     left = [entry for entry in registration["per_mapola"] if not entry.get("used")]
@@ -97,13 +121,17 @@ def scale_tables(scale: Mapping[str, Any]) -> str:
     ]
     rows += [_row("prime meridian, °", scale.get("prime_meridian_deg"),
                   scale.get("prime_meridian_sigma_deg"))]  # fmt: skip
-    reasons = scale.get("reasons") or []
+    notes = _noted("Not observed, or not separately", scale.get("reasons") or [])
+    return table(["", "value", "sigma"], rows, caption="Joint fit") + notes
+
+
+def _noted(heading: str, reasons: Mapping[str, Any] | Sequence[Any]) -> str:
+    """Return a heading and a list of reasons; nothing if there is none."""
     items = reasons.items() if isinstance(reasons, Mapping) else ((None, text) for text in reasons)
     said = "".join(
         f"<li>{escape(f'{key}: {text}' if key else str(text))}</li>" for key, text in items
     )
-    notes = f'<h3>Not observed, or not separately</h3><ul class="reasons">{said}</ul>'
-    return table(["", "value", "sigma"], rows, caption="Joint fit") + (notes if said else "")
+    return f'<h3>{heading}</h3><ul class="reasons">{said}</ul>' if said else ""
 
 
 def planted_table(planted: Sequence[Recovered]) -> str:

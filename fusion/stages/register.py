@@ -98,9 +98,9 @@ class RegisterStage:
             content = _by_images(context, matched)
         else:
             content = _by_topography(context, matched, source)
-        spectrum = matched.spectrum
         content["blur_cells"] = matched.blur_cells
-        content["noise_spectrum"] = None if spectrum is None else spectrum.as_json()
+        for key, found in (("noise_spectrum", matched.spectrum), ("transfer", matched.transfer)):
+            content[key] = None if found is None else found.as_json()
         path = context.write_json(workspace.registration_path.name, content)
         return StageResult((path,), {k: v for k, v in content.items() if k not in _LONG})
 
@@ -115,6 +115,7 @@ _LONG = frozenset(
         "covariance",
         "parameters",
         "noise_spectrum",
+        "transfer",
         "stability",
         "inverse",
     }

@@ -112,3 +112,27 @@ def test_empty_surfaces_do_not_stop_the_report(places) -> None:
     nothing = np.full(place.fused.grid.shape, np.nan)
     empty = type(place)(place.fused, nothing, nothing, "no SPC, no lidar")
     outline(make_report(ReportData("B", surfaces=(empty,))))
+
+
+def test_checks_of_the_registration_and_what_it_hardly_determines_are_shown(report_data):
+    registration = {
+        **report_data.registration,
+        "tests": {
+            "strain": {"chi2": 31.2, "degrees_of_freedom": 5, "p_value": 8.6e-6, "reason": ""},
+            "scale": {
+                "chi2": None,
+                "degrees_of_freedom": 1,
+                "p_value": None,
+                "reason": "one <cap>",
+            },
+        },
+        "stability": {"suspect_regions": ["longitude 20, latitude -40"]},
+        "reasons": ["rz_rad: weakly determined"],
+    }
+    page = make_report(replace(report_data, registration=registration))
+    for wanted in (
+        "shear and non-uniform scale", "31.2 of 5", "9e-06", "one &lt;cap&gt;",
+        "longitude 20, latitude -40", "Weakly determined", "rz_rad: weakly determined",
+    ):  # fmt: skip
+        assert wanted in page
+    assert "Checks" not in make_report(report_data)
