@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from moved import Errors
 from scipy.ndimage import label, maximum_position
-from truth import fitted, number, timed
+from truth import number, timed
 
 from fusion.fusing.constraints import overlaps
 from fusion.settings import write_settings
@@ -58,7 +58,7 @@ def prepared(root: Path, mission: Path, name: str, *, adjust: bool) -> Path:
     if done.exists():
         return workspace
     timed(["init", workspace, "--spc", mission / "spc", "--body", "Truth"])
-    settings = fitted(mission, Workspace.open(workspace).settings())
+    settings = Workspace.open(workspace).settings()
     settings = settings.with_table("mapolas", adjust=adjust)
     write_settings(workspace / SETTINGS_FILE, settings)
     timed(["import", workspace, *sorted((mission / "lidar").iterdir())])
