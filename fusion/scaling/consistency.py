@@ -92,17 +92,22 @@ def consistency(
     -------
     dict
         `difference` (1 + ε) · scale − 1, its sigma, z, the two-sided p-value (at least that, with
-        a bound), the joint `covariance` of ε and scale, and `sigma_is`: "joint" or "bound".
+        a bound), the joint `covariance` of ε and scale, and `sigma_is`: "joint" or "bound". With
+        a joint covariance `epsilon_of_both` and its sigma too: the mean of ε and 1/scale − 1 of
+        least variance.
     """
     if scale["epsilon"] is None:
         keys = ("difference", "difference_sigma", "z", "p_value", "covariance", "sigma_is")
-        return dict.fromkeys(keys)
+        return dict.fromkeys((*keys, "epsilon_of_both", "epsilon_of_both_sigma"))
     own, other = float(scale["epsilon_sigma"]), float(registration["scale_sigma"])
     product = (1.0 + float(scale["epsilon"])) * float(registration["scale"]) - 1.0
     shared = own * other if covariance is None else covariance
     sigma = float(np.sqrt(max(own**2 + other**2 + 2.0 * shared, 0.0)))
     z = product / sigma if sigma > 0 else float("nan")
+    both, both_sigma = _of_both(scale, registration, covariance)
     return {
+        "epsilon_of_both": both,
+        "epsilon_of_both_sigma": both_sigma,
         "difference": product,
         "difference_sigma": sigma,
         "z": z,
@@ -112,3 +117,18 @@ def consistency(
         else [[own**2, covariance], [covariance, other**2]],
         "sigma_is": "bound" if covariance is None else "joint",
     }
+
+
+def _of_both(
+    scale: Mapping[str, Any], registration: Mapping[str, Any], covariance: float | None
+) -> tuple[float | None, float | None]:
+    """The mean of ε and of what the registration says of it, of least variance, and its sigma."""
+    own, other = float(scale["epsilon_sigma"]), float(registration["scale_sigma"])
+    # A covariance that the sigmas do not allow is of other fits than these.
+    if covariance is None or not abs(covariance) < own * other:
+        return None, None
+    values = np.array([float(scale["epsilon"]), 1.0 / float(registration["scale"]) - 1.0])
+    # A larger scale is a smaller ε.
+    spread = np.array([[own**2, -covariance], [-covariance, other**2]])
+    weights = np.linalg.solve(spread, np.ones(2))
+    return float(weights @ values / weights.sum()), float(weights.sum() ** -0.5)

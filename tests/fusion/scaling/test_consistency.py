@@ -115,3 +115,19 @@ def test_without_a_covariance_the_sigma_is_a_bound():
     joint = consistency(scale, registration, 1e-9)
     assert joint["sigma_is"] == "joint"
     np.testing.assert_allclose(joint["covariance"], [[9e-10, 1e-9], [1e-9, 25e-10]])
+
+
+def test_both_scales_together_are_known_as_well_as_their_covariance_says():
+    rng = np.random.default_rng(4)
+    planted, spread = 2.5e-4, np.array([[4e-10, 0.6e-10], [0.6e-10, 1e-10]])
+    pulls, sigmas = [], []
+    for error in rng.multivariate_normal(np.zeros(2), spread, size=400):
+        scale = {"epsilon": planted + error[0], "epsilon_sigma": 2e-5}
+        registration = {"scale": 1.0 / (1.0 + planted) + error[1], "scale_sigma": 1e-5}
+        found = consistency(scale, registration, covariance=0.6e-10)
+        sigmas.append(found["epsilon_of_both_sigma"])
+        pulls.append((found["epsilon_of_both"] - planted) / sigmas[-1])
+    assert np.std(pulls) == pytest.approx(1.0, abs=0.08)
+    assert max(sigmas) < 1e-5
+    unknown = consistency(scale, registration)
+    assert unknown["epsilon_of_both"] is None
