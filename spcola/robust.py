@@ -143,7 +143,8 @@ def biweight_scores(residual: ArrayLike, spread: float) -> Scores:
     if not spread > 0:
         return Scores(array, np.ones(array.shape))
     square = np.minimum((array / (TUKEY * spread)) ** 2, 1.0)
-    return Scores(array * (1.0 - square) ** 2, (1.0 - square) * (1.0 - 5.0 * square))
+    weighed = np.where(np.isnan(array), np.nan, array * biweight(array / spread))
+    return Scores(weighed, (1.0 - square) * (1.0 - 5.0 * square))
 
 
 def _median(array: FloatArray, axis: int) -> FloatArray:
