@@ -241,7 +241,7 @@ def _judged(
     correlation = _correlation(shown, design[..., 2:] @ solution[2:], mask)
     correlation *= float(np.sign(solution[2]))
     patches = independent_patches(residual)
-    rows = np.where(mask[..., None], design, 0.0)
+    rows = np.moveaxis(np.where(mask[..., None], design, 0.0), -1, 0)
     scores = huber_scores(residual, float(mad(residual)))
     covariance = robust_covariance(rows, scores).matrix[:2, :2]
     if not correlation >= options.min_correlation:

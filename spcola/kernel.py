@@ -30,6 +30,16 @@ def inlined_kernel(function: F) -> F:
     return cast(F, compiled)
 
 
+def summing_kernel(function: F) -> F:
+    """Compile `function` whose sums may be taken in any order, so that they are vectorised.
+
+    Nothing else is relaxed: NaN and infinities travel.
+    """
+    relaxed = {"reassoc", "contract", "nsz"}
+    compiled = numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=relaxed)(function)
+    return cast(F, compiled)
+
+
 def parallel_kernel(function: F) -> F:
     """Compile `function` with ``numba.prange`` loops spread over the cores."""
     compiled = numba.njit(nogil=True, cache=True, error_model="numpy", parallel=True)(function)

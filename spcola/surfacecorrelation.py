@@ -47,11 +47,11 @@ def shift_variances(
     base = float(np.mean(fixed[fixed_weight > 0]))
     a, b = moving - base, fixed - base
     size = _padded(fixed.shape, reach)
-    one, first, second = (fft.rfft2(a**power * moving_mask, size).conj() for power in range(3))
-    two, third, fourth = (fft.rfft2(b**power * fixed_weight, size) for power in range(3))
-    total = _lags(one * two, size, reach)
-    mean = _lags(one * third - first * two, size, reach)
-    square = _lags(one * fourth + second * two - 2.0 * first * third, size, reach)
+    one, first, second = _spectra(a, moving_mask, size).conj()
+    two, third, fourth = _spectra(b, fixed_weight, size)
+    square = one * fourth + second * two - 2.0 * first * third
+    sums = np.stack([one * two, one * third - first * two, square])
+    total, mean, square = _lags(sums, size, reach)
     with np.errstate(invalid="ignore", divide="ignore"):
         variance = square / total - (mean / total) ** 2
     # Half a point for the rounding of the transforms.
@@ -85,8 +85,8 @@ def shift_correlations(
         side has no texture there.
     """
     size = _padded(fixed.shape, reach)
-    one = [fft.rfft2(moving**power * moving_mask, size).conj() for power in range(3)]
-    two = [fft.rfft2(fixed**power * fixed_mask, size) for power in range(3)]
+    one = _spectra(moving, moving_mask, size).conj()
+    two = _spectra(fixed, fixed_mask, size)
     total = _lags(one[0] * two[0], size, reach)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean_a = _lags(one[1] * two[0], size, reach) / total
@@ -105,11 +105,19 @@ def _padded(shape: tuple[int, ...], reach: int) -> tuple[int, int]:
     return rows, columns
 
 
-def _lags(spectrum: AnyArray, size: tuple[int, int], reach: int) -> FloatArray:
-    """Lags −reach … reach on both axes of a correlation given by its spectrum."""
-    full = fft.irfft2(spectrum, size)
+def _spectra(values: FloatArray, weight: AnyArray, size: tuple[int, int]) -> AnyArray:
+    """Transforms (3, …) of the weights of values, of the weighed values, and of their squares."""
+    first = values * weight
+    spectra: AnyArray = fft.rfft2(np.stack([weight, first, values * first]), size)
+    return spectra
+
+
+def _lags(spectra: AnyArray, size: tuple[int, int], reach: int) -> FloatArray:
+    """Lags −reach … reach on the last two axes of correlations given by their spectra (…)."""
+    full = fft.irfft2(spectra, size)
     index = np.arange(-reach, reach + 1)
-    return full[np.ix_(index, index)]
+    lags: FloatArray = full[..., index[:, None], index]
+    return lags
 
 
 def autocovariance(residual: FloatArray, reach: int) -> FloatArray:
@@ -130,9 +138,9 @@ def autocovariance(residual: FloatArray, reach: int) -> FloatArray:
     """
     known = np.isfinite(residual)
     size = _padded(residual.shape, reach)
-    mask = np.abs(fft.rfft2(known.astype(np.float64), size)) ** 2
-    power = np.abs(fft.rfft2(np.where(known, residual, 0.0), size)) ** 2
-    raw = _lags(power, size, reach) / np.maximum(_lags(mask, size, reach), 1.0)
+    spectra = fft.rfft2(np.stack([known, np.where(known, residual, 0.0)]), size)
+    count, product = _lags(spectra.real**2 + spectra.imag**2, size, reach)
+    raw = product / np.maximum(count, 1.0)
     taper = 0.5 + 0.5 * np.cos(np.pi * np.arange(-reach, reach + 1) / (reach + 1.0))
     return raw * np.outer(taper, taper)
 
@@ -187,15 +195,14 @@ def robust_covariance(
 
     Parameters
     ----------
-    design : (N, N, P) ndarray
+    design : (P, N, N) ndarray
         Partial derivatives g at each grid point; 0 where nothing was compared.
     scores : Scores
         Of residuals (N, N) that are of one standard deviation throughout (metres, or over the
         points' own sigma, as the design is then too); NaN where nothing was compared.
-    rise : (M, P) ndarray, optional
-        r of the M points with a residual, in the order of the grid: by how much the residual
-        changes with the estimate, where that is known better than by g, whose own noise would pass
-        for information; g by default.
+    rise : (P, N, N) ndarray, optional
+        r: by how much the residual changes with the estimate, where that is known better than by g,
+        whose own noise would pass for information; g by default.
     reach : int
         Largest lag, cells; at most a quarter of the grid is used.
 
@@ -205,16 +212,16 @@ def robust_covariance(
         In the units of the estimate squared; infinite where there are no more patches than
         parameters. Source: Huber (1967); docs: mathematics §13.
     """
-    size = design.shape[2]
+    size = len(design)
     covariance = autocovariance(scores.pull, _usable(reach, scores.pull))
     compared = np.isfinite(scores.pull)
     patches = float(np.count_nonzero(compared) / _area(covariance))
     if patches <= size:
         return RobustCovariance(np.full((size, size), np.inf), patches)
     covariance *= patches / (patches - size)
-    rows = design[compared]
-    weighed = rows * scores.slope[compared][:, None]
-    inverse = np.linalg.inv(weighed.T @ (rows if rise is None else rise))
+    slope = np.where(compared, scores.slope, 0.0)
+    rise = design if rise is None else rise
+    inverse = np.linalg.inv((design * slope).reshape(size, -1) @ rise.reshape(size, -1).T)
     sandwich: FloatArray = inverse @ _smeared(design, covariance) @ inverse.T
     return RobustCovariance((sandwich + sandwich.T) / 2.0, patches)
 
@@ -222,12 +229,12 @@ def robust_covariance(
 def _smeared(design: FloatArray, covariance: FloatArray) -> FloatArray:
     """``Σ_ij g_i C(i − j) g_jᵀ`` (P, P) over a grid, by FFT; C is held positive."""
     reach = covariance.shape[0] // 2
-    size = _padded(design.shape[:2], reach)
+    size = _padded(design.shape[1:], reach)
     kernel = np.zeros(size)
     index = np.arange(-reach, reach + 1)
     kernel[np.ix_(index, index)] = covariance
     power = np.maximum(fft.rfft2(kernel).real, 0.0)
-    spectra = fft.rfft2(np.moveaxis(design, -1, 0), size).reshape(design.shape[2], -1)
+    spectra = fft.rfft2(design, size).reshape(len(design), -1)
     # Columns of a real transform that stand for their mirror images too.
     twice = np.full(power.shape, 2.0)
     twice[:, 0] = 1.0

@@ -13,7 +13,7 @@ from fusion.registration.displacing import (
     LEAST_POINTS,
     displaced,
     gauss_newton,
-    partial_rows,
+    partial_layers,
     slope_moments,
     slopes_of,
 )
@@ -143,7 +143,7 @@ class Aligner:
     fields : Fields
     coefficients : (R, C) ndarray
         Of the cubic spline through the moving surface.
-    partials : (R, C, 2) ndarray
+    partials : (2, R, C) ndarray
         What a displacement does to the difference, by the slopes of the *fixed* surface, over
         sigma. As ``Σ ∂m (f − m)`` changes by ``Σ ∂m ∂f`` when m is displaced, and as the noise of
         one surface has nothing to do with the slopes of the other, this is what the data know;
@@ -157,8 +157,7 @@ class Aligner:
     @classmethod
     def of(cls, fields: Fields) -> Aligner:
         """Fit the spline, take the slopes."""
-        slopes = np.stack(slopes_of(fields.fixed), axis=-1)
-        partials = -slopes / fields.sigma[..., None]
+        partials = -np.stack(slopes_of(fields.fixed)) / fields.sigma
         return cls(fields, ndimage.spline_filter(fields.moving, order=3), partials)
 
     def align(self, start: FloatArray, search: Search) -> Alignment | None:
@@ -178,10 +177,9 @@ class Aligner:
         found = self._settled(told @ (told.T @ start), told, search)
         if found is None:
             return None
-        rows, difference, compared, moved = self._linearised(found.shift, told)
-        level = _on_grid(difference - rows[:, told.shape[1] :] @ found.plane, compared)
-        left = Left(level, moved)
-        known = self._covariance(rows, left, found.spread, told, search.area)
+        near = self._linearised(found.shift, told)
+        left = near.left(found.plane)
+        known = self._covariance(near, left, found.spread, search.area)
         return Alignment(
             shift=found.shift,
             plane=found.plane,
@@ -194,8 +192,7 @@ class Aligner:
 
     def left_at(self, shift: FloatArray, plane: FloatArray) -> Left:
         """What is left of the difference at a displacement (2,), cells, beside a plane (3,)."""
-        rows, difference, compared, moved = self._linearised(shift, np.zeros((2, 0)))
-        return Left(_on_grid(difference - rows @ plane, compared), moved)
+        return self._linearised(shift, np.zeros((2, 0))).left(plane)
 
     def _settled(self, start: FloatArray, told: FloatArray, search: Search) -> _Settled | None:
         """Gauss–Newton along `told` (2, K) from a displacement (2,), and the plane there."""
@@ -211,17 +208,17 @@ class Aligner:
         return _Settled(shift, plane, spread, iterations, settled) if iterations else None
 
     def _covariance(
-        self, rows: FloatArray, left: Left, spread: float, told: FloatArray, area: float
+        self, near: _Linearised, left: Left, spread: float, area: float
     ) -> RobustCovariance:
-        """Of displacements along `told` and of the plane."""
+        """Of displacements along the directions that are told, and of the plane."""
+        design = near.partials * near.compared
         if area > 0.0:
-            guess = np.linalg.inv(rows.T @ rows) * area * spread**2
-            return RobustCovariance(guess, len(rows) / area)
-        compared = left.compared
-        rise = rows.copy()
-        rise[:, :-3] = self.partials[compared] @ told
-        design = np.zeros((*compared.shape, rows.shape[1]))
-        design[compared] = rows
+            rows = design.reshape(len(design), -1)
+            guess = np.linalg.inv(rows @ rows.T) * area * spread**2
+            return RobustCovariance(guess, np.count_nonzero(near.compared) / area)
+        along = near.told.shape[1]
+        rise = design.copy()
+        rise[:along] = np.tensordot(near.told.T, self.partials * near.compared, axes=1)
         return robust_covariance(design, biweight_scores(left.standardised, spread), rise=rise)
 
     def _told(self, start: FloatArray) -> FloatArray | None:
@@ -232,11 +229,10 @@ class Aligner:
         """
         fields = self.fields
         moved, held = displaced(self.coefficients, fields.moving_known, start[0], start[1])
-        count, moments = slope_moments(
-            moved, self.partials, fields.sigma, fields.fixed_known & held
-        )
-        if count < LEAST_POINTS:
+        compared = fields.fixed_known & held
+        if np.count_nonzero(compared) < LEAST_POINTS:
             return None
+        moments = slope_moments(moved, self.partials, fields.sigma, compared)
         common = moments[:2, 2:]
         _, directions = np.linalg.eigh(common + common.T)
         shared, one, two = (
@@ -247,20 +243,13 @@ class Aligner:
         told: FloatArray = directions[:, shared > _TOLD * np.sqrt(own)]
         return told
 
-    def _linearised(
-        self, shift: FloatArray, told: FloatArray
-    ) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
-        """Partials (N, K + 3) by displacements along `told` (2, K) and by the plane, over sigma.
-
-        With them the differences (N,) over sigma, where these points are, and the moved surface.
-        """
+    def _linearised(self, shift: FloatArray, told: FloatArray) -> _Linearised:
+        """Of the difference at a displacement (2,), cells, with respect to those along `told`."""
         fields = self.fields
         moved, held = displaced(self.coefficients, fields.moving_known, shift[0], shift[1])
-        compared = fields.fixed_known & held
-        rows, difference = partial_rows(
-            moved, fields.fixed, fields.sigma, compared, np.ascontiguousarray(told), fields.level
-        )
-        return rows, difference, compared, moved
+        told = np.ascontiguousarray(told)
+        partials, difference = partial_layers(moved, fields.fixed, fields.sigma, told, fields.level)
+        return _Linearised(partials, difference, fields.fixed_known & held, moved, told)
 
 
 def _in_full(covariance: FloatArray, told: FloatArray, reach: float) -> FloatArray:
@@ -273,11 +262,22 @@ def _in_full(covariance: FloatArray, told: FloatArray, reach: float) -> FloatArr
     return full
 
 
-def _on_grid(values: FloatArray, where: BoolArray) -> FloatArray:
-    """Values (N,) at the points (R, C) of a mask, NaN elsewhere."""
-    layer = np.full(where.shape, np.nan)
-    layer[where] = values
-    return layer
+class _Linearised(NamedTuple):
+    """Partials (K + 3, R, C) by displacements along `told` (2, K) and by the plane, over sigma.
+
+    With them the differences (R, C) over sigma, where they may be compared, and the moved surface.
+    """
+
+    partials: FloatArray
+    difference: FloatArray
+    compared: BoolArray
+    moved: FloatArray
+    told: FloatArray
+
+    def left(self, plane: FloatArray) -> Left:
+        """What is left beside a plane (3,)."""
+        level = self.difference - np.tensordot(plane, self.partials[-3:], axes=1)
+        return Left(np.where(self.compared, level, np.nan), self.moved)
 
 
 class _Settled(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from spcola.arrays import BoolArray, FloatArray
-from spcola.kernel import kernel
+from spcola.kernel import kernel, summing_kernel
 from spcola.robust import HUBER, MAD_TO_SIGMA, TUKEY
 
 LEAST_POINTS = 30
@@ -39,18 +39,22 @@ def gauss_newton(
     estimate, spread = np.zeros(along + 3), 0.0
     for iteration in range(1, limits[0] + 1):
         moved, held = displaced(coefficients, known[0], shift[0], shift[1])
-        rows, difference = partial_rows(moved, fixed, sigma, known[1] & held, told, level)
-        if rows.shape[0] < LEAST_POINTS:
+        compared = (known[1] & held).ravel()
+        if np.count_nonzero(compared) < LEAST_POINTS:
             return shift, estimate[along:], spread, 0, False
+        grids, apart = partial_layers(moved, fixed, sigma, told, level)
+        rows, difference = grids.reshape(along + 3, -1), apart.ravel()
         estimate[:along] = 0.0
         if iteration == 1:
-            estimate[along] = np.median(difference / rows[:, along])
+            estimate[along] = np.median(_each(difference / rows[along], compared, 1))
         for weighing in range(2 if iteration <= _ROUNDS_OF_HUBER else 1):
-            left = difference - rows @ estimate
+            left = np.abs(difference - estimate @ rows)
             # About 0, where the plane of the step before has put their middle.
             if iteration == 1 or (weighing == 0 and iteration <= _ROUNDS_OF_SPREAD):
-                spread = MAD_TO_SIGMA * np.median(np.abs(left[:: _THINNED if along else 1]))
-            normal, right = _normal(rows, difference, left, spread, iteration > _ROUNDS_OF_HUBER)
+                each = _each(left, compared, _THINNED if along else 1)
+                spread = float(MAD_TO_SIGMA * np.median(each))
+            weight = _weights(left, compared, spread, iteration > _ROUNDS_OF_HUBER)
+            normal, right = weighed_products(weight, rows, difference)
             estimate = np.linalg.solve(normal, right)
         most = 0.0
         for axis in range(2):
@@ -70,45 +74,65 @@ def gauss_newton(
 
 
 @kernel
-def _normal(
-    rows: FloatArray, difference: FloatArray, left: FloatArray, spread: float, redescend: bool
-) -> tuple[FloatArray, FloatArray]:
-    """Normal matrix (P, P) and right side (P,) by Tukey's or Huber's weights.
+def _each(values: FloatArray, where: BoolArray, step: int) -> FloatArray:
+    """Each so many-th of the values (N,) at the points of a mask."""
+    kept = np.empty(values.shape[0])
+    count, passed = 0, step - 1
+    for n in range(values.shape[0]):
+        if where[n]:
+            passed += 1
+            if passed == step:
+                kept[count], passed = values[n], 0
+                count += 1
+    return kept[:count]
+
+
+@kernel
+def _weights(left: FloatArray, compared: BoolArray, spread: float, redescend: bool) -> FloatArray:
+    """Tukey's or Huber's weights of absolute residuals (N,); 0 where none was compared.
 
     Of no spread all weigh 1. Boulders that SPC shortens all lie to one side, and any weight left to
     them would pull the height; but Tukey's need the good start that Huber's lead to.
     """
-    count = rows.shape[1]
-    normal, right = np.zeros((count, count)), np.zeros(count)
-    for n in range(rows.shape[0]):
-        weight = 1.0
-        if spread > 1e-12:
-            ratio = abs(left[n]) / spread
-            if redescend:
-                weight = (1.0 - min(ratio / TUKEY, 1.0) ** 2) ** 2
-            elif ratio > HUBER:
-                weight = HUBER / ratio
-        for p in range(count):
-            scaled = weight * rows[n, p]
-            right[p] += scaled * difference[n]
-            for q in range(p + 1):
-                normal[p, q] += scaled * rows[n, q]
+    weight = np.empty(left.shape[0])
+    if spread <= 1e-12:
+        weight[:] = compared
+    elif redescend:
+        for n in range(left.shape[0]):
+            ratio = min(left[n] / (TUKEY * spread), 1.0)
+            weight[n] = compared[n] * (1.0 - ratio * ratio) ** 2
+    else:
+        for n in range(left.shape[0]):
+            weight[n] = compared[n] * min(HUBER * spread / max(left[n], 1e-300), 1.0)
+    return weight
+
+
+@summing_kernel
+def weighed_products(
+    weight: FloatArray, rows: FloatArray, values: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Sums (P, P) of weighed products of layers (P, N), and (P,) of layers by values (N,)."""
+    count = rows.shape[0]
+    square, right = np.empty((count, count)), np.empty(count)
     for p in range(count):
-        for q in range(p):
-            normal[q, p] = normal[p, q]
-    return normal, right
+        scaled = weight * rows[p]
+        total = 0.0
+        for n in range(values.shape[0]):
+            total += scaled[n] * values[n]
+        right[p] = total
+        for q in range(p + 1):
+            other, total = rows[q], 0.0
+            for n in range(values.shape[0]):
+                total += scaled[n] * other[n]
+            square[p, q] = square[q, p] = total
+    return square, right
 
 
 @kernel
-def partial_rows(
-    moved: FloatArray,
-    fixed: FloatArray,
-    sigma: FloatArray,
-    compared: BoolArray,
-    told: FloatArray,
-    level: float,
+def partial_layers(
+    moved: FloatArray, fixed: FloatArray, sigma: FloatArray, told: FloatArray, level: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Partials (N, K + 3) and differences (N,) over sigma of the compared points.
+    """Partials (K + 3, R, C) and differences (R, C) over sigma.
 
     Slopes are antisymmetric differences of the displaced heights and not the spline's own: its
     smoothing of noise depends on where between the points it is evaluated, and slopes that see
@@ -117,53 +141,41 @@ def partial_rows(
     """
     height, width = moved.shape
     along = told.shape[1]
-    rows = np.empty((np.count_nonzero(compared), along + 3))
-    difference = np.empty(rows.shape[0])
-    n = 0
+    layers = np.empty((along + 3, height, width))
+    difference = np.empty(moved.shape)
+    slope_x, slope_y = slopes_of(moved)
+    across = (np.arange(width) - (width - 1) / 2) / width
     for r in range(height):
+        down = (r - (height - 1) / 2) / height
         for c in range(width):
-            if not compared[r, c]:
-                continue
             share = 1.0 / sigma[r, c]
+            difference[r, c] = share * (fixed[r, c] - moved[r, c])
             for k in range(along):
-                rows[n, k] = -share * (
-                    told[0, k] * _slope(moved[r], c) + told[1, k] * _slope(moved[:, c], r)
-                )
-            rows[n, along] = share * level
-            rows[n, along + 1] = share * level * (c - (width - 1) / 2) / width
-            rows[n, along + 2] = share * level * (r - (height - 1) / 2) / height
-            difference[n] = share * (fixed[r, c] - moved[r, c])
-            n += 1
-    return rows, difference
+                slope = told[0, k] * slope_x[r, c] + told[1, k] * slope_y[r, c]
+                layers[k, r, c] = -share * slope
+            share *= level
+            layers[along, r, c] = share
+            layers[along + 1, r, c] = share * across[c]
+            layers[along + 2, r, c] = share * down
+    return layers, difference
 
 
 @kernel
 def slope_moments(
     moved: FloatArray, partials: FloatArray, sigma: FloatArray, compared: BoolArray
-) -> tuple[int, FloatArray]:
-    """Points compared, and covariances (4, 4) times their number of slopes over sigma.
+) -> FloatArray:
+    """Covariances (4, 4) times their number of slopes over sigma at the points compared.
 
-    Of the displaced surface along x and y, with its sign turned, then of `partials` (R, C, 2).
+    Of the displaced surface along x and y, with its sign turned, then of `partials` (2, R, C).
     """
-    total, moments = np.zeros(4), np.zeros((4, 4))
-    value = np.empty(4)
-    count = 0
-    for r in range(moved.shape[0]):
-        for c in range(moved.shape[1]):
-            if not compared[r, c]:
-                continue
-            count += 1
-            value[0] = -_slope(moved[r], c) / sigma[r, c]
-            value[1] = -_slope(moved[:, c], r) / sigma[r, c]
-            value[2], value[3] = partials[r, c, 0], partials[r, c, 1]
-            for i in range(4):
-                total[i] += value[i]
-                for j in range(4):
-                    moments[i, j] += value[i] * value[j]
-    for i in range(4):
-        for j in range(4):
-            moments[i, j] -= total[i] * total[j] / max(count, 1)
-    return count, moments
+    slope_x, slope_y = slopes_of(moved)
+    layers = np.empty((4, *moved.shape))
+    layers[0], layers[1] = -slope_x / sigma, -slope_y / sigma
+    layers[2:] = partials
+    ones = np.ones(moved.size)
+    weight = compared.ravel() * ones
+    square, total = weighed_products(weight, layers.reshape(4, -1), ones)
+    return square - np.outer(total, total) / max(float(weight.sum()), 1.0)
 
 
 @kernel
@@ -180,26 +192,39 @@ def displaced(
     # Neighbours that a linear interpolation would use.
     down = 1 if -shift_y - i > 1e-9 else 0
     right = 1 if -shift_x - j > 1e-9 else 0
-    along = np.zeros(coefficients.shape)
-    value = np.zeros(coefficients.shape)
+    along = np.empty(coefficients.shape)
+    value = np.empty(coefficients.shape)
     held = np.zeros(coefficients.shape, dtype=np.bool_)
+    left, past = min(max(1 - j, 0), columns), max(min(columns - j - 2, columns), 0)
     for r in range(rows):
+        line = coefficients[r]
         for c in range(columns):
-            for n in range(4):
-                along[r, c] += weight_x[n] * coefficients[r, _mirrored(c + j + n - 1, columns)]
+            if c < left or c >= past:
+                along[r, c] = 0.0
+                for n in range(4):
+                    along[r, c] += weight_x[n] * line[_mirrored(c + j + n - 1, columns)]
+        for c in range(left, past):
+            along[r, c] = (
+                weight_x[0] * line[c + j - 1]
+                + weight_x[1] * line[c + j]
+                + weight_x[2] * line[c + j + 1]
+                + weight_x[3] * line[c + j + 2]
+            )
     for r in range(rows):
-        for m in range(4):
-            row = _mirrored(r + i + m - 1, rows)
-            for c in range(columns):
-                value[r, c] += weight_y[m] * along[row, c]
+        above, here = along[_mirrored(r + i - 1, rows)], along[_mirrored(r + i, rows)]
+        below, last = along[_mirrored(r + i + 1, rows)], along[_mirrored(r + i + 2, rows)]
         for c in range(columns):
-            if r + i >= 0 and c + j >= 0 and r + i + down < rows and c + j + right < columns:
-                held[r, c] = (
-                    known[r + i, c + j]
-                    and known[r + i + down, c + j]
-                    and known[r + i, c + j + right]
-                    and known[r + i + down, c + j + right]
-                )
+            value[r, c] = (
+                weight_y[0] * above[c]
+                + weight_y[1] * here[c]
+                + weight_y[2] * below[c]
+                + weight_y[3] * last[c]
+            )
+        if r + i < 0 or r + i + down >= rows:
+            continue
+        near, next_to = known[r + i], known[r + i + down]
+        for c in range(max(0, -j), min(columns, columns - j - right)):
+            held[r, c] = near[c + j] & near[c + j + right] & next_to[c + j] & next_to[c + j + right]
     return value, held
 
 

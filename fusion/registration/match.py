@@ -277,10 +277,11 @@ def _whitened(
     Where gaps leave too little that the filter can be sure of, or the relief has nothing at short
     wavelengths, the unfiltered answer is the sharper one.
     """
+    moving, fixed = spectrum.whitened(np.stack([plain_fields.moving, plain_fields.fixed]))
     fields = Fields(
-        spectrum.whitened(plain_fields.moving),
+        moving,
         supported(plain_fields.moving_known),
-        spectrum.whitened(plain_fields.fixed),
+        fixed,
         supported(plain_fields.fixed_known),
         plain_fields.sigma,
         spectrum.level,
@@ -357,24 +358,26 @@ def _objection(
         return f"the displacement still moved after {best.iterations} steps"
     if patches < _MIN_PATCHES:
         return f"the differences hold together over so far that only {patches:.0f} are independent"
-    spread = float(np.nanstd(left.standardised))
-    if correlation < options.min_correlation and spread > _AS_STATED * pair.stated:
+    if correlation < options.min_correlation and not _as_stated(pair, left):
         return f"the surfaces correlate by {correlation:.2f} only"
     if np.hypot(local[0], local[1]) > options.capture_m:
         return f"the displacement left the capture range ({options.capture_m} m)"
     return ""
 
 
+def _as_stated(pair: _Pair, left: Left) -> bool:
+    """Whether the surfaces differ by no more than their sigmas say."""
+    return float(np.nanstd(left.standardised)) <= _AS_STATED * pair.stated
+
+
 def _correlation(pair: _Pair, left: Left) -> float:
     """Weighted correlation of the two surfaces, planes removed, over the compared points."""
     compared = left.compared
-    share = 1.0 / pair.sigma[compared]
     rows, columns = pair.sigma.shape
-    tilt_x, tilt_y = tilts((rows, columns))
-    plane = np.stack([share, share * tilt_x[compared], share * tilt_y[compared]], axis=1)
-    both = share[:, None] * np.stack([pair.fixed[compared], left.moved[compared]], axis=1)
-    rest = both - plane @ np.linalg.solve(plane.T @ plane, plane.T @ both)
-    product = rest.T @ rest
+    layers = np.stack([np.ones(compared.shape), *tilts((rows, columns)), pair.fixed, left.moved])
+    rows = np.where(compared, layers / pair.sigma, 0.0).reshape(len(layers), -1)
+    both = rows @ rows.T
+    product = both[3:, 3:] - both[3:, :3] @ np.linalg.solve(both[:3, :3], both[:3, 3:])
     scale = np.sqrt(product[0, 0] * product[1, 1])
     return float(product[0, 1] / scale) if scale > 0 else 0.0
 

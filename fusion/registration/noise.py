@@ -86,19 +86,21 @@ class NoiseSpectrum:
         return float(self.gain(np.zeros(1))[0])
 
     def whitened(self, height: FloatArray) -> FloatArray:
-        """Pass heights (R, C), metres, without gaps (:func:`bridged`) through the filter.
+        """Pass heights (…, R, C), metres, without gaps (:func:`bridged`) through the filter.
 
         Edges are mirrored. :func:`supported` tells which points are as good as without edges and
         gaps.
         """
-        size = [fft.next_fast_len(n + 2 * _MARGIN, real=True) for n in height.shape]
-        after = [n - rest - _MARGIN for n, rest in zip(size, height.shape, strict=True)]
-        padded = np.pad(height, [(_MARGIN, extra) for extra in after], mode="symmetric")
+        shape = height.shape[-2:]
+        size = [fft.next_fast_len(n + 2 * _MARGIN, real=True) for n in shape]
+        beyond = [(_MARGIN, n - rest - _MARGIN) for n, rest in zip(size, shape, strict=True)]
+        whole = [(0, 0)] * (height.ndim - 2)
+        padded = np.pad(height, [*whole, *beyond], mode="symmetric")
         rows, columns = fft.fftfreq(size[0]), fft.rfftfreq(size[1])
         gain = self.gain(np.hypot(rows[:, None], columns[None, :]))
         filtered = fft.irfft2(fft.rfft2(padded) * gain, size)
         inner: FloatArray = filtered[
-            _MARGIN : _MARGIN + height.shape[0], _MARGIN : _MARGIN + height.shape[1]
+            ..., _MARGIN : _MARGIN + shape[0], _MARGIN : _MARGIN + shape[1]
         ]
         return inner
 

@@ -43,20 +43,20 @@ def trend_of(height: FloatArray) -> FloatArray:
 def _fitted(height: FloatArray, terms: int) -> FloatArray:
     """Least-squares polynomial (R, C) of the first `terms` of 1, x, y, x², xy, y²."""
     rows, columns = height.shape
-    design = _polynomial((rows, columns))[:, :terms]
-    known = np.isfinite(height).ravel()
-    rows_known = design[known]
-    normal, right = rows_known.T @ rows_known, rows_known.T @ height.ravel()[known]
-    solution = np.linalg.lstsq(normal, right, rcond=1e-12)[0]
-    fitted: FloatArray = (design @ solution).reshape(height.shape)
+    design = _polynomial((rows, columns))[:terms]
+    known = np.isfinite(height)
+    held = design * known.ravel()
+    right = held @ np.where(known, height, 0.0).ravel()
+    solution = np.linalg.lstsq(held @ design.T, right, rcond=1e-12)[0]
+    fitted: FloatArray = (solution @ design).reshape(height.shape)
     return fitted
 
 
 @lru_cache(4)
 def _polynomial(shape: tuple[int, int]) -> FloatArray:
-    """1, x, y, x², xy, y² (R·C, 6) with x and y from −1 to 1 over a grid."""
+    """1, x, y, x², xy, y² (6, R·C) with x and y from −1 to 1 over a grid."""
     y, x = np.meshgrid(*(np.linspace(-1.0, 1.0, n) for n in shape), indexing="ij")
-    design = np.stack([np.ones(shape), x, y, x * x, x * y, y * y], axis=-1).reshape(-1, 6)
+    design = np.stack([np.ones(shape), x, y, x * x, x * y, y * y]).reshape(6, -1)
     design.flags.writeable = False
     return design
 

@@ -185,7 +185,7 @@ def _solved(pair: SurfacePair, gsd: float) -> tuple[FloatArray, FloatArray, Floa
     standardised = np.where(known, rest, np.nan)
     # The sandwich takes what is shown for what is told; the difference is noise of the slopes.
     carried = np.linalg.solve(normal, shown)
-    design = np.where(known[..., None], mean, 0.0)
+    design = np.moveaxis(np.where(known[..., None], mean, 0.0), -1, 0)
     found = robust_covariance(design, huber_scores(standardised, spread))
     covariance = carried @ found.matrix @ carried.T
     return step, standardised, covariance[:3, :3]
