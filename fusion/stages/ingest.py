@@ -20,10 +20,11 @@ from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
 from fusion.tables import BodySettings, ImportSettings, Table
 from fusion.workspace import Workspace
-from lidar.formats.native import ScanSummary, scan_summary, write_scan
+from lidar.formats.native import scan_summary, write_scan
 from lidar.formats.options import LidarOptions
 from lidar.formats.reader import open_lidar
 from lidar.formats.recognise import recognise
+from lidar.scansummary import ScanSummary
 from spcola.errors import WorkspaceError
 from spcola.time import utc_from_et
 

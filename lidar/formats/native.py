@@ -6,7 +6,7 @@ import json
 import math
 import mmap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -18,6 +18,7 @@ import numpy as np
 from lidar.formats.blocks import KNOTS, Block, decode, encode, spacecraft_knots
 from lidar.formats.options import LidarOptions
 from lidar.scan import Scan
+from lidar.scansummary import ScanSummary
 from spcola.arrays import AnyArray
 from spcola.errors import FormatError, InvalidValueError
 from spcola.formats.hdf5 import replacing_hdf5
@@ -28,39 +29,6 @@ VERSION = 2
 MAGIC = b"\x89HDF\r\n\x1a\n"
 
 _BLOCK = "block{:05d}"
-
-
-@dataclass(frozen=True, eq=False)
-class ScanSummary:
-    """What a native scan file says about itself without its returns being read.
-
-    Parameters
-    ----------
-    name, trajectory, body : str
-        As in `Scan`.
-    count : int
-        Accepted returns.
-    rejected : mapping of str to int
-        Returns left out, by reason.
-    time_span : (float, float)
-        First and last ephemeris time, s; NaN if no time is known.
-    bounds : (2, 3) ndarray
-        Least and greatest x, y, z of the returns, metres; NaN if there is none.
-    digest : str
-        Digest of the source file, as given to `write_scan`.
-    parameters : mapping of str to str, float or int
-        Scan parameters that came with the source.
-    """
-
-    name: str
-    count: int
-    rejected: Mapping[str, int]
-    time_span: tuple[float, float]
-    trajectory: str
-    body: str
-    bounds: np.ndarray[Any, np.dtype[np.float64]]
-    digest: str = ""
-    parameters: Mapping[str, str | float | int] = field(default_factory=dict)
 
 
 def is_native(head: bytes) -> bool:
@@ -97,7 +65,7 @@ def write_scan(
         summary: ScanSummary | None = None
         blocks = 0
         for scan in chunks:
-            summary = _summary_of(scan) if summary is None else _extended(summary, scan, path)
+            summary = ScanSummary.of(scan) if summary is None else summary.extended(scan, path)
             if len(scan):
                 _write_block(file.create_group(_BLOCK.format(blocks)), encode(scan))
                 blocks += 1
@@ -328,48 +296,6 @@ def _write_block(group: Any, block: Block) -> None:
         # Contiguous, so that it can be mapped.
         values = np.ascontiguousarray(layer, dtype=layer.dtype.newbyteorder("<"))
         group.create_dataset(name, data=values).attrs["crc32"] = crc32(values.data)
-
-
-def _summary_of(scan: Scan) -> ScanSummary:
-    known = scan.time[np.isfinite(scan.time)]
-    span = (float(known.min()), float(known.max())) if len(known) else (math.nan, math.nan)
-    bounds = np.full((2, 3), np.nan)
-    if len(scan):
-        # Axis by axis: along the short rows of the array it takes ten times as long.
-        bounds = np.array([[axis.min(), axis.max()] for axis in scan.points.T]).T
-    return ScanSummary(
-        name=scan.name,
-        count=len(scan),
-        rejected=scan.rejected,
-        time_span=span,
-        trajectory=scan.trajectory,
-        body=scan.body,
-        bounds=bounds,
-    )
-
-
-def _extended(summary: ScanSummary, scan: Scan, path: str | Path) -> ScanSummary:
-    """Return `summary` with the next chunk added."""
-    if (scan.trajectory, scan.body) != (summary.trajectory, summary.body):
-        raise InvalidValueError("chunks lie in different frames", path)
-    added = _summary_of(scan)
-    rejected = dict(summary.rejected)
-    for reason, count in scan.rejected.items():
-        rejected[reason] = rejected.get(reason, 0) + count
-    times = np.array([summary.time_span, added.time_span])
-    return replace(
-        summary,
-        count=summary.count + added.count,
-        rejected=rejected,
-        # fmin and fmax pass over NaN, the span or bounds of a chunk that has none.
-        time_span=(float(np.fmin(*times[:, 0])), float(np.fmax(*times[:, 1]))),
-        bounds=np.stack(
-            [
-                np.fmin(summary.bounds[0], added.bounds[0]),
-                np.fmax(summary.bounds[1], added.bounds[1]),
-            ]
-        ),
-    )
 
 
 def _write_attributes(file: Any, summary: ScanSummary, blocks: int) -> None:
