@@ -331,16 +331,3 @@ def similarity_numbers(
         rows[axis + 1, 3 * i + j], rows[axis + 1, 3 * j + i] = 0.5, -0.5
     spread = np.sqrt(np.diag(rows @ covariance[3:, 3:] @ rows.T))
     return similarity.scale, float(spread[0]), similarity.rotation_vector, spread[1:]
-
-
-def shear_significance(registration: Registration) -> tuple[FloatArray, FloatArray] | None:
-    """Shear and non-uniform scale of an affine fit (5,) with their sigmas (5,), else None.
-
-    In order: xx − mean, yy − mean, xy, xz, yz of the symmetric strain, dimensionless.
-    """
-    if registration.model != "affine":
-        return None
-    similarity = registration.similarity
-    strain = similarity.rotation.T @ registration.transform.matrix / similarity.scale - np.eye(3)
-    spread = np.sqrt(np.diag(STRAIN_ROWS @ registration.covariance[3:, 3:] @ STRAIN_ROWS.T))
-    return STRAIN_ROWS @ strain.ravel(), spread

@@ -8,12 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fusion.registration.fit import (
-    LIDAR_FRAME,
-    SPC_FRAME,
-    Registration,
-    shear_significance,
-)
+from fusion.registration.fit import LIDAR_FRAME, SPC_FRAME, Registration
 from fusion.registration.known import KnownTransform
 from fusion.registration.landmarks import LandmarkErrors
 from fusion.registration.match import Match
@@ -96,8 +91,8 @@ def registration_json(
         "reasons": registration_reasons(registration, centers),
     }
     if registration.model == "affine":
-        strain, strain_sigma = shear_significance(registration) or (None, None)
-        content["strain"], content["strain_sigma"] = strain, strain_sigma
+        found = content["tests"]["strain"]
+        content |= {key: found[key] for key in ("strain", "strain_sigma")}
     return content
 
 

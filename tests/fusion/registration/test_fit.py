@@ -6,11 +6,11 @@ import pytest
 from fusion.registration.fit import (
     FitOptions,
     fit_transform,
-    shear_significance,
     similarity_numbers,
     transform_partials,
 )
 from fusion.registration.scans import ScanEffects, share_matrix
+from fusion.registration.significance import strain_departure
 from spcola.errors import NotObservableError
 from spcola.similarity import Affine, Similarity
 
@@ -101,12 +101,11 @@ def test_affine_tells_shear_from_none():
     generator = np.random.default_rng(4)
     points = centers(generator)
     sheared = Affine(np.eye(3) + 1e-3 * np.array([[0, 1, 0], [1, 0, 0], [0, 0, 0]]), np.zeros(3))
-    strain, sigma = shear_significance(fit(points, sheared, generator, model="affine"))
-    assert strain[2] == pytest.approx(1e-3, abs=4 * sigma[2])
-    assert strain[2] > 10 * sigma[2]
-    strain, sigma = shear_significance(fit(points, planted(), generator, model="affine"))
-    assert np.all(np.abs(strain) < 4 * sigma)
-    assert shear_significance(fit(points, planted(), generator)) is None
+    found = strain_departure(fit(points, sheared, generator, model="affine"), points)
+    assert found.estimate[2] == pytest.approx(1e-3, abs=4 * found.sigma[2])
+    assert found.estimate[2] > 10 * found.sigma[2]
+    found = strain_departure(fit(points, planted(), generator, model="affine"), points)
+    assert np.all(np.abs(found.estimate) < 4 * found.sigma)
 
 
 def test_a_misplaced_mapola_is_rejected():
