@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fusion.mixed import ErrorSizes, MixedFit, MixedOptions, Observations, fit_mixed
+from fusion.errorsizes import ErrorSizes
+from fusion.mixed import MixedFit, MixedOptions, Observations, fit_mixed
 from fusion.scaling.ground import SharedGround, shared_ground
 from fusion.scaling.groups import ErrorGroups
 from fusion.scaling.observation import PARAMETERS, ScaleObservations
