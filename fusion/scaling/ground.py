@@ -11,6 +11,7 @@ from scipy.spatial.distance import cdist
 
 from fusion.mixed import MixedFit, Observations
 from fusion.scaling.observation import ScaleObservations
+from fusion.scaling.sharing import SHARED
 from spcola.arrays import FloatArray, IntArray
 from spcola.robust import mad
 
@@ -28,8 +29,6 @@ _SHORTEST = 1e-3
 _SIGNIFICANT = 4.0
 # Standardised residuals beyond this are of stray shots.
 _CLIPPED = 3.0
-# A pattern is one that shots share if it holds more than a single one's error.
-_SHARED = 1.2
 # More patterns than this cost time and tell no more of their size; so many nodes carry them.
 _MOST_PATTERNS = 160
 _MOST_NODES = 1000
@@ -178,7 +177,7 @@ def correlated_patterns(points: FloatArray, reach: float) -> FloatArray:
     root = vectors[:, kept] / np.sqrt(size[kept])
     carried = np.exp(-cdist(points, nodes) / reach) @ root
     strength, turn = eigh(carried.T @ carried)
-    patterns: FloatArray = carried @ turn[:, strength > _SHARED]
+    patterns: FloatArray = carried @ turn[:, strength > SHARED]
     return patterns
 
 
