@@ -14,7 +14,6 @@ from fusion.initialise import new_workspace
 from fusion.pipeline import Pipeline, StageRun, opened
 from fusion.progress import Progress
 from fusion.report.gather import PLANTED_FILE
-from fusion.settings import write_settings
 from fusion.stages import load_stages
 from fusion.stages.ingest import Source, Workers, import_files
 from fusion.truth.generation import LIDAR_FOLDER, SPC_FOLDER
@@ -28,8 +27,6 @@ from spcola.truth.body import TruthBody
 
 MISSION_FOLDER, WORKSPACE_FOLDER = "mission", "workspace"
 REPORT = "report"
-PAIR_SIZE = 0.6
-"""Side of the paired bigmaps in radii of the body."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +88,7 @@ def demonstrate(
         planted = make_mission(
             mission, settings=wanted, executor=executor, progress=progress, replace=True
         )
-    workspace = _workspace(folder / WORKSPACE_FOLDER, mission, wanted)
+    workspace = _workspace(folder / WORKSPACE_FOLDER, mission)
     chosen = workspace.settings()
     sources = [Source(path) for path in sorted((mission / LIDAR_FOLDER).iterdir())]
     with opened(workspace) as catalog:
@@ -152,13 +149,8 @@ def _remove(folder: Path) -> None:
         raise WorkspaceError(f"cannot be removed ({error.strerror})", folder) from error
 
 
-def _workspace(root: Path, mission: Path, wanted: MissionSettings) -> Workspace:
+def _workspace(root: Path, mission: Path) -> Workspace:
     """Return the workspace there, made over the mission's SPC folder unless it is there."""
     if (root / SETTINGS_FILE).is_file():
         return Workspace.open(root)
-    workspace = new_workspace(root, body="Truth", spc=mission / SPC_FOLDER)
-    # At Bennu pairs of 100 m were taken, 0.4 radii: a smaller body is covered by smaller ones.
-    size, gsd = PAIR_SIZE * wanted.body.radius, wanted.solution.gsd
-    settings = workspace.settings().with_table("scale", size_m=size, gsd_m=gsd)
-    write_settings(root / SETTINGS_FILE, settings)
-    return workspace
+    return new_workspace(root, body="Truth", spc=mission / SPC_FOLDER)

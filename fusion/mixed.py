@@ -20,13 +20,11 @@ import numpy as np
 from scipy.optimize import minimize
 from threadpoolctl import threadpool_limits
 
+from fusion.errorsizes import ErrorSizes
+from fusion.rank import check_rank
 from spcola.arrays import AnyArray, BoolArray, FloatArray, check_finite, check_shape
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.robust import huber_weight
-
-# Smallest share of the largest eigenvalue of the scaled normal matrix that is still information
-# and not rounding.
-_RANK_TOLERANCE = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,27 +68,6 @@ class Observations:
         """Return the observations chosen by the mask `keep` (N,)."""
         effects = tuple(group[keep] for group in self.effects)
         return Observations(self.value[keep], self.design[keep], self.covariance[keep], effects)
-
-
-@dataclass(frozen=True)
-class ErrorSizes:
-    """Sizes of the errors that single observations cannot know, in the unit of the values.
-
-    As a prior, each is the median of a log-normal distribution that is `width` wide (standard
-    deviation of the natural logarithm); a size of 0 is held at 0, and a width of 0 holds all.
-    `shared` has one size for each group of effects; those of the groups numbered in `held` stay as
-    they are.
-    """
-
-    independent: float
-    shared: tuple[float, ...] = ()
-    width: float = 1.0
-    held: tuple[int, ...] = ()
-
-    @property
-    def all(self) -> FloatArray:
-        """The sizes (1 + G,): independent, then those of the groups."""
-        return np.array([self.independent, *self.shared])
 
 
 @dataclass(frozen=True, eq=False)
@@ -366,27 +343,6 @@ def _by_group(
         parts.append(estimates[start : start + count] if size > 0 else np.zeros(count))
         start += count if size > 0 else 0
     return tuple(parts)
-
-
-def check_rank(information: FloatArray, names: tuple[str, ...]) -> None:
-    """Refuse a scaled information matrix (P, P) that leaves some direction free.
-
-    Raises
-    ------
-    NotObservableError
-        Naming the parameters that take part in the free directions.
-    """
-    values, vectors = np.linalg.eigh(information)
-    free = values <= _RANK_TOLERANCE * max(float(values[-1]), 0.0)
-    if not free.any():
-        return
-    taking_part = np.max(np.abs(vectors[:, free]), axis=1) > 0.1
-    involved = tuple(name for name, part in zip(names, taking_part, strict=True) if part)
-    raise NotObservableError(
-        f"the observations leave {', '.join(involved)} free",
-        involved,
-        do="add observations from other parts of the body, or estimate fewer parameters",
-    )
 
 
 def _estimate_sizes(

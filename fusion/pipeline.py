@@ -15,11 +15,12 @@ import spcola
 from fusion.catalog import Catalog, StageRecord, content_digest
 from fusion.executor import Executor, ThreadExecutor
 from fusion.interrupt import heed_interrupts
+from fusion.jsontext import plain
 from fusion.lock import clear_leftovers, locked
 from fusion.progress import Progress
 from fusion.settings import Settings
 from fusion.stages.base import Stage, StageContext, StageResult, find_table
-from fusion.workspace import OWN_FOLDERS, Workspace, make_folder, plain
+from fusion.workspace import OWN_FOLDERS, Workspace, make_folder
 from spcola.errors import WorkspaceError
 
 State = Literal["ran", "up to date", "cannot run"]

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from fusion.jsontext import json_text
 from fusion.progress import Progress
 from fusion.settings import Settings, write_settings
 from fusion.workspace import (
@@ -17,7 +18,6 @@ from fusion.workspace import (
     SPC_FOLDERS,
     SPC_LISTS,
     Workspace,
-    json_text,
     make_folder,
 )
 from spcola import atomic

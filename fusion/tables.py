@@ -324,7 +324,7 @@ class ScaleSettings(Table):
         default=0.05, description="error of a maplet's centre where its file states none"
     )
     day_sigma_m: NotNegative = Field(
-        default=0.02, description="expected error that a day's images share; estimated"
+        default=0.02, description="expected error that the ranges of a day share; estimated"
     )
     reject_sigmas: Positive = Field(
         default=5.0, description="pairs or shots further off than this are rejected"

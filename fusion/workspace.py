@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from fusion.fused import FusedMaplet
+from fusion.jsontext import json_text
 from fusion.products.fused import read_fused
 from fusion.settings import Settings, load_settings, write_settings
 from lidar.adjustment import ScanAdjustment
@@ -381,23 +381,3 @@ def make_folder(path: Path) -> None:
         raise WorkspaceError(
             f"cannot be created ({error.strerror})", path, "check the folder above it"
         ) from error
-
-
-def json_text(content: Mapping[str, Any]) -> str:
-    """Return `content` as JSON: keys sorted, arrays as lists, NaN and infinity as null."""
-    return json.dumps(plain(content), indent=2, sort_keys=True, ensure_ascii=False) + "\n"
-
-
-def plain(value: Any) -> Any:
-    """Return `value` in the types that JSON knows; NaN and infinity are None."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    return str(value) if isinstance(value, Path) else value

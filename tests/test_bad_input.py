@@ -27,7 +27,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from fusion.cli.app import app
-from fusion.demo import PAIR_SIZE
+from fusion.scaling.frames import pair_size
 from fusion.settings import load_settings, write_settings
 from fusion.truth.mission import make_mission
 from fusion.truth.presets import MissionSettings
@@ -35,6 +35,7 @@ from fusion.truth.presets import MissionSettings
 ROOT = Path(__file__).resolve().parents[1]
 MAP, SUM, SHAPE = "MAPFILES/TR0003.MAP", "SUMFILES/P03I02.SUM", "SHAPEFILES/SHAPE.TXT"
 TINY = MissionSettings.tiny()
+PAIR_SIZE, _ = pair_size(TINY.body.radius, TINY.solution.gsd)
 # Not results: the index and its lock, parts that a later run picks up, and the notes of runs.
 ASIDE = (".lock", ".scratch", "catalog.sqlite", "provenance")
 Edit = Callable[[bytes], bytes]
@@ -107,10 +108,7 @@ def finished(mission: Path) -> Path:
     root = mission.with_name("a finished workspace")
     call("init", root, "--spc", mission / "spc", "--body", "Truth")
     settings = load_settings(root / "spcola.toml").with_table("release", products=["map"])
-    size, gsd = PAIR_SIZE * TINY.body.radius, TINY.solution.gsd
-    write_settings(
-        root / "spcola.toml", settings.with_table("scale", size_m=size, gsd_m=gsd, capture_m=5.0)
-    )
+    write_settings(root / "spcola.toml", settings.with_table("scale", size_m=PAIR_SIZE))
     call("import", root, *sorted((mission / "lidar").iterdir()))
     assert set(states(root).values()) == {"ran", "up to date"}
     return root
@@ -373,7 +371,7 @@ def test_settings_that_are_no_toml_are_named(workspace: Path, edit: Edit) -> Non
 TOO_LARGE = {
     "mapolas": ("half_size = 0", "half_size = 10000000", "[mapolas]"),
     "register": ("capture_m = 2.0", "capture_m = 1e9", "[register] capture_m"),
-    "scale": (f"size_m = {PAIR_SIZE * TINY.body.radius}", "size_m = 1e9", "[scale]"),
+    "scale": (f"size_m = {PAIR_SIZE}", "size_m = 1e9", "[scale]"),
     "bigmap": ("size_m = 0.0, gsd_m", "size_m = 1e9, gsd_m", "[bigmap] site NPOLE"),
 }
 

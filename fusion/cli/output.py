@@ -31,7 +31,7 @@ def show(content: Mapping[str, Any], lines: Iterable[str], *, as_json: bool) -> 
         If standard output cannot be written (a full disk, say).
     """
     # What it needs is imported by now, or the command would not have run.
-    from fusion.workspace import json_text
+    from fusion.jsontext import json_text
 
     try:
         typer.echo(json_text(content) if as_json else "".join(f"{x}\n" for x in lines), nl=False)

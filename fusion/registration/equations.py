@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fusion.mixed import check_rank
+from fusion.rank import check_rank
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
 from spcola.kernel import kernel

@@ -8,7 +8,8 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from fusion.mixed import ErrorSizes, MixedFit, MixedOptions, Observations, fit_mixed
+from fusion.errorsizes import ErrorSizes
+from fusion.mixed import MixedFit, MixedOptions, Observations, fit_mixed
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
 from spcola.similarity import Affine, Similarity

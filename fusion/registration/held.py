@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fusion.mixed import MixedFit, Observations, check_rank
+from fusion.mixed import MixedFit, Observations
+from fusion.rank import check_rank
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 
 

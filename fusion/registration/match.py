@@ -10,14 +10,12 @@ from fusion.registration.alignment import Aligner, Alignment, Fields, Left, Sear
 from fusion.registration.coarse import APART, AREA, coarse_shift
 from fusion.registration.noise import NoiseSpectrum, bridged, supported
 from fusion.registration.resolution import blur, plane_of
+from fusion.registration.weights import BEST_SHARE
 from spcola.arrays import BoolArray, FloatArray
 from spcola.maplet import MapletGrid
 
 # Fewer independent differences than twice the parameters of a match give no covariance.
 _MIN_PATCHES = 10.0
-# Share of the points that count alike, as known best: a few that claim far more than the rest, or
-# an error of 0, must not carry the match.
-_BEST = 0.1
 # Ground that differs by no more than this many of its stated sigmas is the same ground, however
 # little relief there is to correlate.
 _AS_STATED = 2.0
@@ -246,7 +244,8 @@ def _relative_sigma(moving: Surface, fixed: Surface) -> tuple[FloatArray, float]
     if not (sigma[both] > 0).any():
         return np.ones(sigma.shape), 0.0
     known = sigma[both]
-    best = float(np.partition(known, int(_BEST * len(known)))[int(_BEST * len(known))])
+    place = int(BEST_SHARE * len(known))
+    best = float(np.partition(known, place)[place])
     return np.maximum(sigma / best, 1.0), best
 
 

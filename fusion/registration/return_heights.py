@@ -17,6 +17,7 @@ from scipy import ndimage
 from fusion.registration.equations import SurfacePair
 from fusion.registration.match import Surface
 from fusion.registration.resolution import blur, filled
+from fusion.registration.weights import BEST_SHARE
 from spcola.arrays import BoolArray, FloatArray
 from spcola.kernel import kernel
 from spcola.maplet import MapletGrid
@@ -25,8 +26,6 @@ from spcola.similarity import Affine
 
 # Robust standard deviations from the surface at which a return is of something else.
 _STRAY = 8.0
-# Share of the points that count alike, as known best.
-_BEST = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +150,7 @@ def relative_weight(lidar: Surface, fixed: Surface) -> FloatArray:
     both = np.isfinite(lidar.height) & np.isfinite(fixed.height)
     if not (variance[both] > 0).any():
         return both.astype(np.float64)
-    best = float(np.quantile(variance[both], _BEST))
+    best = float(np.quantile(variance[both], BEST_SHARE))
     return np.where(both, 1.0 / np.maximum(variance / max(best, 1e-12), 1.0), 0.0)
 
 

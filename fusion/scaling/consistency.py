@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from fusion.errorsizes import ErrorSizes
 from fusion.influence import influence
-from fusion.mixed import ErrorSizes, MixedOptions, Observations, fit_mixed
+from fusion.mixed import MixedOptions, Observations, fit_mixed
 from fusion.registration.fit import PARAMETERS, transform_partials
 from fusion.registration.summary import transform_of
 from spcola.arrays import FloatArray

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fusion.scaling.observation import ScaleObservations, everywhere
+from fusion.scaling.observation import ScaleObservations
 from fusion.scaling.sharing import patterns
 from spcola.arrays import FloatArray
 
@@ -19,7 +19,7 @@ class ErrorGroups:
     ----------
     displaced : tuple of 3 (N, 3, R_g) ndarrays
         What each source does, per unit of its size: of states and scans (metres per metre), of
-        days (metres per metre), of the ground (metres; its size is a factor).
+        days (metres of range), of the ground (metres; its size is a factor).
     sizes : tuple of 3 float
         Prior medians of the sizes; 0 for a group that is not there.
     """
@@ -41,7 +41,7 @@ class ErrorGroups:
         sources = observations.leant_on
         several = sources.shape[2] > 3
         if observations.trajectory == "spc" and state_sigma_m > 0 and observations.scan:
-            pointing = everywhere(members(observations.scan) * (scan_sigma_m / state_sigma_m))
+            pointing = pointing_of_scans(observations) * (scan_sigma_m / state_sigma_m)
             sources = np.concatenate([sources, pointing], axis=2)
         if several:
             sources = patterns(sources, state_sigma_m)
@@ -50,7 +50,8 @@ class ErrorGroups:
         if ground is None:
             ground = np.zeros((len(observations), 3, 0))
         return cls(
-            (sources, everywhere(days), ground),
+            # What a day shares is an error of its ranges, whatever side they are taken from.
+            (sources, observations.beam[:, :, None] * days[:, None, :], ground),
             (
                 state_sigma_m if several else 0.0,
                 day_sigma_m if days.shape[1] > 1 else 0.0,
@@ -67,6 +68,19 @@ class ErrorGroups:
         return tuple(
             np.einsum("ni,nir->nr", observations.sight, group)[:, None] for group in self.displaced
         )
+
+
+def pointing_of_scans(observations: ScaleObservations) -> FloatArray:
+    """What a turn of the beams of each scan does (N, 3, 3 S), metres per metre on the ground.
+
+    It displaces across the beam only, and the further the longer the range.
+    """
+    member = members(observations.scan)
+    mean = member.T @ observations.range / member.sum(axis=0)
+    beam = observations.beam
+    across = np.eye(3) - beam[:, :, None] * beam[:, None, :]
+    reach = member * observations.range[:, None] / mean
+    return np.einsum("ns,ndi->ndsi", reach, across).reshape(len(beam), 3, -1)
 
 
 def members(labels: tuple[str, ...]) -> FloatArray:

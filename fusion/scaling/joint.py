@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fusion.mixed import ErrorSizes, MixedFit, MixedOptions, Observations, fit_mixed
+from fusion.errorsizes import ErrorSizes
+from fusion.mixed import MixedFit, MixedOptions, Observations, fit_mixed
+from fusion.scaling.ground import SharedGround, shared_ground
 from fusion.scaling.groups import ErrorGroups
 from fusion.scaling.observation import PARAMETERS, ScaleObservations
 from fusion.scaling.trends import DayScale, Trend, by_day, trends
@@ -17,6 +19,9 @@ from spcola.errors import NotObservableError
 _LEARNT = 0.7
 # Correlation beyond which two parameters are said to be inseparable.
 _INSEPARABLE = 0.95
+# The first fit takes errors of the ground for those of days and states where it can; the second
+# leaves them to the ground, and tells better how far they reach.
+_GROUND_ROUNDS = 2
 
 
 @dataclass(frozen=True)
@@ -43,10 +48,10 @@ class ScaleOptions:
         Prior median of the error of an image's state (or of a scan's trajectory), metres, per
         axis; estimated. 0: none.
     scan_sigma_m : float
-        Error of a scan's pointing on the ground, metres, per axis, where states of images locate
-        its returns. 0: none.
+        Error of a scan's pointing on the ground, metres, each way across the beam, where states
+        of images locate its returns. 0: none.
     day_sigma_m : float
-        Prior median of the error that a day's observations share, metres; estimated. 0: none.
+        Prior median of the error that the ranges of a day share, metres; estimated. 0: none.
     reject : float
         Observations further off than this many standard deviations are rejected.
     """
@@ -87,6 +92,8 @@ class ScaleEstimate:
         "longitude" and, where the Sun is known, "local_time".
     reasons : tuple of str
         Which terms the data do not determine, or not separately, and why.
+    ground : SharedGround or None
+        What single shots were found to share on the same ground.
     """
 
     fit: MixedFit
@@ -94,6 +101,7 @@ class ScaleEstimate:
     days: tuple[DayScale, ...]
     trends: dict[str, Trend]
     reasons: tuple[str, ...]
+    ground: SharedGround | None = None
 
     @property
     def epsilon(self) -> float:
@@ -133,6 +141,28 @@ def estimate_scale(
             PARAMETERS,
             do="add images or scans, or relax the selection",
         )
+    groups, equations, fit = _fit(observations, options)
+    ground, alone = None, observations
+    for _ in range(_GROUND_ROUNDS if observations.kind == "shots" else 0):
+        found = shared_ground(alone, equations, fit)
+        if found is None or (ground is not None and found.reach_m == ground.reach_m):
+            break
+        ground, observations = found, found.under(alone)
+        groups, equations, fit = _fit(observations, options)
+    return ScaleEstimate(
+        fit,
+        equations,
+        by_day(observations, fit, groups),
+        trends(observations, fit, groups),
+        _reasons(fit, options, observations, len(set(observations.day))),
+        ground,
+    )
+
+
+def _fit(
+    observations: ScaleObservations, options: ScaleOptions
+) -> tuple[ErrorGroups, Observations, MixedFit]:
+    """Set up the equations of the estimate and solve them."""
     groups = ErrorGroups.of(
         observations, options.state_sigma_m, options.scan_sigma_m, options.day_sigma_m
     )
@@ -149,15 +179,7 @@ def estimate_scale(
         observations.covariance,
         groups.entering(observations),
     )
-    fit = fit_mixed(equations, mixed)
-    reasons = _reasons(fit, options, observations, len(set(observations.day)))
-    return ScaleEstimate(
-        fit,
-        equations,
-        by_day(observations, fit, groups),
-        trends(observations, fit, groups),
-        reasons,
-    )
+    return groups, equations, fit_mixed(equations, mixed)
 
 
 def _reasons(

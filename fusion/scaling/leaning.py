@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from fusion.registration.weights import BEST_SHARE
 from spcola.arrays import AnyArray, FloatArray
 from spcola.maplet import MapletGrid
-
-# Share of the points that count alike, as known best: as in the match of the surfaces.
-_BEST = 0.1
 
 
 def cell_means(grid: MapletGrid, points: FloatArray, values: FloatArray) -> FloatArray:
@@ -80,4 +78,4 @@ def _weights(variance: FloatArray) -> AnyArray:
     if not known.size:
         return np.ones(len(variance))
     filled = np.where(np.isfinite(variance) & (variance > 0), variance, np.median(known))
-    return 1.0 / np.maximum(filled, np.quantile(filled, _BEST))
+    return 1.0 / np.maximum(filled, np.quantile(filled, BEST_SHARE))

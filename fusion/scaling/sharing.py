@@ -12,8 +12,8 @@ from spcola.maplet import Maplet, MapletGrid
 # Patterns that displace the observations by less than this, root of the sum of squares, metres, are
 # nothing beside what one pair tells.
 _LEAST_M = 5e-3
-# A pattern of the errors of matches is one that pairs share if it holds more than a single pair's.
-_SHARED = 1.2
+SHARED = 1.2
+"""A pattern of errors is one that observations share if it holds more than a single one's (1)."""
 
 
 def maplet_shares(grid: MapletGrid, height: FloatArray, maplets: Sequence[Maplet]) -> FloatArray:
@@ -110,7 +110,7 @@ def shared_matches(common: FloatArray, covariances: FloatArray) -> tuple[FloatAr
         Displacements by patterns of standard deviation 1, metres; covariances of the rest, m².
     """
     size, vectors = np.linalg.eigh(common)
-    kept = size > _SHARED
+    kept = size > SHARED
     strength = vectors[:, kept] * np.sqrt(size[kept])
     values, axes = np.linalg.eigh(covariances)
     root = np.einsum("nij,nj,nkj->nik", axes, np.sqrt(np.maximum(values, 0.0)), axes)

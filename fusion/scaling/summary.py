@@ -33,7 +33,7 @@ def scale_json(
     dict
         Units stand in the keys; arrays and NaN are turned into JSON where it is written.
     """
-    fit = estimate.fit
+    fit, ground = estimate.fit, estimate.ground
     sigma, value = fit.sigma, fit.estimate
     return {
         "method": observations.kind,
@@ -54,6 +54,8 @@ def scale_json(
         "state_sigma_m": fit.sizes.shared[0],
         "day_sigma_m": fit.sizes.shared[1],
         "ground_factor": fit.sizes.shared[2] or None,
+        "ground_sigma_m": ground and ground.sigma_m * fit.sizes.shared[2],
+        "ground_reach_m": ground and ground.reach_m,
         "n_used": int(np.count_nonzero(fit.used)),
         "n_rejected": int(np.count_nonzero(~fit.used)),
         "parameters": list(PARAMETERS),
@@ -100,6 +102,8 @@ def unobserved_json(kind: str, trajectory: str, reason: str) -> dict[str, Any]:
         "state_sigma_m": None,
         "day_sigma_m": None,
         "ground_factor": None,
+        "ground_sigma_m": None,
+        "ground_reach_m": None,
         "n_used": 0,
         "n_rejected": 0,
         "parameters": list(PARAMETERS),

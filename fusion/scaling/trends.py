@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from fusion.mixed import ErrorSizes, MixedFit, MixedOptions, Observations, fit_mixed
+from fusion.errorsizes import ErrorSizes
+from fusion.mixed import MixedFit, MixedOptions, Observations, fit_mixed
 from fusion.scaling.groups import ErrorGroups
 from fusion.scaling.observation import ScaleObservations
 from spcola.arrays import BoolArray, FloatArray

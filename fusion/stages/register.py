@@ -180,12 +180,15 @@ def _applied(
 def given_path(workspace: Workspace, table: RegisterSettings) -> Path | None:
     """Return the file whose transform is applied; None where one is fitted.
 
+    What is wrong with it is told of the settings where it is from them, else of the option.
+
     Raises
     ------
     SettingsError
         If it is not there, is what the stage itself writes, or is named by `inverse` alone.
     """
-    where = f"{workspace.root / SETTINGS_FILE}: [register] apply"
+    stated = workspace.settings().registration.apply == table.apply
+    where = f"{workspace.root / SETTINGS_FILE}: [register] apply" if stated else "--apply"
     if not table.apply:
         if table.inverse:
             raise SettingsError("names no file whose inverse is to be taken", where)

@@ -45,7 +45,7 @@ class ScaleStage:
     """Scans, images and SPC surface → scale.json and pairs/."""
 
     name: str = "scale"
-    version: int = 5
+    version: int = 6
     tables: tuple[type[Table], ...] = (
         ScaleSettings,
         BodySettings,

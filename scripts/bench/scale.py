@@ -9,8 +9,11 @@ with the interval of 95 %, and beside it the limit, 1; the rms error beside the 
 sigmas. `mini` takes half a minute to a minute a seed. `--lines FILE` keeps a line for each mission
 and goes on from there.
 
+The missions plant no range bias, but the sigma of the scale holds what is believed of one before
+the data. With `--drawn-bias` each has its own, drawn from that prior: pulls should scatter by 1.
+
     python scripts/bench/scale [--seeds 20] [--preset tiny|mini] [--method pairs|shots]
-                               [--registration]
+                               [--registration] [--drawn-bias]
 """
 
 from __future__ import annotations
@@ -20,9 +23,10 @@ import json
 import tempfile
 import time
 from contextlib import closing
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+import numpy as np
 from pulls import PRESETS, table
 
 from fusion.catalog import Catalog
@@ -30,33 +34,55 @@ from fusion.executor import ThreadExecutor, usable_cores
 from fusion.initialise import new_workspace
 from fusion.pipeline import Pipeline
 from fusion.progress import Progress
+from fusion.scaling.joint import ScaleOptions
 from fusion.stages import load_stages
 from fusion.stages.ingest import Source, Workers, import_files
 from fusion.truth.generation import LIDAR_FOLDER, SPC_FOLDER
 from fusion.truth.mission import make_mission
+from fusion.truth.presets import MissionSettings
 from fusion.truth.pulls import pull_statistics
 from fusion.truth.recovery import Recovered, compare
 
 
-def recovered(preset: str, seed: int, method: str, registration: bool) -> list[Recovered]:
-    """Make a mission without images, and return what is found of it beside what was planted."""
-    settings = PRESETS[preset](seed).with_images(False)
+@dataclass(frozen=True)
+class Kind:
+    """What is done with each seed."""
+
+    preset: str
+    method: str
+    registration: bool
+    drawn_bias: bool
+
+    def mission(self, seed: int) -> MissionSettings:
+        """The mission of a seed, without images."""
+        settings = PRESETS[self.preset](seed).with_images(False)
+        if not self.drawn_bias:
+            return settings
+        prior = ScaleOptions().range_bias_prior_m
+        # A stream of its own: other draws of the seed stay what they are.
+        bias = prior * float(np.random.default_rng([seed, 1]).normal())
+        return replace(settings, lidar=replace(settings.lidar, range_bias=bias))
+
+
+def recovered(kind: Kind, seed: int) -> list[Recovered]:
+    """Make the mission of a seed, and return what is found of it beside what was planted."""
+    settings = kind.mission(seed)
     executor, progress = ThreadExecutor(usable_cores()), Progress.fitting(silent=True)
     with tempfile.TemporaryDirectory() as folder:
         mission = Path(folder) / "mission"
         planted = make_mission(mission, settings=settings, executor=executor, progress=progress)
         workspace = new_workspace(Path(folder) / "ws", body="Truth", spc=mission / SPC_FOLDER)
-        chosen = workspace.settings().with_table("scale", method=method)
+        chosen = workspace.settings().with_table("scale", method=kind.method)
         sources = [Source(path) for path in sorted((mission / LIDAR_FOLDER).iterdir())]
         with closing(Catalog(workspace)) as catalog:
             import_files(workspace, chosen, sources, Workers(executor, progress, catalog.digesting))
         pipeline = Pipeline(workspace, chosen, load_stages(), executor, progress)
-        for stage in ("mapolas", "register", "scale") if registration else ("scale",):
+        for stage in ("mapolas", "register", "scale") if kind.registration else ("scale",):
             pipeline.run_stage(stage)
         found = workspace.read_json(workspace.scale_path.name)
-        fitted = workspace.read_json(workspace.registration_path.name) if registration else {}
+        fitted = workspace.read_json(workspace.registration_path.name) if kind.registration else {}
     rows = compare(planted, fitted, found)
-    return [row for row in rows if registration or not row.name.startswith("registration")]
+    return [row for row in rows if kind.registration or not row.name.startswith("registration")]
 
 
 def main() -> None:
@@ -67,22 +93,27 @@ def main() -> None:
     parser.add_argument("--method", choices=("pairs", "shots"), default="pairs")
     parser.add_argument("--registration", action="store_true", help="register too")
     parser.add_argument("--lines", type=Path, help="keep a line for each mission in this file")
+    parser.add_argument("--drawn-bias", action="store_true", help="plant range biases")
     options = parser.parse_args()
     known: dict[int, list[Recovered]] = {}
-    kind = [options.preset, options.method, options.registration]
+    kind = Kind(options.preset, options.method, options.registration, options.drawn_bias)
     if options.lines and options.lines.exists():
         for text in options.lines.read_text(encoding="utf-8").splitlines():
             entry = json.loads(text)
-            if entry["kind"] == kind:
+            if entry["kind"] == asdict(kind):
                 known[entry["seed"]] = [Recovered(**row) for row in entry["rows"]]
     seeds = range(options.first, options.first + options.seeds)
     for seed in seeds:
         if seed in known:
             continue
         start = time.perf_counter()
-        known[seed] = recovered(options.preset, seed, options.method, options.registration)
+        known[seed] = recovered(kind, seed)
         if options.lines:
-            entry = {"kind": kind, "seed": seed, "rows": [asdict(row) for row in known[seed]]}
+            entry = {
+                "kind": asdict(kind),
+                "seed": seed,
+                "rows": [asdict(row) for row in known[seed]],
+            }
             with options.lines.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(entry) + "\n")
         print(f"seed {seed}: {time.perf_counter() - start:.0f} s", flush=True)

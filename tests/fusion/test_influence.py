@@ -2,8 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from fusion.errorsizes import ErrorSizes
 from fusion.influence import influence
-from fusion.mixed import ErrorSizes, MixedOptions, Observations, fit_mixed
+from fusion.mixed import MixedOptions, Observations, fit_mixed
 
 
 def test_the_estimate_is_what_its_influence_makes_of_the_values():

@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.mixed import ErrorSizes, MixedOptions, Observations, fit_mixed
+from fusion.errorsizes import ErrorSizes
+from fusion.mixed import MixedOptions, Observations, fit_mixed
 from spcola.errors import InvalidValueError, NotObservableError
 
 NOTHING_UNKNOWN = ErrorSizes(0.0, (0.0,))

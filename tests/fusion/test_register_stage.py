@@ -225,9 +225,13 @@ def test_a_file_without_a_transform_is_refused_in_one_line(
 
 
 def test_a_file_that_is_not_there_or_is_the_result_itself_is_refused(folder: Path) -> None:
-    assert "no file" in call("register", folder, "--apply", folder / "none.json", code=1)
+    line = call("register", folder, "--apply", folder / "none.json", code=1)
+    assert "--apply: names" in line
+    assert "none.json, which is no file" in line
+    assert "spcola.toml" not in line
     own = folder / "registration.json"
-    assert "written anew" in call("register", folder, "--apply", own, code=1)
+    assert "--apply: names" in (line := call("register", folder, "--apply", own, code=1))
+    assert "written anew" in line
     assert "names no file" in call("register", folder, "--inverse", code=1)
 
 

@@ -42,6 +42,9 @@ def test_ryugu_shots_through_the_command_line(ryugu):
     assert any(reason.startswith("epsilon: not determined") for reason in content["reasons"])
     assert abs(content["epsilon"]) < 2 * content["epsilon_sigma"]
     assert all(sigma > 0.5 for sigma in content["center_offset_sigma_m"])
+    # Shots 8 m apart do not err alike on facets of some 20 m.
+    assert content["ground_sigma_m"] is None
+    assert content["ground_reach_m"] is None
 
 
 @pytest.mark.real_data

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from fusion.initialise import new_workspace
+from fusion.jsontext import json_text
 from fusion.settings import Settings
-from fusion.workspace import OWN_FOLDERS, SPC_FOLDERS, Workspace, json_text
+from fusion.workspace import OWN_FOLDERS, SPC_FOLDERS, Workspace
 from spcola.errors import FormatError, WorkspaceError
 from spcola.formats.lists import write_list
 from spcola.formats.map import write_maplet

@@ -49,8 +49,8 @@ def mission(
     day = tuple(DAYS[index % len(DAYS)] for index in range(count))
     arm = distance[:, None] * beam if trajectory == "spc" else point
     shift = epsilon * arm + np.array(center) - np.cross(np.radians(turn_deg), arm) + bias * beam
-    own = {name: day_noise * generator.normal(size=3) for name in DAYS}
-    shift = shift + np.array([own[name] for name in day])
+    own = {name: day_noise * generator.normal() for name in DAYS}
+    shift = shift + np.array([own[name] for name in day])[:, None] * beam
     shift = shift + noise * generator.normal(size=shift.shape)
     if shares is not None:
         shift = shift + state_noise * shares @ generator.normal(size=(shares.shape[1], 3))

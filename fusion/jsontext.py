@@ -1,0 +1,31 @@
+"""Values as JSON text: what JSON does not know in types that it does."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+def json_text(content: Mapping[str, Any]) -> str:
+    """Return `content` as JSON: keys sorted, arrays as lists, NaN and infinity as null."""
+    return json.dumps(plain(content), indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+
+
+def plain(value: Any) -> Any:
+    """Return `value` in the types that JSON knows; NaN and infinity are None."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return str(value) if isinstance(value, Path) else value

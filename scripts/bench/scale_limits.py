@@ -1,0 +1,228 @@
+"""What the scale of a mission reaches, and what holds it back, with the truth in hand.
+
+For each mission with its workspace (scans imported), errors over stated sigmas of ε, the centre's
+offset, the pole and the prime meridian, where more and more is known:
+
+- `as it is`: as the program estimates them from paired bigmaps;
+- `+ range bias`: the constant error of ranges is known;
+- `+ states`: returns located by the true states of the images, too;
+- `+ ground`: the SPC bigmaps hold the heights of the true body, too, so that no maplet errs;
+- `+ pointing, days`: the pointing of each scan and the range errors of each day are known, too:
+  what returns and their matches allow at all.
+
+At the end the rms errors over the missions, beside the rms of the stated sigmas and the bar.
+Pairs are made twice, which takes minutes for a mission of the size of Bennu.
+
+    python scripts/bench/scale_limits.py MISSION=WORKSPACE [MISSION=WORKSPACE ...]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from fusion.executor import ThreadExecutor, usable_cores
+from fusion.pairing import Pairing, pair_images
+from fusion.progress import Progress
+from fusion.scaling.joint import ScaleEstimate, ScaleOptions, estimate_scale
+from fusion.scaling.observation import ScaleObservations
+from fusion.scaling.pairs import Pair, blur_of, pair_observations, sharpened
+from fusion.stages.base import StageContext
+from fusion.stages.scale import STAGE
+from fusion.truth.planted import Planted, read_truth
+from fusion.workspace import Workspace
+from lidar.truth import scan_name
+from lidar.truth.shots import raster_shots
+from spcola.arrays import FloatArray
+from spcola.image import SpcImage
+from spcola.rays import RayCaster
+from spcola.truth.passes import plan_passes
+from spcola.truth.streams import stream
+
+PARTS = {
+    "epsilon": slice(0, 1),
+    "centre": slice(1, 4),
+    "pole": slice(4, 6),
+    "meridian": slice(6, 7),
+}
+UNITS = {"epsilon": "1e-6", "centre": "cm", "pole": "1e-3 deg", "meridian": "1e-3 deg"}
+BARS = {"epsilon": 5.0, "centre": 1.0, "pole": 1.0, "meridian": 1.0}
+TO_UNITS = np.array([1e6, *[1e2] * 3, *[1e3 * np.degrees(1.0)] * 3])
+# A prior of an error that is known: nothing beside the others, metres.
+NONE = 1e-4
+
+
+@dataclass(frozen=True)
+class TrueStates(Workspace):
+    """A workspace whose images have their true states, in the frame of the solution."""
+
+    planted: Planted
+
+    def image(self, name: str) -> SpcImage:
+        """Read the image `name`, with its true state."""
+        solved, true = super().image(name), self.planted.images[name]
+        position = self.planted.similarity.apply(np.array(true.position_m))
+        axes = self.planted.similarity.turn(np.array(true.axes))
+        return replace(solved, scobj=-position, axes=axes)
+
+
+@dataclass(frozen=True)
+class Row:
+    """Errors and sigmas (7,) of ε, centre, pole and meridian, in :data:`UNITS`."""
+
+    error: FloatArray
+    sigma: FloatArray
+
+    @classmethod
+    def of(cls, estimate: ScaleEstimate, planted: Planted) -> Row:
+        """Hold an estimate against what was planted."""
+        true = [planted.epsilon, 0.0, 0.0, 0.0, *np.radians(planted.settings.rotation_deg)]
+        error = estimate.fit.estimate[:7] - np.array(true)
+        return cls(error * TO_UNITS, estimate.fit.sigma[:7] * TO_UNITS)
+
+
+class Case:
+    """One mission and its workspace."""
+
+    def __init__(self, mission: Path, workspace: Path) -> None:
+        self.planted = read_truth(mission)
+        self.workspace = Workspace.open(workspace)
+        self.true_states = TrueStates(self.workspace.root, self.planted)
+        self.executor = ThreadExecutor(usable_cores())
+        self.body = self.planted.body()
+
+    def pairing(self, workspace: Workspace) -> Pairing:
+        """Pair all images as the program does."""
+        start = time.perf_counter()
+        shape = workspace.shape()
+        silent, scratch = Progress.fitting(silent=True), workspace.root / ".scratch"
+        settings = workspace.settings()
+        context = StageContext(
+            workspace, settings, STAGE.tables, self.executor, silent, {}, "", scratch
+        )
+        radius = settings.body.mean_radius_m or shape.mean_radius
+        made = pair_images(context, RayCaster(shape), radius)
+        print(f"    {len(made.pairs)} pairs in {time.perf_counter() - start:.0f} s", flush=True)
+        return made
+
+    def on_true_ground(self, made: Pairing) -> list[Pair]:
+        """The pairs with the heights of the true body in place of those of maplets."""
+        back, shrunk = self.planted.similarity.inverse(), self.planted.similarity.scale
+
+        def true(pair: Pair) -> Pair:
+            # The same nodes on the body: it is larger than the solution by its scale.
+            grid = replace(pair.spc.grid.moved(back), gsd=pair.spc.grid.gsd / shrunk)
+            height = np.where(pair.spc.valid, self.body.heights(grid) * shrunk, np.nan)
+            sigma = np.where(pair.spc.valid, 1e-3, np.nan)
+            return replace(pair, spc=replace(pair.spc, height=height, sigma=sigma))
+
+        pairs = [true(pair) for pair in made.pairs]
+        first = self.executor.map(lambda pair: sharpened(pair, made.options, blur_cells=0.0), pairs)
+        blur = float(np.nanmedian([blur_of(pair) for pair in first if isinstance(pair, Pair)]))
+        again = self.executor.map(
+            lambda pair: sharpened(pair, made.options, blur_cells=blur), pairs
+        )
+        return [pair for pair in again if isinstance(pair, Pair)]
+
+    def without_bias(self, observations: ScaleObservations) -> ScaleObservations:
+        """Take the planted range bias from the observations."""
+        return less(observations, self.planted.settings.lidar.range_bias * observations.beam)
+
+    def without_scan_errors(self, observations: ScaleObservations) -> ScaleObservations:
+        """Take the planted pointing of scans and range errors of days from the observations."""
+        settings, seed = self.planted.settings, self.planted.settings.seed
+        sides = {}
+        for at in plan_passes(settings.passes, stream(seed, "passes")):
+            shots = next(raster_shots(self.body, at, settings.lidar, stream(seed, "sides"), 1))
+            sides[scan_name(at)] = np.stack([shots.along, shots.across])
+        errors = [self.planted.scans[name] for name in observations.scan]
+        aside = np.array(
+            [
+                np.array(error.pointing_m) @ self.planted.similarity.turn(sides[name])
+                for name, error in zip(observations.scan, errors, strict=True)
+            ]
+        )
+        longer = np.array([error.range_scale for error in errors]) * observations.range
+        return less(observations, aside + longer[:, None] * observations.beam)
+
+    def rows(self) -> Iterator[tuple[str, Row]]:
+        """Yield what is reached, with more and more known."""
+        yield from self._as_it_is(self.pairing(self.workspace))
+        made = self.pairing(self.true_states)
+        known = replace(ScaleOptions(), range_bias_prior_m=NONE, state_sigma_m=NONE)
+        yield "+ states", self._row(observed(made, made.pairs), known)
+        ground = pair_observations(self.on_true_ground(made), "spc")
+        yield "+ ground", self._row(ground, known)
+        all_known = replace(known, scan_sigma_m=NONE, day_sigma_m=NONE)
+        yield "+ pointing, days", self._row(self.without_scan_errors(ground), all_known)
+
+    def _as_it_is(self, made: Pairing) -> Iterator[tuple[str, Row]]:
+        observations = observed(made, made.pairs)
+        yield "as it is", Row.of(estimate_scale(observations), self.planted)
+        known = replace(ScaleOptions(), range_bias_prior_m=NONE)
+        yield "+ range bias", self._row(observations, known)
+
+    def _row(self, observations: ScaleObservations, options: ScaleOptions) -> Row:
+        """What is reached where the range bias is known, and what the options say."""
+        estimate = estimate_scale(self.without_bias(observations), options=options)
+        return Row.of(estimate, self.planted)
+
+
+def observed(made: Pairing, pairs: list[Pair]) -> ScaleObservations:
+    """What pairs observe, as the stage has it."""
+    per_axis = np.sqrt(np.mean(made.center_sigma**2, axis=1))
+    return pair_observations(pairs, "spc", center_sigma=per_axis)
+
+
+def less(observations: ScaleObservations, displaced: FloatArray) -> ScaleObservations:
+    """The observations less displacements (N, 3) of the lidar's surfaces, metres."""
+    return replace(observations, value=observations.value - observations.entering(displaced))
+
+
+def shown(values: FloatArray) -> str:
+    return "   ".join(
+        " ".join(f"{value:+7.2f}" for value in values[where]) for where in PARTS.values()
+    )
+
+
+def summary(rows: dict[str, list[Row]]) -> None:
+    """Print rms errors over all missions and components."""
+    heads = [f"{part}, {UNITS[part]}" for part in PARTS]
+    print(f"\n{'rms over missions':18}" + "".join(f"{head:>24}" for head in heads))
+    for name, found in rows.items():
+        cells = []
+        for where in PARTS.values():
+            error = rms(np.array([row.error[where] for row in found]))
+            sigma = rms(np.array([row.sigma[where] for row in found]))
+            cells.append(f"{error:.2f} (sigma {sigma:.2f})")
+        print(f"{name:18}" + "".join(f"{cell:>24}" for cell in cells))
+    print(f"{'bar':18}" + "".join(f"{BARS[part]:>24.2f}" for part in PARTS))
+
+
+def rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="What a scale reaches and what holds it back.")
+    parser.add_argument("cases", nargs="+", help="MISSION=WORKSPACE")
+    options = parser.parse_args()
+    rows: dict[str, list[Row]] = {}
+    units = ", ".join(f"{part} {unit}" for part, unit in UNITS.items())
+    for text in options.cases:
+        mission, workspace = (Path(part) for part in text.split("=", 1))
+        print(f"{mission}: {units}", flush=True)
+        for name, row in Case(mission, workspace).rows():
+            rows.setdefault(name, []).append(row)
+            print(f"  {name:18}{shown(row.error)}   error / sigma", flush=True)
+            print(f"  {'':18}{shown(row.sigma)}", flush=True)
+    summary(rows)
+
+
+if __name__ == "__main__":
+    main()
