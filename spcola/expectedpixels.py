@@ -16,8 +16,10 @@ from spcola.orthoimage import View
 _MARGIN = 2
 # Parts of a pixel's width, at least, and of a cell's, into which a cell is cut; and at most.
 _PER_PIXEL, _LEAST, _MOST = 4.0, 3, 64
-# Share of a pixel that has to show known ground; parts fill some by less than they are.
+# Share of a pixel that the grid has to fill; parts of cells fill some by less than they do.
 _COVERED = 0.6
+# Share of what fills it that has to be known: gaps lie anywhere, the grid's edge to one side.
+_KNOWN = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,20 +60,38 @@ def expected_pixels(view: View, brightness: FloatArray, *, psf_px: float = 0.0) 
     if not view.seen.any():
         nothing = np.full((1, 1), np.nan)
         return ExpectedPixels(nothing, np.zeros((1, 1), dtype=np.bool_), np.zeros(2))
-    lines, pixels = view.line[view.seen] - 1.0, view.pixel[view.seen] - 1.0
+    row, column, seen = _without_gaps(view)
+    lines, pixels = row[seen > 0.0], column[seen > 0.0]
     first = np.floor([lines.min(), pixels.min()]) - _MARGIN
     size = np.ceil([lines.max(), pixels.max()]) + _MARGIN + 1.0 - first
-    light, area = np.zeros((2, *size.astype(np.int64)))
-    places = view.line - 1.0 - first[0], view.pixel - 1.0 - first[1], view.seen.astype(np.float64)
+    light, area, whole = np.zeros((3, *size.astype(np.int64)))
     # Lines run down, pixels aside: a cell that faces the camera has the sign of −∂(pixel, line).
     facing = -float(np.sign(np.linalg.det(view.footprint)))
-    _gather(places, brightness, facing, light, area)
+    places = row - first[0], column - first[1], seen
+    _gather(places, brightness, facing, (light, area, whole))
     if psf_px > 0.0:
-        light, area = (ndimage.gaussian_filter(sums, psf_px) for sums in (light, area))
-    known: BoolArray = area >= _COVERED
+        light, area, whole = (
+            ndimage.gaussian_filter(sums, psf_px) for sums in (light, area, whole)
+        )
+    known: BoolArray = (whole >= _COVERED) & (area >= _KNOWN * whole)
     with np.errstate(invalid="ignore", divide="ignore"):
         value = carried_on(np.where(known, light / area, np.nan))
     return ExpectedPixels(value, known, first)
+
+
+def _without_gaps(view: View) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Rows, columns (from 0) and whether they are seen of all points (R, C) of a grid.
+
+    Points of unknown height lie beside the nearest known one as on the plane of the grid.
+    """
+    y, x = np.indices(view.seen.shape).astype(np.float64)
+    plane = np.einsum("ab,brc->arc", view.footprint, np.stack([x, y]))
+    column, row = (
+        carried_on(place - flat) + flat - 1.0
+        for place, flat in zip((view.pixel, view.line), plane, strict=True)
+    )
+    seen = carried_on(np.where(np.isfinite(view.pixel), view.seen, np.nan))
+    return row, column, seen
 
 
 @kernel
@@ -79,25 +99,22 @@ def _gather(
     places: tuple[FloatArray, FloatArray, FloatArray],
     brightness: FloatArray,
     facing: float,
-    light: FloatArray,
-    area: FloatArray,
+    sums: tuple[FloatArray, FloatArray, FloatArray],
 ) -> None:
-    """Add up brightness times area, and area, of the ground in each pixel of a window.
+    """Add up what lies in each pixel of a window.
 
     `places` (R, C) are rows and columns of points of the grid, and whether they are seen; `facing`
-    is the sign that the area of a cell which faces the camera has there.
+    is the sign that the area of a cell which faces the camera has there; `sums` are those of
+    brightness times area, of area, and of area whether brightness is known or not.
     """
     row, column, seen = places
+    light, area, whole = sums
     for i in range(brightness.shape[0]):
         for j in range(brightness.shape[1]):
             a, b, c, d = _bilinear(row, i, j)
             e, f, g, h = _bilinear(column, i, j)
             p, q, r, s = _bilinear(seen, i, j)
-            # NaN of any corner makes the last coefficient NaN.
-            if (
-                not np.isfinite(d + h + brightness[i, j])
-                or max(p, p + q, p + r, p + q + r + s) <= 0
-            ):
+            if max(p, p + q, p + r, p + q + r + s) <= 0.0:
                 continue
             wide = max(
                 np.hypot(b, f), np.hypot(c, g), np.hypot(b + d, f + h), np.hypot(c + d, g + h)
@@ -111,8 +128,10 @@ def _gather(
                 aside = int(np.rint(e + f * x + g * y + h * x * y))
                 inside = 0 <= down < light.shape[0] and 0 <= aside < light.shape[1]
                 if inside and share > 0.0 and p + q * x + r * y + s * x * y >= 0.5:
-                    area[down, aside] += share
-                    light[down, aside] += share * brightness[i, j]
+                    whole[down, aside] += share
+                    if np.isfinite(brightness[i, j]):
+                        area[down, aside] += share
+                        light[down, aside] += share * brightness[i, j]
 
 
 @kernel

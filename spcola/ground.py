@@ -79,7 +79,7 @@ class Facets:
     Attributes
     ----------
     slope_x, slope_y : (R − 1, C − 1) ndarrays
-        ∂h/∂x and ∂h/∂y, means of both edges; NaN beside an unknown height.
+        ∂h/∂x and ∂h/∂y, means of both edges, of one where a corner is unknown; else NaN.
     eye : (R − 1, C − 1, 3) ndarray
         Unit vectors to the camera from the middle of each, along the grid's axes.
     """
@@ -92,11 +92,11 @@ class Facets:
     def of(cls, ground: Ground, image: SpcImage) -> Facets:
         """Return the facets of a ground as an image sees them."""
         high, gsd = ground.height, ground.grid.gsd
-        along_x, along_y = np.diff(high, axis=1), np.diff(high, axis=0)
+        along_x, along_y = np.diff(high, axis=1) / gsd, np.diff(high, axis=0) / gsd
         away = (image.position - at_cells(ground.points)) @ ground.grid.axes.T
         return cls(
-            0.5 * (along_x[1:] + along_x[:-1]) / gsd,
-            0.5 * (along_y[:, 1:] + along_y[:, :-1]) / gsd,
+            _mean(along_x[1:], along_x[:-1]),
+            _mean(along_y[:, 1:], along_y[:, :-1]),
             away / np.linalg.norm(away, axis=-1, keepdims=True),
         )
 
@@ -106,8 +106,15 @@ class Facets:
 
 
 def at_cells(layer: FloatArray) -> FloatArray:
-    """Return the means (R − 1, C − 1, …) of the four corners of each cell of a layer (R, C, …)."""
-    means: FloatArray = 0.25 * (layer[1:, 1:] + layer[1:, :-1] + layer[:-1, 1:] + layer[:-1, :-1])
+    """Return the means (R − 1, C − 1, …) of the known corners of each cell of a layer (R, C, …)."""
+    return _mean(layer[1:, 1:], layer[1:, :-1], layer[:-1, 1:], layer[:-1, :-1])
+
+
+def _mean(*layers: FloatArray) -> FloatArray:
+    """Mean of what is known; NaN where nothing is."""
+    known = np.sum([np.isfinite(layer) for layer in layers], axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        means: FloatArray = np.sum([np.nan_to_num(layer) for layer in layers], axis=0) / known
     return means
 
 

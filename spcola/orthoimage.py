@@ -39,7 +39,7 @@ class View:
     lit : (R, C) ndarray of bool
         Turned to the Sun, and in no cast shadow.
     cos_incidence, cos_emission : (R − 1, C − 1) ndarrays
-        Of the angles between the normal of each cell and Sun, camera; NaN beside unknown heights.
+        Of the angles between the normal of each cell and Sun, camera; NaN where it has no slope.
     phase : (R − 1, C − 1) ndarray
         Angle between Sun and camera, radians.
     footprint : (2, 2) ndarray

@@ -49,7 +49,8 @@ def render(
         value = function(view.cos_incidence, view.cos_emission, view.phase)
     if albedo is not None:
         value = value * at_cells(albedo)
-    value = np.where(np.isfinite(view.cos_incidence), value * at_cells(view.lit * 1.0), np.nan)
+    lit = at_cells(np.where(np.isfinite(view.pixel), view.lit, np.nan))
+    value = np.where(np.isfinite(view.cos_incidence), value * lit, np.nan)
     rendered = np.full(view.seen.shape, np.nan)
     expected = expected_pixels(view, value, psf_px=psf_px)
     if not expected.known.any():
