@@ -22,6 +22,8 @@ Kind = Literal["images", "both"]
 # Where what landmarks do is known, what may be left is expected at this share of the error of a
 # maplet's centre.
 _LEFT = 0.1
+# What is told of each kind of match.
+_OF_A_KIND = ("displacement_m", "sigma_m", "residual_m", "used", "reason", "correlation")
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,10 +185,6 @@ def kinds_json(
             "kinds_chi2": chi2,
         }
     return content
-
-
-# What is told of each kind of match.
-_OF_A_KIND = ("displacement_m", "sigma_m", "residual_m", "used", "reason", "correlation")
 
 
 def _joined(entries: list[dict[str, Any]], matches: Sequence[Match]) -> list[dict[str, Any]]:
