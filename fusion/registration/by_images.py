@@ -20,6 +20,8 @@ from spcola.sightingsizes import SizeFactors, estimate_factors
 # metres, counts as an error that each mapola has of its own; and so do all beyond so many.
 _LEAST = 1e-3
 _MOST_PATTERNS = 300
+# What all images may get wrong alike, pixels: as if the body were larger or smaller.
+_OUTWARD_PX = 0.003
 # Sightings that tell how large errors are; more would not change the two numbers by much.
 _SAMPLE = 128
 
@@ -38,6 +40,9 @@ class ImagedMapolas:
     effects : (N, 3, M) ndarray
         What patterns of the states' errors, each of standard deviation 1, do to each mapola,
         metres.
+    common : (N, 3, 1) ndarray
+        The same of an error that all images share, outward: no image tells it from a scale, and no
+        estimate, only its sigma, is changed by it.
     factors : SizeFactors
         By which sigmas of matches, positions and pointing were multiplied.
     """
@@ -45,6 +50,7 @@ class ImagedMapolas:
     matches: tuple[Match, ...]
     sightings: tuple[Sighting, ...]
     effects: FloatArray
+    common: FloatArray
     factors: SizeFactors
 
 
@@ -74,7 +80,21 @@ def place_mapolas(
         _match(grid, sighting, solution, more)
         for grid, sighting, solution, more in zip(grids, scaled, solved, beside, strict=True)
     )
-    return ImagedMapolas(matches, scaled, effects, factors)
+    return ImagedMapolas(matches, scaled, effects, _common(grids, scaled), factors)
+
+
+def _common(grids: Sequence[MapletGrid], sightings: Sequence[Sighting]) -> FloatArray:
+    """What an error that all images share does to each mapola (N, 3, 1), metres."""
+    centers = np.array([grid.center for grid in grids])
+    pixels = [
+        image.camera.pixel_angle * float(np.linalg.norm(image.position - grid.center))
+        for grid, sighting in zip(grids, sightings, strict=True)
+        for image in sighting.images
+    ]
+    reach = float(np.sqrt(np.mean(np.sum(centers**2, axis=1))))
+    size = _OUTWARD_PX * float(np.median(pixels)) / reach if pixels else 0.0
+    outward: FloatArray = size * centers[:, :, None]
+    return outward
 
 
 def _scaled_back(sighting: Sighting, factors: SizeFactors) -> Sighting:

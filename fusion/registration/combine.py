@@ -36,6 +36,8 @@ class JointMatches:
         2N of them, those by topography first; covariances hold the error sizes of their kinds.
     effects : (2N, 3, M) ndarray
         What patterns of the images' states do to each: nothing to those by topography.
+    common : (2N, 3, 1) ndarray
+        The same of what all images share.
     chi2 : (N,) ndarray
         Squared difference of both kinds over its covariance, three degrees of freedom; NaN where
         there is one kind.
@@ -43,6 +45,7 @@ class JointMatches:
 
     rows: MatchedMapolas
     effects: FloatArray
+    common: FloatArray
     chi2: FloatArray
 
 
@@ -87,8 +90,10 @@ def both_kinds(
         beside=np.concatenate([topography.beside] * 2),
         landmarks=_of_topography(topography.landmarks),
     )
-    effects = np.concatenate([np.zeros_like(images.effects), images.effects])
-    return JointMatches(rows, effects, chi2)
+    effects, common = (
+        np.concatenate([np.zeros_like(group), group]) for group in (images.effects, images.common)
+    )
+    return JointMatches(rows, effects, common, chi2)
 
 
 def _covered(match: Match, covariance: FloatArray) -> Match:

@@ -114,20 +114,21 @@ def register_kinds(
     """
     seen = replace(topography, matches=images.matches, landmarks=None)
     if by == "images":
-        registration = _fit_seen(seen, images.effects, options)
+        registration = _fit_seen(seen, images, options)
         sizes = KindSizes(float("nan"), registration.fit.sizes.independent)
         return KindRegistration(registration, seen, sizes, np.full(len(seen.matches), np.nan))
     of_ground = _sizes(lambda: fit_mapolas(topography, options=options), options)
-    of_images = _sizes(lambda: _fit_seen(seen, images.effects, options), options)
+    of_images = _sizes(lambda: _fit_seen(seen, images, options), options)
     sizes = KindSizes(of_ground.independent, of_images.independent)
     joint = both_kinds(topography, images, sizes, reject=options.reject)
-    stated = () if topography.landmarks is None else (1.0,)
+    stated = (1.0,) if topography.landmarks is None else (1.0, 1.0)
     held = (0.0, of_ground.shared[0], of_images.shared[1], *stated)
-    registration = fit_mapolas(joint.rows, [joint.effects], options=replace(options, held=held))
+    groups, options = [joint.effects, joint.common], replace(options, held=held)
+    registration = fit_mapolas(joint.rows, groups, options=options)
     return KindRegistration(registration, joint.rows, sizes, joint.chi2)
 
 
-def _fit_seen(mapolas: MatchedMapolas, effects: FloatArray, options: FitOptions) -> Registration:
+def _fit_seen(mapolas: MatchedMapolas, images: ImagedMapolas, options: FitOptions) -> Registration:
     """Fit matches by images, the errors of scans as large as their adjustment says.
 
     Images err smoothly over the body too. A factor on the errors of scans would be made to explain
@@ -135,9 +136,10 @@ def _fit_seen(mapolas: MatchedMapolas, effects: FloatArray, options: FitOptions)
     told too uncertain by it.
     """
     alone = replace(mapolas, effects=mapolas.effects[:, :, :0])
-    sizes = fit_mapolas(alone, [effects], options=options).fit.sizes
-    held = (sizes.independent, 1.0, *sizes.shared[1:])
-    return fit_mapolas(mapolas, [effects], options=replace(options, held=held))
+    sizes = fit_mapolas(alone, [images.effects], options=options).fit.sizes
+    held = (sizes.independent, 1.0, *sizes.shared[1:], 1.0)
+    groups = [images.effects, images.common]
+    return fit_mapolas(mapolas, groups, options=replace(options, held=held))
 
 
 def _sizes(fit: Callable[[], Registration], options: FitOptions) -> ErrorSizes:

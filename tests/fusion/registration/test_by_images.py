@@ -87,6 +87,10 @@ def test_a_mapola_that_no_image_shows_says_so():
     assert found.matches[1].reason == "no image shows it"
     assert "has no texture there" in found.matches[2].reason
     assert found.effects.shape[:2] == (3, 3)
+    outward = found.common[0, :, 0]
+    np.testing.assert_allclose(np.cross(outward, grids[0].center), 0.0, atol=1e-12)
+    # 0.003 pixels of 0.7 to 0.9 m.
+    assert 0.002 < np.linalg.norm(outward) < 0.003
     assert not found.effects[1:].any()
 
 
@@ -110,7 +114,8 @@ def match(displacement, sigma, reason=""):
 
 def imaged(*matches, effects=None):
     none = np.zeros((len(matches), 3, 0)) if effects is None else effects
-    return ImagedMapolas(matches, (), none, SizeFactors(1.0, 1.0, 1.0))
+    common = np.zeros((len(matches), 3, 1))
+    return ImagedMapolas(matches, (), none, common, SizeFactors(1.0, 1.0, 1.0))
 
 
 def by_heights(*matches, beside=0.0, effects=None):
