@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.errors import InvalidValueError
-from spcola.ground import Ground
+from spcola.ground import Facets, Ground
 from spcola.image import SpcImage
 from spcola.maplet import MapletGrid
 from spcola.projection import partials_position, project_image
@@ -38,9 +38,9 @@ class View:
         In the frame, turned to the camera, and nothing stands before it.
     lit : (R, C) ndarray of bool
         Turned to the Sun, and in no cast shadow.
-    cos_incidence, cos_emission : (R, C) ndarrays
-        Of the angles between the ground's normal and Sun, camera.
-    phase : (R, C) ndarray
+    cos_incidence, cos_emission : (R − 1, C − 1) ndarrays
+        Of the angles between the normal of each cell and Sun, camera; NaN where it has no slope.
+    phase : (R − 1, C − 1) ndarray
         Angle between Sun and camera, radians.
     footprint : (2, 2) ndarray
         ∂(pixel, line)/∂(x, y) on the grid's plane at its centre, pixels a grid step.
@@ -122,8 +122,10 @@ def view_of(
     if beyond is not None:
         _stop(seen, beyond, ground, eye)
         _stop(lit, beyond, ground, np.broadcast_to(sun, eye.shape))
-    phase = np.arccos(np.clip(eye @ sun, -1.0, 1.0))
-    return View(image.name, pixel, line, seen, lit, incidence, emission, phase, footprint)
+    cells = Facets.of(ground, image)
+    phase = np.arccos(np.clip(cells.eye @ sun, -1.0, 1.0))
+    cosines = cells.cosine(sun), cells.cosine(cells.eye)
+    return View(image.name, pixel, line, seen, lit, *cosines, phase, footprint)
 
 
 def footprint_of(image: SpcImage, grid: MapletGrid) -> FloatArray:
@@ -184,16 +186,24 @@ def ortho_rectify(image: SpcImage, view: View) -> OrthoImage:
         place = np.stack([view.line[view.seen], view.pixel[view.seen]]) - 1.0
         rows, columns = np.rint(place).astype(np.int64)
         nearest[view.seen] = image.pixels[rows, columns]
-        brightness[view.seen] = _resampled(image.pixels, place, view.footprint)
+        brightness[view.seen] = resampled(image.pixels, place, view.footprint)
     low, high = image.thresholds
     exposed = view.seen & (nearest > low) & (nearest < high)
     return OrthoImage(view, brightness, exposed, view.seen & (nearest >= high))
 
 
-def _resampled(pixels: AnyArray, place: FloatArray, footprint: FloatArray) -> FloatArray:
-    """Return brightness (N,) of cells at places (2, N) of an image: rows and columns from 0.
+def resampled(pixels: AnyArray, place: FloatArray, footprint: FloatArray) -> FloatArray:
+    """Return brightness (N,) of cells at places of an image.
 
     Cells that are larger than pixels are means of samples a pixel apart; else a cubic spline.
+
+    Parameters
+    ----------
+    pixels : (H, W) ndarray
+    place : (2, N) ndarray
+        Rows and columns, from 0.
+    footprint : (2, 2) ndarray
+        Of a cell, as that of a :class:`View`.
     """
     low = np.maximum(np.floor(place.min(axis=1)).astype(int) - _MARGIN, 0)
     high = np.ceil(place.max(axis=1)).astype(int) + _MARGIN + 1

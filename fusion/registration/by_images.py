@@ -20,9 +20,8 @@ from spcola.sightingsizes import SizeFactors, estimate_factors
 # metres, counts as an error that each mapola has of its own; and so do all beyond so many.
 _LEAST = 1e-3
 _MOST_PATTERNS = 300
-# What all images may get wrong alike, pixels: as if the body were larger or smaller, and along the
-# way of the Sun, which lights all of them.
-_OUTWARD_PX, _SUNWARD_PX = 0.015, 0.006
+# What all images may get wrong alike, pixels: as if the body were larger or smaller.
+_OUTWARD_PX = 0.003
 # Sightings that tell how large errors are; more would not change the two numbers by much.
 _SAMPLE = 128
 
@@ -41,9 +40,9 @@ class ImagedMapolas:
     effects : (N, 3, M) ndarray
         What patterns of the states' errors, each of standard deviation 1, do to each mapola,
         metres.
-    common : (N, 3, 2) ndarray
-        The same of errors that all images share, outward and about Z: no image tells them from a
-        scale and a rotation, and no estimate, only its sigma, is changed by them.
+    common : (N, 3, 1) ndarray
+        The same of an error that all images share, outward: no image tells it from a scale, and no
+        estimate, only its sigma, is changed by it.
     factors : SizeFactors
         By which sigmas of matches, positions and pointing were multiplied.
     """
@@ -85,7 +84,7 @@ def place_mapolas(
 
 
 def _common(grids: Sequence[MapletGrid], sightings: Sequence[Sighting]) -> FloatArray:
-    """What errors that all images share do to each mapola (N, 3, 2), metres."""
+    """What an error that all images share does to each mapola (N, 3, 1), metres."""
     centers = np.array([grid.center for grid in grids])
     pixels = [
         image.camera.pixel_angle * float(np.linalg.norm(image.position - grid.center))
@@ -93,9 +92,9 @@ def _common(grids: Sequence[MapletGrid], sightings: Sequence[Sighting]) -> Float
         for image in sighting.images
     ]
     reach = float(np.sqrt(np.mean(np.sum(centers**2, axis=1))))
-    size = float(np.median(pixels)) / reach if pixels else 0.0
-    turned = np.cross([0.0, 0.0, 1.0], centers)
-    return size * np.stack([_OUTWARD_PX * centers, _SUNWARD_PX * turned], axis=2)
+    size = _OUTWARD_PX * float(np.median(pixels)) / reach if pixels else 0.0
+    outward: FloatArray = size * centers[:, :, None]
+    return outward
 
 
 def _scaled_back(sighting: Sighting, factors: SizeFactors) -> Sighting:

@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
+from fusion.mixed import ErrorSizes
 from fusion.registration.by_images import ImagedMapolas
-from fusion.registration.combine import KindSizes, combine
+from fusion.registration.combine import KindSizes, both_kinds
 from fusion.registration.fit import FitOptions, Registration, fit_transform
 from fusion.registration.match import Match
 from fusion.registration.summary import MatchedMapolas, registration_json
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
-from spcola.maplet import MapletGrid
 
 Kind = Literal["images", "both"]
-# Where covariances hold the sizes of what errs, what may be left is expected at this share of the
-# error of a maplet's centre.
+# Where what landmarks do is known, what may be left is expected at this share of the error of a
+# maplet's centre.
 _LEFT = 0.1
+# What is told of each kind of match.
+_OF_A_KIND = ("displacement_m", "sigma_m", "residual_m", "used", "reason", "correlation")
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +34,11 @@ class KindRegistration:
     ----------
     registration : Registration
     mapolas : MatchedMapolas
-        With the matches that entered.
+        With the matches that entered: N, or 2N of both kinds, those by topography first.
     sizes : KindSizes
         NaN of a kind that did not enter.
     chi2 : (N,) ndarray
-        As of :class:`fusion.registration.combine.CombinedMatches`; NaN where one kind entered.
+        As of :class:`fusion.registration.combine.JointMatches`; NaN where one kind entered.
     """
 
     registration: Registration
@@ -87,7 +89,6 @@ def fit_mapolas(
 
 def register_kinds(
     by: Kind,
-    grids: Sequence[MapletGrid],
     topography: MatchedMapolas,
     images: ImagedMapolas,
     *,
@@ -95,13 +96,12 @@ def register_kinds(
 ) -> KindRegistration:
     """Register mapolas by where images show them, alone or with the topography.
 
-    Both kinds are fitted alone first, which tells how large the errors of each are.
+    Both kinds are fitted alone first, which tells how large the errors of each are; then the
+    matches of both are rows of one fit.
 
     Parameters
     ----------
     by : {"images", "both"}
-    grids : sequence of N MapletGrid
-        Of the mapolas.
     topography : MatchedMapolas
         By their heights.
     images : ImagedMapolas
@@ -112,46 +112,42 @@ def register_kinds(
     NotObservableError
         If too few match, or a parameter of the model is free.
     """
-    nothing = np.full(len(grids), np.nan)
-    seen = replace(topography, matches=images.matches)
+    seen = replace(topography, matches=images.matches, landmarks=None)
     if by == "images":
-        registration = _fit_seen(seen, [images.effects, images.common], options)
+        registration = _fit_seen(seen, images, options)
         sizes = KindSizes(float("nan"), registration.fit.sizes.independent)
-        return KindRegistration(registration, seen, sizes, nothing)
-    sizes = KindSizes(
-        _size(topography, [], options), _size(seen, [images.effects, images.common], options)
-    )
-    joined = combine(grids, topography.matches, images, sizes, reject=options.reject)
-    mapolas = replace(topography, matches=joined.matches)
-    left = replace(options, center_sigma_m=_LEFT * options.center_sigma_m)
-    registration = _fit_seen(mapolas, [joined.effects, images.common], left)
-    return KindRegistration(registration, mapolas, sizes, joined.chi2)
+        return KindRegistration(registration, seen, sizes, np.full(len(seen.matches), np.nan))
+    of_ground = _sizes(lambda: fit_mapolas(topography, options=options), options)
+    of_images = _sizes(lambda: _fit_seen(seen, images, options), options)
+    sizes = KindSizes(of_ground.independent, of_images.independent)
+    joint = both_kinds(topography, images, sizes, reject=options.reject)
+    stated = (1.0,) if topography.landmarks is None else (1.0, 1.0)
+    held = (0.0, of_ground.shared[0], of_images.shared[1], *stated)
+    groups, options = [joint.effects, joint.common], replace(options, held=held)
+    registration = fit_mapolas(joint.rows, groups, options=options)
+    return KindRegistration(registration, joint.rows, sizes, joint.chi2)
 
 
-def _fit_seen(
-    mapolas: MatchedMapolas, further: list[FloatArray], options: FitOptions
-) -> Registration:
+def _fit_seen(mapolas: MatchedMapolas, images: ImagedMapolas, options: FitOptions) -> Registration:
     """Fit matches by images, the errors of scans as large as their adjustment says.
-
-    The last group of `further` are errors that no match tells from the transform.
 
     Images err smoothly over the body too. A factor on the errors of scans would be made to explain
     that, and the translation, which no match tells from an error that all scans share, would be
     told too uncertain by it.
     """
     alone = replace(mapolas, effects=mapolas.effects[:, :, :0])
-    sizes = fit_mapolas(alone, further[:-1], options=options).fit.sizes
+    sizes = fit_mapolas(alone, [images.effects], options=options).fit.sizes
     held = (sizes.independent, 1.0, *sizes.shared[1:], 1.0)
-    return fit_mapolas(mapolas, further, options=replace(options, held=held))
+    groups = [images.effects, images.common]
+    return fit_mapolas(mapolas, groups, options=replace(options, held=held))
 
 
-def _size(mapolas: MatchedMapolas, further: list[FloatArray], options: FitOptions) -> float:
-    """Error size of a kind of match by its own fit, metres; what was expected, if there is none."""
+def _sizes(fit: Callable[[], Registration], options: FitOptions) -> ErrorSizes:
+    """Error sizes of a kind of match by its own fit; what was expected, if there is none."""
     try:
-        fit = _fit_seen if further else fit_mapolas
-        return fit(mapolas, further, options=options).fit.sizes.independent
+        return fit().fit.sizes
     except NotObservableError:
-        return options.center_sigma_m
+        return ErrorSizes(options.center_sigma_m, (1.0, 1.0))
 
 
 def kinds_json(
@@ -162,18 +158,26 @@ def kinds_json(
 ) -> dict[str, Any]:
     """Content of ``registration.json``, with what images told."""
     content = registration_json(found.registration, found.mapolas)
+    entries = content["per_mapola"]
+    if by == "both":
+        entries = _joined(entries, found.mapolas.matches)
     used = {image.name for sighting in images.sightings for image in sighting.images}
+    count = sum(entry["used"] for entry in entries)
     content |= {
         "by": by,
+        "n_used": count,
+        "n_rejected": len(entries) - count,
         "maplet_sigma_m": found.sizes.topography,
         "image_sigma_m": found.sizes.images,
         "image_match_factor": images.factors.match,
         "image_position_factor": images.factors.position,
         "image_pointing_factor": images.factors.pointing,
         "n_images": len(used),
+        "per_mapola": entries,
     }
-    rows = zip(content["per_mapola"], topography, images.sightings, found.chi2, strict=True)
-    for entry, ground, sighting, chi2 in rows:
+    for entry, ground, sighting, chi2 in zip(
+        entries, topography, images.sightings, found.chi2, strict=True
+    ):
         placed = found.registration.transform.apply(ground.center) + entry["scan_shift_m"]
         surface = ground.center + ground.displacement - placed
         entry |= {
@@ -183,3 +187,26 @@ def kinds_json(
             "kinds_chi2": chi2,
         }
     return content
+
+
+def _joined(entries: list[dict[str, Any]], matches: Sequence[Match]) -> list[dict[str, Any]]:
+    """Return one entry for each mapola of those of both kinds, which stand one after the other.
+
+    Where both were used, displacement and residual are their means by information.
+    """
+    count, joined = len(entries) // 2, []
+    for row in range(count):
+        ground, seen = entries[row], entries[count + row]
+        entry = dict(seen if seen["used"] and not ground["used"] else ground)
+        if ground["used"] and seen["used"]:
+            by_ground, by_seen = matches[row].covariance, matches[count + row].covariance
+            share = np.linalg.solve(by_ground + by_seen, by_ground).T
+            for key in ("displacement_m", "residual_m"):
+                entry[key] = ground[key] + share @ (seen[key] - ground[key])
+            entry["sigma_m"] = np.sqrt(np.diag(share @ by_seen))
+        entry["kinds"] = {
+            kind: {key: told[key] for key in _OF_A_KIND}
+            for kind, told in (("topography", ground), ("images", seen))
+        }
+        joined.append(entry)
+    return joined

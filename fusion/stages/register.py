@@ -43,7 +43,7 @@ class RegisterStage:
     """Mapolas and SPC surface → registration.json."""
 
     name: str = "register"
-    version: int = 8
+    version: int = 9
     tables: tuple[type[Table], ...] = (
         RegisterSettings,
         BodySettings,
@@ -163,7 +163,9 @@ def _by_images(context: StageContext, matched: Matched) -> dict[str, Any]:
     grids = [workspace.mapola(name).grid for name in names]
     imaged = imaged_mapolas(context, names, grids)
     by: Kind = "both" if table.by == "both" else "images"
-    found = register_kinds(by, grids, mapolas, imaged, options=_fit_options(table))
+    if by == "both":
+        mapolas = replace(mapolas, landmarks=_landmarks(context, names))
+    found = register_kinds(by, mapolas, imaged, options=_fit_options(table))
     return kinds_json(by, found, matched.matches, imaged)
 
 

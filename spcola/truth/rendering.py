@@ -210,21 +210,29 @@ def expose(iof: FloatArray, settings: ImageSettings, generator: np.random.Genera
 
 def _render_block(scene: _Scene, frame: _Frame, block: tuple[slice, slice]) -> None:
     """Fill a block of the frame: geometry of the centres, brightness of all rays."""
-    count = scene.settings.rays_per_pixel
     lines, pixels = (1.0 + grid.ravel() for grid in np.mgrid[block].astype(np.float64))
     shape = (block[0].stop - block[0].start, block[1].stop - block[1].start)
-    total = np.zeros(len(lines))
-    for number in range(count):
-        # The first ray goes through the centre.
-        aside, down = (0.5 + number * _STEP_X) % 1.0 - 0.5, (0.5 + number * _STEP_Y) % 1.0 - 0.5
-        view = _look(scene, pixels + aside, lines + down)
-        total += view.iof
-        if number == 0:
-            frame.incidence[block] = np.arccos(np.clip(view.cos_incidence, -1, 1)).reshape(shape)
-            frame.emission[block] = np.arccos(np.clip(view.cos_emission, -1, 1)).reshape(shape)
-            frame.distance[block] = view.distance.reshape(shape)
-            frame.lit[block] = view.lit.reshape(shape)
-    frame.iof[block] = (total / count).reshape(shape)
+    rays = _rays(scene.settings.rays_per_pixel)
+    center = _look(scene, pixels, lines)
+    light = center.iof
+    if len(rays) > 1:
+        seen = [_look(scene, pixels + aside, lines + down).iof for aside, down in rays]
+        light = np.mean(seen, axis=0)
+    frame.iof[block] = light.reshape(shape)
+    frame.incidence[block] = np.arccos(np.clip(center.cos_incidence, -1, 1)).reshape(shape)
+    frame.emission[block] = np.arccos(np.clip(center.cos_emission, -1, 1)).reshape(shape)
+    frame.distance[block] = center.distance.reshape(shape)
+    frame.lit[block] = center.lit.reshape(shape)
+
+
+def _rays(count: int) -> FloatArray:
+    """Return where rays pass a pixel (count, 2), from its centre: at it in the mean.
+
+    The first points of the sequence lie to one side: 16 of them would shift an image by 0.1 pixel.
+    """
+    steps = np.arange(count)[:, None] * np.array([_STEP_X, _STEP_Y])
+    places: FloatArray = (0.5 + steps) % 1.0 - 0.5
+    return places - places.mean(axis=0)
 
 
 class _View(NamedTuple):

@@ -70,12 +70,22 @@ def test_what_was_planted_is_recovered_by_images(workspace):
             assert len(entry["surface_residual_m"]) == 3
 
 
-def test_both_kinds_together(workspace):
-    _, content = registered(workspace[0], by="both")
-    assert content["maplet_sigma_m"] > content["image_sigma_m"]
+def test_both_kinds_together_are_as_sharp_as_either(workspace):
+    found = {by: registered(workspace[0], by=by)[1] for by in ("topography", "images", "both")}
+    content = found["both"]
+    assert content["scale_sigma"] <= found["topography"]["scale_sigma"]
+    turned = [np.array(found[by]["rotation_sigma_deg"]) for by in ("both", "images")]
+    assert np.all(turned[0] <= 1.02 * turned[1])
+    assert content["n_used"] + content["n_rejected"] == len(content["per_mapola"]) == 24
     told = [e["kinds_chi2"] for e in content["per_mapola"] if e["kinds_chi2"] is not None]
     assert len(told) > 15
     assert 1.0 < np.mean(told) < 6.0
+    for entry in content["per_mapola"]:
+        kinds = entry["kinds"]
+        assert entry["used"] == (kinds["topography"]["used"] or kinds["images"]["used"])
+        if kinds["topography"]["used"] and kinds["images"]["used"]:
+            sigmas = np.array([kinds[kind]["sigma_m"] for kind in kinds])
+            assert np.all(np.array(entry["sigma_m"]) < sigmas.max(axis=0))
 
 
 def test_the_default_is_topography_and_a_wrong_function_is_refused(workspace):

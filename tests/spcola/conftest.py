@@ -96,7 +96,24 @@ class Waves:
         return lambert(incidence, np.ones_like(incidence), np.zeros_like(incidence))
 
 
+class Cap(Waves):
+    """The waves on a ball of 40 m."""
+
+    def height(self, x, y):
+        return super().height(x, y) - (x**2 + y**2) / 80.0
+
+    def slopes(self, x, y):
+        along_x, along_y = super().slopes(x, y)
+        return along_x - x / 40.0, along_y - y / 40.0
+
+
 @pytest.fixture(scope="session")
 def waves() -> Waves:
     """Ground of 30 m around a grid of 0.5 m."""
     return Waves(MapletGrid.facing([80.0, 20.0, 10.0], [0.9, 0.3, 0.2], 0.5, 30))
+
+
+@pytest.fixture(scope="session")
+def cap(waves) -> Cap:
+    """The same on a ball."""
+    return Cap(waves.grid)

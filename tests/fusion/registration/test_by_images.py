@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 
 from fusion.registration.by_images import ImagedMapolas, place_mapolas
-from fusion.registration.combine import KindSizes, combine
-from fusion.registration.fit import FitOptions, fit_transform
+from fusion.registration.combine import KindSizes, both_kinds
+from fusion.registration.fit import FitOptions
+from fusion.registration.kinds import fit_mapolas
+from fusion.registration.landmarks import LandmarkErrors
 from fusion.registration.match import Match
+from fusion.registration.scans import ScanEffects
+from fusion.registration.summary import MatchedMapolas
 from spcola.camera import Camera
 from spcola.image import SpcImage
 from spcola.maplet import MapletGrid
@@ -83,6 +87,10 @@ def test_a_mapola_that_no_image_shows_says_so():
     assert found.matches[1].reason == "no image shows it"
     assert "has no texture there" in found.matches[2].reason
     assert found.effects.shape[:2] == (3, 3)
+    outward = found.common[0, :, 0]
+    np.testing.assert_allclose(np.cross(outward, grids[0].center), 0.0, atol=1e-12)
+    # 0.003 pixels of 0.7 to 0.9 m.
+    assert 0.002 < np.linalg.norm(outward) < 0.003
     assert not found.effects[1:].any()
 
 
@@ -105,48 +113,77 @@ def match(displacement, sigma, reason=""):
 
 
 def imaged(*matches, effects=None):
+    none = np.zeros((len(matches), 3, 0)) if effects is None else effects
+    common = np.zeros((len(matches), 3, 1))
+    return ImagedMapolas(matches, (), none, common, SizeFactors(1.0, 1.0, 1.0))
+
+
+def by_heights(*matches, beside=0.0, effects=None):
     count = len(matches)
+    scans = ScanEffects.independent([], 0.05)
     none = np.zeros((count, 3, 0)) if effects is None else effects
-    return ImagedMapolas(matches, (), none, np.zeros((count, 3, 2)), SizeFactors(1.0, 1.0, 1.0))
+    return MatchedMapolas(matches, scans, none, np.tile(beside**2 * np.eye(3), (count, 1, 1)))
 
 
-def test_both_kinds_are_weighed_by_their_information():
-    grid, ground = match([0.1, 0.0, 0.0], 0.03)
+def test_both_kinds_are_rows_of_their_own():
+    _, ground = match([0.1, 0.0, 0.0], 0.03)
     _, seen = match([0.0, 0.1, 0.0], 0.01)
-    sizes = KindSizes(0.04, 0.0)
-    effects = np.zeros((1, 3, 1))
-    found = combine([grid], [ground], imaged(seen, effects=effects), sizes)
-    share = 0.05**2 / (0.05**2 + 0.01**2)
-    np.testing.assert_allclose(found.matches[0].displacement, [0.1 * (1 - share), 0.1 * share, 0])
-    variance = 1.0 / (1.0 / 0.05**2 + 1.0 / 0.01**2)
-    np.testing.assert_allclose(found.matches[0].covariance, variance * np.eye(3), rtol=1e-9)
-    assert found.chi2[0] == pytest.approx(0.02 / (0.05**2 + 0.01**2))
+    effects = np.full((1, 3, 2), 0.02)
+    found = both_kinds(
+        by_heights(ground, beside=0.01), imaged(seen, effects=effects), KindSizes(0.04, 0.0)
+    )
+    first, second = found.rows.matches
+    np.testing.assert_allclose(first.displacement, ground.displacement)
+    np.testing.assert_allclose(second.displacement, seen.displacement)
+    # What scans do to the mapola alone is in both, as if it told half as much in each.
+    np.testing.assert_allclose(first.covariance, (0.05**2 + 0.01**2) * np.eye(3), rtol=1e-9)
+    np.testing.assert_allclose(second.covariance, 2 * 0.01**2 * np.eye(3), rtol=1e-9)
+    np.testing.assert_allclose(found.effects, np.concatenate([np.zeros((1, 3, 2)), effects]))
+    spread = (0.05**2 + 0.01**2) * np.eye(3) + effects[0] @ effects[0].T
+    apart = second.displacement - first.displacement
+    assert found.chi2[0] == pytest.approx(apart @ np.linalg.solve(spread, apart))
 
 
 def test_kinds_that_contradict_are_not_used_and_one_kind_is_enough():
-    grid, ground = match([0.0, 0.0, 0.0], 0.01)
+    _, ground = match([0.0, 0.0, 0.0], 0.01)
     _, far = match([0.5, 0.0, 0.0], 0.01)
     _, unseen = match([np.nan] * 3, 0.01, "no image shows it")
-    sizes = KindSizes(0.02, 0.005)
-    found = combine([grid] * 2, [ground] * 2, imaged(far, unseen), sizes)
-    assert "topography and images differ by" in found.matches[0].reason
-    assert found.matches[1].usable
-    np.testing.assert_allclose(found.matches[1].displacement, 0.0)
+    found = both_kinds(by_heights(ground, ground), imaged(far, unseen), KindSizes(0.02, 0.005))
+    reasons = [match.reason for match in found.rows.matches]
+    assert "topography and images differ by" in reasons[0]
+    assert reasons == [reasons[0], "", reasons[0], "no image shows it"]
     assert np.isnan(found.chi2[1])
 
 
-def test_errors_that_images_share_widen_the_transform_but_move_no_mapola():
+def test_landmarks_err_in_the_matches_by_topography_alone():
+    _, ground = match([0.1, 0.0, 0.0], 0.03)
+    _, seen = match([0.0, 0.0, 0.0], 0.03)
+    own = 0.04**2 * np.eye(3)[None]
+    landmarks = LandmarkErrors(np.array([[0.1, 0, 0]]), own, np.zeros((1, 3, 1)), 0.3, 5, 9)
+    heights = replace(by_heights(ground), landmarks=landmarks)
+    found = both_kinds(heights, imaged(seen), KindSizes(0.0, 0.0))
+    assert found.chi2[0] == pytest.approx(0.0, abs=1e-9)
+    assert found.rows.landmarks.offset[1].tolist() == [0.0, 0.0, 0.0]
+    assert not found.rows.landmarks.own[1].any()
+
+
+def test_an_error_that_images_share_leaves_the_scale_to_the_heights():
+    """Images sharp but of one unknown size of the body: both tell scale as heights alone."""
     rng = np.random.default_rng(6)
-    points = 75.0 * rng.normal(size=(60, 3))
+    points = rng.normal(size=(40, 3))
     points *= 75.0 / np.linalg.norm(points, axis=1, keepdims=True)
-    covariances = np.broadcast_to(1e-4 * np.eye(3), (60, 3, 3))
-    moved = 0.01 * rng.normal(size=(60, 3))
-    none, common = np.zeros((60, 3, 0)), (0.02 / 75.0 * points)[:, :, None]
-    options = FitOptions(held=(1e-3, 1.0))
-    plain = fit_transform(points, moved, covariances, none, options=options)
-    options = FitOptions(held=(1e-3, 1.0, 1.0))
-    wide = fit_transform(points, moved, covariances, none, further=[common], options=options)
-    np.testing.assert_allclose(wide.transform.matrix, plain.transform.matrix, atol=1e-7)
-    added = wide.covariance[6, 6] - plain.covariance[6, 6]
-    assert np.sqrt(added) == pytest.approx(0.02 / 75.0, rel=0.01)
-    assert wide.joint.shape == (7, 7)
+    larger, count = (0.2 / 75.0 * points)[:, :, None], len(points)
+    ground, seen = [], []
+    for point, error in zip(points, rng.normal(size=(count, 2, 3)), strict=True):
+        _, one = match(0.03 * error[0], 0.03)
+        _, other = match(0.003 * error[1] + 0.2 / 75.0 * point, 0.003)
+        ground.append(replace(one, center=point))
+        seen.append(replace(other, center=point))
+    heights = by_heights(*ground)
+    alone = fit_mapolas(heights, options=FitOptions(held=(0.0, 1.0)))
+    joint = both_kinds(heights, imaged(*seen, effects=larger), KindSizes(0.0, 0.0))
+    both = fit_mapolas(joint.rows, [joint.effects], options=FitOptions(held=(0.0, 1.0, 1.0)))
+    scale, rotation = both.covariance[6, 6], np.diag(both.covariance)[3:6]
+    assert 0.9 < np.sqrt(scale / alone.covariance[6, 6]) <= 1.0
+    assert np.all(rotation < 0.02 * np.diag(alone.covariance)[3:6])
+    assert abs(both.similarity.scale - 1.0) < 3.0 * np.sqrt(scale)

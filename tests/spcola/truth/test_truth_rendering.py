@@ -130,6 +130,16 @@ def test_cast_shadows_are_those_of_the_body_itself() -> None:
         assert least <= np.isfinite(met[:, 0]).mean() <= most
 
 
+@pytest.mark.parametrize("count", [5, 16])
+def test_more_rays_do_not_shift_the_image(count: int) -> None:
+    image, line = an_image(60), np.arange(60)
+    middles = []
+    for settings in (EXACT, replace(EXACT, rays_per_pixel=count)):
+        light = rendered(image, settings).iof.astype(float)
+        middles.append([light.sum(axis=k) @ line / light.sum() for k in (0, 1)])
+    np.testing.assert_allclose(middles[1], middles[0], atol=0.03)
+
+
 def test_more_rays_fill_the_limb_by_its_share() -> None:
     image = an_image(60)
     one, many = (
