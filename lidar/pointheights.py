@@ -62,8 +62,9 @@ def _likely_bending(mapola: Mapola) -> FloatArray:
     """Bending times the share of it, within the neighbourhood, that noise does not explain."""
     bend = bending(mapola.height)
     noise, square = BENDING_NOISE * _around(mapola.sigma**2), _around(bend**2)
-    share = 1.0 - noise / np.maximum(square, np.finfo(np.float64).tiny)
-    return np.nan_to_num(np.clip(share, 0.0, 1.0) * bend)
+    bent = square > noise
+    share = 1.0 - np.divide(noise, square, out=np.ones(square.shape), where=bent)
+    return np.nan_to_num(share * bend)
 
 
 def _around(layer: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fusion.mixed import ErrorSizes
+from fusion.errorsizes import ErrorSizes
 from fusion.registration.by_images import ImagedMapolas
 from fusion.registration.combine import KindSizes, both_kinds
 from fusion.registration.fit import FitOptions, Registration, fit_transform
