@@ -11,9 +11,10 @@ and goes on from there.
 
 The missions plant no range bias, but the sigma of the scale holds what is believed of one before
 the data. With `--drawn-bias` each has its own, drawn from that prior: pulls should scatter by 1.
+With `--by images` or `both` the missions have images, and are registered by them (three minutes).
 
     python scripts/bench/scale [--seeds 20] [--preset tiny|mini] [--method pairs|shots]
-                               [--registration] [--drawn-bias]
+                               [--registration] [--by topography|images|both] [--drawn-bias]
 """
 
 from __future__ import annotations
@@ -52,10 +53,11 @@ class Kind:
     method: str
     registration: bool
     drawn_bias: bool
+    by: str = "topography"
 
     def mission(self, seed: int) -> MissionSettings:
-        """The mission of a seed, without images."""
-        settings = PRESETS[self.preset](seed).with_images(False)
+        """The mission of a seed, with images if they are used."""
+        settings = PRESETS[self.preset](seed).with_images(self.by != "topography")
         if not self.drawn_bias:
             return settings
         prior = ScaleOptions().range_bias_prior_m
@@ -73,6 +75,7 @@ def recovered(kind: Kind, seed: int) -> list[Recovered]:
         planted = make_mission(mission, settings=settings, executor=executor, progress=progress)
         workspace = new_workspace(Path(folder) / "ws", body="Truth", spc=mission / SPC_FOLDER)
         chosen = workspace.settings().with_table("scale", method=kind.method)
+        chosen = chosen.with_table("register", by=kind.by)
         sources = [Source(path) for path in sorted((mission / LIDAR_FOLDER).iterdir())]
         with closing(Catalog(workspace)) as catalog:
             import_files(workspace, chosen, sources, Workers(executor, progress, catalog.digesting))
@@ -94,13 +97,18 @@ def main() -> None:
     parser.add_argument("--registration", action="store_true", help="register too")
     parser.add_argument("--lines", type=Path, help="keep a line for each mission in this file")
     parser.add_argument("--drawn-bias", action="store_true", help="plant range biases")
+    ways = ("topography", "images", "both")
+    parser.add_argument("--by", choices=ways, help="register by that")
     options = parser.parse_args()
+    registration = options.registration or options.by is not None
     known: dict[int, list[Recovered]] = {}
-    kind = Kind(options.preset, options.method, options.registration, options.drawn_bias)
+    kind = Kind(
+        options.preset, options.method, registration, options.drawn_bias, options.by or ways[0]
+    )
     if options.lines and options.lines.exists():
         for text in options.lines.read_text(encoding="utf-8").splitlines():
             entry = json.loads(text)
-            if entry["kind"] == asdict(kind):
+            if Kind(**entry["kind"]) == kind:
                 known[entry["seed"]] = [Recovered(**row) for row in entry["rows"]]
     seeds = range(options.first, options.first + options.seeds)
     for seed in seeds:
