@@ -27,6 +27,8 @@ _FURTHEST = 0.25
 _SHORTEST = 1e-3
 # A correlation of fewer standard deviations than this is chance, whichever distance it is found at.
 _SIGNIFICANT = 4.0
+# Shots whose pairs are looked at: of more, each so many-th.
+_SAMPLE = 4000
 # Standardised residuals beyond this are of stray shots.
 _CLIPPED = 3.0
 # More patterns than this cost time and tell no more of their size; so many nodes carry them.
@@ -97,8 +99,9 @@ def shared_ground(
         return None
     standard = np.clip(residual / size, -_CLIPPED, _CLIPPED)
     radius = float(np.mean(np.linalg.norm(observations.point, axis=1)))
+    chosen = used[:: -(-len(used) // _SAMPLE)]
     reach, share = common_reach(
-        observations.point[used], standard[used], furthest=_FURTHEST * radius
+        observations.point[chosen], standard[chosen], furthest=_FURTHEST * radius
     )
     if not reach > 0:
         return None
