@@ -161,6 +161,8 @@ def kinds_json(
     entries = content["per_mapola"]
     if by == "both":
         entries = _joined(entries, found.mapolas.matches)
+        left = [entry["residual_m"] for entry in entries if entry["used"]]
+        content["residual_std_m"] = np.std(np.array(left).reshape(-1, 3), axis=0)
     used = {image.name for sighting in images.sightings for image in sighting.images}
     count = sum(entry["used"] for entry in entries)
     content |= {

@@ -86,6 +86,9 @@ def test_both_kinds_together_are_as_sharp_as_either(workspace):
         if kinds["topography"]["used"] and kinds["images"]["used"]:
             sigmas = np.array([kinds[kind]["sigma_m"] for kind in kinds])
             assert np.all(np.array(entry["sigma_m"]) < sigmas.max(axis=0))
+    # A mapola that images hardly place must not make the mission look bad.
+    left = np.std([entry["residual_m"] for entry in content["per_mapola"] if entry["used"]], axis=0)
+    np.testing.assert_allclose(content["residual_std_m"], left)
 
 
 def test_the_default_is_topography_and_a_wrong_function_is_refused(workspace):
