@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fusion.influence import influence
 from fusion.registration.fit import LIDAR_FRAME, SPC_FRAME, Registration
 from fusion.registration.known import KnownTransform
 from fusion.registration.landmarks import LandmarkErrors
@@ -94,6 +95,17 @@ def registration_json(
         found = content["tests"]["strain"]
         content |= {key: found[key] for key in ("strain", "strain_sigma")}
     return content
+
+
+def scale_influence(registration: Registration, mapolas: MatchedMapolas) -> FloatArray:
+    """Change (N, 3) of the scale of a similarity for a displacement of each match, 1/m.
+
+    0 where a match did not enter.
+    """
+    moved = np.zeros((len(mapolas.matches), 3))
+    of_all = influence(registration.observations, registration.fit)
+    moved[mapolas.usable] = of_all[registration.parameters.index("scale")]
+    return moved
 
 
 def per_scan_json(scans: ScanEffects, displacement: FloatArray) -> list[dict[str, Any]]:

@@ -8,57 +8,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from fusion.errorsizes import ErrorSizes
-from fusion.influence import influence
-from fusion.mixed import MixedOptions, Observations, fit_mixed
-from fusion.registration.fit import PARAMETERS, transform_partials
-from fusion.registration.summary import transform_of
 from spcola.arrays import FloatArray
-
-
-def registration_influence(
-    registration: Mapping[str, Any], effects: FloatArray, beside: FloatArray
-) -> FloatArray:
-    """Change (N, 3) of the registration's scale for a displacement of each mapola it used, 1/m.
-
-    The fit of ``registration.json`` is set up again from what the file holds: centres, sigmas of
-    the matches, error sizes. Robust weights and correlations of a match's components are not in
-    it, and taken as 1 and 0; that images tell part of a maplet's error is left out, which makes
-    what it shares with ε larger than it is.
-
-    Parameters
-    ----------
-    registration : mapping
-        Content of ``registration.json`` of a similarity.
-    effects : (N, 3, M) ndarray
-        What patterns of scan errors do to the mapolas used, in their order, metres.
-    beside : (N, 3, 3) ndarray
-        Covariance of what scans do to them beside, m².
-    """
-    entries = [entry for entry in registration["per_mapola"] if entry["used"]]
-    centers = np.array([entry["center_m"] for entry in entries])
-    sigma = np.array([entry["sigma_m"] for entry in entries])
-    names = PARAMETERS["similarity"]
-    landmarks = registration.get("landmarks") or {"own_sigma_m": 0.0}
-    alone = np.hypot(float(registration["maplet_sigma_m"]), float(landmarks["own_sigma_m"]))
-    similarity = transform_of(registration, "registration.json").nearest_similarity()
-    # About their mean, as it was fitted: the scale is the same about any point.
-    middle = centers.mean(axis=0)
-    observations = Observations(
-        np.zeros((len(centers), 3)),
-        transform_partials("similarity", similarity, centers, middle),
-        beside + sigma[:, :, None] ** 2 * np.eye(3),
-        (effects,),
-    )
-    reach = float(np.sqrt(np.mean(np.sum((centers - middle) ** 2, axis=1))))
-    options = MixedOptions(
-        prior=np.full(len(names), np.inf),
-        sizes=ErrorSizes(float(alone), (1.0,), width=0.0),
-        scale=np.where([name.endswith("_m") for name in names], 1.0, 1.0 / max(reach, 1.0)),
-        names=names,
-        robust=False,
-    )
-    return influence(observations, fit_mixed(observations, options))[names.index("scale")]
 
 
 def shared_by_maplets(

@@ -16,7 +16,7 @@ from fusion.registration.kinds import Kind, fit_mapolas, kinds_json, register_ki
 from fusion.registration.landmarks import LandmarkErrors
 from fusion.registration.match import Match
 from fusion.registration.scans import ScanEffects, share_matrix
-from fusion.registration.summary import MatchedMapolas, registration_json
+from fusion.registration.summary import MatchedMapolas, registration_json, scale_influence
 from fusion.return_source import ReturnSource
 from fusion.scan_fits import ScanRegistration
 from fusion.settings import Settings
@@ -43,7 +43,7 @@ class RegisterStage:
     """Mapolas and SPC surface → registration.json."""
 
     name: str = "register"
-    version: int = 9
+    version: int = 10
     tables: tuple[type[Table], ...] = (
         RegisterSettings,
         BodySettings,
@@ -136,6 +136,10 @@ def _by_topography(
         further = [_chords(workspace.shape(), matched.matches)]
     registration = fit_mapolas(mapolas, further, options=options)
     content = {**registration_json(registration, mapolas), "by": table.by}
+    if table.against != "shape" and table.model == "similarity":
+        moved = scale_influence(registration, mapolas)
+        for entry, change in zip(content["per_mapola"], moved, strict=True):
+            entry["scale_per_m"] = change
     if source is not None:
         reference = surface_reference(workspace, table.against)
         scans = ScanRegistration(source, reference, registration, matched.blur_cells)

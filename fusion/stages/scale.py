@@ -12,8 +12,7 @@ import numpy as np
 from fusion.influence import influence
 from fusion.locating import kernel_paths, turning
 from fusion.pairing import Pairing, pair_images, state_shares, write_pairs
-from fusion.registration.scans import ScanEffects, share_matrix
-from fusion.scaling.consistency import consistency, registration_influence, shared_by_maplets
+from fusion.scaling.consistency import consistency, shared_by_maplets
 from fusion.scaling.joint import ScaleEstimate, ScaleOptions, estimate_scale
 from fusion.scaling.pairs import maplets_under, pair_observations
 from fusion.scaling.shots import ShotComparison, check_longitude, compare_shots, join_shots
@@ -45,7 +44,7 @@ class ScaleStage:
     """Scans, images and SPC surface → scale.json and pairs/."""
 
     name: str = "scale"
-    version: int = 6
+    version: int = 7
     tables: tuple[type[Table], ...] = (
         ScaleSettings,
         BodySettings,
@@ -229,31 +228,18 @@ def _shared_with_registration(
 ) -> float | None:
     """Covariance of ε and the registration's scale by the maplets under both; None if not known.
 
-    Where states locate the returns of pairs, trajectories of scans are no part of ε.
+    Where states locate the returns of pairs, trajectories of scans are no part of ε. A registration
+    by images leans on these states too, and does not say how.
     """
     registration = workspace.read_json(workspace.registration_path.name)
-    used = [entry for entry in registration["per_mapola"] if entry["used"]]
-    names = [str(entry["name"]) for entry in used]
-    if registration["model"] != "similarity" or not set(names) <= set(workspace.mapola_names()):
+    moved = {
+        str(entry["name"]): np.array(entry["scale_per_m"])
+        for entry in registration["per_mapola"]
+        if "scale_per_m" in entry
+    }
+    if not moved:
         return None
-    shares = [workspace.mapola(name).scan_share for name in names]
-    centers = np.array([entry["center_m"] for entry in used])
-    adjustment = workspace.adjustment()
-    if adjustment is None:
-        scans = sorted({scan for share in shares for scan in share})
-        matrix = share_matrix(shares, scans)
-        left = ScanEffects.independent(scans, float(registration["scan_sigma_m"]))
-    else:
-        matrix = share_matrix(shares, adjustment.names)
-        left = ScanEffects.left_by(adjustment, matrix, centers)
-    moved = registration_influence(
-        registration, left.at(matrix, centers), left.beside(matrix, centers)
-    )
-    place = {name: number for number, name in enumerate(made.maplets)}
-    of_scale = np.zeros((len(place), 3))
-    for name, change in zip(names, moved, strict=True):
-        if name in place:
-            of_scale[place[name]] = change
+    of_scale = np.array([moved.get(name, np.zeros(3)) for name in made.maplets]).reshape(-1, 3)
     # What moves a maplet moves SPC against the lidar in a pair, and its mapola with it.
     of_epsilon = -maplets_under(made.pairs).T @ influence(estimate.equations, estimate.fit)[0]
     return shared_by_maplets(of_epsilon, of_scale, made.center_sigma)

@@ -188,6 +188,13 @@ def test_mapolas_are_registered_by_every_model_against_every_surface(
     if model != "rigid":
         error = summary["scale"] - planted["registration scale"]
         assert abs(error) < 4.0 * summary["scale_sigma"]
+    told = [entry["scale_per_m"] for entry in content["per_mapola"] if "scale_per_m" in entry]
+    assert bool(told) == (model == "similarity" and against != "shape")
+    if told:
+        # A body that is larger all over has that much more scale, one that is moved has not.
+        centers = np.array([entry["center_m"] for entry in content["per_mapola"]])
+        assert np.sum(told * centers) == pytest.approx(1.0, abs=1e-3)
+        assert np.all(np.abs(np.sum(told, axis=0)) < 1e-9)
 
 
 def test_returns_themselves_are_registered_like_their_mapolas(

@@ -5,7 +5,7 @@ import pytest
 
 from fusion.influence import influence
 from fusion.registration.fit import fit_transform
-from fusion.scaling.consistency import consistency, registration_influence, shared_by_maplets
+from fusion.scaling.consistency import consistency, shared_by_maplets
 from fusion.scaling.joint import ScaleOptions, estimate_scale
 from fusion.scaling.observation import ScaleObservations, everywhere
 
@@ -64,15 +64,8 @@ def both_fits(seed):
         "model": "similarity",
         "scale": registration.similarity.scale,
         "scale_sigma": np.sqrt(registration.covariance[6, 6]),
-        "rotation_deg": np.degrees(registration.similarity.rotation_vector),
-        "translation_m": registration.transform.translation,
-        "maplet_sigma_m": registration.fit.sizes.independent,
-        "per_mapola": [
-            {"center_m": RADIUS * normal, "sigma_m": np.full(3, MATCH), "used": True}
-            for normal in NORMALS
-        ],
     }
-    of_scale = registration_influence(content, none, np.zeros((MAPLETS, 3, 3)))
+    of_scale = influence(registration.observations, registration.fit)[6]
     of_epsilon = -UNDER.T @ influence(estimate.equations, estimate.fit)[0]
     shared = shared_by_maplets(of_epsilon, of_scale, np.full((MAPLETS, 3), CENTER))
     scale = {"epsilon": estimate.epsilon, "epsilon_sigma": estimate.epsilon_sigma}
