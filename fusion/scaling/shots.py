@@ -12,6 +12,7 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from fusion.scaling.observation import ScaleObservations, Trajectory
+from fusion.scaling.placing import KnownPlace
 from fusion.scaling.spots import SpotOptions, cast_spots
 from lidar.scan import Scan
 from spcola.arrays import FloatArray
@@ -47,6 +48,7 @@ def compare_shots(
     trajectory: Trajectory = "reference",
     shares: FloatArray | None = None,
     spots: SpotOptions | None = None,
+    known: KnownPlace | None = None,
     turn_rad: float = 0.0,
 ) -> ShotComparison:
     """Predict the range of each shot by casting its beam on the shape.
@@ -67,6 +69,9 @@ def compare_shots(
         of its own.
     spots : SpotOptions, optional
         Footprint and pointing; by default neither is known.
+    known : KnownPlace, optional
+        Where the lidar surface is believed to lie: beams are cast as if it did not, and values and
+        partials are those about there. By default it is believed to lie on the SPC surface.
     turn_rad : float
         Turns the lidar (spacecraft and beam) about the body's Z axis first: to see what a wrong
         prime meridian would give. Radians, eastward.
@@ -80,14 +85,19 @@ def compare_shots(
     turn = Rotation.from_rotvec([0.0, 0.0, turn_rad]).as_matrix()
     spacecraft, beam = scan.spacecraft @ turn.T, scan.beam @ turn.T
     measured = np.linalg.norm(scan.points - scan.spacecraft, axis=1)
-    spots = spots or SpotOptions()
-    known = np.isfinite(spacecraft).all(axis=1) & np.isfinite(beam).all(axis=1)
+    spots, place = spots or SpotOptions(), known or KnownPlace()
+    arm = measured[:, None] * beam if trajectory == "spc" else scan.points @ turn.T
+    away = place.displaced(arm)
+    placed = np.isfinite(spacecraft).all(axis=1) & np.isfinite(beam).all(axis=1)
     distance = np.full(len(scan), np.nan)
     normal = np.full((len(scan), 3), np.nan)
     unsure = np.zeros(len(scan))
-    if known.any():
-        seen = cast_spots(caster, spacecraft[known], beam[known], spots)
-        distance[known], normal[known], unsure[known] = seen.distance, seen.normal, seen.variance
+    if placed.any():
+        seen = cast_spots(caster, (spacecraft - away)[placed], beam[placed], spots)
+        distance[placed], normal[placed], unsure[placed] = (
+            seen.distance, seen.normal, seen.variance
+        )  # fmt: skip
+        distance -= np.sum(normal * away, axis=1) / np.sum(normal * beam, axis=1)
     with np.errstate(invalid="ignore"):
         good = np.isfinite(distance) & (-np.sum(normal * beam, axis=1) > _MIN_COSINE)
     sigma = np.where(np.isfinite(scan.sigma), scan.sigma, spots.range_sigma_m)

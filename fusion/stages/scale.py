@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from fusion.pairing import Pairing, pair_images, state_shares, write_pairs
 from fusion.scaling.consistency import consistency, shared_by_maplets
 from fusion.scaling.joint import ScaleEstimate, ScaleOptions, estimate_scale
 from fusion.scaling.pairs import maplets_under, pair_observations
+from fusion.scaling.placing import KnownPlace
+from fusion.scaling.settling import settle_shots
 from fusion.scaling.shots import ShotComparison, check_longitude, compare_shots, join_shots
 from fusion.scaling.spots import SpotOptions
 from fusion.scaling.summary import (
@@ -44,7 +47,7 @@ class ScaleStage:
     """Scans, images and SPC surface → scale.json and pairs/."""
 
     name: str = "scale"
-    version: int = 7
+    version: int = 8
     tables: tuple[type[Table], ...] = (
         ScaleSettings,
         BodySettings,
@@ -128,14 +131,18 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
 
     spots = SpotOptions(table.footprint_mrad / 1e3, table.pointing_sigma_mrad / 1e3)
 
-    def one(scan: Scan) -> ShotComparison:
-        if states is None:
-            return compare_shots(scan, caster, trajectory=located, spots=spots)
-        again, shares = _relocated(scan, states, table.max_gap_s)
-        return compare_shots(again, caster, trajectory=located, shares=shares, spots=spots)
+    def one(scan: Scan, known: KnownPlace) -> ShotComparison:
+        shares = None
+        if states is not None:
+            scan, shares = _relocated(scan, states, table.max_gap_s)
+        return compare_shots(
+            scan, caster, trajectory=located, shares=shares, spots=spots, known=known
+        )
 
-    compared = join_shots(context.map("cast shots", one, scans))
-    scan = join("shots", scans)
+    def at(known: KnownPlace) -> ShotComparison:
+        return join_shots(context.map("cast shots", partial(one, known=known), scans))
+
+    compared, scan = at(KnownPlace()), join("shots", scans)
     if len(compared.observations) < 2:
         return unobserved_json(
             "shots",
@@ -143,7 +150,7 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
             f"{compared.missed} of {len(scan)} shots do not meet the shape, or have no spacecraft "
             "position; check that shots and shape are in one frame and unit",
         )
-    estimate = estimate_scale(compared.observations, options=_scale_options(table))
+    compared, estimate = settle_shots(compared, at, options=_scale_options(table))
     check = check_longitude(scan, caster)
     content = scale_json(compared.observations, estimate, mean_radius=radius)
     if located != table.trajectory:
