@@ -131,16 +131,19 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
 
     spots = SpotOptions(table.footprint_mrad / 1e3, table.pointing_sigma_mrad / 1e3)
 
-    def one(scan: Scan, known: KnownPlace) -> ShotComparison:
-        shares = None
-        if states is not None:
-            scan, shares = _relocated(scan, states, table.max_gap_s)
+    def place(scan: Scan) -> tuple[Scan, FloatArray | None]:
+        return (scan, None) if states is None else _relocated(scan, states, table.max_gap_s)
+
+    def one(placed: tuple[Scan, FloatArray | None], known: KnownPlace) -> ShotComparison:
+        scan, shares = placed
         return compare_shots(
             scan, caster, trajectory=located, shares=shares, spots=spots, known=known
         )
 
+    placed = [place(scan) for scan in scans]
+
     def at(known: KnownPlace) -> ShotComparison:
-        return join_shots(context.map("cast shots", partial(one, known=known), scans))
+        return join_shots(context.map("cast shots", partial(one, known=known), placed))
 
     compared, scan = at(KnownPlace()), join("shots", scans)
     if len(compared.observations) < 2:
