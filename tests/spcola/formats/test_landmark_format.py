@@ -125,7 +125,7 @@ def test_what_is_wrong_is_named(tmp_path, old, new, message):
     assert "FA0115.LMK" in str(caught.value)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(0, 4))
 def test_round_trip_of_any_landmark(tmp_path_factory, seed, count):
     rng = np.random.default_rng(seed)

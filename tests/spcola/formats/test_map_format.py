@@ -139,7 +139,7 @@ def example_maplet(heights: np.ndarray, gsd: float = 0.35, **more) -> Maplet:
     return Maplet("TEST01", grid, heights, **more)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     q=st.integers(1, 6),
     seed=st.integers(0, 2**32 - 1),

@@ -203,7 +203,7 @@ def test_an_obj_without_vertices_or_faces_is_refused(tmp_path):
         read_obj(text_file(tmp_path, "v 1 2 3\n", "X.obj"))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1), scale=st.floats(1e-3, 1e6))
 def test_written_meshes_are_read_bit_for_bit(tmp_path_factory, seed, scale):
     rng = np.random.default_rng(seed)

@@ -173,7 +173,7 @@ def test_unknown_sigmas_stay_unknown(tmp_path):
     assert np.isnan(read_text(tmp_path, text).scobj_sigma).all()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(0, 5))
 def test_round_trip_of_any_image(tmp_path_factory, seed, count):
     rng = np.random.default_rng(seed)
