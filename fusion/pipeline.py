@@ -6,7 +6,7 @@ import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -20,6 +20,7 @@ from fusion.lock import clear_leftovers, locked
 from fusion.progress import Progress
 from fusion.settings import Settings
 from fusion.stages.base import Stage, StageContext, StageResult, find_table
+from fusion.verdict import Verdict
 from fusion.workspace import OWN_FOLDERS, Workspace, make_folder
 from spcola.errors import WorkspaceError
 
@@ -42,6 +43,8 @@ class StageRun:
         Of this run, or of the last one where the stage is up to date.
     reason : str
         Why it cannot run.
+    obstacle : str
+        Why its result may not be used, by its verdict; empty if it may.
     """
 
     stage: str
@@ -49,6 +52,7 @@ class StageRun:
     seconds: float = 0.0
     summary: Mapping[str, Any] = field(default_factory=dict)
     reason: str = ""
+    obstacle: str = ""
 
 
 @dataclass(frozen=True)
@@ -117,6 +121,7 @@ class Pipeline:
         with closing(Catalog(self.workspace)) as catalog:
             for stage in self.stages:
                 missing = stage.missing(self.workspace, self.settings)
+                missing = missing or self._obstacle(stage, catalog)
                 current = not missing and self._current(stage, catalog, self._key(stage, catalog))
                 states[stage.name] = (
                     f"cannot run: {missing}" if missing else "up to date" if current else "due"
@@ -126,13 +131,13 @@ class Pipeline:
     def _bring_up(self, stage: Stage, catalog: Catalog, force: bool) -> StageRun:
         """Run `stage` unless it is up to date or lacks its inputs."""
         heed_interrupts()
-        missing = stage.missing(self.workspace, self.settings)
+        missing = stage.missing(self.workspace, self.settings) or self._obstacle(stage, catalog)
         if missing:
             return StageRun(stage.name, "cannot run", reason=missing)
         begun = time.monotonic()
         key = self._key(stage, catalog)
         if not force and (record := self._current(stage, catalog, key)):
-            return StageRun(stage.name, "up to date", summary=record.summary)
+            return self._became(StageRun(stage.name, "up to date", summary=record.summary))
         scratch = self.workspace.root / SCRATCH_FOLDER / stage.name / key.digest[:16]
         self._clear_scratch(scratch)
         make_folder(scratch)
@@ -149,7 +154,25 @@ class Pipeline:
         result = stage.run(context)
         self._keep(stage, catalog, key, result)
         shutil.rmtree(scratch.parent, ignore_errors=True)
-        return StageRun(stage.name, "ran", time.monotonic() - begun, plain(result.summary))
+        took = time.monotonic() - begun
+        return self._became(StageRun(stage.name, "ran", took, plain(result.summary)))
+
+    def _became(self, run: StageRun) -> StageRun:
+        """Add to what became of a stage why its result may not be used."""
+        verdict = Verdict.from_json(run.summary)
+        return replace(run, obstacle=verdict.obstacle(self.settings.accept.codes))
+
+    def _obstacle(self, stage: Stage, catalog: Catalog) -> str:
+        """Return which result that `stage` rests on may not be used, and why; empty if all may."""
+        for needed in (one for one in self.stages if one.name in stage.needs):
+            record = catalog.record(needed.name)
+            verdict = Verdict() if record is None else Verdict.from_json(record.summary)
+            found = verdict.obstacle(self.settings.accept.codes)
+            if found:
+                return f"the result of {needed.name} is {found}"
+            if further := self._obstacle(needed, catalog):
+                return further
+        return ""
 
     def _keep(self, stage: Stage, catalog: Catalog, key: _Key, result: StageResult) -> None:
         """Record what `stage` made, and remove what its last run made and this one did not."""

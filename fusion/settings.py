@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from fusion.tables import (
+    AcceptSettings,
     BigmapSettings,
     BodySettings,
     FuseSettings,
@@ -41,6 +42,7 @@ class Settings(BaseModel):
     bigmap: BigmapSettings = BigmapSettings()
     scale: ScaleSettings = ScaleSettings()
     release: ReleaseSettings = ReleaseSettings()
+    accept: AcceptSettings = AcceptSettings()
 
     def with_table(self, table: str, **changed: Any) -> Settings:
         """Return the settings with some keys of `table` (its name in the file) replaced.

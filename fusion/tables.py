@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from fusion.verdict import Code
 
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 Positive = Annotated[float, Field(gt=0.0)]
@@ -341,6 +343,22 @@ class ScaleSettings(Table):
     max_gap_s: Positive = Field(
         default=600.0, description="longest gap of the trajectory interpolated over"
     )
+
+
+class AcceptSettings(Table):
+    """[accept]: doubtful results that are used all the same, because somebody looked at them."""
+
+    codes: list[str] = Field(
+        default=[], description="codes of findings, as the stages print them; see --accept"
+    )
+
+    @field_validator("codes")
+    @classmethod
+    def _known(cls, codes: list[str]) -> list[str]:
+        for code in codes:
+            if code not in set(Code):
+                raise ValueError(f"{code!r} is no code of a finding; known are {', '.join(Code)}")
+        return codes
 
 
 class ReleaseSettings(Table):

@@ -61,5 +61,9 @@ class KernelError(SpcolaError):
     """SPICE kernels are missing, do not cover a time, or contradict one another."""
 
 
+class RejectedResultError(SpcolaError):
+    """A result may not be used: it is refused, or doubtful and nobody accepted it."""
+
+
 class WorkspaceError(SpcolaError):
     """The workspace lacks something, or cannot be read or written."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fusion.verdict import verdict_lines
 from spcola.errors import SpcolaError
 
 if TYPE_CHECKING:
@@ -20,6 +21,9 @@ MANY_LINES = 25
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on standard output, nothing else.")
 ]
+
+
+_VERDICT = ("verdict", "findings")
 
 
 def show(content: Mapping[str, Any], lines: Iterable[str], *, as_json: bool) -> None:
@@ -48,6 +52,8 @@ def run_content(run: StageRun) -> dict[str, Any]:
     content: dict[str, Any] = {"stage": run.stage, "state": run.state, "seconds": run.seconds}
     if run.reason:
         content["reason"] = run.reason
+    if run.obstacle:
+        content["obstacle"] = run.obstacle
     return {**content, "summary": dict(run.summary)}
 
 
@@ -55,7 +61,9 @@ def run_lines(run: StageRun) -> list[str]:
     """Return what people read of one stage: its state, and the single values of its summary."""
     took = f" in {run.seconds:.1f} s" if run.state == "ran" else ""
     why = f": {run.reason}" if run.reason else ""
-    return [f"{run.stage}: {run.state}{took}{why}", *value_lines(run.summary)]
+    shown = {key: value for key, value in run.summary.items() if key not in _VERDICT}
+    verdict = [f"  {line}" for line in verdict_lines(run.summary)]
+    return [f"{run.stage}: {run.state}{took}{why}", *verdict, *value_lines(shown)]
 
 
 def value_lines(summary: Mapping[str, Any], indent: str = "  ") -> list[str]:

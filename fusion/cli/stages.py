@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from fusion.cli.output import JsonOption, run_content, run_lines, show
-from spcola.errors import SettingsError
+from spcola.errors import RejectedResultError, SettingsError
 
 if TYPE_CHECKING:
     from fusion.executor import Executor
@@ -29,6 +29,17 @@ ClusterOption = Annotated[
 ]
 
 
+AcceptOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--accept",
+        metavar="CODE",
+        help="Use a doubtful result all the same; its code is printed with it. Repeat it for "
+        "several. For this run; [accept] codes in spcola.toml keeps it.",
+    ),
+]
+
+
 @dataclass(frozen=True)
 class How:
     """How stages are run: what all their commands have in common."""
@@ -36,6 +47,7 @@ class How:
     force: bool
     workers: int | None
     cluster: str
+    accept: list[str] | None
     as_json: bool
 
 
@@ -54,6 +66,7 @@ def mapolas(
     force: ForceOption = False,
     workers: WorkersOption = None,
     cluster: ClusterOption = "",
+    accept: AcceptOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Grid the returns into mapolas.
@@ -61,7 +74,9 @@ def mapolas(
     Per cell the median of slope-corrected heights, their count, spread and sigma.
     """
     changed = {"source": source, "gsd_m": gsd}
-    _run(workspace, ("mapolas",), ("mapolas", changed), How(force, workers, cluster, as_json))
+    _run(
+        workspace, ("mapolas",), ("mapolas", changed), How(force, workers, cluster, accept, as_json)
+    )
 
 
 def register(
@@ -100,6 +115,7 @@ def register(
     force: ForceOption = False,
     workers: WorkersOption = None,
     cluster: ClusterOption = "",
+    accept: AcceptOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Register the mapolas to the SPC surface.
@@ -115,7 +131,12 @@ def register(
         "apply": given,
         "inverse": inverse,
     }
-    _run(workspace, ("register",), ("register", changed), How(force, workers, cluster, as_json))
+    _run(
+        workspace,
+        ("register",),
+        ("register", changed),
+        How(force, workers, cluster, accept, as_json),
+    )
 
 
 def fuse(
@@ -123,13 +144,14 @@ def fuse(
     force: ForceOption = False,
     workers: WorkersOption = None,
     cluster: ClusterOption = "",
+    accept: AcceptOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Fuse maplets with lidar heights.
 
     Slopes are integrated with the registered lidar heights as constraints: fused/.
     """
-    _run(workspace, ("fuse",), ("fuse", {}), How(force, workers, cluster, as_json))
+    _run(workspace, ("fuse",), ("fuse", {}), How(force, workers, cluster, accept, as_json))
 
 
 def bigmap(
@@ -137,13 +159,14 @@ def bigmap(
     force: ForceOption = False,
     workers: WorkersOption = None,
     cluster: ClusterOption = "",
+    accept: AcceptOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Make bigmaps of fused maplets, of SPC maplets and of returns.
 
     One frame for each site of [bigmap] sites in spcola.toml; by default the two poles.
     """
-    _run(workspace, ("bigmap",), ("bigmap", {}), How(force, workers, cluster, as_json))
+    _run(workspace, ("bigmap",), ("bigmap", {}), How(force, workers, cluster, accept, as_json))
 
 
 def scale(
@@ -167,6 +190,7 @@ def scale(
     force: ForceOption = False,
     workers: WorkersOption = None,
     cluster: ClusterOption = "",
+    accept: AcceptOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find scale, centre and prime meridian.
@@ -177,7 +201,7 @@ def scale(
     """
     if destination is not None and not apply:
         raise typer.BadParameter("is given without --apply", param_hint="DEST")
-    how = How(force, workers, cluster, as_json)
+    how = How(force, workers, cluster, accept, as_json)
     if apply:
         _scale_and_apply(workspace, destination, method, how)
     else:
@@ -194,6 +218,7 @@ def _scale_and_apply(
     root = pipeline.workspace.root
     target = destination or root.absolute().with_name(f"{root.absolute().name}-scaled")
     ran = pipeline.run_stage("scale", force=how.force)
+    _end(pipeline, [ran])
     applied = apply_scale(pipeline.workspace, target, pipeline.progress)
     content = {**run_content(ran), "applied": applied.as_dict()}
     show(content, [*run_lines(ran), *applied.lines()], as_json=how.as_json)
@@ -204,6 +229,7 @@ def release(
     force: ForceOption = False,
     workers: WorkersOption = None,
     cluster: ClusterOption = "",
+    accept: AcceptOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Write the products, manifest and report.
@@ -211,7 +237,12 @@ def release(
     release/ gets every product in every format chosen, with its provenance; report.html shows
     the result.
     """
-    _run(workspace, ("release", "report"), ("release", {}), How(force, workers, cluster, as_json))
+    _run(
+        workspace,
+        ("release", "report"),
+        ("release", {}),
+        How(force, workers, cluster, accept, as_json),
+    )
 
 
 def run(
@@ -219,16 +250,18 @@ def run(
     force: ForceOption = False,
     workers: WorkersOption = None,
     cluster: ClusterOption = "",
+    accept: AcceptOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Run all stages that are not up to date.
 
     An interrupted run goes on where it was; a changed setting or file re-runs what depends on it.
     """
-    pipeline = _pipeline(workspace, ("", {}), How(force, workers, cluster, as_json))
+    pipeline = _pipeline(workspace, ("", {}), How(force, workers, cluster, accept, as_json))
     runs = pipeline.run(force=force)
     lines = [line for one in runs for line in run_lines(one)]
     show(_together(pipeline, runs), lines, as_json=as_json)
+    _end(pipeline, runs)
 
 
 def _run(
@@ -242,6 +275,21 @@ def _run(
     runs = [pipeline.run_stage(stage, force=how.force) for stage in stages]
     content = run_content(runs[0]) if len(runs) == 1 else _together(pipeline, runs)
     show(content, [line for one in runs for line in run_lines(one)], as_json=how.as_json)
+    _end(pipeline, runs)
+
+
+def _end(pipeline: Pipeline, runs: list[StageRun]) -> None:
+    """End with an error if a result may not be used: what follows it did not run.
+
+    Raises
+    ------
+    RejectedResultError
+    """
+    for run in runs:
+        if run.obstacle:
+            raise RejectedResultError(
+                f"the result of {run.stage} is {run.obstacle}", pipeline.workspace.root
+            )
 
 
 def executor(workers: int | None, cluster: str) -> Executor:
@@ -286,6 +334,11 @@ def _pipeline(workspace: Path, change: tuple[str, dict[str, Any]], how: How) -> 
             settings = settings.with_table(table, **given)
         except SettingsError as error:
             raise typer.BadParameter(str(error)) from error
+    if how.accept:
+        try:
+            settings = settings.with_table("accept", codes=[*settings.accept.codes, *how.accept])
+        except SettingsError as error:
+            raise typer.BadParameter(error.what, param_hint="--accept") from error
     progress = Progress.fitting(silent=how.as_json)
     hands = executor(how.workers, how.cluster)
     return Pipeline(opened, settings, load_stages(), hands, progress)

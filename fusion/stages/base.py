@@ -130,6 +130,11 @@ class Stage(Protocol):
         ...
 
     @property
+    def needs(self) -> tuple[str, ...]:
+        """Names of the stages whose results it uses, and which therefore must be fit for use."""
+        ...
+
+    @property
     def tables(self) -> tuple[type[Table], ...]:
         """Settings tables that the result depends on."""
         ...

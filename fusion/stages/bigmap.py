@@ -47,6 +47,7 @@ class BigmapStage:
 
     name: str = "bigmap"
     version: int = 4
+    needs: tuple[str, ...] = ("fuse",)
     tables: tuple[type[Table], ...] = (
         BigmapSettings,
         BodySettings,

@@ -39,6 +39,7 @@ class FuseStage:
 
     name: str = "fuse"
     version: int = 7
+    needs: tuple[str, ...] = ("mapolas", "register")
     tables: tuple[type[Table], ...] = (FuseSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:

@@ -179,6 +179,7 @@ class IngestStage:
 
     name: str = "ingest"
     version: int = 1
+    needs: tuple[str, ...] = ()
     tables: tuple[type[Table], ...] = (BodySettings, ImportSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:

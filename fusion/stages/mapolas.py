@@ -41,6 +41,7 @@ class MapolasStage:
 
     name: str = "mapolas"
     version: int = 13
+    needs: tuple[str, ...] = ("ingest",)
     tables: tuple[type[Table], ...] = (
         MapolaSettings,
         BodySettings,

@@ -44,6 +44,7 @@ class RegisterStage:
 
     name: str = "register"
     version: int = 10
+    needs: tuple[str, ...] = ("mapolas",)
     tables: tuple[type[Table], ...] = (
         RegisterSettings,
         BodySettings,

@@ -106,6 +106,7 @@ class ReleaseStage:
 
     name: str = "release"
     version: int = 1
+    needs: tuple[str, ...] = ("fuse", "bigmap")
     tables: tuple[type[Table], ...] = (ReleaseSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:

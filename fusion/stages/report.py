@@ -21,6 +21,7 @@ class ReportStage:
 
     name: str = "report"
     version: int = 1
+    needs: tuple[str, ...] = ()
     tables: tuple[type[Table], ...] = (BodySettings,)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:

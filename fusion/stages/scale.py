@@ -48,6 +48,7 @@ class ScaleStage:
 
     name: str = "scale"
     version: int = 8
+    needs: tuple[str, ...] = ("ingest",)
     tables: tuple[type[Table], ...] = (
         ScaleSettings,
         BodySettings,

@@ -19,6 +19,7 @@ from fusion.pipeline import LOCK_FILE, SCRATCH_FOLDER, Pipeline
 from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
 from fusion.tables import FuseSettings, MapolaSettings, RegisterSettings, Table
+from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import Workspace
 from spcola import atomic
 from spcola.errors import SettingsError, WorkspaceError
@@ -35,6 +36,8 @@ class Copy:
     version: int = 1
     runs: int = 0
     act: Callable[[StageContext], None] = field(default=lambda _: None)
+    needs: tuple[str, ...] = ()
+    verdict: Verdict = field(default_factory=Verdict)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         return "" if self.inputs(workspace, settings) else f"nothing in {self.source}"
@@ -52,7 +55,13 @@ class Copy:
             outputs.append(made)
         self.act(context)
         return StageResult(
-            tuple(outputs), {"files": len(outputs), "nan": float("nan"), "array": np.eye(2)}
+            tuple(outputs),
+            {
+                "files": len(outputs),
+                "nan": float("nan"),
+                "array": np.eye(2),
+                **self.verdict.as_json(),
+            },
         )
 
 
@@ -318,3 +327,26 @@ def test_a_workspace_can_be_moved(workspace: Workspace, stages: list[Copy]) -> N
     moved = workspace.root.rename(workspace.root.with_name("elsewhere"))
     pipeline(Workspace.open(moved), stages).run()
     assert runs(stages) == [1, 1, 1]
+
+
+@pytest.mark.parametrize("severity", ["doubtful", "refused"])
+def test_what_rests_on_a_result_that_may_not_be_used_does_not_run(
+    workspace: Workspace, stages: list[Copy], severity: str
+) -> None:
+    """Directly or through another stage; a doubtful result is used once its code is accepted."""
+    pipeline(workspace, stages).run()
+    one, two, three = stages
+    one.version = 2
+    two.needs, three.needs = ("one",), ("two",)
+    one.verdict = Verdict((Finding(Code.CHANGED_INPUT, Severity(severity), "it is odd"),))
+    found = pipeline(workspace, stages).run()
+    assert [run.state for run in found] == ["ran", "cannot run", "cannot run"]
+    assert severity in found[0].obstacle
+    assert all("it is odd [changed-input]" in run.reason for run in found[1:]), found
+    with pytest.raises(WorkspaceError, match="it is odd"):
+        pipeline(workspace, stages).run_stage("three")
+    accepting = Settings.model_validate({"accept": {"codes": ["changed-input"]}})
+    again = pipeline(workspace, stages, accepting).run()
+    expected = ["up to date"] * 2 if severity == "doubtful" else ["cannot run"] * 2
+    assert [run.state for run in again] == ["up to date", *expected]
+    assert bool(again[0].obstacle) == (severity == "refused")
