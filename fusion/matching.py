@@ -19,7 +19,7 @@ from fusion.surfaces import Reference, surface_reference
 from fusion.tables import RegisterSettings
 from fusion.workspace import SETTINGS_FILE, Workspace
 from spcola.arrays import FloatArray
-from spcola.errors import NotObservableError
+from spcola.maplet import MapletGrid
 
 # Blur and spectrum are of the whole solution; this many mapolas tell them.
 _SAMPLE = 24
@@ -85,10 +85,14 @@ class Matcher:
             min_correlation=self.table.min_correlation,
         )
 
+    def grid(self, grid: MapletGrid) -> MapletGrid:
+        """Return where a mapola's grid is searched from."""
+        return grid if self.given is None else self.given.moved(grid)
+
     def match(self, name: str, blur: float, spectrum: NoiseSpectrum | None = None) -> Match:
         """Match one mapola."""
         mapola = self.workspace.mapola(name)
-        grid = mapola.grid if self.given is None else self.given.moved(mapola.grid)
+        grid = self.grid(mapola.grid)
         check_grid(
             grid.half_size + self.table.capture_m / grid.gsd,
             f"{self.workspace.root / SETTINGS_FILE}: [register] capture_m",
@@ -111,8 +115,7 @@ class Matcher:
         match = self.match(name, 0.0)
         if not match.usable:
             return None
-        grid = self.workspace.mapola(name).grid
-        spc = self.reference(name, grid if self.given is None else self.given.moved(grid))
+        spc = self.reference(name, self.grid(self.workspace.mapola(name).grid))
         lidar = spc.height - match.residual
         blur = estimate_blur(lidar, spc.height, of_slopes=spc.of_slopes)
         return Aligned(lidar, spc.height, blur)
@@ -126,12 +129,7 @@ def match_mapolas(
     """Learn from a sample how SPC smooths and how it errs, then match all mapolas.
 
     Where a transform is `given` they are matched as it puts them; with a `source` of returns, by
-    these.
-
-    Raises
-    ------
-    NotObservableError
-        If none matches.
+    these. None may be usable.
     """
     workspace, table = context.workspace, context.table(RegisterSettings)
     matcher = Matcher(workspace, table, surface_reference(workspace, table.against), given, source)
@@ -146,21 +144,4 @@ def match_mapolas(
         spectrum = estimate_spectrum(match.residual for match in first if match.usable)
     matches = context.map("match mapolas", lambda name: matcher.match(name, blur, spectrum), names)
     transfer = estimate_transfer((pair.lidar, pair.spc) for pair in aligned)
-    return Matched(usable(matches, workspace), blur, spectrum, transfer)
-
-
-def usable(matches: list[Match], workspace: Workspace) -> list[Match]:
-    """Return the matches if any of them is usable.
-
-    Raises
-    ------
-    NotObservableError
-        If none is.
-    """
-    if any(match.usable for match in matches):
-        return matches
-    raise NotObservableError(
-        f"none of {len(matches)} mapolas matches the SPC surface ({matches[0].reason})",
-        where=workspace.root / "mapolas",
-        do="check that lidar and SPC are of one body and one frame, or raise [register] capture_m",
-    )
+    return Matched(matches, blur, spectrum, transfer)

@@ -207,6 +207,12 @@ class RegisterSettings(Table):
     reject_sigmas: Positive = Field(
         default=5.0, description="mapolas further off than this are rejected"
     )
+    max_rotation_deg: Angle = Field(
+        default=1.0, description="a larger rotation between the frames makes the result doubtful"
+    )
+    max_scale_change: Fraction = Field(
+        default=0.01, description="a scale further from 1 makes the result doubtful"
+    )
     apply: str = Field(
         default="",
         description="registration.json whose transform is taken and nothing fitted; path from the "

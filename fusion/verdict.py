@@ -22,10 +22,36 @@ class Code(StrEnum):
     """Codes of findings, as other programs read them; :data:`MEANINGS` has a text for each."""
 
     CHANGED_INPUT = "changed-input"
+    NO_MATCH = "no-match"
+    NO_RELIEF = "no-relief"
+    RELIEF_UNRELATED = "relief-unrelated"
+    FEW_AGREE = "few-agree"
+    HEIGHTS_DISAGREE = "heights-disagree"
+    CENTERS_DISAGREE = "centers-disagree"
+    LARGE_SCALE = "large-scale"
+    LARGE_ROTATION = "large-rotation"
+    STRAIN = "strain"
+    NOT_CONVERGED = "not-converged"
+    NOT_DETERMINED = "not-determined"
+    WEAKLY_DETERMINED = "weakly-determined"
+    FITS_OTHERWISE = "fits-otherwise"
 
 
 MEANINGS: Mapping[Code, str] = {
     Code.CHANGED_INPUT: "a file differs from what the stage that wrote it recorded",
+    Code.NO_MATCH: "no mapola matches the SPC surface",
+    Code.NO_RELIEF: "there is no relief that could show that lidar and SPC are of one ground",
+    Code.RELIEF_UNRELATED: "lidar and SPC do not show the same relief where they are put",
+    Code.FEW_AGREE: "few mapolas agree with the common transform",
+    Code.HEIGHTS_DISAGREE: "heights differ by more than their stated sigmas",
+    Code.CENTERS_DISAGREE: "centres of maplets are off by more than is stated of them",
+    Code.LARGE_SCALE: "the scale lies beyond what two solutions of one body differ by",
+    Code.LARGE_ROTATION: "the rotation lies beyond what two solutions of one body differ by",
+    Code.STRAIN: "lidar and SPC differ by a shear or a non-uniform scale",
+    Code.NOT_CONVERGED: "the fit did not converge",
+    Code.NOT_DETERMINED: "the data leave a parameter free",
+    Code.WEAKLY_DETERMINED: "a parameter is weakly determined, or not separable from another",
+    Code.FITS_OTHERWISE: "the lidar fits the SPC surface in another frame or unit",
 }
 """What each code means, for people."""
 

@@ -7,16 +7,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from fusion.acceptance import evidence_of, unregistered, with_verdict
 from fusion.locating import return_paths
 from fusion.matching import Matched, match_mapolas
 from fusion.registration.apply import GivenRegistration, applied_json, given_registration
 from fusion.registration.fit import FitOptions
+from fusion.registration.judging import Limits, judge_registration
 from fusion.registration.kinds import Kind, fit_mapolas, kinds_json, register_kinds
 from fusion.registration.landmarks import LandmarkErrors
 from fusion.registration.match import Match
 from fusion.registration.scans import ScanEffects, share_matrix
-from fusion.registration.summary import MatchedMapolas, registration_json, scale_influence
+from fusion.registration.summary import (
+    MatchedMapolas,
+    registration_json,
+    scale_influence,
+    transform_of,
+)
 from fusion.return_source import ReturnSource
 from fusion.scan_fits import ScanRegistration
 from fusion.settings import Settings
@@ -33,7 +41,7 @@ from fusion.tables import (
 )
 from fusion.workspace import SETTINGS_FILE, Workspace
 from spcola.arrays import FloatArray
-from spcola.errors import SettingsError
+from spcola.errors import NotObservableError, SettingsError
 from spcola.mesh import Mesh
 from spcola.network import NetworkOptions, solve_network
 
@@ -43,7 +51,7 @@ class RegisterStage:
     """Mapolas and SPC surface → registration.json."""
 
     name: str = "register"
-    version: int = 10
+    version: int = 11
     needs: tuple[str, ...] = ("mapolas",)
     tables: tuple[type[Table], ...] = (
         RegisterSettings,
@@ -80,33 +88,39 @@ class RegisterStage:
         return paths
 
     def run(self, context: StageContext) -> StageResult:
-        """Match every mapola, fit the transform.
+        """Match every mapola, fit the transform, judge it.
 
         Where a transform is given the mapolas are matched as it places them, and nothing is fitted.
-
-        Raises
-        ------
-        NotObservableError
-            If too few mapolas match, or a parameter of the model is free.
+        Where none can be fitted, or surfaces do not agree by it, the registration is refused: it is
+        written with its verdict, and nothing that rests on it runs.
         """
         workspace, table = context.workspace, context.table(RegisterSettings)
         given = _given(workspace, table)
         source = ReturnSource.of(context) if table.by == "returns" and given is None else None
         matched = match_mapolas(context, given, source)
-        if given is not None:
-            content = _applied(workspace, given, matched, table)
-        elif table.by in ("images", "both"):
-            content = _by_images(context, matched)
+        try:
+            content = _registered(context, matched, given, source)
+            if given is None and table.by == "topography":
+                matched, content, given = _untwisted(context, matched, content)
+        except NotObservableError as error:
+            content, verdict = unregistered(error, matched.matches, table)
         else:
-            content = _by_topography(context, matched, source)
+            evidence = evidence_of(context, matched, content, given)
+            content["agreement"] = evidence.as_json()
+            verdict = judge_registration(content, evidence, _limits(table))
         content["blur_cells"] = matched.blur_cells
         for key, found in (("noise_spectrum", matched.spectrum), ("transfer", matched.transfer)):
             content[key] = None if found is None else found.as_json()
+        content = with_verdict(content, verdict)
         path = context.write_json(workspace.registration_path.name, content)
         return StageResult((path,), {k: v for k, v in content.items() if k not in _LONG})
 
 
 STAGE = RegisterStage()
+
+# Rim of a mapola turned by so many cells: beyond it is matched again from where the fit turns it.
+_TWIST_CELLS = 0.1
+_MOST_TURNS = 8
 
 _LONG = frozenset(
     {
@@ -121,6 +135,74 @@ _LONG = frozenset(
         "inverse",
     }
 )
+
+
+def _registered(
+    context: StageContext,
+    matched: Matched,
+    given: GivenRegistration | None,
+    source: ReturnSource | None,
+) -> dict[str, Any]:
+    """Content of the registration as the settings ask for it.
+
+    Raises
+    ------
+    NotObservableError
+        If no mapola matches, too few do, or a parameter of the model is free.
+    """
+    workspace, table = context.workspace, context.table(RegisterSettings)
+    if not any(match.usable for match in matched.matches):
+        raise NotObservableError(
+            f"none of {len(matched.matches)} mapolas matches the SPC surface "
+            f"({matched.matches[0].reason})",
+            where=workspace.root / "mapolas",
+            do="check that lidar and SPC are of one body and one frame, or raise "
+            "[register] capture_m",
+        )
+    if given is not None:
+        return _applied(workspace, given, matched, table)
+    if table.by in ("images", "both"):
+        return _by_images(context, matched)
+    return _by_topography(context, matched, source)
+
+
+def _untwisted(
+    context: StageContext, matched: Matched, content: dict[str, Any]
+) -> tuple[Matched, dict[str, Any], GivenRegistration | None]:
+    """Match and fit again from where the fit turns the mapolas, until it turns them no more.
+
+    A match displaces a mapola and does not turn it. Where the transform turns the rim of a mapola
+    by a good part of a cell, matches from where it lies are of surfaces that are twisted against
+    each other, and the fit finds too small a rotation.
+
+    Returns
+    -------
+    matched, content
+        Of the last fit.
+    given : GivenRegistration or None
+        Where the mapolas were matched from; None if from where they are.
+    """
+    workspace, given = context.workspace, None
+    grids = {match.name: workspace.mapola(match.name).grid for match in matched.matches}
+    reach = max(grid.half_size for grid in grids.values())
+    before: FloatArray = np.eye(3)
+    for _ in range(_MOST_TURNS):
+        turned = transform_of(content, "registration").nearest_similarity().rotation
+        angle = np.linalg.norm(Rotation.from_matrix(turned @ before.T).as_rotvec())
+        if angle * reach < _TWIST_CELLS:
+            return matched, content, given
+        given = given_registration({**content, "per_scan": None, "per_mapola": None}, "fit")
+        found = match_mapolas(context, given)
+        own = [given.referred(match, grids[match.name]) for match in found.matches]
+        matched, before = replace(found, matches=own), turned
+        content = _registered(context, matched, None, None)
+    text = f"the rotation still changed after {_MOST_TURNS} fits"
+    return matched, {**content, "converged": False, "reason": text}, given
+
+
+def _limits(table: RegisterSettings) -> Limits:
+    """What two solutions of one body may differ by, by the settings."""
+    return Limits(table.max_rotation_deg, table.max_scale_change, table.center_sigma_m)
 
 
 def _by_topography(

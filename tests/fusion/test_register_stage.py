@@ -251,7 +251,7 @@ def test_two_mapolas_are_refused(tmp_path: Path) -> None:
     folder = made(tmp_path / "WS", lattice(16)[:2])
     line = call("register", folder, code=1)
     assert "2 mapola(s) give 6 numbers for 7 parameters" in line
-    assert not (folder / "registration.json").exists()
+    assert_refused(folder, "not-determined")
 
 
 def test_a_sphere_without_relief_gives_no_number_or_one_that_says_what_it_is(
@@ -265,7 +265,17 @@ def test_lidar_of_another_body_gives_no_number(tmp_path: Path) -> None:
     folder = made(tmp_path / "WS", lattice(16), other=500)
     line = call("register", folder, code=1)
     assert "one body and one frame" in line
-    assert not (folder / "registration.json").exists()
+    assert_refused(folder, "no-match")
+
+
+def assert_refused(folder: Path, code: str) -> None:
+    """The registration names its reason by a code and offers no number, and nothing uses it."""
+    content = content_of(folder)
+    assert content["verdict"] == "refused"
+    assert code in [found["code"] for found in content["findings"]]
+    assert all(content[key] is None for key in GIVEN)
+    assert f"[{code}]" in call("fuse", folder, code=1)
+    assert f"[{code}]" in call("fuse", folder, "--accept", code, code=1)
 
 
 def refused_or_weak(folder: Path, names: tuple[str, ...]) -> None:
