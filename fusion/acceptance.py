@@ -84,20 +84,23 @@ def evidence_of(
             spc = blur(spc, -matched.blur_cells, of_slopes=surface.of_slopes)
         reach = max(1, int(np.ceil(table.capture_m / grid.gsd)))
         shift = _shift(shifts.get(match.name), grid)
-        return _Comparison(Placed(lidar, spc, shift, reach), _chi(match, mapola.sigma, surface))
+        stated = _stated_sigma(mapola.sigma, surface)
+        noise = stated if np.isfinite(stated) else 0.0
+        return _Comparison(
+            Placed(lidar, spc, shift, reach, noise), float(mad(match.residual)) / stated
+        )
 
     found = context.map("compare relief", compared, sample)
     relief = common_relief([one.placed for one in found])
     return Evidence(relief, np.array([one.chi for one in found]))
 
 
-def _chi(match: Match, sigma: FloatArray, surface: Surface) -> float:
-    """Robust standard deviation of the heights left over, in stated sigmas; NaN if none are."""
+def _stated_sigma(sigma: FloatArray, surface: Surface) -> float:
+    """Sigma of the difference of a mapola, of `sigma`, and SPC, metres; NaN if none is stated."""
     known = np.isfinite(sigma) & np.isfinite(surface.height) & (surface.variance > 0)
     if not known.any():
         return float("nan")
-    stated = float(np.median(np.sqrt(sigma[known] ** 2 + surface.variance[known])))
-    return float(mad(match.residual)) / stated
+    return float(np.median(np.sqrt(sigma[known] ** 2 + surface.variance[known])))
 
 
 def with_verdict(content: Mapping[str, Any], verdict: Verdict) -> dict[str, Any]:

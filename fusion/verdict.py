@@ -8,6 +8,8 @@ from enum import StrEnum
 from typing import Any, Literal, Self
 
 Judgement = Literal["accepted", "doubtful", "refused"]
+JUDGEMENTS: tuple[Judgement, ...] = ("accepted", "doubtful", "refused")
+"""From the best to the worst."""
 
 
 class Severity(StrEnum):
@@ -35,6 +37,7 @@ class Code(StrEnum):
     NOT_DETERMINED = "not-determined"
     WEAKLY_DETERMINED = "weakly-determined"
     FITS_OTHERWISE = "fits-otherwise"
+    MAPLET_CONTRADICTED = "maplet-contradicted"
 
 
 MEANINGS: Mapping[Code, str] = {
@@ -52,6 +55,7 @@ MEANINGS: Mapping[Code, str] = {
     Code.NOT_DETERMINED: "the data leave a parameter free",
     Code.WEAKLY_DETERMINED: "a parameter is weakly determined, or not separable from another",
     Code.FITS_OTHERWISE: "the lidar fits the SPC surface in another frame or unit",
+    Code.MAPLET_CONTRADICTED: "the lidar contradicts the heights of a maplet",
 }
 """What each code means, for people."""
 

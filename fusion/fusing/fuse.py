@@ -27,7 +27,7 @@ from spcola.heights import (
 from spcola.heights.slopes import STEPS_ALIKE
 from spcola.maplet import Maplet, MapletGrid
 from spcola.photoclinometry import SlopeVariance
-from spcola.robust import cauchy_weight
+from spcola.robust import cauchy_weight, mad
 
 
 @dataclass(frozen=True)
@@ -104,12 +104,16 @@ class FuseResult:
         Connected parts that no lidar height ties, so that the SPC maplet or the shape does.
     downweighted : int
         Lidar heights to which the robust loss gave less than half of their weight.
+    misfit : float
+        Robust standard deviation of lidar less SPC heights, less a constant, over what it is in the
+        whole solution; NaN where they do not meet.
     """
 
     maplet: FusedMaplet
     solution: HeightSolution
     untied: int
     downweighted: int
+    misfit: float
 
 
 def fuse_maplet(
@@ -171,6 +175,7 @@ def fuse_maplet(
         solution,
         _untied(solution, with_lidar),
         _downweighted(problem, solution, with_lidar),
+        float(mad(parts.lidar.height - parts.spc.height)) / information.height_sigma_m,
     )
 
 

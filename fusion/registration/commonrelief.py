@@ -31,6 +31,8 @@ _MOST = 0.9999
 # Cells by which the best place may lie beside the one that the transform gives; one is the step of
 # the search, the rest is what noise does to the place of a broad maximum.
 _BESIDE = 2.5
+# Of the largest height: less is what rounding leaves.
+_ROUNDING = 1e-12
 # Points that both surfaces must have for their relief to be compared.
 _LEAST_KNOWN = 100
 
@@ -47,12 +49,15 @@ class Placed(NamedTuple):
         known.
     reach : int
         Largest displacement that is searched, cells.
+    noise : float
+        Standard deviation that is stated of the difference of the two, metres; 0 if none is.
     """
 
     lidar: FloatArray
     spc: FloatArray
     shift: FloatArray
     reach: int
+    noise: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +68,7 @@ class CommonRelief:
     ----------
     clearness : (N,) ndarray
         By how many standard deviations of unrelated ground the correlation exceeds its mean; NaN
-        where there is no relief to compare.
+        where there is no relief above the noise to compare.
     apart : (N,) ndarray
         Distance of the place of the best correlation from where the transform puts the mapola,
         cells; NaN where one of them is not known.
@@ -112,7 +117,8 @@ def common_relief(surfaces: Sequence[Placed]) -> CommonRelief:
         pairs += [(elsewhere, spc) for elsewhere in _elsewhere(lidar)]
         found = _clearest([_best(*pair, one.reach) for pair in pairs])
         away = np.hypot(*(found.place - one.shift).T)
-        clearness.append(found.clearness[0])
+        own = found.clearness[0]
+        clearness.append(own if own > SHOWN or lidar.height > one.noise else np.nan)
         apart.append(away[0])
         by_chance.append((found.clearness[1:] > SHOWN) & ~(away[1:] > _BESIDE))
     chance = float(np.mean(np.concatenate(by_chance))) if by_chance else 0.0
@@ -120,10 +126,15 @@ def common_relief(surfaces: Sequence[Placed]) -> CommonRelief:
 
 
 class _Relief(NamedTuple):
-    """Coarse and fine relief (2, N, N), metres, and where (N, N) it is known."""
+    """Whole and fine relief (2, N, N), metres, and where (N, N) it is known."""
 
     bands: FloatArray
     known: BoolArray
+
+    @property
+    def height(self) -> float:
+        """Standard deviation of the whole relief, metres; 0 where nothing is known."""
+        return float(np.std(self.bands[0][self.known])) if self.known.any() else 0.0
 
 
 class _Best(NamedTuple):
@@ -152,6 +163,9 @@ def _relief(height: FloatArray) -> _Relief:
     fine = whole - ndimage.gaussian_filter(whole, _FINE)
     bands = np.stack([whole, fine])
     bands -= np.mean(bands[:, known], axis=1)[:, None, None]
+    # What rounding leaves of a paraboloid is no relief.
+    if np.std(bands[0][known]) < _ROUNDING * np.max(np.abs(height[known])):
+        bands[:] = 0.0
     return _Relief(np.where(known, bands, 0.0), known)
 
 

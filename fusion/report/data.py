@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from fusion.fused import FusedMaplet
 from fusion.truth.recovery import Recovered
+from fusion.verdict import Verdict
 from spcola.arrays import FloatArray, check_shape, frozen
 
 
@@ -71,6 +72,10 @@ class ReportData:
     planted : tuple of Recovered
         In the demo: what was planted, and what was found of it.
     versions : mapping of str to str
+    verdicts : mapping of str to Verdict
+        By stage, in the order of the data's walk.
+    accepted : tuple of str
+        Codes of findings that somebody accepted.
     """
 
     body: str = "body"
@@ -80,3 +85,5 @@ class ReportData:
     scale: Mapping[str, Any] | None = None
     planted: tuple[Recovered, ...] = ()
     versions: Mapping[str, str] | None = None
+    verdicts: Mapping[str, Verdict] = field(default_factory=dict)
+    accepted: tuple[str, ...] = ()

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fusion.catalog import read_records
 from fusion.fused import FusedMaplet
 from fusion.products.fused import FUSED_HDF5, fused_names, read_fused
 from fusion.products.manifest import versions
 from fusion.registration.summary import transform_of
 from fusion.report.data import Coverage, ReportData, Surfaces
 from fusion.truth.recovery import Recovered
+from fusion.verdict import Verdict
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError
@@ -23,12 +26,22 @@ PLANTED_FILE = "planted.json"
 """Where a demo tells the report what it planted: a list under ``planted``, each entry with the
 keys of :class:`~fusion.truth.recovery.Recovered`, null for NaN."""
 
+# Stages whose results are judged, in the order of the data's walk.
+_JUDGED = ("register", "fuse", "scale")
 # Choosing the places to show looks at this many maplets at most, evenly taken from all.
 _LOOKED_AT = 200
 
 
-def gather_report(workspace: Workspace, *, body: str) -> ReportData:
-    """Read what is there; what is not is left out.
+def gather_report(workspace: Workspace, *, body: str, accepted: Sequence[str] = ()) -> ReportData:
+    """Read what is there; what is not is left out, and so is what rests on a refused registration.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    body : str
+        Its name.
+    accepted : sequence of str
+        Codes of findings that somebody accepted.
 
     Raises
     ------
@@ -37,15 +50,25 @@ def gather_report(workspace: Workspace, *, body: str) -> ReportData:
     """
     registration = _optional_json(workspace, workspace.registration_path)
     scale = _optional_json(workspace, workspace.scale_path)
+    refused = registration is not None and registration.get("verdict") == "refused"
     return ReportData(
         body=body,
-        surfaces=_places(workspace, registration),
+        surfaces=() if refused else _places(workspace, registration),
         coverage=_coverage(workspace),
         registration=registration,
         scale=scale,
         planted=_planted(workspace),
         versions=versions(),
+        verdicts=_verdicts(workspace),
+        accepted=tuple(accepted),
     )
+
+
+def _verdicts(workspace: Workspace) -> dict[str, Verdict]:
+    """Verdicts of the stages that have one, as their last runs recorded them."""
+    summaries = {record.stage: record.summary for record in read_records(workspace)}
+    judged = (stage for stage in _JUDGED if "verdict" in summaries.get(stage, {}))
+    return {stage: Verdict.from_json(summaries[stage]) for stage in judged}
 
 
 def choose_places(surfaces: list[Surfaces]) -> list[Surfaces]:

@@ -19,6 +19,7 @@ from fusion.report.tables import (
     registration_tables,
     rejected_table,
     scale_tables,
+    verdicts_box,
 )
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def make_report(data: ReportData) -> str:
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{name}: lidar and SPC</title><style>{style}</style></head><body>"
         f"<header><h1>{name}: lidar and stereophotoclinometry together</h1><nav>{links}</nav>"
-        f"</header><main>{body}</main><footer>{escape(made)}</footer></body></html>\n"
+        f"</header><main>{verdicts_box(data)}{body}</main><footer>{escape(made)}</footer></body></html>\n"
     )
 
 

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from fusion.report.data import ReportData
 from fusion.truth.recovery import Recovered
+from fusion.verdict import JUDGEMENTS, Finding, Severity
 
 # Beyond this many sigmas a recovered number disagrees with what was planted.
 _SUSPICIOUS_PULL = 3.0
@@ -41,6 +43,29 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, caption: str = 
         f'<div class="wide"><table>{title}<thead><tr>{heads}</tr></thead>'
         f"<tbody>{body}</tbody></table></div>"
     )
+
+
+def verdicts_box(data: ReportData) -> str:
+    """Whether the results may be used, and every finding that speaks against them; "" if unjudged.
+
+    Notes, which only say what is weakly determined, stand with the numbers that they are about.
+    """
+    rows = []
+    for stage, verdict in data.verdicts.items():
+        grave = [one for one in verdict.findings if one.severity is not Severity.NOTE]
+        found = "".join(f"<li>{_finding(one, data.accepted)}</li>" for one in grave)
+        listed = f'<ul class="reasons">{found}</ul>' if found else ""
+        rows.append(f"<p><strong>{escape(stage)}: {verdict.judgement}</strong></p>{listed}")
+    if not rows:
+        return ""
+    worst = max((v.judgement for v in data.verdicts.values()), key=JUDGEMENTS.index)
+    return f'<div class="verdict {worst}">{"".join(rows)}</div>'
+
+
+def _finding(finding: Finding, accepted: Sequence[str]) -> str:
+    """One finding with its code, and whether somebody accepted it."""
+    word = ", accepted" if finding.code in accepted else ""
+    return f"{escape(finding.text)} <code>[{finding.code}{word}]</code>"
 
 
 def registration_tables(registration: Mapping[str, Any]) -> str:

@@ -21,6 +21,7 @@ from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult, find_table
 from fusion.surfaces import maplets_around
 from fusion.tables import BodySettings, FuseSettings, Table
+from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import Workspace, make_folder
 from lidar.mapola import Mapola
 from spcola.arrays import FloatArray
@@ -38,7 +39,7 @@ class FuseStage:
     """Maplets, mapolas, registration → fused maplets."""
 
     name: str = "fuse"
-    version: int = 7
+    version: int = 8
     needs: tuple[str, ...] = ("mapolas", "register")
     tables: tuple[type[Table], ...] = (FuseSettings, BodySettings)
 
@@ -81,13 +82,19 @@ class FuseStage:
         folder = workspace.root / "fused"
         make_folder(folder)
         write_fused(folder, tally.passed(done))
-        return StageResult(tuple(workspace.fused_paths()), tally.summary(information))
+        summary = {**tally.summary(information), **tally.verdict().as_json()}
+        return StageResult(tuple(workspace.fused_paths()), summary)
 
 
 STAGE = FuseStage()
 
 # A mapola whose grid points lie within so many steps of the maplet's gives the result its grid.
 _SAME_PLACE = 2.0
+# Differences of lidar and SPC in one maplet, over those of the solution, that are no chance: in
+# right input they lie within 0.8 and 1.4.
+_CONTRADICTS = 3.0
+# Maplets named in a finding.
+_NAMED = 5
 # The information is one for the whole solution; at most this many maplets tell it.
 _SAMPLE = 24
 
@@ -274,6 +281,7 @@ class _Tally:
         self.sources = dict.fromkeys(Source, 0)
         self.sigma: list[float] = []
         self.untied: list[str] = []
+        self.misfits: dict[str, float] = {}
         self.downweighted = self.not_converged = 0
 
     def passed(self, results: Iterable[FuseResult]) -> Iterator[FusedMaplet]:
@@ -285,9 +293,28 @@ class _Tally:
             if maplet.valid.any():
                 self.sigma.append(float(np.nanmedian(maplet.sigma)))
             self.untied += [maplet.name] * result.untied
+            self.misfits[maplet.name] = result.misfit
             self.downweighted += result.downweighted
             self.not_converged += not result.solution.converged
             yield maplet
+
+    def verdict(self) -> Verdict:
+        """Judge whether the lidar contradicts the heights of maplets."""
+        worst = sorted(
+            ((misfit, name) for name, misfit in self.misfits.items() if misfit > _CONTRADICTS),
+            reverse=True,
+        )
+        if not worst:
+            return Verdict()
+        compared = sum(np.isfinite(misfit) for misfit in self.misfits.values())
+        most = Severity.REFUSED if len(worst) > 0.5 * compared else Severity.DOUBTFUL
+        named = ", ".join(f"{name} ({misfit:.1f} times)" for misfit, name in worst[:_NAMED])
+        rest = f" and {len(worst) - _NAMED} more" if len(worst) > _NAMED else ""
+        text = (
+            f"in {len(worst)} of {compared} maplets the lidar contradicts the SPC heights by more "
+            f"than {_CONTRADICTS:g} times what it does elsewhere: {named}{rest}"
+        )
+        return Verdict((Finding(Code.MAPLET_CONTRADICTED, most, text, worst[0][0], _CONTRADICTS),))
 
     def summary(self, information: SlopeInformation) -> dict[str, Any]:
         """Return what the command prints."""

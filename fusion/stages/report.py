@@ -10,7 +10,7 @@ from fusion.report.gather import PLANTED_FILE, gather_report
 from fusion.report.page import make_report
 from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
-from fusion.tables import BodySettings, Table
+from fusion.tables import AcceptSettings, BodySettings, Table
 from fusion.workspace import Workspace
 from spcola import atomic
 
@@ -20,9 +20,9 @@ class ReportStage:
     """Whatever the stages made → report.html."""
 
     name: str = "report"
-    version: int = 1
+    version: int = 2
     needs: tuple[str, ...] = ()
-    tables: tuple[type[Table], ...] = (BodySettings,)
+    tables: tuple[type[Table], ...] = (BodySettings, AcceptSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why there is nothing to report."""
@@ -41,7 +41,11 @@ class ReportStage:
     def run(self, context: StageContext) -> StageResult:
         """Gather the parts, compose the page, write it whole or not at all."""
         workspace = context.workspace
-        data = gather_report(workspace, body=context.table(BodySettings).name)
+        data = gather_report(
+            workspace,
+            body=context.table(BodySettings).name,
+            accepted=context.table(AcceptSettings).codes,
+        )
         with context.progress.task("report", 1) as task:
             page = make_report(data)
             task.advance()

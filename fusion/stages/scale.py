@@ -48,7 +48,7 @@ class ScaleStage:
 
     name: str = "scale"
     version: int = 8
-    needs: tuple[str, ...] = ("ingest",)
+    needs: tuple[str, ...] = ("ingest", "register")
     tables: tuple[type[Table], ...] = (
         ScaleSettings,
         BodySettings,

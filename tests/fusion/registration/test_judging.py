@@ -1,0 +1,97 @@
+"""The verdict on a registration by its numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fusion.registration.commonrelief import CommonRelief
+from fusion.registration.judging import Evidence, Limits, judge_registration
+from fusion.verdict import Code
+
+LIMITS = Limits(rotation_deg=1.0, scale=0.01, center_sigma_m=0.05)
+
+
+def content(**changed: Any) -> dict[str, Any]:
+    """A registration with nothing against it."""
+    return {
+        "scale": 1.0005,
+        "scale_sigma": 1e-4,
+        "rotation_deg": [0.01, 0.0, -0.02],
+        "rotation_sigma_deg": [0.005] * 3,
+        "n_used": 22,
+        "n_rejected": 2,
+        "maplet_sigma_m": 0.04,
+        "landmarks": {"own_sigma_m": 0.03},
+        "tests": {"strain": {"p_value": 0.2, "strain": [0.0] * 5}},
+        "converged": True,
+        "reason": "weights settled",
+        **changed,
+    }
+
+
+def evidence(shown: int = 24, chi: float = 0.9) -> Evidence:
+    clearness = np.where(np.arange(24) < shown, 9.0, 1.5)
+    return Evidence(CommonRelief(clearness, np.zeros(24), 0.001), np.full(24, chi))
+
+
+def codes(judged: dict[str, Any], seen: Evidence) -> tuple[str, list[str]]:
+    verdict = judge_registration(judged, seen, LIMITS)
+    return verdict.judgement, [str(found.code) for found in verdict.findings]
+
+
+def test_a_sound_registration_is_accepted() -> None:
+    assert codes(content(), evidence()) == ("accepted", [])
+
+
+@pytest.mark.parametrize(
+    ("judged", "seen", "judgement", "code"),
+    [
+        (content(), evidence(shown=11), "doubtful", Code.RELIEF_UNRELATED),
+        (content(), evidence(shown=3), "refused", Code.RELIEF_UNRELATED),
+        (content(n_used=10, n_rejected=14), evidence(), "doubtful", Code.FEW_AGREE),
+        (content(n_used=4, n_rejected=20), evidence(), "refused", Code.FEW_AGREE),
+        (content(), evidence(chi=2.0), "doubtful", Code.HEIGHTS_DISAGREE),
+        (content(), evidence(chi=5.0), "refused", Code.HEIGHTS_DISAGREE),
+        (content(maplet_sigma_m=0.17), evidence(), "doubtful", Code.CENTERS_DISAGREE),
+        (content(maplet_sigma_m=0.6), evidence(), "refused", Code.CENTERS_DISAGREE),
+        (content(scale=0.985), evidence(), "doubtful", Code.LARGE_SCALE),
+        (content(scale=1.342, scale_sigma=0.007), evidence(), "refused", Code.LARGE_SCALE),
+        (content(rotation_deg=[0.0, 2.9, 0.0]), evidence(), "doubtful", Code.LARGE_ROTATION),
+        (content(converged=False), evidence(), "doubtful", Code.NOT_CONVERGED),
+    ],
+)
+def test_each_sign_of_a_wrong_registration_has_its_code(
+    judged: dict[str, Any], seen: Evidence, judgement: str, code: Code
+) -> None:
+    assert codes(judged, seen) == (judgement, [code])
+
+
+def test_an_uncertain_scale_or_rotation_is_not_called_large() -> None:
+    weak = content(scale=1.02, scale_sigma=0.005, rotation_deg=[2.0, 0, 0])
+    weak["rotation_sigma_deg"] = [0.5] * 3
+    assert codes(weak, evidence()) == ("accepted", [])
+
+
+def test_strain_beyond_chance_is_doubtful() -> None:
+    strained = content(tests={"strain": {"p_value": 1e-9, "strain": [0.002, 0, 0, 0, 0]}})
+    assert codes(strained, evidence()) == ("doubtful", [Code.STRAIN])
+
+
+def test_what_is_not_known_is_not_tested() -> None:
+    """A transform that was given has no error sizes and no tests; no file states a sigma."""
+    given = content(maplet_sigma_m=None, landmarks=None, tests=None)
+    assert codes(given, evidence(chi=float("nan"))) == ("accepted", [])
+
+
+def test_ground_without_relief_is_doubtful() -> None:
+    bare = Evidence(CommonRelief(np.full(24, np.nan), np.zeros(24), 0.0), np.full(24, 1.0))
+    assert codes(content(), bare) == ("doubtful", [Code.NO_RELIEF])
+
+
+def test_the_gravest_finding_comes_first() -> None:
+    judgement, found = codes(content(rotation_deg=[0, 0, 5.0]), evidence(shown=0, chi=2.0))
+    assert judgement == "refused"
+    assert found[0] == Code.RELIEF_UNRELATED
