@@ -49,7 +49,14 @@ def terrain(seed: int, relief: float) -> FloatArray:
     return surface
 
 
-def made(folder: Path, directions: FloatArray, *, relief: float = 0.4, other: int = 0) -> Path:
+def made(
+    folder: Path,
+    directions: FloatArray,
+    *,
+    relief: float = 0.4,
+    other: int = 0,
+    planted: Similarity = PLANTED,
+) -> Path:
     """A workspace with mapolas of two scans on a ball, and maplets as SPC has them.
 
     `other`: added to the seeds of what the lidar saw: another body.
@@ -61,7 +68,7 @@ def made(folder: Path, directions: FloatArray, *, relief: float = 0.4, other: in
         grid = MapletGrid.facing(RADIUS * direction, direction, GSD, HALF)
         noise = np.random.default_rng(1000 + number).normal(size=(2, *grid.shape))
         spc = Maplet(name, grid, terrain(number, relief) + 0.02 * noise[0])
-        write_maplet(workspace.root / "MAPFILES" / f"{name}.MAP", spc.moved(PLANTED))
+        write_maplet(workspace.root / "MAPFILES" / f"{name}.MAP", spc.moved(planted))
         height = terrain(number + other, relief) + 0.01 * noise[1]
         count = np.full(grid.shape, 3)
         shares = {"one": 0.75, "two": 0.25} if number % 2 else {"two": 1.0}
@@ -266,6 +273,24 @@ def test_lidar_of_another_body_gives_no_number(tmp_path: Path) -> None:
     line = call("register", folder, code=1)
     assert "one body and one frame" in line
     assert_refused(folder, "no-match")
+
+
+def test_a_turn_of_mapolas_against_their_maplets_is_found_whole_and_is_doubtful(
+    tmp_path: Path,
+) -> None:
+    """The rims of the mapolas are turned by half a cell: one match from there finds too little."""
+    turn = np.array([0.3, -0.2, 1.4])
+    planted = Similarity.from_rotation_vector(np.radians(turn), np.zeros(3), 1.0, "spc", "lidar")
+    folder = made(tmp_path / "WS", lattice(16), planted=planted)
+    line = call("register", folder, code=1)
+    assert "--accept large-rotation" in line
+    content = content_of(folder)
+    assert content["verdict"] == "doubtful"
+    off = np.array(content["rotation_deg"]) - turn
+    assert np.all(np.abs(off) < 4 * np.array(content["rotation_sigma_deg"]))
+    assert np.all(np.abs(off) < 0.02)
+    assert "[large-rotation]" in call("fuse", folder, code=1)
+    assert call("fuse", folder, "--accept", "large-rotation")["maplets"] == 16
 
 
 def assert_refused(folder: Path, code: str) -> None:

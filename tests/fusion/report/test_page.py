@@ -11,6 +11,7 @@ import pytest
 
 from fusion.report.data import ReportData
 from fusion.report.page import make_report
+from fusion.verdict import Code, Finding, Severity, Verdict
 
 VOID = {"meta", "img", "br", "link"}
 
@@ -136,3 +137,17 @@ def test_checks_of_the_registration_and_what_it_hardly_determines_are_shown(repo
     ):  # fmt: skip
         assert wanted in page
     assert "Checks" not in make_report(report_data)
+
+
+def test_what_speaks_against_a_result_stands_before_all_else(report_data) -> None:
+    grave = Finding(Code.STRAIN, Severity.DOUBTFUL, "sheared by <b>")
+    note = Finding(Code.WEAKLY_DETERMINED, Severity.NOTE, "weak")
+    verdicts = {"register": Verdict((grave, note)), "scale": Verdict()}
+    page = make_report(replace(report_data, verdicts=verdicts))
+    box = page[page.index('<div class="verdict doubtful">') : page.index("<section")]
+    assert "register: doubtful" in box
+    assert "scale: accepted" in box
+    assert "sheared by &lt;b&gt; <code>[strain]</code>" in box
+    assert "weak" not in box
+    accepted = make_report(replace(report_data, verdicts=verdicts, accepted=("strain",)))
+    assert "[strain, accepted]" in accepted
