@@ -10,6 +10,7 @@ from scipy import ndimage
 from scipy.spatial import ConvexHull
 
 from fusion.registration.cloud_grid import CloudGrid, grid_cloud
+from fusion.registration.commonrelief import Placed, common_relief
 from fusion.registration.direct import DirectRegistration
 from fusion.registration.equations import Clusters, Equations, SurfacePair, pair_equations
 from fusion.registration.fit import (
@@ -19,8 +20,10 @@ from fusion.registration.fit import (
     natural_sizes,
     updated_transform,
 )
+from fusion.registration.judging import judge_relief
 from fusion.registration.resolution import filled
 from fusion.registration.softness import relative_blur, significant_blur
+from fusion.verdict import Code, Finding, Severity, Verdict
 from spcola.arrays import FloatArray, check_finite, check_shape
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.maplet import MapletGrid
@@ -38,6 +41,9 @@ _STILL = 2e-4
 _WHOLE = 0.98
 # Gaussian, steps, under which half of the points leave hardly a gap.
 _HALF_SMOOTH = 0.7
+# Cells along a side on which the relief of two clouds is compared, and how far around.
+_JUDGED_SIZE = 128
+_JUDGED_REACH = 3
 # Points that tell a scatter.
 _SAMPLE = 100_000
 
@@ -90,7 +96,8 @@ def register_clouds(
     Returns
     -------
     DirectRegistration
-        From the frame "moving" to "fixed".
+        From the frame "moving" to "fixed", with a verdict: it is refused if the two show no relief
+        in common where it puts them.
 
     Raises
     ------
@@ -113,7 +120,28 @@ def register_clouds(
         level = _Level(some, others, grid.with_gsd(coarser * grid.gsd), options)
         state = level.settled(transform, finest=coarser == _COARSER[-1])
         transform = state.transform
-    return level.result(state)
+    found = level.result(state)
+    return replace(found, verdict=_judged(moving, fixed, grid, found))
+
+
+def _judged(
+    moving: FloatArray, fixed: FloatArray, grid: MapletGrid, found: DirectRegistration
+) -> Verdict:
+    """Judge the registration of two clouds by the relief that they show on a grid over both."""
+    step = max(1.0, grid.size / _JUDGED_SIZE)
+    wide = grid.with_gsd(step * grid.gsd)
+    here = Affine(np.eye(3), np.zeros(3), "fixed", "fixed")
+    flat, thinned = np.zeros(wide.shape), max(1, int(step))
+    one, two = (
+        grid_cloud(points[::thinned], wide, frame).surface(flat, flat, _HALF_SMOOTH)[0]
+        for points, frame in ((moving, found.transform), (fixed, here))
+    )
+    relief = common_relief([Placed(one, two, np.zeros(2), _JUDGED_REACH)])
+    findings = list(judge_relief(relief))
+    if not found.converged:
+        text = f"the transform still moved after {found.iterations} steps"
+        findings.append(Finding(Code.NOT_CONVERGED, Severity.DOUBTFUL, text))
+    return Verdict(tuple(findings))
 
 
 def _grid_over(points: FloatArray, others: int, gsd: float) -> MapletGrid:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fusion.registration.fit import Model
+from fusion.verdict import Verdict
 from spcola.arrays import FloatArray
 from spcola.similarity import Affine, Similarity
 
@@ -33,6 +34,8 @@ class DirectRegistration:
         within which errors were taken to hold together.
     iterations : int
     converged : bool
+    verdict : Verdict or None
+        Whether it may be used; None where whoever asked for it judges it.
     """
 
     transform: Affine
@@ -47,6 +50,7 @@ class DirectRegistration:
     clusters: int
     iterations: int
     converged: bool
+    verdict: Verdict | None = None
 
     @property
     def similarity(self) -> Similarity:

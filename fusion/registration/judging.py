@@ -96,7 +96,7 @@ def judge_registration(content: Mapping[str, Any], evidence: Evidence, limits: L
         what it does not determine.
     """
     found = [
-        *_relief(evidence.relief),
+        *judge_relief(evidence.relief),
         *_agreeing(content),
         *_heights(evidence.chi),
         *_centers(content, limits),
@@ -111,18 +111,18 @@ def judge_registration(content: Mapping[str, Any], evidence: Evidence, limits: L
     return Verdict(tuple(sorted(found, key=lambda one: -order.index(one.severity))))
 
 
-def _relief(relief: CommonRelief) -> Iterator[Finding]:
-    """Test whether lidar and SPC show the same relief."""
+def judge_relief(relief: CommonRelief) -> Iterator[Finding]:
+    """Test whether two surfaces show the same relief where a transform puts them."""
     if not relief.compared:
-        text = "lidar and SPC have no relief by which they could be shown to be of the same ground"
+        text = "the surfaces have no relief by which they could be shown to be of the same ground"
         yield Finding(Code.NO_RELIEF, Severity.DOUBTFUL, text)
         return
     severity = _severity(_DOUBTFUL_SHARE - relief.share, _DOUBTFUL_SHARE - _REFUSED_SHARE)
     if severity is not None:
         text = (
-            f"only {relief.share:.0%} of {relief.compared} mapolas show the relief of the SPC "
-            "surface where the transform puts them; the others are no more like it than "
-            "unrelated ground is"
+            f"{int(relief.shown.sum())} of {relief.compared} surfaces compared show the same "
+            "relief where the transform puts them; the others are no more alike than unrelated "
+            "ground is"
         )
         yield Finding(Code.RELIEF_UNRELATED, severity, text, relief.share, _DOUBTFUL_SHARE)
 

@@ -17,6 +17,7 @@ from fusion.registration.match import Match, Surface
 from fusion.registration.return_heights import CloudOfReturns, FixedSurface
 from fusion.registration.returns_match import match_returns
 from fusion.registration.softness import relative_blur, significant_blur
+from fusion.verdict import Code, Verdict
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.maplet import MapletGrid
 from spcola.similarity import Affine, Similarity
@@ -151,11 +152,32 @@ def test_clouds_may_lie_anywhere_and_a_metre_apart() -> None:
     found = register_clouds(there, frame.apply(fixed))
     expected = frame.apply(moving)
     assert np.abs(found.transform.apply(there) - expected).max() < 0.005
+    assert found.verdict == Verdict()
+
+
+@pytest.mark.parametrize("wrong", ["turned", "mirrored", "other"])
+def test_clouds_of_other_ground_are_refused(wrong: str) -> None:
+    fixed, moving = Terrain(4).cloud(1, POINTS, NOISE_M), Terrain(4).cloud(0, POINTS, NOISE_M)
+    if wrong == "turned":
+        moving = moving @ np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]).T
+    elif wrong == "mirrored":
+        moving = moving * np.array([-1.0, 1.0, 1.0])
+    else:
+        moving = Terrain(5).cloud(0, POINTS, NOISE_M)
+    try:
+        verdict = register_clouds(moving, fixed).verdict
+    except NotObservableError as error:
+        assert "the relief that both surfaces show" in str(error)
+        return
+    assert verdict is not None
+    assert verdict.judgement == "refused"
+    assert Code.RELIEF_UNRELATED in {found.code for found in verdict.findings}
 
 
 def test_stray_points_do_not_pull() -> None:
     moving, fixed, _ = two_clouds(5)
     clean = register_clouds(moving, fixed)
+    assert clean.verdict == Verdict()
     strays = np.random.default_rng(0).integers(0, POINTS, 600)
     spoilt = moving.copy()
     spoilt[strays, 2] += np.random.default_rng(1).uniform(1.0, 5.0, 600)
