@@ -198,8 +198,10 @@ def transform_of(content: Mapping[str, Any], where: str, *, do: str = _AGAIN) ->
     Raises
     ------
     InvalidValueError
-        If a key is missing or is not a number.
+        If a key is missing or is not a number, or the registration is refused.
     """
+    if content.get("verdict") == "refused":
+        raise InvalidValueError("is of a registration that was refused", where, do)
     try:
         translation = np.array(content["translation_m"], dtype=np.float64)
         if content["model"] == "affine":

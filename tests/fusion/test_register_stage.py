@@ -301,6 +301,10 @@ def assert_refused(folder: Path, code: str) -> None:
     assert all(content[key] is None for key in GIVEN)
     assert f"[{code}]" in call("fuse", folder, code=1)
     assert f"[{code}]" in call("fuse", folder, "--accept", code, code=1)
+    elsewhere = folder.parent / "elsewhere.json"
+    shutil.copy(folder / "registration.json", elsewhere)
+    line = call("register", folder, "--apply", elsewhere, code=1)
+    assert "is of a registration that was refused" in line
 
 
 def refused_or_weak(folder: Path, names: tuple[str, ...]) -> None:
