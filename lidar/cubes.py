@@ -82,6 +82,14 @@ class CubedPoints:
         _unpack(self.place, self.start, self.corner, chosen, points)
         return points
 
+    def points_at(self, rows: IntArray) -> FloatArray:
+        """Return the points (K, 3) of some rows, ascending, metres."""
+        cube = np.searchsorted(self.start, rows, side="right") - 1
+        points = np.empty((len(rows), 3))
+        each = np.arange(len(rows) + 1)
+        _unpack(self.place[rows], each, self.corner[cube], each[:-1], points)
+        return points
+
 
 def edge_of(bits: int) -> float:
     """Return the edge, metres, of cubes of so many powers of two of a quantum."""

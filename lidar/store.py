@@ -151,6 +151,14 @@ class ScanStore:
         self._note(sum(len(chosen) for _, (chosen, _) in parts))
         return Returns(points[:count], sigma[:count], scan[:count], self.scan_names)
 
+    def spread(self, most: int) -> FloatArray:
+        """Return about `most` returns (N, 3), metres, spread over all scans and where these lie."""
+        every = max(1, -(-len(self) // most))
+        found = [part.every(every) for part in self._blocks]
+        for file in self._files:
+            file.release()
+        return np.concatenate([np.empty((0, 3)), *found])
+
     def _note(self, cubes: int) -> None:
         """Note that cubes were read, and give back what is mapped before it becomes too much."""
         # Threads may lose some of each other's counts: that is no more than a few mapolas.
@@ -210,6 +218,15 @@ class _Part:
             return count
         points[:count], _ = self.move.apply(points[:count], times_of(self.block, rows[:count]))
         return keep_inside(points[:count], rows[:count], box)
+
+    def every(self, step: int) -> FloatArray:
+        """Each `step`-th return (N, 3) that has a place, metres."""
+        rows = np.arange(0, len(self.cubes.place), step)
+        points = self.cubes.points_at(rows)
+        if self.move is None:
+            return points
+        moved, kept = self.move.apply(points, times_of(self.block, rows))
+        return moved[kept]
 
     def without_place(self) -> int:
         """Count the returns that are at times at which nothing says where they were."""
