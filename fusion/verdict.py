@@ -22,10 +22,12 @@ class Code(StrEnum):
     """Codes of findings, as other programs read them; :data:`MEANINGS` has a text for each."""
 
     CHANGED_INPUT = "changed-input"
+    OUTSIDE_KERNELS = "outside-kernels"
 
 
 MEANINGS: Mapping[Code, str] = {
     Code.CHANGED_INPUT: "a file differs from what the stage that wrote it recorded",
+    Code.OUTSIDE_KERNELS: "returns lie at times that the SPICE kernels do not cover",
 }
 """What each code means, for people."""
 
