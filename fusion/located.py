@@ -89,8 +89,7 @@ class LocatedShots:
         text = f"{self.outside} of {self.count} shots are outside the kernels"
         if self.place is None:
             return text
-        shots = " to ".join(_utc(*self.span)) if np.isfinite(self.span).all() else "unknown times"
-        return f"{text}: {coverage_text(self.place)}; the shots are of {shots}"
+        return f"{text}: {coverage_text(self.place)}; the shots are of {span_text(*self.span)}"
 
 
 def located_shots(workspace: Workspace, turn: Turning, most: int) -> LocatedShots:
@@ -119,6 +118,12 @@ def located_shots(workspace: Workspace, turn: Turning, most: int) -> LocatedShot
     return LocatedShots(tuple(scans), count, lost, known_span, within, turn.place)
 
 
+def span_text(first: float, last: float) -> str:
+    """Return the UTC of a span of ephemeris times, s, in words."""
+    known = np.isfinite([first, last]).all()
+    return " to ".join(_utc(first, last)) if known else "unknown times"
+
+
 def coverage_text(place: KernelPlace) -> str:
     """Return one clause: when the kernels know where the lidar was."""
     windows = place.coverage.windows()
@@ -129,7 +134,7 @@ def coverage_text(place: KernelPlace) -> str:
         if not len(whole):
             return f"they do not know {what}the place of {place.spacecraft} at any time"
         return f"all their states are more than max_gap_s = {gap} apart"
-    text = f"they cover {' to '.join(_utc(windows[0, 0], windows[-1, 1]))}"
+    text = f"they cover {span_text(windows[0, 0], windows[-1, 1])}"
     if len(windows) > 1:
         text += f" in {len(windows)} spans of states no more than max_gap_s = {gap} apart"
     return text

@@ -122,9 +122,9 @@ class SpiceSettings(Table):
     reference_prime_meridian: str = Field(default="", description="as prime_meridian, for these")
     pointing_tolerance_s: Annotated[float, Field(ge=0.0, le=60.0)] = Field(
         default=1e-3,
-        description="a time so close to the pointing that a CK tells takes that pointing: it errs "
-        "by the rotation rate of the spacecraft times this (0.1 mrad/s, 0.15 s: 15 µrad, 7.5 cm at "
-        "5 km)",
+        description="a time no further from the ends of a CK takes the pointing there: it errs by "
+        "up to the rotation rate of the spacecraft times this (0.12 mrad/s, 0.15 s: 18 µrad, 9 cm "
+        "at 5 km)",
     )
     boresight_deg: Vector = Field(
         default=[0.0, 0.0, 0.0], description="rotation of the beams about the axes of the frame"

@@ -36,6 +36,8 @@ M_PER_KM = 1000.0
 POINTING_TOLERANCE_S = 1e-3
 """Default for how far a time may lie from the pointing that a CK tells, seconds."""
 
+# The end of what a CK tells is found this well, seconds.
+_NEAREST_S = 1e-6
 _NOT_COVERED = (
     spiceypy.utils.exceptions.SpiceSPKINSUFFDATA,
     spiceypy.utils.exceptions.SpiceNOFRAMECONNECT,
@@ -131,8 +133,8 @@ def body_fixed_axes(
     Rows are the frame's x, y, z as unit vectors, body-fixed. To be called inside
     ``KernelSet.load()``. A CK made from images ends at its first and last image by the clock
     kernel of its day (0.12 s off by a later one, seen in real files): where it does not cover a
-    time, it is asked again `tolerance_s` (seconds) later and earlier. That costs what the
-    spacecraft turns by meanwhile: its rate of rotation times the tolerance.
+    time, the nearest time within `tolerance_s`, seconds, is asked. That costs what the spacecraft
+    turns by meanwhile: at most its rate of rotation times the tolerance.
 
     Raises
     ------
@@ -227,14 +229,35 @@ def coverage(
 
 
 def _rotation_near(frame: str, et: float, tolerance_s: float) -> FloatArray:
-    """Return the rotation (3, 3) from a frame to J2000 at a time, or within a tolerance of it."""
-    for later in (0.0, tolerance_s):
+    """Return the rotation (3, 3) from a frame to J2000 at a time, or at the nearest known one.
+
+    It is looked for within a tolerance, and found to a microsecond.
+    """
+    try:
+        return np.asarray(spiceypy.pxform(frame, "J2000", et))
+    except spiceypy.utils.exceptions.SpiceNOFRAMECONNECT:
+        found = _rotation_aside(frame, et, tolerance_s)
+        if found is None:
+            raise
+    unknown, known = 0.0, tolerance_s
+    while known - unknown > _NEAREST_S:
+        middle = (unknown + known) / 2.0
+        nearer = _rotation_aside(frame, et, middle)
+        if nearer is None:
+            unknown = middle
+        else:
+            found, known = nearer, middle
+    return found
+
+
+def _rotation_aside(frame: str, et: float, by: float) -> FloatArray | None:
+    """Return the rotation from a frame to J2000 so many seconds before a time or after it."""
+    for time in (et + by, et - by):
         try:
-            return np.asarray(spiceypy.pxform(frame, "J2000", et + later))
+            return np.asarray(spiceypy.pxform(frame, "J2000", time))
         except spiceypy.utils.exceptions.SpiceNOFRAMECONNECT:
-            if not tolerance_s:
-                raise
-    return np.asarray(spiceypy.pxform(frame, "J2000", et - tolerance_s))
+            continue
+    return None
 
 
 def state_times(path: str | Path) -> FloatArray:

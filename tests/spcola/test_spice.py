@@ -43,8 +43,8 @@ def test_two_prime_meridians_are_refused_unless_one_is_chosen(tmp_path: Path) ->
     first, second = pck(tmp_path, "a.tpc", "154.92"), pck(tmp_path, "b.tpc", "45.61")
     with pytest.raises(
         KernelError,
-        match=r"a\.tpc: BODY2101955_PM is \(154\.92, .* but \(45\.61, .* in b\.tpc: turned by up to "
-        r"109 deg, ",
+        match=r"a\.tpc: BODY2101955_PM is \(154\.92, .* but \(45\.61, .* in b\.tpc: "
+        "turned by up to 109 deg, ",
     ):
         KernelSet([first, second])
     assert KernelSet([first, second], prime_meridian="a.tpc").paths == [second, first]
