@@ -176,7 +176,7 @@ def _axes(body: int, constants: Mapping[str, Values], times: FloatArray) -> Floa
 def _text(values: Values) -> str:
     """Return coefficients as a kernel has them, with all digits that tell two apart."""
     if not values:
-        return "not stated (zero)"
+        return "not stated"
     return f"({', '.join(f'{value:.12g}' for value in values)})"
 
 

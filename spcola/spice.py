@@ -203,7 +203,7 @@ def coverage(
     spacecraft : str or int
         Name or NAIF number; empty where only the pointing matters.
     frame : str
-        Of the lidar or spacecraft; without one only the position matters.
+        Of an instrument or the spacecraft; without one only the position matters.
     max_gap_s, tolerance_s : float
         Longest gap; and how close to a time that a CK knows another counts as known.
 
