@@ -123,7 +123,7 @@ class SpiceSettings(Table):
     pointing_tolerance_s: Annotated[float, Field(ge=0.0, le=60.0)] = Field(
         default=1e-3,
         description="a time no further from the ends of a CK takes the pointing there: it errs by "
-        "up to the rotation rate of the spacecraft times this (0.12 mrad/s, 0.15 s: 18 µrad, 9 cm "
+        "up to the rotation rate of the spacecraft times this (1.3 mrad/s, 0.15 s: 0.2 mrad, 1 m "
         "at 5 km)",
     )
     boresight_deg: Vector = Field(

@@ -22,6 +22,8 @@ EXACT = 5_000
 _LONGEST_S, _FEWEST = 60.0, 32
 # Steps are not made finer than this, seconds: a path that jumps is straight nowhere.
 _LEAST_S = 1e-3
+# How far a straight line is off elsewhere, by how far it is in the middle.
+_CORNER = 2.0
 
 
 def knots(
@@ -32,7 +34,7 @@ def knots(
     times: FloatArray | None = None,
     edges: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Find times between which straight lines are good enough, by halving steps where they are not.
+    """Find times between which straight lines are good enough: steps are cut where they are not.
 
     Parameters
     ----------
@@ -45,10 +47,10 @@ def knots(
     tolerance : float
         Largest departure of a straight line that is allowed, m.
     times : (M,) ndarray, optional
-        Of the returns, sorted: nothing is looked for between two of them. By default returns may
-        be at any time of the span.
+        Of the returns, sorted: nothing is asked at other times. By default returns may be at any
+        time of the span.
     edges : (K,) ndarray, optional
-        Times at which values begin or cease to be known.
+        Times at which values begin or cease to be known; of no use where `times` are given.
 
     Returns
     -------
@@ -60,44 +62,54 @@ def knots(
     """
     if times is not None and len(times) <= EXACT:
         return times, ask(times), 0.0
-    begin, end = span
-    count = max(_FEWEST, int(np.ceil((end - begin) / _LONGEST_S)))
-    time: FloatArray = np.linspace(begin, end, count + 1)
-    if edges is not None:
-        time = np.union1d(time, edges[(edges > begin) & (edges < end)])
+    time = _start(span, times, edges)
     value = ask(time)
     found = [(time, value)]
     low, high, at_low, at_high = time[:-1], time[1:], value[:-1], value[1:]
     error = 0.0
     while len(low):
-        wanted = _holds(times, low, high)
-        low, high, at_low, at_high = (one[wanted] for one in (low, high, at_low, at_high))
-        middle = (low + high) / 2.0
+        middle = _middle(low, high, times)
+        split = (middle > low) & (middle < high)
+        low, high, at_low, at_high, middle = (
+            one[split] for one in (low, high, at_low, at_high, middle)
+        )
         value = ask(middle)
         found.append((middle, value))
-        # The departure falls fourfold when steps are halved.
-        off = departure(value - (at_low + at_high) / 2.0) / 4.0
-        finest = high - low <= 2.0 * _LEAST_S
-        done = (off <= tolerance) | finest | _none(at_low, value, at_high)
+        share = ((middle - low) / (high - low))[:, None]
+        off = departure(value - at_low - share * (at_high - at_low))
+        # A smooth path is off by a quarter of this once the step is halved, one with a corner near
+        # an end by twice as much.
+        off *= _CORNER
+        done = (off <= tolerance) | (high - low <= 2.0 * _LEAST_S) | _none(at_low, value, at_high)
         error = max(error, float(np.fmax.reduce(off[done], initial=0.0)))
         left = ~done
         low, high = np.append(low[left], middle[left]), np.append(middle[left], high[left])
         at_low = np.concatenate([at_low[left], value[left]])
         at_high = np.concatenate([value[left], at_high[left]])
-    time = np.concatenate([one for one, _ in found])
-    order = np.argsort(time, kind="stable")
-    time, value = time[order], np.concatenate([one for _, one in found])[order]
-    needed = _holds(times, time[:-1], time[1:])
-    kept = np.append(needed, False) | np.append(False, needed)
-    return time[kept], value[kept], error
+    time, order = np.unique(np.concatenate([one for one, _ in found]), return_index=True)
+    return time, np.concatenate([one for _, one in found])[order], error
 
 
-def _holds(times: FloatArray | None, low: FloatArray, high: FloatArray) -> BoolArray:
-    """Whether there are returns between two times, those at them included."""
+def _start(
+    span: tuple[float, float], times: FloatArray | None, edges: FloatArray | None
+) -> FloatArray:
+    """Times to begin with, of returns if these are known: steps that are not too long."""
+    begin, end = span
+    count = max(_FEWEST, int(np.ceil((end - begin) / _LONGEST_S)))
+    even: FloatArray = np.linspace(begin, end, count + 1)
+    if times is not None:
+        return times[np.unique(np.append(np.searchsorted(times[:-1], even), len(times) - 1))]
+    if edges is not None:
+        even = np.union1d(even, edges[(edges > begin) & (edges < end)])
+    return even
+
+
+def _middle(low: FloatArray, high: FloatArray, times: FloatArray | None) -> FloatArray:
+    """A time within each step, that of a return if these are known; `low` where there is none."""
     if times is None:
-        return np.ones(len(low), dtype=bool)
-    held: BoolArray = np.searchsorted(times, high, "right") > np.searchsorted(times, low)
-    return held
+        return (low + high) / 2.0
+    after, before = np.searchsorted(times, low, "right"), np.searchsorted(times, high) - 1
+    return np.where(after <= before, times[np.minimum((after + before) // 2, len(times) - 1)], low)
 
 
 def _none(*values: FloatArray) -> BoolArray:

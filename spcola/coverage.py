@@ -17,7 +17,7 @@ from spcola.arrays import BoolArray, FloatArray
 
 # Types of SPK segments with discrete states: at epochs that are listed, so with other packets, and
 # at even steps. Of CK segments the one that interpolates in straight lines.
-_LISTED, _MIXED, _SPACED = (9, 13), 18, (8, 12)
+_LISTED, _MIXED, _SPACED = (5, 9, 13), 18, (8, 12)
 _LINEAR_CK = 3
 # Every so many-th epoch of such a segment stands in a directory behind them.
 _DIRECTORY = 100
@@ -112,8 +112,8 @@ class Coverage:
 def position_track(target: int, max_gap_s: float) -> Track:
     """Return when the loaded SPKs tell the position of an object, by its NAIF number.
 
-    States further apart than `max_gap_s`, seconds, are not interpolated between (types 8, 9, 12, 13
-    and 18); other types integrate or approximate a path, and tell it over their whole span.
+    States further apart than `max_gap_s`, seconds, are not interpolated between (types 5, 8, 9, 12,
+    13 and 18); other types integrate or approximate a path, and tell it over their whole span.
     """
     found = []
     for handle, ends, integers in _segments("SPK"):

@@ -82,7 +82,9 @@ def spk(path: Path, kind: int, times: np.ndarray = TIMES) -> Path:
     rows = states(times)
     with SPICE_LOCK:
         handle = spiceypy.spkopn(str(path), "TEST", 0)
-        if kind in {9, 13}:
+        if kind == 5:
+            spiceypy.spkw05(handle, *head, 1e-9, len(times), rows, times)
+        elif kind in {9, 13}:
             write = spiceypy.spkw09 if kind == 9 else spiceypy.spkw13
             write(handle, *head, 3 if kind == 13 else 1, len(times), rows, times)
         elif kind in {8, 12}:
@@ -122,7 +124,7 @@ def windows(kernels: list[Path], **options: object) -> np.ndarray:
 BURSTS = np.array([[0.0, 540.0], [20_000.0, 20_000.0], [40_000.0, 40_540.0]])
 
 
-@pytest.mark.parametrize("kind", [9, 13, 18])
+@pytest.mark.parametrize("kind", [5, 9, 13, 18])
 def test_states_at_listed_epochs_leave_gaps(tmp_path: Path, kind: int) -> None:
     path = spk(tmp_path / "a.bsp", kind)
     np.testing.assert_allclose(state_times(path), TIMES)
