@@ -143,14 +143,14 @@ def kernel_place(
 
 
 def _extent(workspace: Workspace) -> tuple[FloatArray, float]:
-    """Times, s, at which the rotation is used, some of each scan; and the returns' largest radius.
+    """Times, s, at which the rotation is used, some of each scan; and how far returns reach, m.
 
-    The radius is in metres. Both are empty or 0 without scans.
+    The latter is along one axis. Without scans both are empty or 0.
     """
     summaries = [scan_summary(path) for path in workspace.scan_paths()]
     spans = [one.time_span for one in summaries if np.isfinite(one.time_span).all()]
     times = np.concatenate([np.empty(0), *(np.linspace(*span, _TIMES_A_SCAN) for span in spans)])
-    radius = max((_radius_of(one) for one in summaries), default=0.0)
+    radius = max((float(np.nan_to_num(np.abs(one.bounds)).max()) for one in summaries), default=0.0)
     return times[:: max(1, len(times) // _MOST_TIMES)], radius
 
 
