@@ -34,7 +34,7 @@ from fusion.stages.base import StageContext, StageResult
 from fusion.tables import BodySettings, ScaleSettings, SpiceSettings, SpinSettings, Table
 from fusion.verdict import Verdict
 from fusion.workspace import Workspace
-from lidar.relocation import OUTSIDE
+from lidar.relocation import NO_TIME, OUTSIDE
 from lidar.reprojection import reproject, scan_trajectory
 from lidar.scan import Scan, join
 from spcola.arrays import FloatArray
@@ -157,7 +157,7 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
 
     compared, scan = at(KnownPlace()), join("shots", list(scans))
     if len(compared.observations) < 2:
-        content = unobserved_json("shots", located, _unplaced(shots, compared.missed))
+        content = unobserved_json("shots", located, _unplaced(shots, compared.missed, located))
         return content | shots.as_json() | {"missed": compared.missed} | _verdict(content, shots)
     compared, estimate = settle_shots(compared, at, options=_scale_options(table))
     check = check_longitude(scan, caster)
@@ -183,20 +183,30 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
     return content | _verdict(content, shots)
 
 
-def _unplaced(shots: LocatedShots, missed: int) -> str:
+def _unplaced(shots: LocatedShots, missed: int, located: str) -> str:
     """Return why there are no shots to compare, by what took most of them, and what to do."""
-    if shots.outside > shots.count / 2:
-        return f"{shots.outside_text()}; give kernels of the shots' times, or widen max_gap_s"
-    left_out = shots.lost.get(OUTSIDE, 0)
-    if left_out > shots.count / 2:
-        return (
-            f"{left_out} of {shots.count} shots lie outside the trajectory, or between states "
-            "further apart than [scale] max_gap_s; use shots taken with the images"
-        )
-    return (
-        f"{missed} of {shots.count} shots do not meet the shape, or have no spacecraft "
-        "position; check that shots and shape are in one frame and unit"
+    of_all = f"of {shots.count} shots"
+    left_out, timeless = shots.lost.get(OUTSIDE, 0), shots.lost.get(NO_TIME, 0)
+    outside = (
+        "lie outside the states of the images, or between two further apart than [scale] "
+        "max_gap_s; use shots taken with the images"
+        if located == "spc"
+        else "have no spacecraft position by which they could be moved; import them with one"
     )
+    reasons = [
+        (
+            missed,
+            f"{missed} {of_all} do not meet the shape, or have no spacecraft position; check that "
+            "shots and shape are in one frame and unit",
+        ),
+        (
+            shots.outside,
+            f"{shots.outside_text()}; give kernels of the shots' times, or widen max_gap_s",
+        ),
+        (left_out, f"{left_out} {of_all} {outside}"),
+        (timeless, f"{timeless} {of_all} have no time; import them with one"),
+    ]
+    return max(reasons, key=lambda reason: reason[0])[1]
 
 
 def _verdict(content: dict[str, Any], shots: LocatedShots) -> dict[str, Any]:

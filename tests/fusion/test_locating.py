@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from fusion.cli.app import app
 from fusion.cluster import ClusterExecutor
 from fusion.executor import Executor, ThreadExecutor
 from fusion.initialise import new_workspace
-from fusion.locating import kernel_paths, located_store, turning
+from fusion.locating import kernel_paths, located_store, spin_change, turning
 from fusion.pipeline import Pipeline
 from fusion.settings import Settings, write_settings
 from fusion.stages import ingest, mapolas
@@ -161,6 +161,23 @@ def test_a_correction_of_an_unstated_rotation_is_refused(tmp_path: Path) -> None
     table = Settings().with_table("spin", shift_meridian_deg=0.1).spin
     with pytest.raises(SettingsError, match=r"\[spin\] rate_deg_per_day: must be stated"):
         turning(workspace, table, Settings().spice, max_gap_s=600.0)
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(Spin)])
+def test_every_number_of_a_rotation_is_stated_and_corrected(tmp_path: Path, name: str) -> None:
+    workspace = new_workspace(tmp_path / "ws", body="Ball")
+    v34 = {**SPIN, "quadratic_deg_per_day2": 1.815e-6, "pole_ra_rate_deg_per_century": 0.1}
+    table = Settings().with_table("spin", **v34, **{f"shift_{name}": 1e-3}).spin
+    before, after = spin_change(workspace, table)
+    assert before == Spin(**v34)
+    assert after == replace(before, **{name: getattr(before, name) + 1e-3})
+
+
+def test_a_pole_is_not_moved_over_a_pole(tmp_path: Path) -> None:
+    workspace = new_workspace(tmp_path / "ws", body="Ball")
+    table = Settings().with_table("spin", **SPIN, shift_pole_dec_deg=-40.0).spin
+    with pytest.raises(SettingsError, match=r"shift_pole_dec_deg: .* declination of -100\.37 deg"):
+        spin_change(workspace, table)
 
 
 PCK = """KPL/PCK
