@@ -20,11 +20,11 @@ from lidar.formats.native import scan_summary
 from lidar.formats.reader import open_lidar
 from lidar.formats.recognise import recognise
 from spcola.errors import FormatError, WorkspaceError
-from spcola.formats.kernel_text import prime_meridians
 from spcola.formats.lists import read_list
 from spcola.formats.lmk import read_landmark
 from spcola.formats.map import read_map, read_maplet
 from spcola.formats.nom import read_nominal
+from spcola.formats.pck import constant, orientation_of
 from spcola.formats.shape import read_shape, recognise_shape
 from spcola.formats.source import read_bytes
 from spcola.formats.sum import read_summary
@@ -104,11 +104,14 @@ def _describe_kernel(path: Path) -> dict[str, Any] | None:
     if form.startswith("DAF/"):
         return {"kind": "SPICE kernel (binary)", "form": form}
     if word.startswith("KPL/") or b"\\begindata" in head:
-        stated = prime_meridians(path)
+        stated = orientation_of(path)
+        meridians = {body: stated.constants.get(constant(body, "PM")) for body in stated.bodies}
+        beyond = {str(body): list(stated.beyond_spin(body)) for body in stated.bodies}
         return {
             "kind": "SPICE kernel (text)",
             "form": word if word.startswith("KPL/") else "not stated",
-            "prime_meridian_deg": {str(one.body): one.w0_deg for one in stated},
+            "prime_meridian_deg": {str(body): w[0] for body, w in meridians.items() if w},
+            "terms_that_spin_lacks": {body: names for body, names in beyond.items() if names},
         }
     return None
 

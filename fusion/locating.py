@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 
@@ -12,20 +12,28 @@ import numpy as np
 from fusion.settings import Settings
 from fusion.tables import MapolaSettings, SpiceSettings, SpinSettings
 from fusion.workspace import SETTINGS_FILE, Workspace
-from lidar.formats.native import ScanFile
+from lidar.formats.blocks import times_of
+from lidar.formats.native import ScanFile, scan_summary
 from lidar.kernels import KernelPlace
 from lidar.mirror import MirrorAngles
 from lidar.rangeshift import RangeShift
 from lidar.relocation import Relocation, relocated, relocation, turn_of
 from lidar.reprojection import scan_trajectory
 from lidar.scan import Scan
+from lidar.scansummary import ScanSummary
 from lidar.store import ScanStore
+from spcola.arrays import FloatArray
 from spcola.errors import InvalidValueError, SettingsError
+from spcola.rotationcheck import KernelUse
 from spcola.spice import KernelSet
 from spcola.spin import Spin
 from spcola.trajectory import Trajectory
 
 Locator = Callable[[ScanFile], Relocation]
+
+# The rotation is compared at so many times of each scan, and so many in all, or a few more.
+_TIMES_A_SCAN, _MOST_TIMES = 5, 500
+_SPIN = tuple(field.name for field in fields(Spin))
 
 
 def located_store(
@@ -49,7 +57,7 @@ def located_store(
         If a kernel is missing or refused.
     """
     change = spin_change(workspace, spin)
-    place = kernel_place(workspace, spice, change)
+    place = kernel_place(workspace, spice, change, max_gap_s=table.max_gap_s)
     if table.trajectory == "spc" and place is not None:
         raise SettingsError(
             "kernels and the states of images cannot both locate returns",
@@ -69,9 +77,15 @@ def located_store(
 
 
 def kernel_place(
-    workspace: Workspace, table: SpiceSettings, change: tuple[Spin, Spin] | None
+    workspace: Workspace,
+    table: SpiceSettings,
+    change: tuple[Spin, Spin] | None,
+    *,
+    max_gap_s: float,
 ) -> KernelPlace | None:
     """Return where the kernels of `[spice]` put the lidar; None without kernels.
+
+    States and attitudes further apart than `max_gap_s`, seconds, are not interpolated between.
 
     Raises
     ------
@@ -101,14 +115,17 @@ def kernel_place(
             f"{workspace.root / SETTINGS_FILE}: [spin]",
             "set its shifts to 0, or correct the PCK",
         )
+    use = KernelUse(table.body, partial(_extent, workspace))
     reference = None
     if table.reference:
         paths = [workspace.root / name for name in table.reference]
-        reference = KernelSet(paths, prime_meridian=table.reference_prime_meridian or None)
+        chosen = table.reference_prime_meridian or None
+        reference = KernelSet(paths, prime_meridian=chosen, use=use)
     return KernelPlace(
         KernelSet(
             [workspace.root / name for name in table.kernels],
             prime_meridian=table.prime_meridian or None,
+            use=use,
         ),
         table.spacecraft,
         table.body,
@@ -120,12 +137,26 @@ def kernel_place(
             (np.radians(table.mirror_deg[0]), np.radians(table.mirror_deg[1])),
             (table.mirror_scale[0], table.mirror_scale[1]),
         ),
+        max_gap_s,
+        table.pointing_tolerance_s,
     )
+
+
+def _extent(workspace: Workspace) -> tuple[FloatArray, float]:
+    """Times, s, at which the rotation is used, some of each scan; and how far returns reach, m.
+
+    The latter is along one axis. Without scans both are empty or 0.
+    """
+    summaries = [scan_summary(path) for path in workspace.scan_paths()]
+    spans = [one.time_span for one in summaries if np.isfinite(one.time_span).all()]
+    times = np.concatenate([np.empty(0), *(np.linspace(*span, _TIMES_A_SCAN) for span in spans)])
+    radius = max((float(np.nan_to_num(np.abs(one.bounds)).max()) for one in summaries), default=0.0)
+    return times[:: max(1, len(times) // _MOST_TIMES)], radius
 
 
 def kernel_paths(workspace: Workspace, table: SpiceSettings) -> list[Path]:
     """Return the kernels of `[spice]`, meta-kernels replaced by what they list."""
-    place = kernel_place(workspace, table, None)
+    place = kernel_place(workspace, table, None, max_gap_s=np.inf)
     if place is None:
         return []
     sets = [place.kernels] + ([place.reference] if place.reference is not None else [])
@@ -143,9 +174,16 @@ def return_paths(workspace: Workspace, settings: Settings) -> list[Path]:
 def _by_kernels(place: KernelPlace, file: ScanFile) -> Relocation:
     """How a scan moves; one that knows no times or positions has no place."""
     try:
-        return place.relocation(file.trajectory(), _radius_of(file))
+        times = [np.unique(times_of(block)) for block in file.blocks]
+        return place.relocation(file.trajectory(), _radius_of(file.summary), _known(times))
     except InvalidValueError:
         return Relocation(moves=True)
+
+
+def _known(times: Sequence[FloatArray]) -> FloatArray:
+    """Return the times (N,), s, that are known, sorted and single."""
+    found = np.unique(np.concatenate([np.empty(0), *times]))
+    return found[np.isfinite(found)]
 
 
 def _by_ranges(range_m: float, locate: Locator | None, file: ScanFile) -> Relocation:
@@ -158,9 +196,9 @@ def _by_ranges(range_m: float, locate: Locator | None, file: ScanFile) -> Reloca
     return replace(move, ranges=RangeShift(range_m, path.time, path.position))
 
 
-def _radius_of(file: ScanFile) -> float:
+def _radius_of(summary: ScanSummary) -> float:
     """Largest distance of a scan's returns from the origin, metres, or somewhat more."""
-    return float(np.linalg.norm(np.nan_to_num(np.abs(file.summary.bounds)).max(axis=0)))
+    return float(np.linalg.norm(np.nan_to_num(np.abs(summary.bounds)).max(axis=0)))
 
 
 def locator(
@@ -177,7 +215,7 @@ def locator(
         try:
             return relocation(
                 file.trajectory(),
-                _radius_of(file),
+                _radius_of(file.summary),
                 spin=spin,
                 trajectory=trajectory,
                 max_gap_s=max_gap_s,
@@ -188,12 +226,59 @@ def locator(
     return locate
 
 
+@dataclass(frozen=True, eq=False)
+class Turning:
+    """What brings a scan to where corrected ranges and rotation, or kernels, put it.
+
+    Parameters
+    ----------
+    range_m : float
+        Added to the ranges.
+    change : (Spin, Spin), optional
+        The stated and the corrected rotation.
+    place : KernelPlace, optional
+        Where kernels put the lidar.
+    """
+
+    range_m: float
+    change: tuple[Spin, Spin] | None
+    place: KernelPlace | None
+
+    def __call__(self, scan: Scan) -> Scan:
+        """Return the scan; returns without a place are left out, and counted as rejected."""
+        return self.located(scan)[0]
+
+    def located(self, scan: Scan) -> tuple[Scan, float]:
+        """Return the scan, and by how much interpolation puts its returns wrong, metres."""
+        if not len(scan):
+            return scan, 0.0
+        if self.range_m:
+            scan = _with_ranges(scan, self.range_m)
+        if self.change is None and self.place is None:
+            return scan, 0.0
+        move = self._move(scan)
+        return relocated(scan, move), move.error_m
+
+    def _move(self, scan: Scan) -> Relocation:
+        radius = float(np.linalg.norm(scan.points, axis=1).max(initial=0.0))
+        times = _known([scan.time])
+        if self.place is not None:
+            try:
+                return self.place.relocation(scan_trajectory(scan), radius, times)
+            except InvalidValueError:
+                return Relocation(moves=True)
+        if self.change is None or not len(times):
+            return Relocation(moves=True)
+        return turn_of((float(times[0]), float(times[-1])), radius, *self.change)
+
+
 def turning(
-    workspace: Workspace, spin: SpinSettings, spice: SpiceSettings
-) -> Callable[[Scan], Scan]:
+    workspace: Workspace, spin: SpinSettings, spice: SpiceSettings, *, max_gap_s: float
+) -> Turning:
     """Return what brings a scan to where corrected ranges and rotation, or kernels, put it.
 
-    Returns that have no place there are left out, and counted as rejected.
+    Returns that have no place there are left out, and counted as rejected: so are those between
+    states of kernels further apart than `max_gap_s`, seconds.
 
     Raises
     ------
@@ -201,28 +286,8 @@ def turning(
         As :func:`located_store` does.
     """
     change = spin_change(workspace, spin)
-    place = kernel_place(workspace, spice, change)
-
-    def turn(scan: Scan) -> Scan:
-        if not len(scan):
-            return scan
-        if spice.range_m:
-            scan = _with_ranges(scan, spice.range_m)
-        if change is None and place is None:
-            return scan
-        radius = float(np.linalg.norm(scan.points, axis=1).max())
-        known = scan.time[np.isfinite(scan.time)]
-        try:
-            if place is not None:
-                return relocated(scan, place.relocation(scan_trajectory(scan), radius))
-        except InvalidValueError:
-            return relocated(scan, Relocation(moves=True))
-        if change is None or not len(known):
-            return relocated(scan, Relocation(moves=True))
-        move = turn_of((float(known.min()), float(known.max())), radius, *change)
-        return relocated(scan, move)
-
-    return turn
+    place = kernel_place(workspace, spice, change, max_gap_s=max_gap_s)
+    return Turning(spice.range_m, change, place)
 
 
 def _with_ranges(scan: Scan, range_m: float) -> Scan:
@@ -240,21 +305,24 @@ def spin_change(workspace: Workspace, table: SpinSettings) -> tuple[Spin, Spin] 
     Raises
     ------
     SettingsError
-        If the rotation is corrected, but is not stated.
+        If the rotation is corrected, but is not stated, or the pole is moved over a pole.
     """
-    stated = Spin(table.pole_ra_deg, table.pole_dec_deg, table.meridian_deg, table.rate_deg_per_day)
-    corrected = Spin(
-        table.pole_ra_deg + table.shift_pole_ra_deg,
-        float(np.clip(table.pole_dec_deg + table.shift_pole_dec_deg, -90.0, 90.0)),
-        table.meridian_deg + table.shift_meridian_deg,
-        table.rate_deg_per_day + table.shift_rate_deg_per_day,
-    )
+    before = {name: getattr(table, name) for name in _SPIN}
+    after = {name: value + getattr(table, f"shift_{name}") for name, value in before.items()}
+    where = f"{workspace.root / SETTINGS_FILE}: [spin]"
+    if abs(after["pole_dec_deg"]) > 90.0:
+        raise SettingsError(
+            f"moves the pole to a declination of {after['pole_dec_deg']:g} deg",
+            f"{where} shift_pole_dec_deg",
+            "over a pole the right ascension changes by 180 deg",
+        )
+    stated, corrected = Spin(**before), Spin(**after)
     if corrected == stated:
         return None
     if table.rate_deg_per_day == 0.0:
         raise SettingsError(
             "must be stated where the rotation is corrected",
-            f"{workspace.root / SETTINGS_FILE}: [spin] rate_deg_per_day",
+            f"{where} rate_deg_per_day",
             "state pole, meridian and rate by which the lidar files were located",
         )
     return stated, corrected

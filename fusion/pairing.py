@@ -57,6 +57,10 @@ class Pairing:
         The solution's maplets, in the order of the pairs' shares.
     center_sigma : (M, 3) ndarray
         Standard deviation of their centres, body-fixed axes, metres.
+    located_within_m : float
+        By how much interpolation puts returns wrong that were located again, metres.
+    without_place : dict of str to int
+        By scan, how many of its returns have no place where they should be located again.
     """
 
     options: PairOptions
@@ -65,6 +69,8 @@ class Pairing:
     blur_cells: float
     maplets: tuple[str, ...]
     center_sigma: FloatArray
+    located_within_m: float
+    without_place: dict[str, int]
 
 
 def pair_images(context: StageContext, caster: RayCaster, radius: float) -> Pairing:
@@ -90,7 +96,8 @@ def pair_images(context: StageContext, caster: RayCaster, radius: float) -> Pair
     maker = _PairMaker(context, options, frames, solution)
     groups = maker.groups()
     made = context.stream("pair bigmaps", maker.pairs_of_scan, groups.items(), total=len(groups))
-    first = [item for group in made for item in group]
+    groups_made = list(made)
+    first = [item for group in groups_made for item in group.items]
     seen = {item.frame.image if isinstance(item, Pair) else item.image for item in first}
     left_out += [
         LeftOut(frame.image, "no scan was taken with the image")
@@ -107,7 +114,21 @@ def pair_images(context: StageContext, caster: RayCaster, radius: float) -> Pair
     left_out += [item for item in (*first, *again) if isinstance(item, LeftOut)]
     kept = [item for item in again if isinstance(item, Pair)]
     names = tuple(solution.grids)
-    return Pairing(options, kept, left_out, blur, names, solution.center_sigma)
+    return Pairing(
+        options, kept, left_out, blur, names, solution.center_sigma,
+        located_within_m=max((group.within_m for group in groups_made), default=0.0),
+        without_place={one.scan: one.without_place for one in groups_made if one.without_place},
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _PairsOfScan:
+    """Pairs of one scan, and how its returns were located again."""
+
+    scan: str
+    items: list[Pair | LeftOut]
+    within_m: float
+    without_place: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +198,12 @@ class _PairMaker:
         self._workspace, self._options, self._frames = workspace, options, frames
         self._grids = solution.grids
         self._table = context.table(ScaleSettings)
-        self._turn = turning(workspace, context.table(SpinSettings), context.table(SpiceSettings))
+        self._turn = turning(
+            workspace,
+            context.table(SpinSettings),
+            context.table(SpiceSettings),
+            max_gap_s=self._table.max_gap_s,
+        )
         self._trajectory = Trajectory.from_images(workspace.images())
         self._spans = {path: scan_summary(path).time_span for path in workspace.scan_paths()}
 
@@ -192,19 +218,23 @@ class _PairMaker:
                 groups.setdefault(nearest, []).append(frame)
         return groups
 
-    def pairs_of_scan(self, item: tuple[Path, list[PairFrame]]) -> list[Pair | LeftOut]:
+    def pairs_of_scan(self, item: tuple[Path, list[PairFrame]]) -> _PairsOfScan:
         """Read and locate one scan, and pair the images that were taken with it."""
         path, frames = item
-        scan = self._turn(join(path.stem, list(iter_scan(path))))
+        read = join(path.stem, list(iter_scan(path)))
+        scan, within = self._turn.located(read)
         offset = None
         if self._table.trajectory == "spc":
             gap = self._table.max_gap_s
             try:
                 offset = self._trajectory.offset_from(scan_trajectory(scan), max_gap_s=gap)
             except InvalidValueError as error:
-                return [LeftOut(frame.image, str(error)) for frame in frames]
+                none: list[Pair | LeftOut] = [LeftOut(frame.image, str(error)) for frame in frames]
+                return _PairsOfScan(path.stem, none, within, len(read))
             scan = reproject(scan, self._trajectory, max_gap_s=gap)
-        return [self._pair(frame, scan, offset) for frame in frames]
+            within = max(within, offset.widest(gap))
+        items = [self._pair(frame, scan, offset) for frame in frames]
+        return _PairsOfScan(path.stem, items, within, len(read) - len(scan))
 
     def _pair(self, frame: PairFrame, scan: Scan, offset: Offset | None) -> Pair | LeftOut:
         around = maplets_around(self._workspace, self._grids, frame.grid)

@@ -60,7 +60,11 @@ class ImportSettings(Table):
 
 
 class SpinSettings(Table):
-    """[spin]: the body's rotation, and what is to be corrected of it before returns are used."""
+    """[spin]: the body's rotation, and what is to be corrected of it before returns are used.
+
+    Constants are those of a PCK with J2000 as its epoch. A rotation with periodic terms
+    (``NUT_PREC_*``) cannot be stated here: [spice] takes the corrected PCK.
+    """
 
     pole_ra_deg: float = Field(
         default=0.0, description="pole in J2000 by which the lidar files were located"
@@ -70,12 +74,29 @@ class SpinSettings(Table):
         default=0.0, description="angle of the prime meridian at J2000 (W0), in those files"
     )
     rate_deg_per_day: float = Field(
-        default=0.0, description="rotation of the body in those files; 0: not stated"
+        default=0.0, description="rotation of the body in those files (W1); 0: not stated"
+    )
+    quadratic_deg_per_day2: float = Field(
+        default=0.0,
+        description="coefficient of the squared days in that angle (W2), in those files",
+    )
+    pole_ra_rate_deg_per_century: float = Field(
+        default=0.0, description="motion of the pole in those files (second number of POLE_RA)"
+    )
+    pole_dec_rate_deg_per_century: float = Field(
+        default=0.0, description="the same of its declination (second number of POLE_DEC)"
     )
     shift_pole_ra_deg: float = Field(default=0.0, description="corrected less stated")
     shift_pole_dec_deg: float = Field(default=0.0, description="corrected less stated")
     shift_meridian_deg: float = Field(default=0.0, description="corrected less stated")
     shift_rate_deg_per_day: float = Field(default=0.0, description="corrected less stated")
+    shift_quadratic_deg_per_day2: float = Field(default=0.0, description="corrected less stated")
+    shift_pole_ra_rate_deg_per_century: float = Field(
+        default=0.0, description="corrected less stated"
+    )
+    shift_pole_dec_rate_deg_per_century: float = Field(
+        default=0.0, description="corrected less stated"
+    )
 
 
 class SpiceSettings(Table):
@@ -86,7 +107,9 @@ class SpiceSettings(Table):
         description="SPK, PCK; CK, FK and SCLK for the pointing; paths from the workspace",
     )
     prime_meridian: str = Field(
-        default="", description="which of them counts where they disagree about the rotation"
+        default="",
+        description="which of them counts where they disagree about the rotation of the body: "
+        "pole, prime meridian, their rates and periodic terms",
     )
     spacecraft: str = Field(default="", description="its name or NAIF number")
     body: int = Field(default=0, description="NAIF number of the body")
@@ -97,6 +120,12 @@ class SpiceSettings(Table):
         default=[], description="kernels of the pointing by which the lidar files were located"
     )
     reference_prime_meridian: str = Field(default="", description="as prime_meridian, for these")
+    pointing_tolerance_s: Annotated[float, Field(ge=0.0, le=60.0)] = Field(
+        default=1e-3,
+        description="a time no further from the ends of a CK takes the pointing there: it errs by "
+        "up to the rotation rate of the spacecraft times this (1.3 mrad/s, 0.15 s: 0.2 mrad, 1 m "
+        "at 5 km)",
+    )
     boresight_deg: Vector = Field(
         default=[0.0, 0.0, 0.0], description="rotation of the beams about the axes of the frame"
     )
@@ -150,7 +179,9 @@ class MapolaSettings(Table):
         description="by which returns are located: that of their files, or the states of images",
     )
     max_gap_s: Positive = Field(
-        default=600.0, description="longest gap between images' states interpolated over"
+        default=600.0,
+        description="longest gap interpolated over between states of images, or states and "
+        "attitudes of kernels",
     )
     adjust: bool = Field(
         default=True, description="whether scans are moved to where they agree in their overlaps"
@@ -347,7 +378,9 @@ class ScaleSettings(Table):
         default=4_000, ge=10, description="single shots used; more are thinned evenly"
     )
     max_gap_s: Positive = Field(
-        default=600.0, description="longest gap of the trajectory interpolated over"
+        default=600.0,
+        description="longest gap interpolated over between states of images, or states and "
+        "attitudes of kernels",
     )
 
 

@@ -38,6 +38,7 @@ class Code(StrEnum):
     WEAKLY_DETERMINED = "weakly-determined"
     FITS_OTHERWISE = "fits-otherwise"
     MAPLET_CONTRADICTED = "maplet-contradicted"
+    OUTSIDE_KERNELS = "outside-kernels"
 
 
 MEANINGS: Mapping[Code, str] = {
@@ -56,6 +57,7 @@ MEANINGS: Mapping[Code, str] = {
     Code.WEAKLY_DETERMINED: "a parameter is weakly determined, or not separable from another",
     Code.FITS_OTHERWISE: "the lidar fits the SPC surface in another frame or unit",
     Code.MAPLET_CONTRADICTED: "the lidar contradicts the heights of a maplet",
+    Code.OUTSIDE_KERNELS: "returns lie at times that the SPICE kernels do not cover",
 }
 """What each code means, for people."""
 

@@ -27,6 +27,7 @@ from spcola.trajectory import Trajectory
 
 NO_TIME = "no time"
 OUTSIDE = "outside trajectory"
+OUTSIDE_KERNELS = "outside kernels"
 """Reasons under which returns that cannot be located again are counted."""
 
 # Rotation vectors are interpolated this well where they act: a tenth of what is rounded anyway.
@@ -45,7 +46,8 @@ class Relocation:
         Seconds, and rotation vectors about the origin, radians; empty where nothing turns.
     shift_time, shift : (M,), (M, 3) ndarrays
         Seconds, and displacements, metres, added after the rotation; empty for the trajectory
-        that the scan has, if `moves` is False.
+        that the scan has, if `moves` is False. At a time whose displacement is NaN, and up to the
+        next, nothing has a place.
     moves : bool
         Whether there is another trajectory: returns at times that it does not cover have no place.
     max_gap_s : float
@@ -57,6 +59,8 @@ class Relocation:
         What an error of the lidar's mirror did, undone before anything else.
     ranges : RangeShift, optional
         What is added to the ranges, before anything else.
+    outside : str
+        The reason under which returns at times that are not covered are counted.
     """
 
     turn_time: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -68,6 +72,7 @@ class Relocation:
     error_m: float = 0.0
     mirror: MirrorMotion | None = None
     ranges: RangeShift | None = None
+    outside: str = OUTSIDE
 
     def apply(self, points: FloatArray, time: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return the points (N, 3), metres, at their new places, and which have one (N,).
@@ -93,7 +98,7 @@ class Relocation:
     def reach(self, radius: float) -> float:
         """Return by how much a point within `radius` of the origin moves at most, metres."""
         angle = np.linalg.norm(self.turn, axis=1).max(initial=0.0)
-        shift = np.linalg.norm(self.shift, axis=1).max(initial=0.0)
+        shift = np.fmax.reduce(np.linalg.norm(self.shift, axis=1), initial=0.0)
         along = 0.0 if self.ranges is None else abs(self.ranges.shift_m)
         mirror = 0.0 if self.mirror is None else self.mirror.reach(radius + along)
         turned = 2.0 * np.sin(min(angle, np.pi) / 2.0) * (radius + along)
@@ -165,7 +170,7 @@ def relocated(scan: Scan, move: Relocation) -> Scan:
     ahead, _ = replace(move, ranges=None).apply(scan.spacecraft + scan.beam, scan.time)
     longer = 0.0 if move.ranges is None else move.ranges.shift_m
     timeless = int(np.count_nonzero(np.isnan(scan.time)))
-    counts = {NO_TIME: timeless, OUTSIDE: int(np.count_nonzero(~kept)) - timeless}
+    counts = {NO_TIME: timeless, move.outside: int(np.count_nonzero(~kept)) - timeless}
     chosen = scan.select(kept)
     return replace(
         chosen,
@@ -190,7 +195,7 @@ def _turn_times(span: tuple[float, float], radius: float, old: Spin, new: Spin) 
     """Times between which straight lines of the rotation vector are good enough."""
     size = float(np.linalg.norm(old.change_to(new, np.array(span)), axis=1).max())
     # A sine of the spin's period and of that size departs from its chord by size·(rate·step)²/8.
-    rate = max(abs(old.rate), abs(new.rate), 1e-12)
+    rate = max([1e-12, *(abs(spin.rate(time)) for spin in (old, new) for time in span)])
     step = np.sqrt(8.0 * _TOLERANCE_M / max(size * radius, 1e-12)) / rate
     begin, end = span[0], max(span[1], span[0] + 1.0)
     count = int(np.clip(np.ceil((end - begin) / step), 1, _MOST_TIMES))
@@ -271,11 +276,14 @@ def _shift_at(
         covered = len(times) == 1 and time == times[0]
         if covered:
             out[:] = shift[0]
-        return 0, covered
+        return 0, covered and np.isfinite(out.sum())
     low = _before(times, time, last)
     gap = times[low + 1] - times[low]
     share = (time - times[low]) / gap
+    # On a state itself neither the gap beside it matters, nor that nothing is known beyond it.
+    if share * (1.0 - share) == 0.0:
+        out[:] = shift[low + int(share)]
+        return low, np.isfinite(out.sum())
     for axis in range(3):
         out[axis] = shift[low, axis] + share * (shift[low + 1, axis] - shift[low, axis])
-    # On a state itself the gap beside it does not matter.
-    return low, 0.0 <= share <= 1.0 and (gap <= max_gap or share * (1.0 - share) == 0.0)
+    return low, 0.0 <= share <= 1.0 and gap <= max_gap and np.isfinite(out.sum())

@@ -16,18 +16,28 @@ import spiceypy
 from numpy.typing import ArrayLike
 
 from spcola.arrays import FloatArray
+from spcola.coverage import (
+    Coverage,
+    Track,
+    pointing_tracks,
+    position_track,
+    segments_of,
+    state_epochs,
+)
 from spcola.errors import KernelError
-from spcola.formats.kernel_text import PrimeMeridian, expand_meta_kernels, prime_meridians
+from spcola.formats.kernel_text import expand_meta_kernels
 from spcola.formats.transfer import convert_transfer, is_transfer
+from spcola.rotationcheck import KernelUse, settle_rotation
 from spcola.time import SPICE_LOCK
 from spcola.trajectory import Trajectory
 
-AGREEMENT_DEG = 1e-6
-"""Prime meridians this close at J2000 (and per day) count as one: 5 µm on Bennu."""
-
 M_PER_KM = 1000.0
 
+POINTING_TOLERANCE_S = 1e-3
+"""Default for how far a time may lie from the pointing that a CK tells, seconds."""
 
+# The end of what a CK tells is found this well, seconds.
+_NEAREST_S = 1e-6
 _NOT_COVERED = (
     spiceypy.utils.exceptions.SpiceSPKINSUFFDATA,
     spiceypy.utils.exceptions.SpiceNOFRAMECONNECT,
@@ -45,22 +55,28 @@ class KernelSet:
         transfer text (.xsp, .xc) is converted on loading.
     prime_meridian : str, optional
         Name (or path) of the kernel that counts where several disagree about the rotation of a
-        body; it is loaded last, so that all its values hold.
+        body: pole, prime meridian, their rates and periodic terms. It is loaded last, and terms
+        of others that it does not have are taken out.
+    use : KernelUse, optional
+        The body that matters, and when. By default kernels may disagree about none.
 
     Raises
     ------
     KernelError
-        If a kernel is missing, two disagree about a body's prime meridian and none was
-        chosen, or the chosen one is not among those that do.
+        If a kernel is missing, two disagree about a body's rotation and none was chosen, or the
+        chosen one is not among those that state it.
     """
 
     def __init__(
-        self, paths: str | Path | Sequence[str | Path], *, prime_meridian: str | Path | None = None
+        self,
+        paths: str | Path | Sequence[str | Path],
+        *,
+        prime_meridian: str | Path | None = None,
+        use: KernelUse | None = None,
     ) -> None:
         given = [paths] if isinstance(paths, (str, Path)) else list(paths)
-        self.paths = choose_prime_meridian(
-            expand_meta_kernels([Path(path) for path in given]), prime_meridian
-        )
+        expanded = expand_meta_kernels([Path(path) for path in given])
+        self.paths, self._dropped = settle_rotation(expanded, prime_meridian, use)
 
     @contextmanager
     def load(self) -> Iterator[None]:
@@ -79,38 +95,12 @@ class KernelSet:
                     with _kernel_errors(path):
                         spiceypy.furnsh(str(ready))
                     loaded.append(str(ready))
+                for name in self._dropped:
+                    spiceypy.dvpool(name)
                 yield
             finally:
                 for name in reversed(loaded):
                     spiceypy.unload(name)
-
-
-def choose_prime_meridian(paths: list[Path], choice: str | Path | None) -> list[Path]:
-    """Return kernels in loading order, the chosen one last; refuse a contradiction left open.
-
-    Raises
-    ------
-    KernelError
-        If two kernels disagree about a body's prime meridian and `choice` is None, or `choice`
-        is not the name of one of the kernels that give one.
-    """
-    stated = [item for path in paths for item in prime_meridians(path)]
-    if choice is None:
-        _refuse_disagreement(stated)
-        return paths
-    wanted = Path(choice)
-    chosen = [
-        path for path in dict.fromkeys(item.path for item in stated)
-        if path == wanted or path.name == str(choice)
-    ]  # fmt: skip
-    if len(chosen) != 1:
-        names = ", ".join(sorted({item.path.name for item in stated})) or "none of the kernels"
-        raise KernelError(
-            f"{str(choice)!r} is not one kernel with a prime meridian",
-            "prime_meridian",
-            f"choose from: {names}",
-        )
-    return [path for path in paths if path != chosen[0]] + chosen
 
 
 def body_fixed_trajectory(
@@ -136,14 +126,15 @@ def body_fixed_trajectory(
 
 
 def body_fixed_axes(
-    frame: str, body: int, times: ArrayLike, *, tolerance_s: float = 1e-3
+    frame: str, body: int, times: ArrayLike, *, tolerance_s: float = POINTING_TOLERANCE_S
 ) -> FloatArray:
     """Return the axes (N, 3, 3) of a spacecraft or instrument frame at ephemeris times (N,), s.
 
     Rows are the frame's x, y, z as unit vectors, body-fixed. To be called inside
     ``KernelSet.load()``. A CK made from images ends at its first and last image by the clock
     kernel of its day (0.12 s off by a later one, seen in real files): where it does not cover a
-    time, it is asked again `tolerance_s` (seconds) later and earlier.
+    time, the nearest time within `tolerance_s`, seconds, is asked. That costs what the spacecraft
+    turns by meanwhile: at most its rate of rotation times the tolerance.
 
     Raises
     ------
@@ -160,13 +151,18 @@ def body_fixed_axes(
 
 
 def body_fixed_states(
-    spacecraft: str | int, body: int, times: ArrayLike, *, frame: str = ""
+    spacecraft: str | int,
+    body: int,
+    times: ArrayLike,
+    *,
+    frame: str = "",
+    tolerance_s: float = POINTING_TOLERANCE_S,
 ) -> tuple[FloatArray, FloatArray]:
     """Return positions (N, 3), m, and a frame's axes (N, 3, 3), as far as kernels cover the times.
 
     What :func:`body_fixed_trajectory` and :func:`body_fixed_axes` return, with NaN at ephemeris
-    times (N,), s, that the kernels do not cover; axes are those of the body without a `frame`.
-    To be called inside ``KernelSet.load()``.
+    times (N,), s, that the kernels do not cover; axes are those of the body without a `frame`,
+    and positions are NaN without a `spacecraft`. To be called inside ``KernelSet.load()``.
 
     Raises
     ------
@@ -180,29 +176,95 @@ def body_fixed_states(
         for index, et in enumerate(wanted):
             turn = spiceypy.tipbod("J2000", body, et)
             try:
-                inertial, _ = spiceypy.spkpos(str(spacecraft), et, "J2000", "NONE", str(body))
-                rows = (turn @ _rotation_near(frame, et, 0.0)).T if frame else np.eye(3)
+                inertial = np.full(3, np.nan)
+                if spacecraft:
+                    inertial, _ = spiceypy.spkpos(str(spacecraft), et, "J2000", "NONE", str(body))
+                to_inertial = _rotation_near(frame, et, tolerance_s) if frame else turn.T
             except _NOT_COVERED:
                 continue
-            positions[index], axes[index] = M_PER_KM * (turn @ inertial), rows
+            positions[index], axes[index] = M_PER_KM * (turn @ inertial), (turn @ to_inertial).T
     return positions, axes
 
 
+def coverage(
+    spacecraft: str | int,
+    *,
+    frame: str = "",
+    max_gap_s: float = np.inf,
+    tolerance_s: float = POINTING_TOLERANCE_S,
+) -> Coverage:
+    """Return when the loaded kernels tell where a spacecraft was, and where a frame pointed.
+
+    To be called inside ``KernelSet.load()``. States and attitudes further apart than `max_gap_s`,
+    seconds, are not interpolated between; see :func:`spcola.coverage.position_track`.
+
+    Parameters
+    ----------
+    spacecraft : str or int
+        Name or NAIF number; empty where only the pointing matters.
+    frame : str
+        Of an instrument or the spacecraft; without one only the position matters.
+    max_gap_s, tolerance_s : float
+        Longest gap; and how close to a time that a CK knows another counts as known.
+
+    Raises
+    ------
+    KernelError
+        If a name is unknown, or a kernel cannot be read.
+    """
+    tracks: tuple[Track, ...] = ()
+    where = f"coverage of {spacecraft or frame}"
+    with SPICE_LOCK, _kernel_errors(where):
+        if spacecraft:
+            try:
+                target = spiceypy.bods2c(str(spacecraft))
+            except spiceypy.utils.exceptions.NotFoundError:
+                raise KernelError(
+                    "neither SPICE nor a kernel knows this name", str(spacecraft), "give its number"
+                ) from None
+            tracks = (position_track(target, max_gap_s),)
+        if frame:
+            tracks += pointing_tracks(frame, max_gap_s, tolerance_s)
+    return Coverage(tracks)
+
+
 def _rotation_near(frame: str, et: float, tolerance_s: float) -> FloatArray:
-    """Return the rotation (3, 3) from a frame to J2000 at a time, or within a tolerance of it."""
-    for later in (0.0, tolerance_s):
+    """Return the rotation (3, 3) from a frame to J2000 at a time, or at the nearest known one.
+
+    It is looked for within a tolerance, and found to a microsecond.
+    """
+    try:
+        return np.asarray(spiceypy.pxform(frame, "J2000", et))
+    except spiceypy.utils.exceptions.SpiceNOFRAMECONNECT:
+        found = _rotation_aside(frame, et, tolerance_s)
+        if found is None:
+            raise
+    unknown, known = 0.0, tolerance_s
+    while known - unknown > _NEAREST_S:
+        middle = (unknown + known) / 2.0
+        nearer = _rotation_aside(frame, et, middle)
+        if nearer is None:
+            unknown = middle
+        else:
+            found, known = nearer, middle
+    return found
+
+
+def _rotation_aside(frame: str, et: float, by: float) -> FloatArray | None:
+    """Return the rotation from a frame to J2000 so many seconds before a time or after it."""
+    for time in (et + by, et - by):
         try:
-            return np.asarray(spiceypy.pxform(frame, "J2000", et + later))
+            return np.asarray(spiceypy.pxform(frame, "J2000", time))
         except spiceypy.utils.exceptions.SpiceNOFRAMECONNECT:
             continue
-    return np.asarray(spiceypy.pxform(frame, "J2000", et - tolerance_s))
+    return None
 
 
 def state_times(path: str | Path) -> FloatArray:
     """Return the times (N,), s, of the discrete states in an SPK file.
 
     An SPK made from images (types 9 and 13: Lagrange or Hermite on unequal steps) holds one
-    state per image; its times are the image times. Other types hold none and are left out.
+    state per image; its times are the image times. Types without states are left out.
 
     Raises
     ------
@@ -213,35 +275,13 @@ def state_times(path: str | Path) -> FloatArray:
     with SPICE_LOCK, _kernel_errors(path):
         handle = spiceypy.dafopr(str(path))
         try:
-            spiceypy.dafbfs(handle)
-            while spiceypy.daffna():
-                _, integers = spiceypy.dafus(spiceypy.dafgs(5), 2, 6)
-                if integers[3] in (9, 13):
-                    begin, end = int(integers[4]), int(integers[5])
-                    count = int(spiceypy.dafgda(handle, end, end)[0])
-                    start = begin + 6 * count
-                    times.append(np.asarray(spiceypy.dafgda(handle, start, start + count - 1)))
+            times = [state_epochs(handle, integers) for _, _, integers in segments_of(handle)]
         finally:
             spiceypy.dafcls(handle)
-    if not times:
-        raise KernelError("holds no discrete states (SPK types 9, 13)", path, "state the times")
-    return np.unique(np.concatenate(times))
-
-
-def _refuse_disagreement(stated: list[PrimeMeridian]) -> None:
-    """Refuse kernels that give one body different prime meridians."""
-    first: dict[int, PrimeMeridian] = {}
-    for item in stated:
-        other = first.setdefault(item.body, item)
-        if abs(other.w0_deg - item.w0_deg) > AGREEMENT_DEG or (
-            abs(other.rate_deg_day - item.rate_deg_day) > AGREEMENT_DEG
-        ):
-            raise KernelError(
-                f"W0 of body {item.body} is {item.w0_deg:.6g} deg, but {other.w0_deg:.6g} deg in "
-                f"{other.path.name}",
-                item.path,
-                "choose one of them as prime_meridian",
-            )
+    found = np.unique(np.concatenate([np.empty(0), *times]))
+    if not len(found):
+        raise KernelError("holds no discrete states", path, "state the times")
+    return found
 
 
 def _ready(path: Path, target: Path) -> Path:
@@ -258,6 +298,8 @@ def _kernel_errors(where: str | Path) -> Iterator[None]:
     try:
         yield
     except spiceypy.utils.exceptions.SpiceyError as error:
-        first = str(error.long or error.short or error).split(". ")[0]
+        # What is not found has no long message.
+        said = getattr(error, "long", "") or getattr(error, "short", "") or error
+        first = str(said).split(". ")[0]
         what = f"SPICE says: {first.rstrip('.')}"
         raise KernelError(what, where, "check kernels and times") from error

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,20 +12,28 @@ from spcola.arrays import FloatArray
 from spcola.errors import InvalidValueError
 
 SECONDS_PER_DAY = 86400.0
+DAYS_PER_CENTURY = 36525.0
 
 
 @dataclass(frozen=True)
 class Spin:
-    """A uniform rotation, as IAU reports and SPICE's text kernels state it.
+    """A rotation as IAU reports and SPICE's text kernels state it, without periodic terms.
+
+    Days (of 86400 s) and Julian centuries count from J2000 (TDB). Nutation, precession and
+    libration terms (``NUT_PREC_*``) have no place here: they need SPICE kernels.
 
     Parameters
     ----------
     pole_ra_deg, pole_dec_deg : float
         Right ascension and declination of the pole in J2000, degrees.
     meridian_deg : float
-        W₀: angle of the prime meridian at J2000 (TDB), degrees.
+        W₀: angle of the prime meridian at J2000, degrees.
     rate_deg_per_day : float
-        Ẇ, degrees per day of 86400 s.
+        W₁, degrees per day.
+    quadratic_deg_per_day2 : float
+        W₂: coefficient of the square of the days, half of the angular acceleration.
+    pole_ra_rate_deg_per_century, pole_dec_rate_deg_per_century : float
+        By how much the pole moves.
 
     Raises
     ------
@@ -37,23 +45,21 @@ class Spin:
     pole_dec_deg: float
     meridian_deg: float
     rate_deg_per_day: float
+    quadratic_deg_per_day2: float = 0.0
+    pole_ra_rate_deg_per_century: float = 0.0
+    pole_dec_rate_deg_per_century: float = 0.0
 
     def __post_init__(self) -> None:
-        numbers = (
-            self.pole_ra_deg,
-            self.pole_dec_deg,
-            self.meridian_deg,
-            self.rate_deg_per_day,
-        )
-        if not np.isfinite(numbers).all():
+        if not np.isfinite(astuple(self)).all():
             raise InvalidValueError("has a number that is not finite", "spin")
         if abs(self.pole_dec_deg) > 90.0:
             raise InvalidValueError(f"{self.pole_dec_deg:g} is no declination", "spin")
 
-    @property
-    def rate(self) -> float:
-        """Radians per second."""
-        return float(np.radians(self.rate_deg_per_day) / SECONDS_PER_DAY)
+    def rate(self, time: float) -> float:
+        """Return the rate of rotation at ephemeris time, s: radians per second."""
+        days = time / SECONDS_PER_DAY
+        per_day = self.rate_deg_per_day + 2.0 * self.quadratic_deg_per_day2 * days
+        return float(np.radians(per_day) / SECONDS_PER_DAY)
 
     def axes(self, times: ArrayLike) -> FloatArray:
         """Return the body-fixed axes (N, 3, 3) in J2000 at ephemeris times (N,), s.
@@ -61,12 +67,13 @@ class Spin:
         Rows are X, Y, Z: the matrix takes J2000 to body-fixed coordinates,
         ``R_z(W) R_x(90° − δ) R_z(90° + α)`` (Archinal et al., IAU working group report).
         """
-        wanted = np.asarray(times, dtype=np.float64)
-        angles = np.empty((len(wanted), 3))
+        days = np.asarray(times, dtype=np.float64) / SECONDS_PER_DAY
+        centuries = days / DAYS_PER_CENTURY
+        angles = np.empty((len(days), 3))
         # Days and degrees first: radians of years of rotation would lose digits.
-        turned = (self.rate_deg_per_day * (wanted / SECONDS_PER_DAY)) % 360.0
-        angles[:, 0] = 90.0 + self.pole_ra_deg
-        angles[:, 1] = 90.0 - self.pole_dec_deg
+        turned = (self.rate_deg_per_day * days) % 360.0 + self.quadratic_deg_per_day2 * days**2
+        angles[:, 0] = 90.0 + self.pole_ra_deg + self.pole_ra_rate_deg_per_century * centuries
+        angles[:, 1] = 90.0 - self.pole_dec_deg - self.pole_dec_rate_deg_per_century * centuries
         angles[:, 2] = self.meridian_deg + turned
         # Intrinsic rotations of the frame are the inverse of those of the vectors.
         frames = Rotation.from_euler("ZXZ", angles, degrees=True).as_matrix()

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from fusion.adjusting import ScanSource, adjusted, adjustment_summary
-from fusion.locating import located_store, return_paths
+from fusion.located import coverage_text, span_text
+from fusion.locating import kernel_place, located_store, return_paths
 from fusion.memory import check_grid
 from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
@@ -22,6 +23,7 @@ from lidar.formats.mapola import write_mapolas
 from lidar.formats.native import scan_summary
 from lidar.gridding import Gridding, GriddingOptions, RejectionOptions
 from lidar.mapola import Mapola
+from lidar.store import ScanStore
 from spcola.covering import covering
 from spcola.errors import SettingsError, WorkspaceError
 from spcola.maplet import MapletGrid
@@ -40,7 +42,7 @@ class MapolasStage:
     """Scans → mapolas."""
 
     name: str = "mapolas"
-    version: int = 13
+    version: int = 14
     needs: tuple[str, ...] = ("ingest",)
     tables: tuple[type[Table], ...] = (
         MapolaSettings,
@@ -97,8 +99,7 @@ class MapolasStage:
         empty = WorkspaceError(
             f"none of {len(grids)} grids is covered to {table.min_coverage:.0%} by returns",
             workspace.root / "mapolas",
-            "check that scans and maplets are in one frame and unit, or lower [mapolas] "
-            "min_coverage",
+            _advice(context, store),
         )
         kept = _some(counts.passed(done, table), empty)
         names = write_mapolas(workspace.root / "mapolas", kept)
@@ -116,6 +117,28 @@ class MapolasStage:
 
 
 STAGE = MapolasStage()
+
+
+def _advice(context: StageContext, store: ScanStore) -> str:
+    """Return what to do where no mapola gets enough returns."""
+    lost, table = sum(store.without_place.values()), context.table(MapolaSettings)
+    if lost <= len(store) / 2:
+        return (
+            "check that scans and maplets are in one frame and unit, or lower [mapolas] "
+            "min_coverage"
+        )
+    place = kernel_place(
+        context.workspace, context.table(SpiceSettings), None, max_gap_s=table.max_gap_s
+    )
+    text = f"{lost} of {len(store)} returns have no place where they are to be located again"
+    if place is None:
+        return f"{text}: use scans taken with the images, or widen [mapolas] max_gap_s"
+    spans = [scan_summary(path).time_span for path in context.workspace.scan_paths()]
+    first, last = min(span[0] for span in spans), max(span[1] for span in spans)
+    return (
+        f"{text}, {span_text(first, last)}, by the kernels: {coverage_text(place)}; give kernels "
+        "of the scans' times, or widen [mapolas] max_gap_s"
+    )
 
 
 def gridding_options(table: MapolaSettings) -> GriddingOptions:

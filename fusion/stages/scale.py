@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from fusion.influence import influence
+from fusion.located import LocatedShots, located_shots
 from fusion.locating import kernel_paths, turning
 from fusion.pairing import Pairing, pair_images, state_shares, write_pairs
 from fusion.scaling.consistency import consistency, shared_by_maplets
@@ -32,8 +32,9 @@ from fusion.scaling.summary import (
 from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
 from fusion.tables import BodySettings, ScaleSettings, SpiceSettings, SpinSettings, Table
+from fusion.verdict import Verdict
 from fusion.workspace import Workspace
-from lidar.formats.native import iter_scan, scan_summary
+from lidar.relocation import NO_TIME, OUTSIDE
 from lidar.reprojection import reproject, scan_trajectory
 from lidar.scan import Scan, join
 from spcola.arrays import FloatArray
@@ -47,7 +48,7 @@ class ScaleStage:
     """Scans, images and SPC surface → scale.json and pairs/."""
 
     name: str = "scale"
-    version: int = 8
+    version: int = 9
     needs: tuple[str, ...] = ("ingest", "register")
     tables: tuple[type[Table], ...] = (
         ScaleSettings,
@@ -125,15 +126,25 @@ def _scale_options(table: ScaleSettings) -> ScaleOptions:
 def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str, Any]:
     """Single shots of all scans against the shape."""
     workspace, table = context.workspace, context.table(ScaleSettings)
-    turn = turning(workspace, context.table(SpinSettings), context.table(SpiceSettings))
-    scans = _thinned(workspace, turn, table.max_shots)
+    turn = turning(
+        workspace,
+        context.table(SpinSettings),
+        context.table(SpiceSettings),
+        max_gap_s=table.max_gap_s,
+    )
+    shots = located_shots(workspace, turn, table.max_shots)
+    scans = shots.scans
     located = table.trajectory if workspace.image_names() else "reference"
     states = Trajectory.from_images(workspace.images()) if located == "spc" else None
 
     spots = SpotOptions(table.footprint_mrad / 1e3, table.pointing_sigma_mrad / 1e3)
 
-    def place(scan: Scan) -> tuple[Scan, FloatArray | None]:
-        return (scan, None) if states is None else _relocated(scan, states, table.max_gap_s)
+    placed: list[tuple[Scan, FloatArray | None]] = [(scan, None) for scan in scans]
+    if states is not None:
+        moved = [_relocated(scan, states, table.max_gap_s) for scan in scans]
+        placed = [(scan, shares) for scan, shares, _ in moved]
+        widest = max((within for _, _, within in moved), default=0.0)
+        shots = shots.moved(tuple(scan for scan, _ in placed), widest)
 
     def one(placed: tuple[Scan, FloatArray | None], known: KnownPlace) -> ShotComparison:
         scan, shares = placed
@@ -141,26 +152,21 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
             scan, caster, trajectory=located, shares=shares, spots=spots, known=known
         )
 
-    placed = [place(scan) for scan in scans]
-
     def at(known: KnownPlace) -> ShotComparison:
         return join_shots(context.map("cast shots", partial(one, known=known), placed))
 
-    compared, scan = at(KnownPlace()), join("shots", scans)
+    compared, scan = at(KnownPlace()), join("shots", list(scans))
     if len(compared.observations) < 2:
-        return unobserved_json(
-            "shots",
-            located,
-            f"{compared.missed} of {len(scan)} shots do not meet the shape, or have no spacecraft "
-            "position; check that shots and shape are in one frame and unit",
-        )
+        content = unobserved_json("shots", located, _unplaced(shots, compared.missed, located))
+        return content | shots.as_json() | {"missed": compared.missed} | _verdict(content, shots)
     compared, estimate = settle_shots(compared, at, options=_scale_options(table))
     check = check_longitude(scan, caster)
     content = scale_json(compared.observations, estimate, mean_radius=radius)
     if located != table.trajectory:
         content["reasons"].append(
-            "trajectory: there are no images with SPC states, so the shots are located by their "
-            "own reference trajectory: epsilon is that of the shape alone"
+            "trajectory: there are no images with SPC states, so the shots are located by "
+            f"{'the kernels of [spice]' if turn.place else 'their own reference trajectory'}: "
+            "epsilon is that of the shape alone"
         )
     if check.misfit:
         content["reasons"].append(
@@ -170,37 +176,57 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
     content["longitude_check"] = longitude_json(check)
     content["assumed"] = assumed_json(spots)
     content["missed"] = compared.missed
+    content |= shots.as_json()
+    if turn.place is not None or states is not None:
+        content["located_within_m"] = shots.within_m
     content["per_shot"] = per_shot(compared, estimate)
-    return content
+    return content | _verdict(content, shots)
 
 
-def _relocated(scan: Scan, states: Trajectory, max_gap_s: float) -> tuple[Scan, FloatArray]:
+def _unplaced(shots: LocatedShots, missed: int, located: str) -> str:
+    """Return why there are no shots to compare, by what took most of them, and what to do."""
+    of_all = f"of {shots.count} shots"
+    left_out, timeless = shots.lost.get(OUTSIDE, 0), shots.lost.get(NO_TIME, 0)
+    outside = (
+        "lie outside the states of the images, or between two further apart than [scale] "
+        "max_gap_s; use shots taken with the images"
+        if located == "spc"
+        else "have no spacecraft position by which they could be moved; import them with one"
+    )
+    reasons = [
+        (
+            missed,
+            f"{missed} {of_all} do not meet the shape, or have no spacecraft position; check that "
+            "shots and shape are in one frame and unit",
+        ),
+        (
+            shots.outside,
+            f"{shots.outside_text()}; give kernels of the shots' times, or widen max_gap_s",
+        ),
+        (left_out, f"{left_out} {of_all} {outside}"),
+        (timeless, f"{timeless} {of_all} have no time; import them with one"),
+    ]
+    return max(reasons, key=lambda reason: reason[0])[1]
+
+
+def _verdict(content: dict[str, Any], shots: LocatedShots) -> dict[str, Any]:
+    """Return the verdict of a scale, with what was found where its shots were located."""
+    return Verdict((*Verdict.from_json(content).findings, *shots.findings())).as_json()
+
+
+def _relocated(scan: Scan, states: Trajectory, max_gap_s: float) -> tuple[Scan, FloatArray, float]:
     """Locate shots by SPC states, and tell on which of these (N, S) each leans.
 
-    No shot is left where no state falls into the scan.
+    No shot is left where no state falls into the scan. The last is one standard deviation of what
+    is interpolated between states, where they lie furthest apart, metres.
     """
     try:
         offset = states.offset_from(scan_trajectory(scan), max_gap_s=max_gap_s)
     except InvalidValueError:
-        return scan.select(np.zeros(len(scan), dtype=bool)), np.zeros((0, len(states)))
+        return scan.select(np.zeros(len(scan), dtype=bool)), np.zeros((0, len(states))), 0.0
     again = reproject(scan, states, max_gap_s=max_gap_s)
-    return again, state_shares(states, offset, again.time).toarray()
-
-
-def _thinned(workspace: Workspace, turn: Callable[[Scan], Scan], most: int) -> list[Scan]:
-    """The shots of each scan where they are now, evenly thinned to about `most` in all."""
-    paths = workspace.scan_paths()
-    total = sum(scan_summary(path).count for path in paths)
-    step = max(1, -(-total // most))
-    return [
-        turn(
-            join(
-                path.stem,
-                [part.select(np.arange(0, len(part), step)) for part in iter_scan(path)],
-            )
-        )
-        for path in paths
-    ]
+    shares = state_shares(states, offset, again.time).toarray()
+    return again, shares, offset.widest(max_gap_s)
 
 
 def _pairs(
@@ -218,7 +244,8 @@ def _pairs(
             f"{len(pairs)} of {len(pairs) + len(left_out)} images give a pair ({why}); add scans "
             "taken with the images, or widen [scale] capture_m",
         )
-        return content | {"per_pair": silent_pairs(left_out)}, write_pairs(workspace, pairs)
+        content |= {"per_pair": silent_pairs(left_out), **_located(context, made)}
+        return content, write_pairs(workspace, pairs)
     per_axis = np.sqrt(np.mean(made.center_sigma**2, axis=1))
     observations = pair_observations(pairs, table.trajectory, center_sigma=per_axis)
     estimate = estimate_scale(observations, options=_scale_options(table))
@@ -228,10 +255,22 @@ def _pairs(
         "gsd_m": made.options.gsd_m,
         "blur_cells": made.blur_cells,
         "per_pair": per_pair(pairs, left_out, observations, estimate),
+        **_located(context, made),
     }
     if workspace.registration_path.is_file() and table.trajectory == "spc":
         content[_SHARED] = _shared_with_registration(workspace, made, estimate)
     return content, write_pairs(workspace, pairs)
+
+
+def _located(context: StageContext, made: Pairing) -> dict[str, Any]:
+    """Return what is known of how the returns of pairs were located again; nothing if not."""
+    kernels = context.table(SpiceSettings).kernels
+    content: dict[str, Any] = {}
+    if kernels or context.table(ScaleSettings).trajectory == "spc":
+        content["located_within_m"] = made.located_within_m
+    if made.without_place:
+        content["returns_without_place"] = made.without_place
+    return content
 
 
 def _shared_with_registration(

@@ -1,10 +1,9 @@
-"""Text kernels: what a meta-kernel lists and which prime meridian a PCK states."""
+"""Text kernels: their assignments, and what a meta-kernel lists."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from spcola.errors import KernelError
@@ -15,17 +14,6 @@ _DATA = re.compile(
 )
 _ASSIGNMENT = re.compile(r"([A-Za-z0-9_/-]+)\s*(\+?=)\s*(\([^()]*\)|'[^']*'|\S+)", re.S)
 _STRING = re.compile(r"'((?:[^']|'')*)'")
-_MERIDIAN = re.compile(r"BODY(-?\d+)_PM$")
-
-
-@dataclass(frozen=True)
-class PrimeMeridian:
-    """A body's prime meridian as a PCK states it: W = w0 + rate · days past J2000, degrees."""
-
-    body: int
-    w0_deg: float
-    rate_deg_day: float
-    path: Path
 
 
 def expand_meta_kernels(paths: list[Path]) -> list[Path]:
@@ -43,7 +31,7 @@ def expand_meta_kernels(paths: list[Path]) -> list[Path]:
     for path in paths:
         if not path.is_file():
             raise KernelError("is not a file", path, "check the list of kernels")
-        listed = kernels_of(path) if _is_text(path) else None
+        listed = kernels_of(path) if is_text(path) else None
         expanded.extend([path] if listed is None else expand_meta_kernels(listed))
     return expanded
 
@@ -57,7 +45,7 @@ def kernels_of(path: Path) -> list[Path] | None:
         If its path symbols and values do not pair, or the list is empty.
     """
     values: dict[str, list[str]] = {}
-    for name, text in assignments(path):
+    for name, _, text in assignments(path):
         strings = [item.replace("''", "'") for item in _STRING.findall(text)]
         values.setdefault(name.upper(), []).extend(strings)
     if "KERNELS_TO_LOAD" not in values:
@@ -76,37 +64,8 @@ def kernels_of(path: Path) -> list[Path] | None:
     return [b if b.is_file() else Path(n) for b, n in zip(beside, names, strict=True)]
 
 
-def prime_meridians(path: Path) -> list[PrimeMeridian]:
-    """Return the prime meridians that a text PCK states; none for any other kernel.
-
-    Raises
-    ------
-    KernelError
-        If one is not a list of numbers.
-    """
-    if not _is_text(path):
-        return []
-    found: dict[int, PrimeMeridian] = {}
-    for name, text in assignments(path):
-        match = _MERIDIAN.match(name.upper())
-        if match is None:
-            continue
-        try:
-            numbers = [
-                float(word.upper().replace("D", "E")) for word in re.findall(r"[^\s,()]+", text)
-            ]
-        except ValueError:
-            raise KernelError(f"{name} is not a list of numbers", path, "mend it") from None
-        if not numbers:
-            raise KernelError(f"{name} is empty", path, "mend it")
-        body = int(match.group(1))
-        rate = numbers[1] if len(numbers) > 1 else 0.0
-        found[body] = PrimeMeridian(body, numbers[0], rate, path)
-    return list(found.values())
-
-
-def assignments(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield the names and right-hand sides of a text kernel's assignments, in order.
+def assignments(path: Path) -> Iterator[tuple[str, str, str]]:
+    """Yield names, operators (``=`` or ``+=``) and right-hand sides of a text kernel, in order.
 
     Raises
     ------
@@ -118,11 +77,10 @@ def assignments(path: Path) -> Iterator[tuple[str, str]]:
     except OSError as error:
         raise KernelError(f"cannot be read ({error.strerror})", path, "check the file") from error
     for block in _DATA.findall(text):
-        for name, _, value in _ASSIGNMENT.findall(block):
-            yield name, value
+        yield from _ASSIGNMENT.findall(block)
 
 
-def _is_text(path: Path) -> bool:
+def is_text(path: Path) -> bool:
     """Return whether a file is a text kernel: neither binary nor transfer text."""
     with path.open("rb") as stream:
         head = stream.read(512)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from fusion.cli.app import app
 from fusion.cluster import ClusterExecutor
 from fusion.executor import Executor, ThreadExecutor
 from fusion.initialise import new_workspace
-from fusion.locating import kernel_paths, located_store, turning
+from fusion.locating import kernel_paths, located_store, spin_change, turning
 from fusion.pipeline import Pipeline
 from fusion.settings import Settings, write_settings
 from fusion.stages import ingest, mapolas
@@ -131,14 +131,14 @@ def test_a_scan_is_turned_whole(tmp_path: Path) -> None:
     table = Settings().with_table("spin", **SPIN, **SHIFT).spin
     for scan in scans():
         moved, right = (
-            turning(workspace, table, Settings().spice)(scan),
+            turning(workspace, table, Settings().spice, max_gap_s=600.0)(scan),
             rotated(scan, STATED, CORRECTED),
         )
         np.testing.assert_allclose(moved.points, right.points, atol=1e-5)
         np.testing.assert_allclose(moved.beam, right.beam, atol=1e-7)
         # The station lies 13 times as far out as the returns, for which steps are fine enough.
         np.testing.assert_allclose(moved.spacecraft, right.spacecraft, atol=2e-4)
-        assert turning(workspace, Settings().spin, Settings().spice)(scan) is scan
+        assert turning(workspace, Settings().spin, Settings().spice, max_gap_s=600.0)(scan) is scan
 
 
 def test_returns_without_time_cannot_be_turned_and_are_counted(tmp_path: Path) -> None:
@@ -147,10 +147,10 @@ def test_returns_without_time_cannot_be_turned_and_are_counted(tmp_path: Path) -
     scan = scans()[0]
     time = scan.time.copy()
     time[:7] = np.nan
-    moved = turning(workspace, table, Settings().spice)(replace(scan, time=time))
+    moved = turning(workspace, table, Settings().spice, max_gap_s=600.0)(replace(scan, time=time))
     assert len(moved) == len(scan) - 7
     assert dict(moved.rejected) == {"no time": 7}
-    none = turning(workspace, table, Settings().spice)(
+    none = turning(workspace, table, Settings().spice, max_gap_s=600.0)(
         replace(scan, time=np.full(len(scan), np.nan))
     )
     assert (len(none), dict(none.rejected)) == (0, {"no time": len(scan)})
@@ -160,7 +160,24 @@ def test_a_correction_of_an_unstated_rotation_is_refused(tmp_path: Path) -> None
     workspace = new_workspace(tmp_path / "ws", body="Ball")
     table = Settings().with_table("spin", shift_meridian_deg=0.1).spin
     with pytest.raises(SettingsError, match=r"\[spin\] rate_deg_per_day: must be stated"):
-        turning(workspace, table, Settings().spice)
+        turning(workspace, table, Settings().spice, max_gap_s=600.0)
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(Spin)])
+def test_every_number_of_a_rotation_is_stated_and_corrected(tmp_path: Path, name: str) -> None:
+    workspace = new_workspace(tmp_path / "ws", body="Ball")
+    v34 = {**SPIN, "quadratic_deg_per_day2": 1.815e-6, "pole_ra_rate_deg_per_century": 0.1}
+    table = Settings().with_table("spin", **v34, **{f"shift_{name}": 1e-3}).spin
+    before, after = spin_change(workspace, table)
+    assert before == Spin(**v34)
+    assert after == replace(before, **{name: getattr(before, name) + 1e-3})
+
+
+def test_a_pole_is_not_moved_over_a_pole(tmp_path: Path) -> None:
+    workspace = new_workspace(tmp_path / "ws", body="Ball")
+    table = Settings().with_table("spin", **SPIN, shift_pole_dec_deg=-40.0).spin
+    with pytest.raises(SettingsError, match=r"shift_pole_dec_deg: .* declination of -100\.37 deg"):
+        spin_change(workspace, table)
 
 
 PCK = """KPL/PCK
@@ -231,7 +248,7 @@ def test_scans_are_moved_whole_by_kernels(tmp_path: Path) -> None:
     table = kernels(tmp_path, [0.0, 2.0, -1.0])
     spice = Settings().with_table("spice", **table).spice
     for scan in scans():
-        moved = turning(workspace, Settings().spin, spice)(scan)
+        moved = turning(workspace, Settings().spin, spice, max_gap_s=600.0)(scan)
         shift = np.tile([0.0, 2.0, -1.0], (len(scan), 1))
         np.testing.assert_allclose(moved.points - scan.points, shift, atol=1e-9)
         np.testing.assert_allclose(moved.spacecraft - scan.spacecraft, shift, atol=1e-9)
@@ -248,7 +265,7 @@ def test_returns_of_the_store_lie_where_scans_put_them_when_the_mirror_is_correc
     wrong = {"frame": "J2000", "mirror_deg": [0.1, -0.05], "mirror_scale": [0.0, 2e-3]}
     settings = Settings().with_table("spice", **kernels(tmp_path, [0.0, 0.0, 0.0]), **wrong)
     store = located_store(workspace, settings.mapolas, settings.spin, settings.spice)
-    turn = turning(workspace, settings.spin, settings.spice)
+    turn = turning(workspace, settings.spin, settings.spice, max_gap_s=600.0)
     right = np.concatenate([turn(scan).points for scan in scans()])
     read = np.concatenate([scan.points for scan in scans()])
     assert np.median(np.linalg.norm(right - read, axis=1)) > 1.0
@@ -315,7 +332,7 @@ def test_mapolas_by_corrected_ranges_are_those_of_corrected_files(tmp_path: Path
 def test_scans_of_corrected_ranges_keep_stations_and_beams(tmp_path: Path) -> None:
     workspace = new_workspace(tmp_path / "ws", body="Ball")
     settings = Settings().with_table("spice", range_m=0.4)
-    turn = turning(workspace, settings.spin, settings.spice)
+    turn = turning(workspace, settings.spin, settings.spice, max_gap_s=600.0)
     for scan in scans():
         moved, right = turn(scan), longer(scan, 0.4)
         np.testing.assert_allclose(moved.points, right.points, atol=1e-9)

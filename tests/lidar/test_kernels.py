@@ -12,7 +12,13 @@ from scipy.spatial.transform import Rotation
 from lidar.kernels import KernelPlace
 from lidar.mirror import MirrorAngles
 from spcola.errors import KernelError
-from spcola.spice import KernelSet, body_fixed_states, body_fixed_trajectory
+from spcola.spice import (
+    KernelSet,
+    body_fixed_states,
+    body_fixed_trajectory,
+    coverage,
+    state_times,
+)
 from spcola.time import SPICE_LOCK
 from spcola.trajectory import Trajectory
 
@@ -221,3 +227,93 @@ def test_pointing_of_osiris_rex_by_its_ck(shared_data: Path) -> None:
     aside, inside = turned.apply(points, time)
     angle = np.linalg.norm(aside - points, axis=1) / distance
     assert angle[inside] == pytest.approx(np.full(inside.sum(), 1e-3), rel=0.01)
+
+
+def states_of_images(shared_data: Path) -> tuple[KernelSet, Path]:
+    """Kernels of 756 images over 24 days, made from an SPC solution, and the SPK among them."""
+    folder = shared_data / "bennu" / "spc_states_181108"
+    others = shared_data / "bennu" / "kernels_mapcam_20190303"
+    positions = folder / "orx_s_181108_181217_ALTP_v01.bsp"
+    paths = [
+        folder / "naif0012.tls", others / "orx_sclkscet_00065.tsc", others / "orx_v14.tf",
+        positions, positions.with_suffix(".bc"), folder / "bennu_pck_altwg_V34.v2.tpc",
+    ]  # fmt: skip
+    return KernelSet(paths), positions
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("count", [711, 12_000])
+@pytest.mark.parametrize("frame", ["", "ORX_SPACECRAFT"])
+def test_the_kernels_that_made_the_shots_move_none(
+    shared_data: Path, count: int, frame: str
+) -> None:
+    """Over 5.8 days, in which the body turns 32 times and images leave gaps of hours."""
+    kernels, positions = states_of_images(shared_data)
+    end = state_times(positions)[-1]
+    rng = np.random.default_rng(7)
+    times = np.sort(end - rng.uniform(1.0, 5.8 * 86400.0, count))
+    with kernels.load():
+        known = coverage("-64", frame=frame, max_gap_s=600.0)
+        times = np.append(times, [t for w in known.windows() for t in rng.uniform(*w, 30)])
+        times = np.unique(times[times > end - 5.8 * 86400.0])
+        old = body_fixed_trajectory("spc", "-64", BENNU, times)
+    points = RADIUS * old.position / np.linalg.norm(old.position, axis=1, keepdims=True)
+    reference = kernels if frame else None
+    place = KernelPlace(kernels, "-64", BENNU, frame, reference, max_gap_s=600.0)
+    move = place.relocation(old, RADIUS, times)
+    moved_, inside = move.apply(points, times)
+    np.testing.assert_array_equal(inside, known.knows(times))
+    assert inside.any()
+    assert not inside.all()
+    assert move.error_m <= 5e-4
+    assert np.linalg.norm(moved_ - points, axis=1)[inside].max() < 1e-3
+    if count == 711:
+        assert move.error_m == 0.0
+
+
+@pytest.mark.real_data
+def test_gaps_of_image_kernels_have_no_place(shared_data: Path) -> None:
+    """What SPICE interpolates over 68 hours is off by 100 m and more from what was flown."""
+    kernels, positions = states_of_images(shared_data)
+    times = state_times(positions)
+    begin = times[np.argmax(np.diff(times))]
+    old = Trajectory("old", [begin, begin + 68 * 3600.0], [[9e3, 0, 0], [0, 9e3, 0]])
+    inside_gap = begin + 3600.0 * np.arange(1.0, 67.0)
+    asked = np.append(begin, inside_gap)
+    moves = [
+        KernelPlace(kernels, "-64", BENNU, max_gap_s=gap).relocation(old, RADIUS, asked)
+        for gap in (600.0, 80 * 3600.0)
+    ]
+    assert not moves[0].covers(inside_gap).any()
+    assert moves[0].covers(np.array([begin])).all()
+    assert moves[1].covers(inside_gap).all()
+
+
+@pytest.mark.real_data
+def test_the_last_image_of_a_ck_by_a_later_clock(shared_data: Path) -> None:
+    """The CK ends 0.12 s before its SPK: the pointing there is the last one, which is stated."""
+    kernels, positions = states_of_images(shared_data)
+    last = state_times(positions)[-1:]
+    frame = "ORX_SPACECRAFT"
+    with kernels.load():
+        found = [
+            body_fixed_states("-64", BENNU, last, frame=frame, tolerance_s=tolerance)[1][0]
+            for tolerance in (1e-3, 0.15, 10.0)
+        ]
+        body = spiceypy.tipbod("J2000", BENNU, last[0])
+        rate = Rotation.from_matrix(
+            spiceypy.pxform(frame, "J2000", last[0] - 0.2)
+            @ spiceypy.pxform(frame, "J2000", last[0] - 1.2).T
+        ).magnitude()
+        at_end = (body @ spiceypy.pxform(frame, "J2000", last[0] - 0.122513)).T
+    assert np.isnan(found[0]).all()
+    np.testing.assert_allclose(found[1], found[2], atol=1e-9)
+    cost = Rotation.from_matrix(found[1] @ at_end.T).magnitude()
+    assert cost < 1e-6
+    # Between its last two images the spacecraft slews: 0.12 s are 0.16 mrad, 0.8 m from 5 km.
+    assert rate == pytest.approx(1.35e-3, rel=0.05)
+    for tolerance, known in ((1e-3, False), (0.15, True)):
+        place = KernelPlace(
+            kernels, "-64", BENNU, frame, kernels, max_gap_s=600.0, tolerance_s=tolerance
+        )
+        assert place.coverage.knows(last)[0] == known

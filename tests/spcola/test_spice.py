@@ -41,7 +41,11 @@ def spk(path: Path, times: np.ndarray, states_km: np.ndarray) -> Path:
 
 def test_two_prime_meridians_are_refused_unless_one_is_chosen(tmp_path: Path) -> None:
     first, second = pck(tmp_path, "a.tpc", "154.92"), pck(tmp_path, "b.tpc", "45.61")
-    with pytest.raises(KernelError, match=r"b\.tpc: W0 of body 2101955 is 45\.61 deg.* a\.tpc"):
+    with pytest.raises(
+        KernelError,
+        match=r"a\.tpc: BODY2101955_PM is \(154\.92, .* but \(45\.61, .* in b\.tpc: "
+        "turned by up to 109 deg, ",
+    ):
         KernelSet([first, second])
     assert KernelSet([first, second], prime_meridian="a.tpc").paths == [second, first]
     assert KernelSet([first, second], prime_meridian=second).paths == [first, second]
@@ -193,7 +197,7 @@ class TestSpcStates:
         self, shared_data: Path
     ) -> None:
         both = ("bennu_pck_altwg_V34.v2.tpc", "bennu_pck_od090.tpc")
-        with pytest.raises(KernelError, match=r"45\.6089 deg, but 138\.822 deg"):
+        with pytest.raises(KernelError, match=r"V34.*POLE_RA is .*_PM is \(138\.8220994, .*od090"):
             self.kernels(shared_data, *both)
         longitudes = []
         for chosen in both:

@@ -1,0 +1,118 @@
+"""Times at which a smooth motion is asked for, so close that straight lines between them are true.
+
+A body-fixed path turns with the body, ends where a kernel ends, and means nothing between returns
+that lie hours apart: even steps would have to be as fine everywhere as they must be somewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from spcola.arrays import BoolArray, FloatArray
+
+Asked = Callable[[FloatArray], FloatArray]
+Departure = Callable[[FloatArray], FloatArray]
+
+EXACT = 5_000
+"""Up to so many different times of returns the motion is asked for at each of them."""
+
+# Begun with steps of at most so many seconds, and at least so many of them.
+_LONGEST_S, _FEWEST = 60.0, 32
+# Steps are not made finer than this, seconds: a path that jumps is straight nowhere.
+_LEAST_S = 1e-3
+# How far a straight line is off elsewhere, by how far it is in the middle.
+_CORNER = 2.0
+
+
+def knots(
+    ask: Asked,
+    departure: Departure,
+    span: tuple[float, float],
+    tolerance: float,
+    times: FloatArray | None = None,
+    edges: FloatArray | None = None,
+) -> tuple[FloatArray, FloatArray, float]:
+    """Find times between which straight lines are good enough: steps are cut where they are not.
+
+    Parameters
+    ----------
+    ask : callable
+        Returns values (N, D) at times (N,), s; NaN where they are not known.
+    departure : callable
+        Returns how far returns are off, m, where values (N, D) are off by so much.
+    span : (float, float)
+        First and last time, s.
+    tolerance : float
+        Largest departure of a straight line that is allowed, m.
+    times : (M,) ndarray, optional
+        Of the returns, sorted: nothing is asked at other times. By default returns may be at any
+        time of the span.
+    edges : (K,) ndarray, optional
+        Times at which values begin or cease to be known; of no use where `times` are given.
+
+    Returns
+    -------
+    time : (N,) ndarray
+    value : (N, D) ndarray
+        NaN where not known: then nothing is known between that time and the next.
+    error : float
+        By how much straight lines are off at most, m, estimated.
+    """
+    if times is not None and len(times) <= EXACT:
+        return times, ask(times), 0.0
+    time = _start(span, times, edges)
+    value = ask(time)
+    found = [(time, value)]
+    low, high, at_low, at_high = time[:-1], time[1:], value[:-1], value[1:]
+    error = 0.0
+    while len(low):
+        middle = _middle(low, high, times)
+        split = (middle > low) & (middle < high)
+        low, high, at_low, at_high, middle = (
+            one[split] for one in (low, high, at_low, at_high, middle)
+        )
+        value = ask(middle)
+        found.append((middle, value))
+        share = ((middle - low) / (high - low))[:, None]
+        off = departure(value - at_low - share * (at_high - at_low))
+        # A smooth path is off by a quarter of this once the step is halved, one with a corner near
+        # an end by twice as much.
+        off *= _CORNER
+        done = (off <= tolerance) | (high - low <= 2.0 * _LEAST_S) | _none(at_low, value, at_high)
+        error = max(error, float(np.fmax.reduce(off[done], initial=0.0)))
+        left = ~done
+        low, high = np.append(low[left], middle[left]), np.append(middle[left], high[left])
+        at_low = np.concatenate([at_low[left], value[left]])
+        at_high = np.concatenate([value[left], at_high[left]])
+    time, order = np.unique(np.concatenate([one for one, _ in found]), return_index=True)
+    return time, np.concatenate([one for _, one in found])[order], error
+
+
+def _start(
+    span: tuple[float, float], times: FloatArray | None, edges: FloatArray | None
+) -> FloatArray:
+    """Times to begin with, of returns if these are known: steps that are not too long."""
+    begin, end = span
+    count = max(_FEWEST, int(np.ceil((end - begin) / _LONGEST_S)))
+    even: FloatArray = np.linspace(begin, end, count + 1)
+    if times is not None:
+        return times[np.unique(np.append(np.searchsorted(times[:-1], even), len(times) - 1))]
+    if edges is not None:
+        even = np.union1d(even, edges[(edges > begin) & (edges < end)])
+    return even
+
+
+def _middle(low: FloatArray, high: FloatArray, times: FloatArray | None) -> FloatArray:
+    """A time within each step, that of a return if these are known; `low` where there is none."""
+    if times is None:
+        return (low + high) / 2.0
+    after, before = np.searchsorted(times, low, "right"), np.searchsorted(times, high) - 1
+    return np.where(after <= before, times[np.minimum((after + before) // 2, len(times) - 1)], low)
+
+
+def _none(*values: FloatArray) -> BoolArray:
+    """Whether nothing is known at the ends of a step and in its middle."""
+    none: BoolArray = np.all([~np.isfinite(value).all(axis=1) for value in values], axis=0)
+    return none
