@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 from fusion.jsontext import json_text
 from fusion.progress import Progress
 from fusion.settings import Settings, write_settings
+from fusion.verdict import Code, Verdict
 from fusion.workspace import (
     OWN_FOLDERS,
     SETTINGS_FILE,
@@ -42,7 +43,14 @@ from spcola.scaled import (
 APPLIED_FILE = "applied_scale.json"
 # A shape is written with so many decimals that a second scaling still finds what the first one did.
 _ICQ_DIGITS = 9
-_UNUSABLE = ("epsilon: not determined", "misfit:")
+# What is no more than a note on the estimate forbids to change a whole solution by it.
+_UNUSABLE = frozenset(
+    {
+        Code.EPSILON_NOT_DETERMINED,
+        Code.EPSILON_NOT_SEPARABLE,
+        Code.EPSILON_NOT_SIGNIFICANT,
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -90,33 +98,54 @@ class AppliedScale:
         return [*lines, f"  next: spcola scale {self.folder}"]
 
 
-def usable_epsilon(content: Mapping[str, Any], where: Path) -> tuple[float, float]:
+def usable_epsilon(
+    content: Mapping[str, Any], where: Path, accepted: Iterable[str] = ()
+) -> tuple[float, float]:
     """Return ε and its sigma out of ``scale.json``; `where` is named in errors.
+
+    Parameters
+    ----------
+    content : mapping
+        Of ``scale.json``, with its verdict.
+    where : Path
+    accepted : iterable of str
+        Codes of findings in spite of which it may be used.
 
     Raises
     ------
     NotObservableError
-        If the data did not determine it, did not fit, or the fit did not converge.
+        If there is none, its verdict forbids it, or it is not determined, not separable from
+        another parameter, or less than three of its sigmas, and nobody accepted that.
     """
-    do = "look at its reasons; add scans or images, and run: spcola scale"
+    named = frozenset(accepted)
     epsilon, sigma = content.get("epsilon"), content.get("epsilon_sigma")
-    said = [line for line in content.get("reasons", ()) if line.startswith(_UNUSABLE)]
-    if epsilon is None or sigma is None:
-        said = [str(content.get("reason", "nothing is observed"))]
-    elif not content.get("converged"):
-        said.append(f"the fit did not converge ({content.get('reason', '')})")
+    verdict = Verdict.from_json(content)
+    do = "look at its findings; add scans or images, and run: spcola scale"
+    said = verdict.obstacle(named)
+    if "verdict" not in content:
+        said, do = "it has no verdict, an older version wrote it", "run: spcola scale"
+    elif not said and (epsilon is None or sigma is None):
+        said = str(content.get("reason", "nothing is observed"))
+    elif not said:
+        found = [one for one in verdict.findings if one.code in _UNUSABLE - named]
+        said = "; ".join(f"{one.text} [{one.code}]" for one in found)
+        codes = sorted({one.code for one in found})
+        do = f"add scans or images; or apply it with {' '.join(f'--accept {c}' for c in codes)}"
     if said:
         raise NotObservableError(
-            f"there is no epsilon to apply: {said[0]}", ("epsilon",), where=where, do=do
+            f"there is no epsilon to apply: {said}", ("epsilon",), where=where, do=do
         )
     return float(content["epsilon"]), float(content["epsilon_sigma"])
 
 
-def apply_scale(workspace: Workspace, folder: Path, progress: Progress) -> AppliedScale:
+def apply_scale(
+    workspace: Workspace, folder: Path, progress: Progress, *, accepted: Iterable[str] = ()
+) -> AppliedScale:
     """Write the workspace's SPC solution, multiplied by 1 + ε of ``scale.json``, to `folder`.
 
     Maplets with their sigmas, landmarks, states, nominal states and shapes are scaled; lists are
     copied, pixels and scans linked. The original is only read. The folder is whole or not there.
+    Codes of findings in spite of which ε is used are `accepted`.
 
     Raises
     ------
@@ -128,7 +157,7 @@ def apply_scale(workspace: Workspace, folder: Path, progress: Progress) -> Appli
         If a file of the solution does not hold what it should.
     """
     where = workspace.scale_path
-    epsilon, sigma = usable_epsilon(workspace.read_json(where.name), where)
+    epsilon, sigma = usable_epsilon(workspace.read_json(where.name), where, accepted)
     if folder.exists() or folder.is_symlink():
         raise WorkspaceError("is there already", folder, "name a folder that does not exist")
     make_folder(folder.parent)

@@ -39,6 +39,25 @@ class Code(StrEnum):
     FITS_OTHERWISE = "fits-otherwise"
     MAPLET_CONTRADICTED = "maplet-contradicted"
     OUTSIDE_KERNELS = "outside-kernels"
+    SCALE_NOT_OBSERVED = "scale-not-observed"
+    SCALE_NOT_CONVERGED = "scale-not-converged"
+    SHOTS_FIT_ELSEWHERE = "shots-fit-elsewhere"
+    SHOTS_FIT_BY_CHANCE = "shots-fit-by-chance"
+    SHOTS_MISS_SHAPE = "shots-miss-shape"
+    SCATTER_TOO_LARGE = "scatter-too-large"
+    PAIRS_NOT_MATCHED = "pairs-not-matched"
+    MANY_REJECTED = "many-rejected"
+    EPSILON_BEYOND_PRIOR = "epsilon-beyond-prior"
+    CENTRE_BEYOND_PRIOR = "centre-beyond-prior"
+    POLE_BEYOND_PRIOR = "pole-beyond-prior"
+    MERIDIAN_BEYOND_PRIOR = "meridian-beyond-prior"
+    RANGE_BIAS_BEYOND_PRIOR = "range-bias-beyond-prior"
+    DAYS_DISAGREE = "days-disagree"
+    SCALES_INCONSISTENT = "scales-inconsistent"
+    EPSILON_NOT_DETERMINED = "epsilon-not-determined"
+    EPSILON_NOT_SEPARABLE = "epsilon-not-separable"
+    EPSILON_NOT_SIGNIFICANT = "epsilon-not-significant"
+    TERMS_FROM_PRIOR = "terms-from-prior"
 
 
 MEANINGS: Mapping[Code, str] = {
@@ -58,6 +77,25 @@ MEANINGS: Mapping[Code, str] = {
     Code.FITS_OTHERWISE: "the lidar fits the SPC surface in another frame or unit",
     Code.MAPLET_CONTRADICTED: "the lidar contradicts the heights of a maplet",
     Code.OUTSIDE_KERNELS: "returns lie at times that the SPICE kernels do not cover",
+    Code.SCALE_NOT_OBSERVED: "fewer than two pairs or shots agree: there is no scale",
+    Code.SCALE_NOT_CONVERGED: "the fit of the scale did not converge",
+    Code.SHOTS_FIT_ELSEWHERE: "shots fit the shape better turned or mirrored than as they are",
+    Code.SHOTS_FIT_BY_CHANCE: "shots fit the shape as well at a place that is a wrong one",
+    Code.SHOTS_MISS_SHAPE: "many shots do not meet the shape",
+    Code.SCATTER_TOO_LARGE: "residuals scatter far more than the sigmas say",
+    Code.PAIRS_NOT_MATCHED: "the surfaces of many pairs could not be matched",
+    Code.MANY_REJECTED: "many pairs or shots disagree with the rest",
+    Code.EPSILON_BEYOND_PRIOR: "epsilon is far larger than its prior",
+    Code.CENTRE_BEYOND_PRIOR: "the centre is far beyond its prior",
+    Code.POLE_BEYOND_PRIOR: "the pole is far beyond its prior",
+    Code.MERIDIAN_BEYOND_PRIOR: "the prime meridian is far beyond its prior",
+    Code.RANGE_BIAS_BEYOND_PRIOR: "the range bias is far beyond its prior",
+    Code.DAYS_DISAGREE: "epsilons of single days disagree beyond their sigmas",
+    Code.SCALES_INCONSISTENT: "epsilon and the scale of the registration disagree",
+    Code.EPSILON_NOT_DETERMINED: "the data leave epsilon to its prior",
+    Code.EPSILON_NOT_SEPARABLE: "the data do not tell epsilon from another parameter",
+    Code.EPSILON_NOT_SIGNIFICANT: "epsilon is too small for its sigma to be applied",
+    Code.TERMS_FROM_PRIOR: "parameters other than epsilon are left to their priors",
 }
 """What each code means, for people."""
 

@@ -197,7 +197,10 @@ def scale(
 
     From paired bigmaps, or from single shots, with their sigmas: scale.json. With --apply a copy
     of maplets, landmarks, states and shape is written in which all lengths are 1 + epsilon times
-    as long: a workspace of its own, with the same scans.
+    as long: a workspace of its own, with the same scans. It is refused where epsilon is less than
+    three of its sigmas, not determined, or not separable, unless --accept names that. Epsilon > 0:
+    the SPC body is too small. Ranges are then longer than predicted by SPC's trajectory, and
+    shorter by an independent one.
     """
     if destination is not None and not apply:
         raise typer.BadParameter("is given without --apply", param_hint="DEST")
@@ -219,7 +222,9 @@ def _scale_and_apply(
     target = destination or root.absolute().with_name(f"{root.absolute().name}-scaled")
     ran = pipeline.run_stage("scale", force=how.force)
     _end(pipeline, [ran])
-    applied = apply_scale(pipeline.workspace, target, pipeline.progress)
+    applied = apply_scale(
+        pipeline.workspace, target, pipeline.progress, accepted=pipeline.settings.accept.codes
+    )
     content = {**run_content(ran), "applied": applied.as_dict()}
     show(content, [*run_lines(ran), *applied.lines()], as_json=how.as_json)
 

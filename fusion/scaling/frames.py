@@ -90,10 +90,11 @@ class PairFrame:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """An image that gives no pair, and why."""
+    """An image that gives no pair, and why; `unmatched` where its two surfaces do not match."""
 
     image: str
     reason: str
+    unmatched: bool = False
 
 
 def pair_size(mean_radius: float, maplet_gsd: float) -> tuple[float, float]:

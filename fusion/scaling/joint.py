@@ -11,7 +11,7 @@ from fusion.mixed import MixedFit, MixedOptions, Observations, fit_mixed
 from fusion.scaling.ground import SharedGround, shared_ground
 from fusion.scaling.groups import ErrorGroups
 from fusion.scaling.observation import PARAMETERS, ScaleObservations
-from fusion.scaling.trends import DayScale, Trend, by_day, trends
+from fusion.scaling.trends import DayScale, Trend, by_day, days_differ, trends
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
 
@@ -19,6 +19,9 @@ from spcola.errors import NotObservableError
 _LEARNT = 0.7
 # Correlation beyond which two parameters are said to be inseparable.
 _INSEPARABLE = 0.95
+# Ranges of days may be off by so many times what is expected of them before they disagree: the
+# expectation is a median.
+_DAYS = 2.0
 # The first fit takes errors of the ground for those of days and states where it can; the second
 # leaves them to the ground, and tells better how far they reach.
 _GROUND_ROUNDS = 2
@@ -94,6 +97,8 @@ class ScaleEstimate:
         Which terms the data do not determine, or not separately, and why.
     ground : SharedGround or None
         What single shots were found to share on the same ground.
+    days_p_value : float
+        Chance that the ranges of single days differ as much as they do.
     """
 
     fit: MixedFit
@@ -102,6 +107,23 @@ class ScaleEstimate:
     trends: dict[str, Trend]
     reasons: tuple[str, ...]
     ground: SharedGround | None = None
+    days_p_value: float = 1.0
+
+    @property
+    def inseparable(self) -> tuple[tuple[str, float], ...]:
+        """Parameters that the data do not tell from ε, and their correlations with it."""
+        sigma = self.fit.sigma
+        correlation = self.fit.covariance[0] / (sigma[0] * sigma)
+        return tuple(
+            (name, float(value))
+            for name, value in zip(PARAMETERS[1:], correlation[1:], strict=True)
+            if abs(value) > _INSEPARABLE
+        )
+
+    def undetermined(self, options: ScaleOptions) -> tuple[str, ...]:
+        """Parameters that the data leave to the priors of `options`."""
+        loose = self.fit.sigma > _LEARNT * options.prior
+        return tuple(name for name, left in zip(PARAMETERS, loose, strict=True) if left)
 
     @property
     def epsilon(self) -> float:
@@ -156,6 +178,7 @@ def estimate_scale(
         trends(observations, fit, groups),
         _reasons(fit, options, observations, len(set(observations.day))),
         ground,
+        days_differ(observations, fit, groups, expected_m=_DAYS * options.day_sigma_m),
     )
 
 

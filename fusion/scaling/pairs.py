@@ -120,7 +120,7 @@ def _judged(
         options=options.match,
     )
     if not match.usable:
-        return LeftOut(frame.image, match.reason)
+        return LeftOut(frame.image, match.reason, unmatched=True)
     return Pair(frame, spc, lidar, match, sources)
 
 

@@ -7,18 +7,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import stats
 from scipy.linalg import block_diag
-from scipy.spatial.transform import Rotation
 
 from fusion.scaling.observation import ScaleObservations, Trajectory
 from fusion.scaling.placing import KnownPlace
 from fusion.scaling.spots import SpotOptions, cast_spots
 from lidar.scan import Scan
-from spcola.arrays import FloatArray
+from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import InvalidValueError
 from spcola.rays import RayCaster
-from spcola.robust import mad
 from spcola.time import utc_from_et
 
 # A hit seen more obliquely than this says little of the range and much of the slope.
@@ -33,12 +30,17 @@ class ShotComparison:
     ----------
     observations : ScaleObservations
         Of the shots whose beam meets the shape.
-    missed : int
-        Shots whose predicted beam misses the shape or grazes it.
+    met : (N,) ndarray
+        Which of the shots have a beam that meets the shape and does not graze it.
     """
 
     observations: ScaleObservations
-    missed: int
+    met: BoolArray
+
+    @property
+    def missed(self) -> int:
+        """Shots whose predicted beam misses the shape or grazes it."""
+        return int(np.count_nonzero(~self.met))
 
 
 def compare_shots(
@@ -49,7 +51,6 @@ def compare_shots(
     shares: FloatArray | None = None,
     spots: SpotOptions | None = None,
     known: KnownPlace | None = None,
-    turn_rad: float = 0.0,
 ) -> ShotComparison:
     """Predict the range of each shot by casting its beam on the shape.
 
@@ -72,9 +73,6 @@ def compare_shots(
     known : KnownPlace, optional
         Where the lidar surface is believed to lie: beams are cast as if it did not, and values and
         partials are those about there. By default it is believed to lie on the SPC surface.
-    turn_rad : float
-        Turns the lidar (spacecraft and beam) about the body's Z axis first: to see what a wrong
-        prime meridian would give. Radians, eastward.
 
     Returns
     -------
@@ -82,11 +80,10 @@ def compare_shots(
         Without the shots whose spacecraft position or beam is unknown, that miss, or that graze;
         it may be empty.
     """
-    turn = Rotation.from_rotvec([0.0, 0.0, turn_rad]).as_matrix()
-    spacecraft, beam = scan.spacecraft @ turn.T, scan.beam @ turn.T
+    spacecraft, beam = scan.spacecraft, scan.beam
     measured = np.linalg.norm(scan.points - scan.spacecraft, axis=1)
     spots, place = spots or SpotOptions(), known or KnownPlace()
-    arm = measured[:, None] * beam if trajectory == "spc" else scan.points @ turn.T
+    arm = measured[:, None] * beam if trajectory == "spc" else scan.points
     away = place.displaced(arm)
     placed = np.isfinite(spacecraft).all(axis=1) & np.isfinite(beam).all(axis=1)
     distance = np.full(len(scan), np.nan)
@@ -119,7 +116,7 @@ def compare_shots(
             trajectory=trajectory,
             scan=(scan.name,) * int(good.sum()),
         ),
-        int(np.count_nonzero(~good)),
+        good,
     )
 
 
@@ -145,7 +142,7 @@ def join_shots(compared: Sequence[ShotComparison]) -> ShotComparison:
     }
     days = tuple(day for part in parts for day in part.day)
     joined = replace(parts[0], label=labels, scan=labels, day=days, shares=joint, **layers)
-    return ShotComparison(joined, sum(one.missed for one in compared))
+    return ShotComparison(joined, np.concatenate([one.met for one in compared]))
 
 
 def _day(time: float) -> str:
@@ -162,84 +159,3 @@ def utc_date(time: float) -> str:
 
 
 _MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
-
-
-@dataclass(frozen=True, eq=False)
-class LongitudeCheck:
-    """Whether the shots fit the shape best where they claim to be.
-
-    The statistic is the scatter of the range residuals (1.4826 × median absolute deviation about
-    their median), with the lidar turned about the Z axis through the full circle; the median is
-    left free, because a wrong radius of the centre must not be taken for a wrong longitude.
-
-    Attributes
-    ----------
-    turn_deg : (T,) ndarray
-        Turns that were tried.
-    scatter_m : (T,) ndarray
-        Scatter at each; NaN where less than half of the shots meet the shape.
-    here_m, best_m : float
-        Scatter at 0° and the least one, metres.
-    best_deg : float
-        Turn with the least scatter, in (−180, 180].
-    p_value : float
-        Chance that the scatter here exceeds the least one as much as it does (F test on the
-        variances), if here were as good.
-    misfit : bool
-        True if p < 0.001 and the best turn is more than `tolerance_deg` away.
-    """
-
-    turn_deg: FloatArray
-    scatter_m: FloatArray
-    here_m: float
-    best_m: float
-    best_deg: float
-    p_value: float
-    misfit: bool
-
-
-def check_longitude(
-    scan: Scan, caster: RayCaster, *, step_deg: float = 2.0, tolerance_deg: float = 10.0
-) -> LongitudeCheck:
-    """Turn the lidar about the Z axis through 360° and compare the scatter of the residuals.
-
-    Parameters
-    ----------
-    scan : Scan
-        With spacecraft positions and beams, in the frame of the shape.
-    caster : RayCaster
-        Of the SPC surface.
-    step_deg : float
-        Between the turns tried, degrees.
-    tolerance_deg : float
-        A best turn no further away than this is no misfit, degrees.
-
-    Returns
-    -------
-    LongitudeCheck
-        Its p-value is nominal: the best of many turns is compared, by a robust scatter.
-    """
-    turns = np.arange(0.0, 360.0, step_deg)
-    scatter = np.array([_scatter(scan, caster, np.radians(turn)) for turn in turns])
-    signed = (turns + 180.0) % 360.0 - 180.0
-    best = int(np.nanargmin(scatter)) if np.isfinite(scatter).any() else 0
-    here, least = float(scatter[0]), float(scatter[best])
-    freedom = max(len(scan) - 1, 1)
-    if not np.isfinite(here):
-        p_value = 0.0
-    elif least <= 0:
-        p_value = 1.0 if here <= 0 else 0.0
-    else:
-        p_value = float(stats.f.sf((here / least) ** 2, freedom, freedom))
-    far = abs(float(signed[best])) > tolerance_deg
-    return LongitudeCheck(
-        signed, scatter, here, least, float(signed[best]), p_value, far and p_value < 1e-3
-    )
-
-
-def _scatter(scan: Scan, caster: RayCaster, turn_rad: float) -> float:
-    """Scatter of the range residuals, metres; NaN where half of the shots miss."""
-    compared = compare_shots(scan, caster, turn_rad=turn_rad)
-    if compared.missed > len(scan) / 2:
-        return float("nan")
-    return float(mad(compared.observations.value[:, 0]))

@@ -12,7 +12,9 @@ from fusion.scaling.frames import LeftOut
 from fusion.scaling.joint import ScaleEstimate
 from fusion.scaling.observation import PARAMETERS, ScaleObservations
 from fusion.scaling.pairs import Pair
-from fusion.scaling.shots import LongitudeCheck, ShotComparison
+from fusion.scaling.places import PlaceCheck
+from fusion.scaling.residuals import residuals_json
+from fusion.scaling.shots import ShotComparison
 from fusion.scaling.spots import SpotOptions
 
 
@@ -56,6 +58,7 @@ def scale_json(
         "ground_factor": fit.sizes.shared[2] or None,
         "ground_sigma_m": ground and ground.sigma_m * fit.sizes.shared[2],
         "ground_reach_m": ground and ground.reach_m,
+        "residuals": residuals_json(observations, fit),
         "n_used": int(np.count_nonzero(fit.used)),
         "n_rejected": int(np.count_nonzero(~fit.used)),
         "parameters": list(PARAMETERS),
@@ -104,6 +107,7 @@ def unobserved_json(kind: str, trajectory: str, reason: str) -> dict[str, Any]:
         "ground_factor": None,
         "ground_sigma_m": None,
         "ground_reach_m": None,
+        "residuals": None,
         "n_used": 0,
         "n_rejected": 0,
         "parameters": list(PARAMETERS),
@@ -195,13 +199,22 @@ def assumed_json(spots: SpotOptions) -> dict[str, Any]:
     }
 
 
-def longitude_json(check: LongitudeCheck) -> dict[str, Any]:
-    """Entry ``longitude_check``: whether the shots fit where they claim to be."""
+def place_json(check: PlaceCheck) -> dict[str, Any]:
+    """Entry ``longitude_check``: whether the shots fit where they claim to be.
+
+    `best_turn_deg` is null where the best place is no turn about Z; `best` describes it.
+    """
     return {
-        "statistic": "scatter of range residuals against a turn about Z (F test of variances)",
+        "statistic": "scatter of range residuals here and at the best of many places, paired",
+        "n_shots": check.count,
         "scatter_here_m": check.here_m,
         "scatter_best_m": check.best_m,
-        "best_turn_deg": check.best_deg,
+        "best": str(check.best),
+        "best_turn_deg": check.best.signed_deg if check.best.about_z else None,
         "p_value": check.p_value,
+        "places_tried": check.tried,
         "misfit": check.misfit,
+        "scatter_wrong_m": check.usual_m,
+        "wrong_places": check.wrong,
+        "rivals": check.rivals,
     }

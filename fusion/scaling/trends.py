@@ -79,14 +79,51 @@ def by_day(
     return tuple(rows)
 
 
+def days_differ(
+    observations: ScaleObservations, fit: MixedFit, groups: ErrorGroups, *, expected_m: float
+) -> float:
+    """Chance that ranges of single days differ as much as they do, with all else that was fitted.
+
+    Parameters
+    ----------
+    observations : ScaleObservations
+    fit : MixedFit
+        Of them.
+    groups : ErrorGroups
+    expected_m : float
+        What the ranges of a day may be off by together, metres: one standard deviation.
+
+    Returns
+    -------
+    float
+        p-value of χ² with as many degrees of freedom as there are days, less one; 1 for one day.
+    """
+    days = np.array(observations.day)
+    known = sorted(set(days[fit.used]))
+    if len(known) < 2:
+        return 1.0
+    member = (days[:, None] == np.array(known)[None, :]).astype(np.float64)
+    own = _fit_epsilon(observations, fit, groups, fit.used, member, first_known=0)
+    # ε of a day is off by the error of its ranges over what ε does to a range.
+    gain = np.abs(observations.range_per_epsilon)
+    shift = np.array([expected_m / float(np.mean(gain[(days == d) & fit.used])) for d in known])
+    weight = np.linalg.inv(own.covariance + np.diag(shift**2))
+    off = own.estimate - weight.sum(axis=0) @ own.estimate / weight.sum()
+    return float(stats.chi2.sf(off @ weight @ off, len(known) - 1))
+
+
 def _fit_epsilon(
     observations: ScaleObservations,
     fit: MixedFit,
     groups: ErrorGroups,
     chosen: BoolArray,
     design: FloatArray,
+    *,
+    first_known: int = 4,
 ) -> MixedFit:
     """Fit `design` (N, P) to the ε of the `chosen` observations, with the error sizes of `fit`.
+
+    Parameters of the joint estimate from `first_known` on are taken out first.
 
     Raises
     ------
@@ -96,14 +133,14 @@ def _fit_epsilon(
     gain = observations.range_per_epsilon
     # Rotation and range bias are known from the joint estimate; an offset of the centre is what
     # a dependence on longitude may be.
-    known = observations.design()[:, :, 4:] @ fit.estimate[4:]
+    known = observations.design()[:, :, first_known:] @ fit.estimate[first_known:]
     residual = observations.in_range(observations.value - known)
     variance = (observations.range_variance + fit.sizes.independent**2) / np.maximum(
         fit.weight, 1e-12
     )
     states, days, ground = fit.sizes.shared
     # One day cannot be told from its mean; its own error stays out of its standard error.
-    several = len(set(np.array(observations.day)[chosen])) > 1
+    several = len(set(np.array(observations.day)[chosen])) > 1 and first_known > 0
     return fit_mixed(
         Observations(
             residual[chosen, None],
@@ -115,7 +152,7 @@ def _fit_epsilon(
             prior=np.full(design.shape[1], np.inf),
             sizes=ErrorSizes(0.0, (states, days if several else 0.0, ground), width=0.0),
             scale=np.full(design.shape[1], 1.0 / float(np.mean(np.abs(gain)))),
-            names=("mean", "cosine", "sine")[: design.shape[1]],
+            names=tuple(f"term {number}" for number in range(design.shape[1])),
             robust=False,
         ),
     )

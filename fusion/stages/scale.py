@@ -14,17 +14,27 @@ from fusion.located import LocatedShots, located_shots
 from fusion.locating import kernel_paths, turning
 from fusion.pairing import Pairing, pair_images, state_shares, write_pairs
 from fusion.scaling.consistency import consistency, shared_by_maplets
+from fusion.scaling.findings import (
+    consistency_findings,
+    expected_scatter,
+    missed_findings,
+    place_findings,
+    scale_findings,
+    unmatched_findings,
+    unobserved_findings,
+)
 from fusion.scaling.joint import ScaleEstimate, ScaleOptions, estimate_scale
 from fusion.scaling.pairs import maplets_under, pair_observations
+from fusion.scaling.places import check_place
 from fusion.scaling.placing import KnownPlace
 from fusion.scaling.settling import settle_shots
-from fusion.scaling.shots import ShotComparison, check_longitude, compare_shots, join_shots
+from fusion.scaling.shots import ShotComparison, compare_shots, join_shots
 from fusion.scaling.spots import SpotOptions
 from fusion.scaling.summary import (
     assumed_json,
-    longitude_json,
     per_pair,
     per_shot,
+    place_json,
     scale_json,
     silent_pairs,
     unobserved_json,
@@ -32,13 +42,13 @@ from fusion.scaling.summary import (
 from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
 from fusion.tables import BodySettings, ScaleSettings, SpiceSettings, SpinSettings, Table
-from fusion.verdict import Verdict
+from fusion.verdict import Finding, Severity, Verdict
 from fusion.workspace import Workspace
 from lidar.relocation import NO_TIME, OUTSIDE
 from lidar.reprojection import reproject, scan_trajectory
 from lidar.scan import Scan, join
 from spcola.arrays import FloatArray
-from spcola.errors import InvalidValueError
+from spcola.errors import InvalidValueError, NotObservableError
 from spcola.rays import RayCaster
 from spcola.trajectory import Trajectory
 
@@ -48,7 +58,7 @@ class ScaleStage:
     """Scans, images and SPC surface → scale.json and pairs/."""
 
     name: str = "scale"
-    version: int = 9
+    version: int = 10
     needs: tuple[str, ...] = ("ingest", "register")
     tables: tuple[type[Table], ...] = (
         ScaleSettings,
@@ -89,15 +99,15 @@ class ScaleStage:
         caster = RayCaster(shape)
         files: list[Path] = []
         if table.method == "shots":
-            content = _shots(context, caster, radius)
+            content, findings = _shots(context, caster, radius)
         else:
-            content, files = _pairs(context, caster, radius)
+            content, findings, files = _pairs(context, caster, radius)
         if workspace.registration_path.is_file():
             registration = workspace.read_json(workspace.registration_path.name)
-            content["registration_consistency"] = consistency(
-                content, registration, content.pop(_SHARED, None)
-            )
-        content.pop(_SHARED, None)
+            compared = consistency(content, registration, content.pop(_SHARED, None))
+            content["registration_consistency"] = compared
+            findings += consistency_findings(compared)
+        content |= Verdict(tuple(findings)).as_json()
         path = context.write_json(workspace.scale_path.name, content)
         summary = {k: v for k, v in content.items() if k not in _LONG}
         return StageResult((path, *files), summary)
@@ -123,7 +133,9 @@ def _scale_options(table: ScaleSettings) -> ScaleOptions:
     )
 
 
-def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str, Any]:
+def _shots(
+    context: StageContext, caster: RayCaster, radius: float
+) -> tuple[dict[str, Any], list[Finding]]:
     """Single shots of all scans against the shape."""
     workspace, table = context.workspace, context.table(ScaleSettings)
     turn = turning(
@@ -155,12 +167,22 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
     def at(known: KnownPlace) -> ShotComparison:
         return join_shots(context.map("cast shots", partial(one, known=known), placed))
 
-    compared, scan = at(KnownPlace()), join("shots", list(scans))
+    compared = at(KnownPlace())
     if len(compared.observations) < 2:
-        content = unobserved_json("shots", located, _unplaced(shots, compared.missed, located))
-        return content | shots.as_json() | {"missed": compared.missed} | _verdict(content, shots)
-    compared, estimate = settle_shots(compared, at, options=_scale_options(table))
-    check = check_longitude(scan, caster)
+        content, findings = _unobserved(
+            "shots", located, _unplaced(shots, compared.missed, located)
+        )
+        content |= shots.as_json() | {"missed": compared.missed}
+        return content, [*findings, *shots.findings()]
+    options = _scale_options(table)
+    try:
+        compared, estimate = settle_shots(compared, at, options=options)
+    except NotObservableError as error:
+        content, findings = _unobserved("shots", located, str(error))
+        return content | shots.as_json(), [*findings, *shots.findings()]
+    known = KnownPlace.of(estimate.fit.estimate)
+    cast = join("shots", [scan for scan, _ in placed])
+    check = check_place(cast, caster, prior=options.prior, known=known, trajectory=located)
     content = scale_json(compared.observations, estimate, mean_radius=radius)
     if located != table.trajectory:
         content["reasons"].append(
@@ -168,19 +190,27 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
             f"{'the kernels of [spice]' if turn.place else 'their own reference trajectory'}: "
             "epsilon is that of the shape alone"
         )
-    if check.misfit:
-        content["reasons"].append(
-            f"misfit: turned by {check.best_deg:+.0f} deg about Z the shots scatter by "
-            f"{check.best_m:.2f} m instead of {check.here_m:.2f} m (p = {check.p_value:.1e})"
-        )
-    content["longitude_check"] = longitude_json(check)
+    findings = scale_findings(compared.observations, estimate, options)
+    findings += missed_findings(compared.missed, len(compared.met))
+    findings += (
+        at_place := place_findings(check, expected_scatter(compared.observations, options))
+    )
+    content["reasons"] += [
+        f"misfit: {finding.text}" for finding in at_place if finding.severity is not Severity.NOTE
+    ]
+    content["longitude_check"] = place_json(check)
     content["assumed"] = assumed_json(spots)
     content["missed"] = compared.missed
     content |= shots.as_json()
     if turn.place is not None or states is not None:
         content["located_within_m"] = shots.within_m
     content["per_shot"] = per_shot(compared, estimate)
-    return content | _verdict(content, shots)
+    return content, [*findings, *shots.findings()]
+
+
+def _unobserved(kind: str, located: str, reason: str) -> tuple[dict[str, Any], list[Finding]]:
+    """Content and findings where nothing is observed."""
+    return unobserved_json(kind, located, reason), unobserved_findings(reason)
 
 
 def _unplaced(shots: LocatedShots, missed: int, located: str) -> str:
@@ -209,11 +239,6 @@ def _unplaced(shots: LocatedShots, missed: int, located: str) -> str:
     return max(reasons, key=lambda reason: reason[0])[1]
 
 
-def _verdict(content: dict[str, Any], shots: LocatedShots) -> dict[str, Any]:
-    """Return the verdict of a scale, with what was found where its shots were located."""
-    return Verdict((*Verdict.from_json(content).findings, *shots.findings())).as_json()
-
-
 def _relocated(scan: Scan, states: Trajectory, max_gap_s: float) -> tuple[Scan, FloatArray, float]:
     """Locate shots by SPC states, and tell on which of these (N, S) each leans.
 
@@ -231,24 +256,30 @@ def _relocated(scan: Scan, states: Trajectory, max_gap_s: float) -> tuple[Scan, 
 
 def _pairs(
     context: StageContext, caster: RayCaster, radius: float
-) -> tuple[dict[str, Any], list[Path]]:
+) -> tuple[dict[str, Any], list[Finding], list[Path]]:
     """Paired bigmaps of all images."""
     workspace, table = context.workspace, context.table(ScaleSettings)
     made = pair_images(context, caster, radius)
     pairs, left_out = made.pairs, made.left_out
+    files = write_pairs(workspace, pairs)
     if len(pairs) < 2:
         why = "; ".join(sorted({item.reason for item in left_out})) or "there are no images"
-        content = unobserved_json(
+        content, findings = _unobserved(
             "pairs",
             table.trajectory,
             f"{len(pairs)} of {len(pairs) + len(left_out)} images give a pair ({why}); add scans "
             "taken with the images, or widen [scale] capture_m",
         )
         content |= {"per_pair": silent_pairs(left_out), **_located(context, made)}
-        return content, write_pairs(workspace, pairs)
+        return content, findings, files
     per_axis = np.sqrt(np.mean(made.center_sigma**2, axis=1))
     observations = pair_observations(pairs, table.trajectory, center_sigma=per_axis)
-    estimate = estimate_scale(observations, options=_scale_options(table))
+    options = _scale_options(table)
+    try:
+        estimate = estimate_scale(observations, options=options)
+    except NotObservableError as error:
+        content, findings = _unobserved("pairs", table.trajectory, str(error))
+        return content | {"per_pair": silent_pairs(left_out)}, findings, files
     content = scale_json(observations, estimate, mean_radius=radius)
     content |= {
         "size_m": made.options.size_m,
@@ -257,9 +288,12 @@ def _pairs(
         "per_pair": per_pair(pairs, left_out, observations, estimate),
         **_located(context, made),
     }
+    unmatched = sum(item.unmatched for item in left_out)
+    findings = scale_findings(observations, estimate, options)
+    findings += unmatched_findings(unmatched, unmatched + len(pairs))
     if workspace.registration_path.is_file() and table.trajectory == "spc":
         content[_SHARED] = _shared_with_registration(workspace, made, estimate)
-    return content, write_pairs(workspace, pairs)
+    return content, findings, files
 
 
 def _located(context: StageContext, made: Pairing) -> dict[str, Any]:

@@ -1,1 +1,1 @@
-"""Ways in which lidar files can be wrong, and what the program makes of them."""
+"""Ways in which lidar files can be wrong: what they alter, and what the program makes of them."""

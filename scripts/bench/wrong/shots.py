@@ -1,0 +1,109 @@
+"""Ways in which single shots are wrong: named alterations of a scan.
+
+Each turns a right scan into a wrong one, spacecraft and returns together, as a mistake in a frame,
+a unit or a file would. `alterations()` gives them in their order; `altered(scan, name)` applies
+one. None of what they make may be accepted by ``spcola scale``.
+
+    for name, alter in alterations().items():
+        write_scan(folder / f"{name}.h5", [alter(scan)])
+
+A scan of another body is no alteration: take the scan of one body and the shape of another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lidar.scan import Scan
+from spcola.arrays import FloatArray
+
+Alteration = Callable[[Scan], Scan]
+
+
+def alterations(seed: int = 0) -> Mapping[str, Alteration]:
+    """Return the alterations by their names; `seed` is that of what is drawn."""
+    turns = {
+        f"longitude {turn:+g} deg": _mapped(_about([0, 0, 1], turn))
+        for turn in (5.0, -5.0, 10.0, -10.0, 30.0, 90.0, 180.0)
+    }
+    return turns | {
+        "latitude +5 deg": northward(5.0),
+        "latitude -10 deg": northward(-10.0),
+        "sign of longitude": _mapped(np.diag([1.0, -1.0, 1.0])),
+        "mirrored north-south": _mapped(np.diag([1.0, 1.0, -1.0])),
+        "mirrored through the centre": _mapped(-np.eye(3)),
+        "axes x and y exchanged": _mapped(np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]])),
+        "axes rotated, z for x": _mapped(np.roll(np.eye(3), 1, axis=0)),
+        "kilometres as metres": _mapped(1e-3 * np.eye(3)),
+        "metres as kilometres": _mapped(1e3 * np.eye(3)),
+        "feet as metres": _mapped(np.eye(3) / 0.3048),
+        "spacecraft in kilometres": spacecraft_in_kilometres,
+        "ranges exchanged": lambda scan: ranges_exchanged(scan, seed),
+        "a random cloud": lambda scan: random_cloud(scan, seed),
+    }
+
+
+def altered(scan: Scan, name: str, seed: int = 0) -> Scan:
+    """Return `scan` altered as `name` has it.
+
+    Raises
+    ------
+    KeyError
+        If there is no such alteration.
+    """
+    return alterations(seed)[name](scan)
+
+
+def moved(scan: Scan, points: FloatArray, spacecraft: FloatArray) -> Scan:
+    """Return `scan` with other points and spacecraft positions (N, 3), metres."""
+    return Scan.of_points(
+        scan.name, points, time=scan.time, spacecraft=spacecraft, sigma=scan.sigma, flag=scan.flag
+    )
+
+
+def northward(turn_deg: float) -> Alteration:
+    """Turn a scan to the north, in the meridian of its mean direction."""
+
+    def alter(scan: Scan) -> Scan:
+        east = np.cross([0.0, 0.0, 1.0], scan.points.mean(axis=0))
+        size = float(np.linalg.norm(east))
+        axis = -east / size if size > 0 else np.array([1.0, 0.0, 0.0])
+        return _mapped(_about(axis, turn_deg))(scan)
+
+    return alter
+
+
+def spacecraft_in_kilometres(scan: Scan) -> Scan:
+    """Give positions of the spacecraft in kilometres where metres are expected."""
+    return moved(scan, scan.points, 1e-3 * scan.spacecraft)
+
+
+def ranges_exchanged(scan: Scan, seed: int) -> Scan:
+    """Give each beam the range of another: the relief is that of nowhere."""
+    order = np.random.default_rng(seed).permutation(len(scan))
+    distance = np.linalg.norm(scan.points - scan.spacecraft, axis=1)
+    return moved(scan, scan.spacecraft + distance[order, None] * scan.beam, scan.spacecraft)
+
+
+def random_cloud(scan: Scan, seed: int) -> Scan:
+    """Put returns at random around the body, within the radii that the right ones have."""
+    generator = np.random.default_rng(seed)
+    radius = generator.permutation(np.linalg.norm(scan.points, axis=1))
+    away = generator.normal(size=scan.points.shape)
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    height = np.linalg.norm(scan.spacecraft, axis=1, keepdims=True)
+    return moved(scan, radius[:, None] * away, height * away)
+
+
+def _mapped(matrix: FloatArray) -> Alteration:
+    """Map points and spacecraft by a matrix (3, 3)."""
+    return lambda scan: moved(scan, scan.points @ matrix.T, scan.spacecraft @ matrix.T)
+
+
+def _about(axis: FloatArray | list[float], turn_deg: float) -> FloatArray:
+    """Rotation matrix (3, 3) about `axis`."""
+    matrix: FloatArray = Rotation.from_rotvec(np.radians(turn_deg) * np.asarray(axis)).as_matrix()
+    return matrix
