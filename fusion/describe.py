@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from fusion.catalog import read_records
 from fusion.pipeline import Pipeline
 from fusion.products.fits import read_fits_dtm
 from fusion.products.geotiff import read_geotiff
+from fusion.records import read_records
 from fusion.settings import load_settings
 from fusion.stages import load_stages
 from fusion.stages.ingest import scan_facts, utc_or_none

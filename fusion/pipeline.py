@@ -12,17 +12,19 @@ from pathlib import Path
 from typing import Any, Literal
 
 import spcola
-from fusion.catalog import Catalog, StageRecord, content_digest
+from fusion.catalog import Catalog
+from fusion.changes import Changed, Changes, changed_since
 from fusion.executor import Executor, ThreadExecutor
 from fusion.interrupt import heed_interrupts
 from fusion.jsontext import plain
 from fusion.lock import clear_leftovers, locked
 from fusion.progress import Progress
+from fusion.records import StageRecord, content_digest
 from fusion.settings import Settings
 from fusion.stages.base import Stage, StageContext, StageResult, find_table
-from fusion.verdict import Verdict
+from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import OWN_FOLDERS, Workspace, make_folder
-from spcola.errors import WorkspaceError
+from spcola.errors import SpcolaError, WorkspaceError
 
 State = Literal["ran", "up to date", "cannot run"]
 SCRATCH_FOLDER = ".scratch"
@@ -45,6 +47,8 @@ class StageRun:
         Why it cannot run.
     obstacle : str
         Why its result may not be used, by its verdict; empty if it may.
+    notes : tuple of str
+        What was found changed or damaged, and what was done about it.
     """
 
     stage: str
@@ -53,6 +57,7 @@ class StageRun:
     summary: Mapping[str, Any] = field(default_factory=dict)
     reason: str = ""
     obstacle: str = ""
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -116,28 +121,43 @@ class Pipeline:
 
     def states(self) -> dict[str, str]:
         """Return for each stage "up to date", "due", or "cannot run: …"."""
-        states = {}
         # Without the lock: one may look at a workspace while another program works in it.
         with closing(Catalog(self.workspace)) as catalog:
-            for stage in self.stages:
-                missing = stage.missing(self.workspace, self.settings)
-                missing = missing or self._obstacle(stage, catalog)
-                current = not missing and self._current(stage, catalog, self._key(stage, catalog))
-                states[stage.name] = (
-                    f"cannot run: {missing}" if missing else "up to date" if current else "due"
-                )
-        return states
+            return {stage.name: self._state(stage, catalog) for stage in self.stages}
+
+    def _state(self, stage: Stage, catalog: Catalog) -> str:
+        """Return how `stage` stands; see :meth:`states`."""
+        try:
+            missing = stage.missing(self.workspace, self.settings)
+            missing = missing or self._obstacle(stage, catalog)
+            if missing:
+                return f"cannot run: {missing}"
+            if self._current(stage, catalog, self._key(stage, catalog)):
+                return "up to date"
+            changed = Changes(self.stages, catalog).own(stage)
+        except SpcolaError as error:
+            return f"cannot run: {error}"
+        return f"due: {changed.text}" if changed else "due"
 
     def _bring_up(self, stage: Stage, catalog: Catalog, force: bool) -> StageRun:
         """Run `stage` unless it is up to date or lacks its inputs."""
         heed_interrupts()
-        missing = stage.missing(self.workspace, self.settings) or self._obstacle(stage, catalog)
+        changes = Changes(self.stages, catalog)
+        missing = stage.missing(self.workspace, self.settings)
         if missing:
-            return StageRun(stage.name, "cannot run", reason=missing)
+            return self._cannot(stage, missing, changes)
+        if found := self._obstacle(stage, catalog):
+            return StageRun(stage.name, "cannot run", reason=found)
         begun = time.monotonic()
         key = self._key(stage, catalog)
+        before = changes.before(stage, key.inputs)
+        if before and Code.CHANGED_INPUT not in self.settings.accept.codes:
+            return StageRun(stage.name, "cannot run", reason=self._advice(before[0]))
         if not force and (record := self._current(stage, catalog, key)):
-            return self._became(StageRun(stage.name, "up to date", summary=record.summary))
+            run = StageRun(stage.name, "up to date", summary=record.summary)
+            return self._became(run, self._tell(catalog, ()))
+        own = changes.own(stage)
+        notes = self._tell(catalog, _notes(stage, own, changes.used_before(stage, key.inputs)))
         scratch = self.workspace.root / SCRATCH_FOLDER / stage.name / key.digest[:16]
         self._clear_scratch(scratch)
         make_folder(scratch)
@@ -150,17 +170,48 @@ class Pipeline:
             key.inputs,
             key.digest,
             scratch,
+            own,
         )
         result = stage.run(context)
+        accepted = [changed.finding(Severity.NOTE) for changed in before]
+        result = replace(result, summary=_with_findings(result.summary, accepted))
         self._keep(stage, catalog, key, result)
         shutil.rmtree(scratch.parent, ignore_errors=True)
         took = time.monotonic() - begun
-        return self._became(StageRun(stage.name, "ran", took, plain(result.summary)))
+        run = StageRun(stage.name, "ran", took, plain(result.summary))
+        return self._became(run, (*notes, *self._tell(catalog, result.notes)))
 
-    def _became(self, run: StageRun) -> StageRun:
-        """Add to what became of a stage why its result may not be used."""
+    def _cannot(self, stage: Stage, missing: str, changes: Changes) -> StageRun:
+        """Return that a stage lacks its inputs; its earlier results that are gone are no results.
+
+        Else what rests on them would be taken as up to date.
+        """
+        gone = changes.own(stage).gone
+        if not gone or Code.CHANGED_INPUT in self.settings.accept.codes:
+            return StageRun(stage.name, "cannot run", reason=missing)
+        advice = self._advice(Changed(stage.name, gone=gone))
+        return StageRun(stage.name, "cannot run", reason=missing, obstacle=f"incomplete: {advice}")
+
+    def _advice(self, changed: Changed) -> str:
+        """Return what has changed, and what to do about it."""
+        command = "run" if changed.stage == self.stages[0].name else changed.stage
+        return (
+            f"{changed.text}; run: spcola {command} {self.workspace.root} again, or "
+            f"--accept {Code.CHANGED_INPUT}"
+        )
+
+    def _tell(self, catalog: Catalog, notes: Sequence[str]) -> tuple[str, ...]:
+        """Print notes, and those of the catalogue; return them."""
+        told = (*catalog.notes, *notes)
+        catalog.notes.clear()
+        for note in told:
+            self.progress.note(f"note: {note}")
+        return told
+
+    def _became(self, run: StageRun, notes: tuple[str, ...]) -> StageRun:
+        """Add to what became of a stage why its result may not be used, and what was noted."""
         verdict = Verdict.from_json(run.summary)
-        return replace(run, obstacle=verdict.obstacle(self.settings.accept.codes))
+        return replace(run, obstacle=verdict.obstacle(self.settings.accept.codes), notes=notes)
 
     def _obstacle(self, stage: Stage, catalog: Catalog) -> str:
         """Return which result that `stage` rests on may not be used, and why; empty if all may."""
@@ -233,6 +284,20 @@ class Pipeline:
                     shutil.rmtree(left, ignore_errors=True)
 
 
+def _notes(stage: Stage, own: Changed, used: Sequence[str]) -> list[str]:
+    """What people are told before `stage` runs: its results or inputs are not what they were."""
+    notes = [changed_since(used, stage.name)] if used else []
+    return [*notes, f"{own.text}: the stage runs again"] if own else notes
+
+
+def _with_findings(summary: Mapping[str, Any], findings: Sequence[Finding]) -> Mapping[str, Any]:
+    """Add findings to a summary."""
+    if not findings:
+        return summary
+    verdict = Verdict.from_json(plain(summary))
+    return {**summary, **Verdict((*verdict.findings, *findings)).as_json()}
+
+
 @dataclass(frozen=True)
 class _Key:
     digest: str
@@ -254,4 +319,5 @@ def opened(workspace: Workspace) -> Iterator[Catalog]:
     with locked(workspace.root / LOCK_FILE):
         clear_leftovers(own)
         with closing(Catalog(workspace)) as catalog:
+            catalog.restore()
             yield catalog

@@ -40,6 +40,7 @@ class FuseStage:
     name: str = "fuse"
     version: int = 7
     needs: tuple[str, ...] = ("mapolas", "register")
+    places: tuple[str, ...] = ("fused",)
     tables: tuple[type[Table], ...] = (FuseSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:

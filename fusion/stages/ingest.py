@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from fusion.catalog import content_digest
 from fusion.executor import Executor
 from fusion.pages import release
 from fusion.progress import Progress
+from fusion.records import content_digest
 from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
 from fusion.tables import BodySettings, ImportSettings, Table
@@ -180,6 +180,7 @@ class IngestStage:
     name: str = "ingest"
     version: int = 1
     needs: tuple[str, ...] = ()
+    places: tuple[str, ...] = ()
     tables: tuple[type[Table], ...] = (BodySettings, ImportSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:

@@ -42,6 +42,7 @@ class MapolasStage:
     name: str = "mapolas"
     version: int = 13
     needs: tuple[str, ...] = ("ingest",)
+    places: tuple[str, ...] = ("mapolas",)
     tables: tuple[type[Table], ...] = (
         MapolaSettings,
         BodySettings,

@@ -45,6 +45,7 @@ class RegisterStage:
     name: str = "register"
     version: int = 10
     needs: tuple[str, ...] = ("mapolas",)
+    places: tuple[str, ...] = ("registration.json",)
     tables: tuple[type[Table], ...] = (
         RegisterSettings,
         BodySettings,

@@ -22,6 +22,7 @@ class ReportStage:
     name: str = "report"
     version: int = 1
     needs: tuple[str, ...] = ()
+    places: tuple[str, ...] = ("report.html",)
     tables: tuple[type[Table], ...] = (BodySettings,)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:

@@ -49,6 +49,7 @@ class ScaleStage:
     name: str = "scale"
     version: int = 8
     needs: tuple[str, ...] = ("ingest",)
+    places: tuple[str, ...] = ("scale.json", "pairs")
     tables: tuple[type[Table], ...] = (
         ScaleSettings,
         BodySettings,
