@@ -8,6 +8,7 @@ import os
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -155,6 +156,12 @@ class Catalog:
         """Keep how a stage ran: first the file, then the index."""
         write_record(self.workspace, record)
         self._index(record)
+
+    def rewritten(self, stage: str, paths: Sequence[Path]) -> None:
+        """Note in the record of `stage`, if it has one, that files of it were written anew."""
+        record = self.record(stage)
+        if record is not None:
+            self.store(replace(record, outputs={**record.outputs, **self.digests(paths)}))
 
     def _names(self) -> list[str]:
         """Return the stages of which there is a copy of the record."""

@@ -190,7 +190,7 @@ class Pipeline:
         if not gone or Code.CHANGED_INPUT in self.settings.accept.codes:
             return StageRun(stage.name, "cannot run", reason=missing)
         advice = self._advice(Changed(stage.name, gone=gone))
-        return StageRun(stage.name, "cannot run", reason=missing, obstacle=f"incomplete: {advice}")
+        return StageRun(stage.name, "cannot run", reason=advice, obstacle=f"incomplete: {advice}")
 
     def _advice(self, changed: Changed) -> str:
         """Return what has changed, and what to do about it."""

@@ -15,7 +15,6 @@ import numpy as np
 
 from spcola.atomic import replacing
 
-
 DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, OverflowError)
 """What h5py raises while it reads a damaged file."""
 
