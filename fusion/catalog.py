@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -31,6 +31,8 @@ CREATE TABLE file (path TEXT PRIMARY KEY, size INTEGER, mtime_ns INTEGER, ctime_
                    inode INTEGER, digest TEXT NOT NULL, seal TEXT NOT NULL);
 CREATE TABLE stage (name TEXT PRIMARY KEY, key TEXT NOT NULL, record TEXT NOT NULL,
                     seal TEXT NOT NULL);
+CREATE TABLE kept (name TEXT PRIMARY KEY, key TEXT NOT NULL, value TEXT NOT NULL,
+                   seal TEXT NOT NULL);
 CREATE TABLE input (stage TEXT, path TEXT, digest TEXT NOT NULL, PRIMARY KEY (stage, path));
 CREATE TABLE artefact (path TEXT PRIMARY KEY, stage TEXT NOT NULL, digest TEXT NOT NULL);
 """
@@ -121,7 +123,7 @@ class Catalog:
                 yield taken(fresh)
         finally:
             if made:
-                with self._writing() as base:
+                with self._caching() as base:
                     rows = "INSERT OR REPLACE INTO file VALUES (?, ?, ?, ?, ?, ?, ?)"
                     base.executemany(rows, made)
 
@@ -162,6 +164,17 @@ class Catalog:
         record = self.record(stage)
         if record is not None:
             self.store(replace(record, outputs={**record.outputs, **self.digests(paths)}))
+
+    def remembered(self, name: str, key: str, make: Callable[[], Any]) -> Any:
+        """Return what `make` gave, in JSON types, when it was last asked under this `key`."""
+        row = self._row("SELECT * FROM kept WHERE name = ?", name)
+        if row is not None and row == _sealed(*row[:-1]) and row[1] == key:
+            return json.loads(row[2])
+        value = make()
+        with self._caching() as base:
+            rows = "INSERT OR REPLACE INTO kept VALUES (?, ?, ?, ?)"
+            base.execute(rows, _sealed(name, key, json.dumps(value)))
+        return value
 
     def _names(self) -> list[str]:
         """Return the stages of which there is a copy of the record."""
@@ -221,7 +234,7 @@ class Catalog:
                 raise sqlite3.DatabaseError(f"schema {found}")
             self._base.executescript(f"{_SCHEMA} PRAGMA user_version = {_SCHEMA_VERSION};")
         else:
-            for table in ("artefact", "input", "stage", "file"):
+            for table in ("artefact", "input", "kept", "stage", "file"):
                 self._base.execute(f"SELECT * FROM {table} LIMIT 1").fetchone()
             if self._base.execute("PRAGMA quick_check").fetchone()[0] != "ok":
                 raise sqlite3.DatabaseError("damaged")
@@ -268,6 +281,16 @@ class Catalog:
                 yield self._base
         except sqlite3.Error as error:
             self._mend(error)
+
+    @contextmanager
+    def _caching(self) -> Iterator[sqlite3.Connection]:
+        """One transaction of what is made again where it cannot be kept: nobody may write here."""
+        try:
+            with self._writing() as base:
+                yield base
+        except WorkspaceError:
+            if os.access(self.path, os.W_OK) and os.access(self.path.parent, os.W_OK):
+                raise
 
     def _refusal(self, error: sqlite3.Error) -> WorkspaceError:
         return WorkspaceError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -21,6 +21,7 @@ from fusion.lock import clear_leftovers, locked
 from fusion.progress import Progress
 from fusion.records import StageRecord, content_digest
 from fusion.settings import Settings
+from fusion.soundness import Unsound, rejected_maplets, unsound
 from fusion.stages.base import Stage, StageContext, StageResult, find_table
 from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import OWN_FOLDERS, Workspace, make_folder
@@ -91,7 +92,8 @@ class Pipeline:
             If a stage fails; what earlier stages made stays.
         """
         with opened(self.workspace) as catalog:
-            runs = [self._bring_up(stage, catalog, force) for stage in self.stages]
+            fit = self._without_unsound(catalog)
+            runs = [fit._bring_up(stage, catalog, force) for stage in self.stages]
         if all(run.state == "cannot run" for run in runs):
             reason = runs[0].reason if runs else "there is no stage"
             raise WorkspaceError(f"nothing can run: {reason}", self.workspace.root)
@@ -114,7 +116,7 @@ class Pipeline:
                     self.progress.note(
                         f"note: {earlier.name} is out of date; spcola run brings all up to date"
                     )
-            run = self._bring_up(stage, catalog, force)
+            run = self._without_unsound(catalog)._bring_up(stage, catalog, force)
         if run.state == "cannot run":
             raise WorkspaceError(f"{name} cannot run: {run.reason}", self.workspace.root)
         return run
@@ -152,10 +154,13 @@ class Pipeline:
         key = self._key(stage, catalog)
         before = changes.before(stage, key.inputs)
         if before and Code.CHANGED_INPUT not in self.settings.accept.codes:
-            return StageRun(stage.name, "cannot run", reason=self._advice(before[0]))
+            return _not_made(stage, self._advice(before[0]))
         if not force and (record := self._current(stage, catalog, key)):
             run = StageRun(stage.name, "up to date", summary=record.summary)
             return self._became(run, self._tell(catalog, ()))
+        bad = self._unsound(key.inputs, catalog)
+        if bad and Code.UNSOUND_MAPLET not in self.settings.accept.codes:
+            return _not_made(stage, _sound_advice(bad))
         own = changes.own(stage)
         notes = self._tell(catalog, _notes(stage, own, changes.used_before(stage, key.inputs)))
         scratch = self.workspace.root / SCRATCH_FOLDER / stage.name / key.digest[:16]
@@ -173,13 +178,29 @@ class Pipeline:
             own,
         )
         result = stage.run(context)
-        accepted = [changed.finding(Severity.NOTE) for changed in before]
-        result = replace(result, summary=_with_findings(result.summary, accepted))
+        findings = [changed.finding(Severity.NOTE) for changed in before]
+        findings += [one.left_out() for one in bad]
+        if unsound_matters(key.inputs) and self.workspace.registration_path.name in key.inputs:
+            findings += rejected_maplets(self.workspace)
+        result = replace(result, summary=_with_findings(result.summary, findings))
         self._keep(stage, catalog, key, result)
         shutil.rmtree(scratch.parent, ignore_errors=True)
         took = time.monotonic() - begun
         run = StageRun(stage.name, "ran", took, plain(result.summary))
         return self._became(run, (*notes, *self._tell(catalog, result.notes)))
+
+    def _without_unsound(self, catalog: Catalog) -> Pipeline:
+        """Return the pipeline over a workspace without its unsound maplets, if that is accepted."""
+        if Code.UNSOUND_MAPLET not in self.settings.accept.codes:
+            return self
+        names = frozenset(one.name for one in unsound(self.workspace, catalog))
+        return replace(self, workspace=replace(self.workspace, left_out=names))
+
+    def _unsound(self, inputs: Mapping[str, str], catalog: Catalog) -> tuple[Unsound, ...]:
+        """Return the unsound maplets, for a stage that reads maplets; those left out too."""
+        if not unsound_matters(inputs):
+            return ()
+        return unsound(replace(self.workspace, left_out=frozenset()), catalog)
 
     def _cannot(self, stage: Stage, missing: str, changes: Changes) -> StageRun:
         """Return that a stage lacks its inputs; its earlier results that are gone are no results.
@@ -282,6 +303,26 @@ class Pipeline:
             for left in scratch.parent.iterdir():
                 if left != scratch:
                     shutil.rmtree(left, ignore_errors=True)
+
+
+def _not_made(stage: Stage, reason: str) -> StageRun:
+    """Return that a stage must not run, which is no result to go on with."""
+    return StageRun(stage.name, "cannot run", reason=reason, obstacle=f"not made: {reason}")
+
+
+def unsound_matters(inputs: Collection[str]) -> bool:
+    """Tell whether a stage with these inputs reads maplets."""
+    return any(name.startswith("MAPFILES/") for name in inputs)
+
+
+def _sound_advice(unsound: Sequence[Unsound]) -> str:
+    """Return what is wrong with maplets, and what to do about it."""
+    first, more = unsound[0], len(unsound) - 1
+    others = f" (and {more} more)" if more else ""
+    return (
+        f"{first.text}{others}; restore the file, or leave it out with "
+        f"--accept {Code.UNSOUND_MAPLET}"
+    )
 
 
 def _notes(stage: Stage, own: Changed, used: Sequence[str]) -> list[str]:

@@ -22,10 +22,14 @@ class Code(StrEnum):
     """Codes of findings, as other programs read them; :data:`MEANINGS` has a text for each."""
 
     CHANGED_INPUT = "changed-input"
+    UNSOUND_MAPLET = "unsound-maplet"
+    REJECTED_MAPLET = "rejected-maplet"
 
 
 MEANINGS: Mapping[Code, str] = {
     Code.CHANGED_INPUT: "a file differs from what the stage that wrote it recorded",
+    Code.UNSOUND_MAPLET: "a maplet contradicts its landmark, the shape or the other maplets",
+    Code.REJECTED_MAPLET: "the registration did not use a maplet that is used here",
 }
 """What each code means, for people."""
 

@@ -30,6 +30,7 @@ from fusion.scaling.summary import (
     unobserved_json,
 )
 from fusion.settings import Settings
+from fusion.sources import check_doubles, whole_scans
 from fusion.stages.base import StageContext, StageResult
 from fusion.tables import BodySettings, ScaleSettings, SpiceSettings, SpinSettings, Table
 from fusion.workspace import Workspace
@@ -84,6 +85,7 @@ class ScaleStage:
     def run(self, context: StageContext) -> StageResult:
         """Compare, estimate jointly, write; that nothing can be compared is written too."""
         workspace, table = context.workspace, context.table(ScaleSettings)
+        check_doubles(workspace, whole_scans(workspace).items())
         shape = workspace.shape()
         radius = context.table(BodySettings).mean_radius_m or shape.mean_radius
         caster = RayCaster(shape)
