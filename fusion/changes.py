@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fusion.catalog import Catalog
 from fusion.records import StageRecord
@@ -22,15 +22,23 @@ class Changed:
     ----------
     stage : str
     differing, gone, foreign : tuple of str
-        With another content than the stage recorded; missing; there, but in no record of it.
+        With another content than the stage recorded; missing; there, but not in its record.
+    unrecorded : tuple of str
+        There, and the stage has no record that could tell whether they are as it left them.
     """
 
     stage: str
     differing: tuple[str, ...] = ()
     gone: tuple[str, ...] = ()
     foreign: tuple[str, ...] = ()
+    unrecorded: tuple[str, ...] = ()
 
     def __bool__(self) -> bool:
+        return self.is_contradicted or bool(self.unrecorded)
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether the record of the stage says otherwise."""
         return bool(self.differing or self.gone or self.foreign)
 
     @property
@@ -47,7 +55,12 @@ class Changed:
             parts.append(f"{_named(self.gone)}, which stage {self.stage} wrote, {verb} gone")
         if self.foreign:
             verb = "stands" if len(self.foreign) == 1 else "stand"
-            parts.append(f"{_named(self.foreign)} {verb} in no record of stage {self.stage}")
+            parts.append(f"{_named(self.foreign)} {verb} not in the record of stage {self.stage}")
+        if self.unrecorded:
+            parts.append(
+                f"no record of stage {self.stage} tells whether {_named(self.unrecorded)} "
+                f"{'is' if len(self.unrecorded) == 1 else 'are'} as it was left"
+            )
         return " and ".join(parts)
 
     def finding(self, severity: Severity) -> Finding:
@@ -86,12 +99,12 @@ class Changes:
         found = []
         for earlier in self._upstream(stage, {one.name for one in owned.values()}):
             record = self.catalog.record(earlier.name)
-            written: Mapping[str, str] = {} if record is None else record.outputs
-            foreign = tuple(
-                name for name, owner in owned.items() if owner is earlier and name not in written
-            )
-            changed = Changed(earlier.name) if record is None else self._of_record(record)
-            found.append(Changed(earlier.name, changed.differing, changed.gone, foreign))
+            read = [name for name, owner in owned.items() if owner is earlier]
+            if record is None:
+                found.append(Changed(earlier.name, unrecorded=tuple(read)))
+                continue
+            foreign = tuple(name for name in read if name not in record.outputs)
+            found.append(replace(self._of_record(record), foreign=foreign))
         return [changed for changed in found if changed]
 
     def used_before(self, stage: Stage, inputs: Mapping[str, str]) -> tuple[str, ...]:

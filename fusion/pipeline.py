@@ -153,8 +153,9 @@ class Pipeline:
         begun = time.monotonic()
         key = self._key(stage, catalog)
         before = changes.before(stage, key.inputs)
-        if before and Code.CHANGED_INPUT not in self.settings.accept.codes:
-            return _not_made(stage, self._advice(before[0]))
+        against = [changed for changed in before if changed.is_contradicted]
+        if against and Code.CHANGED_INPUT not in self.settings.accept.codes:
+            return _not_made(stage, self._advice(against[0]))
         if not force and (record := self._current(stage, catalog, key)):
             run = StageRun(stage.name, "up to date", summary=record.summary)
             return self._became(run, self._tell(catalog, ()))
@@ -162,7 +163,8 @@ class Pipeline:
         if bad and Code.UNSOUND_MAPLET not in self.settings.accept.codes:
             return _not_made(stage, _sound_advice(bad))
         own = changes.own(stage)
-        notes = self._tell(catalog, _notes(stage, own, changes.used_before(stage, key.inputs)))
+        noted = _notes(stage, own, changes.used_before(stage, key.inputs))
+        notes = self._tell(catalog, [*(changed.text for changed in before), *noted])
         scratch = self.workspace.root / SCRATCH_FOLDER / stage.name / key.digest[:16]
         self._clear_scratch(scratch)
         make_folder(scratch)
@@ -178,7 +180,7 @@ class Pipeline:
             own,
         )
         result = stage.run(context)
-        findings = [changed.finding(Severity.NOTE) for changed in before]
+        findings = [changed.finding(Severity.NOTE) for changed in against]
         findings += [one.left_out() for one in bad]
         if unsound_matters(key.inputs) and self.workspace.registration_path.name in key.inputs:
             findings += rejected_maplets(self.workspace)
