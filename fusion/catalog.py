@@ -4,83 +4,64 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
-from fusion.digests import digests_ahead, file_status
+from fusion.digests import FileStatus, digests_ahead, file_status
+from fusion.records import (
+    RECORD_FOLDER,
+    StageRecord,
+    read_record,
+    read_records,
+    record_path,
+    write_record,
+)
 from fusion.workspace import Workspace
 from spcola.errors import WorkspaceError
 
 CATALOG_FILE = "catalog.sqlite"
-RECORD_FOLDER = "provenance"
-_SCHEMA_VERSION = 1
+_SCHEMA_VERSION = 2
 _SCHEMA = """
-CREATE TABLE file (path TEXT PRIMARY KEY, size INTEGER, mtime_ns INTEGER, inode INTEGER,
-                   digest TEXT NOT NULL);
-CREATE TABLE stage (name TEXT PRIMARY KEY, key TEXT NOT NULL, record TEXT NOT NULL);
+CREATE TABLE file (path TEXT PRIMARY KEY, size INTEGER, mtime_ns INTEGER, ctime_ns INTEGER,
+                   inode INTEGER, digest TEXT NOT NULL, seal TEXT NOT NULL);
+CREATE TABLE stage (name TEXT PRIMARY KEY, key TEXT NOT NULL, record TEXT NOT NULL,
+                    seal TEXT NOT NULL);
+CREATE TABLE kept (name TEXT PRIMARY KEY, key TEXT NOT NULL, value TEXT NOT NULL,
+                   seal TEXT NOT NULL);
 CREATE TABLE input (stage TEXT, path TEXT, digest TEXT NOT NULL, PRIMARY KEY (stage, path));
 CREATE TABLE artefact (path TEXT PRIMARY KEY, stage TEXT NOT NULL, digest TEXT NOT NULL);
 """
-
-
-@dataclass(frozen=True)
-class StageRecord:
-    """How a stage last ran.
-
-    Parameters
-    ----------
-    stage : str
-    key : str
-        Digest of what follows but the outputs: equal keys give equal results.
-    version : str
-        Of the program and of the stage.
-    settings : mapping
-        The declared tables, as they were.
-    inputs, outputs : mapping of str to str
-        Path (relative to the workspace where inside it) → SHA-256.
-    summary : mapping
-        What the stage reported.
-    finished : str
-        UTC, ISO 8601.
-    """
-
-    stage: str
-    key: str
-    version: str
-    settings: Mapping[str, Any]
-    inputs: Mapping[str, str]
-    outputs: Mapping[str, str]
-    summary: Mapping[str, Any]
-    finished: str
-
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        """Rebuild from :func:`dataclasses.asdict`; KeyError if something is missing."""
-        return cls(**{name: content[name] for name in cls.__dataclass_fields__})
+# What sqlite names thus is no damage of the file: another program, the disk, permissions.
+_OUTSIDE = ("BUSY", "LOCKED", "CANTOPEN", "PERM", "FULL", "NOMEM", "AUTH", "IOERR", "INTERRUPT")
 
 
 class Catalog:
     """An index over the records of ``provenance/``, with a cache of file digests.
 
     The records are files of their own, one for each stage; the data base only makes looking up
-    fast. Deleted or damaged, it is built again from the records, and digests are computed again.
+    fast, and has a second copy of them. Deleted or damaged, it is built again from the records, and
+    digests are computed again. Each row has a checksum: one that fails it counts as none.
+
+    Attributes
+    ----------
+    notes : list of str
+        What was found damaged and mended, for people.
     """
 
     def __init__(self, workspace: Workspace) -> None:
         self.workspace = workspace
         self.path = workspace.root / CATALOG_FILE
         self.rebuilt = False
+        self.notes: list[str] = []
         try:
             self._connect()
         except sqlite3.DatabaseError as error:
-            if isinstance(error, sqlite3.OperationalError) and not _is_damage(error):
-                raise self._refusal(error) from error
-            self._discard()
-            self._connect()
+            self._mend(error)
 
     def close(self) -> None:
         """Close the data base."""
@@ -126,7 +107,7 @@ class Catalog:
         stated = [file_status(path) for path in paths]
         found = [self._known(path, state) for path, state in zip(paths, stated, strict=True)]
         missing = [k for k, digest in enumerate(found) if digest is None]
-        made: list[tuple[str, int, int, int, str]] = []
+        made: list[tuple[Any, ...]] = []
 
         def taken(fresh: Iterator[str]) -> Iterator[str]:
             for path, state, digest in zip(paths, stated, found, strict=True):
@@ -134,7 +115,7 @@ class Catalog:
                     yield digest
                     continue
                 computed = next(fresh)
-                made.append((self.workspace.relative(path), *state, computed))
+                made.append(_sealed(self.workspace.relative(path), *state, computed))
                 yield computed
 
         try:
@@ -142,35 +123,97 @@ class Catalog:
                 yield taken(fresh)
         finally:
             if made:
-                with self._writing() as base:
-                    rows = "INSERT OR REPLACE INTO file VALUES (?, ?, ?, ?, ?)"
+                with self._caching() as base:
+                    rows = "INSERT OR REPLACE INTO file VALUES (?, ?, ?, ?, ?, ?, ?)"
                     base.executemany(rows, made)
 
-    def _known(self, path: Path, state: tuple[int, int, int]) -> str | None:
+    def _known(self, path: Path, state: FileStatus) -> str | None:
         """Return the digest of a file that is as it was, or None."""
-        row = self._base.execute(
-            "SELECT size, mtime_ns, inode, digest FROM file WHERE path = ?",
-            (self.workspace.relative(path),),
-        ).fetchone()
-        return str(row[3]) if row is not None and tuple(row[:3]) == state else None
+        name = self.workspace.relative(path)
+        row = self._row("SELECT * FROM file WHERE path = ?", name)
+        if row is None or row != _sealed(*row[:-1]):
+            return None
+        return str(row[-2]) if tuple(row[:-2]) == (name, *state) else None
 
     def record(self, stage: str) -> StageRecord | None:
-        """Return how `stage` last ran, or None if it did not."""
-        row = self._base.execute("SELECT record FROM stage WHERE name = ?", (stage,)).fetchone()
-        return None if row is None else StageRecord.from_dict(json.loads(row[0]))
+        """Return how `stage` last ran, or None if it did not, or nothing sound tells it."""
+        return read_record(self.workspace, stage) or self._kept(stage)
+
+    def restore(self) -> None:
+        """Write the records that were lost or damaged again, from the copies kept here."""
+        folder = self.workspace.root / RECORD_FOLDER
+        there = {path.stem for path in folder.glob("*.json")}
+        for stage in sorted(there | set(self._names())):
+            if read_record(self.workspace, stage) is not None:
+                continue
+            kept, path = self._kept(stage), record_path(self.workspace, stage)
+            state = "was damaged" if stage in there else "was gone"
+            if kept is not None:
+                write_record(self.workspace, kept)
+                self.notes.append(f"{path} {state}; restored from {CATALOG_FILE}")
+            else:
+                self.notes.append(f"{path} {state}: stage {stage} counts as one that never ran")
 
     def store(self, record: StageRecord) -> None:
         """Keep how a stage ran: first the file, then the index."""
-        self.workspace.write_json(f"{RECORD_FOLDER}/{record.stage}.json", asdict(record))
+        write_record(self.workspace, record)
         self._index(record)
+
+    def rewritten(self, stage: str, paths: Sequence[Path]) -> None:
+        """Note in the record of `stage`, if it has one, that files of it were written anew."""
+        record = self.record(stage)
+        if record is not None:
+            self.store(replace(record, outputs={**record.outputs, **self.digests(paths)}))
+
+    def remembered(self, name: str, key: str, make: Callable[[], Any]) -> Any:
+        """Return what `make` gave, in JSON types, when it was last asked under this `key`."""
+        row = self._row("SELECT * FROM kept WHERE name = ?", name)
+        if row is not None and row == _sealed(*row[:-1]) and row[1] == key:
+            return json.loads(row[2])
+        value = make()
+        with self._caching() as base:
+            rows = "INSERT OR REPLACE INTO kept VALUES (?, ?, ?, ?)"
+            base.execute(rows, _sealed(name, key, json.dumps(value)))
+        return value
+
+    def _names(self) -> list[str]:
+        """Return the stages of which there is a copy of the record."""
+        names = (
+            self._row("SELECT name FROM stage LIMIT 1 OFFSET ?", number)
+            for number in range(self._count())
+        )
+        return [str(row[0]) for row in names if row is not None]
+
+    def _count(self) -> int:
+        row = self._row("SELECT COUNT(*) FROM stage")
+        return 0 if row is None else int(row[0])
+
+    def _kept(self, stage: str) -> StageRecord | None:
+        """Return the copy of a record, or None if there is none or it is damaged."""
+        row = self._row("SELECT * FROM stage WHERE name = ?", stage)
+        if row is None or row != _sealed(*row[:-1]):
+            return None
+        try:
+            return StageRecord.from_dict(json.loads(row[2]))
+        except (ValueError, KeyError, TypeError):
+            return None
+
+    def _row(self, query: str, *values: str | int) -> tuple[Any, ...] | None:
+        """Return the first row of a query; None if there is none, or the data base was damaged."""
+        try:
+            row: tuple[Any, ...] | None = self._base.execute(query, values).fetchone()
+        except sqlite3.Error as error:
+            self._mend(error)
+            return None
+        return row
 
     def _index(self, record: StageRecord) -> None:
         with self._writing() as base:
             base.execute("DELETE FROM input WHERE stage = ?", (record.stage,))
             base.execute("DELETE FROM artefact WHERE stage = ?", (record.stage,))
             base.execute(
-                "INSERT OR REPLACE INTO stage VALUES (?, ?, ?)",
-                (record.stage, record.key, json.dumps(asdict(record))),
+                "INSERT OR REPLACE INTO stage VALUES (?, ?, ?, ?)",
+                _sealed(record.stage, record.key, json.dumps(record.as_dict())),
             )
             base.executemany(
                 "INSERT INTO input VALUES (?, ?, ?)",
@@ -191,8 +234,8 @@ class Catalog:
                 raise sqlite3.DatabaseError(f"schema {found}")
             self._base.executescript(f"{_SCHEMA} PRAGMA user_version = {_SCHEMA_VERSION};")
         else:
-            for table in ("artefact", "input", "stage", "file"):
-                self._base.execute(f"SELECT 1 FROM {table} LIMIT 1").fetchone()
+            for table in ("artefact", "input", "kept", "stage", "file"):
+                self._base.execute(f"SELECT * FROM {table} LIMIT 1").fetchone()
             if self._base.execute("PRAGMA quick_check").fetchone()[0] != "ok":
                 raise sqlite3.DatabaseError("damaged")
         if fresh:
@@ -200,23 +243,54 @@ class Catalog:
                 self._index(record)
                 self.rebuilt = True
 
-    def _discard(self) -> None:
-        """Remove a damaged data base; the records stay."""
+    def _mend(self, error: sqlite3.Error) -> None:
+        """Replace a damaged data base by one made from the records.
+
+        Raises
+        ------
+        WorkspaceError
+            If it is not damaged, but cannot be used, or it cannot be replaced.
+        """
+        if not self._is_damage(error) or self.rebuilt:
+            raise self._refusal(error) from error
         if hasattr(self, "_base"):
             self._base.close()
         try:
             self.path.unlink(missing_ok=True)
-        except OSError as error:
-            raise WorkspaceError(f"cannot be replaced ({error.strerror})", self.path) from error
+            self.path.with_name(f"{CATALOG_FILE}-journal").unlink(missing_ok=True)
+        except OSError as failure:
+            raise WorkspaceError(f"cannot be replaced ({failure.strerror})", self.path) from failure
+        if not str(error).startswith("schema"):
+            self.notes.append(f"{self.path} was damaged; made again from {RECORD_FOLDER}/")
+        self._connect()
+        self.rebuilt = True
+
+    def _is_damage(self, error: sqlite3.Error) -> bool:
+        """Tell a damaged data base from one that cannot be opened, read or written."""
+        name = str(getattr(error, "sqlite_errorname", ""))
+        if "READONLY" in name:
+            # A damaged header forbids writing too.
+            return os.access(self.path, os.W_OK) and os.access(self.path.parent, os.W_OK)
+        return "SHORT_READ" in name or not any(f"SQLITE_{word}" in name for word in _OUTSIDE)
 
     @contextmanager
     def _writing(self) -> Iterator[sqlite3.Connection]:
-        """One transaction; what the data base cannot do becomes one line."""
+        """One transaction; what a damaged data base loses of it is in the records, or made anew."""
         try:
             with self._base:
                 yield self._base
         except sqlite3.Error as error:
-            raise self._refusal(error) from error
+            self._mend(error)
+
+    @contextmanager
+    def _caching(self) -> Iterator[sqlite3.Connection]:
+        """One transaction of what is made again where it cannot be kept: nobody may write here."""
+        try:
+            with self._writing() as base:
+                yield base
+        except WorkspaceError:
+            if os.access(self.path, os.W_OK) and os.access(self.path.parent, os.W_OK):
+                raise
 
     def _refusal(self, error: sqlite3.Error) -> WorkspaceError:
         return WorkspaceError(
@@ -224,28 +298,7 @@ class Catalog:
         )
 
 
-def _is_damage(error: sqlite3.OperationalError) -> bool:
-    """Tell a damaged data base (tables missing, not one at all) from one that cannot be opened."""
-    return "no such table" in str(error) or "malformed" in str(error)
-
-
-def read_records(workspace: Workspace) -> list[StageRecord]:
-    """Return the records in ``provenance/``; one that cannot be understood counts as none.
-
-    A stage without a record is due, so that a damaged record costs time and never a wrong result.
-    """
-    records = []
-    for path in sorted((workspace.root / RECORD_FOLDER).glob("*.json")):
-        try:
-            records.append(StageRecord.from_dict(json.loads(path.read_text(encoding="utf-8"))))
-        except (ValueError, KeyError, TypeError):
-            continue
-        except OSError as error:
-            raise WorkspaceError(f"cannot be read ({error.strerror})", path) from error
-    return records
-
-
-def content_digest(content: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of JSON content, hexadecimal; the order of keys does not matter."""
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode("utf-8")).hexdigest()
+def _sealed(*fields: Any) -> tuple[Any, ...]:
+    """Return the fields of a row with their checksum behind them."""
+    text = "\0".join(str(field) for field in fields)
+    return (*fields, hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest())

@@ -14,8 +14,9 @@ from fusion.initialise import new_workspace
 from fusion.pipeline import Pipeline, StageRun, opened
 from fusion.progress import Progress
 from fusion.report.gather import PLANTED_FILE
+from fusion.sources import Source
 from fusion.stages import load_stages
-from fusion.stages.ingest import Source, Workers, import_files
+from fusion.stages.ingest import Workers, import_files
 from fusion.truth.generation import LIDAR_FOLDER, SPC_FOLDER
 from fusion.truth.mission import make_mission
 from fusion.truth.planted import TRUTH_FILE, Planted, read_truth

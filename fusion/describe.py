@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fusion.catalog import read_records
+from fusion.catalog import Catalog
 from fusion.pipeline import Pipeline
 from fusion.products.fits import read_fits_dtm
 from fusion.products.geotiff import read_geotiff
+from fusion.records import read_records
 from fusion.settings import load_settings
+from fusion.soundness import unsound
+from fusion.sources import doubles, whole_scans
 from fusion.stages import load_stages
 from fusion.stages.ingest import scan_facts, utc_or_none
 from fusion.workspace import SPC_LISTS, Workspace
 from lidar.formats.native import scan_summary
 from lidar.formats.reader import open_lidar
 from lidar.formats.recognise import recognise
-from spcola.errors import FormatError, WorkspaceError
+from spcola.errors import FormatError, SpcolaError, WorkspaceError
 from spcola.formats.lists import read_list
 from spcola.formats.lmk import read_landmark
 from spcola.formats.map import read_map, read_maplet
@@ -46,7 +50,7 @@ def describe_workspace(workspace: Workspace) -> dict[str, Any]:
         If its settings are wrong, or a folder of it cannot be read.
     """
     settings = workspace.settings()
-    scans = [scan_summary(path) for path in workspace.scan_paths()]
+    scans = list(whole_scans(workspace).values())
     shapes = sorted((workspace.root / "SHAPEFILES").glob("[!.]*"))
     return {
         "kind": "workspace",
@@ -61,8 +65,28 @@ def describe_workspace(workspace: Workspace) -> dict[str, Any]:
         "fused": len(workspace.fused_names()),
         "import_memory_per_worker_mb": settings.ingest.chunk * BYTES_PER_RETURN / 1e6,
         "stages": Pipeline(workspace, settings, load_stages()).states(),
+        "problems": _problems(workspace),
         "finished": {record.stage: record.finished for record in read_records(workspace)},
     }
+
+
+def _problems(workspace: Workspace) -> list[str]:
+    """Return what is wrong with scans and maplets: commands that use them refuse it."""
+    found = []
+    for path in workspace.scan_paths():
+        try:
+            scan_summary(path)
+        except FormatError as error:
+            found.append(str(error))
+    for one, other in doubles(whole_scans(workspace)):
+        first, second = workspace.scan_path(one), workspace.scan_path(other)
+        found.append(f"{first} and {second} hold the same scan")
+    try:
+        with closing(Catalog(workspace)) as catalog:
+            found += [one.text for one in unsound(workspace, catalog)]
+    except SpcolaError as error:
+        found.append(str(error))
+    return found
 
 
 def describe_file(path: Path) -> dict[str, Any]:

@@ -19,6 +19,8 @@ from fusion.executor import usable_cores
 from fusion.pages import announce
 from spcola.errors import WorkspaceError
 
+FileStatus = tuple[int, int, int, int]
+
 # Read at a time for a digest: little beside the caches, much beside a system call.
 _BLOCK_BYTES = 1 << 20
 # Asked for ahead of the reading: what the disk brings while a block is worked on.
@@ -58,8 +60,11 @@ def file_digest(path: Path, stopped: Event | None = None) -> str:
     return digest.hexdigest()
 
 
-def file_status(path: Path) -> tuple[int, int, int]:
-    """Return size, time of change and inode of a file: as long as they stay, so does its digest.
+def file_status(path: Path) -> FileStatus:
+    """Return what stays of a file as long as its digest does.
+
+    Size, time of its last writing, time of its last change (both ns; nobody can set the latter
+    back, as programs that edit in place or copy do with the former) and inode.
 
     Raises
     ------
@@ -72,7 +77,7 @@ def file_status(path: Path) -> tuple[int, int, int]:
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         if not os.access(path, os.R_OK):
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
-        return status.st_size, status.st_mtime_ns, status.st_ino
+        return status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino
 
 
 @contextmanager

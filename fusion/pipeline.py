@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -12,17 +12,20 @@ from pathlib import Path
 from typing import Any, Literal
 
 import spcola
-from fusion.catalog import Catalog, StageRecord, content_digest
+from fusion.catalog import Catalog
+from fusion.changes import Changed, Changes, changed_since
 from fusion.executor import Executor, ThreadExecutor
 from fusion.interrupt import heed_interrupts
 from fusion.jsontext import plain
 from fusion.lock import clear_leftovers, locked
 from fusion.progress import Progress
+from fusion.records import StageRecord, content_digest
 from fusion.settings import Settings
+from fusion.soundness import Unsound, rejected_maplets, unsound
 from fusion.stages.base import Stage, StageContext, StageResult, find_table
-from fusion.verdict import Verdict
+from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import OWN_FOLDERS, Workspace, make_folder
-from spcola.errors import WorkspaceError
+from spcola.errors import SpcolaError, WorkspaceError
 
 State = Literal["ran", "up to date", "cannot run"]
 SCRATCH_FOLDER = ".scratch"
@@ -45,6 +48,8 @@ class StageRun:
         Why it cannot run.
     obstacle : str
         Why its result may not be used, by its verdict; empty if it may.
+    notes : tuple of str
+        What was found changed or damaged, and what was done about it.
     """
 
     stage: str
@@ -53,6 +58,7 @@ class StageRun:
     summary: Mapping[str, Any] = field(default_factory=dict)
     reason: str = ""
     obstacle: str = ""
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -86,7 +92,8 @@ class Pipeline:
             If a stage fails; what earlier stages made stays.
         """
         with opened(self.workspace) as catalog:
-            runs = [self._bring_up(stage, catalog, force) for stage in self.stages]
+            fit = self._without_unsound(catalog)
+            runs = [fit._bring_up(stage, catalog, force) for stage in self.stages]
         if all(run.state == "cannot run" for run in runs):
             reason = runs[0].reason if runs else "there is no stage"
             raise WorkspaceError(f"nothing can run: {reason}", self.workspace.root)
@@ -109,35 +116,55 @@ class Pipeline:
                     self.progress.note(
                         f"note: {earlier.name} is out of date; spcola run brings all up to date"
                     )
-            run = self._bring_up(stage, catalog, force)
+            run = self._without_unsound(catalog)._bring_up(stage, catalog, force)
         if run.state == "cannot run":
             raise WorkspaceError(f"{name} cannot run: {run.reason}", self.workspace.root)
         return run
 
     def states(self) -> dict[str, str]:
         """Return for each stage "up to date", "due", or "cannot run: …"."""
-        states = {}
         # Without the lock: one may look at a workspace while another program works in it.
         with closing(Catalog(self.workspace)) as catalog:
-            for stage in self.stages:
-                missing = stage.missing(self.workspace, self.settings)
-                missing = missing or self._obstacle(stage, catalog)
-                current = not missing and self._current(stage, catalog, self._key(stage, catalog))
-                states[stage.name] = (
-                    f"cannot run: {missing}" if missing else "up to date" if current else "due"
-                )
-        return states
+            return {stage.name: self._state(stage, catalog) for stage in self.stages}
+
+    def _state(self, stage: Stage, catalog: Catalog) -> str:
+        """Return how `stage` stands; see :meth:`states`."""
+        try:
+            missing = stage.missing(self.workspace, self.settings)
+            missing = missing or self._obstacle(stage, catalog)
+            if missing:
+                return f"cannot run: {missing}"
+            if self._current(stage, catalog, self._key(stage, catalog)):
+                return "up to date"
+            changed = Changes(self.stages, catalog).own(stage)
+        except SpcolaError as error:
+            return f"cannot run: {error}"
+        return f"due: {changed.text}" if changed else "due"
 
     def _bring_up(self, stage: Stage, catalog: Catalog, force: bool) -> StageRun:
         """Run `stage` unless it is up to date or lacks its inputs."""
         heed_interrupts()
-        missing = stage.missing(self.workspace, self.settings) or self._obstacle(stage, catalog)
+        changes = Changes(self.stages, catalog)
+        missing = stage.missing(self.workspace, self.settings)
         if missing:
-            return StageRun(stage.name, "cannot run", reason=missing)
+            return self._cannot(stage, missing, changes)
+        if found := self._obstacle(stage, catalog):
+            return StageRun(stage.name, "cannot run", reason=found)
         begun = time.monotonic()
         key = self._key(stage, catalog)
+        before = changes.before(stage, key.inputs)
+        against = [changed for changed in before if changed.is_contradicted]
+        if against and Code.CHANGED_INPUT not in self.settings.accept.codes:
+            return _not_made(stage, self._advice(against[0]))
         if not force and (record := self._current(stage, catalog, key)):
-            return self._became(StageRun(stage.name, "up to date", summary=record.summary))
+            run = StageRun(stage.name, "up to date", summary=record.summary)
+            return self._became(run, self._tell(catalog, ()))
+        bad = self._unsound(key.inputs, catalog)
+        if bad and Code.UNSOUND_MAPLET not in self.settings.accept.codes:
+            return _not_made(stage, _sound_advice(bad))
+        own = changes.own(stage)
+        noted = _notes(stage, own, changes.used_before(stage, key.inputs))
+        notes = self._tell(catalog, [*(changed.text for changed in before), *noted])
         scratch = self.workspace.root / SCRATCH_FOLDER / stage.name / key.digest[:16]
         self._clear_scratch(scratch)
         make_folder(scratch)
@@ -150,17 +177,64 @@ class Pipeline:
             key.inputs,
             key.digest,
             scratch,
+            own,
         )
         result = stage.run(context)
+        findings = [changed.finding(Severity.NOTE) for changed in against]
+        findings += [one.left_out() for one in bad]
+        if unsound_matters(key.inputs) and self.workspace.registration_path.name in key.inputs:
+            findings += rejected_maplets(self.workspace)
+        result = replace(result, summary=_with_findings(result.summary, findings))
         self._keep(stage, catalog, key, result)
         shutil.rmtree(scratch.parent, ignore_errors=True)
         took = time.monotonic() - begun
-        return self._became(StageRun(stage.name, "ran", took, plain(result.summary)))
+        run = StageRun(stage.name, "ran", took, plain(result.summary))
+        return self._became(run, (*notes, *self._tell(catalog, result.notes)))
 
-    def _became(self, run: StageRun) -> StageRun:
-        """Add to what became of a stage why its result may not be used."""
+    def _without_unsound(self, catalog: Catalog) -> Pipeline:
+        """Return the pipeline over a workspace without its unsound maplets, if that is accepted."""
+        if Code.UNSOUND_MAPLET not in self.settings.accept.codes:
+            return self
+        names = frozenset(one.name for one in unsound(self.workspace, catalog))
+        return replace(self, workspace=replace(self.workspace, left_out=names))
+
+    def _unsound(self, inputs: Mapping[str, str], catalog: Catalog) -> tuple[Unsound, ...]:
+        """Return the unsound maplets, for a stage that reads maplets; those left out too."""
+        if not unsound_matters(inputs):
+            return ()
+        return unsound(replace(self.workspace, left_out=frozenset()), catalog)
+
+    def _cannot(self, stage: Stage, missing: str, changes: Changes) -> StageRun:
+        """Return that a stage lacks its inputs; its earlier results that are gone are no results.
+
+        Else what rests on them would be taken as up to date.
+        """
+        gone = changes.own(stage).gone
+        if not gone or Code.CHANGED_INPUT in self.settings.accept.codes:
+            return StageRun(stage.name, "cannot run", reason=missing)
+        advice = self._advice(Changed(stage.name, gone=gone))
+        return StageRun(stage.name, "cannot run", reason=advice, obstacle=f"incomplete: {advice}")
+
+    def _advice(self, changed: Changed) -> str:
+        """Return what has changed, and what to do about it."""
+        command = "run" if changed.stage == self.stages[0].name else changed.stage
+        return (
+            f"{changed.text}; run: spcola {command} {self.workspace.root} again, or "
+            f"--accept {Code.CHANGED_INPUT}"
+        )
+
+    def _tell(self, catalog: Catalog, notes: Sequence[str]) -> tuple[str, ...]:
+        """Print notes, and those of the catalogue; return them."""
+        told = (*catalog.notes, *notes)
+        catalog.notes.clear()
+        for note in told:
+            self.progress.note(f"note: {note}")
+        return told
+
+    def _became(self, run: StageRun, notes: tuple[str, ...]) -> StageRun:
+        """Add to what became of a stage why its result may not be used, and what was noted."""
         verdict = Verdict.from_json(run.summary)
-        return replace(run, obstacle=verdict.obstacle(self.settings.accept.codes))
+        return replace(run, obstacle=verdict.obstacle(self.settings.accept.codes), notes=notes)
 
     def _obstacle(self, stage: Stage, catalog: Catalog) -> str:
         """Return which result that `stage` rests on may not be used, and why; empty if all may."""
@@ -233,6 +307,40 @@ class Pipeline:
                     shutil.rmtree(left, ignore_errors=True)
 
 
+def _not_made(stage: Stage, reason: str) -> StageRun:
+    """Return that a stage must not run, which is no result to go on with."""
+    return StageRun(stage.name, "cannot run", reason=reason, obstacle=f"not made: {reason}")
+
+
+def unsound_matters(inputs: Collection[str]) -> bool:
+    """Tell whether a stage with these inputs reads maplets."""
+    return any(name.startswith("MAPFILES/") for name in inputs)
+
+
+def _sound_advice(unsound: Sequence[Unsound]) -> str:
+    """Return what is wrong with maplets, and what to do about it."""
+    first, more = unsound[0], len(unsound) - 1
+    others = f" (and {more} more)" if more else ""
+    return (
+        f"{first.text}{others}; restore the file, or leave it out with "
+        f"--accept {Code.UNSOUND_MAPLET}"
+    )
+
+
+def _notes(stage: Stage, own: Changed, used: Sequence[str]) -> list[str]:
+    """What people are told before `stage` runs: its results or inputs are not what they were."""
+    notes = [changed_since(used, stage.name)] if used else []
+    return [*notes, f"{own.text}: the stage runs again"] if own else notes
+
+
+def _with_findings(summary: Mapping[str, Any], findings: Sequence[Finding]) -> Mapping[str, Any]:
+    """Add findings to a summary."""
+    if not findings:
+        return summary
+    verdict = Verdict.from_json(plain(summary))
+    return {**summary, **Verdict((*verdict.findings, *findings)).as_json()}
+
+
 @dataclass(frozen=True)
 class _Key:
     digest: str
@@ -254,4 +362,5 @@ def opened(workspace: Workspace) -> Iterator[Catalog]:
     with locked(workspace.root / LOCK_FILE):
         clear_leftovers(own)
         with closing(Catalog(workspace)) as catalog:
+            catalog.restore()
             yield catalog

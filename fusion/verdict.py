@@ -58,6 +58,8 @@ class Code(StrEnum):
     EPSILON_NOT_SEPARABLE = "epsilon-not-separable"
     EPSILON_NOT_SIGNIFICANT = "epsilon-not-significant"
     TERMS_FROM_PRIOR = "terms-from-prior"
+    UNSOUND_MAPLET = "unsound-maplet"
+    REJECTED_MAPLET = "rejected-maplet"
 
 
 MEANINGS: Mapping[Code, str] = {
@@ -96,6 +98,8 @@ MEANINGS: Mapping[Code, str] = {
     Code.EPSILON_NOT_SEPARABLE: "the data do not tell epsilon from another parameter",
     Code.EPSILON_NOT_SIGNIFICANT: "epsilon is too small for its sigma to be applied",
     Code.TERMS_FROM_PRIOR: "parameters other than epsilon are left to their priors",
+    Code.UNSOUND_MAPLET: "a maplet contradicts its landmark, the shape or the other maplets",
+    Code.REJECTED_MAPLET: "the registration did not use a maplet that is used here",
 }
 """What each code means, for people."""
 

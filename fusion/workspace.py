@@ -48,9 +48,12 @@ class Workspace:
     ----------
     root : Path
         The folder; it holds ``spcola.toml``.
+    left_out : frozenset of str
+        Maplets that count as if they were not there.
     """
 
     root: Path
+    left_out: frozenset[str] = frozenset()
 
     @classmethod
     def open(cls, root: str | Path) -> Workspace:
@@ -98,6 +101,9 @@ class Workspace:
 
     def maplet_names(self) -> list[str]:
         """Return the maplets: those of MAPLIST.TXT or LMRKLIST.TXT, else all in MAPFILES."""
+        return [name for name in self._all_maplets() if name not in self.left_out]
+
+    def _all_maplets(self) -> list[str]:
         for listing in ("MAPLIST.TXT", "LMRKLIST.TXT"):
             if _is_there(self.root / listing):
                 return self._listed(listing, "landmark", "MAPFILES", ".MAP")
@@ -126,9 +132,13 @@ class Workspace:
             return self._listed("LMRKLIST.TXT", "landmark", "LMKFILES", ".LMK")
         return self._stems("LMKFILES", ".LMK")
 
+    def landmark_path(self, name: str) -> Path:
+        """Return where the landmark `name` lies."""
+        return self.root / "LMKFILES" / f"{name}.LMK"
+
     def landmark(self, name: str) -> Landmark:
         """Read the landmark `name`."""
-        return read_landmark(self._present(self.root / "LMKFILES" / f"{name}.LMK", "landmark"))
+        return read_landmark(self._present(self.landmark_path(name), "landmark"))
 
     def image_names(self) -> list[str]:
         """Return the images: those of PICTLIST.TXT, else all in SUMFILES."""

@@ -77,7 +77,10 @@ class ScanStore:
         names = [summary.name for summary in summaries]
         if len(set(names)) < len(files):
             twice = next(name for name in names if names.count(name) > 1)
-            raise InvalidValueError("two scans bear this name", twice, "import one under another")
+            same = [str(path) for path, name in zip(paths, names, strict=True) if name == twice]
+            raise InvalidValueError(
+                f"is the scan of two files ({' and '.join(same)})", twice, "remove one of them"
+            )
         bodies = sorted({summary.body for summary in summaries})
         if len(bodies) > 1:
             raise InvalidValueError(f"lie in different frames: {', '.join(bodies)}", "scans")

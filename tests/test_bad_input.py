@@ -231,14 +231,6 @@ SPC_FILES = {
     "shape, empty": (SHAPE, EMPTY, "is empty"),
     "shape, not a number": (SHAPE, line_set(41, "NaN NaN NaN"), "line 41"),
     "shape, in metres": (SHAPE, in_metres, "mean radius"),
-    "scan, cut": ("scans/scan03.h5", HALF, "import the source again"),
-    "scan, empty": ("scans/scan03.h5", EMPTY, "import the source again"),
-    "scan, rubbish": ("scans/scan03.h5", RUBBISH, "import the source again"),
-    "scan, garbled inside": (
-        "scans/scan03.h5",
-        lambda c: at(len(c) // 2, bytes(4000))(c),
-        "import the source again",
-    ),
 }
 
 
@@ -453,6 +445,122 @@ def test_a_damaged_catalogue_costs_nothing_but_a_look_at_the_files(
     damage(workspace, "catalog.sqlite", edit)
     assert set(states(workspace).values()) == {"up to date"}
     assert files_in(workspace) == before
+
+
+SCAN = "scans/scan03.h5"
+SCAN_DAMAGES: dict[str, Edit] = {
+    "cut": HALF,
+    "empty": EMPTY,
+    "rubbish": RUBBISH,
+    "garbled inside": lambda c: at(len(c) // 2, bytes(4000))(c),
+}
+
+
+@pytest.mark.parametrize("case", SCAN_DAMAGES)
+def test_a_damaged_scan_is_read_again_from_its_file_or_refused(
+    workspace: Path, mission: Path, tmp_path: Path, case: str
+) -> None:
+    before = files_in(workspace)
+    damage(workspace, SCAN, SCAN_DAMAGES[case])
+    assert SCAN in refused(workspace, "mapolas")
+    problems = json.loads(call("info", workspace, "--json").stdout)["problems"]
+    assert case == "garbled inside" or [SCAN in text for text in problems] == [True]
+    content = json.loads(call("run", workspace, "--json").stdout)
+    (note,) = [text for text in content["stages"][0]["notes"] if "read again" in text]
+    assert "scan03 was damaged" in note
+    assert files_in(workspace) == before
+    if case == "cut":
+        source = mission / "lidar" / "scan03.dat"
+        damage(workspace, SCAN, HALF)
+        aside = source.rename(tmp_path / "aside.dat")
+        try:
+            assert "is gone; restore one of them" in refused(workspace, "run")
+        finally:
+            aside.rename(source)
+
+
+def test_scans_that_are_gone_are_named(workspace: Path) -> None:
+    (workspace / SCAN).unlink()
+    assert f"{SCAN}, which stage ingest wrote, is gone" in refused(workspace, "run")
+    shutil.rmtree(workspace / "scans")
+    line = refused(workspace, "run")
+    assert "scans/scan01.h5, scans/scan02.h5, scans/scan03.h5 and 5 more" in line
+
+
+def test_a_scan_under_two_names_is_refused_by_what_would_count_it_twice(workspace: Path) -> None:
+    shutil.copy(workspace / SCAN, workspace / "scans" / "again.h5")
+    for command in ("run", "scale", "mapolas", "bigmap"):
+        line = refused(workspace, command)
+        assert "scan03.h5" in line
+        assert "again.h5" in line
+    assert "hold the same scan" in call("info", workspace).stdout
+    assert json.loads(call("fuse", workspace, "--json").stdout)["state"] == "up to date"
+
+
+def test_a_lidar_file_that_lost_returns_is_not_read_again_in_silence(
+    workspace: Path, mission: Path
+) -> None:
+    """Cut at the end of a record, and with the time of writing that it had."""
+    source = mission / "lidar" / "scan03.dat"
+    whole, state = source.read_bytes(), source.stat()
+    try:
+        source.write_bytes(whole[: 186 * 400])
+        os.utime(source, ns=(state.st_atime_ns, state.st_mtime_ns))
+        line = refused(workspace, "run")
+        assert "has changed since it was imported as scan03" in line
+        assert "spcola import" in line
+        again = json.loads(call("import", workspace, source, "--json").stdout)["scans"][0]
+        assert again["state"] == "imported again"
+        assert again["returns"] < again["returns_before"]
+    finally:
+        source.write_bytes(whole)
+        os.utime(source, ns=(state.st_atime_ns, state.st_mtime_ns))
+
+
+@pytest.mark.parametrize(
+    ("byte", "words"),
+    [(15, "V lies"), (29, "an axis is off"), (9, "GSD"), (63, "its heights"), (68, "sigma of V")],
+)
+def test_a_maplet_that_its_landmark_or_the_shape_contradicts_is_refused_by_all(
+    workspace: Path, byte: int, words: str
+) -> None:
+    damage(workspace, MAP, lambda c: at(byte, bytes([c[byte] ^ 1]))(c))
+    content = call("run", workspace, "--json", code=1)
+    assert f"{MAP}: {words}" in content.stderr
+    stages = {one["stage"]: one["state"] for one in json.loads(content.stdout)["stages"]}
+    assert set(stages.values()) == {"up to date", "cannot run"}
+    assert f"{MAP}: {words}" in refused(workspace, "scale")
+    problems = json.loads(call("info", workspace, "--json").stdout)["problems"]
+    assert [MAP in text for text in problems] == [True]
+
+
+def test_a_maplet_that_is_left_out_is_left_out_by_all(workspace: Path) -> None:
+    damage(workspace, MAP, at(15, b"\x3c"))
+    command = ("run", workspace, "--json", "--accept", "unsound-maplet")
+    stages = json.loads(call(*command).stdout)["stages"]
+    assert not (workspace / "mapolas" / "TR0003.MAP").exists()
+    assert not (workspace / "fused" / "TR0003.MAP").exists()
+    for one in stages:
+        if one["stage"] in ("mapolas", "register", "fuse", "scale"):
+            assert f"{MAP} was left out" in one["summary"]["findings"][0]["text"]
+    again = json.loads(call(*command).stdout)["stages"]
+    assert {one["state"] for one in again} == {"up to date"}
+
+
+def test_a_result_that_was_changed_is_used_on_demand_and_that_is_recorded(
+    workspace: Path,
+) -> None:
+    damage(workspace, "mapolas/adjustment.h5", lambda c: at(900, bytes([c[900] ^ 1]))(c))
+    line = refused(workspace, "register")
+    assert "mapolas/adjustment.h5 has changed since stage mapolas wrote it" in line
+    assert f"run: spcola mapolas {workspace} again, or --accept changed-input" in line
+    damage(workspace, "registration.json", swapped('"converged": ', '"converged":  '))
+    assert "mapolas/adjustment.h5" in refused(workspace, "fuse")
+    done = call("fuse", workspace, "--json", "--accept", "changed-input")
+    texts = [one["text"] for one in json.loads(done.stdout)["summary"]["findings"]]
+    assert any("registration.json has changed" in text for text in texts)
+    record = json.loads((workspace / "provenance" / "fuse.json").read_text())
+    assert {one["code"] for one in record["summary"]["findings"]} == {"changed-input"}
 
 
 def write_table(path: Path, points: Any, header: str = "x_m,y_m,z_m") -> Path:

@@ -53,7 +53,8 @@ def import_(
     # The machinery is imported here and not above, so that help comes at once.
     from fusion.pipeline import Pipeline, opened
     from fusion.progress import Progress
-    from fusion.stages.ingest import STAGE, Source, Workers, import_files
+    from fusion.sources import Source
+    from fusion.stages.ingest import STAGE, Workers, import_files
     from fusion.workspace import Workspace
 
     if name and len(files) > 1:
@@ -65,6 +66,7 @@ def import_(
     hands, progress = executor(workers, cluster), Progress.fitting(silent=as_json)
     with opened(there) as catalog:
         done = import_files(there, settings, sources, Workers(hands, progress, catalog.digesting))
+        catalog.rewritten(STAGE.name, [there.scan_path(one.scan.name) for one in done])
     Pipeline(there, settings, [STAGE], hands, progress).run_stage(STAGE.name)
     show({"scans": [one.as_dict() for one in done]}, map(_line, done), as_json=as_json)
 
@@ -86,5 +88,6 @@ def _line(done: Imported) -> str:
     kind = done.scan.parameters.get("format", "")
     return (
         f"{done.source.path}: {done.state} as {done.scan.name} ({kind}), {done.scan.count} returns"
+        + (f" ({done.before} before)" if done.state == "imported again" else "")
         + (f", rejected: {rejected}" if rejected else "")
     )

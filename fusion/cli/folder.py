@@ -69,7 +69,9 @@ def info(
     if path.is_dir():
         opened = Workspace.open(path)
         content = describe_workspace(opened)
-        content["mapolas_forecast"] = mapolas_forecast(opened, opened.settings())
+        # Mapolas that cannot be made as things are take no time.
+        sound = not content["problems"]
+        content["mapolas_forecast"] = mapolas_forecast(opened, opened.settings()) if sound else {}
     else:
         content = describe_file(path)
     show(content, [str(path), *value_lines(content)], as_json=as_json)

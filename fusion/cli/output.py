@@ -54,6 +54,8 @@ def run_content(run: StageRun) -> dict[str, Any]:
         content["reason"] = run.reason
     if run.obstacle:
         content["obstacle"] = run.obstacle
+    if run.notes:
+        content["notes"] = list(run.notes)
     return {**content, "summary": dict(run.summary)}
 
 

@@ -22,6 +22,9 @@ from spcola.errors import InvalidValueError
 from spcola.maplet import MapletGrid
 from spcola.similarity import Affine, Similarity
 
+DISAGREES = "disagrees with the other mapolas"
+"""Why a mapola that matches is not used."""
+
 
 @dataclass(frozen=True, eq=False)
 class MatchedMapolas:
@@ -178,8 +181,7 @@ def per_mapola_json(mapolas: MatchedMapolas, placed: Placed) -> list[dict[str, A
             "surface_residual_m": placed.surface[number],
             "position_covariance_m2": placed.covariance[number],
             "used": bool(placed.used[number]),
-            "reason": match.reason
-            or ("" if placed.used[number] else "disagrees with the other mapolas"),
+            "reason": match.reason or ("" if placed.used[number] else DISAGREES),
             "coverage": match.coverage,
             "correlation": match.correlation,
         }

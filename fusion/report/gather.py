@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from fusion.catalog import read_records
 from fusion.fused import FusedMaplet
 from fusion.products.fused import FUSED_HDF5, fused_names, read_fused
 from fusion.products.manifest import versions
+from fusion.records import read_records
 from fusion.registration.summary import transform_of
 from fusion.report.data import Coverage, ReportData, Surfaces
 from fusion.truth.recovery import Recovered

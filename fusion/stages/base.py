@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from fusion.executor import AHEAD, Executor
 from fusion.progress import Progress
@@ -13,6 +13,9 @@ from fusion.settings import Settings
 from fusion.tables import Table
 from fusion.workspace import Workspace
 from spcola.errors import SettingsError
+
+if TYPE_CHECKING:
+    from fusion.changes import Changed
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -30,10 +33,13 @@ class StageResult:
         what an earlier run of the stage made and this one did not is removed.
     summary : mapping
         What the command prints, and with ``--json`` returns; JSON types, NaN allowed.
+    notes : tuple of str
+        What people should know of this run, and of no later one.
     """
 
     outputs: tuple[Path, ...]
     summary: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -58,6 +64,8 @@ class StageContext:
     scratch : Path
         A folder of this run's own. It survives an interruption as long as `key` stays the same,
         so that finished parts can be picked up, and is removed when the stage is done.
+    own : Changed, optional
+        What of its last results is not as it left it.
     """
 
     workspace: Workspace
@@ -68,6 +76,7 @@ class StageContext:
     inputs: Mapping[str, str]
     key: str
     scratch: Path
+    own: Changed | None = None
 
     def table(self, kind: type[AnyTable]) -> AnyTable:
         """Return the settings table of class `kind`.
@@ -132,6 +141,11 @@ class Stage(Protocol):
     @property
     def needs(self) -> tuple[str, ...]:
         """Names of the stages whose results it uses, and which therefore must be fit for use."""
+        ...
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Folders and files of the workspace into which nobody else writes."""
         ...
 
     @property

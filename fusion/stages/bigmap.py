@@ -48,6 +48,7 @@ class BigmapStage:
     name: str = "bigmap"
     version: int = 4
     needs: tuple[str, ...] = ("fuse",)
+    places: tuple[str, ...] = ("bigmaps",)
     tables: tuple[type[Table], ...] = (
         BigmapSettings,
         BodySettings,

@@ -41,6 +41,7 @@ class FuseStage:
     name: str = "fuse"
     version: int = 8
     needs: tuple[str, ...] = ("mapolas", "register")
+    places: tuple[str, ...] = ("fused",)
     tables: tuple[type[Table], ...] = (FuseSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:

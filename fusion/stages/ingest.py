@@ -6,21 +6,32 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fusion.catalog import content_digest
 from fusion.executor import Executor
 from fusion.pages import release
 from fusion.progress import Progress
+from fusion.records import content_digest
+from fusion.repair import Repair
 from fusion.settings import Settings
+from fusion.sources import (
+    INGEST,
+    Origin,
+    Source,
+    check_doubles,
+    readable,
+    recorded_origins,
+    recorded_source,
+    whole_scans,
+)
 from fusion.stages.base import StageContext, StageResult
 from fusion.tables import BodySettings, ImportSettings, Table
 from fusion.workspace import Workspace
-from lidar.formats.native import scan_summary, write_scan
+from lidar.formats.native import write_scan
 from lidar.formats.options import LidarOptions
 from lidar.formats.reader import open_lidar
 from lidar.formats.recognise import recognise
@@ -30,44 +41,16 @@ from spcola.time import utc_from_et
 
 
 @dataclass(frozen=True)
-class Source:
-    """A lidar file and how it is to be read.
-
-    Parameters
-    ----------
-    path : Path
-    name : str
-        Of the scan; the file's name without its suffix if empty.
-    format : str
-        Empty: told from the content.
-    columns : mapping of str to str
-        Of a table: quantity → column with its unit.
-    unit : str
-        Of coordinates, where the format has none of its own.
-    gps_time : bool
-        Keep the GPS time of LAS returns.
-    """
-
-    path: Path
-    name: str = ""
-    format: str = ""
-    columns: Mapping[str, str] = field(default_factory=dict)
-    unit: str = ""
-    gps_time: bool = False
-
-    @property
-    def scan_name(self) -> str:
-        """Name of the scan that it becomes."""
-        return self.name or self.path.name.removesuffix(".gz").rsplit(".", 1)[0] or self.path.name
-
-
-@dataclass(frozen=True)
 class Imported:
-    """What became of one file: "imported", "imported already" or "imported again"."""
+    """What became of one file: "imported", "imported already" or "imported again".
+
+    `before` are the returns that its scan had, None if it is new.
+    """
 
     source: Source
     state: str
     scan: ScanSummary
+    before: int | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return what is printed of it."""
@@ -76,6 +59,7 @@ class Imported:
             "state": self.state,
             "format": self.scan.parameters.get("format", ""),
             **scan_facts(self.scan),
+            "returns_before": self.before,
         }
 
 
@@ -107,11 +91,12 @@ def import_files(
     """
     for source in sources:
         _check_name(source)
-    scans = {name: scan_summary(workspace.scan_path(name)) for name in workspace.scan_names()}
+    # The source of a damaged scan may take its place.
+    scans = whole_scans(workspace)
     with workers.digests([source.path for source in sources]) as digests:
         # The shape is read while digests are made of the first files.
         importer = _Importer(workspace, settings, scans, radius_limits(workspace, settings))
-        items = _placed(sources, digests, {name: scan.digest for name, scan in scans.items()})
+        items = _placed(sources, digests, scans)
         if _may_collide(sources, scans):
             items = iter(list(items))
         done = []
@@ -129,18 +114,24 @@ def _may_collide(sources: Sequence[Source], scans: Mapping[str, ScanSummary]) ->
 
 
 def _placed(
-    sources: Sequence[Source], digests: Iterator[str], taken: dict[str, str]
+    sources: Sequence[Source], digests: Iterator[str], scans: Mapping[str, ScanSummary]
 ) -> Iterator[tuple[Source, str, str]]:
-    """Yield each source with its digest and the name of its scan; `taken` are digests by name.
+    """Yield each source with its digest and the name of its scan, new or one of `scans`.
+
+    A file that has changed since it was imported keeps the name of its scan.
 
     Raises
     ------
     WorkspaceError
         If its name is that of another file's scan.
     """
+    taken = {name: scan.digest for name, scan in scans.items()}
+    came_from = {name: recorded_source(scan) for name, scan in scans.items()}
     for source, digest in zip(sources, digests, strict=True):
         same = [name for name, other in taken.items() if other == digest]
-        if not same and source.scan_name in taken:
+        before = came_from.pop(source.scan_name, None)
+        its_own = before is not None and before.path == source.path.resolve()
+        if not same and source.scan_name in taken and not its_own:
             raise WorkspaceError(
                 f"the workspace has a scan {source.scan_name!r} of another file",
                 source.path,
@@ -165,21 +156,27 @@ class _Importer:
         source, digest, name = item
         before = self.scans.get(name)
         key = _key(source, self.settings)
-        if before is not None and before.parameters.get("import_key") == key:
-            return Imported(source, "imported already", before)
+        if before is not None and (before.parameters.get("import_key"), before.digest) == (
+            key,
+            digest,
+        ):
+            return Imported(source, "imported already", before, before.count)
         options = lidar_options(source, self.settings, name, self.limits)
         path = self.workspace.scan_path(name)
         scan = _write(path, options, source, self.settings, digest)
-        return Imported(source, "imported" if before is None else "imported again", scan)
+        if before is None:
+            return Imported(source, "imported", scan)
+        return Imported(source, "imported again", scan, before.count)
 
 
 @dataclass(frozen=True)
 class IngestStage:
     """Keeps the scans in step with the settings: what was read by others is read again."""
 
-    name: str = "ingest"
+    name: str = INGEST
     version: int = 1
     needs: tuple[str, ...] = ()
+    places: tuple[str, ...] = ()
     tables: tuple[type[Table], ...] = (BodySettings, ImportSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
@@ -189,71 +186,61 @@ class IngestStage:
         return f"no lidar file was imported; run: spcola import {workspace.root} FILE"
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return the files that the scans came from, as far as they still exist."""
-        sources = (recorded_source(scan_summary(path)) for path in workspace.scan_paths())
-        return [source.path for source in sources if source is not None and _in_reach(source.path)]
+        """Return the files that the scans came from, as far as they exist, and scans without one.
+
+        The file of a scan that is damaged is told by the record of its import. A scan that was
+        put here by hand, or bears another name than its file, is an input itself.
+        """
+        known, paths = recorded_origins(workspace), dict[Path, None]()
+        for path in workspace.scan_paths():
+            scan, origin = readable(path), known.get(path.stem)
+            source = None if scan is None else recorded_source(scan)
+            if scan is not None and (source is None or scan.name != path.stem):
+                paths[path] = None
+            for one in (source, None if origin is None else origin.source):
+                if one is not None and _in_reach(one.path):
+                    paths[one.path] = None
+        return list(paths)
 
     def run(self, context: StageContext) -> StageResult:
-        """Import again what was read by other settings, or has changed since.
+        """Import again what was read by other settings, has changed since, or is damaged.
 
         Raises
         ------
         WorkspaceError
-            If that is so of a scan whose file is gone.
+            If that is so of a scan whose file is gone, two files hold one scan, or something is
+            lost: a scan, or returns of a file that has changed.
         """
-        workspace, settings, digests = context.workspace, context.settings, context.inputs
-        scans = {path: scan_summary(path) for path in workspace.scan_paths()}
-        due = {path: source for path, scan in scans.items() if (source := _due(scan, context))}
+        workspace, settings = context.workspace, context.settings
+        repair = Repair.of(context)
+        due = repair.due(lambda source: _key(source, settings))
         # The shape is read only if a scan is.
         limits = radius_limits(workspace, settings) if due else (0.0, math.inf)
 
         def one(path: Path) -> ScanSummary:
-            options = lidar_options(due[path], settings, path.stem, limits)
-            digest = digests[workspace.relative(due[path].path)]
-            return _write(path, options, due[path], settings, digest)
+            options = lidar_options(due[path].source, settings, path.stem, limits)
+            return _write(
+                context.scratch / path.name, options, due[path].source, settings, due[path].digest
+            )
 
-        scans |= zip(due, context.map("import", one, due), strict=True)
+        again = dict(zip(due, context.map("import", one, due), strict=True))
+        notes = repair.taken(due, again)
+        scans = {**repair.scans, **again}
+        check_doubles(workspace, ((path.stem, scan) for path, scan in scans.items()))
         rejected = {scan.name: dict(scan.rejected) for scan in scans.values() if scan.rejected}
         returns = sum(scan.count for scan in scans.values())
-        summary = {"scans": len(scans), "returns": returns, "rejected": rejected}
-        return StageResult(tuple(scans), summary)
+        origins = {path.stem: Origin.of(scan) for path, scan in scans.items()}
+        sources = {name: origin.as_json() for name, origin in origins.items() if origin}
+        summary = {
+            "scans": len(scans),
+            "returns": returns,
+            "rejected": rejected,
+            "sources": sources,
+        }
+        return StageResult(tuple(scans), summary, tuple(notes))
 
 
 STAGE = IngestStage()
-
-
-def _due(scan: ScanSummary, context: StageContext) -> Source | None:
-    """Return from where a scan has to be read again; None if it is as the settings have it."""
-    source = recorded_source(scan)
-    if source is None:
-        return None
-    digest = context.inputs.get(context.workspace.relative(source.path))
-    current = scan.parameters.get("import_key") == _key(source, context.settings)
-    if current and digest in (None, scan.digest):
-        return None
-    if digest is None:
-        raise WorkspaceError(
-            f"scan {scan.name} has to be read again ([body] or [import] changed), but its file is "
-            "gone",
-            source.path,
-            "restore the file or the settings",
-        )
-    return source
-
-
-def recorded_source(scan: ScanSummary) -> Source | None:
-    """Return where an imported scan came from; None for a scan that was put here by hand."""
-    kept = scan.parameters
-    if "source" not in kept:
-        return None
-    return Source(
-        Path(str(kept["source"])),
-        scan.name,
-        str(kept["format"]),
-        json.loads(str(kept["columns"])),
-        str(kept["unit"]),
-        bool(kept["gps_time"]),
-    )
 
 
 def scan_facts(scan: ScanSummary) -> dict[str, Any]:

@@ -44,6 +44,7 @@ class MapolasStage:
     name: str = "mapolas"
     version: int = 14
     needs: tuple[str, ...] = ("ingest",)
+    places: tuple[str, ...] = ("mapolas",)
     tables: tuple[type[Table], ...] = (
         MapolaSettings,
         BodySettings,

@@ -53,6 +53,7 @@ class RegisterStage:
     name: str = "register"
     version: int = 11
     needs: tuple[str, ...] = ("mapolas",)
+    places: tuple[str, ...] = ("registration.json",)
     tables: tuple[type[Table], ...] = (
         RegisterSettings,
         BodySettings,

@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from fusion.catalog import read_records
 from fusion.digests import FileDigests
 from fusion.fused import FusedMaplet
 from fusion.fused_bigmap import fused_bigmap
@@ -25,6 +24,7 @@ from fusion.products.manifest import (
 )
 from fusion.products.naming import product_stems
 from fusion.products.surface import write_obj, write_ply
+from fusion.records import read_records
 from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
 from fusion.tables import BodySettings, ReleaseSettings, Table
@@ -107,6 +107,7 @@ class ReleaseStage:
     name: str = "release"
     version: int = 1
     needs: tuple[str, ...] = ("fuse", "bigmap")
+    places: tuple[str, ...] = ("release",)
     tables: tuple[type[Table], ...] = (ReleaseSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:

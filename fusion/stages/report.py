@@ -22,6 +22,7 @@ class ReportStage:
     name: str = "report"
     version: int = 2
     needs: tuple[str, ...] = ()
+    places: tuple[str, ...] = ("report.html",)
     tables: tuple[type[Table], ...] = (BodySettings, AcceptSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:

@@ -40,6 +40,7 @@ from fusion.scaling.summary import (
     unobserved_json,
 )
 from fusion.settings import Settings
+from fusion.sources import check_doubles, whole_scans
 from fusion.stages.base import StageContext, StageResult
 from fusion.tables import BodySettings, ScaleSettings, SpiceSettings, SpinSettings, Table
 from fusion.verdict import Finding, Severity, Verdict
@@ -58,8 +59,9 @@ class ScaleStage:
     """Scans, images and SPC surface → scale.json and pairs/."""
 
     name: str = "scale"
-    version: int = 10
+    version: int = 11
     needs: tuple[str, ...] = ("ingest", "register")
+    places: tuple[str, ...] = ("scale.json", "pairs")
     tables: tuple[type[Table], ...] = (
         ScaleSettings,
         BodySettings,
@@ -94,6 +96,7 @@ class ScaleStage:
     def run(self, context: StageContext) -> StageResult:
         """Compare, estimate jointly, write; that nothing can be compared is written too."""
         workspace, table = context.workspace, context.table(ScaleSettings)
+        check_doubles(workspace, whole_scans(workspace).items())
         shape = workspace.shape()
         radius = context.table(BodySettings).mean_radius_m or shape.mean_radius
         caster = RayCaster(shape)

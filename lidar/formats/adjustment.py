@@ -11,8 +11,8 @@ import numpy as np
 
 from lidar.adjustment import ScanAdjustment
 from lidar.nodes import ErrorSizes, Nodes
-from spcola.errors import FormatError, WorkspaceError
-from spcola.formats.hdf5 import replacing_hdf5
+from spcola.errors import FormatError, InvalidValueError, WorkspaceError
+from spcola.formats.hdf5 import DAMAGE, replacing_hdf5
 
 ADJUSTMENT_HDF5 = "adjustment.h5"
 """Name of the file in a folder of mapolas."""
@@ -56,10 +56,11 @@ def read_adjustment(path: str | Path) -> ScanAdjustment:
     path, again = Path(path), "make the mapolas again"
     try:
         file = h5py.File(path, "r")
-    except OSError as error:
+        form = file.attrs.get("format")
+    except DAMAGE as error:
         raise WorkspaceError("cannot be read as HDF5", path, again) from error
     with file:
-        if file.attrs.get("format") != _FORMAT:
+        if form != _FORMAT:
             raise FormatError(f"is not {_FORMAT!r}", path, again)
         try:
             layers: dict[str, Any] = {layer: file[layer][:] for layer in _LAYERS}
@@ -71,5 +72,5 @@ def read_adjustment(path: str | Path) -> ScanAdjustment:
                 step_m=float(file.attrs["step_m"]),
                 **layers,
             )
-        except (KeyError, OSError, ValueError, TypeError) as error:
+        except (*DAMAGE, InvalidValueError) as error:
             raise FormatError(f"is damaged ({error})", path, again) from error

@@ -21,11 +21,13 @@ from lidar.scan import Scan
 from lidar.scansummary import ScanSummary
 from spcola.arrays import AnyArray
 from spcola.errors import FormatError, InvalidValueError
-from spcola.formats.hdf5 import replacing_hdf5
+from spcola.formats.hdf5 import DAMAGE, replacing_hdf5, seal, sealed
 from spcola.trajectory import Trajectory
 
 FORMAT = "SPCOLA scan"
-VERSION = 2
+VERSION = 3
+# Scans of version 2 have no checksum of their attributes; they are read as they are.
+_UNSEALED = 2
 MAGIC = b"\x89HDF\r\n\x1a\n"
 
 _BLOCK = "block{:05d}"
@@ -73,6 +75,7 @@ def write_scan(
             raise InvalidValueError("has no chunk to write", path)
         summary = replace(summary, digest=digest, parameters=dict(parameters or {}))
         _write_attributes(file, summary, blocks)
+        seal(file)
     return summary
 
 
@@ -201,9 +204,10 @@ class _Opened:
     def __enter__(self) -> Any:
         try:
             self._file = h5py.File(self._path, "r")
-        except OSError as error:
+            form = self._file.attrs.get("format")
+        except DAMAGE as error:
             raise self._broken(error) from error
-        if self._file.attrs.get("format") != FORMAT:
+        if form != FORMAT:
             self._file.close()
             raise FormatError(
                 "is an HDF5 file, but no native scan", self._path, "import its source instead"
@@ -212,7 +216,7 @@ class _Opened:
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self._file.close()
-        if isinstance(error, (OSError, KeyError, ValueError, InvalidValueError)):
+        if isinstance(error, (*DAMAGE, InvalidValueError)):
             raise self._broken(error) from error
 
     def _broken(self, error: Exception) -> FormatError:
@@ -319,12 +323,15 @@ def _write_attributes(file: Any, summary: ScanSummary, blocks: int) -> None:
 
 def _read_attributes(file: Any) -> ScanSummary:
     attributes = file.attrs
-    if attributes["version"] != VERSION:
+    version = attributes["version"]
+    if version not in (VERSION, _UNSEALED):
         raise FormatError(
-            f"has version {attributes['version']} of the native format, {VERSION} is known",
+            f"has version {version} of the native format, {VERSION} is known",
             file.filename,
             "import the source again",
         )
+    if not (version == _UNSEALED if (intact := sealed(file)) is None else intact):
+        raise InvalidValueError("fail their checksum", "attributes")
     first, last = attributes["time_span_et_s"]
     return ScanSummary(
         name=str(attributes["name"]),

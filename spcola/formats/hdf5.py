@@ -1,16 +1,24 @@
-"""HDF5 files that are written whole or not at all."""
+"""HDF5 files that are written whole or not at all, and whose attributes have a checksum."""
 
 from __future__ import annotations
 
+import hashlib
 import io
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import h5py
+import numpy as np
 
 from spcola.atomic import replacing
+
+DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, OverflowError)
+"""What h5py raises while it reads a damaged file."""
+
+_SEAL = "seal"
 
 
 class _Patient(io.FileIO):
@@ -76,3 +84,36 @@ def replacing_hdf5(path: str | Path) -> Iterator[Any]:
     """
     with replacing(path) as temporary, new_hdf5(temporary) as file:
         yield file
+
+
+def seal(file: Any) -> None:
+    """Give a file a checksum of all that it holds but the values of its datasets, as `sealed`."""
+    file.attrs[_SEAL] = _digest(file)
+
+
+def sealed(file: Any) -> bool | None:
+    """Tell whether a file is as `seal` left it; None if it has no such checksum.
+
+    It covers the names of all groups and datasets, their attributes, and types and shapes of
+    datasets; not their values, which are to have checksums among the attributes.
+    """
+    stated = file.attrs.get(_SEAL)
+    return None if stated is None else bool(stated == _digest(file))
+
+
+def _digest(file: Any) -> str:
+    """SHA-256 over all nodes of a file, hexadecimal."""
+    digest = hashlib.sha256()
+
+    def add(name: str, node: Any) -> None:
+        attributes = {
+            key: np.asarray(value).tolist() if not isinstance(value, str) else value
+            for key, value in node.attrs.items()
+            if key != _SEAL
+        }
+        form = [node.dtype.str, list(node.shape)] if isinstance(node, h5py.Dataset) else []
+        digest.update(json.dumps([name, form, attributes], sort_keys=True).encode())
+
+    add("/", file)
+    file.visititems(add)
+    return digest.hexdigest()

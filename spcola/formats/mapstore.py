@@ -22,7 +22,7 @@ import numpy as np
 from spcola.arrays import AnyArray
 from spcola.atomic import flush, replacing, write_error
 from spcola.errors import FormatError, InvalidValueError, WorkspaceError
-from spcola.formats.hdf5 import new_hdf5
+from spcola.formats.hdf5 import DAMAGE, new_hdf5
 from spcola.formats.map import map_content, sigma_content, sigma_path
 from spcola.maplet import Maplet, MapletGrid
 
@@ -104,8 +104,12 @@ class MapStore(Generic[M]):
         WorkspaceError, FormatError
             If there is no HDF5, or it is something else.
         """
-        with self._opened(Path(folder) / self.file) as file:
-            return sorted(file)
+        path = Path(folder) / self.file
+        with self._opened(path) as file:
+            try:
+                return sorted(file)
+            except DAMAGE as error:
+                raise FormatError(f"is damaged ({error})", path, self._again) from error
 
     def read(self, folder: str | Path, name: str) -> M:
         """Read the maplet `name` at full precision.
@@ -119,11 +123,11 @@ class MapStore(Generic[M]):
         """
         path = Path(folder) / self.file
         with self._opened(path) as file:
-            if name not in file:
-                raise WorkspaceError(f"holds no {self.kind} {name}", path, self._again)
             try:
+                if name not in file:
+                    raise WorkspaceError(f"holds no {self.kind} {name}", path, self._again)
                 maplet, digest = self._load(file[name], name)
-            except (KeyError, OSError, ValueError, TypeError, InvalidValueError) as error:
+            except (*DAMAGE, InvalidValueError) as error:
                 raise FormatError(f"is damaged at {name} ({error})", path, self._again) from error
         map_path = Path(folder) / f"{name}.MAP"
         if self._digest(map_path) != digest:
@@ -197,9 +201,10 @@ class MapStore(Generic[M]):
         """Open the HDF5 for reading, refused if it is something else."""
         try:
             file = h5py.File(path, "r")
-        except OSError as error:
+            form = file.attrs.get("format")
+        except DAMAGE as error:
             raise WorkspaceError("cannot be read as HDF5", path, self._again) from error
-        if file.attrs.get("format") != self.form:
+        if form != self.form:
             file.close()
             raise FormatError(f"is not {self.form!r}", path, self._again)
         return file

@@ -13,6 +13,7 @@ from fusion.executor import ThreadExecutor
 from fusion.initialise import new_workspace
 from fusion.pipeline import Pipeline
 from fusion.settings import Settings
+from fusion.sources import recorded_source
 from fusion.stages import ingest, mapolas
 from fusion.workspace import Workspace
 from lidar.formats.native import scan_summary, write_scan
@@ -78,7 +79,7 @@ def test_scans_put_there_by_hand_are_left_as_they_are(workspace: Workspace) -> N
     runs = pipeline(workspace).run()
     assert runs[0].summary["returns"] == 30_000
     assert {path: path.read_bytes() for path in workspace.scan_paths()} == before
-    assert ingest.recorded_source(scan_summary(workspace.scan_path("one"))) is None
+    assert recorded_source(scan_summary(workspace.scan_path("one"))) is None
 
 
 def test_spacing_and_size_can_be_chosen(workspace: Workspace) -> None:
@@ -101,7 +102,10 @@ def test_thin_cells_get_no_height(workspace: Workspace) -> None:
 def test_a_taken_away_scan_makes_mapolas_again(workspace: Workspace) -> None:
     pipeline(workspace).run()
     workspace.scan_path("two").unlink()
-    runs = pipeline(workspace).run()
+    with pytest.raises(WorkspaceError, match=r"two\.h5, which stage ingest wrote, is gone"):
+        pipeline(workspace).run()
+    accepting = Settings.model_validate({"accept": {"codes": ["changed-input"]}})
+    runs = pipeline(workspace, accepting).run()
     assert [run.state for run in runs] == ["ran", "ran"]
     assert set(workspace.mapola("AA0001").scan_share) == {"one"}
 

@@ -37,6 +37,7 @@ class Copy:
     runs: int = 0
     act: Callable[[StageContext], None] = field(default=lambda _: None)
     needs: tuple[str, ...] = ()
+    places: tuple[str, ...] = ()
     verdict: Verdict = field(default_factory=Verdict)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:

@@ -109,7 +109,8 @@ def test_without_a_usable_epsilon_nothing_is_written(applied, tmp_path):
     settings.write_text(
         settings.read_text().replace("max_emission_deg = 60.0", "max_emission_deg = 0.001")
     )
-    result = run("scale", alone, tmp_path / "C", "--apply", code=1)
+    accepted = ("--accept", "changed-input")
+    result = run("scale", alone, tmp_path / "C", "--apply", *accepted, code=1)
     assert "there is no epsilon to apply" in result.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["WS"]
 

@@ -148,7 +148,7 @@ def test_middles_are_those_of_the_scans(paths: list[Path], scans: list[Scan]) ->
 
 
 def test_what_does_not_go_together_is_refused(paths: list[Path], tmp_path: Path) -> None:
-    with pytest.raises(InvalidValueError, match="two scans bear this name"):
+    with pytest.raises(InvalidValueError, match="is the scan of two files"):
         ScanStore([paths[0], paths[0]])
     other = tmp_path / "other"
     write_scan(other, [Scan.of_points("other", np.zeros((3, 3)), body="elsewhere")])

@@ -146,6 +146,41 @@ def test_foreign_and_future_files_are_refused(tmp_path: Path) -> None:
         read_scan(path)
 
 
+@pytest.mark.parametrize(
+    ("place", "name", "value"),
+    [
+        ("block00000", "bits", 16),
+        ("block00000", "time_start", 6e8 + 1e-3),
+        ("block00000", "range_start", np.nan),
+        ("/", "bounds_m", np.zeros((2, 3))),
+        ("/", "parameters", '{"source": "elsewhere"}'),
+        ("/", "version", 2),
+    ],
+)
+def test_a_changed_attribute_fails_its_checksum(
+    tmp_path: Path, place: str, name: str, value: object
+) -> None:
+    path = tmp_path / "a.h5"
+    write_scan(path, [scan_of(5000)])
+    with h5py.File(path, "a") as file:
+        file[place].attrs.modify(name, value)
+    for read in (scan_summary, read_scan):
+        with pytest.raises(FormatError, match="attributes: fail their checksum"):
+            read(path)
+
+
+def test_a_scan_of_the_version_without_that_checksum_is_read(tmp_path: Path) -> None:
+    path, scan = tmp_path / "a.h5", scan_of(100)
+    write_scan(path, [scan])
+    with h5py.File(path, "a") as file:
+        del file.attrs["seal"]
+    with pytest.raises(FormatError, match="attributes: fail their checksum"):
+        read_scan(path)
+    with h5py.File(path, "a") as file:
+        file.attrs.modify("version", 2)
+    assert_same(read_scan(path), scan)
+
+
 LAYERS = ["cube", "flag", "intensity", "place", "range", "spacecraft", "start", "time"]
 
 
