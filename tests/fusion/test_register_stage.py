@@ -57,10 +57,18 @@ def terrain(seed: int, relief: float) -> FloatArray:
     return surface
 
 
-def made(folder: Path, directions: FloatArray, *, relief: float = 0.4, other: int = 0) -> Path:
+def made(
+    folder: Path,
+    directions: FloatArray,
+    *,
+    relief: float = 0.4,
+    other: int = 0,
+    filled: float = 1.0,
+) -> Path:
     """A workspace with mapolas of two scans on a ball, and maplets as SPC has them.
 
-    `other`: added to the seeds of what the lidar saw: another body.
+    `other`: added to the seeds of what the lidar saw: another body. `filled`: share of the cells
+    that have returns.
     """
     workspace = new_workspace(folder, body="Ball")
     mapolas = []
@@ -71,7 +79,8 @@ def made(folder: Path, directions: FloatArray, *, relief: float = 0.4, other: in
         spc = Maplet(name, grid, terrain(number, relief) + 0.02 * noise[0])
         write_maplet(workspace.root / "MAPFILES" / f"{name}.MAP", spc.moved(PLANTED))
         height = terrain(number + other, relief) + 0.01 * noise[1]
-        count = np.full(grid.shape, 3)
+        seen = np.random.default_rng(2000 + number).random(grid.shape) < filled
+        height, count = np.where(seen, height, np.nan), 3 * seen
         shares = {"one": 0.75, "two": 0.25} if number % 2 else {"two": 1.0}
         mapolas.append(Mapola(name, grid, height, count=count, scan_share=shares))
     write_mapolas(workspace.root / "mapolas", mapolas)
@@ -328,6 +337,25 @@ def test_lidar_of_another_body_gives_no_number(tmp_path: Path) -> None:
     line = call("register", folder, code=1)
     assert "one body and one frame" in line
     assert not (folder / "registration.json").exists()
+
+
+@pytest.mark.parametrize("filled", [0.71, 0.5])
+def test_mapolas_with_gaps_are_registered(tmp_path: Path, filled: float) -> None:
+    folder = made(tmp_path / "WS", lattice(16), filled=filled)
+    call("register", folder)
+    content = content_of(folder)
+    assert content["n_used"] == 16
+    assert content["scale"] == pytest.approx(PLANTED.scale, abs=4 * content["scale_sigma"])
+    shares = [entry["coverage"] for entry in content["per_mapola"]]
+    np.testing.assert_allclose(shares, filled, atol=0.08)
+
+
+def test_mapolas_too_thin_to_match_are_told_the_gsd_that_would_do(tmp_path: Path) -> None:
+    line = call("register", made(tmp_path / "WS", lattice(16), filled=0.2), code=1)
+    # Twenty hundredths are filled by 0.22 returns in a cell, eighty by 1.6.
+    wanted = GSD * np.sqrt(np.log(0.2) / np.log(0.8))
+    assert f"gsd_m = {wanted:.2g} about 80% would" in line
+    assert "one body" not in line
 
 
 def refused_or_weak(folder: Path, names: tuple[str, ...]) -> None:
