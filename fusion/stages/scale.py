@@ -47,7 +47,7 @@ class ScaleStage:
     """Scans, images and SPC surface → scale.json and pairs/."""
 
     name: str = "scale"
-    version: int = 8
+    version: int = 9
     needs: tuple[str, ...] = ("ingest",)
     tables: tuple[type[Table], ...] = (
         ScaleSettings,
