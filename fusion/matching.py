@@ -18,11 +18,15 @@ from fusion.stages.base import StageContext
 from fusion.surfaces import Reference, surface_reference
 from fusion.tables import RegisterSettings
 from fusion.workspace import SETTINGS_FILE, Workspace
+from lidar.mapola import Mapola
 from spcola.arrays import FloatArray
+from spcola.errors import NotObservableError
 from spcola.maplet import MapletGrid
 
 # Blur and spectrum are of the whole solution; this many mapolas tell them.
 _SAMPLE = 24
+# Share of a mapola's cells that are to have returns for a good match.
+_FILLED = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,10 +119,11 @@ class Matcher:
         match = self.match(name, 0.0)
         if not match.usable:
             return None
-        spc = self.reference(name, self.grid(self.workspace.mapola(name).grid))
-        lidar = spc.height - match.residual
-        blur = estimate_blur(lidar, spc.height, of_slopes=spc.of_slopes)
-        return Aligned(lidar, spc.height, blur)
+        mapola = self.workspace.mapola(name)
+        reference = self.reference(name, self.grid(mapola.grid))
+        lidar, spc = match.on_one_grid(mapola.height, reference.height)
+        blur = estimate_blur(lidar, spc, of_slopes=reference.of_slopes)
+        return Aligned(lidar, spc, blur)
 
 
 def match_mapolas(
@@ -145,3 +150,39 @@ def match_mapolas(
     matches = context.map("match mapolas", lambda name: matcher.match(name, blur, spectrum), names)
     transfer = estimate_transfer((pair.lidar, pair.spc) for pair in aligned)
     return Matched(matches, blur, spectrum, transfer)
+
+
+def check_usable(matches: list[Match], workspace: Workspace, min_coverage: float) -> None:
+    """Check that any of the matches is usable.
+
+    Raises
+    ------
+    NotObservableError
+        If none is; with the reason of the one that compared most, and what would help.
+    """
+    if any(match.usable for match in matches):
+        return
+    best = max(matches, key=lambda match: match.coverage)
+    advice = "check that lidar and SPC are of one body and one frame, or raise [register] capture_m"
+    if best.coverage < min_coverage:
+        advice = _advice_on_gaps(workspace.mapola(best.name), best.coverage)
+    raise NotObservableError(
+        f"none of {len(matches)} mapolas matches the SPC surface ({best.name}: {best.reason})",
+        where=workspace.root / "mapolas",
+        do=advice,
+    )
+
+
+def _advice_on_gaps(mapola: Mapola, compared: float) -> str:
+    """What to do where a mapola and SPC share too little of a grid.
+
+    Of returns that fall at random, n in a cell in the mean, a share of 1 − exp(−n) is filled.
+    """
+    filled = float(np.mean(mapola.valid))
+    if compared < 0.5 * filled:
+        return "check that maplets lie where the lidar has returns, and that the frames are one"
+    wanted = mapola.grid.gsd * np.sqrt(np.log(1.0 - _FILLED) / np.log(1.0 - filled))
+    return (
+        f"{filled:.0%} of its cells have returns; at [mapolas] gsd_m = {wanted:.2g} about "
+        f"{_FILLED:.0%} would, or lower [register] min_coverage"
+    )

@@ -27,6 +27,10 @@ from spcola.robust import huber_weight, mad
 _FREE_TURN = 0.1
 # Rounds in which residuals are weighed by their size, and the size is taken from them.
 _ROUNDS = 3
+# Places in images are written to so many pixels: no residual tells a smaller error than this.
+_ROUNDED = 0.005
+# A smaller share of residuals that landmarks and states leave tells no error of a place.
+_LEAST_FREE = 0.1
 # Fewer landmarks than these do not tell how a camera is turned.
 _LEAST_SEEN = 3
 
@@ -134,7 +138,10 @@ def solve_network(
         normal = _Normal.of(sightings, weight / spread**2, stated)
         left = residual - normal.predicted(sightings)
         # Each camera takes three numbers out of its residuals at least, each landmark some.
-        spread = float(mad(left)) * float(np.sqrt(residual.size / normal.freedom(residual.size)))
+        free, least = normal.freedom(residual.size), _LEAST_FREE * residual.size
+        spread = float(mad(left)) * float(np.sqrt(residual.size / max(free, least)))
+        # Residuals that can all be explained are 0 however wrong the places are.
+        spread = max(spread, options.pixel_sigma if free < least else _ROUNDED)
         weight = huber_weight(np.linalg.norm(left, axis=1) / spread, k=2.5)
     return Network(
         names=tuple(names),
@@ -260,11 +267,11 @@ class _Normal:
         )
 
     def freedom(self, size: int) -> float:
-        """How many of `size` residuals landmarks and states leave, at least a tenth."""
+        """How many of `size` residuals landmarks and states leave; below 0 if there are too few."""
         seen = np.array([len(images) for images, _ in self.ties])
         # A landmark or state has no more of its own than it is seen by.
         taken = float(np.sum(np.minimum(3, 2 * seen))) + 3.0 * len(self.states)
-        return max(size - taken, 0.1 * size)
+        return size - taken
 
     def patterns(self) -> FloatArray:
         """How landmarks err with the states (N, 3, M)."""
@@ -302,9 +309,11 @@ def strongest(patterns: FloatArray, *, least: float) -> tuple[FloatArray, FloatA
     rest : (N, 3, 3) ndarray
         Covariance of each place by what is not kept, square metres.
     """
-    flat = patterns.reshape(-1, patterns.shape[2])
+    count = len(patterns)
+    # Spelled out: NumPy cannot tell the length of an axis from an array of size 0.
+    flat = patterns.reshape(3 * count, patterns.shape[2])
     if not flat.size:
-        return np.zeros((*patterns.shape[:2], 0)), np.zeros((len(patterns), 3, 3))
+        return np.zeros((count, 3, 0)), np.zeros((count, 3, 3))
     short = flat.shape[0] < flat.shape[1]
     square, directions = linalg.eigh(flat @ flat.T if short else flat.T @ flat)
     chosen = np.flatnonzero(square > least**2)[::-1]
@@ -312,6 +321,6 @@ def strongest(patterns: FloatArray, *, least: float) -> tuple[FloatArray, FloatA
         kept = directions[:, chosen] * np.sqrt(square[chosen])
     else:
         kept = flat @ directions[:, chosen]
-    kept = kept.reshape(*patterns.shape[:2], -1)
+    kept = kept.reshape(count, 3, len(chosen))
     whole = np.einsum("nim,njm->nij", patterns, patterns)
     return kept, whole - np.einsum("nik,njk->nij", kept, kept)

@@ -35,6 +35,9 @@ class Fields:
     moving, fixed : (R, C) ndarray
         Metres; finite everywhere.
     moving_known, fixed_known : (R, C) bool ndarray
+    moving_near : (R, C) bool ndarray
+        Where the moving surface is known or closed from around, so that values between points may
+        rest on it.
     sigma : (R, C) ndarray
         Of their difference, relative.
     level : float
@@ -43,10 +46,16 @@ class Fields:
 
     moving: FloatArray
     moving_known: BoolArray
+    moving_near: BoolArray
     fixed: FloatArray
     fixed_known: BoolArray
     sigma: FloatArray
     level: float
+
+    @property
+    def moving_masks(self) -> tuple[BoolArray, BoolArray]:
+        """Where the moving surface is known, and where it may be interpolated."""
+        return self.moving_known, self.moving_near
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +208,7 @@ class Aligner:
         fields = self.fields
         shift, plane, spread, iterations, settled = gauss_newton(
             (self.coefficients, fields.fixed, fields.sigma),
-            (fields.moving_known, fields.fixed_known),
+            (fields.moving_masks, fields.fixed_known),
             np.ascontiguousarray(told),
             fields.level,
             np.array(start, dtype=np.float64),
@@ -228,7 +237,7 @@ class Aligner:
         where too few points are common.
         """
         fields = self.fields
-        moved, held = displaced(self.coefficients, fields.moving_known, start[0], start[1])
+        moved, held = displaced(self.coefficients, fields.moving_masks, start[0], start[1])
         compared = fields.fixed_known & held
         if np.count_nonzero(compared) < LEAST_POINTS:
             return None
@@ -246,7 +255,7 @@ class Aligner:
     def _linearised(self, shift: FloatArray, told: FloatArray) -> _Linearised:
         """Of the difference at a displacement (2,), cells, with respect to those along `told`."""
         fields = self.fields
-        moved, held = displaced(self.coefficients, fields.moving_known, shift[0], shift[1])
+        moved, held = displaced(self.coefficients, fields.moving_masks, shift[0], shift[1])
         told = np.ascontiguousarray(told)
         partials, difference = partial_layers(moved, fields.fixed, fields.sigma, told, fields.level)
         return _Linearised(partials, difference, fields.fixed_known & held, moved, told)

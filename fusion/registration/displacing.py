@@ -23,7 +23,7 @@ _TO_AND_FRO = 5e-3
 @kernel
 def gauss_newton(
     layers: tuple[FloatArray, FloatArray, FloatArray],
-    known: tuple[BoolArray, BoolArray],
+    known: tuple[tuple[BoolArray, BoolArray], BoolArray],
     told: FloatArray,
     level: float,
     start: FloatArray,
@@ -31,8 +31,9 @@ def gauss_newton(
 ) -> tuple[FloatArray, FloatArray, float, int, bool]:
     """Displace, linearise, re-weight, solve, until the displacement settles.
 
-    `layers` are the spline's coefficients, the fixed surface and sigma. After 0 iterations too few
-    points are common.
+    `layers` are the spline's coefficients, the fixed surface and sigma; `known` tells where the
+    displaced surface is (as :func:`displaced` takes it) and where the fixed one. After 0
+    iterations too few points are common.
     """
     coefficients, fixed, sigma = layers
     shift, along = start.copy(), told.shape[1]
@@ -63,8 +64,8 @@ def gauss_newton(
                 offset += told[axis, k] * min(max(estimate[k], -1.0), 1.0)
             shift[axis] += offset
             most = max(most, abs(offset))
-        # Where a displacement of 0 changes which points have all their neighbours, it goes to and
-        # fro by some thousandths of a cell.
+        # Where a displacement changes which points are compared, it goes to and fro by some
+        # thousandths of a cell.
         enough = limits[1] if iteration <= _ROUNDS_OF_SPREAD else max(limits[1], _TO_AND_FRO)
         # A rough answer need not have come to Tukey's weights.
         fewest = 2 if limits[1] > _TO_AND_FRO else _ROUNDS_OF_HUBER + 2
@@ -180,11 +181,15 @@ def slope_moments(
 
 @kernel
 def displaced(
-    coefficients: FloatArray, known: BoolArray, shift_x: float, shift_y: float
+    coefficients: FloatArray,
+    known: tuple[BoolArray, BoolArray],
+    shift_x: float,
+    shift_y: float,
 ) -> tuple[FloatArray, BoolArray]:
     """Cubic spline at ``(x − shift_x, y − shift_y)``, and where it is known.
 
-    A displacement that is alike everywhere needs one set of weights.
+    It is where the nearest point is known and those around at least near to known ones: `known`
+    are the masks (R, C) of both. A displacement that is alike everywhere needs one set of weights.
     """
     rows, columns = coefficients.shape
     i, j = int(np.floor(-shift_y)), int(np.floor(-shift_x))
@@ -192,6 +197,8 @@ def displaced(
     # Neighbours that a linear interpolation would use.
     down = 1 if -shift_y - i > 1e-9 else 0
     right = 1 if -shift_x - j > 1e-9 else 0
+    lower = 1 if -shift_y - i > 0.5 else 0
+    later = 1 if -shift_x - j > 0.5 else 0
     along = np.empty(coefficients.shape)
     value = np.empty(coefficients.shape)
     held = np.zeros(coefficients.shape, dtype=np.bool_)
@@ -222,9 +229,10 @@ def displaced(
             )
         if r + i < 0 or r + i + down >= rows:
             continue
-        near, next_to = known[r + i], known[r + i + down]
+        nearest, near, next_to = known[0][r + i + lower], known[1][r + i], known[1][r + i + down]
         for c in range(max(0, -j), min(columns, columns - j - right)):
             held[r, c] = near[c + j] & near[c + j + right] & next_to[c + j] & next_to[c + j + right]
+            held[r, c] &= nearest[c + j + later]
     return value, held
 
 

@@ -9,9 +9,10 @@ import numpy as np
 from fusion.registration.alignment import Aligner, Alignment, Fields, Left, Search, tilts
 from fusion.registration.coarse import APART, AREA, coarse_shift
 from fusion.registration.noise import NoiseSpectrum, bridged, supported
-from fusion.registration.resolution import blur, plane_of
+from fusion.registration.resolution import blurred_over_gaps, plane_of
 from fusion.registration.weights import BEST_SHARE
 from spcola.arrays import BoolArray, FloatArray
+from spcola.gaps import closable
 from spcola.maplet import MapletGrid
 
 # Fewer independent differences than twice the parameters of a match give no covariance.
@@ -25,6 +26,8 @@ _TORN = 5.0
 # A displacement that moves by less than that, cells, has settled; one that is a start for another
 # search, or a rival, sooner.
 _SETTLED, _ROUGH = 1e-3, 0.03
+# No displacement is known better than this, cells.
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -103,12 +106,15 @@ class Match:
     local : (3,) ndarray
         d along Ux, Uy, Uz.
     residual : (2q+1, 2q+1) ndarray
-        SPC minus moved lidar height, metres; NaN where not compared.
+        SPC minus moved lidar height less their plane, metres; NaN where not compared.
     correlation, coverage : float
         Of the surfaces (planes removed) after the match; share of the grid compared.
     iterations : int
     reason : str
         Empty if the match is good, else why it must not be used.
+    at_lidar : bool
+        Whether the residual is at the grid points of the lidar, the SPC surface being displaced to
+        them, as that has fewer gaps; else it is at those of the SPC surface.
     """
 
     name: str
@@ -121,16 +127,29 @@ class Match:
     coverage: float
     iterations: int
     reason: str
+    at_lidar: bool = False
 
     @property
     def usable(self) -> bool:
         """Whether the match may enter a fit."""
         return not self.reason
 
+    def on_one_grid(self, lidar: FloatArray, spc: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Heights (N, N) of lidar and SPC at the same ground, from those that were matched, metres.
+
+        Of the one that is not displaced as they are; of the other NaN where nothing was compared.
+        """
+        return (lidar, lidar + self.residual) if self.at_lidar else (spc - self.residual, spc)
+
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """Two surfaces on one grid at one resolution, less the plane that they have in common."""
+    """Two surfaces on one grid at one resolution, less the plane that they have in common.
+
+    A value between points needs all points around it, and random gaps of 30 % leave a quarter of
+    them. The surface with fewer gaps is therefore the one that is displaced; the other is compared
+    at its own points.
+    """
 
     moving: FloatArray
     fixed: FloatArray
@@ -138,6 +157,7 @@ class _Pair:
     sigma: FloatArray  # of their difference, against that of the points known best
     stated: float  # metres, what a `sigma` of 1 is; 0 where none is known
     gsd: float
+    turned: bool = False  # whether `moving` is the SPC surface and `fixed` the lidar's
 
     @property
     def moving_known(self) -> BoolArray:
@@ -146,6 +166,12 @@ class _Pair:
     @property
     def fixed_known(self) -> BoolArray:
         return np.isfinite(self.fixed)
+
+    def with_fewer_gaps_moving(self) -> _Pair:
+        """The pair in which the surface with more gaps is not displaced."""
+        if np.count_nonzero(self.moving_known) >= np.count_nonzero(self.fixed_known):
+            return self
+        return replace(self, moving=self.fixed, fixed=self.moving, turned=True)
 
 
 def match_surfaces(
@@ -188,7 +214,7 @@ def match_surfaces(
         With NaN displacement and a `reason` where nothing trustworthy was found.
     """
     options = options or MatchOptions()
-    pair = _prepare(grid, moving, fixed, blur_cells)
+    pair = _prepare(grid, moving, fixed, blur_cells).with_fewer_gaps_moving()
     both = float(np.mean(pair.moving_known & pair.fixed_known))
     if both < options.min_coverage:
         return unmatched(name, grid, both, f"only {both:.0%} of the grid is held by both surfaces")
@@ -217,9 +243,9 @@ def _prepare(grid: MapletGrid, moving: Surface, fixed: Surface, blur_cells: floa
     """Bring both surfaces to one resolution, and take out the plane of the fixed one."""
     soft_moving, soft_fixed = moving.height, fixed.height
     if blur_cells > 0:
-        soft_moving = blur(soft_moving, blur_cells, of_slopes=fixed.of_slopes)
+        soft_moving = blurred_over_gaps(soft_moving, blur_cells, of_slopes=fixed.of_slopes)
     elif blur_cells < 0:
-        soft_fixed = blur(soft_fixed, -blur_cells, of_slopes=moving.of_slopes)
+        soft_fixed = blurred_over_gaps(soft_fixed, -blur_cells, of_slopes=moving.of_slopes)
     plane = plane_of(soft_fixed)
     rows, columns = plane.shape
     rise = np.array(
@@ -261,6 +287,7 @@ def _plain(pair: _Pair) -> Fields:
     return Fields(
         bridged(pair.moving),
         pair.moving_known,
+        closable(pair.moving_known),
         bridged(pair.fixed),
         pair.fixed_known,
         pair.sigma,
@@ -280,6 +307,7 @@ def _whitened(
     fields = Fields(
         moving,
         supported(plain_fields.moving_known),
+        supported(plain_fields.moving_near),
         fixed,
         supported(plain_fields.fixed_known),
         plain_fields.sigma,
@@ -318,11 +346,12 @@ def _judged(
         displacement=grid.axes.T @ local,
         covariance=grid.axes.T @ covariance @ grid.axes,
         local=local,
-        residual=left.standardised * pair.sigma,
+        residual=left.standardised * pair.sigma * (-1.0 if pair.turned else 1.0),
         correlation=correlation,
         coverage=coverage,
         iterations=found.best.iterations,
         reason=_objection(pair, found, options, correlation, local),
+        at_lidar=pair.turned,
     )
 
 
@@ -340,9 +369,24 @@ def _in_metres(pair: _Pair, found: _Found, options: MatchOptions) -> tuple[Float
     # The plane that was taken out has moved too.
     to_metres = np.diag([pair.gsd, pair.gsd, 1.0])
     to_metres[2, :2] = slope
-    return to_metres @ np.array([*best.shift, best.plane[0]]), (
-        to_metres @ covariance @ to_metres.T
-    )
+    up = best.plane[0]
+    if pair.turned:
+        # The plane is where the points of the lidar are, and the middle is that of the SPC surface.
+        up += best.plane[1:] @ (best.shift / pair.moving.shape[::-1])
+        to_metres = -to_metres
+    spread = _positive(to_metres @ covariance @ to_metres.T, _ROUNDING * pair.gsd)
+    return to_metres @ np.array([*best.shift, up]), spread
+
+
+def _positive(covariance: FloatArray, least: float) -> FloatArray:
+    """A covariance (3, 3) with no sigma below `least`: that of equal surfaces is rounding."""
+    if not np.isfinite(covariance).all():
+        return covariance
+    values, vectors = np.linalg.eigh(covariance)
+    if values[0] >= least**2:
+        return covariance
+    positive: FloatArray = (vectors * np.maximum(values, least**2)) @ vectors.T
+    return positive
 
 
 def _objection(

@@ -17,7 +17,7 @@ from scipy import fft, ndimage
 
 from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape, frozen
 from spcola.errors import InvalidValueError
-from spcola.gaps import carried_on
+from spcola.gaps import carried_on, closable, closed
 from spcola.robust import mad
 from spcola.surfacecorrelation import autocovariance
 
@@ -29,9 +29,8 @@ _REACH = 24
 _RINGS = 37
 # Robust standard deviations at which a difference is cut off: a boulder is no noise.
 _CUT = 3.0
-# Cells by which a field is carried on beyond its edges, mirrored, and over which a gap is bridged.
+# Cells by which a field is carried on beyond its edges, mirrored.
 _MARGIN = 12
-_BRIDGE = 1.0
 # Standard deviation, cells, of the neighbourhood of which a filtered point must know this share.
 _SUPPORT = 1.5
 _KNOWN = 0.9
@@ -152,15 +151,14 @@ def bridged(height: FloatArray) -> FloatArray:
         return height
     if not known.any():
         return np.zeros(height.shape)
-    support = ndimage.gaussian_filter(known.astype(np.float64), _BRIDGE)
-    around = ndimage.gaussian_filter(np.where(known, height, 0.0), _BRIDGE)
-    near = known | (support > 0.2)
-    whole = np.where(known, height, around / np.maximum(support, 1e-12))
-    return carried_on(np.where(near, whole, np.nan))
+    return carried_on(closed(height))
 
 
 def supported(known: BoolArray) -> BoolArray:
-    """Where (R, C) a filtered value rests on points that are known, beyond a few around it."""
-    share = ndimage.gaussian_filter(known.astype(np.float64), _SUPPORT, mode="constant")
+    """Where (R, C) a filtered value rests on points that are known, beyond a few around it.
+
+    What narrow gaps lack is told by the points around them, as :func:`bridged` closes them.
+    """
+    share = ndimage.gaussian_filter(closable(known).astype(np.float64), _SUPPORT, mode="constant")
     enough: BoolArray = known & (share > _KNOWN)
     return enough

@@ -15,7 +15,7 @@ from scipy import ndimage
 from scipy.optimize import minimize_scalar
 
 from spcola.arrays import BoolArray, FloatArray
-from spcola.gaps import carried_on
+from spcola.gaps import carried_on, closed
 from spcola.robust import mad
 
 # A smoothed value that rests on less than this share of the grid points around is not known.
@@ -116,6 +116,17 @@ def _support(shape: tuple[int, int], sigma_cells: float) -> FloatArray:
     return support
 
 
+def blurred_over_gaps(
+    height: FloatArray, sigma_cells: float, *, of_slopes: bool = True
+) -> FloatArray:
+    """As :func:`blur`, narrow gaps closed before: NaN again where `height` is.
+
+    A mean over what is known alone lies aside of its point, and moves slopes with it.
+    """
+    soft = blur(closed(height), sigma_cells, of_slopes=of_slopes)
+    return np.where(np.isfinite(height), soft, np.nan)
+
+
 def _smooth(values: FloatArray, sigma_cells: float) -> FloatArray:
     return ndimage.gaussian_filter(values, sigma_cells, mode="constant", truncate=4.0)
 
@@ -145,7 +156,9 @@ def estimate_blur(
     float
         In (−largest, largest); NaN if fewer than 100 points are common.
     """
-    margin = np.isfinite(blur(lidar, largest_cells)) & np.isfinite(blur(spc, largest_cells))
+    margin = np.isfinite(lidar) & np.isfinite(spc)
+    lidar, spc = closed(lidar), closed(spc)
+    margin &= np.isfinite(blur(lidar, largest_cells)) & np.isfinite(blur(spc, largest_cells))
     if margin.sum() < 100:
         return float("nan")
     soften = partial(blur, of_slopes=of_slopes)

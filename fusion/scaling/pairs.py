@@ -126,7 +126,7 @@ def _judged(
 
 def blur_of(pair: Pair) -> float:
     """Blur of the SPC bigmap against the lidar's, cells; NaN where they share too little."""
-    return estimate_blur(pair.spc.height - pair.match.residual, pair.spc.height)
+    return estimate_blur(*pair.match.on_one_grid(pair.lidar.height, pair.spc.height))
 
 
 def pair_observations(

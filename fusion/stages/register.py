@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from fusion.acceptance import evidence_of, unregistered, with_verdict
 from fusion.locating import return_paths
-from fusion.matching import Matched, match_mapolas
+from fusion.matching import Matched, check_usable, match_mapolas
 from fusion.registration.apply import GivenRegistration, applied_json, given_registration
 from fusion.registration.fit import FitOptions
 from fusion.registration.judging import Limits, judge_registration
@@ -152,14 +152,7 @@ def _registered(
         If no mapola matches, too few do, or a parameter of the model is free.
     """
     workspace, table = context.workspace, context.table(RegisterSettings)
-    if not any(match.usable for match in matched.matches):
-        raise NotObservableError(
-            f"none of {len(matched.matches)} mapolas matches the SPC surface "
-            f"({matched.matches[0].reason})",
-            where=workspace.root / "mapolas",
-            do="check that lidar and SPC are of one body and one frame, or raise "
-            "[register] capture_m",
-        )
+    check_usable(matched.matches, workspace, table.min_coverage)
     if given is not None:
         return _applied(workspace, given, matched, table)
     if table.by in ("images", "both"):

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from lidar.formats.las_crs import LasSystem, las_system
 from lidar.formats.options import LidarOptions
 from lidar.formats.screening import Agreement, Records, Screen
 from lidar.scan import Scan
@@ -40,6 +41,10 @@ def is_las(head: bytes) -> bool:
 def read_las(path: Path, options: LidarOptions) -> Iterator[Scan]:
     """Yield the returns of a LAS, LAZ or COPC file; the flag of a return is its class.
 
+    Coordinates are metres unless the file states a coordinate reference system: lengths in another
+    unit are converted, longitude and latitude refused. Of a map projection x, y and z are taken as
+    they stand, a plane for the ground.
+
     Withheld returns and the noise classes 7 and 18 are refused, and those outside the box that
     the header states. The spacecraft and the range are unknown, but for a file with the extra
     dimensions of an altimeter (``range``, ``spacecraft_x`` and so on, as
@@ -49,20 +54,38 @@ def read_las(path: Path, options: LidarOptions) -> Iterator[Scan]:
     Raises
     ------
     FormatError
-        If the file is cut off, or its header is not sound.
+        If the file is cut off, its header is not sound, or its coordinates are no lengths.
     """
     with _opened(path) as reader:
         header = reader.header
         _check_header(path, header, options)
+        units = np.array(_system(path, reader).units_m(path, options.unit))
         screen = Screen(path, _AGREEMENT, options)
         count = 0
         for chunk in _chunks(path, reader, options.chunk):
             count += len(chunk)
-            yield screen.scan(_records(path, chunk, header, options))
+            yield screen.scan(_records(path, chunk, header, options, units))
     if count != header.point_count:
         raise FormatError(
             f"is truncated: {count} of {header.point_count} returns are there", path, _AGAIN
         )
+
+
+def read_las_system(path: Path) -> LasSystem:
+    """Return the coordinate reference system that a LAS, LAZ or COPC file states.
+
+    Raises
+    ------
+    FormatError
+        If it is no such file, or the system cannot be read.
+    """
+    with _opened(path) as reader:
+        return _system(path, reader)
+
+
+def _system(path: Path, reader: Any) -> LasSystem:
+    """Return the coordinate reference system of an open file."""
+    return las_system(path, reader.header, [*reader.header.vlrs, *(reader.evlrs or [])])
 
 
 def _opened(path: Path) -> Any:
@@ -155,20 +178,22 @@ def _is_adjusted(header: Any) -> bool:
     return bool(header.global_encoding.gps_time_type.value == 1)
 
 
-def _records(path: Path, chunk: Any, header: Any, options: LidarOptions) -> Records:
+def _records(
+    path: Path, chunk: Any, header: Any, options: LidarOptions, units_m: FloatArray
+) -> Records:
     stated = np.stack([np.asarray(chunk[axis]) for axis in "xyz"], axis=1).astype(np.float64)
     classes = np.asarray(chunk["classification"]).astype(np.int16)
     names = set(header.point_format.dimension_names)
     altimeter = {RANGE, *SPACECRAFT} <= names
     time = measured = spacecraft = None
     if altimeter:
-        measured = np.asarray(chunk[RANGE], dtype=np.float64) * options.unit_m("m")
+        measured = np.asarray(chunk[RANGE], dtype=np.float64) * units_m[0]
         spacecraft = np.stack([np.asarray(chunk[axis]) for axis in SPACECRAFT], axis=1)
-        spacecraft = spacecraft.astype(np.float64) * options.unit_m("m")
+        spacecraft = spacecraft.astype(np.float64) * units_m
     if options.gps_time or (altimeter and _is_adjusted(header)):
         time = np.asarray(chunk["gps_time"]) + ADJUSTED_EPOCH_ET_S
     return Records(
-        points=stated * options.unit_m("m"),
+        points=stated * units_m,
         spacecraft=spacecraft,
         range=measured,
         intensity=np.asarray(chunk["intensity"]).astype(np.float64),

@@ -174,9 +174,20 @@ def _lines(landmark: Landmark) -> list[str]:
 
 
 def _overlap_line(overlap: MapOverlap) -> str:
-    """Return the line of an overlap: the name in six columns, three numbers in ten each."""
+    """Return the line of an overlap: the name in six columns, three numbers in ten each.
+
+    They have two decimals, as in published files, or as many more as it takes to read them again.
+    """
     check_name(overlap.name, "landmark", overlap.name)
     numbers = (overlap.x, overlap.y, overlap.h)
     if not np.all(np.abs(numbers) < 1e6):
         raise InvalidValueError(f"{numbers} do not fit their columns", overlap.name)
-    return f"{overlap.name:<6}" + "".join(f"{number:10.2f}" for number in numbers) + "\n"
+    return f"{overlap.name:<6}" + "".join(_overlap_number(float(x)) for x in numbers) + "\n"
+
+
+def _overlap_number(value: float) -> str:
+    """Return a number in ten columns, or in more, that reads as the same double."""
+    text = f"{value:.2f}"
+    if float(text) != value:
+        text = repr(value)
+    return text.rjust(10) if len(text) < 10 else f" {text}"

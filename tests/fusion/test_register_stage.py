@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,19 @@ from typer.testing import CliRunner
 
 from fusion.cli.app import app
 from fusion.initialise import new_workspace
+from fusion.workspace import Workspace
 from lidar.formats.mapola import write_mapolas
 from lidar.mapola import Mapola
 from spcola.arrays import FloatArray
+from spcola.camera import Camera
+from spcola.formats.lmk import write_landmark
 from spcola.formats.map import write_maplet
+from spcola.formats.sum import write_summary
+from spcola.image import ImagePoint, SpcImage
+from spcola.landmark import Landmark
 from spcola.lattice import lattice
 from spcola.maplet import Maplet, MapletGrid
+from spcola.projection import project_image
 from spcola.similarity import Similarity
 
 PLANTED = Similarity.from_rotation_vector(
@@ -56,10 +64,12 @@ def made(
     relief: float = 0.4,
     other: int = 0,
     planted: Similarity = PLANTED,
+    filled: float = 1.0,
 ) -> Path:
     """A workspace with mapolas of two scans on a ball, and maplets as SPC has them.
 
-    `other`: added to the seeds of what the lidar saw: another body.
+    `other`: added to the seeds of what the lidar saw: another body. `filled`: share of the cells
+    that have returns.
     """
     workspace = new_workspace(folder, body="Ball")
     mapolas = []
@@ -70,7 +80,8 @@ def made(
         spc = Maplet(name, grid, terrain(number, relief) + 0.02 * noise[0])
         write_maplet(workspace.root / "MAPFILES" / f"{name}.MAP", spc.moved(planted))
         height = terrain(number + other, relief) + 0.01 * noise[1]
-        count = np.full(grid.shape, 3)
+        seen = np.random.default_rng(2000 + number).random(grid.shape) < filled
+        height, count = np.where(seen, height, np.nan), 3 * seen
         shares = {"one": 0.75, "two": 0.25} if number % 2 else {"two": 1.0}
         mapolas.append(Mapola(name, grid, height, count=count, scan_share=shares))
     write_mapolas(workspace.root / "mapolas", mapolas)
@@ -261,6 +272,60 @@ def test_two_mapolas_are_refused(tmp_path: Path) -> None:
     assert_refused(folder, "not-determined")
 
 
+def with_landmarks(folder: Path, *, seen: int) -> None:
+    """Give the maplets landmarks, and one image that sees the first `seen` of them."""
+    workspace = Workspace.open(folder)
+    grids = {name: workspace.maplet(name).grid for name in workspace.maplet_names()}
+    for name, grid in grids.items():
+        landmark = Landmark(name, grid, np.full(3, 0.05))
+        write_landmark(folder / "LMKFILES" / f"{name}.LMK", landmark)
+    camera = Camera(100.0, np.full(2, 512.0), np.array([[60.0, 0, 0], [0, 60.0, 0]]), 1024, 1024)
+    center = grids["AA0000"].center
+    sight = -center / np.linalg.norm(center)
+    across = np.cross(sight, [0.6, 0.8, 0.0])
+    across /= np.linalg.norm(across)
+    axes = np.stack([across, np.cross(sight, across), sight])
+    image = SpcImage("I0", "2019 MAR 01 00:00:00.000", camera, 1e3 * sight, axes, -sight)
+    pixels = np.stack(project_image(image, np.array([grid.center for grid in grids.values()])))
+    points = [
+        ImagePoint(name, *place) for name, place in zip(grids, pixels.T.tolist(), strict=True)
+    ]
+    write_summary(folder / "SUMFILES" / "I0.SUM", replace(image, landmarks=tuple(points[:seen])))
+
+
+@pytest.mark.parametrize("seen", [None, 0, 2, 8])
+@pytest.mark.parametrize("landmarks", ["images", "sigmas", "ignore"])
+def test_landmarks_that_no_image_ties_err_by_themselves(
+    tmp_path: Path, landmarks: str, seen: int | None
+) -> None:
+    """No image at all (None), one that sees too few to tie them, or one that ties some."""
+    folder = made(tmp_path / "WS", lattice(16))
+    with_landmarks(folder, seen=seen or 0)
+    if seen is None:
+        (folder / "SUMFILES" / "I0.SUM").unlink()
+    settings = folder / "spcola.toml"
+    text = settings.read_text(encoding="utf-8")
+    settings.write_text(
+        text.replace('landmarks = "images"', f'landmarks = "{landmarks}"'), encoding="utf-8"
+    )
+    call("register", folder)
+    content = content_of(folder)
+    assert content["scale"] == pytest.approx(PLANTED.scale, abs=4 * content["scale_sigma"])
+    if landmarks == "ignore":
+        assert content["landmarks"] is None
+    else:
+        tied = landmarks == "images" and seen == 8
+        assert content["landmarks"]["images"] == int(tied)
+        assert (content["landmarks"]["patterns"] > 0) == tied
+
+
+def test_one_maplet_is_refused_for_what_it_is(tmp_path: Path) -> None:
+    folder = made(tmp_path / "WS", lattice(16)[:1])
+    with_landmarks(folder, seen=1)
+    line = call("register", folder, code=1)
+    assert "1 mapola(s) give 3 numbers for 7 parameters" in line
+
+
 def test_a_sphere_without_relief_gives_no_number_or_one_that_says_what_it_is(
     tmp_path: Path,
 ) -> None:
@@ -305,6 +370,25 @@ def assert_refused(folder: Path, code: str) -> None:
     shutil.copy(folder / "registration.json", elsewhere)
     line = call("register", folder, "--apply", elsewhere, code=1)
     assert "is of a registration that was refused" in line
+
+
+@pytest.mark.parametrize("filled", [0.71, 0.5])
+def test_mapolas_with_gaps_are_registered(tmp_path: Path, filled: float) -> None:
+    folder = made(tmp_path / "WS", lattice(16), filled=filled)
+    call("register", folder)
+    content = content_of(folder)
+    assert content["n_used"] == 16
+    assert content["scale"] == pytest.approx(PLANTED.scale, abs=4 * content["scale_sigma"])
+    shares = [entry["coverage"] for entry in content["per_mapola"]]
+    np.testing.assert_allclose(shares, filled, atol=0.08)
+
+
+def test_mapolas_too_thin_to_match_are_told_the_gsd_that_would_do(tmp_path: Path) -> None:
+    line = call("register", made(tmp_path / "WS", lattice(16), filled=0.2), code=1)
+    # Twenty hundredths are filled by 0.22 returns in a cell, eighty by 1.6.
+    wanted = GSD * np.sqrt(np.log(0.2) / np.log(0.8))
+    assert f"gsd_m = {wanted:.2g} about 80% would" in line
+    assert "one body" not in line
 
 
 def refused_or_weak(folder: Path, names: tuple[str, ...]) -> None:

@@ -21,8 +21,9 @@ REACH = 200.0
 
 
 def test_autzen_is_gridded_exactly_as_by_brute_force(shared_data):
-    """110 000 airborne returns; the file's planar coordinates (feet) are taken as they are."""
-    points = read_scan(shared_data / "pointcloud" / "autzen_trim.laz").points
+    """110 000 airborne returns on a map; metres are made feet again, hundredths of which add up."""
+    metres = read_scan(shared_data / "pointcloud" / "autzen_trim.laz").points
+    points = np.round(metres / 0.3048, 2)
     low, high = points.min(axis=0), points.max(axis=0)
     center = np.round([*(low + high)[:2] / 2, 0.0])
     grid = MapletGrid(center, np.eye(3), 25.0, 30)

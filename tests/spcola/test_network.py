@@ -113,6 +113,50 @@ def test_strongest_patterns_and_the_rest_are_the_whole():
     np.testing.assert_allclose(others, 0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize("count", [0, 1, 5])
+@pytest.mark.parametrize("patterns", [0, 1, 7, 20])
+@pytest.mark.parametrize("least", [0.0, 1e-3, 1e9])
+def test_any_number_of_places_and_patterns_has_its_strongest(count, patterns, least):
+    """None of either, or none that is strong enough, is as good a case as any."""
+    whole = np.random.default_rng(count + patterns).normal(size=(count, 3, patterns))
+    kept, rest = strongest(whole, least=least)
+    assert kept.shape[:2] == (count, 3)
+    assert kept.shape[2] == (0 if least > 1e3 else min(3 * count, patterns))
+    np.testing.assert_allclose(
+        np.einsum("nim,njm->nij", kept, kept) + rest,
+        np.einsum("nim,njm->nij", whole, whole),
+        atol=1e-12,
+    )
+
+
+@pytest.mark.parametrize("landmarks", [0, 1, 2, 50])
+@pytest.mark.parametrize("images", [0, 1, 24])
+def test_a_network_may_be_of_any_size(landmarks, images):
+    names, centers, seen, _ = planted(6)
+    network = solved(names[:landmarks], centers[:landmarks], seen[:images])
+    assert network.offset.shape == (landmarks, 3)
+    assert network.shared.shape == (landmarks, 3, 6 * network.images)
+    assert np.all(np.linalg.eigvalsh(network.own) > 0.0)
+    assert np.isfinite(network.shared).all()
+
+
+@pytest.mark.parametrize(("landmarks", "images"), [(50, 24), (8, 1), (50, 2), (3, 3)])
+def test_places_that_fit_exactly_do_not_make_a_network_exact(landmarks, images):
+    """Few images can explain any places: no residual is left, and that tells nothing of them."""
+    names, centers, seen, _ = planted(7)
+    names, centers = names[:landmarks], centers[:landmarks]
+    exact = []
+    for image in seen[:images]:
+        places = np.stack(project_image(image, centers), axis=1).tolist()
+        points = tuple(ImagePoint(name, *at) for name, at in zip(names, places, strict=True))
+        exact.append(replace(image, landmarks=points))
+    network = solved(names, centers, exact)
+    redundant = landmarks == 50
+    assert network.pixel_sigma == (0.005 if redundant else NetworkOptions().pixel_sigma)
+    np.testing.assert_allclose(network.offset, 0.0, atol=1e-6)
+    assert np.all(np.linalg.eigvalsh(network.own) > 0.0)
+
+
 def test_without_images_landmarks_keep_their_sigmas():
     names, centers, _, _ = planted(3)
     network = solve_network(names, centers, np.full(centers.shape, np.nan), [])

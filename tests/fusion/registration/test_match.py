@@ -143,6 +143,67 @@ def test_gaps_do_not_matter_but_too_many_are_said():
     assert np.isnan(refused.displacement).all()
 
 
+def gappy(surface, share, seed):
+    """A surface of which a share is known at random."""
+    known = np.random.default_rng(9000 + seed).random(surface.shape) < share
+    return np.where(known, surface, np.nan)
+
+
+@pytest.mark.parametrize("share", [0.9, 0.71, 0.5])
+def test_pulls_are_of_unit_width_however_many_points_are_missing(share):
+    """As many points are compared as there are, and nearly as well as if none were missing."""
+    pulls, whole, errors = [], [], []
+    for seed in range(24):
+        generator = np.random.default_rng(5000 + seed)
+        spc = terrain(seed, shift=(0.4, 0.3), smooth=1.2, relief=0.3)
+        spc = blur(spc, 1.2) + 0.02 * correlated_noise(generator, 2.0)
+        lidar = terrain(seed, smooth=1.2, relief=0.3) + 0.01 * generator.normal(size=(99, 99))
+        match = matched(gappy(lidar, share, seed), spc, blur_cells=1.2)
+        assert match.usable, match.reason
+        assert match.coverage == pytest.approx(share, abs=0.03)
+        assert match.at_lidar
+        spread = np.sqrt(np.diag(GRID.axes @ match.covariance @ GRID.axes.T))
+        errors.append(match.local - [0.2, 0.15, 0.0])
+        pulls.append(errors[-1] / spread)
+        whole.append(matched(lidar, spc, blur_cells=1.2).local - [0.2, 0.15, 0.0])
+    width = np.sqrt(np.mean(np.square(pulls), axis=0))
+    assert np.all((width > 0.7) & (width < 1.4)), width
+    better, found = (np.sqrt(np.mean(np.square(rows))) for rows in (whole, errors))
+    assert found < 1.6 * better
+
+
+@pytest.mark.parametrize("both", [False, True])
+def test_either_surface_may_have_the_gaps(both):
+    lidar, spc = terrain(8), terrain(8, shift=(0.4, -0.3)) + 0.25
+    matches = [
+        matched(gappy(lidar, 0.7, 1), gappy(spc, 0.95, 2) if both else spc),
+        matched(gappy(lidar, 0.95, 1) if both else lidar, gappy(spc, 0.7, 2)),
+    ]
+    for match in matches:
+        np.testing.assert_allclose(match.local, [0.2, -0.15, 0.25], atol=2e-3)
+        assert match.coverage > (0.6 if both else 0.67)
+        one, two = match.on_one_grid(lidar, spc)
+        # Less their plane the surfaces are the same on that grid.
+        left = two - one
+        assert np.nanstd(left - plane_of(left)) < 0.01
+    assert [match.at_lidar for match in matches] == [True, False]
+
+
+@pytest.mark.parametrize("share", [1.0, 0.87, 0.71])
+@pytest.mark.parametrize("cells", [0.0, 1.2, -1.2])
+def test_a_surface_lies_on_itself(share, cells):
+    """Displacement 0, settled, with a covariance: whatever is missing, however soft one is."""
+    for seed in range(4):
+        ground = terrain(seed, smooth=1.5)
+        one = gappy(ground, share, seed) if cells >= 0 else blur(ground, 1.2)
+        two = blur(ground, 1.2) if cells > 0 else gappy(ground, share, seed)
+        match = matched(one, two, blur_cells=cells)
+        assert match.usable, match.reason
+        assert match.iterations < 10
+        np.testing.assert_allclose(match.local, 0.0, atol=2e-3)
+        assert np.all(np.linalg.eigvalsh(match.covariance) > 0.0)
+
+
 @pytest.mark.parametrize("surface", ["flat", "ridged", "periodic"])
 def test_what_terrain_does_not_tell_is_as_uncertain_as_the_capture_range(surface):
     """Along a ridge, or by whole periods, a surface slides over itself; up and down it does not."""

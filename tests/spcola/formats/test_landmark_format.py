@@ -160,6 +160,29 @@ def test_round_trip_of_any_landmark(tmp_path_factory, seed, count):
     assert path.read_bytes() == first
 
 
+@settings(max_examples=200)
+@given(
+    numbers=st.lists(
+        st.floats(-1e6, 1e6, exclude_min=True, exclude_max=True), min_size=3, max_size=3
+    )
+)
+def test_overlaps_are_read_as_they_were_written(tmp_path_factory, numbers):
+    path = tmp_path_factory.mktemp("lmk") / "A.LMK"
+    landmark = read_text(path.parent, GOOD)
+    overlap = MapOverlap("FC0098", *numbers)
+    write_landmark(path, dataclasses.replace(landmark, overlaps=(overlap,)))
+    assert read_landmark(path).overlaps == (overlap,)
+
+
+def test_overlaps_keep_their_columns_and_their_decimals(tmp_path):
+    numbers = (66.076, -12.5, 0.1)
+    landmark = dataclasses.replace(
+        read_text(tmp_path, GOOD), overlaps=(MapOverlap("FC0098", *numbers),)
+    )
+    write_landmark(tmp_path / "B.LMK", landmark)
+    assert b"\nFC0098    66.076    -12.50      0.10\n" in (tmp_path / "B.LMK").read_bytes()
+
+
 @pytest.mark.parametrize(
     "change",
     [
