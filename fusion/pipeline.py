@@ -20,6 +20,7 @@ from fusion.lock import clear_leftovers, locked
 from fusion.progress import Progress
 from fusion.settings import Settings
 from fusion.stages.base import Stage, StageContext, StageResult, find_table
+from fusion.threads import one_blas_thread
 from fusion.verdict import Verdict
 from fusion.workspace import OWN_FOLDERS, Workspace, make_folder
 from spcola.errors import WorkspaceError
@@ -75,6 +76,7 @@ class Pipeline:
     executor: Executor = field(default_factory=ThreadExecutor)
     progress: Progress = field(default_factory=Progress)
 
+    @one_blas_thread()
     def run(self, *, force: bool = False) -> list[StageRun]:
         """Bring every stage up to date; one that lacks its inputs is passed over with a reason.
 
@@ -92,6 +94,7 @@ class Pipeline:
             raise WorkspaceError(f"nothing can run: {reason}", self.workspace.root)
         return runs
 
+    @one_blas_thread()
     def run_stage(self, name: str, *, force: bool = False) -> StageRun:
         """Bring one stage up to date; the others are left as they are.
 

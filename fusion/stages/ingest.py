@@ -19,6 +19,7 @@ from fusion.progress import Progress
 from fusion.settings import Settings
 from fusion.stages.base import StageContext, StageResult
 from fusion.tables import BodySettings, ImportSettings, Table
+from fusion.threads import one_blas_thread
 from fusion.workspace import Workspace
 from lidar.formats.native import scan_summary, write_scan
 from lidar.formats.options import LidarOptions
@@ -88,6 +89,7 @@ class Workers:
     digests: Callable[[Sequence[Path]], AbstractContextManager[Iterator[str]]]
 
 
+@one_blas_thread()
 def import_files(
     workspace: Workspace,
     settings: Settings,

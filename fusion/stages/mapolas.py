@@ -40,7 +40,7 @@ class MapolasStage:
     """Scans → mapolas."""
 
     name: str = "mapolas"
-    version: int = 13
+    version: int = 14
     needs: tuple[str, ...] = ("ingest",)
     tables: tuple[type[Table], ...] = (
         MapolaSettings,

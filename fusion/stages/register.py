@@ -43,7 +43,7 @@ class RegisterStage:
     """Mapolas and SPC surface → registration.json."""
 
     name: str = "register"
-    version: int = 10
+    version: int = 11
     needs: tuple[str, ...] = ("mapolas",)
     tables: tuple[type[Table], ...] = (
         RegisterSettings,
