@@ -245,7 +245,7 @@ def spin_change(workspace: Workspace, table: SpinSettings) -> tuple[Spin, Spin] 
     stated = Spin(table.pole_ra_deg, table.pole_dec_deg, table.meridian_deg, table.rate_deg_per_day)
     corrected = Spin(
         table.pole_ra_deg + table.shift_pole_ra_deg,
-        float(np.clip(table.pole_dec_deg + table.shift_pole_dec_deg, -90.0, 90.0)),
+        table.pole_dec_deg + table.shift_pole_dec_deg,
         table.meridian_deg + table.shift_meridian_deg,
         table.rate_deg_per_day + table.shift_rate_deg_per_day,
     )
