@@ -77,7 +77,7 @@ def outcome(root: Path, settings: Settings, stage: str) -> str:
     return run.state
 
 
-def too_long(number: int, frame: object) -> None:
+def too_long(*_: object) -> None:
     raise TimeoutError
 
 
