@@ -13,10 +13,10 @@ from typing import Any, Generic, TypeVar
 import cloudpickle
 from distributed import Client
 from distributed.client import FutureCancelledError
-from threadpoolctl import threadpool_limits
 
 from fusion.executor import AHEAD
 from fusion.interrupt import heed_interrupts
+from fusion.threads import one_blas_thread
 from spcola.errors import SettingsError
 
 Item = TypeVar("Item")
@@ -172,7 +172,7 @@ def perform(payload: bytes, digest: str, item: Any) -> Any:
         _unpacked.clear()
         function = _unpacked.setdefault(digest, cloudpickle.loads(payload))
     # As on threads at home: the tasks are the parallelism, and BLAS must not add its own.
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_blas_thread():
         return function(item)
 
 

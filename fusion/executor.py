@@ -9,9 +9,8 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Protocol, TypeVar
 
-from threadpoolctl import threadpool_limits
-
 from fusion.interrupt import heed_interrupts
+from fusion.threads import one_blas_thread
 from spcola.errors import SettingsError
 
 Item = TypeVar("Item")
@@ -78,22 +77,21 @@ class ThreadExecutor:
         """
         pool = ThreadPoolExecutor(self.workers, thread_name_prefix="spcola")
         waiting: deque[Future[Result]] = deque()
-        # The workers are the parallelism: a BLAS that starts threads of its own in each of them
-        # makes small factorisations many times slower.
-        blas = threadpool_limits(limits=1, user_api="blas")
         usual = sys.getswitchinterval()
         sys.setswitchinterval(_SWITCH_S)
-        try:
-            for item in items:
-                waiting.append(pool.submit(function, item))
-                if len(waiting) >= ahead * self.workers:
+        # A BLAS that starts threads of its own in each worker makes small factorisations many
+        # times slower.
+        with one_blas_thread():
+            try:
+                for item in items:
+                    waiting.append(pool.submit(function, item))
+                    if len(waiting) >= ahead * self.workers:
+                        yield _taken(waiting)
+                while waiting:
                     yield _taken(waiting)
-            while waiting:
-                yield _taken(waiting)
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
-            sys.setswitchinterval(usual)
-            blas.restore_original_limits()
+            finally:
+                pool.shutdown(wait=True, cancel_futures=True)
+                sys.setswitchinterval(usual)
 
     def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
         """Return the results in the order of `items`."""

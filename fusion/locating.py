@@ -305,24 +305,17 @@ def spin_change(workspace: Workspace, table: SpinSettings) -> tuple[Spin, Spin] 
     Raises
     ------
     SettingsError
-        If the rotation is corrected, but is not stated, or the pole is moved over a pole.
+        If the rotation is corrected, but is not stated.
     """
     before = {name: getattr(table, name) for name in _SPIN}
     after = {name: value + getattr(table, f"shift_{name}") for name, value in before.items()}
-    where = f"{workspace.root / SETTINGS_FILE}: [spin]"
-    if abs(after["pole_dec_deg"]) > 90.0:
-        raise SettingsError(
-            f"moves the pole to a declination of {after['pole_dec_deg']:g} deg",
-            f"{where} shift_pole_dec_deg",
-            "over a pole the right ascension changes by 180 deg",
-        )
     stated, corrected = Spin(**before), Spin(**after)
     if corrected == stated:
         return None
     if table.rate_deg_per_day == 0.0:
         raise SettingsError(
             "must be stated where the rotation is corrected",
-            f"{where} rate_deg_per_day",
+            f"{workspace.root / SETTINGS_FILE}: [spin] rate_deg_per_day",
             "state pole, meridian and rate by which the lidar files were located",
         )
     return stated, corrected

@@ -18,10 +18,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import minimize
-from threadpoolctl import threadpool_limits
 
 from fusion.errorsizes import ErrorSizes
 from fusion.rank import check_rank
+from fusion.threads import one_blas_thread
 from spcola.arrays import AnyArray, BoolArray, FloatArray, check_finite, check_shape
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.robust import huber_weight
@@ -184,7 +184,7 @@ def fit_mixed(observations: Observations, options: MixedOptions) -> MixedFit:
         raise InvalidValueError("there is no observation", "fit")
     check_rank(_reach(observations, options), options.names)
     # The matrices are small: threads of BLAS would cost more than they bring.
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_blas_thread():
         state, solution = _settle(observations, options)
     residual, conditional = _residuals(observations, solution)
     return MixedFit(

@@ -23,6 +23,7 @@ from fusion.records import StageRecord, content_digest
 from fusion.settings import Settings
 from fusion.soundness import Unsound, rejected_maplets, unsound
 from fusion.stages.base import Stage, StageContext, StageResult, find_table
+from fusion.threads import one_blas_thread
 from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import OWN_FOLDERS, Workspace, make_folder
 from spcola.errors import SpcolaError, WorkspaceError
@@ -81,6 +82,7 @@ class Pipeline:
     executor: Executor = field(default_factory=ThreadExecutor)
     progress: Progress = field(default_factory=Progress)
 
+    @one_blas_thread()
     def run(self, *, force: bool = False) -> list[StageRun]:
         """Bring every stage up to date; one that lacks its inputs is passed over with a reason.
 
@@ -99,6 +101,7 @@ class Pipeline:
             raise WorkspaceError(f"nothing can run: {reason}", self.workspace.root)
         return runs
 
+    @one_blas_thread()
     def run_stage(self, name: str, *, force: bool = False) -> StageRun:
         """Bring one stage up to date; the others are left as they are.
 

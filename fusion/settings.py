@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 import tomllib
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
@@ -9,6 +10,7 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
+from fusion.ranges import range_text
 from fusion.tables import (
     AcceptSettings,
     BigmapSettings,
@@ -25,6 +27,11 @@ from fusion.tables import (
 )
 from spcola import atomic
 from spcola.errors import SettingsError
+
+# A key that is longer is cut in messages.
+_NAME_LENGTH = 60
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = _NAME_LENGTH
 
 
 class Settings(BaseModel):
@@ -93,12 +100,16 @@ def parse_settings(content: dict[str, Any], where: str | Path) -> Settings:
 
 def _refusal(problem: ErrorDetails, where: str | Path) -> SettingsError:
     """Turn the first complaint of pydantic into one line."""
-    location = [str(part) for part in problem["loc"]]
+    location = [str(part)[:_NAME_LENGTH] for part in problem["loc"]]
     place = f"{where}: [{location[0]}]" + "".join(f" {part}" for part in location[1:])
     if problem["type"] != "extra_forbidden":
         text = problem["msg"].removeprefix("Input ").removeprefix("String ")
         text = "should be a table" if problem["type"] == "model_type" else text
-        return SettingsError(f"{text}, not {problem['input']!r}", place)
+        # What is wrong between the keys of a table is not said better by all of them.
+        given = (
+            "" if isinstance(problem["input"], dict) else f", not {_SHORT.repr(problem['input'])}"
+        )
+        return SettingsError(f"{text}{given}", place)
     if len(location) == 1:
         known = ", ".join(f"[{name}]" for name in table_models())
         return SettingsError("is an unknown table", place, f"known are {known}")
@@ -127,7 +138,8 @@ def settings_text(settings: Settings) -> str:
     for table, model in table_models().items():
         lines += ["", f"[{table}]"]
         for key, info in model.model_fields.items():
-            about = f"{info.description}{_choices(info.annotation)}"
+            numbers = range_text(info.annotation, info.metadata)
+            about = f"{info.description}{_choices(info.annotation)}{numbers}"
             lines.append(f"{key} = {_toml(content[table][key])}  # {about}")
     return "\n".join(lines) + "\n"
 

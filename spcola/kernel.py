@@ -12,12 +12,14 @@ from typing import Any, TypeVar, cast
 
 import numba
 
+from spcola.kernelcache import keep_compiled
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 
 def kernel(function: F) -> F:
     """Compile `function` (serial, no GIL, cached)."""
-    return cast(F, numba.njit(nogil=True, cache=True, error_model="numpy")(function))
+    return _cached(numba.njit(nogil=True, error_model="numpy")(function), function)
 
 
 def inlined_kernel(function: F) -> F:
@@ -36,14 +38,10 @@ def summing_kernel(function: F) -> F:
     Nothing else is relaxed: NaN and infinities travel.
     """
     relaxed = {"reassoc", "contract", "nsz"}
-    compiled = numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=relaxed)(function)
+    compiled = numba.njit(nogil=True, error_model="numpy", fastmath=relaxed)(function)
+    return _cached(compiled, function)
+
+
+def _cached(compiled: Any, function: F) -> F:
+    keep_compiled(compiled, function)
     return cast(F, compiled)
-
-
-def parallel_kernel(function: F) -> F:
-    """Compile `function` with ``numba.prange`` loops spread over the cores."""
-    compiled = numba.njit(nogil=True, cache=True, error_model="numpy", parallel=True)(function)
-    return cast(F, compiled)
-
-
-prange = numba.prange

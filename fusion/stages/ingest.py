@@ -30,6 +30,7 @@ from fusion.sources import (
 )
 from fusion.stages.base import StageContext, StageResult
 from fusion.tables import BodySettings, ImportSettings, Table
+from fusion.threads import one_blas_thread
 from fusion.workspace import Workspace
 from lidar.formats.native import write_scan
 from lidar.formats.options import LidarOptions
@@ -72,6 +73,7 @@ class Workers:
     digests: Callable[[Sequence[Path]], AbstractContextManager[Iterator[str]]]
 
 
+@one_blas_thread()
 def import_files(
     workspace: Workspace,
     settings: Settings,

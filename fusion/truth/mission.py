@@ -7,6 +7,7 @@ from pathlib import Path
 
 from fusion.executor import Executor, ThreadExecutor
 from fusion.progress import Progress
+from fusion.threads import one_blas_thread
 from fusion.truth.generation import building, files_of, finished
 from fusion.truth.ground import shadow_ground
 from fusion.truth.images import write_images
@@ -27,6 +28,7 @@ from spcola.truth.body import TruthBody
 from spcola.truth.passes import Pass, plan_passes
 
 
+@one_blas_thread()
 def make_mission(
     folder: str | Path,
     *,

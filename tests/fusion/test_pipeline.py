@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from fusion.catalog import CATALOG_FILE, Catalog
 from fusion.executor import ThreadExecutor
@@ -102,6 +103,29 @@ def test_what_is_up_to_date_is_skipped(workspace: Workspace, stages: list[Copy])
     assert [run.state for run in second] == ["up to date"] * 3
     assert runs(stages) == [1, 1, 1]
     assert second[0].summary["files"] == 2
+
+
+def test_stages_run_linear_algebra_on_one_thread(workspace: Workspace, stages: list[Copy]) -> None:
+    """More of them sum in another order: a result would depend on the number of cores."""
+    found: list[int] = []
+
+    def look(context: StageContext) -> None:
+        found.extend(blas_threads())
+        context.executor.map(lambda _: found.extend(blas_threads()), range(2))
+        found.extend(blas_threads())
+
+    stages[0].act = look
+    with threadpool_limits(limits=2, user_api="blas"):
+        pipeline(workspace, stages).run()
+        assert set(blas_threads()) == {2}
+        pipeline(workspace, stages).run_stage("one", force=True)
+        assert set(blas_threads()) == {2}
+    assert len(found) >= 8
+    assert set(found) == {1}
+
+
+def blas_threads() -> list[int]:
+    return [one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"]
 
 
 def test_force_runs_all(workspace: Workspace, stages: list[Copy]) -> None:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from pydantic import BaseModel
 
+from fusion.ranges import Span
 from fusion.settings import (
     Settings,
     load_settings,
@@ -98,3 +103,85 @@ def test_whole_numbers_serve_as_real_ones() -> None:
 def test_options_of_the_command_line_are_checked_like_the_file() -> None:
     with pytest.raises(SettingsError, match=r"command line: \[mapolas\] gsd_m"):
         Settings().with_table("mapolas", gsd_m=-1.0)
+
+
+def numbers_of(annotation: Any, metadata: tuple[Any, ...] | list[Any]) -> Iterator[list[Span]]:
+    """The ranges of every number that a setting of this type holds, however deep."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        for info in annotation.model_fields.values():
+            yield from numbers_of(info.annotation, info.metadata)
+    elif annotation in (int, float):
+        yield [one for one in metadata if isinstance(one, Span)]
+    for part in getattr(annotation, "__args__", ()):
+        inner = getattr(part, "__metadata__", ())
+        yield from numbers_of(part.__origin__ if inner else part, inner)
+
+
+FIELDS = [
+    (table, key, info)
+    for table, model in table_models().items()
+    for key, info in model.model_fields.items()
+]
+
+
+@pytest.mark.parametrize(("table", "key", "info"), FIELDS, ids=[f"{t}.{k}" for t, k, _ in FIELDS])
+def test_every_number_has_a_range_and_says_it(table: str, key: str, info: Any) -> None:
+    comment = next(
+        line.partition("  # ")[2]
+        for line in settings_text(Settings()).partition(f"\n[{table}]\n")[2].splitlines()
+        if line.startswith(f"{key} = ")
+    )
+    for spans in numbers_of(info.annotation, info.metadata):
+        assert len(spans) == 1, "a number without a range"
+        assert math.isfinite(spans[0].low)
+        assert spans[0].low < spans[0].high < 1e11
+        if table != "bigmap" or key != "sites":  # their numbers are in a table of their own
+            assert comment.endswith(f"({spans[0]})")
+
+
+ABSURD = [
+    *(0, -1, 1e-300, 1e-9, 1e9, 1e308, 2**63, 10**400, -(2**63), 0.5, math.inf, math.nan),
+    *("", "x" * 100_000, "\0", "no such word", "../../etc/passwd"),
+    *([], [0.0], [1e308] * 3, ["x"] * 100_000, [[]], [1e9] * 2, {}, {"x": 1}, True, None),
+]
+
+
+@pytest.mark.parametrize(("table", "key", "info"), FIELDS, ids=[f"{t}.{k}" for t, k, _ in FIELDS])
+def test_absurd_values_are_refused_in_one_short_line_or_within_range(
+    table: str, key: str, info: Any
+) -> None:
+    for value in ABSURD:
+        message = ""
+        try:
+            settings = parse_settings({table: {key: value}}, "spcola.toml")
+        except SettingsError as error:
+            message = str(error)
+        if message:
+            assert message.startswith(f"spcola.toml: [{table}]")
+            assert len(message) < 1500
+            assert "\n" not in message
+            continue
+        kept = settings.model_dump(by_alias=True)[table][key]
+        for number in kept if isinstance(kept, list) else [kept]:
+            if isinstance(number, int | float) and not isinstance(number, bool):
+                spans = [
+                    one for found in numbers_of(info.annotation, info.metadata) for one in found
+                ]
+                assert spans[0].holds(number), (value, number)
+        assert len(str(kept)) < 5000
+
+
+def test_a_pole_shifted_past_the_pole_is_refused() -> None:
+    table = {"pole_dec_deg": 80.0, "shift_pole_dec_deg": 10.5}
+    with pytest.raises(
+        SettingsError, match=r"\[spin\]: pole_dec_deg and shift_pole_dec_deg"
+    ) as caught:
+        parse_settings({"spin": table}, "spcola.toml")
+    assert "{" not in str(caught.value)
+    assert parse_settings({"spin": {**table, "shift_pole_dec_deg": 10.0}}, "x").spin
+
+
+def test_a_long_key_is_cut_in_the_message() -> None:
+    with pytest.raises(SettingsError) as caught:
+        parse_settings({"mapolas": {"x" * 100_000: 1}}, "spcola.toml")
+    assert len(str(caught.value)) < 1000

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from fusion.executor import Executor
 from fusion.progress import Progress
+from fusion.threads import one_blas_thread
 from fusion.truth.assessment.formal import FormalUncertainty, formal_uncertainty
 from fusion.truth.assessment.model import Model
 from fusion.truth.assessment.regions import Ground, Light
@@ -41,6 +42,7 @@ class Assessment:
     recovered: tuple[Recovered, ...]
 
 
+@one_blas_thread()
 def assess(
     planted: Planted,
     models: Sequence[Model],

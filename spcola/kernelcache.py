@@ -1,0 +1,111 @@
+"""Where compiled kernels are kept, and what is done where they cannot be.
+
+Numba keeps them beside the source or in the user's cache folder. Where neither can be written (a
+container's read-only image, a user without a home) it gives up; here a private folder among the
+temporary files takes their place, and where there is none either, or the disk is full, kernels are
+compiled in each process and not kept. It costs time and never a result.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import sys
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numba
+from numba.core.caching import FunctionCache
+
+_VARIABLE = "NUMBA_CACHE_DIR"
+_ADVICE = f"set {_VARIABLE} to a folder that can be written"
+
+
+class KernelCache(FunctionCache):  # type: ignore[misc]  # Numba has no types
+    """Keeps what Numba compiled of one function, as long as it can be written.
+
+    Attributes
+    ----------
+    usable : bool
+        Whether any can be written; shared by all functions of the process.
+    """
+
+    usable: ClassVar[bool] = True
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return what is kept; None, so that it is compiled, where that cannot be read."""
+        try:
+            return super().load_overload(sig, target_context)
+        # A file cut short by a full disk fails in as many ways as pickle knows.
+        except Exception:
+            self._forget()
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep what was compiled, unless that was not possible before."""
+        if not KernelCache.usable:
+            return
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            self._forget()
+            _give_up(f"in {self.cache_path} ({error.strerror})")
+
+    def _forget(self) -> None:
+        """Remove the index: one whose data were not written could lead to those of older source."""
+        with suppress(OSError):
+            Path(self._cache_file._index_path).unlink(missing_ok=True)
+
+
+def keep_compiled(kernel: Any, function: Callable[..., Any]) -> None:
+    """Have Numba's `kernel` of `function` load and keep its compiled code, where that is possible.
+
+    Raises
+    ------
+    RuntimeError
+        If `function` has no source file.
+    """
+    if not KernelCache.usable:
+        return
+    # What numba.njit(cache=True) does, with a cache that may fail.
+    try:
+        kernel._cache = KernelCache(function)
+    except RuntimeError:
+        folder = _temporary_folder()
+        if folder is None:
+            _give_up("beside the program, in the home folder or among temporary files")
+            return
+        # Processes that this one starts need not search again; Numba reads the variable again.
+        os.environ[_VARIABLE] = numba.config.CACHE_DIR = str(folder)
+        kernel._cache = KernelCache(function)
+        _note(f"{folder} keeps compiled kernels: program and home folder cannot be written")
+
+
+def _temporary_folder() -> Path | None:
+    """Return a folder among temporary files that is this user's alone; None where none can be.
+
+    Compiled code is run when it is loaded: a folder that another user made, or could write to, is
+    not taken.
+    """
+    try:
+        folder = Path(tempfile.gettempdir()) / f"spcola-kernels-{os.getuid()}"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError:
+        return None
+    private = stat.S_ISDIR(found.st_mode) and not found.st_mode & 0o077
+    return folder if private and found.st_uid == os.getuid() else None
+
+
+def _give_up(where: str) -> None:
+    KernelCache.usable = False
+    _note(f"compiled kernels cannot be kept {where}: every process compiles them; {_ADVICE}")
+
+
+def _note(text: str) -> None:
+    """Say one line on standard error."""
+    print(f"note: {text}", file=sys.stderr, flush=True)  # noqa: T201
