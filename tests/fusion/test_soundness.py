@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fusion.initialise import new_workspace
-from fusion.soundness import unsound_maplets
+from fusion.soundness import rejected_maplets, unsound_maplets
 from fusion.workspace import Workspace
 from spcola.errors import SpcolaError
 from spcola.formats.lmk import write_landmark
@@ -103,9 +103,13 @@ def test_without_landmarks_what_the_axes_and_the_shape_tell_remains(tmp_path: Pa
     workspace = solution(tmp_path, landmarks=False)
     path = workspace.maplet_path("AA0005")
     good = path.read_bytes()
-    for byte, words in ((30, "from orthonormal"), (9, "that of others"), (15, "the shape")):
+    for byte, bits, words in (
+        (30, 64, "from orthonormal"),
+        (9, 1, "that of others"),
+        (15, 5, "the shape"),
+    ):
         content = bytearray(good)
-        content[byte] ^= 5
+        content[byte] ^= bits
         path.write_bytes(content)
         (found,) = unsound_maplets(workspace)
         assert found.name == "AA0005"
@@ -120,3 +124,17 @@ def test_a_maplet_without_lidar_or_landmark_of_another_size_is_sound(tmp_path: P
     grid = MapletGrid.facing(RADIUS * direction, direction, 0.1234, HALF)
     write_maplet(workspace.maplet_path("ZZ0001"), Maplet("ZZ0001", grid, np.zeros(grid.shape)))
     assert unsound_maplets(workspace) == ()
+
+
+def test_a_maplet_that_the_registration_left_out_is_named(tmp_path: Path) -> None:
+    workspace = solution(tmp_path, shape=False)
+    entries = [
+        {"name": "AA0001", "used": True, "reason": ""},
+        {"name": "AA0002", "used": False, "reason": "disagrees with the other mapolas"},
+        {"name": "AA0003", "used": False, "reason": "covers too little"},
+    ]
+    assert rejected_maplets(workspace) == []
+    workspace.write_json("registration.json", {"per_mapola": entries})
+    (finding,) = rejected_maplets(workspace)
+    assert "left out AA0002 (disagrees" in finding.text
+    assert (finding.code, finding.severity) == ("rejected-maplet", "note")
