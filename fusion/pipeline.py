@@ -220,11 +220,13 @@ class Pipeline:
 
     def _advice(self, changed: Changed) -> str:
         """Return what has changed, and what to do about it."""
-        command = "run" if changed.stage == self.stages[0].name else changed.stage
-        return (
-            f"{changed.text}; run: spcola {command} {self.workspace.root} again, or "
-            f"--accept {Code.CHANGED_INPUT}"
-        )
+        if changed.stage != self.stages[0].name:
+            again = f"run: spcola {changed.stage} {self.workspace.root} again"
+        elif changed.gone:
+            again = "bring them back or import their files again"
+        else:
+            again = f"run: spcola run {self.workspace.root}"
+        return f"{changed.text}; {again}, or --accept {Code.CHANGED_INPUT}"
 
     def _tell(self, catalog: Catalog, notes: Sequence[str]) -> tuple[str, ...]:
         """Print notes, and those of the catalogue; return them."""

@@ -9,7 +9,7 @@ from typing import Self
 
 from fusion.sources import INGEST, Origin, Source, readable, recorded_origins, recorded_source
 from fusion.stages.base import StageContext
-from fusion.verdict import Code
+from fusion.verdict import Code, Severity, Verdict
 from lidar.formats.native import scan_summary
 from lidar.scansummary import ScanSummary
 from spcola.errors import WorkspaceError
@@ -53,6 +53,13 @@ class Repair:
     context: StageContext
     scans: Mapping[Path, ScanSummary]
     damaged: Mapping[Path, Origin]
+
+    @property
+    def verdict(self) -> Verdict:
+        """What was taken as it is although the last run left it otherwise."""
+        own = self.context.own
+        accepted = Code.CHANGED_INPUT in self.context.settings.accept.codes
+        return Verdict((own.finding(Severity.NOTE),) if own and accepted else ())
 
     @classmethod
     def of(cls, context: StageContext) -> Self:

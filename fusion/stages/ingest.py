@@ -176,7 +176,7 @@ class IngestStage:
     """Keeps the scans in step with the settings: what was read by others is read again."""
 
     name: str = INGEST
-    version: int = 1
+    version: int = 2
     needs: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
     tables: tuple[type[Table], ...] = (BodySettings, ImportSettings)
@@ -233,12 +233,14 @@ class IngestStage:
         returns = sum(scan.count for scan in scans.values())
         origins = {path.stem: Origin.of(scan) for path, scan in scans.items()}
         sources = {name: origin.as_json() for name, origin in origins.items() if origin}
-        summary = {
+        summary: dict[str, Any] = {
             "scans": len(scans),
             "returns": returns,
             "rejected": rejected,
             "sources": sources,
         }
+        if repair.verdict.findings:
+            summary |= repair.verdict.as_json()
         return StageResult(tuple(scans), summary, tuple(notes))
 
 

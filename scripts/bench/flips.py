@@ -275,19 +275,24 @@ def main() -> None:
                 print(f"{count:5d}  {what}")
             return
         bench, table = Bench(options.workspace, Path(folder)), Counter[tuple[str, str]]()
-        for flip in bench.flips(options.flips, options.seed, options.runs):
+        for number, flip in enumerate(bench.flips(options.flips, options.seed, options.runs), 1):
             outcome, why = bench.outcome(flip)
             table[flip.kind, outcome] += 1
             if outcome == "WRONG":
                 print(f"WRONG: {flip}: {why}", flush=True)
-        outcomes = ("healed", "refused", "no effect", "WRONG")
-        print(f"{'':16s}" + "".join(f"{outcome:>12s}" for outcome in outcomes))
-        for kind in (*KINDS, None):
-            row = [
-                sum(n for (k, o), n in table.items() if o == outcome and kind in (k, None))
-                for outcome in outcomes
-            ]
-            print(f"{kind or 'all':16s}" + "".join(f"{number:12d}" for number in row))
+            if number % 50 == 0 or number == options.flips:
+                show(table)
+
+
+def show(table: Counter[tuple[str, str]]) -> None:
+    outcomes = ("healed", "refused", "no effect", "WRONG")
+    print(f"{'':16s}" + "".join(f"{outcome:>12s}" for outcome in outcomes))
+    for kind in (*KINDS, None):
+        row = [
+            sum(n for (k, o), n in table.items() if o == outcome and kind in (k, None))
+            for outcome in outcomes
+        ]
+        print(f"{kind or 'all':16s}" + "".join(f"{number:12d}" for number in row), flush=True)
 
 
 if __name__ == "__main__":

@@ -9,10 +9,11 @@ from threading import Event
 
 import pytest
 
-from fusion.catalog import Catalog
+from fusion.catalog import CATALOG_FILE, Catalog
 from fusion.digests import file_digest
 from fusion.initialise import new_workspace
 from fusion.pages import release
+from fusion.records import StageRecord, read_record, record_path
 from fusion.workspace import Workspace
 from spcola.errors import WorkspaceError
 
@@ -91,3 +92,79 @@ def test_files_are_read_alike_where_the_system_takes_no_hints(
     monkeypatch.delattr(os, "posix_fadvise", raising=False)
     release(path)
     assert file_digest(path) == digest
+
+
+def test_a_file_edited_in_place_with_its_old_time_gets_a_new_digest(workspace: Workspace) -> None:
+    path = workspace.root / "file"
+    path.write_bytes(b"as it was")
+    catalog, state = Catalog(workspace), path.stat()
+    before = catalog.digest(path)
+    with path.open("r+b") as stream:
+        stream.write(b"as it is ")
+    os.utime(path, ns=(state.st_atime_ns, state.st_mtime_ns))
+    assert path.stat().st_mtime_ns == state.st_mtime_ns
+    assert catalog.digest(path) == hashlib.sha256(b"as it is ").hexdigest() != before
+    catalog.close()
+
+
+def record_of(workspace: Workspace) -> StageRecord:
+    digest = Catalog(workspace).digest(workspace.root / "spcola.toml")
+    return StageRecord(
+        "fuse", "k", "1", {"T": {"a": 1.5}}, {"in": digest}, {"out": digest}, {"n": 0.999}, "now"
+    )
+
+
+def test_a_wrong_digest_in_the_catalogue_is_not_believed(workspace: Workspace) -> None:
+    path = workspace.root / "spcola.toml"
+    catalog = Catalog(workspace)
+    right = catalog.digest(path)
+    catalog._base.execute("UPDATE file SET digest = ?", ("0" * 64,))
+    catalog._base.commit()
+    catalog.close()
+    again = Catalog(workspace)
+    assert again.digest(path) == right
+    again.close()
+
+
+@pytest.mark.parametrize("content", ["{", '{"stage": "fuse"}', "[]", '{"stage": 1e999}', "null"])
+def test_a_damaged_copy_of_a_record_counts_as_none(workspace: Workspace, content: str) -> None:
+    catalog = Catalog(workspace)
+    catalog.store(record_of(workspace))
+    catalog._base.execute("UPDATE stage SET record = ?", (content,))
+    catalog._base.commit()
+    assert catalog.record("fuse") == record_of(workspace)
+    record_path(workspace, "fuse").unlink()
+    assert catalog.record("fuse") is None
+    catalog.close()
+
+
+def test_a_damaged_record_is_restored_from_its_copy_and_that_is_noted(
+    workspace: Workspace,
+) -> None:
+    catalog, path = Catalog(workspace), record_path(workspace, "fuse")
+    catalog.store(record_of(workspace))
+    whole = path.read_bytes()
+    path.write_bytes(whole.replace(b"0.999", b"0.998"))
+    assert read_record(workspace, "fuse") is None
+    catalog.restore()
+    assert path.read_bytes() == whole
+    assert "was damaged; restored from catalog.sqlite" in catalog.notes[0]
+    catalog.close()
+
+
+def test_every_flipped_byte_of_the_catalogue_leaves_the_records_as_they_are(
+    workspace: Workspace,
+) -> None:
+    catalog = Catalog(workspace)
+    catalog.store(record_of(workspace))
+    digest = catalog.digest(workspace.root / "spcola.toml")
+    catalog.close()
+    path = workspace.root / CATALOG_FILE
+    whole = path.read_bytes()
+    for place in [*range(100), *range(100, len(whole), len(whole) // 100)]:
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0x10]) + whole[place + 1 :])
+        damaged = Catalog(workspace)
+        damaged.restore()
+        assert damaged.record("fuse") == record_of(workspace), place
+        assert damaged.digest(workspace.root / "spcola.toml") == digest, place
+        damaged.close()

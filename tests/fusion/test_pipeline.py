@@ -375,3 +375,100 @@ def test_what_rests_on_a_result_that_may_not_be_used_does_not_run(
     expected = ["up to date"] * 2 if severity == "doubtful" else ["cannot run"] * 2
     assert [run.state for run in again] == ["up to date", *expected]
     assert bool(again[0].obstacle) == (severity == "refused")
+
+
+def chained(workspace: Workspace, stages: list[Copy]) -> Pipeline:
+    """Stages that say where they write and whose results they use."""
+    one, two, three = stages
+    one.places, two.places, three.places = ("first",), ("second",), ("third",)
+    two.needs, three.needs = ("one",), ("two",)
+    return pipeline(workspace, stages)
+
+
+def change(path: Path) -> None:
+    path.write_text("other")
+
+
+@pytest.mark.parametrize(
+    ("name", "act", "words"),
+    [
+        ("second/a.txt", change, "second/a.txt has changed since stage two wrote it"),
+        ("second/a.txt", Path.unlink, "second/a.txt, which stage two wrote, is gone"),
+        ("second/new.txt", change, "second/new.txt stands not in the record of stage two"),
+        # Of what the stage before rests on, too.
+        ("first/a.txt", change, "first/a.txt has changed since stage one wrote it"),
+    ],
+)
+def test_results_that_are_not_as_their_stage_left_them_are_refused_by_the_next(
+    workspace: Workspace, stages: list[Copy], name: str, act: Callable[[Path], None], words: str
+) -> None:
+    stacked = chained(workspace, stages)
+    stacked.run()
+    act(workspace.root / name)
+    with pytest.raises(WorkspaceError, match=words) as caught:
+        stacked.run_stage("three")
+    assert "--accept changed-input" in str(caught.value)
+    assert runs(stages) == [1, 1, 1]
+    accepting = Settings.model_validate({"accept": {"codes": ["changed-input"]}})
+    done = pipeline(workspace, stages, accepting).run_stage("three", force=True)
+    assert done.state == "ran"
+    record = json.loads((workspace.root / "provenance" / "three.json").read_text())
+    assert words in record["summary"]["findings"][0]["text"]
+    # A run makes it again, and says so; what nobody made stays, and is still refused.
+    if not name.endswith("new.txt"):
+        notes = [note for run in stacked.run() for note in run.notes]
+        assert any(words in note for note in notes)
+        assert (workspace.root / "third" / "a.txt").read_text() == "ALPHA"
+    else:
+        assert "not made" in stacked.run()[2].obstacle
+
+
+def test_results_of_which_there_is_no_record_are_used_and_that_is_noted(
+    workspace: Workspace, stages: list[Copy]
+) -> None:
+    stacked = chained(workspace, stages)
+    stacked.run()
+    (workspace.root / "provenance" / "two.json").unlink()
+    (workspace.root / CATALOG_FILE).unlink()
+    done = stacked.run_stage("three", force=True)
+    assert done.notes == (
+        "no record of stage two tells whether second/a.txt, second/b.txt are as it was left",
+    )
+
+
+def test_a_lost_record_comes_back_from_the_catalogue(
+    workspace: Workspace, stages: list[Copy]
+) -> None:
+    stacked = chained(workspace, stages)
+    stacked.run()
+    (workspace.root / "provenance" / "two.json").unlink()
+    notes = [note for run in stacked.run() for note in run.notes]
+    assert len(notes) == 1
+    assert "two.json was gone; restored" in notes[0]
+    assert runs(stages) == [1, 1, 1]
+
+
+def test_lost_results_of_a_stage_that_cannot_make_them_again_are_no_success(
+    workspace: Workspace, stages: list[Copy]
+) -> None:
+    """Else whatever rests on them would be up to date, and old."""
+    stacked = chained(workspace, stages)
+    stacked.run()
+    for folder in ("raw", "first"):
+        for path in (workspace.root / folder).iterdir():
+            path.unlink()
+    change(workspace.root / "raw" / "other.txt")
+    stages[0].source = "nowhere"
+    first, second, third, _ = pipeline(workspace, [*stages, Copy("x", "raw", "fourth")]).run()
+    assert "incomplete: first/a.txt, first/b.txt, which stage one wrote, are gone" in first.obstacle
+    assert [second.state, third.state] == ["cannot run", "cannot run"]
+
+
+def test_an_input_that_changed_since_it_was_used_is_noted(
+    workspace: Workspace, stages: list[Copy]
+) -> None:
+    stacked = chained(workspace, stages)
+    stacked.run()
+    (workspace.root / "raw" / "a.txt").write_text("gamma")
+    notes = [note for run in stacked.run() for note in run.notes]
+    assert notes == ["raw/a.txt has changed since stage one last used it"]
