@@ -28,8 +28,6 @@ from scipy.spatial.transform import Rotation
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from wrong.alter import Floats, other_radius
-
 from fusion.frame_search import surface_points
 from fusion.locating import located_store
 from fusion.registration.orientations import apart_deg
@@ -38,6 +36,7 @@ from fusion.workspace import Workspace
 from spcola.formats.shape import read_shape
 from spcola.lattice import lattice
 from spcola.samples import sample_surface
+from wrong.alter import Floats, other_radius
 
 RETURNS = 400_000
 NOISE, ERRORS = 0.001, 0.003
