@@ -16,7 +16,7 @@ _NEIGHBOURS = 9
 _BEYOND = 2.5
 # Points further from the surface than this, in radii, count as unknown there.
 _REACH = 0.25
-_NEAR_ENOUGH = 0.1
+_NEAR_ENOUGH = 0.3
 # Where the distances leave a parameter free it stays within this: radians, radii, and of 1.
 _PRIOR = np.array([0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2])
 

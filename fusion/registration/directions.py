@@ -84,16 +84,15 @@ class Directions:
 def cell_centers(n: int) -> FloatArray:
     """Return the directions (6 n², 3) of the middles of all cells."""
     middle = _middles(n)
-    v, u = (part.ravel() for part in np.meshgrid(middle, middle, indexing="ij"))
-    one = np.ones(n * n)
+    v, u = np.repeat(middle, n), np.tile(middle, n)
     faces = []
     for axis in range(3):
         for sign in (1.0, -1.0):
-            columns = [np.empty(0)] * 3
-            columns[axis], columns[(axis + 1) % 3], columns[(axis + 2) % 3] = sign * one, u, v
-            faces.append(np.stack(columns, axis=1))
-    corners = np.concatenate(faces)
-    centers: FloatArray = corners / np.linalg.norm(corners, axis=1, keepdims=True)
+            face = np.full((n * n, 3), sign)
+            face[:, (axis + 1) % 3], face[:, (axis + 2) % 3] = u, v
+            faces.append(face)
+    centers = np.concatenate(faces)
+    centers /= np.linalg.norm(centers, axis=1, keepdims=True)
     return centers
 
 

@@ -25,14 +25,14 @@ _ORIENTATIONS = 30_000
 _COARSE_DEG, _MIDDLE_DEG = 5.0, 2.0
 _COARSE_LIDAR, _COARSE_SURFACE, _FINE = 12, 32, 64
 _TRIED, _FITTED = 250, 48
-_FEW, _SOME, _MANY = 1500, 5000, 20_000
-_FEW_STEPS, _MANY_STEPS = 12, 30
+_FEW, _SOME, _MANY = 1000, 3000, 20_000
+_FEW_STEPS, _MANY_STEPS = 10, 30
 # Optima nearer to the best than this are no wrong places.
 _APART_DEG, _ELSEWHERE_DEG = 4.0, 20.0
 _LEAST_POINTS = 30
-_ELSEWHERE, _SPACINGS = 120, 10
-FALSE_ALARM = 1e-4
-"""Probability, by the spacings of wrong places, above which nothing counts as found."""
+_ELSEWHERE, _LEAST_WRONG = 120, 20
+LEAST_SIGNIFICANCE = 5.0
+"""Standard deviations above all wrong places, below which nothing counts as found."""
 LEAST_CORRELATION = 0.4
 """Of the short relief of lidar and surface, below which nothing counts as found."""
 
@@ -85,13 +85,13 @@ class FrameSearch:
         all are.
     found : bool
         Whether the first is the lidar's place.
-    probability : float
-        That the best of as many wrong places stands out as much.
+    significance : float
+        By how many standard deviations of wrong places the first is better than all of these.
     """
 
     candidates: tuple[FrameCandidate, ...]
     found: bool
-    probability: float
+    significance: float
 
     @property
     def best(self) -> FrameCandidate | None:
@@ -113,7 +113,7 @@ class FrameSearch:
         return {
             "found": self.found,
             "text": self.text,
-            "probability": self.probability,
+            "significance": self.significance,
             "candidates": [candidate.as_json() for candidate in self.candidates[:5]],
         }
 
@@ -144,18 +144,12 @@ def search_frames(lidar: FloatArray, surface: FloatArray, *, seed: int = 1) -> F
     ------
     NotObservableError
         If lidar or surface have hardly any point.
-
-    Notes
-    -----
-    Among K candidates that are all wrong, spacings of the largest of a quantity are exponential
-    with means as 1, 1/2, 1/3 ... (Rényi): that of the best to the next over those of the next ones
-    has Fisher's distribution. Tails that fall faster than exponentials make the test safer.
     """
     search = _Search(lidar, surface, np.random.default_rng(seed))
     fitted = [search.fitted(start, search.few, _FEW_STEPS) for start in search.starts()]
     fitted = [candidate for candidate in fitted if np.isfinite(candidate.misfit_m)]
     if not fitted:
-        return FrameSearch((), False, 1.0)
+        return FrameSearch((), False, 0.0)
     fitted.sort(key=lambda candidate: -candidate.correlation)
     best = search.fitted(fitted[0].placement, search.many, _MANY_STEPS)
     matrices = np.array([candidate.placement.matrix for candidate in fitted])
@@ -163,24 +157,33 @@ def search_frames(lidar: FloatArray, surface: FloatArray, *, seed: int = 1) -> F
     score = np.array([candidate.correlation for candidate in fitted])
     apart = others[distinct(matrices[others], score[others], _APART_DEG, len(others))]
     wrong = np.concatenate([score[apart], search.elsewhere(best)])
-    probability = spacing_probability(_normal(best.correlation), _normal(wrong))
-    found = probability < FALSE_ALARM and best.correlation >= LEAST_CORRELATION
-    return FrameSearch((best, *(fitted[k] for k in apart)), found, probability)
+    significance = significance_of(best.correlation, wrong)
+    found = significance >= LEAST_SIGNIFICANCE and best.correlation >= LEAST_CORRELATION
+    return FrameSearch((best, *(fitted[k] for k in apart)), found, significance)
 
 
-def spacing_probability(best: float, others: FloatArray) -> float:
-    """Return how likely the best of wrong places stands out from the next as much as `best` does.
+def significance_of(best: float, wrong: FloatArray) -> float:
+    """Return by how many standard deviations of wrong places a place is better than all of them.
 
-    `others` (K,) are wrong places, in any order. 1 if one is better, or they are too few to say.
+    Parameters
+    ----------
+    best : float
+        Correlation at the place.
+    wrong : (K,) ndarray
+        At wrong places. By chance their Fisher transforms are nearly normal, and the best of wrong
+        places is better than the next by less than one standard deviation; even were their tails
+        exponential, by five in less than one case of a hundred.
+
+    Returns
+    -------
+    float
+        0 if there are too few wrong places to say.
     """
-    ranked = np.sort(others)[::-1]
-    spacings = min(_SPACINGS, len(ranked) - 1)
-    if spacings < _SPACINGS or best <= ranked[0]:
-        return 1.0
-    above = ranked[:spacings] - ranked[spacings]
-    # The spacing from the second to the third is half as long as the first, and so on.
-    mean = float((above.sum() + above[0]) / spacings)
-    return float((1.0 + (best - ranked[0]) / mean / spacings) ** -spacings) if mean > 0.0 else 1.0
+    if len(wrong) < _LEAST_WRONG:
+        return 0.0
+    others = _normal(wrong)
+    spread = float(np.sqrt(np.mean((others - others.mean()) ** 2)))
+    return float((_normal(best) - others.max()) / spread) if spread > 0.0 else 0.0
 
 
 def _normal(correlation: Any) -> Any:
@@ -242,7 +245,7 @@ class _Search:
         """Correlations (K,) of the short relief with that of places where the lidar is not."""
         turns = all_orientations(_ELSEWHERE // 2)
         turns = turns[apart_deg(np.eye(3), turns) > _ELSEWHERE_DEG]
-        placed = best.placement.apply(self.some)
+        placed = best.placement.apply(self.few)
         found = self._relief.elsewhere(placed, turns)
         return found[np.isfinite(found)]
 
@@ -255,6 +258,6 @@ def _spread_out(points: FloatArray) -> Directions:
     """Returns in cells so small that there are enough of them, where the lidar saw little."""
     for n in (_FINE, 2 * _FINE, 4 * _FINE):
         cells = Directions.of(points, n)
-        if len(cells) >= 2 * _FEW:
+        if len(cells) >= _SOME:
             break
     return cells

@@ -162,3 +162,18 @@ def test_without_scans_there_are_no_returns() -> None:
     store = ScanStore([])
     assert len(store) == 0
     assert len(store.returns_inside(cube_at([0.0, 0.0, 0.0], 1e9))) == 0
+
+
+def test_a_few_returns_are_spread_over_all_scans(paths: list[Path], scans: list[Scan]) -> None:
+    store = ScanStore(paths)
+    everything = store.spread(len(store))
+    points = np.concatenate([scan.points for scan in scans])
+    assert everything.shape == points.shape
+    for found, there in zip(everything.T, points.T, strict=True):
+        np.testing.assert_allclose(np.sort(found), np.sort(there), atol=QUANTUM_M)
+    few = store.spread(1000)
+    assert 900 <= len(few) <= 1000
+    # Octants hold their share.
+    octant = np.bincount((few > 0.0) @ [1, 2, 4], minlength=8)
+    assert octant.min() > 0.6 * len(few) / 8
+    assert ScanStore([]).spread(10).shape == (0, 3)
