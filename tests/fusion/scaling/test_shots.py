@@ -2,10 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from fusion.scaling.joint import estimate_scale
-from fusion.scaling.shots import check_longitude, compare_shots, utc_date
+from fusion.scaling.shots import compare_shots, utc_date
 from lidar.formats.reader import read_scan
 from lidar.scan import Scan
 from spcola.formats.shape import read_shape
@@ -83,20 +82,3 @@ class TestRyugu:
         assert abs(estimate.epsilon) < 3 * estimate.epsilon_sigma
         # The shape's own coarseness is found to be the error of a single shot.
         assert 1.0 < estimate.fit.sizes.independent < 3.0
-
-    def test_the_shots_know_their_longitude(self, ryugu):
-        check = check_longitude(*ryugu)
-        assert check.best_deg == 0.0
-        assert not check.misfit
-
-    @pytest.mark.parametrize("turn", [30.0, 90.0, 180.0])
-    def test_turned_shots_are_a_misfit(self, ryugu, turn):
-        scan, caster = ryugu
-        matrix = Rotation.from_rotvec([0.0, 0.0, np.radians(turn)]).as_matrix()
-        turned = Scan.of_points(
-            "turned", scan.points @ matrix.T, time=scan.time, spacecraft=scan.spacecraft @ matrix.T
-        )
-        check = check_longitude(turned, caster)
-        assert check.misfit
-        assert check.p_value < 1e-6
-        assert abs((check.best_deg + turn + 180.0) % 360.0 - 180.0) <= 2.0
