@@ -29,7 +29,7 @@ REJECTED = 0.2
 MISSED = 1.0 / 3.0
 """Share of shots that may miss the shape or graze it."""
 
-UNMATCHED = 0.5
+UNMATCHED = 0.9
 """Share of pairs of surfaces that may have no match."""
 
 CHANCE = 1e-4
