@@ -96,6 +96,8 @@ class MixedFit:
     converged : bool
     reason : str
         Why it stopped.
+    moved : float
+        By how many of its sigmas the estimate moved most in the last round.
     """
 
     estimate: FloatArray
@@ -109,6 +111,7 @@ class MixedFit:
     iterations: int
     converged: bool
     reason: str
+    moved: float = 0.0
 
     @property
     def sigma(self) -> FloatArray:
@@ -201,6 +204,7 @@ def fit_mixed(observations: Observations, options: MixedOptions) -> MixedFit:
         reason="weights settled"
         if state.settled
         else f"weights still moved after {state.rounds} rounds",
+        moved=state.moved,
     )
 
 
@@ -222,13 +226,15 @@ def _settle(observations: Observations, options: MixedOptions) -> tuple[_State, 
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Where the re-weighting stands: weights after and before the last round."""
+    """Where the re-weighting stands: weights after and before the last round, its estimate."""
 
     weight: FloatArray
     sizes: ErrorSizes
     before: FloatArray = field(default_factory=lambda: np.ones(0))
     rounds: int = 0
     settled: bool = False
+    estimate: FloatArray = field(default_factory=lambda: np.zeros(0))
+    moved: float = np.inf
 
     @property
     def used(self) -> BoolArray:
@@ -258,7 +264,11 @@ def _round(
             do="look at the single matches: they may be of another body or another epoch",
         )
     settled = same_rejected and bool(np.max(np.abs(new - state.weight)) < 1e-3)
-    return _State(new, sizes, state.weight, state.rounds + 1, settled)
+    estimate, moved = solution.estimate, np.inf
+    if state.estimate.size:
+        sigma = np.sqrt(np.diag(solution.joint)[: len(estimate)])
+        moved = float(np.max(np.abs(estimate - state.estimate) / sigma))
+    return _State(new, sizes, state.weight, state.rounds + 1, settled, estimate, moved)
 
 
 def _residuals(observations: Observations, solution: _Solution) -> tuple[FloatArray, FloatArray]:

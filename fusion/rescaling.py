@@ -49,6 +49,7 @@ _UNUSABLE = frozenset(
         Code.EPSILON_NOT_DETERMINED,
         Code.EPSILON_NOT_SEPARABLE,
         Code.EPSILON_NOT_SIGNIFICANT,
+        Code.SCALE_NOT_CONVERGED,
     }
 )
 

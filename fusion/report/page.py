@@ -124,8 +124,9 @@ def _scale(data: ReportData) -> str:
     if data.scale is None:
         return _missing("There is no scale yet.")
     intro = (
-        "<p>ε &gt; 0 means that the lidar range is longer than predicted: all SPC lengths are to "
-        "be multiplied by 1 + ε.</p>"
+        "<p>ε &gt; 0 means that the SPC body is too small: all SPC lengths are to be multiplied by "
+        "1 + ε. Ranges are then longer than predicted by SPC's trajectory, and shorter than "
+        "predicted by an independent one.</p>"
     )
     caption = (
         "ε of paired bigmaps (or single shots): per day, against local solar time and against "

@@ -29,11 +29,14 @@ REJECTED = 0.2
 MISSED = 1.0 / 3.0
 """Share of shots that may miss the shape or graze it."""
 
-UNMATCHED = 0.5
+UNMATCHED = 0.9
 """Share of pairs of surfaces that may have no match."""
 
 CHANCE = 1e-4
 """p-value below which days, or the scales of pairs and of the registration, disagree."""
+
+MOVED = 0.3
+"""Sigmas by which an estimate that has not converged may still move."""
 
 # A scatter of this many times the expected one needs no relief to be believed.
 _EXPECTED = 3.0
@@ -78,7 +81,13 @@ def _of_the_fit(
     """Whether it converged, and whether what it leaves is what it expected."""
     fit, found = estimate.fit, []
     if not fit.converged:
-        found.append(_doubtful(Code.SCALE_NOT_CONVERGED, f"the fit did not converge: {fit.reason}"))
+        text = (
+            f"the fit did not converge: {fit.reason}; the last one moved the estimate by "
+            f"{fit.moved:.2g} of its sigmas"
+        )
+        # One pair at the edge of rejection may come and go for ever, and change nothing.
+        make = _doubtful if fit.moved > MOVED else _note
+        found.append(make(Code.SCALE_NOT_CONVERGED, text, fit.moved, MOVED))
     share = float(np.mean(~fit.used))
     if share > REJECTED:
         text = f"{share:.0%} of the {observations.kind} disagree with the rest and were rejected"

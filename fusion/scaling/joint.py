@@ -127,7 +127,7 @@ class ScaleEstimate:
 
     @property
     def epsilon(self) -> float:
-        """All SPC lengths are to be multiplied by 1 + ε."""
+        """All SPC lengths are to be multiplied by 1 + ε: above 0 the SPC body is too small."""
         return float(self.fit.estimate[0])
 
     @property

@@ -60,8 +60,9 @@ class ScaleObservations:
         Observations that lean on one state err together.
     trajectory : {"spc", "reference"}
         By which trajectory the returns are located: with SPC's own, spacecraft and surface are
-        scaled together and a scale error shows as ε r along the beam; with an independent one it
-        shows as ε times the surface point.
+        scaled together and a scale error shows as ε r along the beam: for ε > 0 ranges are longer
+        than predicted. With an independent one it shows as ε times the surface point: the surface
+        lies further out, and ranges are shorter than predicted.
     scan : tuple of str, optional
         Scan of each observation: beside the states its pointing errs as a whole. Without, nothing
         of the kind is considered.

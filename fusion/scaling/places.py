@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from fusion.scaling.observation import ScaleObservations, Trajectory
+from fusion.scaling.observation import Trajectory
 from fusion.scaling.placing import KnownPlace
 from fusion.scaling.shots import compare_shots
 from lidar.scan import Scan
@@ -19,6 +19,10 @@ from spcola.robust import mad
 
 # Shots compared at each place: more tell no more of it.
 _SAMPLE = 400
+# Rays cast at once.
+_RAYS = 100_000
+# Residuals that scatter by less than this are as good as none.
+_LEAST_M = 1e-6
 # Fewer than this leave nothing once size and centre are taken out.
 FEWEST_SHOTS = 10
 # Steps of turns about Z, and about axes in the equator, degrees.
@@ -178,7 +182,8 @@ def check_place(
         return PlaceCheck(len(shots))
     compared = _Compared(shots, caster, prior, trajectory)
     here = compared.at(Place(_Z, 0.0), known)
-    found = [(place, compared.at(place)) for place in _places(shots)]
+    places = list(_places(shots))
+    found = list(zip(places, compared.at_each(places), strict=True))
     best = _finer(_best(found)[0], replace(compared, prior=prior * _FIRM))
     found.append((best, there := compared.at(best)))
     wrong = np.array([scatter(rest) for place, rest in found if place.is_elsewhere])
@@ -224,7 +229,7 @@ def _finer(best: Place, compared: _Compared) -> Place:
     for step in _FINER_DEG:
         turns = best.turn_deg + step * np.array([-1.0, 0.0, 1.0])
         near = [Place(best.axis, float(turn), best.mirrored) for turn in turns]
-        best, _ = _best([(place, compared.at(place)) for place in near])
+        best, _ = _best(list(zip(near, compared.at_each(near), strict=True)))
     return best
 
 
@@ -238,27 +243,41 @@ class _Compared:
     trajectory: Trajectory
 
     def at(self, place: Place, known: KnownPlace = _CLAIMED) -> FloatArray:
-        """Residuals (N,), metres; NaN of shots that miss."""
-        matrix = place.matrix
-        scan = Scan.of_points(
-            self.scan.name,
-            self.scan.points @ matrix.T,
-            spacecraft=self.scan.spacecraft @ matrix.T,
-            beam=self.scan.beam @ matrix.T,
-        )
-        compared = compare_shots(scan, self.caster, trajectory=self.trajectory, known=known)
-        rest = np.full(len(scan), np.nan)
-        if np.count_nonzero(compared.met) >= max(FEWEST_SHOTS, len(scan) / 2):
-            rest[compared.met] = self._rest(compared.observations, known)
-        return rest
+        """Residuals (N,) at a place, metres; NaN of shots that miss."""
+        return self.at_each([place], known)[0]
 
-    def _rest(self, observations: ScaleObservations, known: KnownPlace) -> FloatArray:
+    def at_each(self, places: Sequence[Place], known: KnownPlace = _CLAIMED) -> list[FloatArray]:
+        """Residuals (N,) at each place, metres; NaN of shots that miss, and where most do."""
+        most = max(1, _RAYS // len(self.scan))
+        groups = [places[first : first + most] for first in range(0, len(places), most)]
+        return [rest for group in groups for rest in self._at_once(group, known)]
+
+    def _at_once(self, places: Sequence[Place], known: KnownPlace) -> list[FloatArray]:
+        """Residuals at a few places, cast together: rays cost less than calls."""
+        count = len(self.scan)
+        layers = {
+            name: np.concatenate([getattr(self.scan, name) @ place.matrix.T for place in places])
+            for name in ("points", "spacecraft", "beam")
+        }
+        scan = Scan.of_points("places", **layers)
+        compared = compare_shots(scan, self.caster, trajectory=self.trajectory, known=known)
+        seen, found = compared.observations, []
+        design = seen.design()[:, 0]
+        ends = np.concatenate([[0], np.cumsum(compared.met.reshape(-1, count).sum(axis=1))])
+        for number, met in enumerate(compared.met.reshape(-1, count)):
+            rest = np.full(count, np.nan)
+            if np.count_nonzero(met) >= max(FEWEST_SHOTS, count / 2):
+                part = slice(ends[number], ends[number + 1])
+                rest[met] = self._rest(seen.value[part, 0], design[part], known)
+            found.append(rest)
+        return found
+
+    def _rest(self, value: FloatArray, design: FloatArray, known: KnownPlace) -> FloatArray:
         """What a fit of the eight parameters with their priors leaves of M values, metres."""
-        design, prior = observations.design()[:, 0], self.prior
-        at = np.concatenate([[0.0], known.center, known.turn, [0.0]])
-        value = observations.value[:, 0] - design @ at
+        prior = self.prior
+        value = value - design @ np.concatenate([[0.0], known.center, known.turn, [0.0]])
         held = _held(value)
-        error = max(float(mad(value)), 1e-9 * float(np.mean(observations.range)))
+        error = max(float(mad(value)), _LEAST_M)
         rows = np.concatenate([design, np.diag(error / prior)])
         seen = np.concatenate([held, np.zeros(len(prior))])
         # Metres, radians and ratios: in units of the priors the columns are of one size.

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from fusion.cli.app import app
 from fusion.rescaling import APPLIED_FILE, usable_epsilon
+from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import Workspace
 from spcola.errors import NotObservableError
 
@@ -111,7 +112,8 @@ def test_without_a_usable_epsilon_nothing_is_written(applied, tmp_path):
     )
     accepted = ("--accept", "changed-input")
     result = run("scale", alone, tmp_path / "C", "--apply", *accepted, code=1)
-    assert "there is no epsilon to apply" in result.stderr
+    assert "the result of scale is refused" in result.stderr
+    assert "[scale-not-observed]" in result.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["WS"]
 
 
@@ -120,17 +122,46 @@ def test_a_destination_needs_apply(applied):
     assert run("scale", root / "WS", root / "D", code=2).stdout == ""
 
 
+def content_with(*findings, **change):
+    """What scale.json says of an ε of ten sigmas, with some findings."""
+    verdict = Verdict(tuple(Finding(*one, "why") for one in findings)).as_json()
+    return {"epsilon": 1e-4, "epsilon_sigma": 1e-5, "converged": True, **verdict, **change}
+
+
+WHERE = Path("scale.json")
+
+
 @pytest.mark.parametrize(
-    "change",
+    "content",
     [
-        {"epsilon": None, "reason": "no pair"},
-        {"reasons": ["epsilon: not determined by the data; its sigma is that of the prior"]},
-        {"reasons": ["misfit: turned by +30 deg about Z the shots scatter less"]},
-        {"converged": False, "reason": "weights still moved"},
+        content_with((Code.SCALE_NOT_OBSERVED, Severity.REFUSED), epsilon=None),
+        content_with((Code.SHOTS_FIT_ELSEWHERE, Severity.REFUSED)),
+        content_with((Code.MERIDIAN_BEYOND_PRIOR, Severity.DOUBTFUL)),
+        content_with((Code.EPSILON_NOT_DETERMINED, Severity.NOTE)),
+        content_with((Code.EPSILON_NOT_SEPARABLE, Severity.NOTE)),
+        content_with((Code.EPSILON_NOT_SIGNIFICANT, Severity.NOTE)),
+        content_with((Code.SCALE_NOT_CONVERGED, Severity.NOTE)),
+        {"epsilon": 1e-4, "epsilon_sigma": 1e-5, "converged": True},
     ],
 )
-def test_an_epsilon_is_usable_only_if_the_data_gave_it(change):
-    good = {"epsilon": 1e-4, "epsilon_sigma": 1e-5, "reasons": ["cx_m: x"], "converged": True}
-    assert usable_epsilon(good, Path("scale.json")) == (1e-4, 1e-5)
+def test_an_epsilon_is_usable_only_if_the_data_gave_it(content):
     with pytest.raises(NotObservableError, match="there is no epsilon to apply"):
-        usable_epsilon({**good, **change}, Path("scale.json"))
+        usable_epsilon(content, WHERE)
+
+
+def test_notes_on_other_terms_do_not_forbid_it():
+    content = content_with((Code.TERMS_FROM_PRIOR, Severity.NOTE))
+    assert usable_epsilon(content, WHERE) == (1e-4, 1e-5)
+
+
+def test_what_forbids_it_can_be_accepted_by_its_code_but_a_refusal_cannot():
+    weak = content_with(
+        (Code.EPSILON_NOT_SEPARABLE, Severity.NOTE), (Code.EPSILON_NOT_SIGNIFICANT, Severity.NOTE)
+    )
+    with pytest.raises(NotObservableError, match="--accept epsilon-not-significant"):
+        usable_epsilon(weak, WHERE, ["epsilon-not-separable"])
+    both = ["epsilon-not-separable", "epsilon-not-significant"]
+    assert usable_epsilon(weak, WHERE, both) == (1e-4, 1e-5)
+    refused = content_with((Code.SHOTS_FIT_ELSEWHERE, Severity.REFUSED))
+    with pytest.raises(NotObservableError):
+        usable_epsilon(refused, WHERE, ["shots-fit-elsewhere"])

@@ -14,9 +14,9 @@ PLANTED = 2.5e-4
 SMOOTH = ("shape=0", "roughness=0", "craters.density_per_km2=0", "boulders.density_per_km2=0")
 
 
-def run(*arguments):
+def run(*arguments, code=0):
     result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == 0, result.output
+    assert result.exit_code == code, result.output
     return result
 
 
@@ -32,11 +32,11 @@ def mission(tmp_path_factory):
     return make(tmp_path_factory.mktemp("refusals") / "one")
 
 
-def scaled(root, spc, scans):
+def scaled(root, spc, scans, *, code=0):
     """The content of scale.json of a workspace over an SPC solution with some scans."""
     run("init", root, "--spc", spc, "--body", "Truth")
     run("import", root, *scans)
-    run("scale", root)
+    run("scale", root, code=code)
     return json.loads((root / "scale.json").read_text())
 
 
@@ -59,7 +59,8 @@ def is_silent(content):
 
 def test_lidar_of_another_body_is_no_match(mission, tmp_path):
     other = make(tmp_path / "other", "seed=6")
-    content = scaled(tmp_path / "WS", mission / "spc", sorted((other / "lidar").iterdir()))
+    content = scaled(tmp_path / "WS", mission / "spc", sorted((other / "lidar").iterdir()), code=1)
+    assert content["verdict"] == "refused"
     # Taken at the same times from the same places: only the ground is another.
     assert is_silent(content)
 
@@ -81,6 +82,9 @@ def test_a_single_scan_does_not_tell_the_size_from_the_centre(mission, tmp_path)
     # A thousand times what all eight scans know.
     assert content["epsilon_sigma"] > 1e-3
     assert any("not separable" in reason for reason in content["reasons"])
+    # A weak term is an honest sigma, and no fault.
+    assert content["verdict"] == "accepted"
+    assert {"epsilon-not-separable"} < {found["code"] for found in content["findings"]}
     assert "per-day terms: all observations are of one day" in content["reasons"]
 
 

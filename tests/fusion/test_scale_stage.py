@@ -20,9 +20,9 @@ def ryugu(shared_data, tmp_path_factory):
     return folder
 
 
-def run(*arguments):
+def run(*arguments, code=0):
     result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == 0, result.output
+    assert result.exit_code == code, result.output
     return result.output
 
 
@@ -37,6 +37,13 @@ def test_ryugu_shots_through_the_command_line(ryugu):
     residuals = [shot["residual_m"] for shot in content["per_shot"]]
     assert np.mean(residuals) == pytest.approx(-2.8, abs=0.1)
     assert not content["longitude_check"]["misfit"]
+    assert content["longitude_check"]["rivals"] == 0
+    assert content["verdict"] == summary["verdict"] == "accepted"
+    assert {found["severity"] for found in content["findings"]} == {"note"}
+    measured = content["residuals"]["measured_minus_predicted"]
+    assert measured["mean_m"] == pytest.approx(-2.8, abs=0.1)
+    assert 1.5 < measured["std_m"] < 2.2
+    assert content["residuals"]["after_fit"]["robust_std_m"] < measured["std_m"]
     # One day, one side: the size is not to be had, and that is said.
     assert content["trajectory"] == "reference"
     assert any(reason.startswith("epsilon: not determined") for reason in content["reasons"])
@@ -64,7 +71,7 @@ def test_ryugu_shots_with_a_footprint_and_pointing(ryugu, tmp_path):
 
 
 @pytest.mark.real_data
-@pytest.mark.parametrize("turn_deg", [30.0, 90.0, 180.0])
+@pytest.mark.parametrize("turn_deg", [10.0, -10.0, 90.0])
 def test_ryugu_turned_is_recognised_as_a_misfit(ryugu, shared_data, tmp_path, turn_deg):
     turned = tmp_path / "turned.csv"
     cosine, sine = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
@@ -84,13 +91,30 @@ def test_ryugu_turned_is_recognised_as_a_misfit(ryugu, shared_data, tmp_path, tu
     for scan in (workspace / "scans").iterdir():
         scan.unlink()
     run("import", workspace, turned)
-    run("scale", workspace, "--method", "shots")
+    printed = run("scale", workspace, "--method", "shots", code=1)
+    assert "verdict: refused" in printed
+    assert "[shots-fit-elsewhere]" in printed
     content = json.loads((workspace / "scale.json").read_text())
+    assert content["verdict"] == "refused"
     check = content["longitude_check"]
     assert check["misfit"]
     assert check["p_value"] < 1e-6
     assert abs((check["best_turn_deg"] + turn_deg + 180.0) % 360.0 - 180.0) <= 2.0
-    assert any(reason.startswith("misfit: turned by") for reason in content["reasons"])
+    assert any(reason.startswith("misfit: the shots fit better") for reason in content["reasons"])
+
+
+@pytest.mark.real_data
+def test_an_insignificant_epsilon_is_not_applied_unless_it_is_accepted(ryugu, tmp_path):
+    workspace, copy = tmp_path / "WS", tmp_path / "C"
+    shutil.copytree(ryugu, workspace)
+    apply = ("scale", workspace, copy, "--method", "shots", "--apply")
+    printed = CliRunner().invoke(app, [str(part) for part in apply])
+    assert printed.exit_code == 1
+    assert "epsilon-not-significant" in printed.output
+    assert not copy.exists()
+    codes = ("epsilon-not-determined", "epsilon-not-separable", "epsilon-not-significant")
+    run(*apply, *(part for code in codes for part in ("--accept", code)))
+    assert (copy / "applied_scale.json").is_file()
 
 
 @pytest.mark.real_data
