@@ -127,17 +127,18 @@ def span_text(first: float, last: float) -> str:
 def coverage_text(place: KernelPlace) -> str:
     """Return one clause: when the kernels know where the lidar was."""
     windows = place.coverage.windows()
-    gap = f"{place.max_gap_s:g} s"
     if not len(windows):
-        what = f"the pointing of {place.frame} and " if place.frame else ""
         whole = replace(place, max_gap_s=np.inf).coverage.windows()
         if not len(whole):
+            what = f"the pointing of {place.frame} and " if place.frame else ""
             return f"they do not know {what}the place of {place.spacecraft} at any time"
-        return f"all their states are more than max_gap_s = {gap} apart"
-    text = f"they cover {span_text(windows[0, 0], windows[-1, 1])}"
-    if len(windows) > 1:
-        text += f" in {len(windows)} spans of states no more than max_gap_s = {gap} apart"
-    return text
+        windows = np.column_stack([whole.ravel(), whole.ravel()])
+    span = span_text(windows[0, 0], windows[-1, 1])
+    gap = f"max_gap_s = {place.max_gap_s:g} s"
+    if np.all(windows[:, 0] == windows[:, 1]):
+        return f"all their states, of {span}, are more than {gap} apart"
+    apart = f" in {len(windows)} spans of states no more than {gap} apart"
+    return f"they cover {span}{apart if len(windows) > 1 else ''}"
 
 
 def _utc(*times: float) -> list[str]:

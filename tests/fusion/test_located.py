@@ -8,18 +8,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 import spiceypy
 from scipy.spatial import ConvexHull
 from typer.testing import CliRunner, Result
 
 from fusion.cli.app import app
 from fusion.initialise import new_workspace
-from fusion.locating import turning
+from fusion.locating import kernel_paths, turning
 from fusion.settings import Settings, load_settings, write_settings
 from fusion.verdict import Code
 from fusion.workspace import SETTINGS_FILE, Workspace
 from lidar.formats.native import write_scan
 from lidar.scan import Scan
+from spcola.errors import KernelError
 from spcola.formats.map import write_maplet
 from spcola.formats.obj import write_obj
 from spcola.maplet import Maplet, MapletGrid
@@ -178,7 +180,8 @@ def test_states_that_are_all_far_apart_are_named(tmp_path: Path) -> None:
     workspace = located(tmp_path, spread(50), scale={"max_gap_s": 100.0})
     _, content = scaled(workspace)
     assert content["outside_kernels"] == content["n_shots"] == 110
-    assert "no more than max_gap_s = 100 s apart" in content["reason"]
+    assert "all their states, of 20" in content["reason"]
+    assert "are more than max_gap_s = 100 s apart" in content["reason"]
 
 
 def test_mapolas_without_kernels_of_their_time_name_the_spans(tmp_path: Path) -> None:
@@ -210,6 +213,10 @@ def test_pcks_that_contradict_each_other_are_refused_by_what_it_means_for_the_sc
     assert "body.tpc: BODY2101955_PM is (140.69, 2011.15, 1.8e-06), but (140.69, 2011" in line
     assert "in other.tpc: turned by up to 92.7 deg or " in line
     assert "m at a radius of 5" in line or "m at a radius of 6" in line
+    assert line.endswith("choose one of them as [spice] prime_meridian")
     chosen = settings.with_table("spice", **spice, prime_meridian="body.tpc")
+    reference = {"reference": files, "frame": "J2000"}
+    with pytest.raises(KernelError, match=r"as \[spice\] reference_prime_meridian"):
+        kernel_paths(workspace, chosen.with_table("spice", **reference).spice)
     write_settings(workspace.root / SETTINGS_FILE, chosen)
     assert CliRunner().invoke(app, ["scale", str(workspace.root)]).exit_code == 0
