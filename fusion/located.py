@@ -91,6 +91,39 @@ class LocatedShots:
             return text
         return f"{text}: {coverage_text(self.place)}; the shots are of {span_text(*self.span)}"
 
+    def unplaced(self, missed: int, located: str) -> str:
+        """Return why there is nothing to compare, by what took most shots, and what to do.
+
+        Parameters
+        ----------
+        missed : int
+            Shots that do not meet the shape.
+        located : {"spc", "reference"}
+            By whose trajectory they are located.
+        """
+        of_all = f"of {self.count} shots"
+        left_out, timeless = self.lost.get(OUTSIDE, 0), self.lost.get(NO_TIME, 0)
+        outside = (
+            "lie outside the states of the images, or between two further apart than [scale] "
+            "max_gap_s; use shots taken with the images"
+            if located == "spc"
+            else "have no spacecraft position by which they could be moved; import them with one"
+        )
+        reasons = [
+            (
+                missed,
+                f"{missed} {of_all} do not meet the shape, or have no spacecraft position; check "
+                "that shots and shape are in one frame and unit",
+            ),
+            (
+                self.outside,
+                f"{self.outside_text()}; give kernels of the shots' times, or widen max_gap_s",
+            ),
+            (left_out, f"{left_out} {of_all} {outside}"),
+            (timeless, f"{timeless} {of_all} have no time; import them with one"),
+        ]
+        return max(reasons, key=lambda reason: reason[0])[1]
+
 
 def located_shots(workspace: Workspace, turn: Turning, most: int) -> LocatedShots:
     """Read the shots of each scan where they are now, evenly thinned to about `most` in all."""

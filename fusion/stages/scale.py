@@ -34,7 +34,6 @@ from fusion.stages.base import StageContext, StageResult
 from fusion.tables import BodySettings, ScaleSettings, SpiceSettings, SpinSettings, Table
 from fusion.verdict import Verdict
 from fusion.workspace import Workspace
-from lidar.relocation import NO_TIME, OUTSIDE
 from lidar.reprojection import reproject, scan_trajectory
 from lidar.scan import Scan, join
 from spcola.arrays import FloatArray
@@ -132,8 +131,8 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
         context.table(SpiceSettings),
         max_gap_s=table.max_gap_s,
     )
-    shots = located_shots(workspace, turn, table.max_shots)
-    scans = shots.scans
+    taken = located_shots(workspace, turn, table.max_shots)
+    scans = taken.scans
     located = table.trajectory if workspace.image_names() else "reference"
     states = Trajectory.from_images(workspace.images()) if located == "spc" else None
 
@@ -144,7 +143,7 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
         moved = [_relocated(scan, states, table.max_gap_s) for scan in scans]
         placed = [(scan, shares) for scan, shares, _ in moved]
         widest = max((within for _, _, within in moved), default=0.0)
-        shots = shots.moved(tuple(scan for scan, _ in placed), widest)
+        taken = taken.moved(tuple(scan for scan, _ in placed), widest)
 
     def one(placed: tuple[Scan, FloatArray | None], known: KnownPlace) -> ShotComparison:
         scan, shares = placed
@@ -157,8 +156,8 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
 
     compared, scan = at(KnownPlace()), join("shots", list(scans))
     if len(compared.observations) < 2:
-        content = unobserved_json("shots", located, _unplaced(shots, compared.missed, located))
-        return content | shots.as_json() | {"missed": compared.missed} | _verdict(content, shots)
+        content = unobserved_json("shots", located, taken.unplaced(compared.missed, located))
+        return content | taken.as_json() | {"missed": compared.missed} | _verdict(content, taken)
     compared, estimate = settle_shots(compared, at, options=_scale_options(table))
     check = check_longitude(scan, caster)
     content = scale_json(compared.observations, estimate, mean_radius=radius)
@@ -176,42 +175,16 @@ def _shots(context: StageContext, caster: RayCaster, radius: float) -> dict[str,
     content["longitude_check"] = longitude_json(check)
     content["assumed"] = assumed_json(spots)
     content["missed"] = compared.missed
-    content |= shots.as_json()
+    content |= taken.as_json()
     if turn.place is not None or states is not None:
-        content["located_within_m"] = shots.within_m
+        content["located_within_m"] = taken.within_m
     content["per_shot"] = per_shot(compared, estimate)
-    return content | _verdict(content, shots)
+    return content | _verdict(content, taken)
 
 
-def _unplaced(shots: LocatedShots, missed: int, located: str) -> str:
-    """Return why there are no shots to compare, by what took most of them, and what to do."""
-    of_all = f"of {shots.count} shots"
-    left_out, timeless = shots.lost.get(OUTSIDE, 0), shots.lost.get(NO_TIME, 0)
-    outside = (
-        "lie outside the states of the images, or between two further apart than [scale] "
-        "max_gap_s; use shots taken with the images"
-        if located == "spc"
-        else "have no spacecraft position by which they could be moved; import them with one"
-    )
-    reasons = [
-        (
-            missed,
-            f"{missed} {of_all} do not meet the shape, or have no spacecraft position; check that "
-            "shots and shape are in one frame and unit",
-        ),
-        (
-            shots.outside,
-            f"{shots.outside_text()}; give kernels of the shots' times, or widen max_gap_s",
-        ),
-        (left_out, f"{left_out} {of_all} {outside}"),
-        (timeless, f"{timeless} {of_all} have no time; import them with one"),
-    ]
-    return max(reasons, key=lambda reason: reason[0])[1]
-
-
-def _verdict(content: dict[str, Any], shots: LocatedShots) -> dict[str, Any]:
+def _verdict(content: dict[str, Any], taken: LocatedShots) -> dict[str, Any]:
     """Return the verdict of a scale, with what was found where its shots were located."""
-    return Verdict((*Verdict.from_json(content).findings, *shots.findings())).as_json()
+    return Verdict((*Verdict.from_json(content).findings, *taken.findings())).as_json()
 
 
 def _relocated(scan: Scan, states: Trajectory, max_gap_s: float) -> tuple[Scan, FloatArray, float]:
