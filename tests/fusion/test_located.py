@@ -21,14 +21,17 @@ from fusion.verdict import Code
 from fusion.workspace import SETTINGS_FILE, Workspace
 from lidar.formats.native import write_scan
 from lidar.scan import Scan
+from spcola.camera import Camera
 from spcola.errors import KernelError
 from spcola.formats.map import write_maplet
 from spcola.formats.obj import write_obj
+from spcola.formats.sum import write_summary
+from spcola.image import SpcImage
 from spcola.maplet import Maplet, MapletGrid
 from spcola.mesh import Mesh
 from spcola.rays import RayCaster
 from spcola.spice import KernelSet, body_fixed_states
-from spcola.time import SPICE_LOCK
+from spcola.time import SPICE_LOCK, utc_from_et
 
 BENNU = 2101955
 START = 6.2e8
@@ -146,6 +149,29 @@ def test_every_shot_is_counted_once(tmp_path: Path) -> None:
     assert "in 3 spans of states no more than max_gap_s = 600 s apart" in found["text"]
     assert any("by the kernels of [spice]" in reason for reason in content["reasons"])
     assert not any("own reference" in reason for reason in content["reasons"])
+
+
+def test_shots_outside_the_states_of_images_are_counted_too(tmp_path: Path) -> None:
+    """Images of the first burst alone; kernels cover all three."""
+    times = spread(80)
+    workspace = located(tmp_path, times)
+    files = [tmp_path / "body.tpc", tmp_path / "craft.bsp"]
+    with KernelSet(files).load():
+        station, _ = body_fixed_states(-999, BENNU, IMAGES[:25])
+    camera = Camera(100.0, [256, 256], [[60.0, 0, 0], [0, 60.0, 0]], 512, 512)
+    for number, (time, place) in enumerate(zip(IMAGES[:25], station, strict=True)):
+        utc = utc_from_et(time, 6)
+        image = SpcImage(f"I{number:03d}", utc, camera, -place, np.eye(3), [1.0, 0, 0])
+        write_summary(workspace.image_path(image.name), image)
+    result, content = scaled(workspace)
+    assert result.exit_code == 0, result.output
+    inside = np.count_nonzero(times < IMAGES[24])
+    assert content["trajectory"] == "spc"
+    assert content["outside_kernels"] == 60
+    assert content["n_shots"] == total(content) == 140
+    # Also lost are those between two shots too far apart to know where the images were taken.
+    assert 80 - inside <= content["outside_trajectory"] < 80
+    assert 0.0 < content["located_within_m"] < 1.0
 
 
 def test_the_kernels_that_made_the_shots_leave_them_where_they_are(tmp_path: Path) -> None:
