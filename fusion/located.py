@@ -91,6 +91,39 @@ class LocatedShots:
             return text
         return f"{text}: {coverage_text(self.place)}; the shots are of {span_text(*self.span)}"
 
+    def unplaced(self, missed: int, located: str) -> str:
+        """Return why there is nothing to compare, by what took most shots, and what to do.
+
+        Parameters
+        ----------
+        missed : int
+            Shots that do not meet the shape.
+        located : {"spc", "reference"}
+            By whose trajectory they are located.
+        """
+        of_all = f"of {self.count} shots"
+        left_out, timeless = self.lost.get(OUTSIDE, 0), self.lost.get(NO_TIME, 0)
+        outside = (
+            "lie outside the states of the images, or between two further apart than [scale] "
+            "max_gap_s; use shots taken with the images"
+            if located == "spc"
+            else "have no spacecraft position by which they could be moved; import them with one"
+        )
+        reasons = [
+            (
+                missed,
+                f"{missed} {of_all} do not meet the shape, or have no spacecraft position; check "
+                "that shots and shape are in one frame and unit",
+            ),
+            (
+                self.outside,
+                f"{self.outside_text()}; give kernels of the shots' times, or widen max_gap_s",
+            ),
+            (left_out, f"{left_out} {of_all} {outside}"),
+            (timeless, f"{timeless} {of_all} have no time; import them with one"),
+        ]
+        return max(reasons, key=lambda reason: reason[0])[1]
+
 
 def located_shots(workspace: Workspace, turn: Turning, most: int) -> LocatedShots:
     """Read the shots of each scan where they are now, evenly thinned to about `most` in all."""
@@ -127,17 +160,18 @@ def span_text(first: float, last: float) -> str:
 def coverage_text(place: KernelPlace) -> str:
     """Return one clause: when the kernels know where the lidar was."""
     windows = place.coverage.windows()
-    gap = f"{place.max_gap_s:g} s"
     if not len(windows):
-        what = f"the pointing of {place.frame} and " if place.frame else ""
         whole = replace(place, max_gap_s=np.inf).coverage.windows()
         if not len(whole):
+            what = f"the pointing of {place.frame} and " if place.frame else ""
             return f"they do not know {what}the place of {place.spacecraft} at any time"
-        return f"all their states are more than max_gap_s = {gap} apart"
-    text = f"they cover {span_text(windows[0, 0], windows[-1, 1])}"
-    if len(windows) > 1:
-        text += f" in {len(windows)} spans of states no more than max_gap_s = {gap} apart"
-    return text
+        windows = np.column_stack([whole.ravel(), whole.ravel()])
+    span = span_text(windows[0, 0], windows[-1, 1])
+    gap = f"max_gap_s = {place.max_gap_s:g} s"
+    if np.all(windows[:, 0] == windows[:, 1]):
+        return f"all their states, of {span}, are more than {gap} apart"
+    apart = f" in {len(windows)} spans of states no more than {gap} apart"
+    return f"they cover {span}{apart if len(windows) > 1 else ''}"
 
 
 def _utc(*times: float) -> list[str]:

@@ -115,12 +115,13 @@ def kernel_place(
             f"{workspace.root / SETTINGS_FILE}: [spin]",
             "set its shifts to 0, or correct the PCK",
         )
-    use = KernelUse(table.body, partial(_extent, workspace))
+    use = KernelUse(table.body, partial(_extent, workspace), "[spice] prime_meridian")
     reference = None
     if table.reference:
         paths = [workspace.root / name for name in table.reference]
         chosen = table.reference_prime_meridian or None
-        reference = KernelSet(paths, prime_meridian=chosen, use=use)
+        its_use = replace(use, setting="[spice] reference_prime_meridian")
+        reference = KernelSet(paths, prime_meridian=chosen, use=its_use)
     return KernelPlace(
         KernelSet(
             [workspace.root / name for name in table.kernels],

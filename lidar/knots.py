@@ -50,7 +50,7 @@ def knots(
         Of the returns, sorted: nothing is asked at other times. By default returns may be at any
         time of the span.
     edges : (K,) ndarray, optional
-        Times at which values begin or cease to be known; of no use where `times` are given.
+        Times at which values begin or cease to be known.
 
     Returns
     -------
@@ -97,11 +97,13 @@ def _start(
     begin, end = span
     count = max(_FEWEST, int(np.ceil((end - begin) / _LONGEST_S)))
     even: FloatArray = np.linspace(begin, end, count + 1)
-    if times is not None:
-        return times[np.unique(np.append(np.searchsorted(times[:-1], even), len(times) - 1))]
     if edges is not None:
         even = np.union1d(even, edges[(edges > begin) & (edges < end)])
-    return even
+    if times is None:
+        return even
+    # The returns on both sides of each: what is known between two edges is not passed over.
+    after = np.searchsorted(times, even)
+    return times[np.unique(np.clip(np.append(after, after - 1), 0, len(times) - 1))]
 
 
 def _middle(low: FloatArray, high: FloatArray, times: FloatArray | None) -> FloatArray:

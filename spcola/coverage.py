@@ -14,6 +14,7 @@ import spiceypy
 from numpy.typing import ArrayLike
 
 from spcola.arrays import BoolArray, FloatArray
+from spcola.errors import KernelError
 
 # Types of SPK segments with discrete states: at epochs that are listed, so with other packets, and
 # at even steps. Of CK segments the one that interpolates in straight lines.
@@ -118,7 +119,7 @@ def position_track(target: int, max_gap_s: float) -> Track:
     found = []
     for handle, ends, integers in _segments("SPK"):
         if integers[0] == target:
-            epochs = state_epochs(handle, integers)
+            epochs = segment_epochs(handle, integers)
             found.append(Segment(*ends, _gaps(epochs, max_gap_s)))
     return Track(tuple(found))
 
@@ -144,7 +145,7 @@ def pointing_tracks(frame: str, max_gap_s: float, tolerance_s: float) -> tuple[T
     return tuple(tracks)
 
 
-def state_epochs(handle: int, integers: tuple[int, ...]) -> FloatArray:
+def segment_epochs(handle: int, integers: tuple[int, ...]) -> FloatArray:
     """Return the epochs (K,), s, of the discrete states of an SPK segment; none of other types.
 
     Parameters
@@ -156,16 +157,16 @@ def state_epochs(handle: int, integers: tuple[int, ...]) -> FloatArray:
     """
     kind, begin, end = integers[3:6]
     if kind in _LISTED:
-        count = int(_numbers(handle, end, end)[0])
-        begin += 6 * count
-        return _numbers(handle, begin, begin + count - 1)
+        count = _count(_numbers(handle, end, end)[0], 7, begin, end)
+        return _numbers(handle, begin + 6 * count, begin + 7 * count - 1)
     if kind == _MIXED:
-        form, _, count = (int(number) for number in _numbers(handle, end - 2, end))
-        begin += (6 if form else 12) * count
-        return _numbers(handle, begin, begin + count - 1)
+        form, _, number = _numbers(handle, end - 2, end)
+        packet = 6 if form else 12
+        count = _count(number, packet + 1, begin, end)
+        return _numbers(handle, begin + packet * count, begin + (packet + 1) * count - 1)
     if kind in _SPACED:
-        first, step, _, states = _numbers(handle, end - 3, end)
-        return np.asarray(first + step * np.arange(int(states)))
+        first, step, _, number = _numbers(handle, end - 3, end)
+        return np.asarray(first + step * np.arange(_count(number, 6, begin, end)))
     return np.empty(0)
 
 
@@ -185,7 +186,7 @@ def _attitudes(
         else:
             ticks, starts = np.array(ends), np.array(ends[:1])
         first = np.searchsorted(ticks, starts)
-        for part in np.split(ticks, first[1:]):
+        for part in filter(len, np.split(ticks, first[1:])):
             low, high = (spiceypy.sct2e(clock, float(tick)) for tick in part[[0, -1]])
             gaps: FloatArray = np.empty((0, 2))
             if integers[2] == _LINEAR_CK and high - low > max_gap_s:
@@ -210,8 +211,11 @@ def _long_steps(ticks: FloatArray, clock: int, rate: float, max_gap_s: float) ->
 def _linear_ck(handle: int, integers: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
     """Return the ticks of the attitudes of a CK segment of type 3, and of its intervals' starts."""
     begin, end = integers[4:6]
-    intervals, count = (int(number) for number in _numbers(handle, end - 1, end))
-    begin += (7 if integers[3] else 4) * count
+    packet = 7 if integers[3] else 4
+    written = _numbers(handle, end - 1, end)
+    count = _count(written[1], packet + 1, begin, end)
+    intervals = _count(written[0], 1, begin, end)
+    begin += packet * count
     ticks = _numbers(handle, begin, begin + count - 1)
     begin += count + (count - 1) // _DIRECTORY
     return ticks, _numbers(handle, begin, begin + intervals - 1)
@@ -230,6 +234,23 @@ def segments_of(handle: int) -> Iterator[_Found]:
     while spiceypy.daffna():
         ends, whole = spiceypy.dafus(spiceypy.dafgs(5), 2, 6)
         yield handle, (float(ends[0]), float(ends[1])), tuple(int(number) for number in whole)
+
+
+def _count(number: float, each: int, begin: int, end: int) -> int:
+    """Return a count that a segment states, of things of so many numbers each.
+
+    Raises
+    ------
+    KernelError
+        If so many do not fit between its first and last address.
+    """
+    if not 1 <= number * each <= end - begin + 1:
+        raise KernelError(
+            f"a segment of {end - begin + 1} numbers states {number:g} states or attitudes",
+            "SPK or CK",
+            "get the kernel again",
+        )
+    return int(number)
 
 
 def _numbers(handle: int, begin: int, end: int) -> FloatArray:

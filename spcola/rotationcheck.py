@@ -43,10 +43,13 @@ class KernelUse:
         Returns the ephemeris times (N,), s, at which its rotation is used, and the radius, m, at
         which a contradiction is stated where no kernel gives the body's radii; none and 0 where
         they are not known. It is only called where kernels differ.
+    setting : str
+        Where a person names the kernel that counts.
     """
 
     body: int
     extent: Callable[[], tuple[FloatArray, float]]
+    setting: str = "prime_meridian"
 
 
 def settle_rotation(
@@ -77,7 +80,8 @@ def settle_rotation(
     bodies = [use.body] if use else sorted({body for one in every for body in one.bodies})
     chosen = None
     if choice is not None:
-        chosen = _chosen([one for one in every if any(map(one.stated, bodies))], choice)
+        stating = [one for one in every if any(map(one.stated, bodies))]
+        chosen = _chosen(stating, choice, use.setting if use else "prime_meridian")
         order = [path for path in order if path != chosen.path] + [chosen.path]
         every = [one for one in every if one is not chosen] + [chosen]
     dropped: set[str] = set()
@@ -88,14 +92,14 @@ def settle_rotation(
     return order, tuple(sorted(dropped))
 
 
-def _chosen(stating: list[Orientation], choice: str | Path) -> Orientation:
+def _chosen(stating: list[Orientation], choice: str | Path, setting: str) -> Orientation:
     """Return the kernel of that path or name among those that state a rotation."""
     found = [one for one in stating if one.path == Path(choice) or one.path.name == str(choice)]
     if len(found) != 1:
         names = ", ".join(sorted({one.path.name for one in stating})) or "none of the kernels"
         raise KernelError(
             f"{str(choice)!r} is not one kernel with the rotation of the body",
-            "prime_meridian",
+            setting,
             f"choose from: {names}",
         )
     return found[0]
@@ -134,7 +138,7 @@ def _refuse_disagreement(
         raise KernelError(
             f"{'; '.join(named)}: {_effect(angle, radius, times)}",
             one.path,
-            "choose one of them as prime_meridian",
+            f"choose one of them as {use.setting if use else 'prime_meridian'}",
         )
 
 

@@ -21,8 +21,8 @@ from spcola.coverage import (
     Track,
     pointing_tracks,
     position_track,
+    segment_epochs,
     segments_of,
-    state_epochs,
 )
 from spcola.errors import KernelError
 from spcola.formats.kernel_text import expand_meta_kernels
@@ -275,7 +275,7 @@ def state_times(path: str | Path) -> FloatArray:
     with SPICE_LOCK, _kernel_errors(path):
         handle = spiceypy.dafopr(str(path))
         try:
-            times = [state_epochs(handle, integers) for _, _, integers in segments_of(handle)]
+            times = [segment_epochs(handle, integers) for _, _, integers in segments_of(handle)]
         finally:
             spiceypy.dafcls(handle)
     found = np.unique(np.concatenate([np.empty(0), *times]))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fusion.influence import influence
-from fusion.located import LocatedShots, located_shots
+from fusion.located import located_shots
 from fusion.locating import kernel_paths, turning
 from fusion.pairing import Pairing, pair_images, state_shares, write_pairs
 from fusion.scaling.consistency import consistency, shared_by_maplets
@@ -45,7 +45,6 @@ from fusion.stages.base import StageContext, StageResult
 from fusion.tables import BodySettings, ScaleSettings, SpiceSettings, SpinSettings, Table
 from fusion.verdict import Finding, Severity, Verdict
 from fusion.workspace import Workspace
-from lidar.relocation import NO_TIME, OUTSIDE
 from lidar.reprojection import reproject, scan_trajectory
 from lidar.scan import Scan, join
 from spcola.arrays import FloatArray
@@ -147,8 +146,8 @@ def _shots(
         context.table(SpiceSettings),
         max_gap_s=table.max_gap_s,
     )
-    shots = located_shots(workspace, turn, table.max_shots)
-    scans = shots.scans
+    taken = located_shots(workspace, turn, table.max_shots)
+    scans = taken.scans
     located = table.trajectory if workspace.image_names() else "reference"
     states = Trajectory.from_images(workspace.images()) if located == "spc" else None
 
@@ -159,7 +158,7 @@ def _shots(
         moved = [_relocated(scan, states, table.max_gap_s) for scan in scans]
         placed = [(scan, shares) for scan, shares, _ in moved]
         widest = max((within for _, _, within in moved), default=0.0)
-        shots = shots.moved(tuple(scan for scan, _ in placed), widest)
+        taken = taken.moved(tuple(scan for scan, _ in placed), widest)
 
     def one(placed: tuple[Scan, FloatArray | None], known: KnownPlace) -> ShotComparison:
         scan, shares = placed
@@ -172,20 +171,18 @@ def _shots(
 
     compared = at(KnownPlace())
     if len(compared.observations) < 2:
-        content, findings = _unobserved(
-            "shots", located, _unplaced(shots, compared.missed, located)
-        )
-        content |= shots.as_json() | {"missed": compared.missed}
-        return content, [*findings, *shots.findings()]
+        content, findings = _unobserved("shots", located, taken.unplaced(compared.missed, located))
+        content |= taken.as_json() | {"missed": compared.missed}
+        return content, [*findings, *taken.findings()]
     options = _scale_options(table)
     try:
         compared, estimate = settle_shots(compared, at, options=options)
     except NotObservableError as error:
         content, findings = _unobserved("shots", located, str(error))
-        return content | shots.as_json(), [*findings, *shots.findings()]
+        return content | taken.as_json(), [*findings, *taken.findings()]
     known = KnownPlace.of(estimate.fit.estimate)
-    cast = join("shots", [scan for scan, _ in placed])
-    check = check_place(cast, caster, prior=options.prior, known=known, trajectory=located)
+    shots = join("shots", [scan for scan, _ in placed])
+    check = check_place(shots, caster, prior=options.prior, known=known, trajectory=located)
     content = scale_json(compared.observations, estimate, mean_radius=radius)
     if located != table.trajectory:
         content["reasons"].append(
@@ -204,42 +201,16 @@ def _shots(
     content["longitude_check"] = place_json(check)
     content["assumed"] = assumed_json(spots)
     content["missed"] = compared.missed
-    content |= shots.as_json()
+    content |= taken.as_json()
     if turn.place is not None or states is not None:
-        content["located_within_m"] = shots.within_m
+        content["located_within_m"] = taken.within_m
     content["per_shot"] = per_shot(compared, estimate)
-    return content, [*findings, *shots.findings()]
+    return content, [*findings, *taken.findings()]
 
 
 def _unobserved(kind: str, located: str, reason: str) -> tuple[dict[str, Any], list[Finding]]:
     """Content and findings where nothing is observed."""
     return unobserved_json(kind, located, reason), unobserved_findings(reason)
-
-
-def _unplaced(shots: LocatedShots, missed: int, located: str) -> str:
-    """Return why there are no shots to compare, by what took most of them, and what to do."""
-    of_all = f"of {shots.count} shots"
-    left_out, timeless = shots.lost.get(OUTSIDE, 0), shots.lost.get(NO_TIME, 0)
-    outside = (
-        "lie outside the states of the images, or between two further apart than [scale] "
-        "max_gap_s; use shots taken with the images"
-        if located == "spc"
-        else "have no spacecraft position by which they could be moved; import them with one"
-    )
-    reasons = [
-        (
-            missed,
-            f"{missed} {of_all} do not meet the shape, or have no spacecraft position; check that "
-            "shots and shape are in one frame and unit",
-        ),
-        (
-            shots.outside,
-            f"{shots.outside_text()}; give kernels of the shots' times, or widen max_gap_s",
-        ),
-        (left_out, f"{left_out} {of_all} {outside}"),
-        (timeless, f"{timeless} {of_all} have no time; import them with one"),
-    ]
-    return max(reasons, key=lambda reason: reason[0])[1]
 
 
 def _relocated(scan: Scan, states: Trajectory, max_gap_s: float) -> tuple[Scan, FloatArray, float]:

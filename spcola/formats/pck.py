@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -120,4 +121,6 @@ def _numbers(name: str, text: str, path: Path) -> Values:
         raise KernelError(f"{name} is not a list of numbers", path, "mend it") from None
     if not numbers:
         raise KernelError(f"{name} is empty", path, "mend it")
+    if not all(map(math.isfinite, numbers)):
+        raise KernelError(f"{name} is not a list of numbers", path, "mend it")
     return numbers

@@ -8,25 +8,30 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 import spiceypy
 from scipy.spatial import ConvexHull
 from typer.testing import CliRunner, Result
 
 from fusion.cli.app import app
 from fusion.initialise import new_workspace
-from fusion.locating import turning
+from fusion.locating import kernel_paths, turning
 from fusion.settings import Settings, load_settings, write_settings
 from fusion.verdict import Code
 from fusion.workspace import SETTINGS_FILE, Workspace
 from lidar.formats.native import write_scan
 from lidar.scan import Scan
+from spcola.camera import Camera
+from spcola.errors import KernelError
 from spcola.formats.map import write_maplet
 from spcola.formats.obj import write_obj
+from spcola.formats.sum import write_summary
+from spcola.image import SpcImage
 from spcola.maplet import Maplet, MapletGrid
 from spcola.mesh import Mesh
 from spcola.rays import RayCaster
 from spcola.spice import KernelSet, body_fixed_states
-from spcola.time import SPICE_LOCK
+from spcola.time import SPICE_LOCK, utc_from_et
 
 BENNU = 2101955
 START = 6.2e8
@@ -146,6 +151,29 @@ def test_every_shot_is_counted_once(tmp_path: Path) -> None:
     assert not any("own reference" in reason for reason in content["reasons"])
 
 
+def test_shots_outside_the_states_of_images_are_counted_too(tmp_path: Path) -> None:
+    """Images of the first burst alone; kernels cover all three."""
+    times = spread(80)
+    workspace = located(tmp_path, times)
+    files = [tmp_path / "body.tpc", tmp_path / "craft.bsp"]
+    with KernelSet(files).load():
+        station, _ = body_fixed_states(-999, BENNU, IMAGES[:25])
+    camera = Camera(100.0, [256, 256], [[60.0, 0, 0], [0, 60.0, 0]], 512, 512)
+    for number, (time, place) in enumerate(zip(IMAGES[:25], station, strict=True)):
+        utc = utc_from_et(time, 6)
+        image = SpcImage(f"I{number:03d}", utc, camera, -place, np.eye(3), [1.0, 0, 0])
+        write_summary(workspace.image_path(image.name), image)
+    result, content = scaled(workspace)
+    assert result.exit_code == 0, result.output
+    inside = np.count_nonzero(times < IMAGES[24])
+    assert content["trajectory"] == "spc"
+    assert content["outside_kernels"] == 60
+    assert content["n_shots"] == total(content) == 140
+    # Also lost are those between two shots too far apart to know where the images were taken.
+    assert 80 - inside <= content["outside_trajectory"] < 80
+    assert 0.0 < content["located_within_m"] < 1.0
+
+
 def test_the_kernels_that_made_the_shots_leave_them_where_they_are(tmp_path: Path) -> None:
     """Over two days, in which the body turns eleven times: each is asked for."""
     workspace = located(tmp_path, spread(300))
@@ -178,7 +206,8 @@ def test_states_that_are_all_far_apart_are_named(tmp_path: Path) -> None:
     workspace = located(tmp_path, spread(50), scale={"max_gap_s": 100.0})
     _, content = scaled(workspace)
     assert content["outside_kernels"] == content["n_shots"] == 110
-    assert "no more than max_gap_s = 100 s apart" in content["reason"]
+    assert "all their states, of 20" in content["reason"]
+    assert "are more than max_gap_s = 100 s apart" in content["reason"]
 
 
 def test_mapolas_without_kernels_of_their_time_name_the_spans(tmp_path: Path) -> None:
@@ -210,6 +239,10 @@ def test_pcks_that_contradict_each_other_are_refused_by_what_it_means_for_the_sc
     assert "body.tpc: BODY2101955_PM is (140.69, 2011.15, 1.8e-06), but (140.69, 2011" in line
     assert "in other.tpc: turned by up to 92.7 deg or " in line
     assert "m at a radius of 5" in line or "m at a radius of 6" in line
+    assert line.endswith("choose one of them as [spice] prime_meridian")
     chosen = settings.with_table("spice", **spice, prime_meridian="body.tpc")
+    reference = {"reference": files, "frame": "J2000"}
+    with pytest.raises(KernelError, match=r"as \[spice\] reference_prime_meridian"):
+        kernel_paths(workspace, chosen.with_table("spice", **reference).spice)
     write_settings(workspace.root / SETTINGS_FILE, chosen)
     assert CliRunner().invoke(app, ["scale", str(workspace.root)]).exit_code == 0

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lidar.knots import EXACT, knots
+from lidar.relocation import Relocation
 
 DAYS = 5.8 * 86400.0
 TOLERANCE = 5e-4
@@ -70,6 +71,21 @@ def test_what_ends_is_known_to_its_end_and_no_further(edge: float) -> None:
         assert edge - 2e-3 <= known.max() <= edge
         assert time[np.isnan(value).any(axis=1)].min() <= edge + 2e-3
         assert error <= TOLERANCE
+
+
+def test_what_is_known_for_seconds_is_found_among_returns() -> None:
+    """Three images alone, and a gap of two seconds, among returns of every tenth of a second."""
+    times = 0.1 * np.arange(20_000)
+    windows = np.array([[503.0, 507.0], [801.0, 801.0], [1000.0, 1203.0], [1205.0, 1500.0]])
+
+    def islands(time: np.ndarray) -> np.ndarray:
+        known = ((time[:, None] >= windows[:, 0]) & (time[:, None] <= windows[:, 1])).any(axis=1)
+        return np.where(known[:, None], circle(time), np.nan)
+
+    time, value, _ = knots(islands, size, (0.0, 2000.0), TOLERANCE, times, np.unique(windows))
+    move = Relocation(shift_time=time, shift=np.column_stack([value, 0 * time]), moves=True)
+    found = move.covers(times)
+    np.testing.assert_array_equal(found, np.isfinite(islands(times)).all(axis=1))
 
 
 def test_a_path_that_jumps_does_not_go_on_forever() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import spiceypy
 
 from spcola.coverage import Coverage, Segment, Track
+from spcola.errors import KernelError
 from spcola.spice import KernelSet, body_fixed_axes, body_fixed_states, coverage, state_times
 from spcola.time import SPICE_LOCK
 
@@ -208,3 +210,20 @@ def test_what_covers_together() -> None:
     np.testing.assert_array_equal(both.windows(), [[4.0, 15.0], [18.0, 18.0]])
     assert both.knows([3.0, 4.0, 15.0, 16.0, 18.0]).tolist() == [False, True, True, False, True]
     assert not len(Coverage((first, Track(()))).windows())
+
+
+@pytest.mark.parametrize("count", [1e18, 0.0, -3.0, np.nan, np.inf, 1e300])
+@pytest.mark.parametrize("kind", [8, 9, 18, 0])
+def test_a_count_that_does_not_fit_is_refused(tmp_path: Path, kind: int, count: float) -> None:
+    times = 60.0 * np.arange(21)
+    path = ck(tmp_path / "a.bc", times) if kind == 0 else spk(tmp_path / "a.bsp", kind, times)
+    content = bytearray(path.read_bytes())
+    place = content.rfind(struct.pack("<d", 21.0))
+    content[place : place + 8] = struct.pack("<d", count)
+    path.write_bytes(content)
+    spacecraft, frame = ("", FRAME) if kind == 0 else (CRAFT, "")
+    with (
+        KernelSet([path, *texts(tmp_path)]).load(),
+        pytest.raises(KernelError, match=r"a segment of \d+ numbers states"),
+    ):
+        coverage(spacecraft, frame=frame)
