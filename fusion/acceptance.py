@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fusion.frame_search import search_workspace_frames
 from fusion.matching import Matched, Matcher
 from fusion.registration.apply import GivenRegistration
 from fusion.registration.commonrelief import Placed, common_relief
@@ -20,7 +21,7 @@ from fusion.surfaces import surface_reference
 from fusion.tables import RegisterSettings
 from fusion.verdict import Code, Finding, Severity, Verdict
 from spcola.arrays import FloatArray
-from spcola.errors import NotObservableError
+from spcola.errors import NotObservableError, SpcolaError
 from spcola.maplet import MapletGrid
 from spcola.robust import mad
 
@@ -101,6 +102,24 @@ def _stated_sigma(sigma: FloatArray, surface: Surface) -> float:
     if not known.any():
         return float("nan")
     return float(np.median(np.sqrt(sigma[known] ** 2 + surface.variance[known])))
+
+
+def elsewhere(context: StageContext) -> tuple[dict[str, Any], tuple[Finding, ...]]:
+    """Search where else the lidar would fit: ``frame_search`` of the JSON, and a note if it does.
+
+    Without returns in the workspace, or on a body without relief, nothing is found.
+    """
+    with context.progress.task("search for the frame", 1) as task:
+        try:
+            search = search_workspace_frames(context.workspace, context.settings)
+        except SpcolaError as error:
+            return {"found": False, "text": f"was not possible: {error}"}, ()
+        finally:
+            task.advance()
+    best = search.best
+    if best is None or not best.change.kinds:
+        return search.as_json(), ()
+    return search.as_json(), (Finding(Code.FITS_OTHERWISE, Severity.NOTE, search.text),)
 
 
 def with_verdict(content: Mapping[str, Any], verdict: Verdict) -> dict[str, Any]:

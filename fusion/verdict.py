@@ -151,8 +151,9 @@ class Verdict:
         one never.
         """
         refused = [found for found in self.findings if found.severity is Severity.REFUSED]
+        fits = [found for found in self.findings if found.code is Code.FITS_OTHERWISE]
         if refused:
-            return f"refused: {_listed(refused)}"
+            return f"refused: {_listed([*refused, *fits])}"
         named = set(accepted)
         doubtful = [
             found
@@ -162,7 +163,7 @@ class Verdict:
         if not doubtful:
             return ""
         codes = " ".join(f"--accept {code}" for code in sorted({found.code for found in doubtful}))
-        return f"doubtful: {_listed(doubtful)}; look at it, and go on with {codes}"
+        return f"doubtful: {_listed([*doubtful, *fits])}; look at it, and go on with {codes}"
 
     def as_json(self) -> dict[str, Any]:
         """Return ``verdict`` and ``findings`` in JSON types."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fusion.acceptance import evidence_of, unregistered, with_verdict
+from fusion.acceptance import elsewhere, evidence_of, unregistered, with_verdict
 from fusion.locating import return_paths
 from fusion.matching import Matched, check_usable, match_mapolas
 from fusion.registration.apply import GivenRegistration, applied_json, given_registration
@@ -39,6 +39,7 @@ from fusion.tables import (
     SpinSettings,
     Table,
 )
+from fusion.verdict import Verdict
 from fusion.workspace import SETTINGS_FILE, Workspace
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError, SettingsError
@@ -110,8 +111,11 @@ class RegisterStage:
             content["agreement"] = evidence.as_json()
             verdict = judge_registration(content, evidence, _limits(table))
         content["blur_cells"] = matched.blur_cells
-        for key, found in (("noise_spectrum", matched.spectrum), ("transfer", matched.transfer)):
-            content[key] = None if found is None else found.as_json()
+        for key, curve in (("noise_spectrum", matched.spectrum), ("transfer", matched.transfer)):
+            content[key] = None if curve is None else curve.as_json()
+        if verdict.judgement != "accepted":
+            content["frame_search"], found = elsewhere(context)
+            verdict = Verdict((*verdict.findings, *found))
         content = with_verdict(content, verdict)
         path = context.write_json(workspace.registration_path.name, content)
         return StageResult((path,), {k: v for k, v in content.items() if k not in _LONG})
@@ -119,8 +123,9 @@ class RegisterStage:
 
 STAGE = RegisterStage()
 
-# Rim of a mapola turned by so many cells: beyond it is matched again from where the fit turns it.
-_TWIST_CELLS = 0.1
+# Rim of a mapola turned by so many cells: beyond it is matched again from where the fit turns it,
+# until what a further fit turns it by is below the second.
+_TWIST_CELLS, _TWIST_LEFT_CELLS = 0.1, 0.01
 _MOST_TURNS = 8
 
 _LONG = frozenset(
@@ -134,6 +139,7 @@ _LONG = frozenset(
         "transfer",
         "stability",
         "inverse",
+        "frame_search",
     }
 )
 
@@ -183,7 +189,7 @@ def _untwisted(
     for _ in range(_MOST_TURNS):
         turned = transform_of(content, "registration").nearest_similarity().rotation
         angle = np.linalg.norm(Rotation.from_matrix(turned @ before.T).as_rotvec())
-        if angle * reach < _TWIST_CELLS:
+        if angle * reach < (_TWIST_CELLS if given is None else _TWIST_LEFT_CELLS):
             return matched, content, given
         given = given_registration({**content, "per_scan": None, "per_mapola": None}, "fit")
         found = match_mapolas(context, given)
