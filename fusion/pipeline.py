@@ -23,6 +23,7 @@ from fusion.stages.base import Stage, StageContext, StageResult, find_table
 from fusion.verdict import Verdict
 from fusion.workspace import OWN_FOLDERS, Workspace, make_folder
 from spcola.errors import WorkspaceError
+from spcola.formats.shape import recognise_shape
 
 State = Literal["ran", "up to date", "cannot run"]
 SCRATCH_FOLDER = ".scratch"
@@ -151,11 +152,22 @@ class Pipeline:
             key.digest,
             scratch,
         )
+        self._note_shape(key.inputs)
         result = stage.run(context)
         self._keep(stage, catalog, key, result)
         shutil.rmtree(scratch.parent, ignore_errors=True)
         took = time.monotonic() - begun
         return self._became(StageRun(stage.name, "ran", took, plain(result.summary)))
+
+    def _note_shape(self, inputs: Mapping[str, str]) -> None:
+        """Say what has to be decided of a shape that a stage uses."""
+        if not self.workspace.has_shape():
+            return
+        path = self.workspace.shape_path()
+        if self.workspace.relative(path) not in inputs or recognise_shape(path) != "icq":
+            return
+        if remark := self.workspace.shape().remark:
+            self.progress.note(f"note: {path}: {remark} ([body] icq_edges)")
 
     def _became(self, run: StageRun) -> StageRun:
         """Add to what became of a stage why its result may not be used."""
