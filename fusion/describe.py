@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 
 from fusion.catalog import Catalog
+from fusion.foreign import name_content
 from fusion.pipeline import Pipeline
 from fusion.products.fits import read_fits_dtm
+from fusion.products.fused import FUSED_HDF5
 from fusion.products.geotiff import read_geotiff
 from fusion.records import read_records
 from fusion.settings import load_settings
@@ -20,23 +22,30 @@ from fusion.sources import doubles, whole_scans
 from fusion.stages import load_stages
 from fusion.stages.ingest import scan_facts, utc_or_none
 from fusion.workspace import SPC_LISTS, Workspace
+from lidar.formats.adjustment import ADJUSTMENT_HDF5
+from lidar.formats.las import read_las_system
+from lidar.formats.mapola import MAPOLAS_HDF5
 from lidar.formats.native import scan_summary
 from lidar.formats.reader import open_lidar
 from lidar.formats.recognise import recognise
 from spcola.errors import FormatError, SpcolaError, WorkspaceError
+from spcola.formats.icq import read_icq
 from spcola.formats.lists import read_list
 from spcola.formats.lmk import read_landmark
 from spcola.formats.map import read_map, read_maplet
 from spcola.formats.nom import read_nominal
+from spcola.formats.obj import FacesFrom
 from spcola.formats.pck import constant, orientation_of
 from spcola.formats.shape import read_shape, recognise_shape
 from spcola.formats.source import read_bytes
 from spcola.formats.sum import read_summary
 from spcola.formats.transfer import read_transfer
+from spcola.icq import IcqShape, as_icq
 from spcola.maplet import Maplet
 
 # Comments before the first data block of a kernel are shorter than this, bytes.
 _HEAD = 1 << 17
+_RESULTS = (MAPOLAS_HDF5, FUSED_HDF5, ADJUSTMENT_HDF5)
 BYTES_PER_RETURN = 14 * 8
 """Fourteen numbers of eight bytes: what one return takes in memory."""
 
@@ -89,18 +98,26 @@ def _problems(workspace: Workspace) -> list[str]:
     return found
 
 
-def describe_file(path: Path) -> dict[str, Any]:
+def describe_file(path: Path, *, faces_from: FacesFrom = 1) -> dict[str, Any]:
     """Return what a file is: by its suffix one of SPC or of a workspace, else by its content.
+
+    Parameters
+    ----------
+    path : Path
+    faces_from : {1, 0}
+        The number by which the faces of an OBJ name its first vertex.
 
     Raises
     ------
     FormatError
-        If it is none of them, or does not hold what it promises.
+        If it is none of them, with what it is instead, or does not hold what it promises.
     WorkspaceError
         If there is no such file.
     """
     if not path.is_file():
         raise WorkspaceError("is not there, or is no file", path)
+    if path.name in _RESULTS:
+        raise FormatError("is a result of a workspace", path, "name the workspace")
     reader = _describe_list if path.name in SPC_LISTS else _READERS.get(path.suffix.lower())
     if reader is not None:
         return reader(path)
@@ -110,8 +127,26 @@ def describe_file(path: Path) -> dict[str, Any]:
     try:
         recognise_shape(path)
     except FormatError:
-        return _describe_lidar(path, recognise(path))
-    return _describe_shape(path)
+        return _describe_lidar(path, _lidar_format(path))
+    return _describe_shape(path, faces_from)
+
+
+def _lidar_format(path: Path) -> str:
+    """Return the format of a lidar file.
+
+    Raises
+    ------
+    FormatError
+        If it is none; with what the file is, and which command takes it.
+    """
+    try:
+        return recognise(path)
+    except FormatError as error:
+        head = read_bytes(path, most=_HEAD)
+        if not head:
+            raise
+        what, advice = name_content(head)
+        raise FormatError(f"is {what}", path, advice) from error
 
 
 def _describe_kernel(path: Path) -> dict[str, Any] | None:
@@ -204,16 +239,33 @@ def _describe_list(path: Path) -> dict[str, Any]:
     return {"kind": "list", "names": len(read_list(path))}
 
 
-def _describe_shape(path: Path) -> dict[str, Any]:
-    mesh = read_shape(path)
+def _describe_shape(path: Path, faces_from: FacesFrom) -> dict[str, Any]:
+    form = recognise_shape(path)
+    shape = read_icq(path) if form == "icq" else None
+    mesh = shape.mesh() if shape else read_shape(path, faces_from=faces_from)
+    # Programs write an ICQ as an OBJ too, all labels in their order.
+    labels = shape or as_icq(mesh)
     return {
-        "kind": f"shape ({recognise_shape(path)}, taken as km)",
+        "kind": f"shape ({form}, taken as km)",
+        **({} if labels is None else _icq_facts(labels)),
         "vertices": len(mesh.vertices),
         "facets": len(mesh.facets),
         "volume_m3": mesh.volume,
         "mean_radius_m": mesh.mean_radius,
         "lowest_m": mesh.vertices.min(axis=0).tolist(),
         "highest_m": mesh.vertices.max(axis=0).tolist(),
+    }
+
+
+def _icq_facts(shape: IcqShape) -> dict[str, Any]:
+    """Return Q of a shape in the order of an ICQ, and how its edges close."""
+    gaps = shape.gaps
+    return {
+        "icq_q": shape.q,
+        "icq_labels_shared": gaps.shared,
+        "icq_labels_differing": gaps.differing,
+        "icq_differ_max_m": gaps.max_m,
+        "icq_differ_rms_m": gaps.rms_m,
     }
 
 
@@ -235,6 +287,7 @@ def _describe_lidar(path: Path, format: str) -> dict[str, Any]:
             span[1] = np.fmax(span[1], np.fmax.reduce(scan.time))
     return {
         "kind": f"lidar ({format})",
+        **(_las_facts(path) if format == "las" else {}),
         "returns": count,
         "rejected": rejected,
         "first_et_s": span[0],
@@ -243,6 +296,17 @@ def _describe_lidar(path: Path, format: str) -> dict[str, Any]:
         "last_utc": utc_or_none(span[1]),
         "lowest_m": lowest.tolist(),
         "highest_m": highest.tolist(),
+    }
+
+
+def _las_facts(path: Path) -> dict[str, Any]:
+    """Return in what a LAS file gives its coordinates."""
+    system = read_las_system(path)
+    return {
+        "coordinate_system": system.name or system.kind,
+        "coordinate_kind": system.kind,
+        "unit_m": system.unit_m,
+        "height_unit_m": system.height_unit_m,
     }
 
 

@@ -20,6 +20,7 @@ def new_workspace(
     spc: Path | None = None,
     shape: Path | None = None,
     shape_unit: Literal["km", "m"] = "km",
+    faces_from: Literal[1, 0] = 1,
 ) -> Workspace:
     """Make `root` a workspace; what is there already stays.
 
@@ -34,6 +35,8 @@ def new_workspace(
         A shape model; it is read once, to be sure of it, and copied.
     shape_unit : {"km", "m"}
         Of an OBJ or PLY shape.
+    faces_from : {1, 0}
+        The number by which the faces of an OBJ name its first vertex.
 
     Raises
     ------
@@ -47,10 +50,14 @@ def new_workspace(
     if (root / SETTINGS_FILE).exists():
         raise WorkspaceError("is a workspace already", root, f"edit its {SETTINGS_FILE}")
     settings = Settings().with_table(
-        "body", name=body, shape="" if shape is None else shape.name, shape_unit=shape_unit
+        "body",
+        name=body,
+        shape="" if shape is None else shape.name,
+        shape_unit=shape_unit,
+        faces_from=faces_from,
     )
     if shape is not None:
-        read_shape(shape, unit=shape_unit)
+        read_shape(shape, unit=shape_unit, faces_from=faces_from)
     linked = [] if spc is None or _same(spc, root) else spc_files(spc)
     workspace = Workspace.create(root, settings)
     for source, place in linked:

@@ -27,6 +27,7 @@ from fusion.threads import one_blas_thread
 from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import OWN_FOLDERS, Workspace, make_folder
 from spcola.errors import SpcolaError, WorkspaceError
+from spcola.formats.shape import recognise_shape
 
 State = Literal["ran", "up to date", "cannot run"]
 SCRATCH_FOLDER = ".scratch"
@@ -182,6 +183,7 @@ class Pipeline:
             scratch,
             own,
         )
+        self._note_shape(key.inputs)
         result = stage.run(context)
         findings = [changed.finding(Severity.NOTE) for changed in against]
         findings += [one.left_out() for one in bad]
@@ -193,6 +195,16 @@ class Pipeline:
         took = time.monotonic() - begun
         run = StageRun(stage.name, "ran", took, plain(result.summary))
         return self._became(run, (*notes, *self._tell(catalog, result.notes)))
+
+    def _note_shape(self, inputs: Mapping[str, str]) -> None:
+        """Say what has to be decided of a shape that a stage uses."""
+        if not self.workspace.has_shape():
+            return
+        path = self.workspace.shape_path()
+        if self.workspace.relative(path) not in inputs or recognise_shape(path) != "icq":
+            return
+        if remark := self.workspace.shape().remark:
+            self.progress.note(f"note: {path}: {remark} ([body] icq_edges)")
 
     def _without_unsound(self, catalog: Catalog) -> Pipeline:
         """Return the pipeline over a workspace without its unsound maplets, if that is accepted."""

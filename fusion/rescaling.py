@@ -12,6 +12,7 @@ from typing import Any
 from fusion.jsontext import json_text
 from fusion.progress import Progress
 from fusion.settings import Settings, write_settings
+from fusion.tables import BodySettings
 from fusion.verdict import Code, Verdict
 from fusion.workspace import (
     OWN_FOLDERS,
@@ -27,7 +28,7 @@ from spcola.formats.icq import read_icq, write_icq
 from spcola.formats.lmk import read_landmark, write_landmark
 from spcola.formats.map import read_map, sigma_path, write_maplet
 from spcola.formats.nom import read_nominal, write_nominal
-from spcola.formats.obj import Unit, read_obj, write_obj
+from spcola.formats.obj import read_obj, write_obj
 from spcola.formats.ply import read_ply_mesh, write_ply_mesh
 from spcola.formats.shape import recognise_shape
 from spcola.formats.sigma import read_sigma
@@ -189,7 +190,6 @@ def _written(
             shutil.copyfile(workspace.root / name, making / name)
     for path in (*_files(workspace.root / "IMAGEFILES"), *workspace.scan_paths()):
         _link(path, making / path.parent.name / path.name)
-    unit = settings.body.shape_unit
     written: dict[str, int] = {}
     copied: list[str] = []
     for name in ("MAPFILES", "LMKFILES", "SUMFILES", "NOMINALS", "SHAPEFILES"):
@@ -197,7 +197,7 @@ def _written(
         count = 0
         with progress.task(f"scale {name}", len(paths)) as task:
             for path in paths:
-                write = _writer(path, unit)
+                write = _writer(path, settings.body)
                 if write is not None:
                     write(path, making / name / path.name, factor)
                     count += 1
@@ -211,7 +211,8 @@ def _written(
 
 
 def _settings(settings: Settings, factor: float) -> Settings:
-    """Settings of the copy: a mean radius that is set is a length, too."""
+    """Settings of the copy: a mean radius that is set is a length, too; its OBJ counts from 1."""
+    settings = settings.with_table("body", faces_from=1)
     radius = settings.body.mean_radius_m
     return settings.with_table("body", mean_radius_m=factor * radius) if radius else settings
 
@@ -219,10 +220,10 @@ def _settings(settings: Settings, factor: float) -> Settings:
 Write = Callable[[Path, Path, float], None]
 
 
-def _writer(path: Path, unit: Unit) -> Write | None:
+def _writer(path: Path, body: BodySettings) -> Write | None:
     """Return what scales a file; None if it is in no format that holds lengths."""
     if path.parent.name == "SHAPEFILES":
-        return lambda source, target, factor: _scale_shape(source, target, factor, unit)
+        return lambda source, target, factor: _scale_shape(source, target, factor, body)
     return _WRITERS.get((path.parent.name, path.suffix))
 
 
@@ -251,12 +252,13 @@ def _scale_nominal(source: Path, target: Path, factor: float) -> None:
     write_nominal(target, scaled_nominal(read_nominal(source), factor), like=source)
 
 
-def _scale_shape(source: Path, target: Path, factor: float, unit: Unit) -> None:
-    kind = recognise_shape(source)
+def _scale_shape(source: Path, target: Path, factor: float, body: BodySettings) -> None:
+    kind, unit = recognise_shape(source), body.shape_unit
     if kind == "icq":
         write_icq(target, scaled_shape(read_icq(source), factor), digits=_ICQ_DIGITS)
     elif kind == "obj":
-        write_obj(target, scaled_shape(read_obj(source, unit=unit), factor), unit=unit)
+        shape = read_obj(source, unit=unit, faces_from=body.faces_from)
+        write_obj(target, scaled_shape(shape, factor), unit=unit)
     else:
         write_ply_mesh(target, scaled_shape(read_ply_mesh(source, unit=unit), factor), unit=unit)
 

@@ -153,7 +153,7 @@ def _choices(annotation: Any) -> str:
     """Return the words that a key takes, for its comment; nothing if it takes no words."""
     if get_origin(annotation) is not Literal:
         return ""
-    return f" ({' | '.join(get_args(annotation))})"
+    return f" ({' | '.join(map(str, get_args(annotation)))})"
 
 
 def _toml(value: Any) -> str:

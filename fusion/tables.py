@@ -62,6 +62,13 @@ class BodySettings(Table):
     shape_unit: Literal["km", "m"] = Field(
         default="km", description="of an OBJ or PLY shape; ICQ is in km"
     )
+    faces_from: Literal[1, 0] = Field(
+        default=1, description="by which number the faces of an OBJ name its first vertex"
+    )
+    icq_edges: Literal["mean", "first", "refuse"] = Field(
+        default="mean",
+        description="where labels of one vertex of an ICQ differ: at their mean, the first, or not",
+    )
 
 
 class ImportSettings(Table):

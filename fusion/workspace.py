@@ -213,7 +213,10 @@ class Workspace:
             If it cannot be in the unit of the maplets.
         """
         path = self.shape_path()
-        mesh = read_shape(path, unit=self.settings().body.shape_unit)
+        body = self.settings().body
+        mesh = read_shape(
+            path, unit=body.shape_unit, faces_from=body.faces_from, icq_edges=body.icq_edges
+        )
         names = self.maplet_names()
         if names and self.maplet_path(names[0]).is_file():
             away = float(np.linalg.norm(self.maplet(names[0]).grid.center))

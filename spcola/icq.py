@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from spcola.arrays import FloatArray, IntArray, check_finite, frozen
+from spcola.arrays import BoolArray, FloatArray, IntArray, check_finite, frozen
 from spcola.errors import InvalidValueError
 from spcola.mesh import Mesh
 
@@ -29,9 +30,41 @@ _SHARED_EDGES = (
     ("0t5", "qt2"),
 )
 
+IcqEdges = Literal["mean", "first", "refuse"]
+"""Which place a vertex has whose labels differ by more than rounding."""
+
 # Two labels of one vertex may differ by this share of the largest radius: the rounding of the
 # five decimals that ICQ files have.
 _EDGE_TOLERANCE = 1e-5
+# Published shapes whose faces were made one by one differ by 3e-3 of the largest radius at their
+# edges; a file in another order of labels, or of another Q, by much of the radius.
+_LARGEST_GAP = 1e-2
+
+
+@dataclass(frozen=True)
+class EdgeGaps:
+    """How far labels of one vertex lie apart.
+
+    Attributes
+    ----------
+    shared : int
+        Pairs of labels that name one vertex, 12 (Q + 1) of them.
+    differing : int
+        Those that differ by more than rounding, 1e-5 of the largest radius.
+    max_m, rms_m : float
+        Largest distance, and root mean square over those that differ, metres; 0 if none does.
+    """
+
+    shared: int
+    differing: int
+    max_m: float
+    rms_m: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.differing} of {self.shared} pairs of labels that name one vertex differ, by up "
+            f"to {self.max_m:.3g} m (rms {self.rms_m:.3g} m)"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +72,8 @@ class IcqShape:
     """A shape whose vertices are labelled (I, J, F), 0 ≤ I, J ≤ Q, faces F = 1 … 6.
 
     The faces look to +Z, −Y, −X, +Y, +X, −Z. Vertices on edges and corners have two or three
-    labels: 6 (Q + 1)² labels name 6 Q² + 2 vertices.
+    labels: 6 (Q + 1)² labels name 6 Q² + 2 vertices. Each label is kept as it is given:
+    :attr:`gaps` tells how far those of one vertex differ, :meth:`mesh` makes one of them.
 
     Parameters
     ----------
@@ -54,7 +88,7 @@ class IcqShape:
     ------
     InvalidValueError
         If the arrays have other shapes, a value is not finite, or two labels of one vertex lie
-        apart.
+        apart by more than a hundredth of the largest radius.
     """
 
     vertices: FloatArray
@@ -74,7 +108,9 @@ class IcqShape:
         if apart is not None:
             one, other = (label_name(label, self.q) for label in apart)
             raise InvalidValueError(
-                f"labels {one} and {other} name one vertex but differ", self.name
+                f"labels {one} and {other} name one vertex but differ by more than "
+                f"{_LARGEST_GAP:.0%} of the largest radius",
+                self.name,
             )
 
     @property
@@ -82,7 +118,19 @@ class IcqShape:
         """Q: facets (quads) along the side of a face."""
         return self.vertices.shape[1] - 1
 
-    def mesh(self, *, distinct: bool = True) -> Mesh:
+    @property
+    def gaps(self) -> EdgeGaps:
+        """How far labels of one vertex lie apart."""
+        one, other = shared_labels(self.q)
+        points = self.vertices.reshape(-1, 3)
+        apart = np.linalg.norm(points[one] - points[other], axis=1)
+        apart = apart[_differing(self.vertices, _EDGE_TOLERANCE)]
+        if not len(apart):
+            return EdgeGaps(len(one), 0, 0.0, 0.0)
+        rms = float(np.sqrt(np.mean(apart**2)))
+        return EdgeGaps(len(one), len(apart), float(apart.max()), rms)
+
+    def mesh(self, *, distinct: bool = True, edges: IcqEdges = "mean") -> Mesh:
         """Return the shape as triangles, counter-clockwise seen from outside.
 
         A quad is split along (i, j)–(i+1, j+1) if |v(i,j) × v(i+1,j+1)| ≤ |v(i+1,j) × v(i,j+1)|,
@@ -94,14 +142,41 @@ class IcqShape:
             True: 6 Q² + 2 vertices in the order of their first label, a closed surface. False:
             all 6 (Q + 1)² labels in the order of the file, edges doubled (as some OBJ files of
             ICQ shapes have them).
+        edges : {"mean", "first", "refuse"}
+            Where labels of one distinct vertex differ by more than rounding it is put at their
+            mean, or at the first; or the shape is refused. Labels that agree have the place of
+            the first.
+
+        Raises
+        ------
+        InvalidValueError
+            If labels differ and that is to be refused.
         """
+        gaps = self.gaps
+        if gaps.differing and edges == "refuse":
+            raise InvalidValueError(str(gaps), self.name)
         labels = np.arange(6 * (self.q + 1) ** 2).reshape(6, self.q + 1, self.q + 1)
         points = self.vertices.reshape(-1, 3)
         facets = self._facets(labels)
         if distinct:
             number, first = distinct_vertices(self.q)
-            facets, points = number[facets], points[first]
-        return Mesh(points, facets, self.name)
+            facets = number[facets]
+            points = points[first] if edges == "first" else self._merged(number, first)
+        remark = f"{gaps}; {_MERGED[edges]}" if gaps.differing and distinct else ""
+        return Mesh(points, facets, self.name, remark)
+
+    def _merged(self, number: IntArray, first: IntArray) -> FloatArray:
+        """Places of the vertices: the mean of labels that differ, else the first label's."""
+        points = self.vertices.reshape(-1, 3)
+        one, other = shared_labels(self.q)
+        differing = _differing(self.vertices, _EDGE_TOLERANCE)
+        mean = np.zeros((len(first), 3))
+        np.add.at(mean, number, points)
+        mean /= np.bincount(number)[:, None]
+        chosen = points[first]
+        apart = np.unique(number[np.concatenate([one, other])[np.tile(differing, 2)]])
+        chosen[apart] = mean[apart]
+        return chosen
 
     def _facets(self, labels: IntArray) -> IntArray:
         """Return the triangles (12 Q², 3) as label numbers."""
@@ -115,10 +190,16 @@ class IcqShape:
         return np.stack([first, second], axis=2).transpose(1, 2, 0).reshape(-1, 3)
 
 
+_MERGED: dict[IcqEdges, str] = {
+    "mean": "each such vertex is put at their mean",
+    "first": "each such vertex is put at its first label",
+}
+
+
 def first_open_edge(vertices: FloatArray) -> tuple[int, int] | None:
     """Return the first two label numbers that name one vertex but lie apart, or None.
 
-    Apart means by more than 1e-5 of the largest radius.
+    Apart means by more than a hundredth of the largest radius: no shape has such edges.
 
     Parameters
     ----------
@@ -126,14 +207,21 @@ def first_open_edge(vertices: FloatArray) -> tuple[int, int] | None:
         Indexed ``[F − 1, J, I]``, any unit.
     """
     one, other = shared_labels(vertices.shape[1] - 1)
-    points = vertices.reshape(-1, 3)
-    gaps = np.max(np.abs(points[one] - points[other]), axis=1)
-    radius = float(np.sqrt(np.max(np.sum(points**2, axis=1))))
-    apart = np.flatnonzero(gaps > _EDGE_TOLERANCE * radius)
+    apart = np.flatnonzero(_differing(vertices, _LARGEST_GAP))
     if not len(apart):
         return None
     first, second = sorted((int(one[apart[0]]), int(other[apart[0]])))
     return first, second
+
+
+def _differing(vertices: FloatArray, share: float) -> BoolArray:
+    """Tell which pairs of shared labels differ by more than a share of the largest radius."""
+    one, other = shared_labels(vertices.shape[1] - 1)
+    points = vertices.reshape(-1, 3)
+    gaps = np.max(np.abs(points[one] - points[other]), axis=1)
+    radius = float(np.sqrt(np.max(np.sum(points**2, axis=1))))
+    differing: BoolArray = gaps > share * radius
+    return differing
 
 
 def label_name(number: int, q: int) -> str:
@@ -189,3 +277,23 @@ def icq_directions(q: int) -> FloatArray:
     cube = np.array(faces).transpose(0, 2, 3, 1)
     directions: FloatArray = cube / np.linalg.norm(cube, axis=-1, keepdims=True)
     return directions
+
+
+def icq_q(count: int) -> int | None:
+    """Return Q of an ICQ with `count` labels, 6 (Q + 1)²; None if no Q has so many."""
+    side = round((count / 6) ** 0.5)
+    return side - 1 if side >= 2 and 6 * side * side == count else None
+
+
+def as_icq(mesh: Mesh) -> IcqShape | None:
+    """Return a mesh whose vertices are the labels of an ICQ, in its order; None if they are not.
+
+    They are if there are as many as some Q has, and labels of one vertex lie together.
+    """
+    q = icq_q(len(mesh.vertices))
+    if q is None:
+        return None
+    vertices = mesh.vertices.reshape(6, q + 1, q + 1, 3)
+    if first_open_edge(vertices) is not None:
+        return None
+    return IcqShape(vertices, name=mesh.name)

@@ -23,6 +23,8 @@ class Mesh:
         Vertex indices (from 0), counter-clockwise seen from outside.
     name : str
         What it is a shape of, or the file that it came from.
+    remark : str
+        What of the file had to be decided, in one line; empty if nothing had.
 
     Raises
     ------
@@ -33,6 +35,7 @@ class Mesh:
     vertices: FloatArray
     facets: IntArray
     name: str = "shape"
+    remark: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vertices", frozen(self.vertices, (None, 3), "vertices"))

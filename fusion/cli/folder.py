@@ -9,6 +9,13 @@ import typer
 
 from fusion.cli.output import JsonOption, show, value_lines
 
+FacesOption = Annotated[
+    int,
+    typer.Option(
+        min=0, max=1, help="By which number the faces of an OBJ name its first vertex: 1, or 0."
+    ),
+]
+
 
 def init(
     workspace: Annotated[Path, typer.Argument(metavar="WS", help="The folder to make.")],
@@ -27,6 +34,7 @@ def init(
     unit: Annotated[
         Literal["km", "m"], typer.Option(help="Of the coordinates of an OBJ or PLY shape.")
     ] = "km",
+    faces_from: FacesOption = 1,
     body: Annotated[str, typer.Option(metavar="NAME", help="Name of the body.")] = "body",
     as_json: JsonOption = False,
 ) -> None:
@@ -42,13 +50,22 @@ def init(
 
     if spc is not None and shape is not None:
         raise typer.BadParameter("give --spc or --shape, not both", param_hint="--shape")
-    made = new_workspace(workspace, body=body, spc=spc, shape=shape, shape_unit=unit)
+    made = new_workspace(
+        workspace,
+        body=body,
+        spc=spc,
+        shape=shape,
+        shape_unit=unit,
+        faces_from=0 if faces_from == 0 else 1,
+    )
     content = describe_workspace(made)
     lines = [
         f"Made {made.root} ({body}): {content['maplets']} maplets, {content['landmarks']} "
         f"landmarks, {content['images']} images, shape: {content['shape'] or 'none'}",
         f"Its settings are in {made.root / SETTINGS_FILE}. Next: spcola import {made.root} FILE...",
     ]
+    if shape is not None and (remark := made.shape().remark):
+        lines.append(f"The shape: {remark} ([body] icq_edges).")
     show(content, lines, as_json=as_json)
 
 
@@ -56,6 +73,7 @@ def info(
     path: Annotated[
         Path, typer.Argument(metavar="WS|FILE", help="A workspace, or any file SPCOLA reads.")
     ],
+    faces_from: FacesOption = 1,
     as_json: JsonOption = False,
 ) -> None:
     """Tell what a workspace holds and what its mapolas will take, or what a file is.
@@ -73,5 +91,5 @@ def info(
         sound = not content["problems"]
         content["mapolas_forecast"] = mapolas_forecast(opened, opened.settings()) if sound else {}
     else:
-        content = describe_file(path)
+        content = describe_file(path, faces_from=0 if faces_from == 0 else 1)
     show(content, [str(path), *value_lines(content)], as_json=as_json)

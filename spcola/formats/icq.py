@@ -17,13 +17,15 @@ from spcola.icq import IcqShape, first_open_edge, label_name
 def read_icq(path: str | Path) -> IcqShape:
     """Read an ICQ text file: Q, then x y z (km) for F = 1 … 6, J = 0 … Q, I = 0 … Q (I fastest).
 
-    A fourth column (relative albedo, or sigma in metres in SIGMA.TXT) becomes the layer.
+    Labels are kept as they stand, those of one vertex too. A fourth column (relative albedo, or
+    sigma in metres in SIGMA.TXT) becomes the layer.
 
     Raises
     ------
     FormatError
         If a number is none, a line has another count than the first, the number of lines
-        contradicts Q, a vertex is further than 1e5 km or two labels of one vertex lie apart.
+        contradicts Q, a vertex is further than 1e5 km or two labels of one vertex lie apart by
+        more than a hundredth of the largest radius.
     """
     rows = parse_rows(read_bytes(path), path).without_blank_lines()
     if not len(rows.counts):
@@ -50,7 +52,9 @@ def read_icq(path: str | Path) -> IcqShape:
         body.fail(
             apart[1],
             f"label {label_name(apart[1], q)} names the vertex of label "
-            f"{label_name(apart[0], q)} on line {body.lines[apart[0]]}, but lies apart from it",
+            f"{label_name(apart[0], q)} on line {body.lines[apart[0]]}, but lies apart from it by "
+            "more than 1% of the largest radius",
+            "are its labels in another order?",
         )
     return IcqShape(vertices, layer, Path(path).stem)
 

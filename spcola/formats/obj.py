@@ -16,6 +16,7 @@ from spcola.formats.table import NumberRows, parse_rows
 from spcola.mesh import Mesh
 
 Unit = Literal["km", "m"]
+FacesFrom = Literal[1, 0]
 
 METRES: dict[Unit, float] = {"km": KM, "m": 1.0}
 """Metres in the unit of a file that does not state its own."""
@@ -27,7 +28,7 @@ _AFTER_SLASH = np.frombuffer(b"0123456789-+/", np.uint8)
 _END, _BLANK, _SLASH = ord("\n"), ord(" "), ord("/")
 
 
-def read_obj(path: str | Path, *, unit: Unit = "km") -> Mesh:
+def read_obj(path: str | Path, *, unit: Unit = "km", faces_from: FacesFrom = 1) -> Mesh:
     """Read an OBJ shape: ``v`` and ``f`` lines; texture, normals, groups and materials are ignored.
 
     Faces may count from the end (negative indices) and may have the forms ``v``, ``v/vt``,
@@ -39,6 +40,8 @@ def read_obj(path: str | Path, *, unit: Unit = "km") -> Mesh:
         The file.
     unit : {"km", "m"}
         Of the coordinates: OBJ has none; kilometres are the practice of SPC.
+    faces_from : {1, 0}
+        The number of the first vertex: 1 in OBJ, 0 in files of programs that take it for PLY.
 
     Raises
     ------
@@ -55,7 +58,7 @@ def read_obj(path: str | Path, *, unit: Unit = "km") -> Mesh:
     faces = statements.rows(b"f")
     if not len(faces.counts):
         raise FormatError("holds no face", path, "is it an OBJ file?")
-    facets = _triangles(faces, vertices.lines)
+    facets = _triangles(faces, vertices.lines, faces_from)
     return Mesh(table * METRES[unit], facets, Path(path).stem)
 
 
@@ -148,21 +151,34 @@ def _without_slashes(text: AnyArray, lines: IntArray, path: Path) -> AnyArray:
     return np.where(dropped, _BLANK, text).astype(np.uint8)
 
 
-def _triangles(faces: NumberRows, vertex_lines: IntArray) -> IntArray:
-    """Return the triangles (F, 3), vertices from 0, of polygons given by counts from 1 or −1."""
+def _triangles(faces: NumberRows, vertex_lines: IntArray, faces_from: FacesFrom) -> IntArray:
+    """Return the triangles (F, 3), vertices from 0, of polygons given by counts from 1 or −1.
+
+    Or from 0, where `faces_from` is 0.
+    """
     if np.any(faces.counts < 3):
         row = int(np.flatnonzero(faces.counts < 3)[0])
         faces.fail(row, f"a face needs at least 3 vertices, not {faces.counts[row]}")
     owner = np.repeat(np.arange(len(faces.counts)), faces.counts)
     before = np.searchsorted(vertex_lines, faces.lines)
-    index = np.where(faces.values > 0, faces.values - 1, faces.values + before[owner])
-    whole = (faces.values == np.rint(faces.values)) & (faces.values != 0)
+    forward = faces.values >= faces_from
+    index = np.where(forward, faces.values - faces_from, faces.values + before[owner])
+    whole = (faces.values == np.rint(faces.values)) & (forward | (faces.values < 0))
     bad = np.flatnonzero(~whole | (index < 0) | (index >= len(vertex_lines)))
     if len(bad):
+        none = np.any(faces.values == 0) and faces.values.max() < len(vertex_lines)
+        if faces_from == 1 and none:
+            faces.fail(
+                int(owner[bad[0]]),
+                "a face names vertex 0: its faces count from 0, those of an OBJ from 1",
+                "read it with --faces-from 0, in a workspace with [body] faces_from = 0",
+            )
         faces.fail(
             int(owner[bad[0]]),
             f"a face names vertex {faces.values[bad[0]]:g}, the file has {len(vertex_lines)}",
         )
+    if faces_from == 0 and not np.any(index == 0):
+        faces.fail(0, "no face names vertex 0: its faces count from 1", "leave --faces-from out")
     return fan(index.astype(np.int64), faces.counts)
 
 

@@ -8,9 +8,10 @@ from typing import Literal
 from spcola.errors import FormatError
 from spcola.formats.fortran import is_number
 from spcola.formats.icq import read_icq
-from spcola.formats.obj import Unit, read_obj
+from spcola.formats.obj import FacesFrom, Unit, read_obj
 from spcola.formats.ply import read_ply_mesh
 from spcola.formats.source import read_bytes
+from spcola.icq import IcqEdges
 from spcola.mesh import Mesh
 
 ShapeFormat = Literal["icq", "obj", "ply"]
@@ -46,7 +47,13 @@ def recognise_shape(path: str | Path) -> ShapeFormat:
     raise FormatError("is no shape in a format that is read", path, "give ICQ, OBJ or PLY")
 
 
-def read_shape(path: str | Path, *, unit: Unit = "km") -> Mesh:
+def read_shape(
+    path: str | Path,
+    *,
+    unit: Unit = "km",
+    faces_from: FacesFrom = 1,
+    icq_edges: IcqEdges = "mean",
+) -> Mesh:
     """Read a shape, recognised by content: ICQ text, OBJ or PLY.
 
     Parameters
@@ -55,13 +62,21 @@ def read_shape(path: str | Path, *, unit: Unit = "km") -> Mesh:
         The file.
     unit : {"km", "m"}
         Of an OBJ or PLY, which state none; ICQ is in kilometres.
+    faces_from : {1, 0}
+        The number by which the faces of an OBJ name its first vertex.
+    icq_edges : {"mean", "first", "refuse"}
+        Where labels of one vertex of an ICQ differ (:meth:`spcola.icq.IcqShape.mesh`).
 
     Raises
     ------
     FormatError
         If it is none of these, or as their readers.
+    InvalidValueError
+        If labels of an ICQ differ and that is to be refused.
     """
     form = recognise_shape(path)
     if form == "icq":
-        return read_icq(path).mesh()
-    return read_obj(path, unit=unit) if form == "obj" else read_ply_mesh(path, unit=unit)
+        return read_icq(path).mesh(edges=icq_edges)
+    if form == "obj":
+        return read_obj(path, unit=unit, faces_from=faces_from)
+    return read_ply_mesh(path, unit=unit)

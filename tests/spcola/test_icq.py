@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from spcola.errors import InvalidValueError
-from spcola.icq import IcqShape, distinct_vertices, icq_directions, shared_labels
+from spcola.icq import IcqShape, as_icq, distinct_vertices, icq_directions, shared_labels
+from spcola.mesh import Mesh
 
 
 def sphere(q: int, radius: float = 250.0) -> IcqShape:
@@ -77,11 +78,82 @@ def test_a_quad_is_split_by_the_rule_of_cross_products():
         assert {frozenset(int(x) for x in facet) for facet in pair} <= facets
 
 
-def test_labels_of_one_vertex_that_lie_apart_are_refused():
+def test_labels_of_one_vertex_that_lie_far_apart_are_refused():
     vertices = 250.0 * icq_directions(4)
-    vertices[0, 4, 2] *= 1.001  # v(2,4,1) is v(2,0,2)
+    vertices[0, 4, 2] *= 1.02  # v(2,4,1) is v(2,0,2)
     with pytest.raises(InvalidValueError, match=r"\(2, 4, 1\) and \(2, 0, 2\) name one vertex"):
         IcqShape(vertices)
+    # A shape with its rows and columns exchanged, or with two faces in each other's place.
+    for wrong in (
+        250.0 * icq_directions(16).transpose(0, 2, 1, 3),
+        250.0 * icq_directions(16)[[1, 0, 2, 3, 4, 5]],
+    ):
+        with pytest.raises(InvalidValueError, match="differ by more than 1%"):
+            IcqShape(wrong)
+
+
+def apart(q=64, radius=290.0):
+    """A shape whose faces were made one by one: 360 of 780 pairs of labels differ, by ≤ 0.89 m.
+
+    Second the labels that were moved, outward.
+    """
+    vertices = np.ascontiguousarray(radius * icq_directions(q))
+    one, other = shared_labels(q)
+    points = vertices.reshape(-1, 3)
+    # Apart from corners a label is in one pair only.
+    twice = np.bincount(np.concatenate([one, other]), minlength=len(points)) > 1
+    inner = one[~twice[one] & ~twice[other]]
+    chosen = np.random.default_rng(4).permutation(inner)[:360]
+    points[chosen] *= 1.0 + np.linspace(0.1, 0.89, 360)[:, None] / radius
+    return vertices, chosen
+
+
+def test_labels_that_differ_are_kept_apart_and_told():
+    vertices, _ = apart()
+    shape = IcqShape(vertices)
+    np.testing.assert_array_equal(shape.vertices, vertices)
+    gaps = shape.gaps
+    assert (gaps.shared, gaps.differing) == (780, 360)
+    assert gaps.max_m == pytest.approx(0.89)
+    assert gaps.rms_m == pytest.approx(np.sqrt(np.mean(np.linspace(0.1, 0.89, 360) ** 2)))
+    assert sphere(64).gaps.differing == 0
+    assert str(gaps).startswith("360 of 780 pairs of labels that name one vertex differ")
+
+
+def test_labels_that_differ_are_merged_by_the_rule_that_is_asked_for():
+    vertices, chosen = apart()
+    shape, points = IcqShape(vertices), vertices.reshape(-1, 3)
+    one, other = shared_labels(64)
+    mean, first = shape.mesh(), shape.mesh(edges="first")
+    number, label = distinct_vertices(64)
+    np.testing.assert_array_equal(first.vertices, points[label])
+    for pair in np.flatnonzero(np.isin(one, chosen))[::20]:
+        middle = (points[one[pair]] + points[other[pair]]) / 2.0
+        np.testing.assert_allclose(mean.vertices[number[one[pair]]], middle)
+    # All others are where they were, to the bit.
+    same = np.ones(len(label), dtype=bool)
+    same[number[chosen]] = False
+    np.testing.assert_array_equal(mean.vertices[same], points[label][same])
+    assert "their mean" in mean.remark
+    assert "first label" in first.remark
+    assert sphere(8).mesh().remark == ""
+    with pytest.raises(InvalidValueError, match="360 of 780"):
+        shape.mesh(edges="refuse")
+    edge = np.sort(mean.facets[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    assert np.all(np.unique(edge, axis=0, return_counts=True)[1] == 2)
+
+
+@pytest.mark.parametrize("q", [1, 2, 32])
+def test_a_mesh_in_the_order_of_an_icq_is_known_as_one(q):
+    shape = IcqShape(250.0 * icq_directions(q))
+    mesh = shape.mesh(distinct=False)
+    found = as_icq(mesh)
+    assert found is not None
+    assert found.q == q
+    np.testing.assert_array_equal(found.vertices, shape.vertices)
+    assert as_icq(shape.mesh()) is None
+    other_order = np.roll(mesh.vertices, 1, axis=0)
+    assert as_icq(Mesh(other_order, np.array([[0, 1, 2]]))) is None
 
 
 def test_arrays_that_are_no_icq_are_refused():

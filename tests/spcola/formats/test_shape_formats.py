@@ -130,6 +130,44 @@ def test_what_is_wrong_in_an_icq_is_named(tmp_path, change, message):
         read_icq(path)
 
 
+def test_labels_that_differ_stay_as_they_stand_in_the_file(tmp_path):
+    rows = icq_text(SPHERE, tmp_path).splitlines()
+    x, y, z = (float(word.replace("D", "E")) for word in rows[1].split())
+    rows[1] = f"{1.003 * x:.6f} {1.003 * y:.6f} {1.003 * z:.6f}"
+    path = text_file(tmp_path, "\n".join(rows), "X.TXT")
+    shape = read_icq(path)
+    assert shape.gaps.differing == 2  # a corner: its labels are linked in a row
+    assert shape.gaps.max_m == pytest.approx(0.75, rel=1e-3)
+    again = tmp_path / "again.TXT"
+    write_icq(again, shape, digits=8)
+    np.testing.assert_allclose(read_icq(again).vertices, shape.vertices, rtol=1e-8)
+    assert "their mean" in read_shape(path).remark
+    assert "first label" in read_shape(path, icq_edges="first").remark
+    with pytest.raises(InvalidValueError, match="name one vertex differ"):
+        read_shape(path, icq_edges="refuse")
+
+
+def test_faces_that_count_from_0_are_named_and_read_when_asked_for(tmp_path):
+    text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 0 2 1\nf 0 1 3\nf 0 3 2\nf -3 -2 -1\n"
+    path = text_file(tmp_path, text, "zero.obj")
+    with pytest.raises(FormatError, match=r"line 5: .*count from 0.*--faces-from 0"):
+        read_obj(path)
+    facets = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    assert read_obj(path, faces_from=0).facets.tolist() == facets
+    assert read_shape(path, faces_from=0).facets.tolist() == facets
+    with pytest.raises(FormatError, match="no face names vertex 0"):
+        read_obj(text_file(tmp_path, "v 0 0 0\n" * 4 + "f 1 2 3\n", "one.obj"), faces_from=0)
+    with pytest.raises(FormatError, match="names vertex 4, the file has 4"):
+        read_obj(text_file(tmp_path, "v 0 0 0\n" * 4 + "f 0 2 4\n", "far.obj"), faces_from=0)
+
+
+@pytest.mark.real_data
+def test_the_real_shape_of_eros_counts_its_faces_from_0(shared_data):
+    mesh = read_obj(shared_data / "eros" / "eros007790.tab", faces_from=0)
+    # Eros: 2503 km³ (Zuber et al. 2000).
+    assert mesh.volume == pytest.approx(2503e9, rel=0.01)
+
+
 @pytest.mark.real_data
 def test_the_real_icq_and_obj_are_one_surface_to_the_last_digit(shared_data, tmp_path):
     folder = shared_data / "bennu"
