@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -98,8 +98,9 @@ def import_files(
     with workers.digests([source.path for source in sources]) as digests:
         # The shape is read while digests are made of the first files.
         importer = _Importer(workspace, settings, scans, radius_limits(workspace, settings))
-        items = _placed(sources, digests, scans)
-        if _may_collide(sources, scans):
+        there = _sources_there(workspace, scans)
+        items = _placed(sources, digests, there)
+        if _may_collide(sources, there):
             items = iter(list(items))
         done = []
         with workers.progress.task("import", len(sources)) as task:
@@ -109,16 +110,18 @@ def import_files(
     return done
 
 
-def _may_collide(sources: Sequence[Source], scans: Mapping[str, ScanSummary]) -> bool:
+def _may_collide(sources: Sequence[Source], there: Collection[str]) -> bool:
     """Whether two sources bear one name, or one that of a scan: their digests tell who is who."""
     names = [source.scan_name for source in sources]
-    return len(set(names)) < len(names) or not scans.keys().isdisjoint(names)
+    return len(set(names)) < len(names) or not set(names).isdisjoint(there)
 
 
 def _placed(
-    sources: Sequence[Source], digests: Iterator[str], scans: Mapping[str, ScanSummary]
+    sources: Sequence[Source], digests: Iterator[str], there: Mapping[str, tuple[str, Path | None]]
 ) -> Iterator[tuple[Source, str, str]]:
-    """Yield each source with its digest and the name of its scan, new or one of `scans`.
+    """Yield each source with its digest and the name of its scan.
+
+    `there` are digests and paths of the sources of the scans that are there, by name.
 
     A file that has changed since it was imported keeps the name of its scan.
 
@@ -127,12 +130,11 @@ def _placed(
     WorkspaceError
         If its name is that of another file's scan.
     """
-    taken = {name: scan.digest for name, scan in scans.items()}
-    came_from = {name: recorded_source(scan) for name, scan in scans.items()}
+    taken = {name: digest for name, (digest, _) in there.items()}
+    came_from = {name: path for name, (_, path) in there.items()}
     for source, digest in zip(sources, digests, strict=True):
         same = [name for name, other in taken.items() if other == digest]
-        before = came_from.pop(source.scan_name, None)
-        its_own = before is not None and before.path == source.path.resolve()
+        its_own = came_from.pop(source.scan_name, None) == source.path.resolve()
         if not same and source.scan_name in taken and not its_own:
             raise WorkspaceError(
                 f"the workspace has a scan {source.scan_name!r} of another file",
@@ -142,6 +144,21 @@ def _placed(
         name = same[0] if same else source.scan_name
         taken[name] = digest
         yield source, digest, name
+
+
+def _sources_there(
+    workspace: Workspace, scans: Mapping[str, ScanSummary]
+) -> dict[str, tuple[str, Path | None]]:
+    """Return digests and paths of the files of all scans; of damaged ones by their record."""
+    there: dict[str, tuple[str, Path | None]] = {}
+    known = recorded_origins(workspace)
+    for name in workspace.scan_names():
+        scan = scans.get(name)
+        origin = Origin.of(scan) if scan else known.get(name)
+        if scan or origin:
+            digest = scan.digest if scan else origin.digest if origin else ""
+            there[name] = (digest, origin.source.path if origin else None)
+    return there
 
 
 @dataclass(frozen=True)
