@@ -138,7 +138,7 @@ def imported(
         paths = alter.alter(tiny / LIDAR_FOLDER, root / "lidar", how)
         workspace = new_workspace(root / "WS", spc=tiny / SPC_FOLDER)
         settings = workspace.settings()
-        sources = [Source(path, "ola") for path in paths]
+        sources = [Source(path) for path in paths]
         progress = Progress.fitting(silent=True)
         with closing(Catalog(workspace)) as catalog:
             workers = Workers(ThreadExecutor(1), progress, catalog.digesting)
@@ -157,6 +157,7 @@ def imported(
         ("turn 2.9 z", "the lidar fits when turned by −2.9° about Z"),
         ("mirror x", "the lidar fits when mirrored in X"),
         ("west", "the lidar fits when mirrored in Y (longitudes of the other sign)"),
+        ("one turn 90 z", "the lidar fits as it is"),
         ("cloud", "no turn"),
         ("shuffle", "no turn"),
         ("other", "no turn"),

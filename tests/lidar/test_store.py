@@ -128,6 +128,9 @@ def test_returns_are_found_where_another_trajectory_puts_them(tmp_path: Path) ->
         found = store.returns_inside(box).points
         assert len(found) == len(right) > 0
         np.testing.assert_allclose(np.sort(found, axis=0), np.sort(right, axis=0), atol=1e-4)
+    spread = store.spread(len(store))
+    right = moved[covered]
+    np.testing.assert_allclose(np.sort(spread, axis=0), np.sort(right, axis=0), atol=1e-4)
 
 
 def test_a_scan_is_replaced_and_the_others_are_not_touched(

@@ -72,7 +72,11 @@ FLIP_X, FLIP_Y = np.diag([-1.0, 1.0, 1.0]), np.diag([1.0, -1.0, 1.0])
     ("planted", "kinds", "text"),
     [
         (rotation(2.9, (0, 0, 1)), ("turn",), "the lidar fits when turned by −2.9° about Z"),
-        (FLIP_Y, ("mirror",), "the lidar fits when mirrored in Y (longitudes of the other sign)"),
+        pytest.param(
+            FLIP_Y, ("mirror",),
+            "the lidar fits when mirrored in Y (longitudes of the other sign)",
+            marks=pytest.mark.slow,
+        ),
         (
             1e-3 * FLIP_X @ rotation(40.0, (1, -2, 0.5)),
             ("mirror", "turn", "unit"),
@@ -106,7 +110,9 @@ def test_a_hemisphere_that_is_shifted_and_too_large_is_found(surface: FloatArray
     )
 
 
-@pytest.mark.parametrize("wrong", ["other body", "cloud", "sphere"])
+@pytest.mark.parametrize(
+    "wrong", ["other body", "cloud", pytest.param("sphere", marks=pytest.mark.slow)]
+)
 def test_what_fits_nowhere_is_not_found(surface: FloatArray, wrong: str) -> None:
     draw = np.random.default_rng(5)
     if wrong == "other body":
