@@ -29,7 +29,7 @@ REJECTED = 0.2
 MISSED = 1.0 / 3.0
 """Share of shots that may miss the shape or graze it."""
 
-UNMATCHED = 0.9
+UNMATCHED = 0.5
 """Share of pairs of surfaces that may have no match."""
 
 CHANCE = 1e-4
@@ -92,11 +92,12 @@ def _of_the_fit(
     if share > REJECTED:
         text = f"{share:.0%} of the {observations.kind} disagree with the rest and were rejected"
         found.append(_doubtful(Code.MANY_REJECTED, text, share, REJECTED))
-    rest = float(mad(after_fit(observations, fit)))
+    # Where many stray, the fit takes it for the error of each, and the robust scatter hides it.
+    rest = max(float(mad(after_fit(observations, fit))), fit.sizes.independent)
     expected = expected_scatter(observations, options)
     if rest > TOO_LARGE * expected:
         text = (
-            f"residuals scatter by {rest:.3g} m (robust) where {expected:.3g} m are expected of "
+            f"residuals scatter by {rest:.3g} m where {expected:.3g} m are expected of "
             "stated sigmas, [scale] single_sigma_m and state_sigma_m"
         )
         found.append(_doubtful(Code.SCATTER_TOO_LARGE, text, rest, TOO_LARGE * expected))

@@ -16,7 +16,7 @@ SMOOTH = ("shape=0", "roughness=0", "craters.density_per_km2=0", "boulders.densi
 
 def run(*arguments, code=0):
     result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == code, result.output
+    assert result.exit_code in (code if isinstance(code, tuple) else (code,)), result.output
     return result
 
 
@@ -67,7 +67,10 @@ def test_lidar_of_another_body_is_no_match(mission, tmp_path):
 
 def test_a_sphere_without_relief_tells_heights_alone(tmp_path):
     smooth = make(tmp_path / "smooth", *SMOOTH)
-    content = scaled(tmp_path / "WS", smooth / "spc", sorted((smooth / "lidar").iterdir()))
+    # Most pairs have nothing that holds a match: that a few do may be doubtful.
+    scans = sorted((smooth / "lidar").iterdir())
+    content = scaled(tmp_path / "WS", smooth / "spc", scans, code=(0, 1))
+    assert content["verdict"] != "refused"
     assert covers(content)
     # Nothing lies anywhere along the ground: decimetres, where relief tells centimetres.
     assert min(content["center_offset_sigma_m"]) > 0.2
