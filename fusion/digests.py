@@ -18,6 +18,7 @@ from threading import Event
 from fusion.executor import usable_cores
 from fusion.pages import announce
 from spcola.errors import WorkspaceError
+from spcola.formats.source import regular_size
 
 # Read at a time for a digest: little beside the caches, much beside a system call.
 _BLOCK_BYTES = 1 << 20
@@ -114,6 +115,7 @@ def digests_ahead(paths: Sequence[Path]) -> Iterator[Iterator[str]]:
 
 def _readable_digest(path: Path, stopped: Event | None = None) -> str:
     with _refused(path):
+        regular_size(path)
         return file_digest(path, stopped)
 
 

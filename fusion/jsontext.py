@@ -13,7 +13,9 @@ import numpy as np
 
 def json_text(content: Mapping[str, Any]) -> str:
     """Return `content` as JSON: keys sorted, arrays as lists, NaN and infinity as null."""
-    return json.dumps(plain(content), indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+    text = json.dumps(plain(content), indent=2, sort_keys=True, ensure_ascii=False)
+    # Bytes of a file's name that are no UTF-8: the escape of Python is that of JSON.
+    return text.encode("utf-8", "backslashreplace").decode("utf-8") + "\n"
 
 
 def plain(value: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 import tomllib
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
@@ -72,6 +73,9 @@ def load_settings(path: str | Path) -> Settings:
         raise SettingsError(f"is not TOML: {error}", path) from error
     except UnicodeDecodeError as error:
         raise SettingsError("is not UTF-8 text", path) from error
+    except (ValueError, RecursionError) as error:
+        # A number of more digits than Python converts, brackets within brackets without end.
+        raise SettingsError(f"is not TOML that can be read: {error}", path) from error
     except OSError as error:
         raise SettingsError(f"cannot be read ({error.strerror})", path) from error
     return parse_settings(content, path)
@@ -98,7 +102,7 @@ def _refusal(problem: ErrorDetails, where: str | Path) -> SettingsError:
     if problem["type"] != "extra_forbidden":
         text = problem["msg"].removeprefix("Input ").removeprefix("String ")
         text = "should be a table" if problem["type"] == "model_type" else text
-        return SettingsError(f"{text}, not {problem['input']!r}", place)
+        return SettingsError(f"{text}, not {reprlib.repr(problem['input'])}", place)
     if len(location) == 1:
         known = ", ".join(f"[{name}]" for name in table_models())
         return SettingsError("is an unknown table", place, f"known are {known}")

@@ -306,7 +306,7 @@ class Workspace:
             content = json.loads(path.read_text(encoding="utf-8"))
         except OSError as error:
             raise WorkspaceError(f"cannot be read ({error.strerror})", path) from error
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise WorkspaceError(
                 f"is not JSON ({error})", path, "remove it and run again"
             ) from error

@@ -261,3 +261,6 @@ def _kernel_errors(where: str | Path) -> Iterator[None]:
         first = str(error.long or error.short or error).split(". ")[0]
         what = f"SPICE says: {first.rstrip('.')}"
         raise KernelError(what, where, "check kernels and times") from error
+    except UnicodeEncodeError as error:
+        what = "has a name that is not UTF-8, which SPICE cannot open"
+        raise KernelError(what, where, "rename it") from error

@@ -38,7 +38,8 @@ def show(content: Mapping[str, Any], lines: Iterable[str], *, as_json: bool) -> 
     from fusion.jsontext import json_text
 
     try:
-        typer.echo(json_text(content) if as_json else "".join(f"{x}\n" for x in lines), nl=False)
+        text = json_text(content) if as_json else "".join(f"{x}\n" for x in lines)
+        typer.echo(text.encode("utf-8", "backslashreplace").decode("utf-8"), nl=False)
         # What waits in a buffer would fail when the interpreter ends, where nobody can tell it.
         sys.stdout.flush()
     except BrokenPipeError:

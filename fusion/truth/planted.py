@@ -207,7 +207,7 @@ def read_truth(path: str | Path) -> Planted:
         raise WorkspaceError(
             f"cannot be read ({error.strerror})", path, "name the folder of a synthetic mission"
         ) from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise FormatError("is not JSON text", path, "make the mission again") from error
     try:
         return Planted(

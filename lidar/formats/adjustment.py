@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 
 from lidar.adjustment import ScanAdjustment
 from lidar.nodes import ErrorSizes, Nodes
-from spcola.errors import FormatError, WorkspaceError
-from spcola.formats.hdf5 import replacing_hdf5
+from lidar.overlaps import DEGREES
+from spcola.arrays import AnyArray
+from spcola.errors import InvalidValueError
+from spcola.formats.hdf5 import read_layer, read_number, reading_hdf5, replacing_hdf5
 
 ADJUSTMENT_HDF5 = "adjustment.h5"
 """Name of the file in a folder of mapolas."""
@@ -20,6 +21,9 @@ ADJUSTMENT_HDF5 = "adjustment.h5"
 _FORMAT = "spcola scan adjustment 2"
 _NODES = ("center", "scan", "day")
 _LAYERS = ("displacement", "covariance", "misfit", "cells")
+# Metres and radians, squares of them too: no adjustment of a small body comes near.
+_LARGEST = 1e12
+_ROUNDING = 1e-6
 _SIZES = tuple(field.name for field in fields(ErrorSizes))
 
 
@@ -48,28 +52,54 @@ def read_adjustment(path: str | Path) -> ScanAdjustment:
 
     Raises
     ------
-    WorkspaceError
-        If the file cannot be opened.
     FormatError
-        If it is something else, or damaged.
+        If the file cannot be opened, is something else, or damaged.
     """
-    path, again = Path(path), "make the mapolas again"
-    try:
-        file = h5py.File(path, "r")
-    except OSError as error:
-        raise WorkspaceError("cannot be read as HDF5", path, again) from error
-    with file:
-        if file.attrs.get("format") != _FORMAT:
-            raise FormatError(f"is not {_FORMAT!r}", path, again)
-        try:
-            layers: dict[str, Any] = {layer: file[layer][:] for layer in _LAYERS}
-            sizes = ErrorSizes(*(float(file.attrs[size]) for size in _SIZES))
-            return ScanAdjustment(
-                names=tuple(file["names"].asstr()[:]),
-                nodes=Nodes(*(file[layer][:] for layer in _NODES)),
-                sizes=sizes,
-                step_m=float(file.attrs["step_m"]),
-                **layers,
-            )
-        except (KeyError, OSError, ValueError, TypeError) as error:
-            raise FormatError(f"is damaged ({error})", path, again) from error
+    with reading_hdf5(path, _FORMAT, "is damaged", "make the mapolas again") as file:
+        count = len(read_layer(file, "scan", (None,)))
+        layers = {name: read_layer(file, name, shape) for name, shape in _shapes(count).items()}
+        _check_numbers(layers)
+        read_layer(file, "names", (count,), kinds="O")
+        sizes = {size: read_number(file, size) for size in _SIZES}
+        for size, value in sizes.items():
+            if not 0.0 <= value < np.inf:
+                raise InvalidValueError(f"is {value:g}", size)
+        return ScanAdjustment(
+            names=tuple(file["names"].asstr()[:]),
+            nodes=Nodes(*(layers.pop(layer) for layer in _NODES)),
+            sizes=ErrorSizes(**sizes),
+            step_m=read_number(file, "step_m"),
+            **layers,
+        )
+
+
+def _shapes(count: int) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of the layers of an adjustment of `count` scans."""
+    one = (count,)
+    return {
+        "center": (count, 3),
+        "scan": one,
+        "day": one,
+        "displacement": (count, DEGREES),
+        "covariance": (DEGREES * count, DEGREES * count),
+        "misfit": one,
+        "cells": one,
+    }
+
+
+def _check_numbers(layers: dict[str, AnyArray]) -> None:
+    """Refuse numbers that no adjustment leaves: eigenvalues of them may never be found."""
+    for name in ("center", "displacement", "covariance"):
+        largest = float(np.max(np.abs(layers[name]), initial=0.0))
+        if not largest < _LARGEST:
+            raise InvalidValueError(f"holds {largest:g}", name)
+    covariance = layers["covariance"]
+    variances = np.diag(covariance)
+    limits = np.sqrt(np.outer(variances, variances)) if np.all(variances >= 0) else np.zeros(1)
+    sound = np.abs(covariance) <= (1.0 + _ROUNDING) * limits
+    sound &= np.abs(covariance - covariance.T) <= _ROUNDING * limits
+    if not np.all(sound):
+        raise InvalidValueError("is no covariance", "covariance")
+    for name in ("scan", "day"):
+        if layers[name].dtype.kind == "f":
+            raise InvalidValueError("holds no whole numbers", name)

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import logging
 import struct
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from lidar.formats.laz import check_chunk_table
 from lidar.formats.options import LidarOptions
 from lidar.formats.screening import Agreement, Records, Screen
 from lidar.scan import Scan
 from spcola.arrays import BoolArray, FloatArray
-from spcola.errors import FormatError
+from spcola.errors import FormatError, SpcolaError
 
 MAGIC = b"LASF"
 
@@ -51,14 +54,20 @@ def read_las(path: Path, options: LidarOptions) -> Iterator[Scan]:
     FormatError
         If the file is cut off, or its header is not sound.
     """
+    screen = Screen(path, _AGREEMENT, options)
     with _opened(path) as reader:
         header = reader.header
-        _check_header(path, header, options)
-        screen = Screen(path, _AGREEMENT, options)
-        count = 0
-        for chunk in _chunks(path, reader, options.chunk):
+        with _decoding(path, "its header"):
+            _check_header(path, header, options)
+        chunks, count = reader.chunk_iterator(options.chunk), 0
+        while True:
+            with _decoding(path, f"after return {count}"):
+                chunk = next(chunks, None)
+                if chunk is None:
+                    break
+                records = _records(path, chunk, header, options)
             count += len(chunk)
-            yield screen.scan(_records(path, chunk, header, options))
+            yield screen.scan(records)
     if count != header.point_count:
         raise FormatError(
             f"is truncated: {count} of {header.point_count} returns are there", path, _AGAIN
@@ -70,13 +79,34 @@ def _opened(path: Path) -> Any:
     # laspy takes a while to import, and most runs read no LAS.
     import laspy  # noqa: PLC0415
 
+    # What it would log stands in the error.
+    logging.getLogger("laspy").addHandler(logging.NullHandler())
+
+    with _decoding(path, "its header"):
+        reader = laspy.open(path)
+        try:
+            if reader.header.are_points_compressed:
+                check_chunk_table(path, reader.header)
+        except BaseException:
+            reader.close()
+            raise
+        return reader
+
+
+@contextmanager
+def _decoding(path: Path, where: str) -> Iterator[None]:
+    """Turn what laspy lets through of its struct, numpy and Rust parts into one line.
+
+    A panic of the Rust part is no `Exception`.
+    """
     try:
-        return laspy.open(path)
-    except OSError:
+        yield
+    except (SpcolaError, MemoryError, KeyboardInterrupt, SystemExit, GeneratorExit):
         raise
-    # laspy lets through whatever its struct, numpy and Rust parts raise on a broken header.
-    except Exception as error:
-        raise FormatError(f"is no whole LAS file ({error})", path, _AGAIN) from error
+    except BaseException as error:
+        raise FormatError(
+            f"is no whole LAS file ({error or type(error).__name__})", f"{path}, {where}", _AGAIN
+        ) from error
 
 
 def _check_records(path: Path) -> None:
@@ -100,23 +130,6 @@ def _check_records(path: Path) -> None:
             f"{path}, header",
             _AGAIN,
         )
-
-
-def _chunks(path: Path, reader: Any, size: int) -> Iterator[Any]:
-    """Yield points in chunks; what laspy says of broken data becomes one line."""
-    chunks = reader.chunk_iterator(size)
-    read = 0
-    while True:
-        try:
-            chunk = next(chunks)
-        except StopIteration:
-            return
-        except Exception as error:
-            raise FormatError(
-                f"cannot be decoded ({error})", f"{path}, after return {read}", _AGAIN
-            ) from error
-        read += len(chunk)
-        yield chunk
 
 
 def _check_header(path: Path, header: Any, options: LidarOptions) -> None:

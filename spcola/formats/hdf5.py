@@ -1,4 +1,4 @@
-"""HDF5 files that are written whole or not at all."""
+"""HDF5 files: written whole or not at all, and read as if nothing in them could be trusted."""
 
 from __future__ import annotations
 
@@ -9,8 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import h5py
+import numpy as np
 
+from spcola.arrays import AnyArray
 from spcola.atomic import replacing
+from spcola.errors import FormatError, InvalidValueError, SpcolaError
+from spcola.formats.source import regular_size
+
+NUMBERS = "iuf"
+"""Kinds of NumPy types that are real numbers."""
 
 
 class _Patient(io.FileIO):
@@ -42,6 +49,106 @@ class _Patient(io.FileIO):
         except OSError as error:
             self.error = error
         return self.tell() if size is None else size
+
+
+@contextmanager
+def reading_hdf5(path: str | Path, form: str, what: str, do: str) -> Iterator[Any]:
+    """Yield an HDF5 file whose attribute ``format`` is `form`, for reading alone.
+
+    On damaged files h5py raises whatever its layers happen to meet (OSError, RuntimeError,
+    KeyError, TypeError, OverflowError ...). This is the one place that turns all of it into one
+    line, so nothing but reading may stand within the block.
+
+    Parameters
+    ----------
+    path : str or Path
+    form : str
+        What the attribute ``format`` has to be.
+    what, do : str
+        What to say of a file that is damaged, and what to do about it.
+
+    Raises
+    ------
+    FormatError
+        If the file cannot be read, is of another form, or the block fails on what is in it.
+    """
+    try:
+        regular_size(path)
+        with h5py.File(path, "r") as file:
+            found = file.attrs.get("format")
+            if not isinstance(found, str) or found != form:
+                raise FormatError(f"is an HDF5 file, but not {form!r}", path, do)
+            yield file
+    except InvalidValueError as error:
+        raise FormatError(f"{what} ({error})", path, do) from error
+    except SpcolaError:
+        raise
+    except Exception as error:
+        reason = str(error).partition("\n")[0] or type(error).__name__
+        raise FormatError(f"{what} ({reason})", path, do) from error
+
+
+def read_layer(
+    group: Any, name: str, shape: tuple[int | None, ...], kinds: str = NUMBERS
+) -> AnyArray:
+    """Return the dataset `name` of `group`, checked before anything of it is in memory.
+
+    Parameters
+    ----------
+    group : h5py.Group
+    name : str
+    shape : tuple of int or None
+        What it has to be; None is any length that the file has room for.
+    kinds : str
+        Kinds of NumPy types that it may have.
+
+    Raises
+    ------
+    InvalidValueError
+        If it is no dataset, or of another shape or type.
+    """
+    data = group[name]
+    if not isinstance(data, h5py.Dataset):
+        raise InvalidValueError("is no dataset", name)
+    if data.dtype.kind not in kinds:
+        raise InvalidValueError(f"is of type {data.dtype}", name)
+    found = data.shape or ()
+    fits = len(found) == len(shape)
+    if not fits or any(w not in (None, n) for n, w in zip(found, shape, strict=True)):
+        raise InvalidValueError(f"is of shape {found}", name)
+    # What is not stored is one number throughout, and has the room that its shape is checked for.
+    if None in shape and data.nbytes > data.id.get_storage_size():
+        raise InvalidValueError(f"says {data.nbytes} bytes, more than are stored", name)
+    values: AnyArray = data[()]
+    return values
+
+
+def read_number(node: Any, name: str) -> float:
+    """Return the attribute `name` of a group or file: one real number.
+
+    Raises
+    ------
+    InvalidValueError
+        If it is something else.
+    """
+    value = node.attrs[name]
+    if np.ndim(value) or np.asarray(value).dtype.kind not in NUMBERS:
+        raise InvalidValueError("is no number", name)
+    return float(value)
+
+
+def read_text(node: Any, name: str) -> str:
+    """Return the attribute `name` of a group or file: a text.
+
+    Raises
+    ------
+    InvalidValueError
+        If it is something else.
+    """
+    value = node.attrs[name]
+    if not isinstance(value, str):
+        raise InvalidValueError("is no text", name)
+    return value
 
 
 @contextmanager
