@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from spcola.arrays import FloatArray
 from spcola.errors import KernelError
+from spcola.formats.daf import DISCRETE_TYPES, check_daf, daf_segments, is_daf, state_epochs
 from spcola.formats.kernel_text import PrimeMeridian, expand_meta_kernels, prime_meridians
 from spcola.formats.transfer import convert_transfer, is_transfer
 from spcola.time import SPICE_LOCK
@@ -209,20 +210,11 @@ def state_times(path: str | Path) -> FloatArray:
     KernelError
         If the file is no SPK or holds no such segment.
     """
-    times: list[FloatArray] = []
-    with SPICE_LOCK, _kernel_errors(path):
-        handle = spiceypy.dafopr(str(path))
-        try:
-            spiceypy.dafbfs(handle)
-            while spiceypy.daffna():
-                _, integers = spiceypy.dafus(spiceypy.dafgs(5), 2, 6)
-                if integers[3] in (9, 13):
-                    begin, end = int(integers[4]), int(integers[5])
-                    count = int(spiceypy.dafgda(handle, end, end)[0])
-                    start = begin + 6 * count
-                    times.append(np.asarray(spiceypy.dafgda(handle, start, start + count - 1)))
-        finally:
-            spiceypy.dafcls(handle)
+    times = [
+        state_epochs(segment.values, path)
+        for segment in daf_segments(path)
+        if segment.integers[3] in DISCRETE_TYPES
+    ]
     if not times:
         raise KernelError("holds no discrete states (SPK types 9, 13)", path, "state the times")
     return np.unique(np.concatenate(times))
@@ -247,6 +239,8 @@ def _refuse_disagreement(stated: list[PrimeMeridian]) -> None:
 def _ready(path: Path, target: Path) -> Path:
     """Return a kernel that SPICE can load: `path` itself, or its conversion at `target`."""
     if not is_transfer(path):
+        if is_daf(path):
+            check_daf(path)
         return path
     convert_transfer(path, target)
     return target

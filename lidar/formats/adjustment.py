@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import fields
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from lidar.adjustment import ScanAdjustment
@@ -13,7 +12,15 @@ from lidar.nodes import ErrorSizes, Nodes
 from lidar.overlaps import DEGREES
 from spcola.arrays import AnyArray
 from spcola.errors import InvalidValueError
-from spcola.formats.hdf5 import read_layer, read_number, reading_hdf5, replacing_hdf5
+from spcola.formats.hdf5 import (
+    read_layer,
+    read_names,
+    read_number,
+    reading_hdf5,
+    replacing_hdf5,
+    stored,
+    stored_names,
+)
 
 ADJUSTMENT_HDF5 = "adjustment.h5"
 """Name of the file in a folder of mapolas."""
@@ -36,8 +43,8 @@ def write_adjustment(path: str | Path, adjustment: ScanAdjustment) -> None:
         If the file cannot be written.
     """
     with replacing_hdf5(path) as file:
-        file.attrs["format"] = _FORMAT
-        file["names"] = np.array(list(adjustment.names), dtype=h5py.string_dtype())
+        file.attrs["format"] = stored(_FORMAT)
+        file["names"] = stored_names(adjustment.names)
         for layer in _NODES:
             file[layer] = getattr(adjustment.nodes, layer)
         for layer in _LAYERS:
@@ -59,13 +66,12 @@ def read_adjustment(path: str | Path) -> ScanAdjustment:
         count = len(read_layer(file, "scan", (None,)))
         layers = {name: read_layer(file, name, shape) for name, shape in _shapes(count).items()}
         _check_numbers(layers)
-        read_layer(file, "names", (count,), kinds="O")
         sizes = {size: read_number(file, size) for size in _SIZES}
         for size, value in sizes.items():
             if not 0.0 <= value < np.inf:
                 raise InvalidValueError(f"is {value:g}", size)
         return ScanAdjustment(
-            names=tuple(file["names"].asstr()[:]),
+            names=tuple(read_names(file, "names", count)),
             nodes=Nodes(*(layers.pop(layer) for layer in _NODES)),
             sizes=ErrorSizes(**sizes),
             step_m=read_number(file, "step_m"),

@@ -7,7 +7,7 @@ import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from lidar.formats.screening import Agreement, Records, Screen
 from lidar.scan import Scan
 from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import FormatError, SpcolaError
+from spcola.formats.source import regular_size
 
 MAGIC = b"LASF"
 
@@ -116,20 +117,30 @@ def _check_records(path: Path) -> None:
     """
     with path.open("rb") as stream:
         header = stream.read(247)
-    size = path.stat().st_size
-    if len(header) < 104 or not is_las(header):
-        raise FormatError("is no whole LAS file", path, _AGAIN)
-    begin, points, count = struct.unpack_from("<HII", header, 94)
-    fits = count * 54 <= points - begin and points <= size
-    if header[25] >= 4 and len(header) >= 247:
-        extended_begin, extended_count = struct.unpack_from("<QI", header, 235)
-        fits &= extended_count == 0 or extended_count * 60 <= size - extended_begin
+        size = regular_size(path)
+        if len(header) < 104 or not is_las(header):
+            raise FormatError("is no whole LAS file", path, _AGAIN)
+        begin, points, count = struct.unpack_from("<HII", header, 94)
+        fits = points <= size and _have_room(stream, begin, count, "<20xH32x", points)
+        if header[25] >= 4 and len(header) >= 247:
+            begin, count = struct.unpack_from("<QI", header, 235)
+            fits &= _have_room(stream, begin, count, "<20xQ32x", size)
     if not fits:
         raise FormatError(
-            f"promises {count} records before its points, more than have room",
+            "promises more records before or behind its points than have room",
             f"{path}, header",
             _AGAIN,
         )
+
+
+def _have_room(stream: BinaryIO, begin: int, count: int, form: str, end: int) -> bool:
+    """Tell whether records, whose heads state how long they are, end before byte `end`."""
+    for _ in range(count):
+        if begin + struct.calcsize(form) > end:
+            return False
+        stream.seek(begin)
+        begin += struct.calcsize(form) + struct.unpack(form, stream.read(struct.calcsize(form)))[0]
+    return begin <= end or count == 0
 
 
 def _check_header(path: Path, header: Any, options: LidarOptions) -> None:

@@ -14,8 +14,8 @@ from typing import Any
 from spcola.errors import FormatError
 
 _AGAIN = "fetch the file again"
-# Writers take 50,000 points, or some more; a chunk is in memory at once.
-_MOST_IN_CHUNK = 10_000_000
+# Writers take 50,000 points, or some more; room is made for a whole chunk at once.
+_USUAL_IN_CHUNK, _MOST_IN_CHUNK = 1_000_000, 10_000_000
 _LAYERED = 3
 # Layers by the kind of item: point, colours, colours with infrared, wave packet; extra bytes have
 # one each.
@@ -58,7 +58,7 @@ def check_chunk_table(path: Path, header: Any) -> None:
     if not vlr.uses_variable_size_chunks():
         chunk = vlr.chunk_size()
         points = [chunk] * (count - 1) + [header.point_count - chunk * (count - 1)]
-        if not 0 < points[-1] <= chunk:
+        if not 0 < points[-1] <= chunk <= max(_USUAL_IN_CHUNK, header.point_count):
             raise _refusal(path, f"has {count} chunks of {chunk} for {header.point_count} points")
     if sum(points) != header.point_count or max(points) > _MOST_IN_CHUNK:
         raise _refusal(path, f"has {sum(points)} points in chunks of up to {max(points)}")

@@ -22,12 +22,14 @@ from lidar.scan import Scan
 from lidar.scansummary import ScanSummary
 from spcola.arrays import AnyArray
 from spcola.errors import FormatError, InvalidValueError
+from spcola.formats.fortran import LARGEST_NUMBER
 from spcola.formats.hdf5 import (
     NUMBERS,
     read_number,
     read_text,
     reading_hdf5,
     replacing_hdf5,
+    stored,
 )
 from spcola.trajectory import Trajectory
 
@@ -266,8 +268,13 @@ class _Layers(Mapping[str, AnyArray]):
 def _read_block(path: Path, content: np.ndarray[Any, Any], group: Any) -> Block:
     """Return a block whose layers are views; refuse one that lacks a layer, or part of one."""
     numbers = {name: read_number(group, name) for name in group.attrs if name != "layers"}
-    if not 0 <= numbers["bits"] <= MOST_BITS or numbers["bits"] % 1:
-        raise InvalidValueError(f"is {numbers['bits']:g}", "bits")
+    limits = {"bits": MOST_BITS, "flag": 2**31}
+    for name, number in numbers.items():
+        whole = name not in limits or number % 1 == 0
+        if not (whole and abs(number) <= limits.get(name, LARGEST_NUMBER)):
+            raise InvalidValueError(f"is {number:g}", name)
+    if numbers["bits"] < 0:
+        raise InvalidValueError("is negative", "bits")
     places = {name: _place(data) for name, data in group.items()}
     if sorted(places) != json.loads(read_text(group, "layers")):
         raise InvalidValueError("layers are missing", group.name)
@@ -292,7 +299,7 @@ def _check_layers(places: Mapping[str, _Place]) -> None:
 
 def _write_block(group: Any, block: Block) -> None:
     group.attrs.update(block.numbers)
-    group.attrs["layers"] = json.dumps(sorted(block.layers))
+    group.attrs["layers"] = stored(json.dumps(sorted(block.layers)))
     for name, layer in block.layers.items():
         # Contiguous, so that it can be mapped.
         values = np.ascontiguousarray(layer, dtype=layer.dtype.newbyteorder("<"))
@@ -302,18 +309,18 @@ def _write_block(group: Any, block: Block) -> None:
 def _write_attributes(file: Any, summary: ScanSummary, blocks: int) -> None:
     file.attrs.update(
         {
-            "format": FORMAT,
+            "format": stored(FORMAT),
             "version": VERSION,
-            "name": summary.name,
+            "name": stored(summary.name),
             "count": summary.count,
             "blocks": blocks,
-            "trajectory": summary.trajectory,
-            "body": summary.body,
+            "trajectory": stored(summary.trajectory),
+            "body": stored(summary.body),
             "time_span_et_s": summary.time_span,
             "bounds_m": summary.bounds,
-            "source_digest": summary.digest,
-            "rejected": json.dumps(dict(summary.rejected)),
-            "parameters": json.dumps(dict(summary.parameters)),
+            "source_digest": stored(summary.digest),
+            "rejected": stored(json.dumps(dict(summary.rejected))),
+            "parameters": stored(json.dumps(dict(summary.parameters))),
         }
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,10 @@ from spcola.atomic import replacing
 from spcola.errors import FormatError, InvalidValueError, SpcolaError
 from spcola.formats.source import regular_size
 
+# From this version on HDF5 checks sums of what it reads of its own structures, attributes included,
+# before it follows them: a flipped bit is an error and no endless loop. Texts of variable length
+# lie in heaps without a sum, and are not written (:func:`stored`).
+_WRITTEN = ("v110", "v110")
 NUMBERS = "iuf"
 """Kinds of NumPy types that are real numbers."""
 
@@ -75,8 +79,7 @@ def reading_hdf5(path: str | Path, form: str, what: str, do: str) -> Iterator[An
     try:
         regular_size(path)
         with h5py.File(path, "r") as file:
-            found = file.attrs.get("format")
-            if not isinstance(found, str) or found != form:
+            if "format" not in file.attrs or read_text(file, "format") != form:
                 raise FormatError(f"is an HDF5 file, but not {form!r}", path, do)
             yield file
     except InvalidValueError as error:
@@ -146,9 +149,35 @@ def read_text(node: Any, name: str) -> str:
         If it is something else.
     """
     value = node.attrs[name]
+    if isinstance(value, bytes):
+        return value.decode("utf-8")
     if not isinstance(value, str):
         raise InvalidValueError("is no text", name)
     return value
+
+
+def stored(text: str) -> AnyArray:
+    """Return a text as an attribute keeps it: UTF-8 of fixed length; :func:`read_text` reads it."""
+    content = text.encode("utf-8")
+    return np.array(content, dtype=f"S{max(len(content), 1)}")
+
+
+def stored_names(names: Iterable[str]) -> AnyArray:
+    """Return texts (N,) as a dataset keeps them; :func:`read_names` reads it."""
+    content = [name.encode("utf-8") for name in names]
+    return np.array(content, dtype=f"S{max([1, *map(len, content)])}")
+
+
+def read_names(group: Any, name: str, count: int) -> list[str]:
+    """Return the dataset `name` of `group`: so many texts.
+
+    Raises
+    ------
+    InvalidValueError
+        If it is something else.
+    """
+    values = read_layer(group, name, (count,), kinds="SO")
+    return [value.decode("utf-8") for value in values]
 
 
 @contextmanager
@@ -162,7 +191,7 @@ def new_hdf5(path: str | Path) -> Iterator[Any]:
     """
     with _Patient(path, "w+") as raw:
         try:
-            with h5py.File(raw, "w") as file:
+            with h5py.File(raw, "w", libver=_WRITTEN) as file:
                 yield file
         except (RuntimeError, OSError):
             # What cannot be read back was not written.

@@ -17,13 +17,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-import h5py
 import numpy as np
 
 from spcola.arrays import AnyArray
 from spcola.atomic import flush, replacing, write_error
 from spcola.errors import FormatError, InvalidValueError, WorkspaceError
-from spcola.formats.hdf5 import new_hdf5, read_layer, read_number, read_text, reading_hdf5
+from spcola.formats.hdf5 import (
+    new_hdf5,
+    read_layer,
+    read_names,
+    read_number,
+    read_text,
+    reading_hdf5,
+    stored,
+    stored_names,
+)
 from spcola.formats.map import map_content, map_length, sigma_content, sigma_path
 from spcola.maplet import Maplet, MapletGrid
 
@@ -148,7 +156,7 @@ class MapStore(Generic[M]):
         names: list[str] = []
         folder = hdf5.parent
         with new_hdf5(hdf5) as file:
-            file.attrs["format"] = self.form
+            file.attrs["format"] = stored(self.form)
             for maplet in maplets:
                 self._check_name(maplet.name, names)
                 path, content = staging / f"{maplet.name}.MAP", map_content(maplet)
@@ -179,7 +187,7 @@ class MapStore(Generic[M]):
             center=grid.center, axes=grid.axes, gsd=grid.gsd, half_size=grid.half_size
         )
         group.attrs["center_sigma"] = maplet.center_sigma
-        group.attrs["map_sha256"] = digest
+        group.attrs["map_sha256"] = stored(digest)
         for mapping in self.mappings:
             _store_mapping(group.create_group(mapping), getattr(maplet, mapping))
 
@@ -222,12 +230,11 @@ def _store_layer(group: Any, name: str, values: AnyArray) -> None:
 
 def _store_mapping(group: Any, mapping: Mapping[str, float]) -> None:
     """Write a mapping into its group, as two arrays: attributes end at 64 KiB."""
-    group["keys"] = np.array(list(mapping), dtype=h5py.string_dtype())
+    group["keys"] = stored_names(mapping)
     group["values"] = np.array(list(mapping.values()), dtype=np.float64)
 
 
 def _load_mapping(group: Any) -> dict[str, float]:
     """Read a mapping from its group."""
     values = read_layer(group, "values", (None,)).astype(np.float64).tolist()
-    read_layer(group, "keys", (len(values),), kinds="O")
-    return dict(zip(group["keys"].asstr()[:], values, strict=True))
+    return dict(zip(read_names(group, "keys", len(values)), values, strict=True))
