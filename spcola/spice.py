@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -74,16 +74,17 @@ class KernelSet:
         """
         with SPICE_LOCK, tempfile.TemporaryDirectory(prefix="spcola-kernels-") as folder:
             loaded: list[str] = []
+            before = _held()
             try:
                 for index, path in enumerate(self.paths):
                     ready = _ready(path, Path(folder) / str(index))
+                    # SPICE keeps the name of a kernel that it refused, and reads it again later.
+                    loaded.append(str(ready))
                     with _kernel_errors(path):
                         spiceypy.furnsh(str(ready))
-                    loaded.append(str(ready))
                 yield
             finally:
-                for name in reversed(loaded):
-                    spiceypy.unload(name)
+                _give_back(loaded, before)
 
 
 def choose_prime_meridian(paths: list[Path], choice: str | Path | None) -> list[Path]:
@@ -244,6 +245,26 @@ def _ready(path: Path, target: Path) -> Path:
         return path
     convert_transfer(path, target)
     return target
+
+
+def _held() -> list[str]:
+    """Return the names of the kernels that SPICE holds."""
+    return [spiceypy.kdata(index, "ALL")[0] for index in range(spiceypy.ktotal("ALL"))]
+
+
+def _give_back(loaded: Sequence[str], before: Sequence[str]) -> None:
+    """Unload kernels, so that SPICE holds those of before again.
+
+    It reads all text kernels anew whenever one goes, and stops at one that is wrong or gone.
+    """
+    try:
+        for name in reversed(loaded):
+            spiceypy.unload(name)
+    except (spiceypy.utils.exceptions.SpiceyError, UnicodeEncodeError):
+        spiceypy.kclear()
+        for name in before:
+            with suppress(spiceypy.utils.exceptions.SpiceyError):
+                spiceypy.furnsh(name)
 
 
 @contextmanager

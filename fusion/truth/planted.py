@@ -221,7 +221,7 @@ def read_truth(path: str | Path) -> Planted:
         )
     except SpcolaError as error:
         raise FormatError(str(error), path, "make the mission again") from error
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
         raise FormatError(
             f"lacks or garbles an entry: {error}", path, "make the mission again"
         ) from error

@@ -31,6 +31,7 @@ _LAYERS = ("displacement", "covariance", "misfit", "cells")
 # Metres and radians, squares of them too: no adjustment of a small body comes near.
 _LARGEST = 1e12
 _ROUNDING = 1e-6
+_WHOLE = {"scan", "day"}
 _SIZES = tuple(field.name for field in fields(ErrorSizes))
 
 
@@ -66,6 +67,7 @@ def read_adjustment(path: str | Path) -> ScanAdjustment:
         count = len(read_layer(file, "scan", (None,)))
         layers = {name: read_layer(file, name, shape) for name, shape in _shapes(count).items()}
         _check_numbers(layers)
+        layers |= {name: layers[name].astype(np.float64) for name in layers.keys() - _WHOLE}
         sizes = {size: read_number(file, size) for size in _SIZES}
         for size, value in sizes.items():
             if not 0.0 <= value < np.inf:
@@ -106,6 +108,6 @@ def _check_numbers(layers: dict[str, AnyArray]) -> None:
     sound &= np.abs(covariance - covariance.T) <= _ROUNDING * limits
     if not np.all(sound):
         raise InvalidValueError("is no covariance", "covariance")
-    for name in ("scan", "day"):
+    for name in _WHOLE:
         if layers[name].dtype.kind == "f":
             raise InvalidValueError("holds no whole numbers", name)

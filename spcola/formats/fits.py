@@ -116,6 +116,7 @@ def reading_fits(path: str | Path) -> Iterator[Any]:
     from astropy.io import fits  # noqa: PLC0415
 
     content = io.BytesIO(read_bytes(path))
+    _check_counts(content.getvalue(), path)
     try:
         # astropy only warns of a file that is cut off.
         with warnings.catch_warnings(action="error"), fits.open(content) as units:
@@ -124,6 +125,20 @@ def reading_fits(path: str | Path) -> Iterator[Any]:
         raise
     except Exception as error:
         raise FormatError(f"cannot be read as FITS ({error})", path) from error
+
+
+def _check_counts(content: bytes, path: str | Path) -> None:
+    """Refuse more axes or columns than FITS allows: astropy asks for each of them."""
+    for key in (b"NAXIS   =", b"TFIELDS ="):
+        at = content.find(key)
+        while at >= 0:
+            number = content[at + len(key) : at + 80].split(b"/")[0].strip()
+            if at % 80 == 0 and not (number.isdigit() and len(number) <= 3):
+                name, value = key[:7].decode().strip(), number[:20].decode("ascii", "replace")
+                raise FormatError(
+                    f"cannot be read as FITS ({name} is {value!r}, and not 0 to 999)", path
+                )
+            at = content.find(key, at + 1)
 
 
 class _Header:
