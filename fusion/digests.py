@@ -18,6 +18,7 @@ from threading import Event
 from fusion.executor import usable_cores
 from fusion.pages import announce
 from spcola.errors import WorkspaceError
+from spcola.formats.source import regular_size
 
 FileStatus = tuple[int, int, int, int]
 
@@ -119,6 +120,7 @@ def digests_ahead(paths: Sequence[Path]) -> Iterator[Iterator[str]]:
 
 def _readable_digest(path: Path, stopped: Event | None = None) -> str:
     with _refused(path):
+        regular_size(path)
         return file_digest(path, stopped)
 
 

@@ -9,10 +9,14 @@ pieces of work.
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
+
+from fusion.earlyexit import leave_at_once
 
 _asked = threading.Event()
 
@@ -24,18 +28,25 @@ def remembering_interrupts() -> Iterator[None]:
     Outside the main thread, and where interrupts are ignored or another program part handles
     them, nothing is changed.
     """
-    if (
-        threading.current_thread() is not threading.main_thread()
-        or signal.getsignal(signal.SIGINT) is not signal.default_int_handler
-    ):
+    if threading.current_thread() is not threading.main_thread() or signal.getsignal(
+        signal.SIGINT
+    ) not in (signal.default_int_handler, leave_at_once):
         yield
         return
+    former = signal.getsignal(signal.SIGINT)
+    hook, sys.unraisablehook = sys.unraisablehook, _quiet
     _asked.clear()
     signal.signal(signal.SIGINT, _remember)
     try:
         yield
+    except Exception as error:
+        # A library made another error of it: half an import, say.
+        if _asked.is_set():
+            raise KeyboardInterrupt from error
+        raise
     finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGINT, former)
+        sys.unraisablehook = hook
         _asked.clear()
 
 
@@ -49,6 +60,12 @@ def heed_interrupts() -> None:
     """
     if _asked.is_set():
         raise KeyboardInterrupt
+
+
+def _quiet(unraisable: Any) -> None:
+    """Say nothing of an interrupt that a callback dropped: it is remembered."""
+    if unraisable.exc_type is not KeyboardInterrupt:
+        sys.__unraisablehook__(unraisable)
 
 
 def _remember(number: int, frame: FrameType | None) -> None:

@@ -10,10 +10,23 @@ from typing import Any
 
 import numpy as np
 
+from spcola.errors import InvalidValueError
+
 
 def json_text(content: Mapping[str, Any]) -> str:
-    """Return `content` as JSON: keys sorted, arrays as lists, NaN and infinity as null."""
-    return json.dumps(plain(content), indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+    """Return `content` as JSON: keys sorted, arrays as lists, NaN and infinity as null.
+
+    Raises
+    ------
+    InvalidValueError
+        If it is nested deeper than Python follows.
+    """
+    try:
+        text = json.dumps(plain(content), indent=2, sort_keys=True, ensure_ascii=False)
+    except RecursionError as error:
+        raise InvalidValueError("is nested too deep to be written as JSON") from error
+    # Bytes of a file's name that are no UTF-8: the escape of Python is that of JSON.
+    return text.encode("utf-8", "backslashreplace").decode("utf-8") + "\n"
 
 
 def plain(value: Any) -> Any:

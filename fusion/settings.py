@@ -79,6 +79,9 @@ def load_settings(path: str | Path) -> Settings:
         raise SettingsError(f"is not TOML: {error}", path) from error
     except UnicodeDecodeError as error:
         raise SettingsError("is not UTF-8 text", path) from error
+    except (ValueError, RecursionError) as error:
+        # A number of more digits than Python converts, brackets within brackets without end.
+        raise SettingsError(f"is not TOML that can be read: {error}", path) from error
     except OSError as error:
         raise SettingsError(f"cannot be read ({error.strerror})", path) from error
     return parse_settings(content, path)

@@ -97,7 +97,9 @@ class Workspace:
     def relative(self, path: Path) -> str:
         """Return `path` as it is named in the catalogue: relative to the root where inside it."""
         inside = path.is_relative_to(self.root)
-        return path.relative_to(self.root).as_posix() if inside else str(path.resolve())
+        name = path.relative_to(self.root).as_posix() if inside else str(path.resolve())
+        # A data base keeps UTF-8, and a file's name may be no such text.
+        return name.encode("utf-8", "backslashreplace").decode("utf-8")
 
     def maplet_names(self) -> list[str]:
         """Return the maplets: those of MAPLIST.TXT or LMRKLIST.TXT, else all in MAPFILES."""
@@ -319,7 +321,7 @@ class Workspace:
             content = json.loads(path.read_text(encoding="utf-8"))
         except OSError as error:
             raise WorkspaceError(f"cannot be read ({error.strerror})", path) from error
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise WorkspaceError(
                 f"is not JSON ({error})", path, "remove it and run again"
             ) from error

@@ -27,7 +27,7 @@ each axis, a thousandth of the noise of a range."""
 # Room for a place along one axis; three make one number.
 _ROOM = 21
 # Edges of 41 cm to 105 m, as powers of two of a quantum; larger ones have no room.
-_FEWEST_BITS, _USUAL_BITS, _MOST_BITS = 13, 16, _ROOM
+_FEWEST_BITS, _USUAL_BITS, MOST_BITS = 13, 16, _ROOM
 # Returns to a cube: fewer would be all index, more reach far beyond what is asked for.
 _AIM = 120
 
@@ -122,7 +122,7 @@ def cubed(points: FloatArray, bits: int | None = None) -> tuple[CubedPoints, Int
 def _fitting_bits(steps: IntArray) -> int:
     """Size of cube that about as many returns as wished for share."""
     bits = _USUAL_BITS
-    while bits < _MOST_BITS and len(steps) < _AIM / 2 * _occupied(steps, bits):
+    while bits < MOST_BITS and len(steps) < _AIM / 2 * _occupied(steps, bits):
         bits += 1
     while bits > _FEWEST_BITS and len(steps) > _AIM * 2 * _occupied(steps, bits):
         bits -= 1

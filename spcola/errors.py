@@ -22,9 +22,27 @@ class SpcolaError(Exception):
         self.what = what
         self.where = None if where is None else str(where)
         self.do = do
-        text = what if where is None else f"{where}: {what}"
+        text = _clipped(what) if where is None else f"{where}: {_clipped(what)}"
         text = text if do is None else f"{text}; {do}"
-        super().__init__(" ".join(text.split()))
+        super().__init__(printable(text))
+
+
+def printable(text: str) -> str:
+    """Return `text` on one line, and what no terminal should print (or cannot) as an escape.
+
+    Messages quote files and their names, which may hold anything: control sequences, or bytes
+    that are no UTF-8.
+    """
+    line = " ".join(text.split())
+    if line.isprintable():
+        return line
+    return "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in line)
+
+
+def _clipped(what: str) -> str:
+    """Return what is said, without the middle if a file's own words make it endless."""
+    most = 400
+    return what if len(what) <= most else f"{what[: most // 2]} ... {what[-most // 4 :]}"
 
 
 class FormatError(SpcolaError):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -21,10 +21,9 @@ from spcola.coverage import (
     Track,
     pointing_tracks,
     position_track,
-    segment_epochs,
-    segments_of,
 )
 from spcola.errors import KernelError
+from spcola.formats.daf import DISCRETE_TYPES, check_daf, daf_segments, is_daf, state_epochs
 from spcola.formats.kernel_text import expand_meta_kernels
 from spcola.formats.transfer import convert_transfer, is_transfer
 from spcola.rotationcheck import KernelUse, settle_rotation
@@ -89,18 +88,19 @@ class KernelSet:
         """
         with SPICE_LOCK, tempfile.TemporaryDirectory(prefix="spcola-kernels-") as folder:
             loaded: list[str] = []
+            before = _held()
             try:
                 for index, path in enumerate(self.paths):
                     ready = _ready(path, Path(folder) / str(index))
+                    # SPICE keeps the name of a kernel that it refused, and reads it again later.
+                    loaded.append(str(ready))
                     with _kernel_errors(path):
                         spiceypy.furnsh(str(ready))
-                    loaded.append(str(ready))
                 for name in self._dropped:
                     spiceypy.dvpool(name)
                 yield
             finally:
-                for name in reversed(loaded):
-                    spiceypy.unload(name)
+                _give_back(loaded, before)
 
 
 def body_fixed_trajectory(
@@ -271,25 +271,44 @@ def state_times(path: str | Path) -> FloatArray:
     KernelError
         If the file is no SPK or holds no such segment.
     """
-    times: list[FloatArray] = []
-    with SPICE_LOCK, _kernel_errors(path):
-        handle = spiceypy.dafopr(str(path))
-        try:
-            times = [segment_epochs(handle, integers) for _, _, integers in segments_of(handle)]
-        finally:
-            spiceypy.dafcls(handle)
-    found = np.unique(np.concatenate([np.empty(0), *times]))
-    if not len(found):
-        raise KernelError("holds no discrete states", path, "state the times")
-    return found
+    times = [
+        state_epochs(segment.values, path)
+        for segment in daf_segments(path)
+        if segment.integers[3] in DISCRETE_TYPES
+    ]
+    if not times:
+        raise KernelError("holds no discrete states (SPK types 9, 13)", path, "state the times")
+    return np.unique(np.concatenate(times))
 
 
 def _ready(path: Path, target: Path) -> Path:
     """Return a kernel that SPICE can load: `path` itself, or its conversion at `target`."""
     if not is_transfer(path):
+        if is_daf(path):
+            check_daf(path)
         return path
     convert_transfer(path, target)
     return target
+
+
+def _held() -> list[str]:
+    """Return the names of the kernels that SPICE holds."""
+    return [spiceypy.kdata(index, "ALL")[0] for index in range(spiceypy.ktotal("ALL"))]
+
+
+def _give_back(loaded: Sequence[str], before: Sequence[str]) -> None:
+    """Unload kernels, so that SPICE holds those of before again.
+
+    It reads all text kernels anew whenever one goes, and stops at one that is wrong or gone.
+    """
+    try:
+        for name in reversed(loaded):
+            spiceypy.unload(name)
+    except (spiceypy.utils.exceptions.SpiceyError, UnicodeEncodeError):
+        spiceypy.kclear()
+        for name in before:
+            with suppress(spiceypy.utils.exceptions.SpiceyError):
+                spiceypy.furnsh(name)
 
 
 @contextmanager
@@ -303,3 +322,6 @@ def _kernel_errors(where: str | Path) -> Iterator[None]:
         first = str(said).split(". ")[0]
         what = f"SPICE says: {first.rstrip('.')}"
         raise KernelError(what, where, "check kernels and times") from error
+    except UnicodeEncodeError as error:
+        what = "has a name that is not UTF-8, which SPICE cannot open"
+        raise KernelError(what, where, "rename it") from error

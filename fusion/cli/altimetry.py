@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fusion.cli.output import JsonOption, show
+from fusion.cli.output import (
+    IsolateOption,
+    JsonOption,
+    LimitMbOption,
+    LimitSOption,
+    leave_to_child,
+    show,
+)
 from fusion.cli.stages import ClusterOption, WorkersOption, executor
 
 if TYPE_CHECKING:
@@ -43,6 +50,9 @@ def import_(
     gps_time: Annotated[bool, typer.Option("--gps-time", help="Keep the GPS time of LAS.")] = False,
     workers: WorkersOption = None,
     cluster: ClusterOption = "",
+    isolate: IsolateOption = False,
+    limit_mb: LimitMbOption = 8192,
+    limit_s: LimitSOption = 3600.0,
     as_json: JsonOption = False,
 ) -> None:
     """Read lidar files into the workspace.
@@ -57,6 +67,8 @@ def import_(
     from fusion.stages.ingest import STAGE, Workers, import_files
     from fusion.workspace import Workspace
 
+    if isolate:
+        leave_to_child(workspace, limit_mb, limit_s)
     if name and len(files) > 1:
         raise typer.BadParameter("names one file only", param_hint="--name")
     there = Workspace.open(workspace)

@@ -62,7 +62,7 @@ def _options(
 
 
 def main() -> None:
-    """Run the command line; the entry point of the installation."""
+    """Run the command line."""
     try:
         app()
     except SystemExit as end:

@@ -7,7 +7,15 @@ from typing import Annotated, Literal
 
 import typer
 
-from fusion.cli.output import JsonOption, show, value_lines
+from fusion.cli.output import (
+    IsolateOption,
+    JsonOption,
+    LimitMbOption,
+    LimitSOption,
+    leave_to_child,
+    show,
+    value_lines,
+)
 
 FacesOption = Annotated[
     int,
@@ -36,6 +44,9 @@ def init(
     ] = "km",
     faces_from: FacesOption = 1,
     body: Annotated[str, typer.Option(metavar="NAME", help="Name of the body.")] = "body",
+    isolate: IsolateOption = False,
+    limit_mb: LimitMbOption = 8192,
+    limit_s: LimitSOption = 3600.0,
     as_json: JsonOption = False,
 ) -> None:
     """Make a workspace: folders and settings.
@@ -48,6 +59,8 @@ def init(
     from fusion.initialise import new_workspace
     from fusion.workspace import SETTINGS_FILE
 
+    if isolate:
+        leave_to_child(workspace, limit_mb, limit_s)
     if spc is not None and shape is not None:
         raise typer.BadParameter("give --spc or --shape, not both", param_hint="--shape")
     made = new_workspace(
@@ -74,6 +87,9 @@ def info(
         Path, typer.Argument(metavar="WS|FILE", help="A workspace, or any file SPCOLA reads.")
     ],
     faces_from: FacesOption = 1,
+    isolate: IsolateOption = False,
+    limit_mb: LimitMbOption = 8192,
+    limit_s: LimitSOption = 3600.0,
     as_json: JsonOption = False,
 ) -> None:
     """Tell what a workspace holds and what its mapolas will take, or what a file is.
@@ -84,6 +100,8 @@ def info(
     from fusion.forecast import mapolas_forecast
     from fusion.workspace import Workspace
 
+    if isolate:
+        leave_to_child(path, limit_mb, limit_s)
     if path.is_dir():
         opened = Workspace.open(path)
         content = describe_workspace(opened)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterable, Mapping, Sized
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -23,6 +24,37 @@ JsonOption = Annotated[
 ]
 
 
+IsolateOption = Annotated[
+    bool,
+    typer.Option(
+        "--isolate",
+        help="Run in a process of its own with limits, so that a file made for it can do no harm.",
+    ),
+]
+LimitMbOption = Annotated[
+    int, typer.Option("--limit-mb", metavar="MB", help="With --isolate: most memory, 2048 or more.")
+]
+LimitSOption = Annotated[
+    float, typer.Option("--limit-s", metavar="S", help="With --isolate: longest time, seconds.")
+]
+
+
+def leave_to_child(folder: Path, limit_mb: int, limit_s: float) -> None:
+    """Run this command again in a process of its own, and end with its exit code.
+
+    Raises
+    ------
+    typer.Exit
+        With the exit code.
+    SpcolaError
+        If that process died or took too long.
+    """
+    from fusion.isolation import Limits, isolated
+
+    arguments = [argument for argument in sys.argv[1:] if argument != "--isolate"]
+    raise typer.Exit(isolated(arguments, Limits(limit_mb, limit_s), folder))
+
+
 _VERDICT = ("verdict", "findings")
 
 
@@ -38,7 +70,8 @@ def show(content: Mapping[str, Any], lines: Iterable[str], *, as_json: bool) -> 
     from fusion.jsontext import json_text
 
     try:
-        typer.echo(json_text(content) if as_json else "".join(f"{x}\n" for x in lines), nl=False)
+        text = json_text(content) if as_json else "".join(f"{x}\n" for x in lines)
+        typer.echo(text.encode("utf-8", "backslashreplace").decode("utf-8"), nl=False)
         # What waits in a buffer would fail when the interpreter ends, where nobody can tell it.
         sys.stdout.flush()
     except BrokenPipeError:

@@ -10,11 +10,11 @@ from typing import ParamSpec
 
 import typer
 
+from fusion.earlyexit import INTERRUPTED
 from fusion.interrupt import remembering_interrupts
 from spcola.errors import SpcolaError
 
 FAILED = 1
-INTERRUPTED = 130
 DEBUG_VARIABLE = "SPCOLA_DEBUG"
 Options = ParamSpec("Options")
 

@@ -9,8 +9,6 @@ last bit, what was written. A file of another writer has neither and is read fro
 
 from __future__ import annotations
 
-import io
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -23,7 +21,8 @@ from fusion.products.naming import lon_lat_deg
 from spcola import __version__, atomic
 from spcola.arrays import AnyArray, FloatArray
 from spcola.errors import FormatError, InvalidValueError
-from spcola.formats.source import KM, read_bytes
+from spcola.formats.fits import reading_fits
+from spcola.formats.source import KM
 from spcola.maplet import Maplet, MapletGrid
 
 _PLANES: tuple[tuple[str, str], ...] = (
@@ -113,21 +112,13 @@ def read_fits_dtm(path: str | Path, *, name: str | None = None) -> Maplet:
     FormatError
         If it is not FITS, has no cube, a plane or a keyword is missing or a value is impossible.
     """
-    from astropy.io import fits  # noqa: PLC0415
-    from astropy.io.fits.verify import VerifyError  # noqa: PLC0415
-
-    content = io.BytesIO(read_bytes(path))
-    try:
-        # astropy only warns of a file that is cut off.
-        with warnings.catch_warnings(action="error"), fits.open(content) as units:
-            header = units[0].header
-            cube = units[0].data
-            extensions = {unit.name: np.array(unit.data, float) for unit in units[1:]}
-            title = str(header.get("MAP_NAME", Path(path).stem)) if name is None else name
-            planes = {str(header[key]): int(key[5:]) - 1 for key in header if _is_plane(key)}
-            cards = {key: header[key] for key in header if key and key != "COMMENT"}
-    except (OSError, ValueError, TypeError, IndexError, VerifyError, UserWarning) as error:
-        raise FormatError(f"cannot be read as FITS ({error})", path) from error
+    with reading_fits(path) as units:
+        header = units[0].header
+        cube = units[0].data
+        extensions = {unit.name: np.array(unit.data, float) for unit in units[1:]}
+        title = str(header.get("MAP_NAME", Path(path).stem)) if name is None else name
+        planes = {str(header[key]): int(key[5:]) - 1 for key in header if _is_plane(key)}
+        cards = {key: header[key] for key in header if key and key != "COMMENT"}
     if cube is None or cube.ndim != 3 or cube.shape[1] != cube.shape[2] or cube.shape[1] % 2 == 0:
         raise FormatError("has no cube of square planes with an odd number of rows", path)
     lost = {"HEIGHT_M", "FRAME"} - set(extensions)

@@ -101,7 +101,7 @@ def given_registration(
             )
             for entry in content.get("per_mapola") or ()
         }
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise InvalidValueError(
             f"has no usable scans or mapolas ({error})",
             where,

@@ -133,12 +133,12 @@ def known_transform(
         If they are of no model, or no covariance; `where` and `do` are for its line.
     """
     model = content["model"]
-    if model not in PARAMETERS:
+    if model not in list(PARAMETERS):  # of a list, so that what cannot be hashed is refused too
         raise InvalidValueError(
             f"has the model {model!r}, and not one of {', '.join(PARAMETERS)}", where, do
         )
     names = PARAMETERS[model]
-    if list(content.get("parameters", names)) != list(names):
+    if content.get("parameters", list(names)) != list(names):
         raise InvalidValueError(f"has parameters other than {', '.join(names)}", where, do)
     if model == "rigid" and abs(transform.nearest_similarity().scale - 1.0) > 1e-9:
         raise InvalidValueError("is rigid, but its scale is not 1", where, do)
@@ -146,5 +146,5 @@ def known_transform(
     try:
         covariance = np.zeros((len(names), len(names))) if given is None else np.array(given, float)
         return KnownTransform(model, transform, covariance)
-    except (TypeError, ValueError, InvalidValueError) as error:
+    except (TypeError, ValueError, OverflowError, InvalidValueError) as error:
         raise InvalidValueError(f"has no usable covariance ({error})", where, do) from error

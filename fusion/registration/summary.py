@@ -213,7 +213,7 @@ def transform_of(content: Mapping[str, Any], where: str, *, do: str = _AGAIN) ->
         return Similarity.from_rotation_vector(
             turn, translation, scale, SPC_FRAME, LIDAR_FRAME
         ).as_affine()
-    except (KeyError, TypeError, ValueError, InvalidValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, InvalidValueError) as error:
         raise InvalidValueError(f"has no usable transform ({error})", where, do) from error
 
 
@@ -258,7 +258,7 @@ def placements_of(content: Mapping[str, Any], where: str) -> dict[str, Placement
             )
             for entry in content["per_mapola"]
         }
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InvalidValueError(f"has no usable mapolas ({error})", where, _AGAIN) from error
 
 

@@ -207,7 +207,7 @@ def read_truth(path: str | Path) -> Planted:
         raise WorkspaceError(
             f"cannot be read ({error.strerror})", path, "name the folder of a synthetic mission"
         ) from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise FormatError("is not JSON text", path, "make the mission again") from error
     try:
         return Planted(
@@ -221,7 +221,7 @@ def read_truth(path: str | Path) -> Planted:
         )
     except SpcolaError as error:
         raise FormatError(str(error), path, "make the mission again") from error
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
         raise FormatError(
             f"lacks or garbles an entry: {error}", path, "make the mission again"
         ) from error

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
-import h5py
 import numpy as np
 
 from lidar.adjustment import ScanAdjustment
 from lidar.nodes import ErrorSizes, Nodes
-from spcola.errors import FormatError, InvalidValueError, WorkspaceError
-from spcola.formats.hdf5 import DAMAGE, replacing_hdf5
+from lidar.overlaps import DEGREES
+from spcola.arrays import AnyArray
+from spcola.errors import InvalidValueError
+from spcola.formats.hdf5 import (
+    read_layer,
+    read_names,
+    read_number,
+    reading_hdf5,
+    replacing_hdf5,
+    stored,
+    stored_names,
+)
 
 ADJUSTMENT_HDF5 = "adjustment.h5"
 """Name of the file in a folder of mapolas."""
@@ -20,6 +28,10 @@ ADJUSTMENT_HDF5 = "adjustment.h5"
 _FORMAT = "spcola scan adjustment 2"
 _NODES = ("center", "scan", "day")
 _LAYERS = ("displacement", "covariance", "misfit", "cells")
+# Metres and radians, squares of them too: no adjustment of a small body comes near.
+_LARGEST = 1e12
+_ROUNDING = 1e-6
+_WHOLE = {"scan", "day"}
 _SIZES = tuple(field.name for field in fields(ErrorSizes))
 
 
@@ -32,8 +44,8 @@ def write_adjustment(path: str | Path, adjustment: ScanAdjustment) -> None:
         If the file cannot be written.
     """
     with replacing_hdf5(path) as file:
-        file.attrs["format"] = _FORMAT
-        file["names"] = np.array(list(adjustment.names), dtype=h5py.string_dtype())
+        file.attrs["format"] = stored(_FORMAT)
+        file["names"] = stored_names(adjustment.names)
         for layer in _NODES:
             file[layer] = getattr(adjustment.nodes, layer)
         for layer in _LAYERS:
@@ -48,29 +60,54 @@ def read_adjustment(path: str | Path) -> ScanAdjustment:
 
     Raises
     ------
-    WorkspaceError
-        If the file cannot be opened.
     FormatError
-        If it is something else, or damaged.
+        If the file cannot be opened, is something else, or damaged.
     """
-    path, again = Path(path), "make the mapolas again"
-    try:
-        file = h5py.File(path, "r")
-        form = file.attrs.get("format")
-    except DAMAGE as error:
-        raise WorkspaceError("cannot be read as HDF5", path, again) from error
-    with file:
-        if form != _FORMAT:
-            raise FormatError(f"is not {_FORMAT!r}", path, again)
-        try:
-            layers: dict[str, Any] = {layer: file[layer][:] for layer in _LAYERS}
-            sizes = ErrorSizes(*(float(file.attrs[size]) for size in _SIZES))
-            return ScanAdjustment(
-                names=tuple(file["names"].asstr()[:]),
-                nodes=Nodes(*(file[layer][:] for layer in _NODES)),
-                sizes=sizes,
-                step_m=float(file.attrs["step_m"]),
-                **layers,
-            )
-        except (*DAMAGE, InvalidValueError) as error:
-            raise FormatError(f"is damaged ({error})", path, again) from error
+    with reading_hdf5(path, _FORMAT, "is damaged", "make the mapolas again") as file:
+        count = len(read_layer(file, "scan", (None,)))
+        layers = {name: read_layer(file, name, shape) for name, shape in _shapes(count).items()}
+        _check_numbers(layers)
+        layers |= {name: layers[name].astype(np.float64) for name in layers.keys() - _WHOLE}
+        sizes = {size: read_number(file, size) for size in _SIZES}
+        for size, value in sizes.items():
+            if not 0.0 <= value < np.inf:
+                raise InvalidValueError(f"is {value:g}", size)
+        return ScanAdjustment(
+            names=tuple(read_names(file, "names", count)),
+            nodes=Nodes(*(layers.pop(layer) for layer in _NODES)),
+            sizes=ErrorSizes(**sizes),
+            step_m=read_number(file, "step_m"),
+            **layers,
+        )
+
+
+def _shapes(count: int) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of the layers of an adjustment of `count` scans."""
+    one = (count,)
+    return {
+        "center": (count, 3),
+        "scan": one,
+        "day": one,
+        "displacement": (count, DEGREES),
+        "covariance": (DEGREES * count, DEGREES * count),
+        "misfit": one,
+        "cells": one,
+    }
+
+
+def _check_numbers(layers: dict[str, AnyArray]) -> None:
+    """Refuse numbers that no adjustment leaves: eigenvalues of them may never be found."""
+    for name in ("center", "displacement", "covariance"):
+        largest = float(np.max(np.abs(layers[name]), initial=0.0))
+        if not largest < _LARGEST:
+            raise InvalidValueError(f"holds {largest:g}", name)
+    covariance = layers["covariance"]
+    variances = np.diag(covariance)
+    limits = np.sqrt(np.outer(variances, variances)) if np.all(variances >= 0) else np.zeros(1)
+    sound = np.abs(covariance) <= (1.0 + _ROUNDING) * limits
+    sound &= np.abs(covariance - covariance.T) <= _ROUNDING * limits
+    if not np.all(sound):
+        raise InvalidValueError("is no covariance", "covariance")
+    for name in _WHOLE:
+        if layers[name].dtype.kind == "f":
+            raise InvalidValueError("holds no whole numbers", name)

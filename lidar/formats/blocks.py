@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -30,6 +31,23 @@ from spcola.kernel import kernel
 
 KNOTS = frozenset({"flight_time", "flight_position"})
 """Layers that have no row for each return or cube."""
+LAYERS: Mapping[str, tuple[str, str, tuple[int, ...]]] = MappingProxyType(
+    {
+        "cube": ("<i8", "cubes", (3,)),
+        "start": ("<i8", "starts", ()),
+        "place": ("<u8", "returns", ()),
+        "time": ("<u4", "returns", ()),
+        "range": ("<u4", "returns", ()),
+        "sigma": ("<f4", "returns", ()),
+        "intensity": ("<f4", "returns", ()),
+        "flag": ("<i4", "returns", ()),
+        "flight_time": ("<f8", "knots", ()),
+        "flight_position": ("<f8", "knots", (3,)),
+        "spacecraft": ("<f8", "returns", (3,)),
+        "beam": ("<f8", "returns", (3,)),
+    }
+)
+"""Of each layer the type on disk, what its rows are, and the shape of one row."""
 _SPECIAL = KNOTS | {"cube", "start", "place"}
 # The largest number means that there is none.
 _UNKNOWN = np.iinfo(np.uint32).max

@@ -25,6 +25,9 @@ _INTENSITIES = ("intensity", "scalar_intensity", "scalar_Intensity")
 _PCD_WORDS = (b"VERSION", b"FIELDS")
 _PCD_NEEDED = ("FIELDS", "SIZE", "TYPE", "POINTS", "DATA")
 _PCD_KINDS = {"F": "f", "I": "i", "U": "u"}
+_MOST_FIELDS = 10_000
+# What three bytes of LZF stand for at most.
+_LARGEST_EXPANSION = 88
 _UNUSED = Agreement(offset_m=0.0, tolerance_m=1.0)
 
 
@@ -114,7 +117,8 @@ def _compressed_chunks(path: Path, layout: _CloudLayout, chunk: int) -> _Chunks:
     sizes = np.frombuffer(head.ljust(8, b"\0"), dtype="<u4")
     whole = layout.count * layout.record.itemsize
     unpacked = None
-    if sizes[1] == whole and len(packed) >= sizes[0]:
+    possible = whole <= _LARGEST_EXPANSION * len(packed)
+    if possible and sizes[1] == whole and len(packed) >= sizes[0]:
         unpacked = decompress(packed[: sizes[0]], whole)
     if unpacked is None:
         raise FormatError("has compressed points cut off or broken", path, "fetch it again")
@@ -196,6 +200,8 @@ def _pcd_checked(words: dict[str, list[str]], begin: int, lines: int, path: Path
         for name, size, kind, repeat in zip(
             names, words["SIZE"], words["TYPE"], repeats, strict=True
         ):
+            if not 0 <= int(repeat) <= _MOST_FIELDS - len(fields):
+                raise ValueError(f"{repeat} of {name}")
             for index in range(int(repeat)):
                 label = f"{name}[{index}]" if int(repeat) > 1 else name
                 # Padding fields are all called "_".

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import logging
 import struct
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from lidar.formats.las_crs import LasSystem, las_system
+from lidar.formats.laz import check_chunk_table
 from lidar.formats.options import LidarOptions
 from lidar.formats.screening import Agreement, Records, Screen
 from lidar.scan import Scan
 from spcola.arrays import BoolArray, FloatArray
-from spcola.errors import FormatError
+from spcola.errors import FormatError, SpcolaError
+from spcola.formats.source import regular_size
 
 MAGIC = b"LASF"
 
@@ -56,15 +60,21 @@ def read_las(path: Path, options: LidarOptions) -> Iterator[Scan]:
     FormatError
         If the file is cut off, its header is not sound, or its coordinates are no lengths.
     """
+    screen = Screen(path, _AGREEMENT, options)
     with _opened(path) as reader:
         header = reader.header
-        _check_header(path, header, options)
-        units = np.array(_system(path, reader).units_m(path, options.unit))
-        screen = Screen(path, _AGREEMENT, options)
-        count = 0
-        for chunk in _chunks(path, reader, options.chunk):
+        with _decoding(path, "its header"):
+            _check_header(path, header, options)
+            units = np.array(_system(path, reader).units_m(path, options.unit))
+        chunks, count = reader.chunk_iterator(options.chunk), 0
+        while True:
+            with _decoding(path, f"after return {count}"):
+                chunk = next(chunks, None)
+                if chunk is None:
+                    break
+                records = _records(path, chunk, header, options, units)
             count += len(chunk)
-            yield screen.scan(_records(path, chunk, header, options, units))
+            yield screen.scan(records)
     if count != header.point_count:
         raise FormatError(
             f"is truncated: {count} of {header.point_count} returns are there", path, _AGAIN
@@ -93,13 +103,34 @@ def _opened(path: Path) -> Any:
     # laspy takes a while to import, and most runs read no LAS.
     import laspy  # noqa: PLC0415
 
+    # What it would log stands in the error.
+    logging.getLogger("laspy").addHandler(logging.NullHandler())
+
+    with _decoding(path, "its header"):
+        reader = laspy.open(path)
+        try:
+            if reader.header.are_points_compressed:
+                check_chunk_table(path, reader.header)
+        except BaseException:
+            reader.close()
+            raise
+        return reader
+
+
+@contextmanager
+def _decoding(path: Path, where: str) -> Iterator[None]:
+    """Turn what laspy lets through of its struct, numpy and Rust parts into one line.
+
+    A panic of the Rust part is no `Exception`.
+    """
     try:
-        return laspy.open(path)
-    except OSError:
+        yield
+    except (SpcolaError, MemoryError, KeyboardInterrupt, SystemExit, GeneratorExit):
         raise
-    # laspy lets through whatever its struct, numpy and Rust parts raise on a broken header.
-    except Exception as error:
-        raise FormatError(f"is no whole LAS file ({error})", path, _AGAIN) from error
+    except BaseException as error:
+        raise FormatError(
+            f"is no whole LAS file ({error or type(error).__name__})", f"{path}, {where}", _AGAIN
+        ) from error
 
 
 def _check_records(path: Path) -> None:
@@ -109,37 +140,30 @@ def _check_records(path: Path) -> None:
     """
     with path.open("rb") as stream:
         header = stream.read(247)
-    size = path.stat().st_size
-    if len(header) < 104 or not is_las(header):
-        raise FormatError("is no whole LAS file", path, _AGAIN)
-    begin, points, count = struct.unpack_from("<HII", header, 94)
-    fits = count * 54 <= points - begin and points <= size
-    if header[25] >= 4 and len(header) >= 247:
-        extended_begin, extended_count = struct.unpack_from("<QI", header, 235)
-        fits &= extended_count == 0 or extended_count * 60 <= size - extended_begin
+        size = regular_size(path)
+        if len(header) < 104 or not is_las(header):
+            raise FormatError("is no whole LAS file", path, _AGAIN)
+        begin, points, count = struct.unpack_from("<HII", header, 94)
+        fits = points <= size and _have_room(stream, begin, count, "<20xH32x", points)
+        if header[25] >= 4 and len(header) >= 247:
+            begin, count = struct.unpack_from("<QI", header, 235)
+            fits &= _have_room(stream, begin, count, "<20xQ32x", size)
     if not fits:
         raise FormatError(
-            f"promises {count} records before its points, more than have room",
+            "promises more records before or behind its points than have room",
             f"{path}, header",
             _AGAIN,
         )
 
 
-def _chunks(path: Path, reader: Any, size: int) -> Iterator[Any]:
-    """Yield points in chunks; what laspy says of broken data becomes one line."""
-    chunks = reader.chunk_iterator(size)
-    read = 0
-    while True:
-        try:
-            chunk = next(chunks)
-        except StopIteration:
-            return
-        except Exception as error:
-            raise FormatError(
-                f"cannot be decoded ({error})", f"{path}, after return {read}", _AGAIN
-            ) from error
-        read += len(chunk)
-        yield chunk
+def _have_room(stream: BinaryIO, begin: int, count: int, form: str, end: int) -> bool:
+    """Tell whether records, whose heads state how long they are, end before byte `end`."""
+    for _ in range(count):
+        if begin + struct.calcsize(form) > end:
+            return False
+        stream.seek(begin)
+        begin += struct.calcsize(form) + struct.unpack(form, stream.read(struct.calcsize(form)))[0]
+    return begin <= end or count == 0
 
 
 def _check_header(path: Path, header: Any, options: LidarOptions) -> None:

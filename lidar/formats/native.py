@@ -6,22 +6,33 @@ import json
 import math
 import mmap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
+from types import MappingProxyType, UnionType
 from typing import Any
 from zlib import crc32
 
-import h5py
 import numpy as np
 
-from lidar.formats.blocks import KNOTS, Block, decode, encode, spacecraft_knots
+from lidar.cubes import MOST_BITS
+from lidar.formats.blocks import LAYERS, Block, decode, encode, spacecraft_knots
 from lidar.formats.options import LidarOptions
 from lidar.scan import Scan
 from lidar.scansummary import ScanSummary
 from spcola.arrays import AnyArray
 from spcola.errors import FormatError, InvalidValueError
-from spcola.formats.hdf5 import DAMAGE, replacing_hdf5, seal, sealed
+from spcola.formats.fortran import LARGEST_NUMBER
+from spcola.formats.hdf5 import (
+    NUMBERS,
+    read_number,
+    read_text,
+    reading_hdf5,
+    replacing_hdf5,
+    seal,
+    sealed,
+    stored,
+)
 from spcola.trajectory import Trajectory
 
 FORMAT = "SPCOLA scan"
@@ -87,7 +98,7 @@ def scan_summary(path: str | Path) -> ScanSummary:
     FormatError
         If the file is no whole native scan.
     """
-    with _Opened(path) as file:
+    with _opened(path) as file:
         return _read_attributes(file)
 
 
@@ -113,9 +124,12 @@ class ScanFile:
     """
 
     def __init__(self, path: str | Path) -> None:
-        with _Opened(path) as file:
+        with _opened(path) as file:
             self.summary = _read_attributes(file)
-            groups = [file[_BLOCK.format(k)] for k in range(int(file.attrs["blocks"]))]
+            count = int(read_number(file, "blocks"))
+            if count != len(file):
+                raise InvalidValueError(f"says {count}, {len(file)} are there", "blocks")
+            groups = [file[_BLOCK.format(k)] for k in range(count)]
             held = sum(int(group["place"].shape[0]) for group in groups)
             if held != self.summary.count:
                 raise InvalidValueError(
@@ -195,35 +209,9 @@ def read_native(path: Path, options: LidarOptions) -> Iterator[Scan]:
         yield scan if options.name is None else replace(scan, name=options.name)
 
 
-class _Opened:
-    """Opens a native scan, and turns what HDF5 says of broken files into one line."""
-
-    def __init__(self, path: str | Path) -> None:
-        self._path = Path(path)
-
-    def __enter__(self) -> Any:
-        try:
-            self._file = h5py.File(self._path, "r")
-            form = self._file.attrs.get("format")
-        except DAMAGE as error:
-            raise self._broken(error) from error
-        if form != FORMAT:
-            self._file.close()
-            raise FormatError(
-                "is an HDF5 file, but no native scan", self._path, "import its source instead"
-            )
-        return self._file
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        self._file.close()
-        if isinstance(error, (*DAMAGE, InvalidValueError)):
-            raise self._broken(error) from error
-
-    def _broken(self, error: Exception) -> FormatError:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        return FormatError(
-            f"is no whole native scan ({reason})", self._path, "import the source again"
-        )
+def _opened(path: str | Path) -> AbstractContextManager[Any]:
+    """Open a native scan; what HDF5 says of broken files becomes one line."""
+    return reading_hdf5(path, FORMAT, "is no whole native scan", "import the source again")
 
 
 @dataclass(frozen=True)
@@ -242,8 +230,12 @@ class _Place:
 
 
 def _place(data: Any) -> _Place:
-    checksum = int(data.attrs["crc32"])
-    return _Place(int(data.id.get_offset()), data.dtype, data.shape, checksum)
+    offset = data.id.get_offset()
+    if offset is None:
+        raise InvalidValueError("is packed or has no data, so that it cannot be mapped", data.name)
+    if data.dtype.kind not in NUMBERS:
+        raise InvalidValueError(f"is of type {data.dtype}", data.name)
+    return _Place(int(offset), data.dtype, data.shape, int(data.attrs["crc32"]))
 
 
 class _Layers(Mapping[str, AnyArray]):
@@ -280,22 +272,39 @@ class _Layers(Mapping[str, AnyArray]):
 
 def _read_block(path: Path, content: np.ndarray[Any, Any], group: Any) -> Block:
     """Return a block whose layers are views; refuse one that lacks a layer, or part of one."""
-    numbers = {name: float(v) for name, v in group.attrs.items() if name != "layers"}
+    numbers = {name: read_number(group, name) for name in group.attrs if name != "layers"}
+    limits = {"bits": MOST_BITS, "flag": 2**31}
+    for name, number in numbers.items():
+        whole = name not in limits or number % 1 == 0
+        if not (whole and abs(number) <= limits.get(name, LARGEST_NUMBER)):
+            raise InvalidValueError(f"is {number:g}", name)
+    if numbers["bits"] < 0:
+        raise InvalidValueError("is negative", "bits")
     places = {name: _place(data) for name, data in group.items()}
-    if sorted(places) != json.loads(group.attrs["layers"]):
+    if sorted(places) != json.loads(read_text(group, "layers")):
         raise InvalidValueError("layers are missing", group.name)
-    layers = _Layers(path, content, places)
-    returns, cubes = places["place"].shape[0], places["cube"].shape[0]
-    lengths = {"cube": cubes, "start": cubes + 1}
+    _check_layers(places)
+    return Block(_Layers(path, content, places), numbers)
+
+
+def _check_layers(places: Mapping[str, _Place]) -> None:
+    """Refuse layers of another type or shape than they are written in; kernels trust both."""
+    cubes, knots = places["cube"].shape[0], places.get("flight_time")
+    rows = {
+        "returns": places["place"].shape[0],
+        "cubes": cubes,
+        "starts": cubes + 1,
+        "knots": 0 if knots is None else knots.shape[0],
+    }
     for name, place in places.items():
-        if name not in KNOTS and place.shape[0] != lengths.get(name, returns):
-            raise InvalidValueError(f"has {place.shape[0]} rows", name)
-    return Block(layers, numbers)
+        kind, of, row = LAYERS[name]
+        if place.dtype != np.dtype(kind) or place.shape != (rows[of], *row):
+            raise InvalidValueError(f"is of type {place.dtype} and shape {place.shape}", name)
 
 
 def _write_block(group: Any, block: Block) -> None:
     group.attrs.update(block.numbers)
-    group.attrs["layers"] = json.dumps(sorted(block.layers))
+    group.attrs["layers"] = stored(json.dumps(sorted(block.layers)))
     for name, layer in block.layers.items():
         # Contiguous, so that it can be mapped.
         values = np.ascontiguousarray(layer, dtype=layer.dtype.newbyteorder("<"))
@@ -305,25 +314,25 @@ def _write_block(group: Any, block: Block) -> None:
 def _write_attributes(file: Any, summary: ScanSummary, blocks: int) -> None:
     file.attrs.update(
         {
-            "format": FORMAT,
+            "format": stored(FORMAT),
             "version": VERSION,
-            "name": summary.name,
+            "name": stored(summary.name),
             "count": summary.count,
             "blocks": blocks,
-            "trajectory": summary.trajectory,
-            "body": summary.body,
+            "trajectory": stored(summary.trajectory),
+            "body": stored(summary.body),
             "time_span_et_s": summary.time_span,
             "bounds_m": summary.bounds,
-            "source_digest": summary.digest,
-            "rejected": json.dumps(dict(summary.rejected)),
-            "parameters": json.dumps(dict(summary.parameters)),
+            "source_digest": stored(summary.digest),
+            "rejected": stored(json.dumps(dict(summary.rejected))),
+            "parameters": stored(json.dumps(dict(summary.parameters))),
         }
     )
 
 
 def _read_attributes(file: Any) -> ScanSummary:
     attributes = file.attrs
-    version = attributes["version"]
+    version = read_number(file, "version")
     if version not in (VERSION, _UNSEALED):
         raise FormatError(
             f"has version {version} of the native format, {VERSION} is known",
@@ -334,13 +343,21 @@ def _read_attributes(file: Any) -> ScanSummary:
         raise InvalidValueError("fail their checksum", "attributes")
     first, last = attributes["time_span_et_s"]
     return ScanSummary(
-        name=str(attributes["name"]),
-        count=int(attributes["count"]),
-        rejected=MappingProxyType(json.loads(attributes["rejected"])),
+        name=read_text(file, "name"),
+        count=int(read_number(file, "count")),
+        rejected=MappingProxyType(_mapping(file, "rejected", int)),
         time_span=(float(first), float(last)),
-        trajectory=str(attributes["trajectory"]),
-        body=str(attributes["body"]),
-        bounds=np.asarray(attributes["bounds_m"], dtype=np.float64),
-        digest=str(attributes["source_digest"]),
-        parameters=MappingProxyType(json.loads(attributes["parameters"])),
+        trajectory=read_text(file, "trajectory"),
+        body=read_text(file, "body"),
+        bounds=np.asarray(attributes["bounds_m"], dtype=np.float64).reshape(2, 3),
+        digest=read_text(file, "source_digest"),
+        parameters=MappingProxyType(_mapping(file, "parameters", str | int | float)),
     )
+
+
+def _mapping(file: Any, name: str, kind: type | UnionType) -> dict[str, Any]:
+    """Return an attribute that holds a mapping to values of a type, as JSON text."""
+    content = json.loads(read_text(file, name))
+    if not isinstance(content, dict) or not all(isinstance(v, kind) for v in content.values()):
+        raise InvalidValueError("holds something else than it should", name)
+    return content

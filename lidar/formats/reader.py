@@ -37,7 +37,8 @@ def open_lidar(
         raise FormatError(
             f"{format!r} is no lidar format", source, f"use one of {', '.join(FORMATS)}"
         )
-    chosen = format or recognise(source)
+    # Also where the format is named: only a regular file bounds the work on it.
+    chosen = format if format is not None and source.is_file() else recognise(source)
     return _checked(source, FORMATS[chosen].read(source, options))
 
 

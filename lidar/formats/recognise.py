@@ -20,6 +20,7 @@ from lidar.formats.table import is_table, read_table
 from lidar.formats.track import is_track, read_track
 from lidar.scan import Scan
 from spcola.errors import FormatError
+from spcola.formats.source import regular_size
 
 _HEAD_BYTES = 8192
 
@@ -83,9 +84,10 @@ def recognise(path: str | Path) -> str:
 def _head(path: Path) -> tuple[bytes, int]:
     """Return the first bytes of a file and its size."""
     try:
+        size = regular_size(path)
         with path.open("rb") as stream:
             head = stream.read(_HEAD_BYTES)
-        return head, path.stat().st_size
+        return head, size
     except OSError as error:
         reason = error.strerror or str(error)
         raise FormatError(f"cannot be read ({reason})", path) from error

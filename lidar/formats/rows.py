@@ -99,7 +99,8 @@ def read_rows(path: Path, layout: RowLayout, chunk: int) -> Iterator[RowChunk]:
     """
     with path.open(encoding="ascii", errors="replace") as stream:
         for _ in range(layout.skip):
-            stream.readline()
+            if not stream.readline():
+                break
         number = layout.skip
         previous = ""
         body = islice(stream, layout.rows)

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from spcola import atomic
 from spcola.arrays import AnyArray, FloatArray
 from spcola.camera import Camera
 from spcola.distortion import COEFFICIENTS
-from spcola.errors import FormatError, InvalidValueError
+from spcola.errors import FormatError, InvalidValueError, SpcolaError
 from spcola.formats.source import as_format_error, read_bytes
 from spcola.image import SpcImage
 
@@ -78,17 +79,9 @@ def read_fits_image(path: str | Path) -> SpcImage:
     FormatError
         If it is not FITS or cut off, a keyword is missing, or a value is impossible.
     """
-    from astropy.io import fits  # noqa: PLC0415
-    from astropy.io.fits.verify import VerifyError  # noqa: PLC0415
-
-    content = io.BytesIO(read_bytes(path))
-    try:
-        # astropy only warns of a file that is cut off.
-        with warnings.catch_warnings(action="error"), fits.open(content) as units:
-            pixels: AnyArray = np.array(units[0].data)
-            cards = {key: units[0].header[key] for key in units[0].header if key}
-    except (OSError, ValueError, TypeError, IndexError, VerifyError, UserWarning) as error:
-        raise FormatError(f"cannot be read as FITS ({error})", path) from error
+    with reading_fits(path) as units:
+        pixels: AnyArray = np.array(units[0].data)
+        cards = {key: units[0].header[key] for key in units[0].header if key}
     if pixels.ndim != 2 or pixels.dtype.kind != "u" or pixels.dtype.itemsize > 2:
         raise FormatError("holds no image of 8 or 16 bits without sign", path)
     header = _Header(path, cards)
@@ -106,6 +99,46 @@ def read_fits_image(path: str | Path) -> SpcImage:
             pointing,
             pixels=pixels,
         )
+
+
+@contextmanager
+def reading_fits(path: str | Path) -> Iterator[Any]:
+    """Yield the units of a FITS file, all of which is in memory.
+
+    On damaged files astropy warns, or raises whatever its layers happen to meet. This is the one
+    place that turns all of it into one line, so nothing but reading may stand within the block.
+
+    Raises
+    ------
+    FormatError
+        If the file cannot be read, or the block fails on what is in it.
+    """
+    from astropy.io import fits  # noqa: PLC0415
+
+    content = io.BytesIO(read_bytes(path))
+    _check_counts(content.getvalue(), path)
+    try:
+        # astropy only warns of a file that is cut off.
+        with warnings.catch_warnings(action="error"), fits.open(content) as units:
+            yield units
+    except SpcolaError:
+        raise
+    except Exception as error:
+        raise FormatError(f"cannot be read as FITS ({error})", path) from error
+
+
+def _check_counts(content: bytes, path: str | Path) -> None:
+    """Refuse more axes or columns than FITS allows: astropy asks for each of them."""
+    for key in (b"NAXIS   =", b"TFIELDS ="):
+        at = content.find(key)
+        while at >= 0:
+            number = content[at + len(key) : at + 80].split(b"/")[0].strip()
+            if at % 80 == 0 and not (number.isdigit() and len(number) <= 3):
+                name, value = key[:7].decode().strip(), number[:20].decode("ascii", "replace")
+                raise FormatError(
+                    f"cannot be read as FITS ({name} is {value!r}, and not 0 to 999)", path
+                )
+            at = content.find(key, at + 1)
 
 
 class _Header:

@@ -9,7 +9,7 @@ import numpy as np
 from spcola import atomic
 from spcola.arrays import FloatArray, check_finite
 from spcola.errors import FormatError
-from spcola.formats.source import KM, LARGEST_RADIUS_KM, read_bytes
+from spcola.formats.source import KM, LARGEST_RADIUS_KM, read_text_bytes
 from spcola.formats.table import NumberRows, parse_rows
 from spcola.icq import IcqShape, first_open_edge, label_name
 
@@ -27,7 +27,7 @@ def read_icq(path: str | Path) -> IcqShape:
         contradicts Q, a vertex is further than 1e5 km or two labels of one vertex lie apart by
         more than a hundredth of the largest radius.
     """
-    rows = parse_rows(read_bytes(path), path).without_blank_lines()
+    rows = parse_rows(read_text_bytes(path), path).without_blank_lines()
     if not len(rows.counts):
         raise FormatError("holds no number", path)
     head, body = rows.split(1)

@@ -12,27 +12,47 @@ from spcola.errors import KernelError
 _DATA = re.compile(
     r"^[ \t]*\\begindata[ \t]*\r?$(.*?)(?:^[ \t]*\\begintext[ \t]*\r?$|\Z)", re.M | re.S
 )
-_ASSIGNMENT = re.compile(r"([A-Za-z0-9_/-]+)\s*(\+?=)\s*(\([^()]*\)|'[^']*'|\S+)", re.S)
+# Nothing is given back, and a word is tried at its begin alone: the time grows with the length.
+_ASSIGNMENT = re.compile(
+    r"(?<![A-Za-z0-9_/-])([A-Za-z0-9_/-]++)\s*+(\+?=)\s*+(\([^()]*+\)|'[^']*+'|\S++)", re.S
+)
+# SPICE loads 5300 kernels at once.
+_MOST_KERNELS = 5300
+_LONGEST_PATH = 4096
 _STRING = re.compile(r"'((?:[^']|'')*)'")
 
 
-def expand_meta_kernels(paths: list[Path]) -> list[Path]:
+def expand_meta_kernels(paths: list[Path], *, within: tuple[Path, ...] = ()) -> list[Path]:
     """Return kernels with every meta-kernel replaced by what it lists, in loading order.
 
     Paths inside a meta-kernel are taken from its own folder first, so that it can be used from
     anywhere, then from the current one as SPICE does.
 
+    Parameters
+    ----------
+    paths : list of Path
+    within : tuple of Path
+        The meta-kernels that list them.
+
     Raises
     ------
     KernelError
-        If a kernel is missing or cannot be read, or a meta-kernel lists none.
+        If a kernel is missing or cannot be read, or a meta-kernel lists none, or itself.
     """
     expanded: list[Path] = []
     for path in paths:
-        if not path.is_file():
+        if not _is_file(path):
             raise KernelError("is not a file", path, "check the list of kernels")
+        if any(path.samefile(outer) for outer in within):
+            raise KernelError("lists itself", path, "take it off its own list of kernels")
         listed = kernels_of(path) if is_text(path) else None
-        expanded.extend([path] if listed is None else expand_meta_kernels(listed))
+        expanded.extend(
+            [path] if listed is None else expand_meta_kernels(listed, within=(*within, path))
+        )
+        if len(expanded) > _MOST_KERNELS:
+            raise KernelError(
+                f"lists over {_MOST_KERNELS} kernels, more than SPICE loads", path, "mend it"
+            )
     return expanded
 
 
@@ -60,8 +80,10 @@ def kernels_of(path: Path) -> list[Path] | None:
         raise KernelError("KERNELS_TO_LOAD is empty", path, "list the kernels")
     for symbol, folder in zip(symbols, folders, strict=True):
         names = [name.replace(f"${symbol}", folder) for name in names]
+        if max(map(len, names)) > _LONGEST_PATH:
+            raise KernelError("KERNELS_TO_LOAD holds a name that is no path", path, "mend it")
     beside = [path.parent / name for name in names]
-    return [b if b.is_file() else Path(n) for b, n in zip(beside, names, strict=True)]
+    return [b if _is_file(b) else Path(n) for b, n in zip(beside, names, strict=True)]
 
 
 def assignments(path: Path) -> Iterator[tuple[str, str, str]]:
@@ -78,6 +100,14 @@ def assignments(path: Path) -> Iterator[tuple[str, str, str]]:
         raise KernelError(f"cannot be read ({error.strerror})", path, "check the file") from error
     for block in _DATA.findall(text):
         yield from _ASSIGNMENT.findall(block)
+
+
+def _is_file(path: Path) -> bool:
+    """Return whether there is such a file; a name that no file can have names none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def is_text(path: Path) -> bool:

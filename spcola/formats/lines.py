@@ -10,7 +10,7 @@ import numpy as np
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError
 from spcola.formats.fortran import is_number, parse_number
-from spcola.formats.source import read_bytes
+from spcola.formats.source import read_text_bytes
 
 
 class LineCursor:
@@ -29,7 +29,7 @@ class LineCursor:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        content = read_bytes(path)
+        content = read_text_bytes(path)
         try:
             text = content.decode("ascii")
         except UnicodeDecodeError as error:

@@ -12,18 +12,27 @@ import hashlib
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-import h5py
 import numpy as np
 
 from spcola.arrays import AnyArray
 from spcola.atomic import flush, replacing, write_error
 from spcola.errors import FormatError, InvalidValueError, WorkspaceError
-from spcola.formats.hdf5 import DAMAGE, new_hdf5
-from spcola.formats.map import map_content, sigma_content, sigma_path
+from spcola.formats.hdf5 import (
+    new_hdf5,
+    read_layer,
+    read_names,
+    read_number,
+    read_text,
+    reading_hdf5,
+    stored,
+    stored_names,
+)
+from spcola.formats.map import map_content, map_length, sigma_content, sigma_path
 from spcola.maplet import Maplet, MapletGrid
 
 M = TypeVar("M", bound=Maplet)
@@ -104,12 +113,8 @@ class MapStore(Generic[M]):
         WorkspaceError, FormatError
             If there is no HDF5, or it is something else.
         """
-        path = Path(folder) / self.file
-        with self._opened(path) as file:
-            try:
-                return sorted(file)
-            except DAMAGE as error:
-                raise FormatError(f"is damaged ({error})", path, self._again) from error
+        with self._opened(Path(folder) / self.file) as file:
+            return sorted(str(name) for name in file)
 
     def read(self, folder: str | Path, name: str) -> M:
         """Read the maplet `name` at full precision.
@@ -121,18 +126,16 @@ class MapStore(Generic[M]):
         FormatError
             If the HDF5 is something else or damaged, or does not belong to ``NAME.MAP``.
         """
-        path = Path(folder) / self.file
-        with self._opened(path) as file:
-            try:
-                if name not in file:
-                    raise WorkspaceError(f"holds no {self.kind} {name}", path, self._again)
-                maplet, digest = self._load(file[name], name)
-            except (*DAMAGE, InvalidValueError) as error:
-                raise FormatError(f"is damaged at {name} ({error})", path, self._again) from error
-        map_path = Path(folder) / f"{name}.MAP"
-        if self._digest(map_path) != digest:
-            raise FormatError(f"is not the map that {self.file} describes", map_path, self._again)
-        return maplet
+        path, map_path = Path(folder) / self.file, Path(folder) / f"{name}.MAP"
+        with self._opened(path, f"is damaged at {name}") as file:
+            if name not in file:
+                raise WorkspaceError(f"holds no {self.kind} {name}", path, self._again)
+            digest = read_text(file[name], "map_sha256")
+            if self._digest(map_path) != digest:
+                raise FormatError(
+                    f"is not the map that {self.file} describes", map_path, self._again
+                )
+            return self._load(file[name], name, map_path.stat().st_size)
 
     @property
     def _again(self) -> str:
@@ -153,7 +156,7 @@ class MapStore(Generic[M]):
         names: list[str] = []
         folder = hdf5.parent
         with new_hdf5(hdf5) as file:
-            file.attrs["format"] = self.form
+            file.attrs["format"] = stored(self.form)
             for maplet in maplets:
                 self._check_name(maplet.name, names)
                 path, content = staging / f"{maplet.name}.MAP", map_content(maplet)
@@ -184,30 +187,25 @@ class MapStore(Generic[M]):
             center=grid.center, axes=grid.axes, gsd=grid.gsd, half_size=grid.half_size
         )
         group.attrs["center_sigma"] = maplet.center_sigma
-        group.attrs["map_sha256"] = digest
+        group.attrs["map_sha256"] = stored(digest)
         for mapping in self.mappings:
             _store_mapping(group.create_group(mapping), getattr(maplet, mapping))
 
-    def _load(self, group: Any, name: str) -> tuple[M, str]:
-        """Read one maplet from its group, and the digest of its .MAP."""
+    def _load(self, group: Any, name: str, map_bytes: int) -> M:
+        """Read one maplet, whose .MAP has so many bytes, from its group."""
         kept = group.attrs
-        grid = MapletGrid(kept["center"], kept["axes"], float(kept["gsd"]), int(kept["half_size"]))
-        layers = {layer: group[layer][:] for layer in self.layers}
+        half_size = int(read_number(group, "half_size"))
+        # A layer of one number throughout takes no room here, whatever its shape: the .MAP tells.
+        if map_length(half_size) != map_bytes:
+            raise InvalidValueError(f"of {half_size} is not that of its .MAP", "half_size")
+        grid = MapletGrid(kept["center"], kept["axes"], read_number(group, "gsd"), half_size)
+        layers = {layer: read_layer(group, layer, grid.shape) for layer in self.layers}
         mappings = {mapping: _load_mapping(group[mapping]) for mapping in self.mappings}
-        maplet = self.make(name, grid, **layers, center_sigma=kept["center_sigma"], **mappings)
-        return maplet, str(kept["map_sha256"])
+        return self.make(name, grid, **layers, center_sigma=kept["center_sigma"], **mappings)
 
-    def _opened(self, path: Path) -> Any:
+    def _opened(self, path: Path, what: str = "is damaged") -> AbstractContextManager[Any]:
         """Open the HDF5 for reading, refused if it is something else."""
-        try:
-            file = h5py.File(path, "r")
-            form = file.attrs.get("format")
-        except DAMAGE as error:
-            raise WorkspaceError("cannot be read as HDF5", path, self._again) from error
-        if form != self.form:
-            file.close()
-            raise FormatError(f"is not {self.form!r}", path, self._again)
-        return file
+        return reading_hdf5(path, self.form, what, self._again)
 
     def _digest(self, path: Path) -> str:
         """SHA-256 of a file."""
@@ -232,11 +230,11 @@ def _store_layer(group: Any, name: str, values: AnyArray) -> None:
 
 def _store_mapping(group: Any, mapping: Mapping[str, float]) -> None:
     """Write a mapping into its group, as two arrays: attributes end at 64 KiB."""
-    group["keys"] = np.array(list(mapping), dtype=h5py.string_dtype())
+    group["keys"] = stored_names(mapping)
     group["values"] = np.array(list(mapping.values()), dtype=np.float64)
 
 
 def _load_mapping(group: Any) -> dict[str, float]:
     """Read a mapping from its group."""
-    values = [float(value) for value in group["values"][:]]
-    return dict(zip(group["keys"].asstr()[:], values, strict=True))
+    values = read_layer(group, "values", (None,)).astype(np.float64).tolist()
+    return dict(zip(read_names(group, "keys", len(values)), values, strict=True))

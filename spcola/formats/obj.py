@@ -11,7 +11,7 @@ from spcola import atomic
 from spcola.arrays import AnyArray, FloatArray, IntArray
 from spcola.errors import FormatError
 from spcola.formats.icq import check_radius
-from spcola.formats.source import KM, read_bytes
+from spcola.formats.source import KM, read_text_bytes
 from spcola.formats.table import NumberRows, parse_rows
 from spcola.mesh import Mesh
 
@@ -49,7 +49,7 @@ def read_obj(path: str | Path, *, unit: Unit = "km", faces_from: FacesFrom = 1) 
         If a number is none, a face names a vertex that does not exist, a statement is unknown,
         or there is no vertex or face; with its line.
     """
-    statements = _Statements(read_bytes(path), Path(path))
+    statements = _Statements(read_text_bytes(path), Path(path))
     vertices = statements.rows(b"v")
     if not len(vertices.counts):
         raise FormatError("holds no vertex", path, "is it an OBJ file?")

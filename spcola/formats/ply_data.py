@@ -69,7 +69,8 @@ def _ascii_values(rows: NumberRows, element: PlyElement) -> PlyValues:
             at = at + 1
             continue
         counts = rows.values[at]
-        bad = np.flatnonzero((counts < 0) | (counts != np.rint(counts)))
+        none = (counts < 0) | (counts > len(rows.values)) | (counts != np.rint(counts))
+        bad = np.flatnonzero(none)
         if len(bad):
             rows.fail(int(bad[0]), f"{entry.name}: {counts[bad[0]]:g} is no count")
         whole = counts.astype(np.int64)
@@ -106,6 +107,10 @@ def _read_binary(
         _check_end(content, end, element, path)
         table = np.frombuffer(content, kind, count=element.count, offset=begin)
         return {entry.name: table[entry.name] for entry in element.properties}, end
+    if not element.count:
+        counted = [f"{entry.name}.count" for entry in element.properties if entry.count_kind]
+        names = [*counted, *(entry.name for entry in element.properties)]
+        return dict.fromkeys(names, np.zeros(0, dtype=np.int64)), begin
     return _read_alike(content, begin, element, order) or _read_unlike(
         content, begin, element, order, path
     )
@@ -126,6 +131,8 @@ def _read_alike(
             fields.append((f"{entry.name}.count", order + entry.count_kind, ()))
             at += np.dtype(entry.count_kind).itemsize
             length = count
+            if length > len(content):
+                return None
         fields.append((entry.name, order + entry.kind, (length,) if entry.count_kind else ()))
         at += length * np.dtype(entry.kind).itemsize
     kind = np.dtype(fields)

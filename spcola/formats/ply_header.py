@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from spcola.errors import FormatError
+from spcola.formats.source import whole_number
 
 Encoding = Literal["ascii", "little", "big"]
 
@@ -35,6 +36,7 @@ TYPES = {
 }
 
 _LAST = b"end_header"
+_MOST_PROPERTIES = 1000
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,9 @@ def parse_header(content: bytes, path: str | Path) -> PlyHeader:
         elif line == _LAST:
             if encoding is None or not elements:
                 raise FormatError("the header names no format or no element", place)
+            empty = next((one.name for one in elements if not one.properties), None)
+            if empty is not None:
+                raise FormatError(f"the element {empty} has no property", place)
             return PlyHeader(encoding, tuple(elements), number, begin)
         elif words[:1] == ["format"]:
             encoding = _encoding(words, place)
@@ -115,11 +120,12 @@ def _encoding(words: list[str], place: str) -> Encoding:
 
 
 def _element(words: list[str], others: list[PlyElement], place: str) -> PlyElement:
-    if len(words) != 3 or not words[2].isdigit():
+    count = whole_number(words[2]) if len(words) == 3 else None
+    if count is None:
         raise FormatError("an element needs a name and a count", place)
     if any(other.name == words[1] for other in others):
         raise FormatError(f"the element {words[1]} stands twice", place)
-    return PlyElement(words[1], int(words[2]))
+    return PlyElement(words[1], count)
 
 
 def _with_property(element: PlyElement, words: list[str], place: str) -> PlyElement:
@@ -130,5 +136,9 @@ def _with_property(element: PlyElement, words: list[str], place: str) -> PlyElem
     if element.property(words[-1]):
         raise FormatError(f"the property {words[-1]} of {element.name} stands twice", place)
     count_kind = TYPES[kinds[0]] if wanted == 2 else None
+    if count_kind is not None and count_kind.startswith("f"):
+        raise FormatError(f"the list {words[-1]} is counted by no whole number", place)
+    if len(element.properties) >= _MOST_PROPERTIES:
+        raise FormatError(f"{element.name} has over {_MOST_PROPERTIES} properties", place)
     added = PlyProperty(words[-1], TYPES[kinds[-1]], count_kind)
     return PlyElement(element.name, element.count, (*element.properties, added))

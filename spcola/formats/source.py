@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,7 +20,44 @@ LARGEST_RADIUS_KM = 1e5
 LARGEST_GSD_KM = 100.0
 LARGEST_RANGE_KM = 1e7
 
+_MOST_DIGITS = 18
 _LONGEST_NAME = {"image": 12, "landmark": 6}
+
+
+def regular_size(path: str | Path) -> int:
+    """Return the size in bytes of a regular file.
+
+    A pipe or a device has no size by which the work on it could be bounded, and may never end.
+
+    Raises
+    ------
+    FormatError
+        If it is none.
+    OSError
+        If it is not there, or closed to this user.
+    """
+    status = Path(path).stat()
+    if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
+        raise FormatError(
+            "is a pipe or a device, not a regular file", path, "write its content to a file first"
+        )
+    return status.st_size
+
+
+def read_text_bytes(path: str | Path) -> bytes:
+    """Return the content of a text file without the mark (0x1A) by which DOS ends one.
+
+    Raises
+    ------
+    FormatError
+        As :func:`read_bytes`.
+    """
+    return read_bytes(path).rstrip(b"\x1a")
+
+
+def whole_number(text: str) -> int | None:
+    """Return the count that ASCII digits stand for; None for one that no file can hold."""
+    return int(text) if text.isascii() and text.isdigit() and len(text) <= _MOST_DIGITS else None
 
 
 def read_bytes(path: str | Path, *, most: int = -1) -> bytes:
@@ -28,9 +66,10 @@ def read_bytes(path: str | Path, *, most: int = -1) -> bytes:
     Raises
     ------
     FormatError
-        If the file cannot be read, or is empty.
+        If the file cannot be read, is no regular file, or is empty.
     """
     try:
+        regular_size(path)
         with Path(path).open("rb") as stream:
             content = stream.read(most)
     except OSError as error:

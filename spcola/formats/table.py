@@ -14,7 +14,9 @@ from spcola.formats.fortran import LARGEST_NUMBER, parse_number
 
 _NUMBER_BYTES = np.zeros(256, dtype=bool)
 _NUMBER_BYTES[np.frombuffer(b"0123456789+-.eEdD", np.uint8)] = True
-_BLANK = 32
+# What bytes.split takes for a blank; other control characters are part of a (wrong) word.
+_BLANK_BYTES = np.zeros(256, dtype=bool)
+_BLANK_BYTES[np.frombuffer(b" \t\n\r\v\f", np.uint8)] = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +98,7 @@ def parse_rows(text: bytes, path: str | Path, *, lines: IntArray | None = None) 
         With the line of the first word that is no finite number.
     """
     content = np.frombuffer(text, np.uint8)
-    blank = content <= _BLANK
+    blank = _BLANK_BYTES[content]
     starts = np.flatnonzero(~blank & np.concatenate([[True], blank[:-1]]))
     ends = np.flatnonzero(content == ord("\n"))
     whole = len(ends) + (len(text) > 0 and not text.endswith(b"\n"))

@@ -7,6 +7,8 @@ module reads the text and lays out the binary file, little-endian.
 
 from __future__ import annotations
 
+import math
+import re
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,6 +19,7 @@ import numpy as np
 from spcola.arrays import FloatArray
 from spcola.atomic import write_bytes
 from spcola.errors import FormatError
+from spcola.formats.source import read_bytes, whole_number
 
 SIGNATURE = "DAFETF NAIF DAF ENCODED TRANSFER FILE"
 BEGIN_COMMENTS = "~NAIF/SPC BEGIN COMMENTS~"
@@ -25,6 +28,8 @@ END_COMMENTS = "~NAIF/SPC END COMMENTS~"
 RECORD = 1024
 WORDS = RECORD // 8
 COMMENT_CHARACTERS = 1000
+_DOUBLE = re.compile(r"-?[0-9A-F]{1,32}\^-?[0-9A-F]{1,3}", re.I)
+_INTEGER = re.compile(r"-?[0-9A-F]{1,8}", re.I)
 FTP_TEST = b"FTPSTR:\r:\n:\r\n:\r\x00:\x81:\x10\xce:ENDFTP"
 """Bytes at 700 of every DAF by which SPICE notices that a text-mode transfer damaged it."""
 
@@ -89,12 +94,13 @@ def read_transfer(path: str | Path) -> Daf:
     if lines.next() != SIGNATURE:
         raise lines.error(f"does not begin with {SIGNATURE!r}")
     word, doubles, integers = lines.text(), lines.integer(), lines.integer()
-    if not (len(word) == 8 and 0 <= doubles <= 124 and 2 <= integers <= 250):
+    fits = 0 <= doubles <= 124 and 2 <= integers <= 250 and doubles + (integers + 1) // 2 <= 125
+    if not (len(word) == 8 and fits):
         raise lines.error(f"{word!r}, {doubles}, {integers} is no DAF")
     name = lines.text()
     arrays: list[DafArray] = []
     for text in iter(lines.next, None):
-        label, *rest = text.split()
+        label, *rest = text.split() or [""]
         if label == "TOTAL_ARRAYS":
             if rest != [str(len(arrays))]:
                 raise lines.error(f"{len(arrays)} arrays were read")
@@ -139,6 +145,8 @@ def decode_double(text: str) -> float:
     ValueError
         If the text is not of that form.
     """
+    if not _DOUBLE.fullmatch(text):
+        raise ValueError(f"{text!r} is no encoded number")
     mantissa, exponent = text.split("^")
     digits = mantissa.lstrip("-")
     return float(np.ldexp(float(int(mantissa, 16)), 4 * (int(exponent, 16) - len(digits))))
@@ -151,7 +159,7 @@ class _Lines:
         self.path = path
         self.number = 0
         try:
-            self._lines = iter(path.read_text(encoding="ascii").splitlines())
+            self._lines = iter(read_bytes(path).decode("ascii").splitlines())
         except UnicodeDecodeError as error:
             raise FormatError("is not text", path, "give a DAF transfer file") from error
 
@@ -174,33 +182,39 @@ class _Lines:
     def integer(self) -> int:
         """Return the next quoted hexadecimal integer."""
         text = self.text()
-        try:
-            return int(text, 16)
-        except ValueError:
-            raise self.error(f"{text!r} is not a hexadecimal integer") from None
+        number = int(text, 16) if _INTEGER.fullmatch(text) else 2**31
+        if not -(2**31) <= number < 2**31:
+            raise self.error(f"{text!r} is not a hexadecimal integer of four bytes")
+        return number
 
     def double(self) -> float:
         """Return the next quoted encoded double."""
         text = self.text()
         try:
-            return decode_double(text)
+            value = decode_double(text)
         except ValueError:
-            raise self.error(f"{text!r} is not an encoded number") from None
+            value = math.inf
+        if not math.isfinite(value):
+            raise self.error(f"{text!r} is not an encoded number")
+        return value
 
     def count(self, limit: int) -> int:
         """Return the next line as a decimal count of 1 … `limit`."""
         line = self.next()
-        if line is None or not line.strip().isdigit() or not 1 <= int(line) <= limit:
+        count = None if line is None else whole_number(line.strip())
+        if count is None or not 1 <= count <= limit:
             raise self.error(f"a count of 1 to {limit} was expected")
-        return int(line)
+        return count
 
 
 def _read_array(lines: _Lines, label: list[str], doubles: int, integers: int) -> DafArray:
     """Read an array from behind its BEGIN_ARRAY line to its END_ARRAY line."""
-    if not label[1].isdigit():
+    total = whole_number(label[1])
+    if total is None:
         raise lines.error(f"{label[1]!r} is not a count")
-    total = int(label[1])
     name = lines.text()
+    if len(name) > 8 * (doubles + (integers + 1) // 2):
+        raise lines.error(f"{name!r} is too long for the name of an array")
     bounds = tuple(lines.double() for _ in range(doubles))
     codes = tuple(lines.integer() for _ in range(integers - 2))
     values: list[float] = []

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import signal
+import subprocess
+import sys
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -72,3 +75,48 @@ def test_another_thread_may_run_a_command() -> None:
     thread.start()
     thread.join()
     assert not failed
+
+
+def test_an_error_that_a_library_makes_of_an_interrupt_is_one() -> None:
+    def broken() -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise ImportError("half a module") from None
+
+    with pytest.raises(KeyboardInterrupt), remembering_interrupts():
+        broken()
+
+
+STARTING = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+class Now:
+    def find_spec(self, name, path=None, target=None):
+        if name == module:
+            signal.raise_signal(signal.SIGINT)
+module = sys.argv[1]
+if module != "start":
+    sys.meta_path.insert(0, Now())
+from fusion.cli.start import main
+if module == "start":
+    signal.raise_signal(signal.SIGINT)
+sys.argv = ["spcola", "info", sys.argv[2]]
+main()
+"""
+
+
+@pytest.mark.parametrize("module", ["start", "fusion.cli.app", "typer", "numpy", "h5py", "scipy"])
+def test_an_interrupt_while_the_program_starts_is_one_line(tmp_path: Path, module: str) -> None:
+    """Half of a second of imports: five of fourteen interrupts ended in a traceback."""
+    (tmp_path / "a.json").write_text("{}")
+    done = subprocess.run(
+        [sys.executable, "-c", STARTING, module, str(tmp_path / "a.json")],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=Path(__file__).resolve().parents[2],
+    )
+    assert (done.returncode, done.stdout) == (130, ""), done.stderr
+    assert done.stderr.startswith("interrupted: ")
+    assert done.stderr.count("\n") == 1

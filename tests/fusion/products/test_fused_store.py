@@ -86,7 +86,7 @@ def test_each_part_corrupted_once(tmp_path, fused) -> None:
     with pytest.raises(FormatError, match="is not 'spcola fused maplets 1'"):
         fused_names(tmp_path)
     path.write_bytes(whole[: len(whole) // 3])
-    with pytest.raises(WorkspaceError, match="cannot be read as HDF5"):
+    with pytest.raises(FormatError, match="is damaged"):
         read_fused(tmp_path, "BE0042")
 
 

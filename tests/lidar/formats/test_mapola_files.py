@@ -154,7 +154,7 @@ def test_a_folder_that_was_removed_is_made_again(tmp_path):
 def test_what_is_missing_is_named(tmp_path):
     with pytest.raises(WorkspaceError, match="create the folder first"):
         write_mapolas(tmp_path / "absent" / "mapolas", [])
-    with pytest.raises(WorkspaceError, match=r"mapolas\.h5: cannot be read as HDF5"):
+    with pytest.raises(FormatError, match=r"mapolas\.h5: is damaged at AA0001 \(.*No such file"):
         read_mapola(tmp_path, "AA0001")
     write_mapolas(tmp_path, [made("AA0001")])
     with pytest.raises(WorkspaceError, match="holds no mapola AA0009"):
@@ -215,11 +215,11 @@ def test_a_part_that_is_absurd_is_noticed(tmp_path, part, value):
 @pytest.mark.parametrize("content", [b"", b"text", b"\x89HDF\r\n\x1a\n truncated"])
 def test_a_damaged_hdf5_is_named_and_can_be_replaced(tmp_path, content):
     (tmp_path / "mapolas.h5").write_bytes(content)
-    with pytest.raises(WorkspaceError, match="make the mapolas again"):
+    with pytest.raises(FormatError, match="make the mapolas again"):
         read_mapola(tmp_path, "AA0001")
     write_mapolas(tmp_path, [made("AA0001")])
     assert_equal(read_mapola(tmp_path, "AA0001"), made("AA0001"))
     with h5py.File(tmp_path / "mapolas.h5", "r+") as file:
         file.attrs["format"] = "something else"
-    with pytest.raises(FormatError, match="is not 'spcola mapolas 2'"):
+    with pytest.raises(FormatError, match="is an HDF5 file, but not 'spcola mapolas 2'"):
         mapola_names(tmp_path)

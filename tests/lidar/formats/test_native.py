@@ -137,7 +137,7 @@ def test_foreign_and_future_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
     with h5py.File(path, "w") as file:
         file["x"] = 1
-    with pytest.raises(FormatError, match="no native scan"):
+    with pytest.raises(FormatError, match="but not 'SPCOLA scan'"):
         read_scan(path)
     write_scan(path, [scan_of(5)])
     with h5py.File(path, "a") as file:

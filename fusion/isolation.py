@@ -1,0 +1,158 @@
+"""Commands that read foreign files, in a process of their own with limits.
+
+Readers bound their work by a file's length, but libraries for HDF5, LAZ or SPICE are native code:
+a file made for it may bring their process down, hang it, or fill the memory. So the whole command
+runs again as a child process, not one reader in it: that needs no value to pass between processes,
+covers every library that the command meets, and the child's own clean-up and locks are those that
+any killed command leaves. Output goes straight to where the parent's goes.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from spcola.errors import InvalidValueError, SpcolaError
+
+LIMITS_VARIABLE = "SPCOLA_LIMITS"
+_PARTS = "*.part"
+_PATIENCE_S = 10.0
+"""How long an interrupted child may take to tidy up."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a child process may take.
+
+    Parameters
+    ----------
+    memory_mb : int
+        Address space: what it reserves, which is more than it fills.
+    seconds : float
+        Time from start to end.
+
+    Raises
+    ------
+    InvalidValueError
+        If the program itself needs more memory, or the time is not positive.
+    """
+
+    memory_mb: int = 8192
+    seconds: float = 3600.0
+
+    def __post_init__(self) -> None:
+        if not 2048 <= self.memory_mb <= 1 << 24:
+            raise InvalidValueError("must be 2048 MB to 16 TB", "--limit-mb")
+        if not 1.0 <= self.seconds <= 1e7:
+            raise InvalidValueError("must be 1 s to 1e7 s", "--limit-s")
+
+
+def isolated(arguments: Sequence[str], limits: Limits, *folder: Path) -> int:
+    """Run ``spcola ARGUMENTS`` in a child process; return its exit code.
+
+    Standard output is that of this process. What the child says on standard error is passed on
+    when it has ended by itself; at once if that is a terminal.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        A command and its options.
+    limits : Limits
+    *folder : Path
+        Where it writes: what it was writing when it died is removed there.
+
+    Raises
+    ------
+    SpcolaError
+        If it died, or was ended because it took too long.
+    """
+    before = _parts(folder)
+    said = None if sys.stderr.isatty() else tempfile.TemporaryFile()  # noqa: SIM115 (closed below)
+    environment = {**os.environ, LIMITS_VARIABLE: f"{limits.memory_mb} {limits.seconds:.0f}"}
+    # A session of its own: Ctrl-C at the terminal comes to this process, which passes it on once.
+    child = subprocess.Popen(
+        [sys.executable, "-m", "fusion.cli", *arguments],
+        stderr=said,
+        env=environment,
+        start_new_session=True,
+    )
+    try:
+        code, what = _ended(child, limits)
+        if what:
+            for path in _parts(folder) - before:
+                path.unlink(missing_ok=True)
+            raise SpcolaError(
+                f"{what}, and what it was writing was removed",
+                f"spcola {arguments[0]}",
+                "a file is damaged or made to do harm, or needs a higher --limit-mb or --limit-s",
+            )
+        if said is not None:
+            said.seek(0)
+            os.write(2, said.read())
+        return code
+    finally:
+        if said is not None:
+            said.close()
+
+
+def keep_limits() -> None:
+    """Set the limits of this process, a child of :func:`isolated`; none in any other process.
+
+    The child sets them itself, first of all: code between fork and exec is not safe in a parent
+    with threads.
+    """
+    stated = os.environ.pop(LIMITS_VARIABLE, "")
+    if not stated:
+        return
+    memory_mb, seconds = map(int, stated.split())
+    cores = os.cpu_count() or 1
+    for kind, most in (
+        (resource.RLIMIT_AS, memory_mb << 20),
+        # Should the parent be gone, nobody else looks at the clock.
+        (resource.RLIMIT_CPU, seconds * cores),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        hard = resource.getrlimit(kind)[1]
+        least = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        resource.setrlimit(kind, (least, least))
+
+
+def _ended(child: subprocess.Popen[bytes], limits: Limits) -> tuple[int, str]:
+    """Wait for a child; return its exit code, and what is to be said if it did not end itself."""
+    try:
+        code = child.wait(timeout=limits.seconds)
+    except subprocess.TimeoutExpired:
+        _kill(child)
+        return 0, f"the reader took more than {limits.seconds:g} s"
+    except KeyboardInterrupt:
+        child.send_signal(signal.SIGINT)
+        try:
+            child.wait(timeout=_PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            _kill(child)
+        raise
+    if code >= 0:
+        return code, ""
+    with suppress(ValueError):
+        return code, f"the reader ended by signal {-code} ({signal.Signals(-code).name})"
+    return code, f"the reader ended by signal {-code}"
+
+
+def _kill(child: subprocess.Popen[bytes]) -> None:
+    """End a child and what it started."""
+    with suppress(ProcessLookupError):
+        os.killpg(child.pid, signal.SIGKILL)
+    child.wait()
+
+
+def _parts(folders: Sequence[Path]) -> set[Path]:
+    """Return the files in folders that are being written."""
+    return {path for folder in folders for path in folder.rglob(_PARTS) if path.is_file()}

@@ -1,0 +1,109 @@
+"""The chunk table of LAZ files, checked before the native decompressor believes it.
+
+Points are packed in chunks; a table behind them says how many bytes (and, of chunks of different
+length, how many points) each has. The decompressor makes room for whatever it says, and brings
+the process down where there is none. The layout is that of LASzip's specification.
+"""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import Any
+
+from spcola.errors import FormatError
+
+_AGAIN = "fetch the file again"
+# Writers take 50,000 points, or some more; room is made for a whole chunk at once.
+_USUAL_IN_CHUNK, _MOST_IN_CHUNK = 1_000_000, 10_000_000
+_LAYERED = 3
+# Layers by the kind of item: point, colours, colours with infrared, wave packet; extra bytes have
+# one each.
+_LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
+
+
+def check_chunk_table(path: Path, header: Any) -> None:
+    """Refuse a LAZ file whose chunks do not make up its points, or have no room in it.
+
+    Parameters
+    ----------
+    path : Path
+    header : laspy.LasHeader
+
+    Raises
+    ------
+    FormatError
+        If they do not.
+    """
+    import lazrs  # noqa: PLC0415  (only LAZ needs it)
+
+    size, begin = path.stat().st_size, int(header.offset_to_point_data)
+    vlr = lazrs.LazVlr(header.vlrs.get("LasZipVlr")[0].record_data)
+    if vlr.item_size() != header.point_format.size:
+        raise _refusal(path, f"packs points of {vlr.item_size()} bytes")
+    if header.point_count == 0:
+        return
+    with path.open("rb") as stream:
+        table = _table_begin(path, stream, begin, size)
+        stream.seek(table)
+        head = stream.read(8)
+        count = struct.unpack("<4xI", head)[0] if len(head) == 8 else 0
+        # Each chunk has its first point as it is.
+        if not 1 <= count <= (table - begin - 8) // vlr.item_size():
+            raise _refusal(path, f"promises {count} chunks of points, more than have room")
+        stream.seek(table)
+        chunks = lazrs.read_chunk_table_only(stream, vlr)
+        _check_layers(path, stream, begin + 8, chunks, bytes(vlr.record_data()))
+    points = [points for points, _ in chunks]
+    if not vlr.uses_variable_size_chunks():
+        chunk = vlr.chunk_size()
+        points = [chunk] * (count - 1) + [header.point_count - chunk * (count - 1)]
+        if not 0 < points[-1] <= chunk <= max(_USUAL_IN_CHUNK, header.point_count):
+            raise _refusal(path, f"has {count} chunks of {chunk} for {header.point_count} points")
+    if sum(points) != header.point_count or max(points) > _MOST_IN_CHUNK:
+        raise _refusal(path, f"has {sum(points)} points in chunks of up to {max(points)}")
+    packed = [there for _, there in chunks]
+    if sum(packed) > table - begin - 8 or min(packed) < vlr.item_size():
+        raise _refusal(path, f"has {sum(packed)} bytes in its chunks, more than are there")
+
+
+def _check_layers(
+    path: Path, stream: Any, begin: int, chunks: list[tuple[int, int]], record: bytes
+) -> None:
+    """Refuse chunks in layers (as LAS 1.4 packs its points) that say more bytes than they have.
+
+    Behind its first point, as it is, a chunk has the number of its points and the bytes of each
+    layer, four bytes each.
+    """
+    compressor, items = struct.unpack_from("<H30xH", record)
+    if compressor != _LAYERED:
+        return
+    kinds = struct.iter_unpack("<HHH", record[34 : 34 + 6 * items])
+    sizes = [(kind, size) for kind, size, _ in kinds]
+    point = sum(size for _, size in sizes)
+    layers = sum(_LAYERS.get(kind, size) for kind, size in sizes)
+    for _, there in chunks:
+        stream.seek(begin + point)
+        head = stream.read(4 + 4 * layers)
+        stated = struct.unpack(f"<4x{layers}I", head) if len(head) == 4 + 4 * layers else (there,)
+        if point + len(head) + sum(stated) > there:
+            raise _refusal(path, f"has a chunk of {there} bytes whose layers have {sum(stated)}")
+        begin += there
+
+
+def _table_begin(path: Path, stream: Any, begin: int, size: int) -> int:
+    """Return where the table begins, stated before the points, or at the end by streams."""
+    if size < begin + 16:
+        raise _refusal(path, "has no chunk table")
+    stream.seek(begin)
+    table: int = struct.unpack("<q", stream.read(8))[0]
+    if table == -1:
+        stream.seek(size - 8)
+        table = struct.unpack("<q", stream.read(8))[0]
+    if not begin + 8 <= table <= size - 8:
+        raise _refusal(path, f"has its chunk table at byte {table} of {size}")
+    return table
+
+
+def _refusal(path: Path, what: str) -> FormatError:
+    return FormatError(f"{what}: it is cut off or damaged", f"{path}, chunk table", _AGAIN)

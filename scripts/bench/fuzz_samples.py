@@ -1,0 +1,489 @@
+"""A small good file of each kind that the program reads, and who reads it.
+
+All are made here or by the program's own writers, so that nothing else is needed.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import laspy
+import numpy as np
+from fuzz_rows import COUNT, hayabusa, hayabusa2, lola, lola_binary, nlr, rows, track, utc
+
+from fusion.fused import FusedMaplet, Source
+from fusion.products.fits import read_fits_dtm, write_fits_dtm
+from fusion.products.fused import read_fused, write_fused
+from fusion.products.manifest import Provenance
+from fusion.registration.apply import given_registration
+from fusion.registration.scans import ScanEffects
+from fusion.registration.summary import placements_of
+from fusion.settings import Settings, load_settings, settings_text
+from fusion.stages.ingest import recorded_source
+from fusion.truth.planted import (
+    PlacedCenter,
+    Planted,
+    TrueState,
+    read_truth,
+    write_truth,
+)
+from fusion.truth.presets import MissionSettings
+from fusion.workspace import Workspace
+from lidar.adjustment import ScanAdjustment
+from lidar.formats.adjustment import read_adjustment, write_adjustment
+from lidar.formats.mapola import mapola_names, read_mapola, write_mapolas
+from lidar.formats.native import ScanFile, scan_summary, write_scan
+from lidar.formats.ola import write_ola
+from lidar.formats.reader import open_lidar
+from lidar.formats.recognise import recognise
+from lidar.mapola import Mapola
+from lidar.nodes import ErrorSizes, Nodes
+from lidar.scan import Scan
+from spcola.camera import Camera
+from spcola.formats.dat import read_image_data, write_image_data
+from spcola.formats.fits import read_fits_image, write_fits_image
+from spcola.formats.icq import write_icq
+from spcola.formats.lists import read_list
+from spcola.formats.lmk import read_landmark, write_landmark
+from spcola.formats.map import read_maplet, write_maplet
+from spcola.formats.nom import read_nominal
+from spcola.formats.obj import write_obj
+from spcola.formats.ply import write_ply_mesh
+from spcola.formats.shape import read_shape, recognise_shape
+from spcola.formats.sum import read_summary, write_summary
+from spcola.formats.transfer import Daf, DafArray, encode_daf, read_transfer
+from spcola.icq import IcqShape, icq_directions
+from spcola.image import SpcImage
+from spcola.landmark import Landmark
+from spcola.maplet import Maplet, MapletGrid
+from spcola.spice import KernelSet, body_fixed_trajectory, state_times
+
+Form = Literal["binary", "text", "hdf5", "json"]
+RNG = np.random.default_rng(7)
+POINTS = RNG.normal(size=(COUNT, 3)) * 40.0 + [250.0, 0.0, 0.0]
+CRAFT = POINTS * 3.5
+TIMES = 6e8 + np.arange(COUNT)
+GRID = MapletGrid.facing([230.0, 30.0, -50.0], [1.0, 0.1, -0.2], 0.5, 4)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A kind of file: how one is made in a folder (its path comes back), and who reads it."""
+
+    make: Callable[[Path], Path]
+    read: Callable[[Path], Any]
+    form: Form
+    threads: bool = False
+    """Whether its library starts threads of its own, which a process loses when it forks."""
+
+
+def _maplet() -> Maplet:
+    height = RNG.normal(0, 0.1, GRID.shape)
+    return Maplet("AA0001", GRID, height, np.ones(GRID.shape), center_sigma=[0.1, 0.2, 0.3])
+
+
+def _image() -> SpcImage:
+    k_matrix = np.array([[117.6471, -0.25, 1e-5], [0.125, 117.6, -2e-5]])
+    camera = Camera(628.9, np.array([8.5, 6.5]), k_matrix, 16, 12, "owen", [1e-5, -3e-7, 2e-6, 0.0])
+    pixels = RNG.integers(0, 2**16, size=(12, 16)).astype(np.uint16)
+    return SpcImage(
+        "P01I02", "2019 JUL 01 03:04:05.678", camera, [1e3 / 3, -2345.678, 9.87e2], np.eye(3),
+        np.array([0.48, -0.6, 0.64]), (12, 60000), [0.1, 0.2, 0.3], [1e-6, 2e-6, 3e-7],
+        pixels=pixels,
+    )  # fmt: skip
+
+
+def _scan() -> Scan:
+    away = POINTS - CRAFT
+    distance = np.linalg.norm(away, axis=1)
+    return Scan(
+        name="s", time=TIMES, range=distance, spacecraft=CRAFT, beam=away / distance[:, None],
+        points=POINTS, intensity=np.arange(float(COUNT)), flag=np.zeros(COUNT, dtype=np.int64),
+        sigma=np.full(COUNT, 0.1), trajectory="reference", body="Truth",
+    )  # fmt: skip
+
+
+def _written(name: str, write: Callable[[Path], Any]) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        write(folder / name)
+        return folder / name
+
+    return make
+
+
+def _bytes(name: str, content: Callable[[], bytes]) -> Callable[[Path], Path]:
+    return _written(name, lambda path: path.write_bytes(content()))
+
+
+def _icq() -> IcqShape:
+    return IcqShape(250.0 * icq_directions(3), None, "ball")
+
+
+def _table() -> bytes:
+    lines = ["x_m,y_m,z_m,scx_m,scy_m,scz_m,range_m,utc,flag"]
+    for index, (point, craft) in enumerate(zip(POINTS, CRAFT, strict=True)):
+        values = [*point, *craft, float(np.linalg.norm(point - craft))]
+        lines.append(",".join([*(repr(float(v)) for v in values), utc(index), "0"]))
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _ply_cloud(encoding: str) -> bytes:
+    lines = ["ply", f"format {encoding} 1.0", "comment x", "element camera 1"]
+    lines += ["property float focus", f"element vertex {COUNT}", "property uchar label"]
+    lines += [f"property double {axis}" for axis in "xyz"] + ["property float intensity"]
+    head = ("\n".join([*lines, "end_header"]) + "\n").encode()
+    if encoding == "ascii":
+        rows = [f"7 {x!r} {y!r} {z!r} 2.5\n" for x, y, z in POINTS.tolist()]
+        return head + b"1.5\n" + "".join(rows).encode()
+    data = b"".join(struct.pack("<Bdddf", 7, *point, 2.5) for point in POINTS)
+    return head + struct.pack("<f", 1.5) + data
+
+
+def _pcd(data: str) -> bytes:
+    header = "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z _ intensity\nSIZE 8 8 8 1 4\nTYPE F F F U F\n"
+    header += f"COUNT 1 1 1 3 1\nWIDTH {COUNT}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {COUNT}\n"
+    head = f"{header}DATA {data}\n".encode()
+    if data == "ascii":
+        return (
+            head + "".join(f"{x!r} {y!r} {z!r} 0 0 0 2.5\n" for x, y, z in POINTS.tolist()).encode()
+        )
+    if data == "binary":
+        return head + b"".join(struct.pack("<dddBBBf", *p, 0, 0, 0, 2.5) for p in POINTS)
+    plain = b"".join(POINTS[:, axis].tobytes() for axis in range(3))
+    plain += bytes(3 * COUNT) + np.full(COUNT, 2.5, "<f4").tobytes()
+    parts = [plain[i : i + 32] for i in range(0, len(plain), 32)]
+    packed = b"".join(bytes([len(part) - 1]) + part for part in parts)
+    return head + struct.pack("<II", len(packed), len(plain)) + packed
+
+
+def _las(path: Path) -> None:
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales, header.offsets = np.full(3, 1e-3), np.zeros(3)
+    file = laspy.LasData(header)
+    file.x, file.y, file.z = np.tile(POINTS.T, 5)
+    file.gps_time = 1e8 + np.arange(5.0 * COUNT)
+    file.header.global_encoding.gps_time_type = laspy.header.GpsTimeType.STANDARD
+    file.write(path)
+
+
+def _mapola(folder: Path) -> Path:
+    count = RNG.integers(0, 5, GRID.shape)
+    made = Mapola(
+        "AA0001", GRID, np.where(count > 0, 0.1 * count, np.nan),
+        sigma=np.where(count > 0, 0.02, np.nan), count=count,
+        spread=np.where(count > 2, 0.03, np.nan), scan_share={"a": 0.25, "b": 0.75},
+        center_sigma=[0.1, 0.2, 0.3],
+    )  # fmt: skip
+    write_mapolas(folder, [made])
+    return folder / "mapolas.h5"
+
+
+def _fused(folder: Path) -> Path:
+    source = np.full(GRID.shape, int(Source.BOTH))
+    height, sigma = RNG.normal(0, 0.1, GRID.shape), np.full(GRID.shape, 0.02)
+    made = FusedMaplet("AA0001", GRID, height, sigma=sigma, count=source, source=source)
+    write_fused(folder, [made])
+    return next(folder.glob("*.h5"))
+
+
+def _adjustment(path: Path) -> None:
+    count = 4
+    half = RNG.normal(size=(6 * count, 6 * count))
+    nodes = Nodes(POINTS[:count], np.arange(count), np.full(count, -1))
+    write_adjustment(
+        path,
+        ScanAdjustment(
+            tuple("abcd"),
+            nodes,
+            np.zeros((count, 6)),
+            half @ half.T * 1e-4,
+            ErrorSizes(0.05, 0.05, 5e-5, 5e-4, 0.02),
+            np.ones(count),
+            np.full(count, 99.0),
+            1e-4,
+        ),
+    )
+
+
+def _dtm(path: Path) -> None:
+    write_fits_dtm(path, _maplet(), Provenance("Truth"))
+
+
+KERNEL = r"""KPL/PCK
+Anything may stand here.
+\begindata
+   BODY2101955_POLE_RA  = ( 85.65  0.  0. )
+   BODY2101955_POLE_DEC = ( -60.17 0.  0. )
+   BODY2101955_PM       = ( 140.69 2011.14 0. )
+   BODY2101955_RADII    = ( .25 .25 .25 )
+   PATH_VALUES  = ( '.' )
+   PATH_SYMBOLS = ( 'HERE' )
+   DELTET/DELTA_AT = ( 10,   @1972-JAN-1
+                       11,   @1972-JUL-1 )
+\begintext
+And here.
+\begindata
+   NAMES += ( 'one' 'two+'
+              'three' )
+\begintext
+"""
+META = r"""KPL/MK
+\begindata
+   PATH_VALUES  = ( '.' )
+   PATH_SYMBOLS = ( 'HERE' )
+   KERNELS_TO_LOAD = ( '$HERE/a.tpc' 'a+'
+                       '.tpc' )
+\begintext
+"""
+
+
+def _meta(folder: Path) -> Path:
+    (folder / "a.tpc").write_text(KERNEL)
+    (folder / "meta.tm").write_text(META)
+    return folder / "meta.tm"
+
+
+def _daf() -> Daf:
+    """An SPK of type 9: four states, their times, the degree and their number."""
+    states = np.column_stack([CRAFT[:4] / 1e3, np.zeros((4, 3))]).ravel()
+    values = np.concatenate([states, TIMES[:4], [3.0, 4.0]])
+    array = DafArray("ONE SEGMENT".ljust(40), (TIMES[0], TIMES[3]), (-64, 2101955, 1, 9), values)
+    return Daf("DAF/SPK ", 2, 6, "MADE BY HAND".ljust(60), (array,), ("first", "second"))
+
+
+def _hexadecimal(value: float) -> str:
+    """Return a number as a transfer file has it."""
+    if value == 0:
+        return "0^0"
+    exponent, whole = 0, abs(value)
+    while whole >= 1:
+        whole, exponent = whole / 16, exponent + 1
+    while whole < 1 / 16:
+        whole, exponent = whole * 16, exponent - 1
+    digits = f"{int(whole * 16**14):014X}".rstrip("0")
+    return f"{'-' if value < 0 else ''}{digits}^{'-' if exponent < 0 else ''}{abs(exponent):X}"
+
+
+def _transfer() -> bytes:
+    daf = _daf()
+    array = daf.arrays[0]
+    lines = ["DAFETF NAIF DAF ENCODED TRANSFER FILE", "'DAF/SPK '", "'2'", "'6'"]
+    lines += [f"'{daf.internal_name}'", f"BEGIN_ARRAY 1 {len(array.values)}", f"'{array.name}'"]
+    lines += [f"'{_hexadecimal(value)}'" for value in array.doubles]
+    lines += [f"'{'-' if code < 0 else ''}{abs(code):X}'" for code in array.integers]
+    lines += [str(len(array.values)), *(f"'{_hexadecimal(v)}'" for v in array.values)]
+    lines += [f"END_ARRAY 1 {len(array.values)}", "TOTAL_ARRAYS 1", " ~NAIF/SPC BEGIN COMMENTS~"]
+    return ("\n".join([*lines, "first", "", " ~NAIF/SPC END COMMENTS~"]) + "\n").encode()
+
+
+REGISTRATION = {
+    "model": "similarity", "scale": 1.001, "scale_sigma": 1e-4, "rotation_deg": [0.1, 0.2, 0.3],
+    "translation_m": [1.0, 2.0, 3.0], "covariance": (np.eye(7) * 1e-6).tolist(),
+    "parameters": ["tx_m", "ty_m", "tz_m", "rx_rad", "ry_rad", "rz_rad", "scale"],
+    "per_scan": [{"scan": "a", "center_m": [1.0, 2, 3], "offset_m": [0, 0, 0.1],
+                  "rotation_deg": [0, 0, 0]}],
+    "per_mapola": [{"name": "AA0001", "center_m": [230.0, 30.0, -50.0], "used": True,
+                    "scan_shift_m": [0, 0, 0], "residual_m": [0, 0, 0.1],
+                    "surface_residual_m": [0, 0, 0.1],
+                    "position_covariance_m2": np.eye(3).tolist()}],
+}  # fmt: skip
+
+
+def _read_lidar(form: str) -> Callable[[Path], None]:
+    """Read as `import` does: with the format named, and as recognised."""
+
+    def read(path: Path) -> None:
+        for scan in open_lidar(path, format=form):
+            scan.points.sum()
+        if recognise(path) != form:
+            for scan in open_lidar(path):
+                scan.points.sum()
+
+    return read
+
+
+def _read_native(path: Path) -> None:
+    recorded_source(scan_summary(path))
+    file = ScanFile(path)
+    for scan in file.chunks(5):
+        scan.points.sum()
+    file.trajectory()
+
+
+def _read_mapolas(path: Path) -> None:
+    for name in mapola_names(path.parent):
+        read_mapola(path.parent, name)
+
+
+def _read_fused(path: Path) -> None:
+    read_fused(path.parent, "AA0001")
+
+
+def _read_adjustment(path: Path) -> None:
+    found = read_adjustment(path)
+    shares = np.full((3, len(found)), 0.5)
+    ScanEffects.left_by(found, shares, POINTS[:3])
+    str(found.suspects), found.sigma.sum()
+
+
+def _read_pixels(path: Path) -> None:
+    image = read_summary(path.parent / "P01I02.SUM")
+    read_image_data(path.parent / "P01I02.DAT", image.camera.width, image.camera.height)
+
+
+def _read_shape(path: Path) -> None:
+    recognise_shape(path)
+    mesh = read_shape(path)
+    _ = (mesh.volume, mesh.mean_radius)
+
+
+def _read_kernels(path: Path) -> None:
+    with KernelSet(path).load():
+        pass
+
+
+def _read_spk(path: Path) -> None:
+    times = state_times(path)
+    with KernelSet([path, path.parent / "a.tpc"]).load():
+        body_fixed_trajectory("t", -64, 2101955, times[:4])
+
+
+def _read_transfer(path: Path) -> None:
+    read_transfer(path)
+    _read_kernels(path)
+
+
+def _spk(folder: Path) -> Path:
+    (folder / "a.tpc").write_text(KERNEL.replace("DELTET/DELTA_AT", "OTHER"))
+    (folder / "a.bsp").write_bytes(encode_daf(_daf()))
+    return folder / "a.bsp"
+
+
+def _read_registration(path: Path) -> None:
+    content = Workspace(path.parent).read_json(path.name)
+    placements_of(content, str(path))
+    given_registration(content, str(path))
+    given_registration(content, str(path), inverse=True)
+
+
+def _with_summary(folder: Path) -> Path:
+    image = _image()
+    write_summary(folder / "P01I02.SUM", image)
+    assert image.pixels is not None
+    write_image_data(folder / "P01I02.DAT", image.pixels)
+    return folder / "P01I02.DAT"
+
+
+def _nominal(folder: Path) -> Path:
+    lines = ["P01I02", "0.1 0.2 0.3", "1.0 2.0 3.0 SCOBJ", "0.1 0.1 0.1 SIGMA_VSO"]
+    lines += ["1 0 0 CX", "0 1 0 CY", "0 0 1 CZ", "1e-3 1e-3 1e-3 SIGMA_PTG", "more"]
+    (folder / "P01I02.NOM").write_text("\n".join(lines) + "\n")
+    return folder / "P01I02.NOM"
+
+
+def _truth(path: Path) -> None:
+    center = PlacedCenter(
+        "AA0001", (1.0, 2.0, 3.0), ((1.0, 0, 0), (0, 1.0, 0), (0, 0, 1.0)), 0.5, 4, (0.1,) * 3,
+        (1.0, 2.0, 3.1),
+    )  # fmt: skip
+    state = TrueState((1e3, 0.0, 0.0), center.axes)
+    write_truth(
+        path,
+        Planted(
+            MissionSettings.tiny(), {}, {"2019-07-01": 1e-4}, {"AA0001": center}, {"P01": state}
+        ),
+    )
+
+
+def _lidar(form: str, name: str, content: Callable[[], bytes]) -> Sample:
+    binary = name.endswith((".bin", ".dat"))
+    return Sample(_bytes(name, content), _read_lidar(form), "binary" if binary else "text")
+
+
+MESH = _icq().mesh()
+KINDS: dict[str, Sample] = {
+    "map": Sample(
+        _written("AA0001.MAP", lambda p: write_maplet(p, _maplet(), sigma_companion=True)),
+        read_maplet,
+        "binary",
+    ),
+    "lmk": Sample(
+        _written("AA0001.LMK", lambda p: write_landmark(p, Landmark("AA0001", GRID))),
+        read_landmark,
+        "text",
+    ),
+    "sum": Sample(lambda f: _with_summary(f).with_suffix(".SUM"), read_summary, "text"),
+    "nom": Sample(_nominal, read_nominal, "text"),
+    "dat": Sample(_with_summary, _read_pixels, "binary"),
+    "list": Sample(
+        _bytes("MAPLIST.TXT", lambda: b"AA0001\nAA0002\nAA0003\nEND\n"), read_list, "text"
+    ),
+    "icq": Sample(_written("a.txt", lambda p: write_icq(p, _icq())), _read_shape, "text"),
+    "obj": Sample(_written("a.obj", lambda p: write_obj(p, MESH)), _read_shape, "text"),
+    "ply mesh": Sample(
+        _written("a.ply", lambda p: write_ply_mesh(p, MESH, encoding="ascii")), _read_shape, "text"
+    ),
+    "ply mesh binary": Sample(
+        _written("a.ply", lambda p: write_ply_mesh(p, MESH)), _read_shape, "binary"
+    ),
+    "ply cloud": _lidar("cloud", "a.ply", lambda: _ply_cloud("ascii")),
+    "ply cloud binary": _lidar("cloud", "a.bin", lambda: _ply_cloud("binary_little_endian")),
+    "pcd": _lidar("cloud", "a.pcd", lambda: _pcd("ascii")),
+    "pcd binary": _lidar("cloud", "a.bin", lambda: _pcd("binary")),
+    "pcd packed": _lidar("cloud", "a.bin", lambda: _pcd("binary_compressed")),
+    "las": Sample(_written("a.las", _las), _read_lidar("las"), "binary"),
+    "laz": Sample(_written("a.laz", _las), _read_lidar("las"), "binary", threads=True),
+    "table": _lidar("table", "a.csv", _table),
+    "ola": Sample(
+        _written("a.dat", lambda p: write_ola(p, [_scan()])), _read_lidar("ola"), "binary"
+    ),
+    "nlr": _lidar("nlr", "a.tab", rows(nlr, "one header line\nlonE latN and so on\n")),
+    "hayabusa": _lidar("hayabusa", "a.tab", rows(hayabusa)),
+    "hayabusa2": _lidar("hayabusa2", "a.csv", rows(hayabusa2)),
+    "lola": _lidar("lola", "a.csv", rows(lola)),
+    "lola binary": _lidar("lola", "a.dat", lola_binary),
+    "track": _lidar("track", "a.txt", rows(track)),
+    "scan": Sample(
+        _written(
+            "s.h5",
+            lambda p: write_scan(
+                p,
+                [_scan()],
+                parameters={
+                    "source": "x",
+                    "format": "ola",
+                    "columns": "{}",
+                    "unit": "",
+                    "gps_time": 0,
+                },
+            ),
+        ),
+        _read_native,
+        "hdf5",
+    ),
+    "mapolas": Sample(_mapola, _read_mapolas, "hdf5"),
+    "fused": Sample(_fused, _read_fused, "hdf5"),
+    "adjustment": Sample(_written("adjustment.h5", _adjustment), _read_adjustment, "hdf5"),
+    "fits image": Sample(
+        _written("a.fits", lambda p: write_fits_image(p, _image())), read_fits_image, "binary"
+    ),
+    "fits dtm": Sample(_written("a.fits", _dtm), read_fits_dtm, "binary"),
+    "text kernel": Sample(_bytes("a.tpc", KERNEL.encode), _read_kernels, "text"),
+    "meta-kernel": Sample(_meta, _read_kernels, "text"),
+    "transfer": Sample(_bytes("a.xsp", _transfer), _read_transfer, "text"),
+    "spk": Sample(_spk, _read_spk, "binary"),
+    "settings": Sample(
+        _bytes("spcola.toml", lambda: settings_text(Settings()).encode()), load_settings, "text"
+    ),
+    "registration": Sample(
+        _bytes("registration.json", lambda: json.dumps(REGISTRATION, indent=1).encode()),
+        _read_registration,
+        "json",
+    ),
+    "truth": Sample(_written("truth.json", _truth), read_truth, "json"),
+}
