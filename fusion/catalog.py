@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -68,15 +69,26 @@ class Catalog:
 
     The records are files of their own, one for each stage; the data base only makes looking up
     fast. Deleted or damaged, it is built again from the records, and digests are computed again.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    looking : bool
+        Whether the workspace is only looked at: where it cannot be written, what is found out is
+        kept in memory, or not at all.
     """
 
-    def __init__(self, workspace: Workspace) -> None:
+    def __init__(self, workspace: Workspace, *, looking: bool = False) -> None:
         self.workspace = workspace
+        self._looking = looking
         self.path = workspace.root / CATALOG_FILE
         self.rebuilt = False
         try:
             self._connect()
         except sqlite3.DatabaseError as error:
+            if looking and not _can_write(self.path):
+                self._connect(":memory:")
+                return
             if isinstance(error, sqlite3.OperationalError) and not _is_damage(error):
                 raise self._refusal(error) from error
             self._discard()
@@ -181,10 +193,10 @@ class Catalog:
                 [(path, record.stage, digest) for path, digest in record.outputs.items()],
             )
 
-    def _connect(self) -> None:
+    def _connect(self, place: str = "") -> None:
         """Open the data base; an empty one gets its tables and what the records hold."""
-        fresh = not self.path.exists()
-        self._base = sqlite3.connect(self.path, timeout=10.0)
+        fresh = bool(place) or not self.path.exists()
+        self._base = sqlite3.connect(place or self.path, timeout=10.0)
         found = self._base.execute("PRAGMA user_version").fetchone()[0]
         if found != _SCHEMA_VERSION:
             if not fresh:
@@ -216,12 +228,19 @@ class Catalog:
             with self._base:
                 yield self._base
         except sqlite3.Error as error:
-            raise self._refusal(error) from error
+            if not self._looking:
+                raise self._refusal(error) from error
 
     def _refusal(self, error: sqlite3.Error) -> WorkspaceError:
         return WorkspaceError(
             f"cannot be used ({error})", self.path, "check the disk and the permissions"
         )
+
+
+def _can_write(path: Path) -> bool:
+    """Tell whether a data base, and the journal beside it, can be written."""
+    there = not path.exists() or os.access(path, os.W_OK)
+    return there and os.access(path.parent, os.W_OK)
 
 
 def _is_damage(error: sqlite3.OperationalError) -> bool:

@@ -25,6 +25,7 @@ from spcola.formats.lists import read_list
 from spcola.formats.lmk import read_landmark
 from spcola.formats.map import read_map, read_maplet
 from spcola.formats.nom import read_nominal
+from spcola.formats.ply_header import parse_header
 from spcola.formats.shape import read_shape, recognise_shape
 from spcola.formats.source import read_bytes
 from spcola.formats.sum import read_summary
@@ -75,8 +76,12 @@ def describe_file(path: Path) -> dict[str, Any]:
     WorkspaceError
         If there is no such file.
     """
+    if not path.exists():
+        raise WorkspaceError("is not there", path)
     if not path.is_file():
-        raise WorkspaceError("is not there, or is no file", path)
+        raise WorkspaceError(
+            "is a pipe or a device, no regular file", path, "save what comes out of it to a file"
+        )
     reader = _describe_list if path.name in SPC_LISTS else _READERS.get(path.suffix.lower())
     if reader is not None:
         return reader(path)
@@ -84,10 +89,18 @@ def describe_file(path: Path) -> dict[str, Any]:
     if content is not None:
         return content
     try:
-        recognise_shape(path)
+        form = recognise_shape(path)
     except FormatError:
         return _describe_lidar(path, recognise(path))
+    if form == "ply" and not _has_faces(path):
+        return _describe_lidar(path, "cloud")
     return _describe_shape(path)
+
+
+def _has_faces(path: Path) -> bool:
+    """Tell a mesh in PLY from a cloud of points."""
+    faces = parse_header(read_bytes(path, most=_HEAD), path).element("face")
+    return faces is not None and faces.count > 0
 
 
 def _describe_kernel(path: Path) -> dict[str, Any] | None:

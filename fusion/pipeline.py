@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 import spcola
-from fusion.catalog import Catalog, StageRecord, content_digest
+from fusion.catalog import RECORD_FOLDER, Catalog, StageRecord, content_digest
 from fusion.executor import Executor, ThreadExecutor
 from fusion.interrupt import heed_interrupts
 from fusion.jsontext import plain
-from fusion.lock import clear_leftovers, locked
+from fusion.lock import clear_leftovers, locked, remove_folder
 from fusion.progress import Progress
 from fusion.settings import Settings
 from fusion.stages.base import Stage, StageContext, StageResult, find_table
@@ -121,7 +121,7 @@ class Pipeline:
         """Return for each stage "up to date", "due", or "cannot run: …"."""
         states = {}
         # Without the lock: one may look at a workspace while another program works in it.
-        with closing(Catalog(self.workspace)) as catalog:
+        with closing(Catalog(self.workspace, looking=True)) as catalog:
             for stage in self.stages:
                 missing = stage.missing(self.workspace, self.settings)
                 missing = missing or self._obstacle(stage, catalog)
@@ -139,9 +139,12 @@ class Pipeline:
             return StageRun(stage.name, "cannot run", reason=missing)
         begun = time.monotonic()
         key = self._key(stage, catalog)
+        whole = self.workspace.root / SCRATCH_FOLDER
         if not force and (record := self._current(stage, catalog, key)):
+            # What a killed run with other settings had finished helps nobody any more.
+            remove_folder(whole / stage.name)
             return self._became(StageRun(stage.name, "up to date", summary=record.summary))
-        scratch = self.workspace.root / SCRATCH_FOLDER / stage.name / key.digest[:16]
+        scratch = whole / stage.name / key.digest[:16]
         self._clear_scratch(scratch)
         make_folder(scratch)
         context = StageContext(
@@ -156,7 +159,7 @@ class Pipeline:
         )
         result = stage.run(context)
         self._keep(stage, catalog, key, result)
-        shutil.rmtree(scratch.parent, ignore_errors=True)
+        remove_folder(scratch.parent)
         took = time.monotonic() - begun
         return self._became(StageRun(stage.name, "ran", took, plain(result.summary)))
 
@@ -253,7 +256,7 @@ def opened(workspace: Workspace) -> Iterator[Catalog]:
     WorkspaceError
         If another program is at work in it, or it cannot be written.
     """
-    own = [workspace.root, *(workspace.root / name for name in OWN_FOLDERS)]
+    own = [workspace.root, *(workspace.root / name for name in (*OWN_FOLDERS, RECORD_FOLDER))]
     with locked(workspace.root / LOCK_FILE):
         clear_leftovers(own)
         with closing(Catalog(workspace)) as catalog:

@@ -83,6 +83,12 @@ def recognise(path: str | Path) -> str:
 def _head(path: Path) -> tuple[bytes, int]:
     """Return the first bytes of a file and its size."""
     try:
+        if path.exists() and not path.is_file():
+            raise FormatError(
+                "is no regular file, and is read more than once",
+                path,
+                "save what comes out of a pipe or a device to a file",
+            )
         with path.open("rb") as stream:
             head = stream.read(_HEAD_BYTES)
         return head, path.stat().st_size
