@@ -47,13 +47,20 @@ class Catalog:
     fast, and has a second copy of them. Deleted or damaged, it is built again from the records, and
     digests are computed again. Each row has a checksum: one that fails it counts as none.
 
+    Parameters
+    ----------
+    workspace : Workspace
+    looking : bool
+        Whether the workspace is only looked at: where it cannot be written, what is found out is
+        kept in memory, or not at all.
+
     Attributes
     ----------
     notes : list of str
         What was found damaged and mended, for people.
     """
 
-    def __init__(self, workspace: Workspace) -> None:
+    def __init__(self, workspace: Workspace, *, looking: bool = False) -> None:
         self.workspace = workspace
         self.path = workspace.root / CATALOG_FILE
         self.rebuilt = False
@@ -61,6 +68,9 @@ class Catalog:
         try:
             self._connect()
         except sqlite3.DatabaseError as error:
+            if looking and not _can_write(self.path):
+                self._connect(":memory:")
+                return
             self._mend(error)
 
     def close(self) -> None:
@@ -224,10 +234,10 @@ class Catalog:
                 [(path, record.stage, digest) for path, digest in record.outputs.items()],
             )
 
-    def _connect(self) -> None:
+    def _connect(self, place: str = "") -> None:
         """Open the data base; an empty one gets its tables and what the records hold."""
-        fresh = not self.path.exists()
-        self._base = sqlite3.connect(self.path, timeout=10.0)
+        fresh = bool(place) or not self.path.exists()
+        self._base = sqlite3.connect(place or self.path, timeout=10.0)
         found = self._base.execute("PRAGMA user_version").fetchone()[0]
         if found != _SCHEMA_VERSION:
             if not fresh:
@@ -270,7 +280,7 @@ class Catalog:
         name = str(getattr(error, "sqlite_errorname", ""))
         if "READONLY" in name:
             # A damaged header forbids writing too.
-            return os.access(self.path, os.W_OK) and os.access(self.path.parent, os.W_OK)
+            return _can_write(self.path)
         return "SHORT_READ" in name or not any(f"SQLITE_{word}" in name for word in _OUTSIDE)
 
     @contextmanager
@@ -289,7 +299,7 @@ class Catalog:
             with self._writing() as base:
                 yield base
         except WorkspaceError:
-            if os.access(self.path, os.W_OK) and os.access(self.path.parent, os.W_OK):
+            if _can_write(self.path):
                 raise
 
     def _refusal(self, error: sqlite3.Error) -> WorkspaceError:
@@ -302,3 +312,9 @@ def _sealed(*fields: Any) -> tuple[Any, ...]:
     """Return the fields of a row with their checksum behind them."""
     text = "\0".join(str(field) for field in fields)
     return (*fields, hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest())
+
+
+def _can_write(path: Path) -> bool:
+    """Tell whether a data base, and the journal beside it, can be written."""
+    there = not path.exists() or os.access(path, os.W_OK)
+    return there and os.access(path.parent, os.W_OK)

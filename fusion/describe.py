@@ -36,6 +36,7 @@ from spcola.formats.map import read_map, read_maplet
 from spcola.formats.nom import read_nominal
 from spcola.formats.obj import FacesFrom
 from spcola.formats.pck import constant, orientation_of
+from spcola.formats.ply_header import parse_header
 from spcola.formats.shape import read_shape, recognise_shape
 from spcola.formats.source import read_bytes
 from spcola.formats.sum import read_summary
@@ -114,8 +115,12 @@ def describe_file(path: Path, *, faces_from: FacesFrom = 1) -> dict[str, Any]:
     WorkspaceError
         If there is no such file.
     """
+    if not path.exists():
+        raise WorkspaceError("is not there", path)
     if not path.is_file():
-        raise WorkspaceError("is not there, or is no file", path)
+        raise WorkspaceError(
+            "is a pipe or a device, no regular file", path, "save what comes out of it to a file"
+        )
     if path.name in _RESULTS:
         raise FormatError("is a result of a workspace", path, "name the workspace")
     reader = _describe_list if path.name in SPC_LISTS else _READERS.get(path.suffix.lower())
@@ -125,9 +130,11 @@ def describe_file(path: Path, *, faces_from: FacesFrom = 1) -> dict[str, Any]:
     if content is not None:
         return content
     try:
-        recognise_shape(path)
+        form = recognise_shape(path)
     except FormatError:
         return _describe_lidar(path, _lidar_format(path))
+    if form == "ply" and not _has_faces(path):
+        return _describe_lidar(path, "cloud")
     return _describe_shape(path, faces_from)
 
 
@@ -147,6 +154,12 @@ def _lidar_format(path: Path) -> str:
             raise
         what, advice = name_content(head)
         raise FormatError(f"is {what}", path, advice) from error
+
+
+def _has_faces(path: Path) -> bool:
+    """Tell a mesh in PLY from a cloud of points."""
+    faces = parse_header(read_bytes(path, most=_HEAD), path).element("face")
+    return faces is not None and faces.count > 0
 
 
 def _describe_kernel(path: Path) -> dict[str, Any] | None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import fcntl
+import os
 import shutil
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from spcola.errors import WorkspaceError
@@ -42,3 +43,29 @@ def clear_leftovers(folders: Iterable[Path]) -> None:
                 shutil.rmtree(left, ignore_errors=True)
             else:
                 left.unlink(missing_ok=True)
+
+
+def clear_made_by_dead(folder: Path) -> None:
+    """Remove the hidden folders ``.NAME.PID`` beside `folder` whose process is no more."""
+    for left in folder.parent.glob(f".{folder.name}.*"):
+        number = left.suffix[1:]
+        if left.is_dir() and number.isdecimal() and not _runs(int(number)):
+            shutil.rmtree(left, ignore_errors=True)
+
+
+def _runs(process: int) -> bool:
+    """Tell whether there is a process of this number."""
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        pass
+    return True
+
+
+def remove_folder(folder: Path) -> None:
+    """Remove a folder, and the one that it lies in if nothing else is left there."""
+    shutil.rmtree(folder, ignore_errors=True)
+    with suppress(OSError):
+        folder.parent.rmdir()

@@ -17,9 +17,9 @@ from fusion.changes import Changed, Changes, changed_since
 from fusion.executor import Executor, ThreadExecutor
 from fusion.interrupt import heed_interrupts
 from fusion.jsontext import plain
-from fusion.lock import clear_leftovers, locked
+from fusion.lock import clear_leftovers, locked, remove_folder
 from fusion.progress import Progress
-from fusion.records import StageRecord, content_digest
+from fusion.records import RECORD_FOLDER, StageRecord, content_digest
 from fusion.settings import Settings
 from fusion.soundness import Unsound, rejected_maplets, unsound
 from fusion.stages.base import Stage, StageContext, StageResult, find_table
@@ -128,7 +128,7 @@ class Pipeline:
     def states(self) -> dict[str, str]:
         """Return for each stage "up to date", "due", or "cannot run: …"."""
         # Without the lock: one may look at a workspace while another program works in it.
-        with closing(Catalog(self.workspace)) as catalog:
+        with closing(Catalog(self.workspace, looking=True)) as catalog:
             return {stage.name: self._state(stage, catalog) for stage in self.stages}
 
     def _state(self, stage: Stage, catalog: Catalog) -> str:
@@ -156,11 +156,14 @@ class Pipeline:
             return StageRun(stage.name, "cannot run", reason=found)
         begun = time.monotonic()
         key = self._key(stage, catalog)
+        whole = self.workspace.root / SCRATCH_FOLDER
         before = changes.before(stage, key.inputs)
         against = [changed for changed in before if changed.is_contradicted]
         if against and Code.CHANGED_INPUT not in self.settings.accept.codes:
             return _not_made(stage, self._advice(against[0]))
         if not force and (record := self._current(stage, catalog, key)):
+            # What a killed run with other settings had finished helps nobody any more.
+            remove_folder(whole / stage.name)
             run = StageRun(stage.name, "up to date", summary=record.summary)
             return self._became(run, self._tell(catalog, ()))
         bad = self._unsound(key.inputs, catalog)
@@ -169,7 +172,7 @@ class Pipeline:
         own = changes.own(stage)
         noted = _notes(stage, own, changes.used_before(stage, key.inputs))
         notes = self._tell(catalog, [*(changed.text for changed in before), *noted])
-        scratch = self.workspace.root / SCRATCH_FOLDER / stage.name / key.digest[:16]
+        scratch = whole / stage.name / key.digest[:16]
         self._clear_scratch(scratch)
         make_folder(scratch)
         context = StageContext(
@@ -191,7 +194,7 @@ class Pipeline:
             findings += rejected_maplets(self.workspace)
         result = replace(result, summary=_with_findings(result.summary, findings))
         self._keep(stage, catalog, key, result)
-        shutil.rmtree(scratch.parent, ignore_errors=True)
+        remove_folder(scratch.parent)
         took = time.monotonic() - begun
         run = StageRun(stage.name, "ran", took, plain(result.summary))
         return self._became(run, (*notes, *self._tell(catalog, result.notes)))
@@ -375,7 +378,7 @@ def opened(workspace: Workspace) -> Iterator[Catalog]:
     WorkspaceError
         If another program is at work in it, or it cannot be written.
     """
-    own = [workspace.root, *(workspace.root / name for name in OWN_FOLDERS)]
+    own = [workspace.root, *(workspace.root / name for name in (*OWN_FOLDERS, RECORD_FOLDER))]
     with locked(workspace.root / LOCK_FILE):
         clear_leftovers(own)
         with closing(Catalog(workspace)) as catalog:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from fusion.jsontext import json_text
+from fusion.lock import clear_made_by_dead
 from fusion.progress import Progress
 from fusion.settings import Settings, write_settings
 from fusion.tables import BodySettings
@@ -163,6 +164,7 @@ def apply_scale(
     if folder.exists() or folder.is_symlink():
         raise WorkspaceError("is there already", folder, "name a folder that does not exist")
     make_folder(folder.parent)
+    clear_made_by_dead(folder)
     making = folder.with_name(f".{folder.name}.{os.getpid()}")
     try:
         made = _written(workspace, making, 1.0 + epsilon, progress)

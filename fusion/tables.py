@@ -348,7 +348,7 @@ class BigmapSettings(Table):
     max_distance_m: Size = Field(
         default=0.0, description="heights further from the shape are left out; 0: none is"
     )
-    max_gap: Cells = Field(
+    max_gap: Annotated[int, Span(0, 500)] = Field(
         default=3, description="widest gap of the returns that is bridged, cells"
     )
 

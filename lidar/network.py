@@ -20,6 +20,7 @@ from scipy.linalg.lapack import dpotrf, dpotri
 from lidar.nodes import KINDS, ErrorSizes, Nodes, columns, turned, turned_vector
 from lidar.overlaps import DEGREES, OverlapEquations
 from spcola.arrays import FloatArray, IntArray
+from spcola.errors import NotObservableError
 
 # Sizes count as found when a round changes none of them by more than this share.
 _SETTLED = 0.01
@@ -165,11 +166,21 @@ def _at(
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:
-    """Inverse of a symmetric positive definite matrix, at half of what a general one costs."""
+    """Inverse of a symmetric positive definite matrix, at half of what a general one costs.
+
+    Raises
+    ------
+    NotObservableError
+        If it is not positive definite in double precision.
+    """
     lower, failed = dpotrf(matrix, lower=True)
     inverse, failed_too = dpotri(lower, lower=True)
     if failed or failed_too:
-        raise np.linalg.LinAlgError("the network's normal equations are not positive definite")
+        raise NotObservableError(
+            "the displacements of the scans are not determined by their overlaps, as large as they "
+            "may be by the first guess of their errors",
+            do="lower [mapolas] adjust_sigma_m and adjust_sigma_deg, or set adjust = false",
+        )
     found: FloatArray = np.tril(inverse)
     return found + np.tril(found, -1).T
 

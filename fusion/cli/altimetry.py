@@ -15,7 +15,7 @@ from fusion.cli.output import (
     leave_to_child,
     show,
 )
-from fusion.cli.stages import ClusterOption, WorkersOption, executor
+from fusion.cli.stages import ClusterOption, WorkersOption, as_workers_see, executor
 
 if TYPE_CHECKING:
     from fusion.stages.ingest import Imported
@@ -71,10 +71,13 @@ def import_(
         leave_to_child(workspace, limit_mb, limit_s)
     if name and len(files) > 1:
         raise typer.BadParameter("names one file only", param_hint="--name")
-    there = Workspace.open(workspace)
+    there = Workspace.open(as_workers_see(workspace, cluster))
     settings = there.settings()
     wanted = _columns(columns or [])
-    sources = [Source(file, name, format, wanted, unit, gps_time) for file in files]
+    sources = [
+        Source(as_workers_see(file, cluster), name, format, wanted, unit, gps_time)
+        for file in files
+    ]
     hands, progress = executor(workers, cluster), Progress.fitting(silent=as_json)
     with opened(there) as catalog:
         done = import_files(there, settings, sources, Workers(hands, progress, catalog.digesting))

@@ -322,6 +322,11 @@ def executor(workers: int | None, cluster: str) -> Executor:
     return ClusterExecutor(cluster)
 
 
+def as_workers_see(path: Path, cluster: str) -> Path:
+    """Return a path that means the same to the workers of a cluster, whose folder is another."""
+    return path.absolute() if cluster else path
+
+
 def _pipeline(workspace: Path, change: tuple[str, dict[str, Any]], how: How) -> Pipeline:
     """Return all stages over a workspace, with some settings of one table changed."""
     # The machinery is imported here and not above, so that help comes at once.
@@ -331,7 +336,7 @@ def _pipeline(workspace: Path, change: tuple[str, dict[str, Any]], how: How) -> 
     from fusion.workspace import Workspace
 
     table, changed = change
-    opened = Workspace.open(workspace)
+    opened = Workspace.open(as_workers_see(workspace, how.cluster))
     settings = opened.settings()
     given = {key: value for key, value in changed.items() if value is not None}
     if given:

@@ -224,6 +224,51 @@ def test_info_tells_what_a_file_is(tmp_path: Path, table: Path, folder: Path) ->
     assert str(tmp_path / "none") in refused("info", tmp_path / "none")
 
 
+def test_info_tells_a_cloud_of_points_in_ply_from_a_mesh(tmp_path: Path) -> None:
+    head = "ply\nformat ascii 1.0\nelement vertex 4\n" + "".join(
+        f"property float {axis}\n" for axis in "xyz"
+    )
+    points = "end_header\n1 0 0\n0 1 0\n0 0 1\n-1 -1 -1\n"
+    (tmp_path / "cloud.ply").write_text(head + points)
+    facts = called("info", tmp_path / "cloud.ply")
+    assert (facts["kind"], facts["returns"]) == ("lidar (cloud)", 4)
+    faces = "element face 4\nproperty list uchar int vertex_indices\n"
+    facets = "3 0 1 2\n3 0 3 1\n3 1 3 2\n3 2 3 0\n"
+    (tmp_path / "mesh.ply").write_text(head + faces + points + facets)
+    assert called("info", tmp_path / "mesh.ply")["facets"] == 4
+
+
+def test_a_pipe_is_called_what_it_is(folder: Path) -> None:
+    """… and neither empty nor missing."""
+    for words in (("info", "/dev/stdin"), ("import", folder, "/dev/stdin")):
+        process = program(*words, stdin=subprocess.PIPE)
+        output, errors = process.communicate("x [m],y [m],z [m]\n1,2,3\n", timeout=60)
+        assert (process.returncode, output) == (1, "")
+        assert "no regular file" in errors
+        assert errors.count("\n") == 1
+
+
+def test_info_works_where_nothing_can_be_written(table: Path, folder: Path) -> None:
+    """… also on files that changed since their digests were made, and without a catalogue."""
+    call("import", folder, table)
+    for path in (folder / "scans").glob("*.h5"):
+        path.touch()
+    look = f"{sys.executable} -m fusion.cli info {folder} --json"
+    closed = f"mount --bind {folder} {folder} && mount -o remount,ro,bind {folder} {folder}"
+    for change in ("true", f"rm {folder}/catalog.sqlite", f"echo x > {folder}/catalog.sqlite"):
+        ran = subprocess.run(
+            ["unshare", "-m", "sh", "-c", f"{change} && {closed} || exit 77; {look}"],
+            capture_output=True,
+            text=True,
+            cwd=ROOT,
+            check=False,
+        )
+        if ran.returncode == 77 or "unshare" in ran.stderr:
+            pytest.skip(f"no read-only mounts here: {ran.stderr.strip()}")
+        assert ran.returncode == 0, ran.stderr
+        assert json.loads(ran.stdout)["stages"]["ingest"] == "up to date"
+
+
 def test_what_nobody_expected_is_one_line_and_a_way_to_more(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

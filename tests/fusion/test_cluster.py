@@ -5,18 +5,23 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import socket
+import subprocess
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
-from distributed import LocalCluster
+from distributed import Client, LocalCluster
 from typer.testing import CliRunner
 
 import fusion.cluster
 from fusion.cli.app import app
-from fusion.cluster import ClusterExecutor
+from fusion.cluster import ClusterError, ClusterExecutor
 from fusion.initialise import new_workspace
 from fusion.settings import write_settings
 from fusion.workspace import SETTINGS_FILE, Workspace
@@ -125,10 +130,14 @@ def test_a_worker_that_is_killed_changes_nothing_but_the_time(executor: ClusterE
     assert rest[-1][1] != first[1]
 
 
-def test_mapolas_made_by_a_cluster_are_the_same_bytes(address: str, workspace: Workspace) -> None:
+def test_mapolas_made_by_a_cluster_are_the_same_bytes(
+    address: str, workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
     other = shutil.copytree(workspace.root, workspace.root.parent / "other")
-    for root, choice in ((workspace.root, ["--workers", "2"]), (other, ["--cluster", address])):
-        result = CliRunner().invoke(app, ["mapolas", str(root), *choice])
+    # As README gives it: a path that means nothing in the folder of the workers.
+    monkeypatch.chdir(other.parent)
+    for root, choice in (("ws", ["--workers", "2"]), ("other", ["--cluster", address])):
+        result = CliRunner().invoke(app, ["mapolas", root, *choice])
         assert result.exit_code == 0, result.output
     there = Workspace.open(other)
     assert there.mapola_names() == workspace.mapola_names()
@@ -146,8 +155,11 @@ def test_mapolas_made_by_a_cluster_are_the_same_bytes(address: str, workspace: W
     assert np.abs(first.displacement[:, :3]).max() > 0.005
 
 
-def test_scans_read_by_a_cluster_are_the_same_bytes(address: str, tmp_path: Path) -> None:
+def test_scans_read_by_a_cluster_are_the_same_bytes(
+    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """… also those that other settings have it read again."""
+    monkeypatch.chdir(tmp_path)
     points = np.random.default_rng(3).normal([60.0, 0.0, 0.0], 1.0, (500, 3))
     table = tmp_path / "shots.csv"
     np.savetxt(table, points, delimiter=",", header="X [m],Y [m],Z [m]", comments="")
@@ -155,11 +167,11 @@ def test_scans_read_by_a_cluster_are_the_same_bytes(address: str, tmp_path: Path
     for name, choice in (("here", ["--workers", "2"]), ("there", ["--cluster", address])):
         root = new_workspace(tmp_path / name, body="Ball").root
         columns = ["--columns", "x=X [m],y=Y [m],z=Z [m]"]
-        result = CliRunner().invoke(app, ["import", str(root), str(table), *columns, *choice])
+        result = CliRunner().invoke(app, ["import", name, "shots.csv", *columns, *choice])
         assert result.exit_code == 0, result.output
         settings = Workspace.open(root).settings().with_table("import", sigma_range_m=0.07)
         write_settings(root / SETTINGS_FILE, settings)
-        result = CliRunner().invoke(app, ["run", str(root), *choice])
+        result = CliRunner().invoke(app, ["run", name, *choice])
         assert "ingest: ran" in result.output
         scan = ScanFile(root / "scans" / "shots.h5")
         assert scan.blocks[0].numbers["sigma"] == pytest.approx(0.07)
@@ -177,6 +189,96 @@ def test_where_there_is_no_cluster_it_is_said(
     result = CliRunner().invoke(app, [*words, "--workers", "2"])
     assert result.exit_code == 2
     assert "a cluster has its own workers" in result.output
+
+
+@pytest.fixture
+def lonely() -> Iterator[tuple[str, Callable[[str], None]]]:
+    """A scheduler and a worker, each a process of its own, and how to kill one of them."""
+    environment = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__DASHBOARD__ENABLED": "false"}
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    address, running = f"tcp://127.0.0.1:{port}", dict[str, subprocess.Popen[bytes]]()
+    for name, words in (
+        ("scheduler", ["--host", "127.0.0.1", "--port", str(port), "--dashboard-address", ":0"]),
+        ("worker", [address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]),
+    ):
+        running[name] = subprocess.Popen(
+            [sys.executable, "-m", "distributed.cli.dask_" + name, *words],
+            env=environment,
+            cwd="/",
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+    with Client(address, timeout=60, set_as_default=False) as client:
+        client.wait_for_workers(1, timeout=60)
+    yield address, lambda name: running[name].kill()
+    for process in running.values():
+        process.kill()
+        process.wait()
+
+
+def nap(item: int) -> int:
+    time.sleep(0.3)
+    return item
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("dies", "says"),
+    [("scheduler", "does not answer any more"), ("worker", "has lost all its workers")],
+)
+def test_a_lost_cluster_is_said_in_one_line(
+    lonely: tuple[str, Callable[[str], None]],
+    monkeypatch: pytest.MonkeyPatch,
+    dies: str,
+    says: str,
+) -> None:
+    address, kill = lonely
+    executor = ClusterExecutor(address)
+    monkeypatch.setattr(fusion.cluster, "_ANSWER_S", 2)
+    monkeypatch.setattr(fusion.cluster, "_LOOK_S", 0.5)
+    stream = executor.stream(nap, range(50))
+    assert next(stream) == 0
+    kill(dies)
+    begun = time.monotonic()
+    with pytest.raises(ClusterError, match=f"{address}.*{says}.*what is finished is kept"):
+        list(stream)
+    executor.close()
+    assert time.monotonic() - begun < 60
+
+
+@pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n"])
+def test_a_port_of_something_else_is_refused_in_time(
+    answer: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Silent, or a web server (the scheduler's own dashboard, say)."""
+    monkeypatch.setattr(fusion.cluster, "_ANSWER_S", 1)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            with suppress(OSError):
+                while True:
+                    connection, _ = server.accept()
+                    connections.append(connection)
+                    connection.sendall(answer)
+
+        connections: list[socket.socket] = []
+        Thread(target=serve, daemon=True).start()
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        begun = time.monotonic()
+        with pytest.raises(SettingsError, match=f"no Dask scheduler answers at {address}"):
+            ClusterExecutor(address)
+        assert time.monotonic() - begun < 20
+        for connection in connections:
+            connection.close()
+
+
+def test_a_worker_is_not_taken_for_the_scheduler(address: str) -> None:
+    with Client(address, set_as_default=False) as client:
+        worker = next(iter(client.scheduler_info()["workers"]))
+    with pytest.raises(SettingsError, match=r"is the address of a worker, not of the Dask sched"):
+        ClusterExecutor(worker)
 
 
 def test_workers_of_other_versions_are_refused(

@@ -239,6 +239,21 @@ def test_an_interrupted_run_finds_its_scratch_again(
     assert not (workspace.root / SCRATCH_FOLDER / "one").exists()
 
 
+def test_no_scratch_is_left_behind(workspace: Workspace, stages: list[Copy]) -> None:
+    """Neither of a run that ends well, nor of a killed one whose settings were taken back."""
+    pipeline(workspace, stages).run()
+    left = workspace.root / SCRATCH_FOLDER
+    assert not left.exists()
+    killed = left / "one" / "0123456789abcdef"
+    killed.mkdir(parents=True)
+    (killed / "half").write_text("done so far")
+    records = workspace.root / "provenance"
+    (records / ".one.json.k1ll3d.part").write_text("half a record")
+    pipeline(workspace, stages).run()
+    assert not left.exists()
+    assert sorted(path.name for path in records.iterdir()) == ["one.json", "three.json", "two.json"]
+
+
 def test_scratch_of_other_settings_is_not_found(workspace: Workspace, stages: list[Copy]) -> None:
     found: list[bool] = []
 
