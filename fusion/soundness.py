@@ -37,8 +37,12 @@ MOST_GAIN = 0.02
 """Heights may be so much too large or too small against the shape, if others scatter less."""
 MOST_SIGMAS = 8.0
 """... or so many robust standard deviations of what the maplets of the solution show."""
+MOST_SCATTER = 3.0
+"""Heights may scatter about the shape by so many times what is usual, if others vary less."""
 _EXACT = 1.01
 _SHARE = 0.9
+# Sigmas are kept in bytes: a map that is read and written again has a slightly smaller one.
+_SIGMA_SHARE = 0.01
 _SIGMA_FACTOR = 1e3
 # Landmarks print ten digits, and unit vectors are made unit again when they are read.
 _PRINTED = 1e-9
@@ -241,12 +245,12 @@ def _sigmas(stated: Sequence[_Stated]) -> Iterator[tuple[str, str]]:
 
     def of_sizes(one: _Stated, landmark: Landmark) -> float:
         size, other = one.sigma_size / KM, float(np.linalg.norm(landmark.sigma)) / KM
-        return float(abs(size - other) / (_rounding(other) + _PRINTED * other + 1e-30))
+        return float(abs(size - other) / (_SIGMA_SHARE * other + 1e-30))
 
     def of_directions(one: _Stated, landmark: Landmark) -> float:
         if not np.isfinite(one.sigma).all():
             return float("inf")
-        allowed = 0.5 / 255.0 * float(np.linalg.norm(landmark.sigma)) + 1e-12
+        allowed = float(np.linalg.norm(landmark.sigma)) / 255.0 + 1e-12
         return float(np.max(np.abs(one.sigma - landmark.sigma)) / allowed)
 
     for misfit in (of_sizes, of_directions):
@@ -275,15 +279,26 @@ def _heights(stated: Sequence[_Stated]) -> Iterator[tuple[str, str]]:
             yield one.name, "it does not lie near the shape"
     chosen = [(one, mask) for one, mask in zip(stated, both, strict=True) if mask.mean() > 0.5]
     gaps = [one.height[mask] - one.shape[mask] for one, mask in chosen]
-    for what, values in (
-        ("lie on average", np.array([abs(np.mean(gap)) for gap in gaps])),
-        ("scatter by", np.array([np.std(gap) for gap in gaps])),
-    ):
-        limit = LOOSE * float(np.percentile(values, 100.0 * _SHARE, method="lower"))
-        for (one, _), value in zip(chosen, values, strict=True):
-            if value > max(limit, one.grid.gsd):
-                yield one.name, f"its heights {what} {value:.3g} m from the shape"
-    yield from _gains(chosen, float(np.median([np.std(gap) for gap in gaps])))
+    offset = np.array([abs(np.mean(gap)) for gap in gaps])
+    farthest = LOOSE * float(np.percentile(offset, 100.0 * _SHARE, method="lower"))
+    scatter = np.array([np.std(gap) for gap in gaps])
+    most = _most_scatter(scatter)
+    for (one, _), away, rough in zip(chosen, offset, scatter, strict=True):
+        if away > max(farthest, one.grid.gsd):
+            yield one.name, f"its heights lie on average {away:.3g} m from the shape"
+        if rough > most:
+            yield one.name, f"its heights scatter by {rough:.3g} m about the shape"
+    yield from _gains(chosen, float(np.median(scatter)))
+
+
+def _most_scatter(scatter: FloatArray) -> float:
+    """Return how much heights may scatter about the shape, metres, as others do."""
+    if len(scatter) < _FEWEST:
+        return float("inf")
+    sizes = np.log(np.maximum(scatter, 1e-9))
+    middle = np.median(sizes)
+    spread = 1.4826 * float(np.median(np.abs(sizes - middle)))
+    return float(np.exp(middle + max(np.log(MOST_SCATTER), MOST_SIGMAS * spread)))
 
 
 def _gains(

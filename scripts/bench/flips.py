@@ -258,7 +258,9 @@ def _of_header(workspace: Workspace, name: str, before: Any) -> str:
         return "no effect"
     if any(one.name == name for one in unsound_maplets(workspace)):
         return "refused by what else is known"
-    return f"passes, moving points by {10.0 ** np.ceil(np.log10(max(moved, 1e-9))):g} m at most"
+    if moved == 0.0:
+        return "passes, sigma differs"
+    return f"passes, moving points by {10.0 ** np.ceil(np.log10(moved)):g} m at most"
 
 
 def main() -> None:

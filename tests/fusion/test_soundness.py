@@ -58,10 +58,16 @@ def test_landmarks_that_moved_since_their_maps_were_written_refuse_nothing(tmp_p
     assert unsound_maplets(solution(tmp_path, moved_m=0.03)) == ()
 
 
+def test_a_map_that_was_read_and_written_again_is_sound(tmp_path: Path) -> None:
+    workspace = solution(tmp_path)
+    write_maplet(workspace.maplet_path("AA0003"), workspace.maplet("AA0003"))
+    assert unsound_maplets(workspace) == ()
+
+
 def flipped(workspace: Workspace, name: str, bits: range) -> tuple[int, float]:
     """How many bits of a header pass unseen with an effect, and how far they move a point at most.
 
-    Metres; a change of the centre's sigma that is not told counts as a kilometre.
+    Metres; a change of the centre's sigma by more than 1.3 % counts as a kilometre.
     """
     path = workspace.maplet_path(name)
     good, before = path.read_bytes(), read_map(path).maplet
@@ -75,7 +81,7 @@ def flipped(workspace: Workspace, name: str, bits: range) -> tuple[int, float]:
         except SpcolaError:
             continue
         away = float(np.nanmax(np.abs(maplet.points() - before.points())))
-        if not np.array_equal(maplet.center_sigma, before.center_sigma):
+        if not np.allclose(maplet.center_sigma, before.center_sigma, rtol=0.013):
             away += 1000.0
         if away > 0.0 and name not in {one.name for one in unsound_maplets(workspace)}:
             passed, moved = passed + 1, max(moved, away)
@@ -138,3 +144,13 @@ def test_a_maplet_that_the_registration_left_out_is_named(tmp_path: Path) -> Non
     (finding,) = rejected_maplets(workspace)
     assert "left out AA0002 (disagrees" in finding.text
     assert (finding.code, finding.severity) == ("rejected-maplet", "note")
+
+
+def test_heights_of_another_place_are_told_by_the_shape(tmp_path: Path) -> None:
+    workspace = solution(tmp_path)
+    maplet = workspace.maplet("AA0005")
+    other = maplet.height + 0.8 * np.sin(0.7 * maplet.grid.offsets)
+    write_maplet(workspace.maplet_path("AA0005"), maplet.with_layers(height=other))
+    (found,) = unsound_maplets(workspace)
+    assert found.name == "AA0005"
+    assert "scatter" in found.why
