@@ -97,6 +97,9 @@ def run_lines(run: StageRun) -> list[str]:
     took = f" in {run.seconds:.1f} s" if run.state == "ran" else ""
     why = f": {run.reason}" if run.reason else ""
     shown = {key: value for key, value in run.summary.items() if key not in _VERDICT}
+    said = {finding["text"] for finding in run.summary.get("findings") or ()}
+    if "reasons" in shown and not [text for text in shown["reasons"] or () if text not in said]:
+        del shown["reasons"]
     verdict = [f"  {line}" for line in verdict_lines(run.summary)]
     return [f"{run.stage}: {run.state}{took}{why}", *verdict, *value_lines(shown)]
 

@@ -107,6 +107,10 @@ def judge_registration(content: Mapping[str, Any], evidence: Evidence, limits: L
     if not content["converged"]:
         text = f"the fit did not converge ({content['reason']})"
         found.append(Finding(Code.NOT_CONVERGED, Severity.DOUBTFUL, text))
+    found += [
+        Finding(Code.WEAKLY_DETERMINED, Severity.NOTE, text)
+        for text in content.get("reasons") or ()
+    ]
     order = list(Severity)
     return Verdict(tuple(sorted(found, key=lambda one: -order.index(one.severity))))
 

@@ -91,6 +91,14 @@ def test_ground_without_relief_is_doubtful() -> None:
     assert codes(content(), bare) == ("doubtful", [Code.NO_RELIEF])
 
 
+def test_what_is_weakly_determined_is_a_note_with_a_code() -> None:
+    verdict = judge_registration(content(reasons=["tx_m: weakly determined"]), evidence(), LIMITS)
+    assert verdict.judgement == "accepted"
+    assert [(found.code, found.text) for found in verdict.findings] == [
+        (Code.WEAKLY_DETERMINED, "tx_m: weakly determined")
+    ]
+
+
 def test_the_gravest_finding_comes_first() -> None:
     judgement, found = codes(content(rotation_deg=[0, 0, 5.0]), evidence(shown=0, chi=2.0))
     assert judgement == "refused"
