@@ -535,6 +535,7 @@ def test_a_maplet_that_its_landmark_or_the_shape_contradicts_is_refused_by_all(
     assert [MAP in text for text in problems] == [True]
 
 
+@pytest.mark.slow
 def test_a_maplet_that_is_left_out_is_left_out_by_all(workspace: Path) -> None:
     damage(workspace, MAP, lambda c: at(16, bytes([c[16] ^ 1]))(c))
     command = ("run", workspace, "--json", "--accept", "unsound-maplet")

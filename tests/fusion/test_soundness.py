@@ -21,7 +21,7 @@ from spcola.lattice import lattice
 from spcola.maplet import Maplet, MapletGrid
 
 RADIUS, GSD, HALF = 50.0, 0.75, 16
-# 512 bits behind the six bytes that nobody uses; the last byte is the version.
+# Behind the six bytes that nobody uses, and before the version.
 HEADER_BITS = range(48, 568)
 
 
@@ -90,18 +90,18 @@ def flipped(workspace: Workspace, name: str, bits: range) -> tuple[int, float]:
 
 
 def test_flipped_bits_of_a_header_are_seen(tmp_path: Path) -> None:
-    """Each third bit: what passes are the last bits of the height quantum."""
-    passed, moved = flipped(solution(tmp_path, shape=False), "AA0005", HEADER_BITS[::11])
-    assert passed <= 3
+    """Some of them: what passes are the last bits of the height quantum."""
+    passed, moved = flipped(solution(tmp_path, shape=False), "AA0005", HEADER_BITS[::23])
+    assert passed <= 2
     assert moved < 10.0
     there = Workspace.open(tmp_path)
     quantum = range(63 * 8, 67 * 8)
-    passed_there, _ = flipped(there, "AA0005", quantum[::5])
+    passed_there, _ = flipped(there, "AA0005", quantum[::9])
     assert passed_there > 0  # without a shape nothing tells how high a maplet is
     ball_shape = IcqShape(RADIUS * icq_directions(24)).mesh()
     write_obj(tmp_path / "SHAPEFILES" / "ball.obj", ball_shape)
-    passed, moved = flipped(there, "AA0005", quantum)
-    assert passed <= 22
+    passed, moved = flipped(there, "AA0005", quantum[::2])
+    assert passed <= 11
     assert moved < 0.5
 
 
