@@ -29,6 +29,7 @@ FEWEST_SHOTS = 10
 _STEP_DEG, _MIRRORED_DEG, _COARSE_DEG = 2.0, 3.0, 4.0
 # The best of them is looked for again with these steps, with no rotation left to the fit.
 _FINER_DEG = (1.0, 0.5, 0.25)
+_LOOSE = np.array([0.0, 0.0, 0.0, 0.0, *np.radians([2.0, 2.0, 2.0]), 0.0])
 _FIRM = np.array([1.0, 1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3, 1.0])
 # Places closer than this to the one claimed are not wrong ones.
 _ELSEWHERE_DEG = 20.0
@@ -183,10 +184,13 @@ def check_place(
     compared = _Compared(shots, caster, prior, trajectory)
     here = compared.at(Place(_Z, 0.0), known)
     places = list(_places(shots))
-    found = list(zip(places, compared.at_each(places), strict=True))
-    best = _finer(_best(found)[0], replace(compared, prior=prior * _FIRM))
-    found.append((best, there := compared.at(best)))
-    wrong = np.array([scatter(rest) for place, rest in found if place.is_elsewhere])
+    # Between places that are tried the fit turns: here it may not, beyond what is believed.
+    loose = replace(compared, prior=np.maximum(prior, _LOOSE))
+    best, _ = _best(list(zip(places, loose.at_each(places), strict=True)))
+    best = _finer(best, replace(compared, prior=prior * _FIRM))
+    there = loose.at(best)
+    elsewhere = [place for place in places if place.is_elsewhere]
+    wrong = np.array([scatter(rest) for rest in compared.at_each(elsewhere)])
     wrong = wrong[np.isfinite(wrong)]
     size = scatter(here)
     return PlaceCheck(
@@ -194,8 +198,8 @@ def check_place(
         size,
         scatter(there),
         best,
-        min(1.0, len(found) * chance_of_larger(here, there)),
-        len(found),
+        min(1.0, len(places) * chance_of_larger(here, there)),
+        len(places),
         float(np.median(wrong)) if wrong.size else float("nan"),
         len(wrong),
         int(np.count_nonzero(wrong <= size)),
@@ -210,10 +214,11 @@ def _places(scan: Scan) -> Iterator[Place]:
                 yield Place(_Z, float(turn), mirrored)
     middle = scan.points.mean(axis=0)
     toward = np.arctan2(middle[1], middle[0])
-    # The third turns the shots to the north and to the south.
-    for number, step in enumerate((_COARSE_DEG, _COARSE_DEG, _STEP_DEG, _COARSE_DEG)):
-        angle = toward + np.pi / 4.0 * number
+    # The fifth turns the shots to the north and to the south.
+    for number in range(8):
+        angle = toward + np.pi / 8.0 * number
         axis = np.array([np.cos(angle), np.sin(angle), 0.0])
+        step = _STEP_DEG if number == 4 else _COARSE_DEG
         for turn in np.arange(step, 360.0, step):
             yield Place(axis, float(turn))
 

@@ -7,6 +7,9 @@ one. None of what they make may be accepted by ``spcola scale``.
     for name, alter in alterations().items():
         write_scan(folder / f"{name}.h5", [alter(scan)])
 
+Turns of the latitude are about an axis of the scan's own: several scans altered one by one are not
+turned as a whole, but torn apart, which no single place mends.
+
 A scan of another body is no alteration: take the scan of one body and the shape of another.
 """
 
