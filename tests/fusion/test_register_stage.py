@@ -20,9 +20,11 @@ from lidar.formats.mapola import write_mapolas
 from lidar.mapola import Mapola
 from spcola.arrays import FloatArray
 from spcola.camera import Camera
+from spcola.formats.icq import write_icq
 from spcola.formats.lmk import write_landmark
 from spcola.formats.map import write_maplet
 from spcola.formats.sum import write_summary
+from spcola.icq import IcqShape, icq_directions
 from spcola.image import ImagePoint, SpcImage
 from spcola.landmark import Landmark
 from spcola.lattice import lattice
@@ -370,6 +372,18 @@ def assert_refused(folder: Path, code: str) -> None:
     shutil.copy(folder / "registration.json", elsewhere)
     line = call("register", folder, "--apply", elsewhere, code=1)
     assert "is of a registration that was refused" in line
+
+
+def test_a_stage_says_what_it_makes_of_the_edges_of_its_shape(tmp_path: Path) -> None:
+    folder = made(tmp_path / "WS", lattice(16)[:2])
+    vertices = np.ascontiguousarray(RADIUS * icq_directions(4))
+    vertices[0, 4, 1] *= 1.003
+    write_icq(folder / "SHAPEFILES" / "SHAPE.TXT", IcqShape(vertices))
+    note = "1 of 60 pairs of labels that name one vertex differ"
+    result = CliRunner().invoke(app, ["register", str(folder), "--against", "shape"])
+    assert note in result.stderr
+    # Against maplets the shape is not looked at.
+    assert note not in CliRunner().invoke(app, ["register", str(folder)]).stderr
 
 
 @pytest.mark.parametrize("filled", [0.71, 0.5])

@@ -91,7 +91,7 @@ def test_a_second_run_on_the_copy_finds_no_scale_left(applied):
     assert abs(first["epsilon"]) > 5 * first["epsilon_sigma"]
     again = json.loads(run("scale", root / "C", "--json").stdout)["summary"]
     assert abs(again["epsilon"]) < 2 * again["epsilon_sigma"]
-    assert abs(again["n_used"] - first["n_used"]) <= 2
+    assert abs(again["n_used"] - first["n_used"]) <= 3
 
 
 def test_what_exists_is_not_written_over(applied):
