@@ -106,8 +106,8 @@ def _check_numbers(layers: dict[str, AnyArray]) -> None:
         sigmas = np.sqrt(np.diag(covariance).astype(np.float64))
         # As it is taken apart later: NaN where a variance is none.
         correlation = covariance / np.outer(sigmas, sigmas)
-    sound = np.abs(correlation) <= 1.0 + _ROUNDING
-    sound &= np.abs(correlation - correlation.T) <= _ROUNDING
+        sound = np.abs(correlation) <= 1.0 + _ROUNDING
+        sound &= np.abs(correlation - correlation.T) <= _ROUNDING
     if not np.all(sound):
         raise InvalidValueError("is no covariance", "covariance")
     for name in _WHOLE:
