@@ -224,6 +224,14 @@ def test_the_mark_by_which_dos_ends_a_text_is_no_part_of_it(tmp_path: Path, form
             read(path)
 
 
+def test_a_long_number_in_a_shape_takes_no_time(tmp_path: Path) -> None:
+    """It took the square of its digits, half of a minute for 50 kB."""
+    path = tmp_path / "a.txt"
+    path.write_text("1" * 300_000 + "x\n")
+    with pytest.raises(FormatError, match="is no shape"):
+        read_shape(path)
+
+
 def fits(cards: dict[str, str], size: int = 2880) -> bytes:
     lines = [f"{key:<8}= {value:>20}".ljust(80) for key, value in cards.items()]
     return "".join([*lines, "END".ljust(80)]).ljust(size).encode() + bytes(2880)

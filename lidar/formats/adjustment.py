@@ -102,10 +102,12 @@ def _check_numbers(layers: dict[str, AnyArray]) -> None:
         if not largest < _LARGEST:
             raise InvalidValueError(f"holds {largest:g}", name)
     covariance = layers["covariance"]
-    variances = np.diag(covariance)
-    limits = np.sqrt(np.outer(variances, variances)) if np.all(variances >= 0) else np.zeros(1)
-    sound = np.abs(covariance) <= (1.0 + _ROUNDING) * limits
-    sound &= np.abs(covariance - covariance.T) <= _ROUNDING * limits
+    with np.errstate(all="ignore"):
+        sigmas = np.sqrt(np.diag(covariance).astype(np.float64))
+        # As it is taken apart later: NaN where a variance is none.
+        correlation = covariance / np.outer(sigmas, sigmas)
+        sound = np.abs(correlation) <= 1.0 + _ROUNDING
+        sound &= np.abs(correlation - correlation.T) <= _ROUNDING
     if not np.all(sound):
         raise InvalidValueError("is no covariance", "covariance")
     for name in _WHOLE:

@@ -16,7 +16,8 @@ from spcola.errors import FormatError
 _AGAIN = "fetch the file again"
 # Writers take 50,000 points, or some more; room is made for a whole chunk at once.
 _USUAL_IN_CHUNK, _MOST_IN_CHUNK = 1_000_000, 10_000_000
-_LAYERED = 3
+_CHUNKED, _LAYERED = 2, 3
+_FIRST_LAYERED = 10
 # Layers by the kind of item: point, colours, colours with infrared, wave packet; extra bytes have
 # one each.
 _LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
@@ -76,10 +77,13 @@ def _check_layers(
     layer, four bytes each.
     """
     compressor, items = struct.unpack_from("<H30xH", record)
-    if compressor != _LAYERED:
-        return
     kinds = struct.iter_unpack("<HHH", record[34 : 34 + 6 * items])
     sizes = [(kind, size) for kind, size, _ in kinds]
+    layered = all(kind >= _FIRST_LAYERED for kind, _ in sizes)
+    if compressor != (_LAYERED if layered else _CHUNKED):
+        raise _refusal(path, f"is packed in way {compressor}, which does not go with its points")
+    if not layered:
+        return
     point = sum(size for _, size in sizes)
     layers = sum(_LAYERS.get(kind, size) for kind, size in sizes)
     for _, there in chunks:

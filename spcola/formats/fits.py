@@ -20,6 +20,7 @@ from spcola.arrays import AnyArray, FloatArray
 from spcola.camera import Camera
 from spcola.distortion import COEFFICIENTS
 from spcola.errors import FormatError, InvalidValueError, SpcolaError
+from spcola.formats.fortran import LARGEST_NUMBER
 from spcola.formats.source import as_format_error, read_bytes
 from spcola.image import SpcImage
 
@@ -152,6 +153,8 @@ class _Header:
         value = self._cards.get(key)
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise FormatError("has no number", f"{self._path}: keyword {key}")
+        if not abs(value) <= LARGEST_NUMBER:
+            raise FormatError(f"has no usable number ({value:g})", f"{self._path}: keyword {key}")
         return float(value)
 
     def text(self, key: str) -> str:
@@ -178,6 +181,8 @@ class _Header:
         if model not in COEFFICIENTS:
             raise FormatError(f"{model!r} is no distortion", f"{self._path}: keyword DISTMOD")
         count = int(self.number("NDIST"))
+        if not 0 <= count <= len(self._cards):
+            raise FormatError(f"is {count}", f"{self._path}: keyword NDIST")
         distortion = np.array([self.number(f"DIST_{number + 1}") for number in range(count)])
         focal_mm = self.number("FOCALMM")
         return Camera(

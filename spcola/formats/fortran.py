@@ -9,7 +9,8 @@ import numpy as np
 LARGEST_NUMBER = 1e100
 """Nothing measured is larger; its square still is a double."""
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([DdEe][+-]?\d+|[+-]\d{3})?")
+# One way alone to take each digit: two would take the square of their number in a long row of them.
+_NUMBER = re.compile(r"[+-]?(\d+(?:\.\d*)?|\.\d+)([DdEe][+-]?\d+|[+-]\d{3})?")
 _EXPONENT = re.compile(r"(?<=[\d.])[Dd]?(?=[+-]\d)|[Dd]")
 
 

@@ -303,8 +303,14 @@ def test_a_real_process_prints_json_and_nothing_else(folder: Path, table: Path) 
     assert err.startswith("error: ")
 
 
+def endless_table(path: Path) -> Path:
+    """Write a table whose reading takes some seconds: a return, and comments behind it."""
+    path.write_bytes(b"x_m,y_m,z_m\n1,2,3\n" + b"#\n" * 6_000_000)
+    return path
+
+
 def test_ctrl_c_leaves_the_workspace_usable(folder: Path, table: Path) -> None:
-    os.mkfifo(folder / "endless.csv")  # reading it waits for ever
+    endless_table(folder / "endless.csv")
     # A job in the background of a shell would hand down that interrupts are ignored.
     heed = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
     with program("import", folder, folder / "endless.csv", preexec_fn=heed) as process:
@@ -321,8 +327,7 @@ def test_ctrl_c_leaves_the_workspace_usable(folder: Path, table: Path) -> None:
 
 def test_an_import_that_is_killed_keeps_what_it_had_imported(folder: Path, table: Path) -> None:
     """… and leaves no half scan; the next one goes on where it was."""
-    endless = folder / "endless.csv"
-    os.mkfifo(endless)  # its reading waits for what never comes
+    endless = endless_table(folder / "endless.csv")
     with program("import", folder, table, endless) as process:
         until = time.monotonic() + 60
         while not list((folder / "scans").glob("[!.]*.h5")) and time.monotonic() < until:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -20,7 +21,7 @@ from lidar.overlaps import (
 )
 from lidar.returns import Returns
 from spcola.arrays import FloatArray
-from spcola.errors import FormatError, SettingsError, WorkspaceError
+from spcola.errors import FormatError, SettingsError
 from spcola.maplet import MapletGrid
 
 AXES = np.linalg.qr(np.array([[1.0, 0.2, -0.1], [-0.3, 1.0, 0.2], [0.1, -0.2, 1.0]]))[0]
@@ -338,13 +339,33 @@ def test_an_adjustment_is_read_as_it_was_written(tmp_path: Path) -> None:
 def test_a_damaged_adjustment_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "adjustment.h5"
     path.write_bytes(b"no HDF5")
-    with pytest.raises(WorkspaceError, match="make the mapolas again"):
+    with pytest.raises(FormatError, match="make the mapolas again"):
         read_adjustment(path)
     found = unadjusted(NAMES, NODES, OPTIONS)
     write_adjustment(path, found)
     content = path.read_bytes()
+    # HDF5 has a sum of each of its structures, names of forms included.
     path.write_bytes(content.replace(b"scan adjustment 2", b"scan adjustment 9"))
-    with pytest.raises(FormatError, match="is not"):
+    with pytest.raises(FormatError, match="is damaged"):
+        read_adjustment(path)
+    path.write_bytes(content)
+    with h5py.File(path, "r+") as file:
+        file.attrs["format"] = "spcola scan adjustment 9"
+    with pytest.raises(FormatError, match="but not 'spcola scan adjustment 2'"):
+        read_adjustment(path)
+
+
+@pytest.mark.parametrize(
+    ("layer", "value"),
+    [("covariance", np.nan), ("covariance", -1.0), ("covariance", 0.0), ("displacement", np.inf)],
+)
+def test_an_adjustment_that_is_none_is_refused(tmp_path: Path, layer: str, value: float) -> None:
+    """Eigenvalues of such a covariance may never be found."""
+    path = tmp_path / "adjustment.h5"
+    write_adjustment(path, unadjusted(NAMES, NODES, OPTIONS))
+    with h5py.File(path, "r+") as file:
+        file[layer][0, 0] = value
+    with pytest.raises(FormatError, match=layer):
         read_adjustment(path)
 
 

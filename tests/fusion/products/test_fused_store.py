@@ -83,7 +83,7 @@ def test_each_part_corrupted_once(tmp_path, fused) -> None:
         path.write_bytes(whole)
     with h5py.File(path, "r+") as file:
         file.attrs["format"] = "spcola mapolas 2"
-    with pytest.raises(FormatError, match="is not 'spcola fused maplets 1'"):
+    with pytest.raises(FormatError, match="is an HDF5 file, but not 'spcola fused maplets 1'"):
         fused_names(tmp_path)
     path.write_bytes(whole[: len(whole) // 3])
     with pytest.raises(FormatError, match="is damaged"):
