@@ -23,6 +23,8 @@ AHEAD = 2
 # Between kernels a worker needs the interpreter for microseconds; by default whoever has it need
 # not give it up for five milliseconds.
 _SWITCH_S = 2e-4
+# More threads than any machine has cores only take memory: each holds returns of its own.
+_MOST_WORKERS = 1024
 
 
 class Executor(Protocol):
@@ -59,12 +61,12 @@ class ThreadExecutor:
     Raises
     ------
     SettingsError
-        If `workers` is less than 1.
+        If `workers` is less than 1, or more than 1024.
     """
 
     def __init__(self, workers: int | None = None) -> None:
-        if workers is not None and workers < 1:
-            raise SettingsError(f"must be at least 1, not {workers}", "workers")
+        if workers is not None and not 1 <= workers <= _MOST_WORKERS:
+            raise SettingsError(f"must be 1 to {_MOST_WORKERS}, not {workers}", "workers")
         self.workers = workers or usable_cores()
 
     def stream(

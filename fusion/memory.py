@@ -9,6 +9,9 @@ from spcola.errors import WorkspaceError
 BYTES_PER_POINT = 200
 """Layers of 8 bytes that a grid point needs at least while heights are solved for: some 25."""
 
+PROGRAM_BYTES = 2.6e8
+"""The program itself, with its libraries."""
+
 
 def check_grid(half_size: float, where: str, do: str) -> None:
     """Refuse a grid of (2q+1)² points that this machine cannot hold.

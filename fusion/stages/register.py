@@ -52,7 +52,7 @@ class RegisterStage:
     """Mapolas and SPC surface → registration.json."""
 
     name: str = "register"
-    version: int = 11
+    version: int = 12
     needs: tuple[str, ...] = ("mapolas",)
     places: tuple[str, ...] = ("registration.json",)
     tables: tuple[type[Table], ...] = (

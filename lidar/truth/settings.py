@@ -20,6 +20,10 @@ _SIGMAS = ("range_sigma", "slope_noise", "trajectory_sigma", "pointing_sigma", "
 _SHARES = ("stray_share", "dropout_share", "overflow_share", "missing_share")
 
 
+# A raster of 1e10 shots: what a mission sends in years.
+_MOST_LINES = 100_000
+
+
 @dataclass(frozen=True)
 class LidarSettings:
     """What the scans are like; the error levels are what is published for Bennu.
@@ -85,6 +89,8 @@ class LidarSettings:
     def __post_init__(self) -> None:
         if not 0 < 2 * self.spacing <= self.width < np.inf:
             raise SettingsError("needs a width of two spacings at least, metres", "scans")
+        if self.width > _MOST_LINES * self.spacing:
+            raise SettingsError(f"has more than {_MOST_LINES} lines: spacing too small", "scans")
         if not all(0 <= getattr(self, name) < np.inf for name in _SIGMAS):
             raise SettingsError("must not be negative", "error levels of the scans")
         shares = [getattr(self, name) for name in _SHARES]

@@ -72,6 +72,10 @@ def outcome(root: Path, settings: Settings, stage: str) -> str:
         run = pipeline.run_stage(stage, force=True)
     except SpcolaError as error:
         return f"refused: {error}"
+    except OSError as error:
+        if error.filename is None:
+            raise
+        return f"refused: {error.filename!s:.60}: {error.strerror}"
     except MemoryError as error:
         return f"no memory: {error}"
     return run.state

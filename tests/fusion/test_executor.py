@@ -88,3 +88,9 @@ def test_at_least_one_worker_is_needed() -> None:
 
 def test_by_default_there_is_a_worker() -> None:
     assert ThreadExecutor().workers >= 1
+
+
+@pytest.mark.parametrize("workers", [-1, 0, 1025, 2**63])
+def test_an_absurd_number_of_workers_is_refused(workers: int) -> None:
+    with pytest.raises(SettingsError, match=f"must be 1 to 1024, not {workers}"):
+        ThreadExecutor(workers)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from fusion.executor import ThreadExecutor
-from fusion.forecast import BYTES_PER_RETURN, PROGRAM_BYTES, mapolas_forecast
+from fusion.forecast import BYTES_PER_RETURN, mapolas_forecast
 from fusion.initialise import new_workspace
+from fusion.memory import PROGRAM_BYTES
 from fusion.pipeline import Pipeline
 from fusion.settings import Settings
 from fusion.stages import ingest, mapolas
