@@ -12,7 +12,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from lidar.formats.las_crs import LasSystem, las_system
-from lidar.formats.laz import check_chunk_table
+from lidar.formats.laz import check_chunk_table, try_decompressor
 from lidar.formats.options import LidarOptions
 from lidar.formats.screening import Agreement, Records, Screen
 from lidar.scan import Scan
@@ -66,6 +66,8 @@ def read_las(path: Path, options: LidarOptions) -> Iterator[Scan]:
         with _decoding(path, "its header"):
             _check_header(path, header, options)
             units = np.array(_system(path, reader).units_m(path, options.unit))
+            if header.are_points_compressed:
+                try_decompressor(path, header)
         chunks, count = reader.chunk_iterator(options.chunk), 0
         while True:
             with _decoding(path, f"after return {count}"):

@@ -1,4 +1,4 @@
-"""The chunk table of LAZ files, checked before the native decompressor believes it.
+"""LAZ files, checked before the native decompressor believes them.
 
 Points are packed in chunks; a table behind them says how many bytes (and, of chunks of different
 length, how many points) each has. The decompressor makes room for whatever it says, and brings
@@ -8,6 +8,8 @@ the process down where there is none. The layout is that of LASzip's specificati
 from __future__ import annotations
 
 import struct
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,27 @@ _FIRST_LAYERED = 10
 # Layers by the kind of item: point, colours, colours with infrared, wave packet; extra bytes have
 # one each.
 _LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
+
+
+# What the decompressor itself says of damaged points, the reading that follows says again.
+_TRIAL = """
+import resource, sys
+sys.path.insert(0, sys.argv[1])
+import lazrs
+path, packing = sys.argv[2], bytes.fromhex(sys.argv[3])
+begin, left, size = map(int, sys.argv[4:])
+resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+resource.setrlimit(resource.RLIMIT_AS, (1 << 33, 1 << 33))
+room = bytearray(size * min(left, 1_000_000))
+with open(path, "rb") as stream:
+    stream.seek(begin)
+    decompressor = lazrs.ParLazDecompressor(stream, packing)
+    while left:
+        count = min(left, 1_000_000)
+        decompressor.decompress_many(memoryview(room)[: count * size])
+        left -= count
+"""
+_TRIAL_S, _TRIAL_S_PER_MB = 60.0, 2.0
 
 
 def check_chunk_table(path: Path, header: Any) -> None:
@@ -111,3 +134,43 @@ def _table_begin(path: Path, stream: Any, begin: int, size: int) -> int:
 
 def _refusal(path: Path, what: str) -> FormatError:
     return FormatError(f"{what}: it is cut off or damaged", f"{path}, chunk table", _AGAIN)
+
+
+def try_decompressor(path: Path, header: Any) -> None:
+    """Unpack all points of a LAZ file in a process of its own, and forget them.
+
+    The decompressor is native code, and some damaged points bring its process down. Here that is
+    a line and no end of the program. It is one more reading of the file.
+
+    Parameters
+    ----------
+    path : Path
+    header : laspy.LasHeader
+
+    Raises
+    ------
+    FormatError
+        If that process died, or did not end in time.
+    """
+    import lazrs  # noqa: PLC0415  (only LAZ needs it)
+
+    packing = bytes(header.vlrs.get("LasZipVlr")[0].record_data)
+    folder = str(Path(lazrs.__file__).resolve().parents[1])
+    numbers = [int(header.offset_to_point_data), int(header.point_count)]
+    words = [folder, str(path), packing.hex(), *map(str, numbers), str(header.point_format.size)]
+    # Without the site's modules an interpreter starts in a few hundredths of a second.
+    command = [sys.executable, "-I", "-S", "-c", _TRIAL, *words]
+    patience = _TRIAL_S + _TRIAL_S_PER_MB * path.stat().st_size / 1e6
+    try:
+        code = subprocess.run(
+            command,
+            check=False,
+            timeout=patience,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        ).returncode
+    except subprocess.TimeoutExpired:
+        raise _refusal(path, f"takes more than {patience:.0f} s to unpack") from None
+    if code < 0:
+        raise _refusal(path, f"has points that bring the decompressor down (signal {-code})")
