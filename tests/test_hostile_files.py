@@ -27,8 +27,9 @@ from spcola.errors import FormatError, KernelError, SpcolaError
 from spcola.formats.fits import read_fits_image
 from spcola.formats.hdf5 import reading_hdf5, replacing_hdf5, stored
 from spcola.formats.icq import read_icq, write_icq
-from spcola.formats.kernel_text import expand_meta_kernels, prime_meridians
+from spcola.formats.kernel_text import expand_meta_kernels
 from spcola.formats.obj import read_obj, write_obj
+from spcola.formats.pck import orientation_of
 from spcola.formats.shape import read_shape
 from spcola.formats.transfer import Daf, DafArray, encode_daf, read_transfer
 from spcola.icq import IcqShape, icq_directions
@@ -266,15 +267,15 @@ def kernel(path: Path, data: str) -> Path:
 def test_a_long_word_in_a_kernel_takes_no_time(tmp_path: Path, data: str) -> None:
     """It took the square of its length, minutes for a file of 200 kB."""
     path = kernel(tmp_path / "a.tpc", f"{data}\nBODY1_PM = ( 1 2 )")
-    assert [one.w0_deg for one in prime_meridians(path)] == [1.0]
+    assert orientation_of(path).constants == {"BODY1_PM": (1.0, 2.0)}
 
 
 def test_numbers_of_bodies_are_those_of_spice(tmp_path: Path) -> None:
     path = kernel(tmp_path / "a.tpc", f"BODY{NINES}_PM = ( 1 2 )\nBODY7_PM = ( 3 4 )")
-    assert [one.body for one in prime_meridians(path)] == [7]
+    assert orientation_of(path).bodies == (7,)
     kernel(path, f"BODY7_PM = ( {NINES} 1 )")
     with pytest.raises(KernelError, match="is not a list of numbers"):
-        prime_meridians(path)
+        orientation_of(path)
 
 
 def test_meta_kernels_that_list_themselves_or_explode_are_refused(tmp_path: Path) -> None:

@@ -295,3 +295,10 @@ def test_real_las_and_laz(shared_data: Path) -> None:
     assert not any(chunk.rejected for chunk in chunks)
     with pytest.raises(FormatError, match="GPS week"):
         read_scan(folder / "simple.las", options=LidarOptions(gps_time=True))
+
+
+def test_points_that_crash_the_decompressor_are_one_line() -> None:
+    """A file of the fuzzing bench: the native decompressor ends its process by signal 11."""
+    path = Path(__file__).parent / "data" / "points_that_crash.laz"
+    with pytest.raises(FormatError, match="bring the decompressor down"):
+        read_scan(path)
