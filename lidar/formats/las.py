@@ -66,8 +66,8 @@ def read_las(path: Path, options: LidarOptions) -> Iterator[Scan]:
         with _decoding(path, "its header"):
             _check_header(path, header, options)
             units = np.array(_system(path, reader).units_m(path, options.unit))
-            if header.are_points_compressed:
-                try_decompressor(path, header)
+        if header.are_points_compressed:
+            try_decompressor(path, header)
         chunks, count = reader.chunk_iterator(options.chunk), 0
         while True:
             with _decoding(path, f"after return {count}"):

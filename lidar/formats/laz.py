@@ -33,7 +33,9 @@ import lazrs
 path, packing = sys.argv[2], bytes.fromhex(sys.argv[3])
 begin, left, size = map(int, sys.argv[4:])
 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-resource.setrlimit(resource.RLIMIT_AS, (1 << 33, 1 << 33))
+hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+most = 1 << 33 if hard == resource.RLIM_INFINITY else min(hard, 1 << 33)
+resource.setrlimit(resource.RLIMIT_AS, (most, most))
 room = bytearray(size * min(left, 1_000_000))
 with open(path, "rb") as stream:
     stream.seek(begin)
