@@ -127,7 +127,7 @@ def describe_file(path: Path, *, faces_from: FacesFrom = 1) -> dict[str, Any]:
         raise WorkspaceError("is not there", path)
     if not path.is_file():
         raise WorkspaceError(
-            "is a pipe or a device, no regular file", path, "save what comes out of it to a file"
+            "is a pipe or a device, not a regular file", path, "write its content to a file first"
         )
     if path.name in _RESULTS:
         raise FormatError("is a result of a workspace", path, "name the workspace")

@@ -21,9 +21,11 @@ from spcola.coverage import (
     Track,
     pointing_tracks,
     position_track,
+    segment_epochs,
+    segments_of,
 )
 from spcola.errors import KernelError
-from spcola.formats.daf import DISCRETE_TYPES, check_daf, daf_segments, is_daf, state_epochs
+from spcola.formats.daf import check_daf, is_daf
 from spcola.formats.kernel_text import expand_meta_kernels
 from spcola.formats.transfer import convert_transfer, is_transfer
 from spcola.rotationcheck import KernelUse, settle_rotation
@@ -271,14 +273,19 @@ def state_times(path: str | Path) -> FloatArray:
     KernelError
         If the file is no SPK or holds no such segment.
     """
-    times = [
-        state_epochs(segment.values, path)
-        for segment in daf_segments(path)
-        if segment.integers[3] in DISCRETE_TYPES
-    ]
-    if not times:
-        raise KernelError("holds no discrete states (SPK types 9, 13)", path, "state the times")
-    return np.unique(np.concatenate(times))
+    times: list[FloatArray] = []
+    # CSPICE follows what a damaged file says of itself, and dies of it.
+    check_daf(Path(path))
+    with SPICE_LOCK, _kernel_errors(path):
+        handle = spiceypy.dafopr(str(path))
+        try:
+            times = [segment_epochs(handle, integers) for _, _, integers in segments_of(handle)]
+        finally:
+            spiceypy.dafcls(handle)
+    found = np.unique(np.concatenate([np.empty(0), *times]))
+    if not len(found):
+        raise KernelError("holds no discrete states", path, "state the times")
+    return found
 
 
 def _ready(path: Path, target: Path) -> Path:

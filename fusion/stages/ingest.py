@@ -230,7 +230,8 @@ class IngestStage:
             If that is so of a scan whose file is gone, two files hold one scan, or something is
             lost: a scan, or returns of a file that has changed.
         """
-        workspace, settings = context.workspace, context.settings
+        # Workers elsewhere get what their function names: not the whole context.
+        workspace, settings, scratch = context.workspace, context.settings, context.scratch
         repair = Repair.of(context)
         due = repair.due(lambda source: _key(source, settings))
         # The shape is read only if a scan is.
@@ -238,9 +239,8 @@ class IngestStage:
 
         def one(path: Path) -> ScanSummary:
             options = lidar_options(due[path].source, settings, path.stem, limits)
-            return _write(
-                context.scratch / path.name, options, due[path].source, settings, due[path].digest
-            )
+            source, digest = due[path].source, due[path].digest
+            return _write(scratch / path.name, options, source, settings, digest)
 
         again = dict(zip(due, context.map("import", one, due), strict=True))
         notes = repair.taken(due, again)

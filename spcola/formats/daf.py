@@ -108,7 +108,8 @@ def state_epochs(values: FloatArray, path: str | Path) -> FloatArray:
         If they are not, or the epochs do not rise.
     """
     degree, number = values[-2:] if len(values) > 1 else (0.0, 0.0)
-    whole = number % 1 == 0 and degree % 1 == 0 and 1 <= degree <= _LARGEST_DEGREE
+    finite = np.isfinite(number) and np.isfinite(degree)
+    whole = finite and number % 1 == 0 and degree % 1 == 0 and 1 <= degree <= _LARGEST_DEGREE
     count = int(number) if whole and 0 < number < len(values) else 0
     if count == 0 or len(values) != 7 * count + (count - 1) // 100 + 2:
         raise KernelError(f"has {number:g} states in {len(values)} numbers", path, _AGAIN)

@@ -244,7 +244,7 @@ def test_a_pipe_is_called_what_it_is(folder: Path) -> None:
         process = program(*words, stdin=subprocess.PIPE)
         output, errors = process.communicate("x [m],y [m],z [m]\n1,2,3\n", timeout=60)
         assert (process.returncode, output) == (1, "")
-        assert "no regular file" in errors
+        assert "not a regular file" in errors
         assert errors.count("\n") == 1
 
 

@@ -230,7 +230,10 @@ def test_images_that_match_nowhere_give_no_scale_and_it_is_said(copied: Path) ->
     settings = copied / "spcola.toml"
     text = settings.read_text(encoding="utf-8")
     settings.write_text(re.sub(r"capture_m = 5\.0", "capture_m = 0.01", text), encoding="utf-8")
-    summary = command("scale", copied)
+    result = CliRunner().invoke(app, ["scale", str(copied), "--json"])
+    assert result.exit_code == 1
+    assert "[scale-not-observed]" in result.stderr
+    summary = json.loads(result.stdout)["summary"]
     assert summary["epsilon"] is None
     assert "nothing is observed" in summary["reasons"][0]
     ran = json.loads(CliRunner().invoke(app, ["run", str(copied), "--json"]).stdout)

@@ -55,7 +55,7 @@ FOREIGN = {
     "GIF": (lambda path: image(path, "GIF"), "is a GIF image"),
     "ZIP": (packed, "is a ZIP archive; unpack it first"),
     "gzip": (lambda path: path.write_bytes(gzip.compress(b"v 1 2 3")), "is a gzip file; unpack"),
-    "HDF5": (hdf5, "is an HDF5 file, but no native scan"),
+    "HDF5": (hdf5, "is an HDF5 file, but not"),
     "NPY": (lambda path: path.write_bytes(b"\x93NUMPY\x01\0v\0"), "is a NumPy array"),
     "SQLite": (lambda path: path.write_bytes(b"SQLite format 3\0"), "is an SQLite database"),
     "PDF": (lambda path: path.write_bytes(b"%PDF-1.7\n"), "is a PDF document"),

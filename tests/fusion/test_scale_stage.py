@@ -88,8 +88,9 @@ def test_ryugu_turned_is_recognised_as_a_misfit(ryugu, shared_data, tmp_path, tu
     turned.write_text("\n".join(lines) + "\n")
     workspace = tmp_path / "WS"
     shutil.copytree(ryugu, workspace)
-    for scan in (workspace / "scans").iterdir():
-        scan.unlink()
+    for left in ("scans", "provenance"):
+        shutil.rmtree(workspace / left)
+    (workspace / "catalog.sqlite").unlink()
     run("import", workspace, turned)
     printed = run("scale", workspace, "--method", "shots", code=1)
     assert "verdict: refused" in printed

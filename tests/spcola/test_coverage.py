@@ -224,6 +224,6 @@ def test_a_count_that_does_not_fit_is_refused(tmp_path: Path, kind: int, count: 
     spacecraft, frame = ("", FRAME) if kind == 0 else (CRAFT, "")
     with (
         KernelSet([path, *texts(tmp_path)]).load(),
-        pytest.raises(KernelError, match=r"a segment of \d+ numbers states"),
+        pytest.raises(KernelError, match=r"a segment of \d+ numbers states|states in \d+ numbers"),
     ):
         coverage(spacecraft, frame=frame)
