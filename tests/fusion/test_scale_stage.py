@@ -91,6 +91,7 @@ def test_ryugu_turned_is_recognised_as_a_misfit(ryugu, shared_data, tmp_path, tu
     for left in ("scans", "provenance"):
         shutil.rmtree(workspace / left)
     (workspace / "catalog.sqlite").unlink()
+    (workspace / "scans").mkdir()
     run("import", workspace, turned)
     printed = run("scale", workspace, "--method", "shots", code=1)
     assert "verdict: refused" in printed

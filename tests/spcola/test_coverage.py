@@ -223,7 +223,7 @@ def test_a_count_that_does_not_fit_is_refused(tmp_path: Path, kind: int, count: 
     path.write_bytes(content)
     spacecraft, frame = ("", FRAME) if kind == 0 else (CRAFT, "")
     with (
-        KernelSet([path, *texts(tmp_path)]).load(),
         pytest.raises(KernelError, match=r"a segment of \d+ numbers states|states in \d+ numbers"),
+        KernelSet([path, *texts(tmp_path)]).load(),
     ):
         coverage(spacecraft, frame=frame)
