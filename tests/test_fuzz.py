@@ -12,7 +12,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "scripts" / "bench"))
 
 import fuzz
 
-INPUTS = 60
+INPUTS = 40
 
 
 @pytest.mark.parametrize("kind", fuzz.KINDS)

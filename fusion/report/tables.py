@@ -10,7 +10,7 @@ import numpy as np
 
 from fusion.report.data import ReportData
 from fusion.truth.recovery import Recovered
-from fusion.verdict import JUDGEMENTS, Finding, Severity
+from fusion.verdict import JUDGEMENTS, Code, Finding, Severity
 
 # Beyond this many sigmas a recovered number disagrees with what was planted.
 _SUSPICIOUS_PULL = 3.0
@@ -48,11 +48,16 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, caption: str = 
 def verdicts_box(data: ReportData) -> str:
     """Whether the results may be used, and every finding that speaks against them; "" if unjudged.
 
-    Notes, which only say what is weakly determined, stand with the numbers that they are about.
+    Notes, which only say what is weakly determined, stand with the numbers that they are about; but
+    that the lidar fits in another frame is what a reader needs first.
     """
     rows = []
     for stage, verdict in data.verdicts.items():
-        grave = [one for one in verdict.findings if one.severity is not Severity.NOTE]
+        grave = [
+            one
+            for one in verdict.findings
+            if one.severity is not Severity.NOTE or one.code is Code.FITS_OTHERWISE
+        ]
         found = "".join(f"<li>{_finding(one, data.accepted)}</li>" for one in grave)
         listed = f'<ul class="reasons">{found}</ul>' if found else ""
         rows.append(f"<p><strong>{escape(stage)}: {verdict.judgement}</strong></p>{listed}")

@@ -142,12 +142,14 @@ def test_checks_of_the_registration_and_what_it_hardly_determines_are_shown(repo
 def test_what_speaks_against_a_result_stands_before_all_else(report_data) -> None:
     grave = Finding(Code.STRAIN, Severity.DOUBTFUL, "sheared by <b>")
     note = Finding(Code.WEAKLY_DETERMINED, Severity.NOTE, "weak")
-    verdicts = {"register": Verdict((grave, note)), "scale": Verdict()}
+    fits = Finding(Code.FITS_OTHERWISE, Severity.NOTE, "fits when turned")
+    verdicts = {"register": Verdict((grave, note, fits)), "scale": Verdict()}
     page = make_report(replace(report_data, verdicts=verdicts))
     box = page[page.index('<div class="verdict doubtful">') : page.index("<section")]
     assert "register: doubtful" in box
     assert "scale: accepted" in box
     assert "sheared by &lt;b&gt; <code>[strain]</code>" in box
     assert "weak" not in box
+    assert "fits when turned" in box
     accepted = make_report(replace(report_data, verdicts=verdicts, accepted=("strain",)))
     assert "[strain, accepted]" in accepted
