@@ -244,8 +244,12 @@ class Catalog:
                 raise sqlite3.DatabaseError(f"schema {found}")
             self._base.executescript(f"{_SCHEMA} PRAGMA user_version = {_SCHEMA_VERSION};")
         else:
-            for table in ("artefact", "input", "kept", "stage", "file"):
-                self._base.execute(f"SELECT * FROM {table} LIMIT 1").fetchone()
+            try:
+                for table in ("artefact", "input", "kept", "stage", "file"):
+                    self._base.execute(f"SELECT * FROM {table} LIMIT 1").fetchone()
+            except UnicodeDecodeError as error:
+                # Names of columns are decoded by the module, whatever the rows are.
+                raise sqlite3.DatabaseError("damaged") from error
             if self._base.execute("PRAGMA quick_check").fetchone()[0] != "ok":
                 raise sqlite3.DatabaseError("damaged")
         if fresh:

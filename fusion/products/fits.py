@@ -189,7 +189,9 @@ def _layers(cube: FloatArray, planes: Mapping[str, int], path: str | Path) -> di
         if not 0 <= planes.get(name, -1) < len(cube):
             raise FormatError(f"has no plane {name!r}", path)
     height, albedo, sigma = (cube[planes[name]].T for name in _NEEDED)
-    layers: dict[str, AnyArray] = {"height": height * KM, "albedo": albedo, "sigma": sigma}
+    with np.errstate(over="ignore"):
+        # What is infinite in metres is refused by the maplet.
+        layers: dict[str, AnyArray] = {"height": height * KM, "albedo": albedo, "sigma": sigma}
     for key, (name, _) in zip(("count", "source"), _FUSED_PLANES, strict=True):
         if 0 <= planes.get(name, -1) < len(cube):
             plane = cube[planes[name]].T

@@ -220,7 +220,7 @@ def replacing_hdf5(path: str | Path) -> Iterator[Any]:
 
 def seal(file: Any) -> None:
     """Give a file a checksum of all that it holds but the values of its datasets, as `sealed`."""
-    file.attrs[_SEAL] = _digest(file)
+    file.attrs[_SEAL] = stored(_digest(file))
 
 
 def sealed(file: Any) -> bool | None:
@@ -229,8 +229,7 @@ def sealed(file: Any) -> bool | None:
     It covers the names of all groups and datasets, their attributes, and types and shapes of
     datasets; not their values, which are to have checksums among the attributes.
     """
-    stated = file.attrs.get(_SEAL)
-    return None if stated is None else bool(stated == _digest(file))
+    return read_text(file, _SEAL) == _digest(file) if _SEAL in file.attrs else None
 
 
 def _plain(value: Any) -> Any:

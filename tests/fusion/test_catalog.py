@@ -168,3 +168,17 @@ def test_every_flipped_byte_of_the_catalogue_leaves_the_records_as_they_are(
         assert damaged.record("fuse") == record_of(workspace), place
         assert damaged.digest(workspace.root / "spcola.toml") == digest, place
         damaged.close()
+
+
+def test_a_damaged_name_of_a_column_is_mended(workspace: Workspace) -> None:
+    catalog = Catalog(workspace)
+    catalog.store(record_of(workspace))
+    catalog.close()
+    path = workspace.root / CATALOG_FILE
+    whole = path.read_bytes()
+    assert whole.count(b"digest TEXT") > 0
+    path.write_bytes(whole.replace(b"digest TEXT", b"d\xccgest TEXT"))
+    mended = Catalog(workspace)
+    assert mended.record("fuse") == record_of(workspace)
+    assert "was damaged; made again" in mended.notes[0]
+    mended.close()

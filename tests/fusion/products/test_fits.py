@@ -157,6 +157,7 @@ def test_each_needed_plane_missing(written, plane) -> None:
         (lambda u: u[0].data.__setitem__((10, 3, 3), 1.5), "no whole number"),
         (lambda u: u[0].data.__setitem__((8, 3, 3), -1.0), "negative sigma"),
         (lambda u: u[1].data.__setitem__((3, 3), np.inf), "infinite height"),
+        (lambda u: u[1].data.__setitem__((3, 3), 1e307), "infinite height"),
         (lambda u: u[2].data.__setitem__((5, 0), -1.0), "must be positive"),
         (lambda u: u[2].data.__setitem__((1, 0), 3.0), "not orthonormal"),
         (lambda u: u[2].data.__setitem__((0, 0), np.nan), "not finite"),

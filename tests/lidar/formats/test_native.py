@@ -169,6 +169,16 @@ def test_a_changed_attribute_fails_its_checksum(
             read(path)
 
 
+def test_no_text_lies_where_hdf5_keeps_no_checksum(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    write_scan(path, [scan_of(5000)])
+    with h5py.File(path) as file:
+        nodes = [file, *file.values()]
+        types = [node.attrs.get_id(name).dtype for node in nodes for name in node.attrs]
+    # Texts of variable length: a flipped bit among them makes HDF5 search without end.
+    assert types and not any(kind.kind == "O" for kind in types)
+
+
 def test_a_scan_of_the_version_without_that_checksum_is_read(tmp_path: Path) -> None:
     path, scan = tmp_path / "a.h5", scan_of(100)
     write_scan(path, [scan])
