@@ -157,7 +157,6 @@ def test_each_needed_plane_missing(written, plane) -> None:
         (lambda u: u[0].data.__setitem__((10, 3, 3), 1.5), "no whole number"),
         (lambda u: u[0].data.__setitem__((8, 3, 3), -1.0), "negative sigma"),
         (lambda u: u[1].data.__setitem__((3, 3), np.inf), "infinite height"),
-        (lambda u: u[1].data.__setitem__((3, 3), 1e307), "infinite height"),
         (lambda u: u[2].data.__setitem__((5, 0), -1.0), "must be positive"),
         (lambda u: u[2].data.__setitem__((1, 0), 3.0), "not orthonormal"),
         (lambda u: u[2].data.__setitem__((0, 0), np.nan), "not finite"),
@@ -196,3 +195,13 @@ def test_cut_between_two_units_is_noticed(written) -> None:
 def test_folder_missing_is_one_line(tmp_path, fused, provenance) -> None:
     with pytest.raises(WorkspaceError, match="create the folder"):
         write_fits_dtm(tmp_path / "none" / "x.fits", fused, provenance)
+
+
+def test_kilometres_beyond_all_numbers_are_infinite_heights(written) -> None:
+    def huge(units) -> None:
+        units[0].header["SOFTWARE"] = "another"
+        units[0].data = np.where(np.isfinite(units[0].data), 1e307, np.nan)
+        del units["HEIGHT_M"]
+
+    with pytest.raises(FormatError, match="infinite height"):
+        read_fits_dtm(altered(written, huge))
