@@ -41,6 +41,8 @@ _FUSED_PLANES: tuple[tuple[str, str], ...] = (
     ("Number of OLA points used", "lidar returns in the cell"),
     ("Source", "0 none 1 image 2 lidar 3 both 4 filled"),
 )
+# Whole numbers from here on are not exact in FITS' floating point.
+_MOST = 2.0**53
 _NEEDED = ("Height relative to normal plane", "Relative albedo", "Sigma")
 
 
@@ -195,7 +197,7 @@ def _layers(cube: FloatArray, planes: Mapping[str, int], path: str | Path) -> di
     for key, (name, _) in zip(("count", "source"), _FUSED_PLANES, strict=True):
         if 0 <= planes.get(name, -1) < len(cube):
             plane = cube[planes[name]].T
-            if not np.array_equal(plane, np.rint(plane)):
+            if not (np.array_equal(plane, np.rint(plane)) and np.all(np.abs(plane) < _MOST)):
                 raise FormatError(f"plane {name!r} holds a value that is no whole number", path)
             layers[key] = plane.astype(np.int64)
     return layers

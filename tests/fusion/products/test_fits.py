@@ -155,6 +155,7 @@ def test_each_needed_plane_missing(written, plane) -> None:
     [
         (lambda u: u[0].data.__setitem__((11, 3, 3), 9.0), "not 0 … 4"),
         (lambda u: u[0].data.__setitem__((10, 3, 3), 1.5), "no whole number"),
+        (lambda u: u[0].data.__setitem__((10, 3, 3), 1e30), "no whole number"),
         (lambda u: u[0].data.__setitem__((8, 3, 3), -1.0), "negative sigma"),
         (lambda u: u[1].data.__setitem__((3, 3), np.inf), "infinite height"),
         (lambda u: u[2].data.__setitem__((5, 0), -1.0), "must be positive"),
@@ -200,7 +201,8 @@ def test_folder_missing_is_one_line(tmp_path, fused, provenance) -> None:
 def test_kilometres_beyond_all_numbers_are_infinite_heights(written) -> None:
     def huge(units) -> None:
         units[0].header["SOFTWARE"] = "another"
-        units[0].data = np.where(np.isfinite(units[0].data), 1e307, np.nan)
+        units[0].data = units[0].data.astype(float)
+        units[0].data[6] = 1e307
         del units["HEIGHT_M"]
 
     with pytest.raises(FormatError, match="infinite height"):
