@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+# Test processes that each start as many threads of BLAS as there are cores wait for each other: one
+# test took ten times as long. The first import of NumPy reads this, and child processes inherit it.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # No test is timed: on a busy machine any example may take longer than Hypothesis allows.
 settings.register_profile("untimed", deadline=None)
