@@ -19,14 +19,14 @@ settings.load_profile("untimed")
 TESTS = Path(__file__).resolve().parent
 SHARED = TESTS.parents[1] / "shared" / "data"
 # Files that take long are started first: the last ones are short, and all cores end together. Where
-# no compiled kernels are kept yet, the first file compiles those of the heights, which most others
-# need; the next few need hardly any, so that no kernel is compiled twice at the same time.
+# no compiled kernels are kept yet, the first two compile most of them, each other ones; a file that
+# shares many with one of them comes later, so that hardly any is compiled twice at the same time.
 LONG = (
     "spcola/heights/test_solver.py",
+    "test_bad_input.py",
     "fusion/scaling/test_settling.py",
     "lidar/test_network.py",
     "fusion/scaling/test_ground.py",
-    "test_bad_input.py",
     "fusion/test_demo.py",
     "fusion/test_register_stage.py",
     "fusion/test_register_by_images.py",
