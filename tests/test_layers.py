@@ -50,7 +50,7 @@ def test_imports_point_to_the_left(package: str) -> None:
 
 
 def test_spcola_never_says_lidar() -> None:
-    saying = [path for path in MODULES["spcola"] if "lidar" in text_of(path).lower()]
+    saying = [str(path) for path in MODULES["spcola"] if "lidar" in text_of(path).lower()]
     assert not saying
 
 
