@@ -2,16 +2,47 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
+# Test processes that each start as many threads of BLAS as there are cores wait for each other: one
+# test took ten times as long. The first import of NumPy reads this, and child processes inherit it.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # No test is timed: on a busy machine any example may take longer than Hypothesis allows.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
 
-SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
+TESTS = Path(__file__).resolve().parent
+SHARED = TESTS.parents[1] / "shared" / "data"
+# Files that take long are started first: the last ones are short, and all cores end together. Where
+# no compiled kernels are kept yet, the first two compile most of them, each other ones; a file that
+# shares many with one of them comes later, so that hardly any is compiled twice at the same time.
+LONG = (
+    "spcola/heights/test_solver.py",
+    "test_bad_input.py",
+    "fusion/scaling/test_settling.py",
+    "lidar/test_network.py",
+    "fusion/scaling/test_ground.py",
+    "fusion/test_demo.py",
+    "fusion/test_register_stage.py",
+    "fusion/test_register_by_images.py",
+    "fusion/scaling/test_places.py",
+    "fusion/test_cli.py",
+    "fusion/registration/test_direct.py",
+    "fusion/registration/test_search.py",
+    "fusion/test_locating.py",
+    "spcola/test_imagematch.py",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the tests of long files first; each file keeps its order."""
+    place = {TESTS / name: number for number, name in enumerate(LONG)}
+    items.sort(key=lambda item: place.get(item.path, len(LONG)))
 
 
 @pytest.fixture(scope="session")

@@ -52,9 +52,15 @@ def registered(workspace, **keys):
     return summary, json.loads((workspace / "registration.json").read_text())
 
 
-def test_what_was_planted_is_recovered_by_images(workspace):
-    place, settings = workspace
-    summary, content = registered(place, by="images")
+@pytest.fixture(scope="module")
+def found(workspace):
+    """What each kind makes of the workspace: the summary of the stage and the registration."""
+    return {by: registered(workspace[0], by=by) for by in ("topography", "images", "both")}
+
+
+def test_what_was_planted_is_recovered_by_images(workspace, found):
+    _, settings = workspace
+    summary, content = found["images"]
     assert content["by"] == summary["by"] == "images"
     assert content["n_images"] > 10
     truth = settings.to_spc
@@ -70,11 +76,10 @@ def test_what_was_planted_is_recovered_by_images(workspace):
             assert len(entry["surface_residual_m"]) == 3
 
 
-def test_both_kinds_together_are_as_sharp_as_either(workspace):
-    found = {by: registered(workspace[0], by=by)[1] for by in ("topography", "images", "both")}
-    content = found["both"]
-    assert content["scale_sigma"] <= found["topography"]["scale_sigma"]
-    turned = [np.array(found[by]["rotation_sigma_deg"]) for by in ("both", "images")]
+def test_both_kinds_together_are_as_sharp_as_either(found):
+    content = found["both"][1]
+    assert content["scale_sigma"] <= found["topography"][1]["scale_sigma"]
+    turned = [np.array(found[by][1]["rotation_sigma_deg"]) for by in ("both", "images")]
     assert np.all(turned[0] <= 1.02 * turned[1])
     assert content["n_used"] + content["n_rejected"] == len(content["per_mapola"]) == 24
     told = [e["kinds_chi2"] for e in content["per_mapola"] if e["kinds_chi2"] is not None]
@@ -93,12 +98,12 @@ def test_both_kinds_together_are_as_sharp_as_either(workspace):
     np.testing.assert_allclose(content["residual_std_m"], left)
 
 
-def test_the_default_is_topography_and_a_wrong_function_is_refused(workspace):
-    _, content = registered(workspace[0], by="topography")
+def test_the_default_is_topography_and_a_wrong_function_is_refused(workspace, found):
+    _, content = found["topography"]
     assert content["by"] == "topography"
     assert "n_images" not in content
     path = workspace[0] / "spcola.toml"
-    text = path.read_text().replace('by = "topography"', 'by = "images"')
+    text = path.read_text().replace('by = "both"', 'by = "images"')
     path.write_text(text.replace('"lunar-lambert"', '"moonish"'))
     assert "'moonish' is none of" in run("register", workspace[0], code=1)
     path.write_text(text)

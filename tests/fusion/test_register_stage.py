@@ -301,7 +301,7 @@ def test_landmarks_that_no_image_ties_err_by_themselves(
     tmp_path: Path, landmarks: str, seen: int | None
 ) -> None:
     """No image at all (None), one that sees too few to tie them, or one that ties some."""
-    folder = made(tmp_path / "WS", lattice(16))
+    folder = made(tmp_path / "WS", lattice(10))
     with_landmarks(folder, seen=seen or 0)
     if seen is None:
         (folder / "SUMFILES" / "I0.SUM").unlink()

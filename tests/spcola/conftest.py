@@ -31,9 +31,8 @@ class Waves:
 
     def slopes(self, x, y):
         turns = x[..., None] * WAVES[:, 0] + y[..., None] * WAVES[:, 1] + PHASES
-        return np.cos(turns) @ (AMPLITUDES * WAVES[:, 0]), np.cos(turns) @ (
-            AMPLITUDES * WAVES[:, 1]
-        )
+        cosines = np.cos(turns)
+        return cosines @ (AMPLITUDES * WAVES[:, 0]), cosines @ (AMPLITUDES * WAVES[:, 1])
 
     def heights(self):
         """Heights on the grid (2q+1, 2q+1)."""

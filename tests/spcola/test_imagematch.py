@@ -24,11 +24,15 @@ def matched(waves, image, *, shift=(0.0, 0.0), height=None, **options):
     return match_image(ortho_rectify(image, view), rendered, options=ImageMatchOptions(**options))
 
 
-@pytest.mark.parametrize("pixel", [0.2, 0.5, 1.0])
+@pytest.fixture(scope="module", params=[0.2, 0.5, 1.0])
+def photographed(request, waves):
+    """A photograph with pixels of so many metres."""
+    return waves.photograph("A", [0.3, -0.2, 1.0], LIGHT, pixel=request.param, size=180)
+
+
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (0.31, -0.17), (-1.2, 0.9)])
-def test_a_planted_shift_is_recovered(waves, pixel, shift):
-    image = waves.photograph("A", [0.3, -0.2, 1.0], LIGHT, pixel=pixel, size=180)
-    found = matched(waves, image, shift=shift)
+def test_a_planted_shift_is_recovered(waves, photographed, shift):
+    found = matched(waves, photographed, shift=shift)
     assert found.reason == ""
     np.testing.assert_allclose(found.shift * waves.grid.gsd, shift, atol=0.012)
     assert found.correlation > 0.95
