@@ -49,8 +49,8 @@ def gauss_newton(
     """Displace, linearise, re-weight, solve, until the displacement settles.
 
     `layers` are the spline's coefficients, the fixed surface, sigma, and what tilts do; `known`
-    is where the displaced surface is (as :func:`displaced` takes it) and where the fixed one. After 0
-    iterations too few points are common.
+    is where the displaced surface is (as :func:`displaced` takes it) and where the fixed one is.
+    After 0 iterations too few points are common.
     """
     coefficients, fixed, sigma, tipping = layers
     shift, along = start.copy(), told.shape[1]
