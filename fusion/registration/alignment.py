@@ -7,7 +7,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy import ndimage
 
 from fusion.registration.displacing import (
     LEAST_POINTS,
@@ -16,6 +15,7 @@ from fusion.registration.displacing import (
     partial_layers,
     slope_moments,
     slopes_of,
+    spline_of,
 )
 from spcola.arrays import BoolArray, FloatArray
 from spcola.robust import biweight_scores
@@ -40,6 +40,9 @@ class Fields:
         rest on it.
     sigma : (R, C) ndarray
         Of their difference, relative.
+    tipping : (2, R, C) ndarray
+        What a tilt that rises by 1 m over the grid does to the difference, along x and along y:
+        :func:`tipping`.
     level : float
         What a filter made of a difference of 1 m that is alike everywhere.
     """
@@ -50,6 +53,7 @@ class Fields:
     fixed: FloatArray
     fixed_known: BoolArray
     sigma: FloatArray
+    tipping: FloatArray
     level: float
 
     @property
@@ -121,6 +125,32 @@ def tilts(shape: tuple[int, int]) -> FloatArray:
     return rising
 
 
+def tipping(height: FloatArray, gsd: float) -> FloatArray:
+    """What rotations about the middle of a grid do to a surface's heights, to first order.
+
+    A surface that tilts by ω along x rises by ω x, and what lies at height z above the middle moves
+    by −ω z along x: heights change by ``ω (x + z ∂z/∂x)``. Without the second term the shape of a
+    round body would speak against any rotation about the body's centre, which leaves a globe as it
+    is: on a maplet that is half a radius wide a displacement would come out a quarter too small.
+
+    Parameters
+    ----------
+    height : (R, C) ndarray
+        Above the grid's plane, metres; finite everywhere.
+    gsd : float
+        Metres.
+
+    Returns
+    -------
+    (2, R, C) ndarray
+        Metres, of tilts along x and along y that rise by 1 m over the grid.
+    """
+    rows, columns = height.shape
+    extent = gsd**2 * np.array([columns, rows])[:, None, None]
+    moved: FloatArray = tilts((rows, columns)) + height * np.stack(slopes_of(height)) / extent
+    return moved
+
+
 @dataclass(frozen=True)
 class Search:
     """How a displacement is looked for.
@@ -150,7 +180,7 @@ class Aligner:
     Attributes
     ----------
     fields : Fields
-    coefficients : (R, C) ndarray
+    coefficients : (R + 4, C + 4) ndarray
         Of the cubic spline through the moving surface.
     partials : (2, R, C) ndarray
         What a displacement does to the difference, by the slopes of the *fixed* surface, over
@@ -167,7 +197,7 @@ class Aligner:
     def of(cls, fields: Fields) -> Aligner:
         """Fit the spline, take the slopes."""
         partials = -np.stack(slopes_of(fields.fixed)) / fields.sigma
-        return cls(fields, ndimage.spline_filter(fields.moving, order=3), partials)
+        return cls(fields, spline_of(fields.moving), partials)
 
     def align(self, start: FloatArray, search: Search) -> Alignment | None:
         """Find the displacement near `start` (2,), cells, robustly (Huber, then Tukey).
@@ -207,7 +237,7 @@ class Aligner:
         """Gauss–Newton along `told` (2, K) from a displacement (2,), and the plane there."""
         fields = self.fields
         shift, plane, spread, iterations, settled = gauss_newton(
-            (self.coefficients, fields.fixed, fields.sigma),
+            (self.coefficients, fields.fixed, fields.sigma, fields.tipping),
             (fields.moving_masks, fields.fixed_known),
             np.ascontiguousarray(told),
             fields.level,
@@ -257,7 +287,8 @@ class Aligner:
         fields = self.fields
         moved, held = displaced(self.coefficients, fields.moving_masks, shift[0], shift[1])
         told = np.ascontiguousarray(told)
-        partials, difference = partial_layers(moved, fields.fixed, fields.sigma, told, fields.level)
+        others = (fields.fixed, fields.sigma, fields.tipping)
+        partials, difference = partial_layers(moved, others, told, fields.level)
         return _Linearised(partials, difference, fields.fixed_known & held, moved, told)
 
 

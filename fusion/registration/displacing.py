@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import ndimage
 
 from spcola.arrays import BoolArray, FloatArray
 from spcola.kernel import kernel, summing_kernel
@@ -18,11 +19,27 @@ _ROUNDS_OF_HUBER, _ROUNDS_OF_SPREAD = 2, 5
 _THINNED = 4
 # Steps, cells, that are small enough after so many.
 _TO_AND_FRO = 5e-3
+BORDER = 2
+"""Coefficients of a spline beyond each edge of its grid."""
+# Cells over which an edge is felt.
+_FELT = 14
+
+
+def spline_of(height: FloatArray) -> FloatArray:
+    """Coefficients (R + 4, C + 4) of the cubic spline through heights (R, C), as `displaced` uses.
+
+    Beyond its edges a surface goes on as its point reflection in the edge does. A mirrored one
+    would be level there, and a round body is steepest at the edges of its maplets: between points
+    this draws a displacement by up to a tenth of a cell.
+    """
+    wide = np.pad(height, _FELT, mode="reflect", reflect_type="odd")
+    cut = _FELT - BORDER
+    return np.ascontiguousarray(ndimage.spline_filter(wide, order=3)[cut:-cut, cut:-cut])
 
 
 @kernel
 def gauss_newton(
-    layers: tuple[FloatArray, FloatArray, FloatArray],
+    layers: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
     known: tuple[tuple[BoolArray, BoolArray], BoolArray],
     told: FloatArray,
     level: float,
@@ -31,11 +48,11 @@ def gauss_newton(
 ) -> tuple[FloatArray, FloatArray, float, int, bool]:
     """Displace, linearise, re-weight, solve, until the displacement settles.
 
-    `layers` are the spline's coefficients, the fixed surface and sigma; `known` tells where the
-    displaced surface is (as :func:`displaced` takes it) and where the fixed one. After 0
-    iterations too few points are common.
+    `layers` are the spline's coefficients, the fixed surface, sigma, and what tilts do; `known`
+    is where the displaced surface is (as :func:`displaced` takes it) and where the fixed one is.
+    After 0 iterations too few points are common.
     """
-    coefficients, fixed, sigma = layers
+    coefficients, fixed, sigma, tipping = layers
     shift, along = start.copy(), told.shape[1]
     estimate, spread = np.zeros(along + 3), 0.0
     for iteration in range(1, limits[0] + 1):
@@ -43,7 +60,7 @@ def gauss_newton(
         compared = (known[1] & held).ravel()
         if np.count_nonzero(compared) < LEAST_POINTS:
             return shift, estimate[along:], spread, 0, False
-        grids, apart = partial_layers(moved, fixed, sigma, told, level)
+        grids, apart = partial_layers(moved, (fixed, sigma, tipping), told, level)
         rows, difference = grids.reshape(along + 3, -1), apart.ravel()
         estimate[:along] = 0.0
         if iteration == 1:
@@ -131,10 +148,14 @@ def weighed_products(
 
 @kernel
 def partial_layers(
-    moved: FloatArray, fixed: FloatArray, sigma: FloatArray, told: FloatArray, level: float
+    moved: FloatArray,
+    others: tuple[FloatArray, FloatArray, FloatArray],
+    told: FloatArray,
+    level: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Partials (K + 3, R, C) and differences (R, C) over sigma.
 
+    `others` are the fixed surface, sigma, and what tilts along x and y do (2, R, C).
     Slopes are antisymmetric differences of the displaced heights and not the spline's own: its
     smoothing of noise depends on where between the points it is evaluated, and slopes that see
     that would draw the displacement to half a cell. By these a noise of the heights is not
@@ -144,20 +165,18 @@ def partial_layers(
     along = told.shape[1]
     layers = np.empty((along + 3, height, width))
     difference = np.empty(moved.shape)
+    fixed, sigma, tipping = others
     slope_x, slope_y = slopes_of(moved)
-    across = (np.arange(width) - (width - 1) / 2) / width
     for r in range(height):
-        down = (r - (height - 1) / 2) / height
         for c in range(width):
             share = 1.0 / sigma[r, c]
             difference[r, c] = share * (fixed[r, c] - moved[r, c])
             for k in range(along):
                 slope = told[0, k] * slope_x[r, c] + told[1, k] * slope_y[r, c]
                 layers[k, r, c] = -share * slope
-            share *= level
-            layers[along, r, c] = share
-            layers[along + 1, r, c] = share * across[c]
-            layers[along + 2, r, c] = share * down
+            layers[along, r, c] = share * level
+            layers[along + 1, r, c] = share * tipping[0, r, c]
+            layers[along + 2, r, c] = share * tipping[1, r, c]
     return layers, difference
 
 
@@ -188,10 +207,11 @@ def displaced(
 ) -> tuple[FloatArray, BoolArray]:
     """Cubic spline at ``(x − shift_x, y − shift_y)``, and where it is known.
 
-    It is where the nearest point is known and those around at least near to known ones: `known`
-    are the masks (R, C) of both. A displacement that is alike everywhere needs one set of weights.
+    `coefficients` are those of :func:`spline_of`. A value is known where the nearest point is known
+    and those around at least near to known ones: `known` are the masks (R, C) of both. A
+    displacement that is alike everywhere needs one set of weights.
     """
-    rows, columns = coefficients.shape
+    rows, columns = known[0].shape
     i, j = int(np.floor(-shift_y)), int(np.floor(-shift_x))
     weight_y, weight_x = _spline(-shift_y - i), _spline(-shift_x - j)
     # Neighbours that a linear interpolation would use.
@@ -199,27 +219,28 @@ def displaced(
     right = 1 if -shift_x - j > 1e-9 else 0
     lower = 1 if -shift_y - i > 0.5 else 0
     later = 1 if -shift_x - j > 0.5 else 0
-    along = np.empty(coefficients.shape)
-    value = np.empty(coefficients.shape)
-    held = np.zeros(coefficients.shape, dtype=np.bool_)
-    left, past = min(max(1 - j, 0), columns), max(min(columns - j - 2, columns), 0)
-    for r in range(rows):
+    along = np.empty((coefficients.shape[0], columns))
+    value = np.empty(known[0].shape)
+    held = np.zeros(known[0].shape, dtype=np.bool_)
+    first, past = min(max(-1 - j, 0), columns), max(min(columns - j, columns), 0)
+    for r in range(along.shape[0]):
         line = coefficients[r]
         for c in range(columns):
-            if c < left or c >= past:
+            if c < first or c >= past:
                 along[r, c] = 0.0
                 for n in range(4):
-                    along[r, c] += weight_x[n] * line[_mirrored(c + j + n - 1, columns)]
-        for c in range(left, past):
+                    along[r, c] += weight_x[n] * line[_bordered(c + j + n - 1, columns)]
+        for c in range(first, past):
+            place = c + j + BORDER
             along[r, c] = (
-                weight_x[0] * line[c + j - 1]
-                + weight_x[1] * line[c + j]
-                + weight_x[2] * line[c + j + 1]
-                + weight_x[3] * line[c + j + 2]
+                weight_x[0] * line[place - 1]
+                + weight_x[1] * line[place]
+                + weight_x[2] * line[place + 1]
+                + weight_x[3] * line[place + 2]
             )
     for r in range(rows):
-        above, here = along[_mirrored(r + i - 1, rows)], along[_mirrored(r + i, rows)]
-        below, last = along[_mirrored(r + i + 1, rows)], along[_mirrored(r + i + 2, rows)]
+        above, here = along[_bordered(r + i - 1, rows)], along[_bordered(r + i, rows)]
+        below, last = along[_bordered(r + i + 1, rows)], along[_bordered(r + i + 2, rows)]
         for c in range(columns):
             value[r, c] = (
                 weight_y[0] * above[c]
@@ -266,10 +287,6 @@ def _spline(t: float) -> FloatArray:
 
 
 @kernel
-def _mirrored(index: int, size: int) -> int:
-    """Index of a field that is mirrored at its edge points."""
-    if index < 0:
-        index = -index
-    if index >= size:
-        index = 2 * size - 2 - index
-    return min(max(index, 0), size - 1)
+def _bordered(index: int, size: int) -> int:
+    """Place of a grid point's coefficient; those further off than the border are its last."""
+    return min(max(index, -BORDER), size - 1 + BORDER) + BORDER

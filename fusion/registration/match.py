@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fusion.registration.alignment import Aligner, Alignment, Fields, Left, Search, tilts
+from fusion.registration.alignment import Aligner, Alignment, Fields, Left, Search, tilts, tipping
 from fusion.registration.coarse import APART, AREA, coarse_shift
 from fusion.registration.noise import NoiseSpectrum, bridged, supported
 from fusion.registration.resolution import blurred_over_gaps, plane_of
@@ -289,6 +289,9 @@ def _as_good(other: Alignment, best: Alignment, options: MatchOptions) -> bool:
 
 def _plain(pair: _Pair) -> Fields:
     """The surfaces as they are, all wavelengths alike."""
+    # That of SPC has the smoother slopes.
+    spc = bridged(pair.moving if pair.turned else pair.fixed)
+    level = pair.plane[0] + np.tensordot(pair.plane[1:], tilts(spc.shape), axes=1)
     return Fields(
         bridged(pair.moving),
         pair.moving_known,
@@ -296,6 +299,7 @@ def _plain(pair: _Pair) -> Fields:
         bridged(pair.fixed),
         pair.fixed_known,
         pair.sigma,
+        np.ascontiguousarray(tipping(spc + level, pair.gsd)),
         1.0,
     )
 
@@ -308,7 +312,9 @@ def _whitened(
     Where gaps leave too little that the filter can be sure of, or the relief has nothing at short
     wavelengths, the unfiltered answer is the sharper one.
     """
-    moving, fixed = spectrum.whitened(np.stack([plain_fields.moving, plain_fields.fixed]))
+    moving, fixed, *tipped = spectrum.whitened(
+        np.stack([plain_fields.moving, plain_fields.fixed, *plain_fields.tipping])
+    )
     fields = Fields(
         moving,
         supported(plain_fields.moving_known),
@@ -316,6 +322,7 @@ def _whitened(
         fixed,
         supported(plain_fields.fixed_known),
         plain_fields.sigma,
+        np.stack(tipped),
         spectrum.level,
     )
     fine = replace(search, tolerance=_SETTLED, area=0.0)

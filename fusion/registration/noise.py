@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, ndimage
 
+from fusion.registration.resolution import trend_of
 from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape, frozen
 from spcola.errors import InvalidValueError
 from spcola.gaps import carried_on, closable, closed
@@ -29,7 +30,7 @@ _REACH = 24
 _RINGS = 37
 # Robust standard deviations at which a difference is cut off: a boulder is no noise.
 _CUT = 3.0
-# Cells by which a field is carried on beyond its edges, mirrored.
+# Cells by which a field is carried on beyond its edges.
 _MARGIN = 12
 # Standard deviation, cells, of the neighbourhood of which a filtered point must know this share.
 _SUPPORT = 1.5
@@ -87,21 +88,27 @@ class NoiseSpectrum:
     def whitened(self, height: FloatArray) -> FloatArray:
         """Pass heights (…, R, C), metres, without gaps (:func:`bridged`) through the filter.
 
-        Edges are mirrored. :func:`supported` tells which points are as good as without edges and
-        gaps.
+        A symmetric filter leaves a paraboloid what it is, times its gain for a plane, but for a
+        constant: that of the surface is taken out before and put back after. What is left goes on
+        beyond the edges as its point reflection does. A surface that is mirrored there has a kink
+        in its slope; filtered, the kinks of both surfaces are alike and lie where the grid ends,
+        whatever the displacement, and draw it to 0. :func:`supported` shows which points are as
+        good as without edges and gaps.
         """
+        trend = np.stack([trend_of(layer) for layer in height.reshape(-1, *height.shape[-2:])])
+        trend = trend.reshape(height.shape)
         shape = height.shape[-2:]
         size = [fft.next_fast_len(n + 2 * _MARGIN, real=True) for n in shape]
         beyond = [(_MARGIN, n - rest - _MARGIN) for n, rest in zip(size, shape, strict=True)]
         whole = [(0, 0)] * (height.ndim - 2)
-        padded = np.pad(height, [*whole, *beyond], mode="symmetric")
+        padded = np.pad(height - trend, [*whole, *beyond], mode="reflect", reflect_type="odd")
         rows, columns = fft.fftfreq(size[0]), fft.rfftfreq(size[1])
         gain = self.gain(np.hypot(rows[:, None], columns[None, :]))
         filtered = fft.irfft2(fft.rfft2(padded) * gain, size)
         inner: FloatArray = filtered[
             ..., _MARGIN : _MARGIN + shape[0], _MARGIN : _MARGIN + shape[1]
         ]
-        return inner
+        return inner + self.level * trend
 
 
 def estimate_spectrum(residuals: Iterable[FloatArray]) -> NoiseSpectrum | None:
@@ -144,14 +151,16 @@ def estimate_spectrum(residuals: Iterable[FloatArray]) -> NoiseSpectrum | None:
 def bridged(height: FloatArray) -> FloatArray:
     """Heights (R, C), metres, with gaps closed by what is around: smoothly where they are narrow.
 
-    0 everywhere if nothing is known.
+    A wide gap, or one that is open to the edge, goes on as the surface's paraboloid does: what is
+    level there has a kink that a filter carries far. 0 everywhere if nothing is known.
     """
     known = np.isfinite(height)
     if known.all():
         return height
     if not known.any():
         return np.zeros(height.shape)
-    return carried_on(closed(height))
+    trend = trend_of(height)
+    return carried_on(closed(height - trend)) + trend
 
 
 def supported(known: BoolArray) -> BoolArray:

@@ -62,15 +62,15 @@ def _polynomial(shape: tuple[int, int]) -> FloatArray:
 
 
 def filled(height: FloatArray) -> FloatArray:
-    """Return `height` (R, C), metres, with gaps closed by the nearest known point about its plane.
+    """Return `height` (R, C), metres, with gaps closed by the nearest known point about its trend.
 
     Only so that splines can be run over it; what was a gap stays out of every comparison.
     """
     known = np.isfinite(height)
     if known.all() or not known.any():
         return np.where(known, height, 0.0)
-    plane = plane_of(height)
-    result: FloatArray = np.where(known, height, carried_on(height - plane) + plane)
+    trend = trend_of(height)
+    result: FloatArray = np.where(known, height, carried_on(height - trend) + trend)
     return result
 
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import ndimage
 
+from fusion.registration.displacing import BORDER, spline_of
 from fusion.registration.equations import SurfacePair
 from fusion.registration.match import Surface
 from fusion.registration.resolution import blur, filled
@@ -80,9 +80,8 @@ class FixedSurface:
 
     @cached_property
     def coefficients(self) -> FloatArray:
-        """Coefficients (N, N) of the cubic spline through the heights."""
-        spline: FloatArray = ndimage.spline_filter(filled(self.height), order=3)
-        return spline
+        """Coefficients (N + 4, N + 4) of the cubic spline through the heights."""
+        return spline_of(filled(self.height))
 
 
 def height_of_returns(
@@ -193,18 +192,16 @@ def _sum_up(
 
 @kernel
 def _spline(coefficients: FloatArray, x: float, y: float) -> float:
-    """Cubic spline of a layer at column `x` and row `y`; mirrored at the rim."""
-    size = coefficients.shape[0]
+    """Cubic spline of a layer (N, N) at column `x` and row `y`, by :func:`spline_of`."""
+    last = coefficients.shape[0] - 1
     column, row = int(np.floor(x)), int(np.floor(y))
     t, u = x - column, y - row
     total = 0.0
     for i in range(4):
         wy = _basis(i, u)
-        r = abs(row - 1 + i)
-        r = 2 * (size - 1) - r if r >= size else r
+        r = min(max(row - 1 + i + BORDER, 0), last)
         for j in range(4):
-            c = abs(column - 1 + j)
-            c = 2 * (size - 1) - c if c >= size else c
+            c = min(max(column - 1 + j + BORDER, 0), last)
             total += wy * _basis(j, t) * coefficients[r, c]
     return total
 

@@ -159,9 +159,11 @@ def _solved(pair: SurfacePair, gsd: float) -> tuple[FloatArray, FloatArray, Floa
     slopes = both_slopes(pair, gsd)
     size = len(pair.fixed)
     tilt_y, tilt_x = (np.indices(pair.fixed.shape) - (size - 1) / 2.0) / size
+    # What lies above the middle moves with a tilt: see fusion.registration.alignment.tipping.
+    arm = pair.fixed / (size * gsd)
     sides = [
-        np.stack([-slopes[k], -slopes[k + 1], np.ones_like(tilt_x), tilt_x, tilt_y], axis=-1)
-        for k in (0, 2)
+        np.stack([-x, -y, np.ones_like(arm), tilt_x + arm * x, tilt_y + arm * y], axis=-1)
+        for x, y in (slopes[:2], slopes[2:])
     ]
     difference = pair.fixed - pair.moving
     known = np.isfinite(difference + slopes.sum(axis=0)) & (pair.weight > 0)
