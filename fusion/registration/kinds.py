@@ -38,7 +38,7 @@ class KindRegistration:
     sizes : KindSizes
         NaN of a kind that did not enter.
     chi2 : (N,) ndarray
-        As of :class:`fusion.registration.combine.JointMatches`; NaN where one kind entered.
+        As of :class:`fusion.registration.combine.JointMatches`, also where one kind entered.
     """
 
     registration: Registration
@@ -96,8 +96,8 @@ def register_kinds(
 ) -> KindRegistration:
     """Register mapolas by where images show them, alone or with the topography.
 
-    Both kinds are fitted alone first, which tells how large the errors of each are; then the
-    matches of both are rows of one fit.
+    Both kinds are fitted alone first, which tells how large the errors of each are, and whether
+    they contradict each other; then the matches of both are rows of one fit.
 
     Parameters
     ----------
@@ -113,11 +113,12 @@ def register_kinds(
         If too few match, or a parameter of the model is free.
     """
     seen = replace(topography, matches=images.matches, landmarks=None)
+    of_ground = _sizes(lambda: fit_mapolas(topography, options=options), options)
     if by == "images":
         registration = _fit_seen(seen, images, options)
-        sizes = KindSizes(float("nan"), registration.fit.sizes.independent)
-        return KindRegistration(registration, seen, sizes, np.full(len(seen.matches), np.nan))
-    of_ground = _sizes(lambda: fit_mapolas(topography, options=options), options)
+        own = registration.fit.sizes.independent
+        compared = both_kinds(topography, images, KindSizes(of_ground.independent, own))
+        return KindRegistration(registration, seen, KindSizes(float("nan"), own), compared.chi2)
     of_images = _sizes(lambda: _fit_seen(seen, images, options), options)
     sizes = KindSizes(of_ground.independent, of_images.independent)
     joint = both_kinds(topography, images, sizes, reject=options.reject)
@@ -164,6 +165,7 @@ def kinds_json(
         left = [entry["residual_m"] for entry in entries if entry["used"]]
         content["residual_std_m"] = np.std(np.array(left).reshape(-1, 3), axis=0)
     used = {image.name for sighting in images.sightings for image in sighting.images}
+    looked_at = used.union(*(sighting.left_out for sighting in images.sightings))
     count = sum(entry["used"] for entry in entries)
     content |= {
         "by": by,
@@ -175,6 +177,8 @@ def kinds_json(
         "image_position_factor": images.factors.position,
         "image_pointing_factor": images.factors.pointing,
         "n_images": len(used),
+        "n_images_compared": len(looked_at),
+        "images_not_matched": sorted(looked_at - used),
         "per_mapola": entries,
     }
     for entry, ground, sighting, chi2 in zip(
