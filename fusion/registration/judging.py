@@ -24,8 +24,10 @@ _DOUBTFUL_SHARE, _REFUSED_SHARE = 0.5, 0.25
 # images of another body, mirrored or exchanged below 0.3.
 _MATCHED_IMAGES = 0.75
 # Root of the median χ² between the places that images and heights give a mapola, over that of
-# chance: in right input 0.9 to 1.15. Beyond the second the two are of different frames.
-_DOUBTFUL_KINDS, _REFUSED_KINDS = 1.4, 4.0
+# chance: in right input 0.8 to 1.4. Beyond the second the two are of different frames.
+_DOUBTFUL_KINDS, _REFUSED_KINDS = 2.0, 4.0
+# Standard deviations between the rotations by images and by heights alone: in right input up to 2.
+_DOUBTFUL_APART, _REFUSED_APART = 5.0, 25.0
 # Images named in a finding.
 _NAMED = 5
 # Median over the mapolas of the standard deviation of the heights left over, in stated sigmas.
@@ -169,14 +171,12 @@ def _images(content: Mapping[str, Any]) -> Iterator[Finding]:
 
 
 def _kinds(content: Mapping[str, Any]) -> Iterator[Finding]:
-    """Test the places that images and heights give the mapolas against each other."""
+    """Test images and heights against each other: mapola by mapola, and as a whole."""
     told = np.array(
         [entry.get("kinds_chi2", np.nan) for entry in content.get("per_mapola") or ()], dtype=float
     )
     told = told[np.isfinite(told)]
-    if not len(told):
-        return
-    ratio = float(np.sqrt(np.median(told) / chi2.median(3)))
+    ratio = float(np.sqrt(np.median(told) / chi2.median(3))) if len(told) else 0.0
     severity = _severity(ratio - _DOUBTFUL_KINDS, _REFUSED_KINDS - _DOUBTFUL_KINDS)
     if severity is not None:
         text = (
@@ -184,6 +184,16 @@ def _kinds(content: Mapping[str, Any]) -> Iterator[Finding]:
             "the sigmas of both allow"
         )
         yield Finding(Code.IMAGES_DISAGREE, severity, text, ratio, _DOUBTFUL_KINDS)
+    turn = np.array(content.get("kinds_rotation_deg", np.nan), dtype=np.float64)
+    sigma = np.array(content.get("kinds_rotation_sigma_deg", np.nan), dtype=np.float64)
+    apart = float(np.max(np.abs(turn) / sigma))
+    severity = _severity(apart - _DOUBTFUL_APART, _REFUSED_APART - _DOUBTFUL_APART)
+    if severity is not None:
+        text = (
+            f"the rotation by images differs from that by heights by "
+            f"{np.linalg.norm(turn):.2g} deg, {apart:.1f} sigma"
+        )
+        yield Finding(Code.IMAGES_DISAGREE, severity, text, apart, _DOUBTFUL_APART)
 
 
 def _heights(chi: FloatArray) -> Iterator[Finding]:

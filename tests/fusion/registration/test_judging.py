@@ -50,6 +50,12 @@ def kinds(middle: float) -> dict[str, Any]:
     ]}  # fmt: skip
 
 
+def turned(sigmas: float) -> dict[str, Any]:
+    """Rotation by images against that by heights, standard deviations."""
+    turn = np.array([0.01, 0.02 * sigmas, 0.0])
+    return {"kinds_rotation_deg": turn, "kinds_rotation_sigma_deg": np.full(3, 0.02)}
+
+
 def codes(judged: dict[str, Any], seen: Evidence) -> tuple[str, list[str]]:
     verdict = judge_registration(judged, seen, LIMITS)
     return verdict.judgement, [str(found.code) for found in verdict.findings]
@@ -60,7 +66,7 @@ def test_a_sound_registration_is_accepted() -> None:
 
 
 def test_images_that_match_and_agree_with_the_heights_are_accepted() -> None:
-    assert codes(content(**images(22), **kinds(2.4)), evidence()) == ("accepted", [])
+    assert codes(content(**images(22), **kinds(4.5), **turned(3.0)), evidence()) == ("accepted", [])
 
 
 @pytest.mark.parametrize(
@@ -73,8 +79,10 @@ def test_images_that_match_and_agree_with_the_heights_are_accepted() -> None:
         (content(**images(17)), evidence(), "doubtful", Code.IMAGES_NOT_MATCHED),
         (content(**images(0)), evidence(), "doubtful", Code.IMAGES_NOT_MATCHED),
         (content(**images(0, of=0)), evidence(), "doubtful", Code.IMAGES_NOT_MATCHED),
-        (content(**kinds(6.0)), evidence(), "doubtful", Code.IMAGES_DISAGREE),
+        (content(**kinds(12.0)), evidence(), "doubtful", Code.IMAGES_DISAGREE),
         (content(**kinds(45.0)), evidence(), "refused", Code.IMAGES_DISAGREE),
+        (content(**turned(6.0)), evidence(), "doubtful", Code.IMAGES_DISAGREE),
+        (content(**turned(-30.0)), evidence(), "refused", Code.IMAGES_DISAGREE),
         (content(), evidence(chi=2.0), "doubtful", Code.HEIGHTS_DISAGREE),
         (content(), evidence(chi=5.0), "refused", Code.HEIGHTS_DISAGREE),
         (content(maplet_sigma_m=0.17), evidence(), "doubtful", Code.CENTERS_DISAGREE),
