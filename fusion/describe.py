@@ -12,6 +12,7 @@ import numpy as np
 from fusion.catalog import Catalog
 from fusion.executor import usable_cores
 from fusion.foreign import name_content
+from fusion.import_forecast import BYTES_PER_RETURN, ImportClock
 from fusion.memory import PROGRAM_BYTES
 from fusion.pipeline import Pipeline
 from fusion.products.fits import read_fits_dtm
@@ -49,12 +50,6 @@ from spcola.maplet import Maplet
 # Comments before the first data block of a kernel are shorter than this, bytes.
 _HEAD = 1 << 17
 _RESULTS = (MAPOLAS_HDF5, FUSED_HDF5, ADJUSTMENT_HDF5)
-BYTES_PER_RETURN = 525
-"""What one return of a chunk takes while it is read, screened, sorted and packed.
-
-Measured on OLA tables: peaks of one worker and of two were 0.35 and 0.46 GB at chunks of 200,000
-returns, 0.77 and 1.30 GB at a million, of which the program takes 0.25 GB.
-"""
 
 
 def describe_workspace(workspace: Workspace) -> dict[str, Any]:
@@ -297,7 +292,8 @@ def _describe_lidar(path: Path, format: str) -> dict[str, Any]:
     count, rejected = 0, dict[str, int]()
     lowest, highest = np.full(3, np.nan), np.full(3, np.nan)
     span = np.array([np.nan, np.nan])
-    for scan in open_lidar(path, format=format):
+    clock = ImportClock()
+    for scan in clock.timed(open_lidar(path, format=format)):
         count += len(scan)
         for reason, number in scan.rejected.items():
             rejected[reason] = rejected.get(reason, 0) + number
@@ -317,6 +313,7 @@ def _describe_lidar(path: Path, format: str) -> dict[str, Any]:
         "last_utc": utc_or_none(span[1]),
         "lowest_m": lowest.tolist(),
         "highest_m": highest.tolist(),
+        **clock.forecast(path),
     }
 
 

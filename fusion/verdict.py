@@ -28,6 +28,8 @@ class Code(StrEnum):
     NO_RELIEF = "no-relief"
     RELIEF_UNRELATED = "relief-unrelated"
     FEW_AGREE = "few-agree"
+    IMAGES_NOT_MATCHED = "images-not-matched"
+    IMAGES_DISAGREE = "images-disagree"
     HEIGHTS_DISAGREE = "heights-disagree"
     CENTERS_DISAGREE = "centers-disagree"
     LARGE_SCALE = "large-scale"
@@ -68,6 +70,8 @@ MEANINGS: Mapping[Code, str] = {
     Code.NO_RELIEF: "there is no relief that could show that lidar and SPC are of one ground",
     Code.RELIEF_UNRELATED: "lidar and SPC do not show the same relief where they are put",
     Code.FEW_AGREE: "few mapolas agree with the common transform",
+    Code.IMAGES_NOT_MATCHED: "many images do not show the ground that the lidar has there",
+    Code.IMAGES_DISAGREE: "images put the lidar's ground elsewhere than its heights do",
     Code.HEIGHTS_DISAGREE: "heights differ by more than their stated sigmas",
     Code.CENTERS_DISAGREE: "centres of maplets are off by more than is stated of them",
     Code.LARGE_SCALE: "the scale lies beyond what two solutions of one body differ by",

@@ -39,10 +39,19 @@ def assess(
         bool, typer.Option("--only", help="Assess the models of --model, not those of WS.")
     ] = False,
     patches: Annotated[
-        int, typer.Option(metavar="N", help="Compare the heights of at most so many maplets.")
+        int,
+        typer.Option(
+            metavar="N",
+            min=1,
+            max=1_000_000,
+            help="Compare the heights of at most so many maplets.",
+        ),
     ] = 200,
     vertices: Annotated[
-        int, typer.Option(metavar="N", help="Of a model at most so many enter its 3D rms.")
+        int,
+        typer.Option(
+            metavar="N", min=1, max=100_000_000, help="Of a model at most so many enter its 3D rms."
+        ),
     ] = 40_000,
     report: Annotated[
         Path | None, typer.Option(metavar="FILE.html", help="Write the page of figures there.")

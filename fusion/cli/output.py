@@ -32,10 +32,20 @@ IsolateOption = Annotated[
     ),
 ]
 LimitMbOption = Annotated[
-    int, typer.Option("--limit-mb", metavar="MB", help="With --isolate: most memory, 2048 or more.")
+    int,
+    typer.Option(
+        "--limit-mb", metavar="MB", min=2048, max=1 << 24, help="With --isolate: most memory."
+    ),
 ]
 LimitSOption = Annotated[
-    float, typer.Option("--limit-s", metavar="S", help="With --isolate: longest time, seconds.")
+    float,
+    typer.Option(
+        "--limit-s",
+        metavar="S",
+        min=1.0,
+        max=1e7,
+        help="With --isolate: longest time, seconds.",
+    ),
 ]
 
 

@@ -14,11 +14,13 @@ from spcola.errors import RejectedResultError, SettingsError
 if TYPE_CHECKING:
     from fusion.executor import Executor
     from fusion.pipeline import Pipeline, StageRun
+    from fusion.settings import Settings
 
 WorkspaceArgument = Annotated[Path, typer.Argument(metavar="WS", help="The workspace.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Run even what is up to date.")]
 WorkersOption = Annotated[
-    int | None, typer.Option(metavar="N", help="Threads; by default one for each core.")
+    int | None,
+    typer.Option(metavar="N", min=1, max=1024, help="Threads; by default one for each core."),
 ]
 ClusterOption = Annotated[
     str,
@@ -51,6 +53,8 @@ class How:
     as_json: bool
 
 
+# Options that are called otherwise than the keys of their tables.
+_OPTIONS = {"gsd_m": "gsd"}
 _ONCE = "For this run; write it into spcola.toml to keep it."
 
 
@@ -339,11 +343,7 @@ def _pipeline(workspace: Path, change: tuple[str, dict[str, Any]], how: How) -> 
     opened = Workspace.open(as_workers_see(workspace, how.cluster))
     settings = opened.settings()
     given = {key: value for key, value in changed.items() if value is not None}
-    if given:
-        try:
-            settings = settings.with_table(table, **given)
-        except SettingsError as error:
-            raise typer.BadParameter(str(error)) from error
+    settings = _changed(settings, table, given)
     if how.accept:
         try:
             settings = settings.with_table("accept", codes=[*settings.accept.codes, *how.accept])
@@ -352,6 +352,23 @@ def _pipeline(workspace: Path, change: tuple[str, dict[str, Any]], how: How) -> 
     progress = Progress.fitting(silent=how.as_json)
     hands = executor(how.workers, how.cluster)
     return Pipeline(opened, settings, load_stages(), hands, progress)
+
+
+def _changed(settings: Settings, table: str, given: dict[str, Any]) -> Settings:
+    """Return settings with keys of one table as options give them.
+
+    Raises
+    ------
+    typer.BadParameter
+        If one is not allowed, by the name of its option.
+    """
+    for key, value in given.items():
+        try:
+            settings = settings.with_table(table, **{key: value})
+        except SettingsError as error:
+            option = f"--{_OPTIONS.get(key, key)}"
+            raise typer.BadParameter(error.what, param_hint=option) from error
+    return settings
 
 
 def _together(pipeline: Pipeline, runs: list[StageRun]) -> dict[str, Any]:

@@ -33,7 +33,10 @@ def make(
             "scans, lidar only unless --images is given."
         ),
     ] = "mini",
-    seed: Annotated[int, typer.Option(metavar="N", help="Another seed, another mission.")] = 1,
+    seed: Annotated[
+        int,
+        typer.Option(metavar="N", min=0, max=2**32 - 1, help="Another seed, another mission."),
+    ] = 1,
     format: Annotated[
         Literal["ola", "hdf5", "laz"], typer.Option(help="Of the scans: what they are written as.")
     ] = "ola",

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
 from fusion.registration.commonrelief import CommonRelief
 from fusion.verdict import Code, Finding, Severity, Verdict
@@ -19,6 +20,16 @@ from spcola.arrays import FloatArray
 # Shares of the mapolas that show the relief of SPC, and that agree with the transform: below the
 # first a registration is doubtful, below the second it is none.
 _DOUBTFUL_SHARE, _REFUSED_SHARE = 0.5, 0.25
+# Share of the images looked at that show the ground of a mapola: in right input it is above 0.9, by
+# images of another body, mirrored or exchanged below 0.3.
+_MATCHED_IMAGES = 0.75
+# Root of the median χ² between the places that images and heights give a mapola, over that of
+# chance: in right input 0.8 to 1.4. Beyond the second the two are of different frames.
+_DOUBTFUL_KINDS, _REFUSED_KINDS = 2.0, 4.0
+# Standard deviations between the rotations by images and by heights alone: in right input up to 2.
+_DOUBTFUL_APART, _REFUSED_APART = 5.0, 25.0
+# Images named in a finding.
+_NAMED = 5
 # Median over the mapolas of the standard deviation of the heights left over, in stated sigmas.
 _DOUBTFUL_CHI, _REFUSED_CHI = 1.5, 4.0
 # Estimated over stated error of maplets' centres.
@@ -98,6 +109,8 @@ def judge_registration(content: Mapping[str, Any], evidence: Evidence, limits: L
     found = [
         *judge_relief(evidence.relief),
         *_agreeing(content),
+        *_images(content),
+        *_kinds(content),
         *_heights(evidence.chi),
         *_centers(content, limits),
         *_size(content, limits),
@@ -139,6 +152,48 @@ def _agreeing(content: Mapping[str, Any]) -> Iterator[Finding]:
     if severity is not None:
         text = f"only {content['n_used']} of {total} mapolas agree with the transform"
         yield Finding(Code.FEW_AGREE, severity, text, share, _DOUBTFUL_SHARE)
+
+
+def _images(content: Mapping[str, Any]) -> Iterator[Finding]:
+    """Test how many of the images show the ground: where few do, heights alone decide."""
+    compared = content.get("n_images_compared")
+    if compared is None:
+        return
+    share = content["n_images"] / compared if compared else 0.0
+    if share < _MATCHED_IMAGES:
+        missing = content["images_not_matched"]
+        named = f" (not {', '.join(missing[:_NAMED])}{' ...' * (len(missing) > _NAMED)})"
+        text = (
+            f"only {content['n_images']} of {compared} images show the ground that the lidar has "
+            f"there{named if missing else ''}"
+        )
+        yield Finding(Code.IMAGES_NOT_MATCHED, Severity.DOUBTFUL, text, share, _MATCHED_IMAGES)
+
+
+def _kinds(content: Mapping[str, Any]) -> Iterator[Finding]:
+    """Test images and heights against each other: mapola by mapola, and as a whole."""
+    told = np.array(
+        [entry.get("kinds_chi2", np.nan) for entry in content.get("per_mapola") or ()], dtype=float
+    )
+    told = told[np.isfinite(told)]
+    ratio = float(np.sqrt(np.median(told) / chi2.median(3))) if len(told) else 0.0
+    severity = _severity(ratio - _DOUBTFUL_KINDS, _REFUSED_KINDS - _DOUBTFUL_KINDS)
+    if severity is not None:
+        text = (
+            f"images put the mapolas elsewhere than their heights do, by {ratio:.1f} times what "
+            "the sigmas of both allow"
+        )
+        yield Finding(Code.IMAGES_DISAGREE, severity, text, ratio, _DOUBTFUL_KINDS)
+    turn = np.array(content.get("kinds_rotation_deg", np.nan), dtype=np.float64)
+    sigma = np.array(content.get("kinds_rotation_sigma_deg", np.nan), dtype=np.float64)
+    apart = float(np.max(np.abs(turn) / sigma))
+    severity = _severity(apart - _DOUBTFUL_APART, _REFUSED_APART - _DOUBTFUL_APART)
+    if severity is not None:
+        text = (
+            f"the rotation by images differs from that by heights by "
+            f"{np.linalg.norm(turn):.2g} deg, {apart:.1f} sigma"
+        )
+        yield Finding(Code.IMAGES_DISAGREE, severity, text, apart, _DOUBTFUL_APART)
 
 
 def _heights(chi: FloatArray) -> Iterator[Finding]:

@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from fusion.errorsizes import ErrorSizes
 from fusion.registration.by_images import ImagedMapolas
 from fusion.registration.combine import KindSizes, both_kinds
-from fusion.registration.fit import FitOptions, Registration, fit_transform
+from fusion.registration.fit import FitOptions, Registration, fit_transform, similarity_numbers
 from fusion.registration.match import Match
 from fusion.registration.summary import MatchedMapolas, registration_json
 from spcola.arrays import FloatArray
@@ -38,13 +39,18 @@ class KindRegistration:
     sizes : KindSizes
         NaN of a kind that did not enter.
     chi2 : (N,) ndarray
-        As of :class:`fusion.registration.combine.JointMatches`; NaN where one kind entered.
+        As of :class:`fusion.registration.combine.JointMatches`, also where one kind entered.
+    turn_deg, turn_sigma_deg : (3,) ndarray
+        Rotation from the fit by topography alone to that by images alone; NaN where one of them
+        cannot be fitted.
     """
 
     registration: Registration
     mapolas: MatchedMapolas
     sizes: KindSizes
     chi2: FloatArray
+    turn_deg: FloatArray
+    turn_sigma_deg: FloatArray
 
 
 def fit_mapolas(
@@ -96,8 +102,8 @@ def register_kinds(
 ) -> KindRegistration:
     """Register mapolas by where images show them, alone or with the topography.
 
-    Both kinds are fitted alone first, which tells how large the errors of each are; then the
-    matches of both are rows of one fit.
+    Both kinds are fitted alone first, which tells how large the errors of each are, and whether
+    they contradict each other; then the matches of both are rows of one fit.
 
     Parameters
     ----------
@@ -113,19 +119,23 @@ def register_kinds(
         If too few match, or a parameter of the model is free.
     """
     seen = replace(topography, matches=images.matches, landmarks=None)
+    ground = _alone(lambda: fit_mapolas(topography, options=options))
+    of_ground = _sizes(ground, options)
     if by == "images":
-        registration = _fit_seen(seen, images, options)
-        sizes = KindSizes(float("nan"), registration.fit.sizes.independent)
-        return KindRegistration(registration, seen, sizes, np.full(len(seen.matches), np.nan))
-    of_ground = _sizes(lambda: fit_mapolas(topography, options=options), options)
-    of_images = _sizes(lambda: _fit_seen(seen, images, options), options)
+        alone = _fit_seen(seen, images, options)
+        own = alone.fit.sizes.independent
+        compared = both_kinds(topography, images, KindSizes(of_ground.independent, own))
+        sizes = KindSizes(float("nan"), own)
+        return KindRegistration(alone, seen, sizes, compared.chi2, *_turn(ground, alone))
+    shown = _alone(lambda: _fit_seen(seen, images, options))
+    of_images = _sizes(shown, options)
     sizes = KindSizes(of_ground.independent, of_images.independent)
     joint = both_kinds(topography, images, sizes, reject=options.reject)
     stated = (1.0,) if topography.landmarks is None else (1.0, 1.0)
     held = (0.0, of_ground.shared[0], of_images.shared[1], *stated)
     groups, options = [joint.effects, joint.common], replace(options, held=held)
     registration = fit_mapolas(joint.rows, groups, options=options)
-    return KindRegistration(registration, joint.rows, sizes, joint.chi2)
+    return KindRegistration(registration, joint.rows, sizes, joint.chi2, *_turn(ground, shown))
 
 
 def _fit_seen(mapolas: MatchedMapolas, images: ImagedMapolas, options: FitOptions) -> Registration:
@@ -142,12 +152,31 @@ def _fit_seen(mapolas: MatchedMapolas, images: ImagedMapolas, options: FitOption
     return fit_mapolas(mapolas, groups, options=replace(options, held=held))
 
 
-def _sizes(fit: Callable[[], Registration], options: FitOptions) -> ErrorSizes:
-    """Error sizes of a kind of match by its own fit; what was expected, if there is none."""
+def _alone(fit: Callable[[], Registration]) -> Registration | None:
+    """Return the fit of one kind of match; None if it is not determined."""
     try:
-        return fit().fit.sizes
+        return fit()
     except NotObservableError:
+        return None
+
+
+def _sizes(fitted: Registration | None, options: FitOptions) -> ErrorSizes:
+    """Error sizes of a kind of match by its own fit; what was expected, if there is none."""
+    if fitted is None:
         return ErrorSizes(options.center_sigma_m, (1.0, 1.0))
+    return fitted.fit.sizes
+
+
+def _turn(one: Registration | None, other: Registration | None) -> tuple[FloatArray, FloatArray]:
+    """Rotation vector (3,) from one fit to another and its sigma, degrees; NaN without both.
+
+    Their errors are taken as independent, which what scans do to both makes too large.
+    """
+    if one is None or other is None:
+        return np.full(3, np.nan), np.full(3, np.nan)
+    between = Rotation.from_matrix(other.similarity.rotation @ one.similarity.rotation.T)
+    sigmas = [similarity_numbers(fitted)[3] for fitted in (one, other)]
+    return np.degrees(between.as_rotvec()), np.degrees(np.hypot(*sigmas))
 
 
 def kinds_json(
@@ -164,6 +193,7 @@ def kinds_json(
         left = [entry["residual_m"] for entry in entries if entry["used"]]
         content["residual_std_m"] = np.std(np.array(left).reshape(-1, 3), axis=0)
     used = {image.name for sighting in images.sightings for image in sighting.images}
+    looked_at = used.union(*(sighting.left_out for sighting in images.sightings))
     count = sum(entry["used"] for entry in entries)
     content |= {
         "by": by,
@@ -175,6 +205,10 @@ def kinds_json(
         "image_position_factor": images.factors.position,
         "image_pointing_factor": images.factors.pointing,
         "n_images": len(used),
+        "n_images_compared": len(looked_at),
+        "kinds_rotation_deg": found.turn_deg,
+        "kinds_rotation_sigma_deg": found.turn_sigma_deg,
+        "images_not_matched": sorted(looked_at - used),
         "per_mapola": entries,
     }
     for entry, ground, sighting, chi2 in zip(

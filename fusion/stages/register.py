@@ -52,7 +52,7 @@ class RegisterStage:
     """Mapolas and SPC surface → registration.json."""
 
     name: str = "register"
-    version: int = 12
+    version: int = 13
     needs: tuple[str, ...] = ("mapolas",)
     places: tuple[str, ...] = ("registration.json",)
     tables: tuple[type[Table], ...] = (
@@ -140,6 +140,7 @@ _LONG = frozenset(
         "stability",
         "inverse",
         "frame_search",
+        "images_not_matched",
     }
 )
 
@@ -245,13 +246,12 @@ def _chords(shape: Mesh, matches: list[Match]) -> FloatArray:
 def _by_images(context: StageContext, matched: Matched) -> dict[str, Any]:
     """Fit the transform to where images show the mapolas, or to both kinds of match."""
     workspace, table = context.workspace, context.table(RegisterSettings)
-    mapolas, _ = _with_scans(workspace, matched.matches, table)
     names = [match.name for match in matched.matches]
+    mapolas, _ = _with_scans(workspace, matched.matches, table)
+    mapolas = replace(mapolas, landmarks=_landmarks(context, names))
     grids = [workspace.mapola(name).grid for name in names]
     imaged = imaged_mapolas(context, names, grids)
     by: Kind = "both" if table.by == "both" else "images"
-    if by == "both":
-        mapolas = replace(mapolas, landmarks=_landmarks(context, names))
     found = register_kinds(by, mapolas, imaged, options=_fit_options(table))
     return kinds_json(by, found, matched.matches, imaged)
 

@@ -118,11 +118,15 @@ def tried(preset: str, seed: int, how: str, work: Path) -> dict[str, Any]:
     return result
 
 
+def is_fault(result: dict[str, Any], *, wrong: bool) -> bool:
+    """Tell whether wrong input passed all steps, or right input did not."""
+    return (result["verdict"] == "accepted") == wrong
+
+
 def shown(name: str, result: dict[str, Any], *, wrong: bool) -> None:
     """Print one row."""
     verdict = result["verdict"]
-    fault = (verdict == "accepted") == wrong
-    word = verdict.upper() if fault else verdict
+    word = verdict.upper() if is_fault(result, wrong=wrong) else verdict
     why = " ".join(result["codes"]) or result["line"][:90]
     fits = f" | {result['fits']}" if result["fits"] else ""
     print(f"{name:34} {word:9} {result['step']:9} {why}{fits}", flush=True)
@@ -148,15 +152,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
             results = {how: tried(preset, options.seed, how, work) for how in options.ways}
             for how, result in results.items():
                 shown(how, result, wrong=True)
-            missed = sum(result["verdict"] == "accepted" for result in results.values())
+            missed = sum(is_fault(result, wrong=True) for result in results.values())
             print(f"{len(results)} ways: {missed} accepted")
             faults += missed
         alarms = 0
         print(f"\n{options.presets[0]}: right input, {options.right} seeds")
         for seed in range(1, options.right + 1):
             result = tried(options.presets[0], seed, "right", work)
-            alarms += result["verdict"] != "accepted"
-            if result["verdict"] != "accepted":
+            if is_fault(result, wrong=False):
+                alarms += 1
                 shown(f"seed {seed}", result, wrong=False)
         print(f"{options.right} missions: {alarms} not accepted")
         faults += alarms

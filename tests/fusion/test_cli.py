@@ -112,7 +112,7 @@ def test_wrong_usage_exits_with_2(arguments: list[str], tmp_path: Path) -> None:
 
 
 def test_a_setting_on_the_command_line_out_of_range_is_wrong_usage(folder: Path) -> None:
-    assert "[mapolas] gsd_m" in call("mapolas", folder, "--gsd", "-1", code=2).stderr
+    assert "--gsd" in call("mapolas", folder, "--gsd", "-1", code=2).stderr
 
 
 def test_init_tells_what_it_found(tmp_path: Path) -> None:

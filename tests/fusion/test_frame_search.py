@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import sys
 from collections.abc import Callable
 from contextlib import closing
@@ -12,8 +13,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
+from typer.testing import CliRunner, Result
 
 from fusion.catalog import Catalog
+from fusion.cli.app import app
 from fusion.executor import ThreadExecutor
 from fusion.frame_search import search_workspace_frames, surface_points
 from fusion.initialise import new_workspace
@@ -36,6 +39,12 @@ from spcola.mesh import Mesh
 
 BENCH = Path(__file__).resolve().parents[2] / "scripts" / "bench"
 RADIUS = 40.0
+
+
+def call(*arguments: object, code: int = 0) -> Result:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == code, result.output
+    return result
 
 
 def ground(directions: FloatArray) -> FloatArray:
@@ -172,3 +181,35 @@ def test_files_of_a_mission_made_wrong(
     search = search_workspace_frames(workspace, workspace.settings())
     assert search.text.startswith(text)
     assert search.found != (text == "no turn")
+
+
+@pytest.mark.parametrize(
+    ("how", "text"),
+    [
+        ("turn 90 z", "the lidar fits when turned by −90.0° about Z"),
+        pytest.param("mirror x", "the lidar fits when mirrored in X", marks=pytest.mark.slow),
+    ],
+)
+def test_register_refuses_lidar_of_another_frame_and_says_which(
+    imported: Callable[[str], Workspace], how: str, text: str
+) -> None:
+    root = imported(how).root
+    settings = root / "spcola.toml"
+    # Scans that are not adjusted take a quarter of the time, and lie in the wrong frame alike.
+    settings.write_text(settings.read_text().replace("adjust = true", "adjust = false"))
+    call("mapolas", root)
+    result = call("register", root, code=1)
+    assert f"{text} [fits-otherwise]" in result.stderr
+    assert f"note: {text} [fits-otherwise]" in result.stdout
+    content = json.loads((root / "registration.json").read_text())
+    assert content["verdict"] == "refused"
+    assert [one["text"] for one in content["findings"] if one["code"] == "fits-otherwise"] == [text]
+    assert content["frame_search"]["found"] is True
+    estimate = content["refused_estimate"]
+    for key in ("scale", "rotation_deg", "translation_m", "covariance", "inverse"):
+        assert content[key] is None
+        assert estimate[key] is not None
+    refusal = call("fuse", root, "--accept", "fits-otherwise", code=1).stderr
+    assert text in refusal
+    assert "refused" in refusal
+    assert not any((root / "fused").iterdir())

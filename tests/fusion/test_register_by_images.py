@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
@@ -14,6 +16,7 @@ from fusion.executor import ThreadExecutor
 from fusion.progress import Progress
 from fusion.truth.mission import make_mission
 from fusion.truth.presets import MissionSettings
+from spcola.formats.sum import read_summary, write_summary
 from spcola.truth.campaign import CampaignSettings
 
 
@@ -49,7 +52,39 @@ def registered(workspace, **keys):
         lines[row] = f"{key} = {json.dumps(value)}"
     path.write_text("\n".join(lines) + "\n")
     summary = json.loads(run("register", workspace, "--json"))["summary"]
-    return summary, json.loads((workspace / "registration.json").read_text())
+    return summary, content_of(workspace)
+
+
+def content_of(workspace):
+    return json.loads((workspace / "registration.json").read_text())
+
+
+def wrong_images(workspace, target, alter):
+    """A copy whose images are altered: `alter` gets the planes (24, 128, 128), bytes of a pixel."""
+    shutil.copytree(workspace, target, symlinks=True)
+    paths = sorted((target / "IMAGEFILES").iterdir())
+    planes = np.stack([np.fromfile(path, "V2").reshape(128, 128) for path in paths])
+    for path, plane in zip(paths, alter(planes), strict=True):
+        path.unlink()  # a link into the mission
+        path.write_bytes(plane.tobytes())
+    return target
+
+
+def turned_states(workspace, target, angle_deg):
+    """A copy whose spacecraft are turned about Z, and with them their cameras and the Sun."""
+    shutil.copytree(workspace, target, symlinks=True)
+    turn = Rotation.from_euler("z", angle_deg, degrees=True).as_matrix()
+    for path in (target / "SUMFILES").iterdir():
+        image = read_summary(path)
+        path.unlink()
+        write_summary(path, replace(
+            image, scobj=turn @ image.scobj, axes=image.axes @ turn.T, sun=turn @ image.sun,
+        ))  # fmt: skip
+    return target
+
+
+def codes(content):
+    return {found["code"] for found in content["findings"] if found["severity"] != "note"}
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +97,8 @@ def test_what_was_planted_is_recovered_by_images(workspace, found):
     _, settings = workspace
     summary, content = found["images"]
     assert content["by"] == summary["by"] == "images"
-    assert content["n_images"] > 10
+    assert content["n_images"] == content["n_images_compared"] == 24
+    assert content["verdict"] == "accepted"
     truth = settings.to_spc
     turned = np.degrees(truth.rotation_vector) - content["rotation_deg"]
     assert np.all(np.abs(turned) < 4.0 * np.array(content["rotation_sigma_deg"]))
@@ -96,6 +132,88 @@ def test_both_kinds_together_are_as_sharp_as_either(found):
     # A mapola that images hardly place must not make the mission look bad.
     left = np.std([entry["residual_m"] for entry in content["per_mapola"] if entry["used"]], axis=0)
     np.testing.assert_allclose(content["residual_std_m"], left)
+
+
+def mirrored(planes):
+    return planes[:, :, ::-1]
+
+
+def half_mirrored(planes):
+    return [plane if k % 2 else plane[:, ::-1] for k, plane in enumerate(planes)]
+
+
+def exchanged(planes):
+    return np.roll(planes, 7, axis=0)
+
+
+def slow(*values):
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize(
+    ("by", "alter", "code"),
+    [
+        ("both", mirrored, "images-not-matched"),
+        slow("images", mirrored, "not-determined"),
+        slow("images", half_mirrored, "images-not-matched"),
+        slow("both", half_mirrored, "images-not-matched"),
+        slow("images", exchanged, "not-determined"),
+        slow("both", exchanged, "images-not-matched"),
+    ],
+)
+def test_images_that_do_not_belong_are_not_used_in_silence(workspace, tmp_path, by, alter, code):
+    place = wrong_images(workspace[0], tmp_path / "WS", alter)
+    line = run("register", place, "--by", by, code=1)
+    content = content_of(place)
+    assert codes(content) == {code}
+    assert content["verdict"] == ("refused" if code == "not-determined" else "doubtful")
+    assert f"[{code}]" in line
+    assert f"[{code}]" in run("fuse", place, code=1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by", ["images", "both"])
+def test_images_of_another_body_are_not_used_in_silence(workspace, tmp_path, by):
+    place, settings = workspace
+    other = replace(
+        MissionSettings.tiny(2), images=True, image_formats=("dat",), campaign=settings.campaign
+    )
+    make_mission(
+        tmp_path / "other", settings=other, executor=ThreadExecutor(2), progress=Progress()
+    )
+    paths = sorted((tmp_path / "other" / "spc" / "IMAGEFILES").iterdir())
+    place = wrong_images(
+        place, tmp_path / "WS", lambda _: [np.fromfile(path, "V2") for path in paths]
+    )
+    run("register", place, "--by", by, code=1)
+    content = content_of(place)
+    if by == "images":
+        assert content["verdict"] == "refused"
+    else:
+        assert content["n_images"] == 0
+        assert content["n_images_compared"] == 24
+        assert content["images_not_matched"][0] == "P01I01"
+        assert codes(content) == {"images-not-matched"}
+
+
+@pytest.mark.parametrize(
+    ("by", "angle_deg", "verdict"),
+    [
+        ("both", 0.3, "doubtful"),
+        slow("images", 0.3, "doubtful"),
+        slow("both", 2.0, "refused"),
+        slow("images", 2.0, "refused"),
+    ],
+)
+def test_states_turned_against_their_maplets_are_not_used_in_silence(
+    workspace, tmp_path, by, angle_deg, verdict
+):
+    """Every image matches, and `both` would give out a rotation that is that of neither kind."""
+    place = turned_states(workspace[0], tmp_path / "WS", angle_deg)
+    run("register", place, "--by", by, code=1)
+    content = content_of(place)
+    assert content["verdict"] == verdict
+    assert "images-disagree" in codes(content)
 
 
 def test_the_default_is_topography_and_a_wrong_function_is_refused(workspace, found):

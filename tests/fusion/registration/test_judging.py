@@ -37,6 +37,25 @@ def evidence(shown: int = 24, chi: float = 0.9) -> Evidence:
     return Evidence(CommonRelief(clearness, np.zeros(24), 0.001), np.full(24, chi))
 
 
+def images(matched: int, of: int = 24) -> dict[str, Any]:
+    """What is said of so many images that match, of so many."""
+    missing = [f"P{number:02d}" for number in range(matched, of)]
+    return {"n_images": matched, "n_images_compared": of, "images_not_matched": missing}
+
+
+def kinds(middle: float) -> dict[str, Any]:
+    """Mapolas of which images and heights differ by a median χ² of 3 degrees of freedom."""
+    return {"per_mapola": [{"kinds_chi2": middle * (0.5 + k / 12)} for k in range(13)] + [
+        {"kinds_chi2": np.nan}, {}
+    ]}  # fmt: skip
+
+
+def turned(sigmas: float) -> dict[str, Any]:
+    """Rotation by images against that by heights, standard deviations."""
+    turn = np.array([0.01, 0.02 * sigmas, 0.0])
+    return {"kinds_rotation_deg": turn, "kinds_rotation_sigma_deg": np.full(3, 0.02)}
+
+
 def codes(judged: dict[str, Any], seen: Evidence) -> tuple[str, list[str]]:
     verdict = judge_registration(judged, seen, LIMITS)
     return verdict.judgement, [str(found.code) for found in verdict.findings]
@@ -46,6 +65,10 @@ def test_a_sound_registration_is_accepted() -> None:
     assert codes(content(), evidence()) == ("accepted", [])
 
 
+def test_images_that_match_and_agree_with_the_heights_are_accepted() -> None:
+    assert codes(content(**images(22), **kinds(4.5), **turned(3.0)), evidence()) == ("accepted", [])
+
+
 @pytest.mark.parametrize(
     ("judged", "seen", "judgement", "code"),
     [
@@ -53,6 +76,13 @@ def test_a_sound_registration_is_accepted() -> None:
         (content(), evidence(shown=3), "refused", Code.RELIEF_UNRELATED),
         (content(n_used=10, n_rejected=14), evidence(), "doubtful", Code.FEW_AGREE),
         (content(n_used=4, n_rejected=20), evidence(), "refused", Code.FEW_AGREE),
+        (content(**images(17)), evidence(), "doubtful", Code.IMAGES_NOT_MATCHED),
+        (content(**images(0)), evidence(), "doubtful", Code.IMAGES_NOT_MATCHED),
+        (content(**images(0, of=0)), evidence(), "doubtful", Code.IMAGES_NOT_MATCHED),
+        (content(**kinds(12.0)), evidence(), "doubtful", Code.IMAGES_DISAGREE),
+        (content(**kinds(45.0)), evidence(), "refused", Code.IMAGES_DISAGREE),
+        (content(**turned(6.0)), evidence(), "doubtful", Code.IMAGES_DISAGREE),
+        (content(**turned(-30.0)), evidence(), "refused", Code.IMAGES_DISAGREE),
         (content(), evidence(chi=2.0), "doubtful", Code.HEIGHTS_DISAGREE),
         (content(), evidence(chi=5.0), "refused", Code.HEIGHTS_DISAGREE),
         (content(maplet_sigma_m=0.17), evidence(), "doubtful", Code.CENTERS_DISAGREE),

@@ -1,0 +1,115 @@
+"""Absurd numbers on the command line: every option that takes a number, of every command."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from fusion.cli.app import app
+from fusion.settings import Settings
+from fusion.workspace import Workspace
+
+ABSURD = ("nan", "inf", "-inf", "-1", "0", "1e308", "1e-308", str(10**30), "9" * 5000)
+SENSIBLE = {
+    "--gsd": {"0"},  # left to the program
+    "--seed": {"0"},
+    "--faces-from": {"0"},
+}
+
+
+def commands(
+    group: typer.Typer, path: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], Any]]:
+    for one in group.registered_commands:
+        assert one.name is not None
+        yield (*path, one.name), one.callback
+    for inner in group.registered_groups:
+        assert inner.typer_instance is not None
+        yield from commands(inner.typer_instance, (*path, str(inner.typer_instance.info.name)))
+
+
+def parts(annotation: Any) -> tuple[Any, ...]:
+    """The types that a value may have: those of a union, and of the items of a list."""
+    inner = get_args(annotation)
+    return tuple(kind for one in inner for kind in parts(one)) if inner else (annotation,)
+
+
+def parameters(command: Any) -> Iterator[tuple[inspect.Parameter, Any, tuple[Any, ...]]]:
+    """Parameters of a command, what Typer is told of them, and their types."""
+    hints = get_type_hints(command, include_extras=True)
+    for parameter in inspect.signature(command).parameters.values():
+        hint = hints[parameter.name]
+        assert get_origin(hint) is Annotated, f"{parameter.name} is no Typer parameter"
+        kind, *told = get_args(hint)
+        yield parameter, told[0], parts(kind)
+
+
+def numeric() -> Iterator[tuple[tuple[str, ...], str]]:
+    for path, command in commands(app):
+        for parameter, told, kinds in parameters(command):
+            if {int, float} & set(kinds):
+                assert isinstance(told, typer.models.OptionInfo), "no argument is a number so far"
+                names = [name for name in told.param_decls or () if name.startswith("--")]
+                yield path, (names or ["--" + parameter.name.replace("_", "-")])[0]
+
+
+OPTIONS = sorted(numeric())
+
+
+def content(folder: Path) -> dict[str, Any]:
+    return {
+        str(path.relative_to(folder)): path.is_file() and path.read_bytes()
+        for path in folder.rglob("*")
+    }
+
+
+def required(command: Any, workspace: Path) -> list[str]:
+    """Arguments that a command needs: the workspace stands for every path."""
+    given = []
+    for parameter, told, kinds in parameters(command):
+        if parameter.default is inspect.Parameter.empty:
+            assert Path in kinds, f"say what {parameter.name} may be here"
+            option = isinstance(told, typer.models.OptionInfo)
+            given += [
+                *(["--" + parameter.name.replace("_", "-")] if option else []),
+                str(workspace),
+            ]
+    return given
+
+
+def test_all_commands_are_walked() -> None:
+    assert {path for path, _ in commands(app)} >= {("run",), ("import",), ("truth", "assess")}
+    assert len(OPTIONS) > 20
+    assert {name for _, name in OPTIONS} >= {"--workers", "--gsd", "--limit-s", "--seed"}
+
+
+@pytest.mark.parametrize(
+    ("path", "option"), OPTIONS, ids=lambda x: x if isinstance(x, str) else "_".join(x)
+)
+def test_an_absurd_number_is_refused_by_the_name_of_its_option(
+    path: tuple[str, ...], option: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    workspace = Workspace.create(tmp_path / "ws", Settings()).root
+    before = content(tmp_path)
+    command = dict(commands(app))[path]
+    for value in ABSURD:
+        if value in SENSIBLE.get(option, ()):
+            continue
+        arguments = [*path, *required(command, workspace), f"{option}={value}"]
+        result = CliRunner().invoke(app, arguments)
+        assert result.exit_code == 2, (value, result.output)
+        assert result.stdout == ""
+        line = result.stderr.splitlines()[-1]
+        assert line.startswith("Error: Invalid value for"), line
+        assert option in line
+        assert len(line) < 6000
+        assert "unexpected" not in result.output
+        assert "Traceback" not in result.output
+        assert content(tmp_path) == before, value
