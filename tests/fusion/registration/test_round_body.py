@@ -53,7 +53,7 @@ def noisy(height, seed, *, spc):
 def response(planted, *, filtered, lost=0.0, **move):
     """Found over planted displacement of lidar surfaces that `move`, and heights found, metres."""
     found, rise = [], []
-    for seed in range(4):
+    for seed in range(6):
         spc = noisy(heights(seed), seed, spc=True)
         lidar = [noisy(heights(seed, **how), seed, spc=False) for how in ({}, move)]
         spc[:, : int(lost * GRID.size)] = np.nan
