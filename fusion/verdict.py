@@ -45,6 +45,8 @@ class Code(StrEnum):
     SCALE_NOT_CONVERGED = "scale-not-converged"
     SHOTS_FIT_ELSEWHERE = "shots-fit-elsewhere"
     SHOTS_FIT_BY_CHANCE = "shots-fit-by-chance"
+    SCANS_FIT_ELSEWHERE = "scans-fit-elsewhere"
+    SCANS_DISAGREE = "scans-disagree"
     SHOTS_MISS_SHAPE = "shots-miss-shape"
     SCATTER_TOO_LARGE = "scatter-too-large"
     PAIRS_NOT_MATCHED = "pairs-not-matched"
@@ -87,6 +89,8 @@ MEANINGS: Mapping[Code, str] = {
     Code.SCALE_NOT_CONVERGED: "the fit of the scale did not converge",
     Code.SHOTS_FIT_ELSEWHERE: "shots fit the shape better turned or mirrored than as they are",
     Code.SHOTS_FIT_BY_CHANCE: "shots fit the shape as well at a place that is a wrong one",
+    Code.SCANS_FIT_ELSEWHERE: "scans fit the shape better turned or mirrored, each on its own",
+    Code.SCANS_DISAGREE: "scans over the same ground differ by more than shots of one scan do",
     Code.SHOTS_MISS_SHAPE: "many shots do not meet the shape",
     Code.SCATTER_TOO_LARGE: "residuals scatter far more than the sigmas say",
     Code.PAIRS_NOT_MATCHED: "the surfaces of many pairs could not be matched",

@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from fusion.scaling.crossings import Crossings
 from fusion.scaling.joint import ScaleEstimate, ScaleOptions
 from fusion.scaling.observation import PARAMETERS, ScaleObservations
 from fusion.scaling.places import FALSE_ALARM, PlaceCheck
 from fusion.scaling.residuals import after_fit
+from fusion.scaling.scanplaces import ScanPlaces
 from fusion.verdict import Code, Finding, Severity
 from spcola.robust import mad
 
@@ -26,6 +28,12 @@ TOO_LARGE = 20.0
 REJECTED = 0.2
 """Share of pairs or shots that may be rejected."""
 
+MISPLACED = 0.5
+"""Share of scans that may fit elsewhere before the result is refused; one makes it doubtful."""
+
+CROSSING = 2.0
+"""Times that scans over the same ground may differ as much as shots of one scan there."""
+
 MISSED = 1.0 / 3.0
 """Share of shots that may miss the shape or graze it."""
 
@@ -38,8 +46,10 @@ CHANCE = 1e-4
 MOVED = 0.3
 """Sigmas by which an estimate that has not converged may still move."""
 
-# A scatter of this many times the expected one needs no relief to be believed.
+# A scatter of more than this many times the expected one is noted, and has to show relief.
 _EXPECTED = 3.0
+# Scans that are named in a finding.
+_NAMED = 3
 
 _GROUPS = (
     (Code.EPSILON_BEYOND_PRIOR, "epsilon", slice(0, 1), 1.0, ""),
@@ -95,12 +105,15 @@ def _of_the_fit(
     # Where many stray, the fit takes it for the error of each, and the robust scatter hides it.
     rest = max(float(mad(after_fit(observations, fit))), fit.sizes.independent)
     expected = expected_scatter(observations, options)
-    if rest > TOO_LARGE * expected:
+    if rest > _EXPECTED * expected:
         text = (
             f"residuals scatter by {rest:.3g} m where {expected:.3g} m are expected of "
             "stated sigmas, [scale] single_sigma_m and state_sigma_m"
         )
-        found.append(_doubtful(Code.SCATTER_TOO_LARGE, text, rest, TOO_LARGE * expected))
+        # Errors of a coarse shape are ten times that, and no sigma states them.
+        doubtful = rest > TOO_LARGE * expected
+        make, limit = (_doubtful, TOO_LARGE) if doubtful else (_note, _EXPECTED)
+        found.append(make(Code.SCATTER_TOO_LARGE, text, rest, limit * expected))
     if estimate.days_p_value < CHANCE:
         text = (
             "ranges of single days differ by more than their sigmas and [scale] day_sigma_m "
@@ -185,6 +198,47 @@ def place_findings(check: PlaceCheck, scatter_m: float) -> list[Finding]:
         plain = check.here_m <= _EXPECTED * scatter_m
         make = _note if plain else _doubtful
         found.append(make(Code.SHOTS_FIT_BY_CHANCE, text, float(check.rivals), 0.0))
+    return found
+
+
+def scan_findings(places: ScanPlaces, crossings: Crossings) -> list[Finding]:
+    """Judge whether scans fit where they are, each by itself, and whether they agree.
+
+    Parameters
+    ----------
+    places : ScanPlaces
+    crossings : Crossings
+
+    Returns
+    -------
+    list of Finding
+        Refused where more than half of the scans fit better elsewhere.
+    """
+    found, count = [], len(places.checks)
+    wrongly = [
+        f"{', '.join(names)} when {check.best} ({check.best_m:.2f} m instead of "
+        f"{check.here_m:.2f} m)"
+        for names, check, wrong in zip(places.names, places.checks, places.misfits, strict=True)
+        if wrong
+    ]
+    if wrongly:
+        more = len(wrongly) - _NAMED
+        text = (
+            f"{len(wrongly)} of {count} scans (or groups of scans) fit better turned or mirrored, "
+            f"each on its own: {'; '.join(wrongly[:_NAMED])}"
+            + (f"; {more} more in scan_check" if more > 0 else "")
+        )
+        severity = Severity.REFUSED if len(wrongly) > MISPLACED * count else Severity.DOUBTFUL
+        value = len(wrongly) / count
+        found.append(Finding(Code.SCANS_FIT_ELSEWHERE, severity, text, value, MISPLACED))
+    ratio = crossings.between_m / max(crossings.within_m, 1e-6)
+    if ratio > CROSSING:
+        text = (
+            f"shots of different scans within {crossings.apart_m:.3g} m differ by "
+            f"{crossings.between_m:.3g} m, those of one scan by {crossings.within_m:.3g} m: "
+            "errors of the shape would be common to both"
+        )
+        found.append(_doubtful(Code.SCANS_DISAGREE, text, ratio, CROSSING))
     return found
 
 

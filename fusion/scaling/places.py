@@ -4,27 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import compress
 
 import numpy as np
-from scipy import stats
 from scipy.spatial.transform import Rotation
 
+from fusion.scaling.chance import (
+    FEWEST_INDEPENDENT,
+    FEWEST_SHOTS,
+    LARGER,
+    chance_of_fit,
+    chance_of_larger,
+    independent,
+)
+from fusion.scaling.fits import PlaceFit, clipped, scatter
 from fusion.scaling.observation import Trajectory
 from fusion.scaling.placing import KnownPlace
 from fusion.scaling.shots import compare_shots
+from fusion.threads import one_blas_thread
 from lidar.scan import Scan
 from spcola.arrays import FloatArray
 from spcola.rays import RayCaster
-from spcola.robust import mad
 
 # Shots compared at each place: more tell no more of it.
 _SAMPLE = 400
 # Rays cast at once.
 _RAYS = 100_000
-# Residuals that scatter by less than this are as good as none.
-_LEAST_M = 1e-6
-# Fewer than this leave nothing once size and centre are taken out.
-FEWEST_SHOTS = 10
 # Steps of turns about Z, and about axes in the equator, degrees.
 _STEP_DEG, _MIRRORED_DEG, _COARSE_DEG = 2.0, 3.0, 4.0
 # The best of them is looked for again with these steps, with no rotation left to the fit.
@@ -33,12 +38,12 @@ _LOOSE = np.array([0.0, 0.0, 0.0, 0.0, *np.radians([2.0, 2.0, 2.0]), 0.0])
 _FIRM = np.array([1.0, 1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3, 1.0])
 # Places closer than this to the one claimed are not wrong ones.
 _ELSEWHERE_DEG = 20.0
-# Another place is a better one if the scatter here is so much larger, and not by chance.
-_LARGER = 1.2
 FALSE_ALARM = 1e-3
-"""Chance, per run, that right shots are said to fit better elsewhere; an upper bound."""
-# Residuals beyond this many robust deviations are of stray shots.
-_CLIPPED = 4.0
+"""Chance, of all places together, that right shots seem to fit better elsewhere.
+
+It is kept where errors are white. Where they are correlated along a short track and as large as the
+relief it is not quite (docs: truth, "Wrong input").
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,31 +119,46 @@ class PlaceCheck:
         Scatter where they claim to be and at the best other place, metres; NaN where less than
         half of the shots meet the shape, or fewer than ten.
     best : Place
-    p_value : float
+    paired : float
         Chance, over all places tried, that the scatter here exceeds the one there as much as it
-        does where both fit equally well (:func:`chance_of_larger`, Bonferroni's bound).
+        does where both fit equally well (:func:`fusion.scaling.chance.chance_of_larger`,
+        Bonferroni's bound).
     tried : int
         Places.
     usual_m : float
         Median scatter at the wrong places: turned by more than 20°, or mirrored.
     wrong, rivals : int
         How many of these there are, and at how many of them the shots fit as well as here.
+    noise : float
+        The same chance where right shots have errors correlated as the residuals are
+        (:func:`fusion.scaling.chance.chance_of_fit`); 0 where `paired` is no less than
+        :data:`FALSE_ALARM`, and nothing is left to be asked.
+    independent : float
+        How many shots are independent by the residuals at the best other place.
     """
 
     count: int = 0
     here_m: float = float("nan")
     best_m: float = float("nan")
     best: Place = field(default_factory=lambda: Place(_Z, 0.0))
-    p_value: float = 1.0
+    paired: float = 1.0
     tried: int = 0
     usual_m: float = float("nan")
     wrong: int = 0
     rivals: int = 0
+    noise: float = 0.0
+    independent: float = 0.0
+
+    @property
+    def p_value(self) -> float:
+        """The larger of both chances."""
+        return max(self.paired, self.noise)
 
     @property
     def misfit(self) -> bool:
         """Whether the shots fit better elsewhere, by more than chance."""
-        return self.p_value < FALSE_ALARM and not self.here_m <= _LARGER * self.best_m
+        known = self.independent >= FEWEST_INDEPENDENT
+        return known and self.p_value < FALSE_ALARM and not self.here_m <= LARGER * self.best_m
 
     @property
     def by_chance(self) -> bool:
@@ -146,6 +166,7 @@ class PlaceCheck:
         return self.rivals > 0
 
 
+@one_blas_thread()
 def check_place(
     scan: Scan,
     caster: RayCaster,
@@ -153,6 +174,7 @@ def check_place(
     prior: FloatArray,
     known: KnownPlace = _CLAIMED,
     trajectory: Trajectory = "reference",
+    sample: int = _SAMPLE,
 ) -> PlaceCheck:
     """Compare the fit of the shots where they claim to be with that elsewhere.
 
@@ -167,30 +189,38 @@ def check_place(
         (:attr:`fusion.scaling.joint.ScaleOptions.prior`).
     known : KnownPlace, optional
         Where an estimate has put the lidar surface: what it tells is no misfit.
-
     trajectory : {"spc", "reference"}
         By which the shots are located.
+    sample : int, optional
+        Shots compared at the most.
 
     Returns
     -------
     PlaceCheck
         Nothing is tested with fewer than ten shots.
     """
-    shots = scan.select(np.arange(0, len(scan), max(1, -(-len(scan) // _SAMPLE))))
+    shots = scan.select(np.arange(0, len(scan), max(1, -(-len(scan) // sample))))
     # Dates are not needed, and take longer than the rays.
     shots = Scan.of_points("place", shots.points, spacecraft=shots.spacecraft, beam=shots.beam)
     if len(shots) < FEWEST_SHOTS:
         return PlaceCheck(len(shots))
-    compared = _Compared(shots, caster, prior, trajectory)
-    here = compared.at(Place(_Z, 0.0), known)
+    compared = _Compared(shots, caster, trajectory)
+    center = known.parameters
+    claimed = compared.at(Place(_Z, 0.0), known)
+    here = replace(claimed, value=claimed.value - claimed.design @ center).rest(prior)
     places = list(_places(shots))
-    # Between places that are tried the fit turns: here it may not, beyond what is believed.
-    loose = replace(compared, prior=np.maximum(prior, _LOOSE))
-    best, _ = _best(list(zip(places, loose.at_each(places), strict=True)))
-    best = _finer(best, replace(compared, prior=prior * _FIRM))
-    there = loose.at(best)
-    elsewhere = [place for place in places if place.is_elsewhere]
-    wrong = np.array([scatter(rest) for rest in compared.at_each(elsewhere)])
+    fits = compared.at_each(places)
+    # Between places that are tried the fit turns: here it may not, beyond its prior.
+    loose = np.maximum(prior, _LOOSE)
+    best = _finer(_best(places, [fit.rest(loose) for fit in fits]), compared, prior * _FIRM)
+    there = compared.at(best).rest(loose)
+    paired = min(1.0, len(places) * chance_of_larger(here, there))
+    noise = 0.0
+    count = _independent(there)
+    if paired < FALSE_ALARM and count >= FEWEST_INDEPENDENT:
+        noise = chance_of_fit(claimed, fits, prior=prior, loose=loose, center=center)
+    elsewhere = [place.is_elsewhere for place in places]
+    wrong = np.array([scatter(fit.rest(prior)) for fit in compress(fits, elsewhere)])
     wrong = wrong[np.isfinite(wrong)]
     size = scatter(here)
     return PlaceCheck(
@@ -198,12 +228,23 @@ def check_place(
         size,
         scatter(there),
         best,
-        min(1.0, len(places) * chance_of_larger(here, there)),
+        paired,
         len(places),
         float(np.median(wrong)) if wrong.size else float("nan"),
         len(wrong),
         int(np.count_nonzero(wrong <= size)),
+        noise,
+        count,
     )
+
+
+def _independent(rest: FloatArray) -> float:
+    """How many of residuals (N,), in the order in which they were taken, are independent."""
+    known = rest[np.isfinite(rest)]
+    if not known.any():
+        return 0.0
+    known = clipped(known)
+    return independent(known - known.mean(), known - known.mean())
 
 
 def _places(scan: Scan) -> Iterator[Place]:
@@ -223,18 +264,18 @@ def _places(scan: Scan) -> Iterator[Place]:
             yield Place(axis, float(turn))
 
 
-def _best(found: list[tuple[Place, FloatArray]]) -> tuple[Place, FloatArray]:
+def _best(places: Sequence[Place], rests: Sequence[FloatArray]) -> Place:
     """The place of the least scatter; the first where none is known."""
-    sizes = np.array([scatter(rest) for _, rest in found])
-    return found[int(np.nanargmin(sizes)) if np.isfinite(sizes).any() else 0]
+    sizes = np.array([scatter(rest) for rest in rests])
+    return places[int(np.nanargmin(sizes)) if np.isfinite(sizes).any() else 0]
 
 
-def _finer(best: Place, compared: _Compared) -> Place:
-    """The place near `best` of the least scatter."""
+def _finer(best: Place, compared: _Compared, firm: FloatArray) -> Place:
+    """The place near `best` of the least scatter, by fits with priors (8,)."""
     for step in _FINER_DEG:
         turns = best.turn_deg + step * np.array([-1.0, 0.0, 1.0])
         near = [Place(best.axis, float(turn), best.mirrored) for turn in turns]
-        best, _ = _best(list(zip(near, compared.at_each(near), strict=True)))
+        best = _best(near, [fit.rest(firm) for fit in compared.at_each(near)])
     return best
 
 
@@ -244,21 +285,20 @@ class _Compared:
 
     scan: Scan
     caster: RayCaster
-    prior: FloatArray
     trajectory: Trajectory
 
-    def at(self, place: Place, known: KnownPlace = _CLAIMED) -> FloatArray:
-        """Residuals (N,) at a place, metres; NaN of shots that miss."""
+    def at(self, place: Place, known: KnownPlace = _CLAIMED) -> PlaceFit:
+        """Values and partials at a place; of no shot where most miss."""
         return self.at_each([place], known)[0]
 
-    def at_each(self, places: Sequence[Place], known: KnownPlace = _CLAIMED) -> list[FloatArray]:
-        """Residuals (N,) at each place, metres; NaN of shots that miss, and where most do."""
+    def at_each(self, places: Sequence[Place], known: KnownPlace = _CLAIMED) -> list[PlaceFit]:
+        """Values and partials at each place; of no shot where most miss."""
         most = max(1, _RAYS // len(self.scan))
         groups = [places[first : first + most] for first in range(0, len(places), most)]
-        return [rest for group in groups for rest in self._at_once(group, known)]
+        return [fit for group in groups for fit in self._at_once(group, known)]
 
-    def _at_once(self, places: Sequence[Place], known: KnownPlace) -> list[FloatArray]:
-        """Residuals at a few places, cast together: rays cost less than calls."""
+    def _at_once(self, places: Sequence[Place], known: KnownPlace) -> list[PlaceFit]:
+        """Values and partials at a few places, cast together: rays cost less than calls."""
         count = len(self.scan)
         layers = {
             name: np.concatenate([getattr(self.scan, name) @ place.matrix.T for place in places])
@@ -266,86 +306,12 @@ class _Compared:
         }
         scan = Scan.of_points("places", **layers)
         compared = compare_shots(scan, self.caster, trajectory=self.trajectory, known=known)
-        seen, found = compared.observations, []
-        design = seen.design()[:, 0]
-        ends = np.concatenate([[0], np.cumsum(compared.met.reshape(-1, count).sum(axis=1))])
-        for number, met in enumerate(compared.met.reshape(-1, count)):
-            rest = np.full(count, np.nan)
-            if np.count_nonzero(met) >= max(FEWEST_SHOTS, count / 2):
-                part = slice(ends[number], ends[number + 1])
-                rest[met] = self._rest(seen.value[part, 0], design[part], known)
-            found.append(rest)
-        return found
-
-    def _rest(self, value: FloatArray, design: FloatArray, known: KnownPlace) -> FloatArray:
-        """What a fit of the eight parameters with their priors leaves of M values, metres."""
-        prior = self.prior
-        value = value - design @ np.concatenate([[0.0], known.center, known.turn, [0.0]])
-        held = _held(value)
-        error = max(float(mad(value)), _LEAST_M)
-        rows = np.concatenate([design, np.diag(error / prior)])
-        seen = np.concatenate([held, np.zeros(len(prior))])
-        # Metres, radians and ratios: in units of the priors the columns are of one size.
-        told = prior * np.linalg.lstsq(rows * prior, seen, rcond=None)[0]
-        rest: FloatArray = value - design @ told
-        return rest
-
-
-def scatter(rest: FloatArray) -> float:
-    """Standard deviation of residuals (N,), stray ones held; NaN where none is known."""
-    known = rest[np.isfinite(rest)]
-    return float(np.std(_held(known))) if known.size else float("nan")
-
-
-def chance_of_larger(here: FloatArray, there: FloatArray) -> float:
-    """Chance that residuals scatter more here than there as much as they do, if both fit alike.
-
-    Residuals here are explained by the share β of their difference from those there: 0 where all
-    is right here, 1 where it is there, and ½ where both scatter alike (which is the test of Pitman
-    1939 and Morgan 1939). Shots that follow each other may err alike: as many of them count as
-    the correlations along the track leave independent (Pyper & Peterman 1998).
-
-    Parameters
-    ----------
-    here, there : (N,) ndarray
-        Residuals of the same shots, in the order in which they were taken; NaN where unknown.
-
-    Returns
-    -------
-    float
-        One-sided p-value of β against ½. 1 where nothing is known there, 0 where nothing is known
-        here only.
-    """
-    if not np.isfinite(there).any():
-        return 1.0
-    if not np.isfinite(here).any():
-        return 0.0
-    both = np.isfinite(here) & np.isfinite(there)
-    if np.count_nonzero(both) < FEWEST_SHOTS:
-        return 1.0
-    one, other = _held(here[both]), _held(there[both])
-    one, less = one - one.mean(), (one - other) - (one - other).mean()
-    size = float(less @ less)
-    if not size > 0:
-        return 1.0
-    share = float(one @ less) / size
-    rest = one - share * less
-    count = independent(rest, less)
-    error = float(np.sqrt((rest @ rest) / size / (count - 2.0)))
-    return float(stats.t.sf((share - 0.5) / max(error, 1e-12), count - 2.0))
-
-
-def independent(one: FloatArray, other: FloatArray) -> float:
-    """How many of N pairs of two series, each of mean 0, count for their correlation: 4 to N."""
-    count = len(one)
-    own = np.correlate(one, one, "full")[count - 1 :] / (one @ one)
-    others = np.correlate(other, other, "full")[count - 1 :] / (other @ other)
-    lags = np.arange(1, max(2, count // 5 + 1))
-    alike = float(np.sum((1.0 - lags / count) * own[lags] * others[lags]))
-    return float(np.clip(count / max(1.0 + 2.0 * alike, 1.0), 4.0, count))
-
-
-def _held(rest: FloatArray) -> FloatArray:
-    """Residuals held within four robust deviations of their median."""
-    middle, limit = np.median(rest), _CLIPPED * float(mad(rest))
-    return rest if not limit > 0 else np.clip(rest, middle - limit, middle + limit)
+        value, design = compared.observations.value[:, 0], compared.observations.design()[:, 0]
+        fits, first = [], 0
+        for met in compared.met.reshape(-1, count):
+            seen = int(np.count_nonzero(met))
+            enough = seen >= max(FEWEST_SHOTS, count / 2)
+            part = slice(first, first + seen if enough else first)
+            fits.append(PlaceFit(met & enough, value[part], design[part]))
+            first += seen
+        return fits

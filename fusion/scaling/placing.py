@@ -36,6 +36,11 @@ class KnownPlace:
         """Take it from an estimate (8,) of :func:`fusion.scaling.joint.estimate_scale`."""
         return cls(estimate[1:4], estimate[4:7])
 
+    @property
+    def parameters(self) -> FloatArray:
+        """As parameters (8,) of the estimate: no scale, no range bias."""
+        return np.concatenate([[0.0], self.center, self.turn, [0.0]])
+
     def displaced(self, arm: FloatArray) -> FloatArray:
         """How far (N, 3) the lidar surface lies from SPC at arms (N, 3), metres."""
         away: FloatArray = self.center - np.cross(self.turn, arm)

@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from fusion.scaling.crossings import Crossings
 from fusion.scaling.frames import LeftOut
 from fusion.scaling.joint import ScaleEstimate
 from fusion.scaling.observation import PARAMETERS, ScaleObservations
 from fusion.scaling.pairs import Pair
 from fusion.scaling.places import PlaceCheck
 from fusion.scaling.residuals import residuals_json
+from fusion.scaling.scanplaces import ScanPlaces
 from fusion.scaling.shots import ShotComparison
 from fusion.scaling.spots import SpotOptions
 
@@ -212,9 +214,39 @@ def place_json(check: PlaceCheck) -> dict[str, Any]:
         "best": str(check.best),
         "best_turn_deg": check.best.signed_deg if check.best.about_z else None,
         "p_value": check.p_value,
+        "p_paired": check.paired,
+        "p_noise": check.noise,
+        "n_independent": check.independent,
         "places_tried": check.tried,
         "misfit": check.misfit,
         "scatter_wrong_m": check.usual_m,
         "wrong_places": check.wrong,
         "rivals": check.rivals,
+    }
+
+
+def scan_places_json(places: ScanPlaces, crossings: Crossings) -> dict[str, Any]:
+    """Entry ``scan_check``: whether scans fit where they are, each by itself, and agree.
+
+    `per_scan` is empty where it was not asked: with one scan, or all shots fitting elsewhere.
+    """
+    return {
+        "within_m": crossings.within_m,
+        "between_m": crossings.between_m,
+        "neighbours": crossings.pairs,
+        "neighbours_apart_m": crossings.apart_m,
+        "per_scan": [
+            {
+                "scans": list(names),
+                "n_shots": check.count,
+                "scatter_here_m": check.here_m,
+                "scatter_best_m": check.best_m,
+                "best": str(check.best),
+                "p_value": check.p_value,
+                "misfit": misfit,
+            }
+            for names, check, misfit in zip(
+                places.names, places.checks, places.misfits, strict=True
+            )
+        ],
     }

@@ -14,19 +14,23 @@ from fusion.located import located_shots
 from fusion.locating import kernel_paths, turning
 from fusion.pairing import Pairing, pair_images, state_shares, write_pairs
 from fusion.scaling.consistency import consistency, shared_by_maplets
+from fusion.scaling.crossings import compare_crossings
 from fusion.scaling.findings import (
     consistency_findings,
     expected_scatter,
     missed_findings,
     place_findings,
     scale_findings,
+    scan_findings,
     unmatched_findings,
     unobserved_findings,
 )
 from fusion.scaling.joint import ScaleEstimate, ScaleOptions, estimate_scale
+from fusion.scaling.observation import Trajectory as Located
 from fusion.scaling.pairs import maplets_under, pair_observations
-from fusion.scaling.places import check_place
+from fusion.scaling.places import PlaceCheck, check_place
 from fusion.scaling.placing import KnownPlace
+from fusion.scaling.scanplaces import ScanPlaces, check_scans
 from fusion.scaling.settling import settle_shots
 from fusion.scaling.shots import ShotComparison, compare_shots, join_shots
 from fusion.scaling.spots import SpotOptions
@@ -36,6 +40,7 @@ from fusion.scaling.summary import (
     per_shot,
     place_json,
     scale_json,
+    scan_places_json,
     silent_pairs,
     unobserved_json,
 )
@@ -58,7 +63,7 @@ class ScaleStage:
     """Scans, images and SPC surface → scale.json and pairs/."""
 
     name: str = "scale"
-    version: int = 11
+    version: int = 12
     needs: tuple[str, ...] = ("ingest", "register")
     places: tuple[str, ...] = ("scale.json", "pairs")
     tables: tuple[type[Table], ...] = (
@@ -166,8 +171,11 @@ def _shots(
             scan, caster, trajectory=located, shares=shares, spots=spots, known=known
         )
 
+    def each(known: KnownPlace) -> list[ShotComparison]:
+        return context.map("cast shots", partial(one, known=known), placed)
+
     def at(known: KnownPlace) -> ShotComparison:
-        return join_shots(context.map("cast shots", partial(one, known=known), placed))
+        return join_shots(each(known))
 
     compared = at(KnownPlace())
     if len(compared.observations) < 2:
@@ -181,8 +189,10 @@ def _shots(
         content, findings = _unobserved("shots", located, str(error))
         return content | taken.as_json(), [*findings, *taken.findings()]
     known = KnownPlace.of(estimate.fit.estimate)
-    shots = join("shots", [scan for scan, _ in placed])
-    check = check_place(shots, caster, prior=options.prior, known=known, trajectory=located)
+    check, by_scan = _placed(
+        [scan for scan, _ in placed], caster, options=options, known=known, located=located
+    )
+    crossings = compare_crossings(each(known), options.prior, known)
     content = scale_json(compared.observations, estimate, mean_radius=radius)
     if located != table.trajectory:
         content["reasons"].append(
@@ -194,11 +204,13 @@ def _shots(
     findings += missed_findings(compared.missed, len(compared.met))
     findings += (
         at_place := place_findings(check, expected_scatter(compared.observations, options))
+        + scan_findings(by_scan, crossings)
     )
     content["reasons"] += [
         f"misfit: {finding.text}" for finding in at_place if finding.severity is not Severity.NOTE
     ]
     content["longitude_check"] = place_json(check)
+    content["scan_check"] = scan_places_json(by_scan, crossings)
     content["assumed"] = assumed_json(spots)
     content["missed"] = compared.missed
     content |= taken.as_json()
@@ -206,6 +218,23 @@ def _shots(
         content["located_within_m"] = taken.within_m
     content["per_shot"] = per_shot(compared, estimate)
     return content, [*findings, *taken.findings()]
+
+
+def _placed(
+    scans: list[Scan],
+    caster: RayCaster,
+    *,
+    options: ScaleOptions,
+    known: KnownPlace,
+    located: Located,
+) -> tuple[PlaceCheck, ScanPlaces]:
+    """Where the shots fit together, and where scans do one by one if not together elsewhere."""
+    check = check_place(
+        join("shots", scans), caster, prior=options.prior, known=known, trajectory=located
+    )
+    if check.misfit:
+        return check, ScanPlaces()
+    return check, check_scans(scans, caster, prior=options.prior, known=known, trajectory=located)
 
 
 def _unobserved(kind: str, located: str, reason: str) -> tuple[dict[str, Any], list[Finding]]:

@@ -8,7 +8,7 @@ one. None of what they make may be accepted by ``spcola scale``.
         write_scan(folder / f"{name}.h5", [alter(scan)])
 
 Turns of the latitude are about an axis of the scan's own: several scans altered one by one are not
-turned as a whole, but torn apart, which no single place mends.
+turned as a whole, but each elsewhere, which no single place mends.
 
 A scan of another body is no alteration: take the scan of one body and the shape of another.
 """

@@ -8,21 +8,26 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
+from fusion.scaling.chance import FEWEST_SHOTS, chance_of_larger, independent
+from fusion.scaling.crossings import compare_crossings
 from fusion.scaling.findings import (
+    CROSSING,
     TOO_LARGE,
     expected_scatter,
     missed_findings,
     place_findings,
     scale_findings,
+    scan_findings,
 )
 from fusion.scaling.joint import ScaleOptions
-from fusion.scaling.places import FEWEST_SHOTS, chance_of_larger, check_place, independent
+from fusion.scaling.places import check_place
 from fusion.scaling.placing import KnownPlace
+from fusion.scaling.scanplaces import check_scans
 from fusion.scaling.settling import settle_shots
 from fusion.scaling.shots import compare_shots
 from fusion.verdict import Code, Severity, Verdict
 from lidar.formats.reader import read_scan
-from lidar.scan import Scan
+from lidar.scan import Scan, join
 from spcola.errors import NotObservableError
 from spcola.formats.shape import read_shape
 from spcola.mesh import Mesh
@@ -168,6 +173,88 @@ class TestPlantedTruth:
         )
         assert check.misfit
         assert str(check.best) == "mirrored (longitude of the other sign)"
+
+
+@pytest.fixture(scope="module")
+def scans():
+    """Four scans of one body, and the caster of its surface."""
+    mesh = body(1)
+    return RayCaster(mesh), [shots_on(mesh, seed, count=80) for seed in range(1, 5)]
+
+
+def turned(scan, seed, turn=5.0):
+    """A scan turned about an axis of its own."""
+    axis = np.random.default_rng([seed, 9]).normal(size=3)
+    matrix = Rotation.from_rotvec(np.radians(turn) * axis / np.linalg.norm(axis)).as_matrix()
+    return WRONG.moved(scan, scan.points @ matrix.T, scan.spacecraft @ matrix.T)
+
+
+def scans_checked(scans, caster):
+    """Place check of each scan, and what scans differ by over the same ground."""
+    options, known = ScaleOptions(), KnownPlace()
+    places = check_scans(scans, caster, prior=options.prior, known=known)
+    compared = [compare_shots(scan, caster) for scan in scans]
+    return places, compare_crossings(compared, options.prior, known)
+
+
+class TestScansTurnedOneByOne:
+    """Scans that are turned each on its own fit better at no place in common."""
+
+    def test_right_scans_fit_where_they_are(self, scans):
+        places, crossings = scans_checked(scans[1], scans[0])
+        assert len(places.checks) == 4
+        assert not any(places.misfits)
+        assert scan_findings(places, crossings) == []
+
+    def test_each_scan_turned_on_its_own_is_refused(self, scans):
+        caster, right = scans
+        wrong = [turned(scan, seed) for seed, scan in enumerate(right)]
+        assert not check_place(join("S", wrong), caster, prior=ScaleOptions().prior).misfit
+        places, crossings = scans_checked(wrong, caster)
+        assert all(places.misfits)
+        found = scan_findings(places, crossings)[0]
+        assert (found.code, found.severity) == (Code.SCANS_FIT_ELSEWHERE, Severity.REFUSED)
+        assert found.text.startswith("4 of 4 scans")
+
+    def test_one_scan_of_four_is_named(self, scans):
+        caster, right = scans
+        names = [WRONG.moved(scan, scan.points, scan.spacecraft) for scan in right]
+        names[2] = turned(names[2], 2)
+        places, crossings = scans_checked(names, caster)
+        assert places.misfits == (False, False, True, False)
+        found = scan_findings(places, crossings)[0]
+        assert (found.code, found.severity) == (Code.SCANS_FIT_ELSEWHERE, Severity.DOUBTFUL)
+        assert found.text.startswith("1 of 4 scans")
+
+    def test_few_shots_are_put_together(self, scans):
+        caster, right = scans
+        parts = [scan.select(np.arange(first, first + 20)) for scan in right for first in (0, 20)]
+        places = check_scans(parts, caster, prior=ScaleOptions().prior, known=KnownPlace())
+        assert [len(names) for names in places.names] == [3, 5]
+
+
+def test_scans_that_differ_over_the_same_ground_are_doubtful():
+    """An error of the shape is common to all scans, however large; a turn of each is not."""
+    mesh = body(1)
+    rough = RayCaster(Mesh(mesh.vertices + 0.4 * wave(mesh.vertices), mesh.facets))
+    scans = [shots_on(mesh, seed, count=3000) for seed in range(1, 4)]
+    prior, known = ScaleOptions().prior, KnownPlace()
+
+    def ratio(caster, taken):
+        found = compare_crossings([compare_shots(one, caster) for one in taken], prior, known)
+        assert found.pairs > 100
+        return found.between_m / found.within_m
+
+    assert ratio(RayCaster(mesh), scans) < 1.3
+    assert ratio(rough, scans) < 1.3
+    apart = [turned(scan, number, 10.0) for number, scan in enumerate(scans)]
+    assert ratio(RayCaster(mesh), apart) > CROSSING
+
+
+def wave(points):
+    """A displacement of some 30 m of wave length, along the radius."""
+    unit = points / np.linalg.norm(points, axis=1, keepdims=True)
+    return unit * np.sin(points @ [0.2, 0.1, 0.15])[:, None]
 
 
 def test_a_globe_without_relief_tells_the_size_and_no_longitude():
