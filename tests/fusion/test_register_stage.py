@@ -137,8 +137,8 @@ def test_a_fit_that_is_applied_places_the_mapolas_as_the_fit_did(
         np.testing.assert_allclose(applied["scan_shift_m"], fit["scan_shift_m"], atol=1e-12)
         assert applied["position_covariance_m2"] == fit["position_covariance_m2"]
         # Matched where the transform puts it and not where it was: another sampling.
-        np.testing.assert_allclose(applied["residual_m"], fit["residual_m"], atol=0.01)
-        np.testing.assert_allclose(applied["displacement_m"], fit["displacement_m"], atol=0.01)
+        np.testing.assert_allclose(applied["residual_m"], fit["residual_m"], atol=0.015)
+        np.testing.assert_allclose(applied["displacement_m"], fit["displacement_m"], atol=0.015)
     assert two["n_used"] == 16
 
 
