@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fusion.influence import influence
-from fusion.located import located_shots
+from fusion.located import LocatedShots, located_shots
 from fusion.locating import kernel_paths, turning
 from fusion.pairing import Pairing, pair_images, state_shares, write_pairs
 from fusion.scaling.consistency import consistency, shared_by_maplets
@@ -140,6 +140,10 @@ def _scale_options(table: ScaleSettings) -> ScaleOptions:
     )
 
 
+# A scan, and what the errors of the states by which it is located do to its shots.
+_PlacedScan = tuple[Scan, FloatArray | None]
+
+
 def _shots(
     context: StageContext, caster: RayCaster, radius: float
 ) -> tuple[dict[str, Any], list[Finding]]:
@@ -152,20 +156,13 @@ def _shots(
         max_gap_s=table.max_gap_s,
     )
     taken = located_shots(workspace, turn, table.max_shots)
-    scans = taken.scans
     located = table.trajectory if workspace.image_names() else "reference"
-    states = Trajectory.from_images(workspace.images()) if located == "spc" else None
-
     spots = SpotOptions(table.footprint_mrad / 1e3, table.pointing_sigma_mrad / 1e3)
+    placed: list[_PlacedScan] = [(scan, None) for scan in taken.scans]
+    if located == "spc":
+        taken, placed = _relocated_scans(taken, workspace, table.max_gap_s)
 
-    placed: list[tuple[Scan, FloatArray | None]] = [(scan, None) for scan in scans]
-    if states is not None:
-        moved = [_relocated(scan, states, table.max_gap_s) for scan in scans]
-        placed = [(scan, shares) for scan, shares, _ in moved]
-        widest = max((within for _, _, within in moved), default=0.0)
-        taken = taken.moved(tuple(scan for scan, _ in placed), widest)
-
-    def one(placed: tuple[Scan, FloatArray | None], known: KnownPlace) -> ShotComparison:
+    def one(placed: _PlacedScan, known: KnownPlace) -> ShotComparison:
         scan, shares = placed
         return compare_shots(
             scan, caster, trajectory=located, shares=shares, spots=spots, known=known
@@ -200,24 +197,37 @@ def _shots(
             f"{'the kernels of [spice]' if turn.place else 'their own reference trajectory'}: "
             "epsilon is that of the shape alone"
         )
-    findings = scale_findings(compared.observations, estimate, options)
-    findings += missed_findings(compared.missed, len(compared.met))
-    findings += (
-        at_place := place_findings(check, expected_scatter(compared.observations, options))
-        + scan_findings(by_scan, crossings)
-    )
+    at_place = [
+        *place_findings(check, expected_scatter(compared.observations, options)),
+        *scan_findings(by_scan, crossings),
+    ]
     content["reasons"] += [
         f"misfit: {finding.text}" for finding in at_place if finding.severity is not Severity.NOTE
     ]
-    content["longitude_check"] = place_json(check)
-    content["scan_check"] = scan_places_json(by_scan, crossings)
-    content["assumed"] = assumed_json(spots)
-    content["missed"] = compared.missed
-    content |= taken.as_json()
-    if turn.place is not None or states is not None:
+    content |= {
+        "longitude_check": place_json(check),
+        "scan_check": scan_places_json(by_scan, crossings),
+        "assumed": assumed_json(spots),
+        "missed": compared.missed,
+        **taken.as_json(),
+    }
+    if turn.place is not None or located == "spc":
         content["located_within_m"] = taken.within_m
     content["per_shot"] = per_shot(compared, estimate)
-    return content, [*findings, *taken.findings()]
+    findings = scale_findings(compared.observations, estimate, options)
+    findings += missed_findings(compared.missed, len(compared.met))
+    return content, [*findings, *at_place, *taken.findings()]
+
+
+def _relocated_scans(
+    taken: LocatedShots, workspace: Workspace, max_gap_s: float
+) -> tuple[LocatedShots, list[_PlacedScan]]:
+    """Shots located by the SPC states of images, with what the states' errors do to them."""
+    states = Trajectory.from_images(workspace.images())
+    moved = [_relocated(scan, states, max_gap_s) for scan in taken.scans]
+    widest = max((within for _, _, within in moved), default=0.0)
+    placed: list[_PlacedScan] = [(scan, shares) for scan, shares, _ in moved]
+    return taken.moved(tuple(scan for scan, _ in placed), widest), placed
 
 
 def _placed(
