@@ -172,11 +172,11 @@ def _images(content: Mapping[str, Any]) -> Iterator[Finding]:
 
 def _kinds(content: Mapping[str, Any]) -> Iterator[Finding]:
     """Test images and heights against each other: mapola by mapola, and as a whole."""
-    told = np.array(
+    known = np.array(
         [entry.get("kinds_chi2", np.nan) for entry in content.get("per_mapola") or ()], dtype=float
     )
-    told = told[np.isfinite(told)]
-    ratio = float(np.sqrt(np.median(told) / chi2.median(3))) if len(told) else 0.0
+    known = known[np.isfinite(known)]
+    ratio = float(np.sqrt(np.median(known) / chi2.median(3))) if len(known) else 0.0
     severity = _severity(ratio - _DOUBTFUL_KINDS, _REFUSED_KINDS - _DOUBTFUL_KINDS)
     if severity is not None:
         text = (

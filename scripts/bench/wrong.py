@@ -119,7 +119,7 @@ def tried(preset: str, seed: int, how: str, work: Path) -> dict[str, Any]:
 
 
 def is_fault(result: dict[str, Any], *, wrong: bool) -> bool:
-    """Tell whether wrong input passed all steps, or right input did not."""
+    """Whether wrong input passed all steps, or right input did not."""
     return (result["verdict"] == "accepted") == wrong
 
 

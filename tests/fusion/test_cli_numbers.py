@@ -41,21 +41,21 @@ def parts(annotation: Any) -> tuple[Any, ...]:
 
 
 def parameters(command: Any) -> Iterator[tuple[inspect.Parameter, Any, tuple[Any, ...]]]:
-    """Parameters of a command, what Typer is told of them, and their types."""
+    """Parameters of a command, what Typer knows of them, and their types."""
     hints = get_type_hints(command, include_extras=True)
     for parameter in inspect.signature(command).parameters.values():
         hint = hints[parameter.name]
         assert get_origin(hint) is Annotated, f"{parameter.name} is no Typer parameter"
-        kind, *told = get_args(hint)
-        yield parameter, told[0], parts(kind)
+        kind, *info = get_args(hint)
+        yield parameter, info[0], parts(kind)
 
 
 def numeric() -> Iterator[tuple[tuple[str, ...], str]]:
     for path, command in commands(app):
-        for parameter, told, kinds in parameters(command):
+        for parameter, info, kinds in parameters(command):
             if {int, float} & set(kinds):
-                assert isinstance(told, typer.models.OptionInfo), "no argument is a number so far"
-                names = [name for name in told.param_decls or () if name.startswith("--")]
+                assert isinstance(info, typer.models.OptionInfo), "no argument is a number so far"
+                names = [name for name in info.param_decls or () if name.startswith("--")]
                 yield path, (names or ["--" + parameter.name.replace("_", "-")])[0]
 
 
@@ -72,10 +72,10 @@ def content(folder: Path) -> dict[str, Any]:
 def required(command: Any, workspace: Path) -> list[str]:
     """Arguments that a command needs: the workspace stands for every path."""
     given = []
-    for parameter, told, kinds in parameters(command):
+    for parameter, info, kinds in parameters(command):
         if parameter.default is inspect.Parameter.empty:
             assert Path in kinds, f"say what {parameter.name} may be here"
-            option = isinstance(told, typer.models.OptionInfo)
+            option = isinstance(info, typer.models.OptionInfo)
             given += [
                 *(["--" + parameter.name.replace("_", "-")] if option else []),
                 str(workspace),

@@ -41,7 +41,7 @@ def heights(seed, turn=(0.0, 0.0, 0.0), shift=(0.0, 0.0, 0.0)):
 
 
 def noisy(height, seed, *, spc):
-    """Heights with noise: white of a lidar, or held together over some cells as that of SPC."""
+    """Heights with noise: white of a lidar, or correlated over some cells as that of SPC."""
     generator = np.random.default_rng([seed, spc])
     noise = generator.normal(size=height.shape)
     if not spc:
