@@ -6,7 +6,7 @@ be used fuse and scale. For each way of being wrong the table names the step tha
 codes of its findings; a wrong input that passes all steps is ACCEPTED and counts as a fault.
 
 Right input is what the missions are as they were made, one for each seed: whatever is not accepted
-of it is a false alarm.
+of it is a false alarm. Printed too is how far it stays from the limits of a registration.
 
     python scripts/bench/wrong.py [--presets tiny mini] [--seed 3] [--right 20] [--ways WORD...]
                                   [--work DIR]
@@ -40,6 +40,9 @@ WRONG = (
     "half + turn 90 z",
 )  # fmt: skip
 """Ways of being wrong: what `alter.py` is asked for."""
+
+CENTER_SIGMA_M = 0.05
+"""Default of [register] center_sigma_m."""
 
 STEPS = ("mapolas", "register", "fuse", "scale")
 
@@ -77,6 +80,8 @@ def taken_through(workspace: Path, spc: Path, lidar: Path) -> dict[str, Any]:
         findings = [found for found in summary.get("findings") or [] if found["severity"] != "note"]
         fits = [found["text"] for found in summary.get("findings") or []
                 if found["code"] == "fits-otherwise"]  # fmt: skip
+        if step == "register" and not code:
+            result["seen"] = seen(summary)
         if code:
             return result | {
                 "verdict": summary.get("verdict", "refused"),
@@ -88,6 +93,23 @@ def taken_through(workspace: Path, spc: Path, lidar: Path) -> dict[str, Any]:
                 "rotation_deg": summary.get("rotation_deg"),
             }
     return result | {"seconds": time.perf_counter() - begun}
+
+
+def seen(summary: dict[str, Any]) -> dict[str, float]:
+    """What the tests of a registration saw, in the words of docs/truth.md."""
+    agreement, landmarks = summary["agreement"], summary["landmarks"]
+    used, rejected = summary["n_used"], summary["n_rejected"]
+    return {
+        "share of mapolas with common relief": agreement["share_with_common_relief"],
+        "median clearness": agreement["median_clearness"],
+        "heights left over, stated sigmas": agreement["residual_over_sigma"],
+        "error of centres over what is stated": summary["maplet_sigma_m"]
+        / max(CENTER_SIGMA_M, landmarks["own_sigma_m"]),
+        "share of mapolas that agree": used / (used + rejected),
+        "probability of the strain by chance": summary["tests"]["strain"]["p_value"],
+        "rotation, degrees": max(map(abs, summary["rotation_deg"])),
+        "scale less 1": abs(summary["scale"] - 1.0),
+    }
 
 
 def mission(preset: str, seed: int, work: Path) -> Path:
@@ -156,6 +178,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"{len(results)} ways: {missed} accepted")
             faults += missed
         alarms = 0
+        ranges: dict[str, list[float]] = {}
         print(f"\n{options.presets[0]}: right input, {options.right} seeds")
         for seed in range(1, options.right + 1):
             result = tried(options.presets[0], seed, "right", work)
@@ -163,6 +186,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 alarms += 1
                 shown(f"seed {seed}", result, wrong=False)
         print(f"{options.right} missions: {alarms} not accepted")
+        for name, values in ranges.items():
+            print(f"    {name:40} {min(values):.3g} to {max(values):.3g}")
         faults += alarms
     return min(faults, 99)
 
