@@ -19,6 +19,7 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -182,12 +183,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"\n{options.presets[0]}: right input, {options.right} seeds")
         for seed in range(1, options.right + 1):
             result = tried(options.presets[0], seed, "right", work)
+            for name, value in result.get("seen", {}).items():
+                ranges.setdefault(name, []).append(value)
             if is_fault(result, wrong=False):
                 alarms += 1
                 shown(f"seed {seed}", result, wrong=False)
         print(f"{options.right} missions: {alarms} not accepted")
         for name, values in ranges.items():
-            print(f"    {name:40} {min(values):.3g} to {max(values):.3g}")
+            spread = f"{statistics.fmean(values):.3g} ± {statistics.pstdev(values):.2g}"
+            print(f"    {name:40} {min(values):.3g} to {max(values):.3g} ({spread})")
         faults += alarms
     return min(faults, 99)
 
