@@ -126,6 +126,8 @@ STAGE = RegisterStage()
 # Rim of a mapola turned by so many cells: beyond it is matched again from where the fit turns it,
 # until what a further fit turns it by is below the second.
 _TWIST_CELLS, _TWIST_LEFT_CELLS = 0.1, 0.01
+# Turns become smaller from fit to fit, at least by that, where lidar and SPC are of one ground.
+_SLOWEST = 0.7
 _MOST_TURNS = 8
 
 _LONG = frozenset(
@@ -187,17 +189,23 @@ def _untwisted(
     grids = {match.name: workspace.mapola(match.name).grid for match in matched.matches}
     reach = max(grid.half_size for grid in grids.values())
     before: FloatArray = np.eye(3)
+    last = np.inf
     for _ in range(_MOST_TURNS):
         turned = transform_of(content, "registration").nearest_similarity().rotation
-        angle = np.linalg.norm(Rotation.from_matrix(turned @ before.T).as_rotvec())
+        angle = float(np.linalg.norm(Rotation.from_matrix(turned @ before.T).as_rotvec()))
         if angle * reach < (_TWIST_CELLS if given is None else _TWIST_LEFT_CELLS):
             return matched, content, given
+        if angle > _SLOWEST * last:
+            break
+        last = angle
         given = given_registration({**content, "per_scan": None, "per_mapola": None}, "fit")
         found = match_mapolas(context, given)
         own = [given.referred(match, grids[match.name]) for match in found.matches]
         matched, before = replace(found, matches=own), turned
         content = _registered(context, matched, None, None)
-    text = f"the rotation still changed after {_MOST_TURNS} fits"
+    text = (
+        "the rotation does not settle when mapolas are matched again from where the fit turns them"
+    )
     return matched, {**content, "converged": False, "reason": text}, given
 
 
