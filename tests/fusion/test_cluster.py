@@ -218,11 +218,6 @@ def lonely() -> Iterator[tuple[str, Callable[[str], None]]]:
         process.wait()
 
 
-def nap(item: int) -> int:
-    time.sleep(0.3)
-    return item
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("dies", "says"),
@@ -234,6 +229,10 @@ def test_a_lost_cluster_is_said_in_one_line(
     dies: str,
     says: str,
 ) -> None:
+    def nap(item: int) -> int:  # here, so that workers need not import this file
+        time.sleep(0.3)
+        return item
+
     address, kill = lonely
     executor = ClusterExecutor(address)
     monkeypatch.setattr(fusion.cluster, "_ANSWER_S", 2)
