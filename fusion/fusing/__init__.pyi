@@ -1,6 +1,5 @@
 from .constraints import Candidate as Candidate
 from .constraints import lidar_constraints as lidar_constraints
-from .constraints import overlaps as overlaps
 from .fuse import FuseInput as FuseInput
 from .fuse import FuseOptions as FuseOptions
 from .fuse import FuseResult as FuseResult

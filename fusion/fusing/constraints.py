@@ -19,7 +19,7 @@ from spcola.arrays import (
     FloatArray,
     IntArray,
 )
-from spcola.grids import MapletGrid, project_maplet
+from spcola.grids import MapletGrid, overlaps, project_maplet
 from spcola.heights import MeanConstraints
 
 # A mapola whose GSD is larger than the grid's by this factor holds means, not points.
@@ -193,12 +193,6 @@ def _reaches(other: MapletGrid, grid: MapletGrid, unknown: BoolArray) -> bool:
     tilt = float(np.linalg.norm(np.cross(grid.uz, other.uz)))
     limit = other.half_size + 0.5 * grid.half_size * grid.gsd / other.gsd * tilt
     return bool(((np.abs(x) <= limit) & (np.abs(y) <= limit)).any())
-
-
-def overlaps(one: MapletGrid, other: MapletGrid) -> bool:
-    """Whether two grids lie on the same side of the body and near enough to share points."""
-    apart = float(np.linalg.norm(one.center - other.center))
-    return apart < one.radius + other.radius and float(one.uz @ other.uz) > 0.0
 
 
 def _nearest_cell(

@@ -1,6 +1,7 @@
 from .gather import PLANTED_FILE as PLANTED_FILE
 from .gather import gather_report as gather_report
 from .page import make_report as make_report
+from .recovered import Recovered as Recovered
 from .style import INK as INK
 from .style import MUTED as MUTED
 from .style import data_uri as data_uri

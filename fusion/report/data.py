@@ -8,7 +8,7 @@ from typing import Any
 
 from fusion.estimation.verdict import Verdict
 from fusion.fusing.maplets import FusedMaplet
-from fusion.truth import Recovered
+from fusion.report.recovered import Recovered
 from spcola.arrays import FloatArray, check_shape, frozen
 
 

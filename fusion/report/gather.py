@@ -14,7 +14,7 @@ from fusion.pipeline.catalog import read_records
 from fusion.products import versions
 from fusion.registration.results import transform_of
 from fusion.report.data import Coverage, ReportData, Surfaces
-from fusion.truth import Recovered
+from fusion.report.recovered import Recovered
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError

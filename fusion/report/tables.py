@@ -15,7 +15,7 @@ from fusion.estimation.verdict import (
     Severity,
 )
 from fusion.report.data import ReportData
-from fusion.truth import Recovered
+from fusion.report.recovered import Recovered
 
 # Beyond this many sigmas a recovered number disagrees with what was planted.
 _SUSPICIOUS_PULL = 3.0

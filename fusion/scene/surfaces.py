@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from fusion.fusing import overlaps
 from fusion.surfacematch import Surface
 from fusion.workspace import Workspace
 from spcola.bigmap import BigmapOptions, make_bigmap
-from spcola.grids import Maplet, MapletGrid, project_maplet
+from spcola.grids import Maplet, MapletGrid, overlaps, project_maplet
 from spcola.shape import RayCaster, shape_heights
 
 Reference = Callable[[str, MapletGrid], Surface]

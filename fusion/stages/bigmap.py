@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from fusion.fusing import overlaps
 from fusion.pipeline import StageContext, StageResult
 from fusion.registration.results import transform_of
 from fusion.runtime.machine import check_grid
@@ -31,7 +30,7 @@ from lidar.scans import Returns
 from spcola.bigmap import BigmapOptions, make_bigmap
 from spcola.errors import WorkspaceError
 from spcola.formats.maplets import write_maplet
-from spcola.grids import Maplet, MapletGrid
+from spcola.grids import Maplet, MapletGrid, overlaps
 from spcola.math import Affine
 from spcola.shape import RayCaster, shape_heights
 

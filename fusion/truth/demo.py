@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from fusion.pipeline import Pipeline, StageRun, opened
-from fusion.report import PLANTED_FILE
+from fusion.report import PLANTED_FILE, Recovered
 from fusion.runtime import Executor, Progress
 from fusion.stages import load_stages
 from fusion.stages.ingest import Source, Workers, import_files
@@ -18,7 +18,7 @@ from fusion.truth.generation import LIDAR_FOLDER, SPC_FOLDER
 from fusion.truth.mission import make_mission
 from fusion.truth.planted import TRUTH_FILE, Planted, read_truth
 from fusion.truth.presets import MissionSettings
-from fusion.truth.recovery import Recovered, compare
+from fusion.truth.recovery import compare
 from fusion.workspace import SETTINGS_FILE, Workspace, make_folder, new_workspace
 from spcola.errors import FormatError, WorkspaceError
 from spcola.truth.body import TruthBody

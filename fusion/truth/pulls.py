@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from fusion.truth.recovery import Recovered
+from fusion.report import Recovered
 
 CONFIDENCE = 0.95
 """Of the interval that is given for a standard deviation."""

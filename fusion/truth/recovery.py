@@ -3,40 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from fusion.report import Recovered
 from fusion.truth.planted import Planted
 from spcola.arrays import FloatArray
-
-
-@dataclass(frozen=True)
-class Recovered:
-    """One planted value and what was found of it.
-
-    Attributes
-    ----------
-    name : str
-    planted, recovered, sigma : float
-        In `unit`; NaN where nothing was found.
-    unit : str
-        Empty if dimensionless.
-    """
-
-    name: str
-    planted: float
-    recovered: float
-    sigma: float
-    unit: str
-
-    @property
-    def pull(self) -> float:
-        """(recovered − planted) / sigma; NaN without a sigma."""
-        if not self.sigma > 0:
-            return float("nan")
-        return (self.recovered - self.planted) / self.sigma
 
 
 def compare(

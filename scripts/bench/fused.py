@@ -28,7 +28,7 @@ from scipy.ndimage import label, maximum_position
 from truth import number, timed
 
 from fusion.fusing import overlaps
-from fusion.stages.fuse import Scene
+from fusion.scene import Scene
 from fusion.truth import read_truth
 from fusion.truth.assessment import AssessmentSettings, workspace_models
 from fusion.truth.assessment.assessment import light_on

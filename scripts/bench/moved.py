@@ -17,7 +17,7 @@ import numpy as np
 
 from fusion.fusing.maplets import FusedMaplet, Source
 from fusion.registration.results import Placement, placements_of
-from fusion.stages.fuse import Scene
+from fusion.scene import Scene
 from fusion.truth import read_truth
 from fusion.truth.assessment import AssessmentSettings
 from fusion.truth.assessment.assessment import light_on

@@ -18,8 +18,9 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
+from fusion.report import Recovered
 from fusion.runtime import Progress, ThreadExecutor, usable_cores
-from fusion.truth import Recovered, demonstrate
+from fusion.truth import demonstrate
 from fusion.truth.planted import MissionSettings
 from fusion.truth.pulls import PullStatistics, pull_statistics
 

@@ -32,11 +32,12 @@ from pulls import PRESETS, table
 
 from fusion.pipeline import Pipeline
 from fusion.pipeline.catalog import Catalog
+from fusion.report import Recovered
 from fusion.runtime import Progress, ThreadExecutor, usable_cores
 from fusion.scaling.fit import ScaleOptions
 from fusion.stages import load_stages
 from fusion.stages.ingest import Source, Workers, import_files
-from fusion.truth import Recovered, make_mission
+from fusion.truth import make_mission
 from fusion.truth.generation import LIDAR_FOLDER, SPC_FOLDER
 from fusion.truth.presets import MissionSettings
 from fusion.truth.pulls import pull_statistics

@@ -245,3 +245,9 @@ def check_layer(values: AnyArray, grid: MapletGrid, name: str) -> None:
         If it is not.
     """
     check_shape(values, grid.shape, name)
+
+
+def overlaps(one: MapletGrid, other: MapletGrid) -> bool:
+    """Whether two grids lie on the same side of the body and near enough to share points."""
+    apart = float(np.linalg.norm(one.center - other.center))
+    return apart < one.radius + other.radius and float(one.uz @ other.uz) > 0.0

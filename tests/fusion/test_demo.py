@@ -20,7 +20,7 @@ from fusion.fusing import Illumination, estimate_information, fuse_maplet
 from fusion.fusing.information import DEFAULT_INFORMATION
 from fusion.fusing.maplets import Source
 from fusion.runtime import Progress, ThreadExecutor
-from fusion.stages.fuse import Scene
+from fusion.scene import Scene
 from fusion.truth import demonstrate, recovery_table
 from fusion.truth.demo import Demonstration
 from fusion.truth.presets import MissionSettings

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from fusion.report import Recovered
 from fusion.runtime import Executor, Progress
 from fusion.runtime.machine import one_blas_thread
 from fusion.truth.assessment.formal import FormalUncertainty, formal_uncertainty
@@ -14,7 +15,7 @@ from fusion.truth.assessment.score import ModelScore, score_model
 from fusion.truth.assessment.settings import AssessmentSettings
 from fusion.truth.ground import shadow_ground
 from fusion.truth.planted import Planted
-from fusion.truth.recovery import Recovered, compare
+from fusion.truth.recovery import compare
 from fusion.truth.solution import light_of
 from fusion.workspace import Workspace
 

@@ -7,8 +7,8 @@ import pytest
 from scipy import ndimage
 
 from fusion.fusing.maplets import FusedMaplet, Source
+from fusion.report import Recovered
 from fusion.report.data import Coverage, ReportData, Surfaces
-from fusion.truth import Recovered
 from spcola.grids import MapletGrid
 
 

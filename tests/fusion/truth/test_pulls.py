@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.truth import Recovered
+from fusion.report import Recovered
 from fusion.truth.pulls import pull_statistics
 
 SIGMA = 2e-5

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from fusion.truth import Recovered
+from fusion.report import Recovered
 from fusion.truth.planted import Planted
 from fusion.truth.presets import MissionSettings
 from fusion.truth.recovery import compare
