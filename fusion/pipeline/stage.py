@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
+from fusion.pipeline.changed import Changed
 from fusion.runtime import AHEAD, Executor, Progress
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings, Table
 from spcola.errors import SettingsError
-
-if TYPE_CHECKING:
-    from fusion.pipeline.changes import Changed
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

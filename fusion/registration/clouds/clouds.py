@@ -24,8 +24,8 @@ from fusion.registration.fit.fit import (
     natural_sizes,
     updated_transform,
 )
+from fusion.registration.judging.common_ground import Placed, common_relief
 from fusion.registration.judging.judging import judge_relief
-from fusion.registration.judging.relief_test import Placed, common_relief
 from fusion.registration.returns.direct import DirectRegistration
 from fusion.registration.returns.equations import (
     Clusters,

@@ -19,7 +19,7 @@ from fusion.estimation.verdict import (
     Severity,
     Verdict,
 )
-from fusion.registration.judging.relief_test import CommonRelief
+from fusion.registration.judging.common_ground import CommonRelief
 from spcola.arrays import FloatArray
 
 # Shares of the mapolas that show the relief of SPC, and that agree with the transform: below the

@@ -7,7 +7,7 @@ import pytest
 from scipy import fft
 
 from fusion.registration.judging import Placed, common_relief
-from fusion.registration.judging.relief_test import SHOWN
+from fusion.registration.judging.common_ground import SHOWN
 from spcola.arrays import FloatArray
 
 SIZE, REACH = 55, 4

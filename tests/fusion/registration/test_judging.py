@@ -9,7 +9,7 @@ import pytest
 
 from fusion.estimation.verdict import Code
 from fusion.registration.judging import Evidence, Limits, judge_registration
-from fusion.registration.judging.relief_test import CommonRelief
+from fusion.registration.judging.common_ground import CommonRelief
 
 LIMITS = Limits(rotation_deg=1.0, scale=0.01, center_sigma_m=0.05)
 

@@ -1,0 +1,77 @@
+"""What of a stage's results is not as the stage left it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from fusion.estimation.verdict import Code, Finding, Severity
+
+# So many files are named; of the others only the number is.
+_NAMED = 3
+
+
+@dataclass(frozen=True)
+class Changed:
+    """Files that are not as a stage left them, by their names in the catalogue.
+
+    Attributes
+    ----------
+    stage : str
+    differing, gone, foreign : tuple of str
+        With another content than the stage recorded; missing; there, but not in its record.
+    unrecorded : tuple of str
+        There, and the stage has no record that could tell whether they are as it left them.
+    """
+
+    stage: str
+    differing: tuple[str, ...] = ()
+    gone: tuple[str, ...] = ()
+    foreign: tuple[str, ...] = ()
+    unrecorded: tuple[str, ...] = ()
+
+    def __bool__(self) -> bool:
+        return self.is_contradicted or bool(self.unrecorded)
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether the record of the stage says otherwise."""
+        return bool(self.differing or self.gone or self.foreign)
+
+    @property
+    def text(self) -> str:
+        """What is not as it was, in one clause."""
+        parts = []
+        if self.differing:
+            verb = "has" if len(self.differing) == 1 else "have"
+            parts.append(
+                f"{_named(self.differing)} {verb} changed since stage {self.stage} wrote it"
+            )
+        if self.gone:
+            verb = "is" if len(self.gone) == 1 else "are"
+            parts.append(f"{_named(self.gone)}, which stage {self.stage} wrote, {verb} gone")
+        if self.foreign:
+            verb = "stands" if len(self.foreign) == 1 else "stand"
+            parts.append(f"{_named(self.foreign)} {verb} not in the record of stage {self.stage}")
+        if self.unrecorded:
+            parts.append(
+                f"no record of stage {self.stage} tells whether {_named(self.unrecorded)} "
+                f"{'is' if len(self.unrecorded) == 1 else 'are'} as it was left"
+            )
+        return " and ".join(parts)
+
+    def finding(self, severity: Severity) -> Finding:
+        """Return this as a finding about whatever rests on these files."""
+        return Finding(Code.CHANGED_INPUT, severity, self.text)
+
+
+def changed_since(names: Sequence[str], stage: str) -> str:
+    """Return in one clause which inputs changed since `stage` last used them."""
+    verb = "has" if len(names) == 1 else "have"
+    return f"{_named(names)} {verb} changed since stage {stage} last used it"
+
+
+def _named(names: Sequence[str]) -> str:
+    """Return the first names, and how many more there are."""
+    shown, more = ", ".join(names[:_NAMED]), len(names) - _NAMED
+    return shown if more <= 0 else f"{shown} and {more} more"
