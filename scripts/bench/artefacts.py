@@ -6,7 +6,7 @@ gave the same numbers to the bit. Left out are records of runs (times, folders) 
 Text of reports and messages may change while numbers do not: `--numbers` digests JSON files by
 their numbers alone; `--made` digests what an earlier run left in DIR.
 
-    python scripts/bench/artefacts.py digests.json [--presets tiny] [--work DIR] [--made] [--numbers]
+    python scripts/bench/artefacts.py digests.json [--presets tiny] [--work DIR] [--made]
     python scripts/bench/artefacts.py --compare before.json after.json
 """
 
