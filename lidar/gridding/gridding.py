@@ -18,7 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
-from lidar.gridding.cells import CellReturns, CorrectedMedians, sort_into_cells
+from lidar.gridding.cells.cells import CellReturns, CorrectedMedians, sort_into_cells
 from lidar.gridding.cells.planes import PlaneFit
 from lidar.gridding.cells.windows import PlaneWindows
 from lidar.gridding.mapola import Mapola
