@@ -1,9 +1,19 @@
-"""Unknown points of a grid: what the known ones around say of them."""
+"""Gaps of a grid: which of them are narrow, and what the known points around fill in.
+
+A filled value is never data: it only lets splines and filters run over a layer.
+"""
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
-from scipy.ndimage import distance_transform_edt, gaussian_filter
+from scipy.ndimage import (
+    binary_dilation,
+    binary_erosion,
+    distance_transform_edt,
+    gaussian_filter,
+)
 
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.compilation import compiled
@@ -25,6 +35,19 @@ def carried_on(layer: FloatArray) -> FloatArray:
     nearest = distance_transform_edt(unknown, return_distances=False, return_indices=True)
     whole: FloatArray = layer[tuple(nearest)]
     return whole
+
+
+def bridged_mask(known: BoolArray, max_gap: int) -> BoolArray:
+    """Return `known` (R, C) with the gaps that are no wider than `max_gap` cells closed.
+
+    A gap is what a square of max_gap + 1 cells cannot enter (a morphological closing): the
+    outline of the known area is not moved outward.
+    """
+    width = max_gap + 1
+    square = np.ones((width, width), dtype=bool)
+    padded = np.pad(known, width)
+    whole: BoolArray = binary_erosion(binary_dilation(padded, square), square)
+    return whole[width:-width, width:-width] | known
 
 
 def closable(known: BoolArray) -> BoolArray:
@@ -49,6 +72,71 @@ def closed(layer: FloatArray) -> FloatArray:
     whole = carried_on(layer)
     _relax(whole, np.argwhere(near & ~known), _SWEEPS)
     return np.where(near, whole, np.nan)
+
+
+def plane_of(height: FloatArray) -> FloatArray:
+    """Least-squares plane (R, C) through the known points of `height` (R, C), metres.
+
+    0 if fewer than three points are known.
+    """
+    return _fitted(height, 3) if np.isfinite(height).sum() >= 3 else np.zeros(height.shape)
+
+
+def trend_of(height: FloatArray) -> FloatArray:
+    """Least-squares paraboloid (R, C) through the known points of `height` (R, C), metres.
+
+    That of :func:`plane_of` if fewer than twelve points are known.
+    """
+    return _fitted(height, 6) if np.isfinite(height).sum() >= 12 else plane_of(height)
+
+
+def _fitted(height: FloatArray, terms: int) -> FloatArray:
+    """Least-squares polynomial (R, C) of the first `terms` of 1, x, y, x², xy, y²."""
+    rows, columns = height.shape
+    design = _polynomial((rows, columns))[:terms]
+    known = np.isfinite(height)
+    held = design * known.ravel()
+    right = held @ np.where(known, height, 0.0).ravel()
+    solution = np.linalg.lstsq(held @ design.T, right, rcond=1e-12)[0]
+    fitted: FloatArray = (solution @ design).reshape(height.shape)
+    return fitted
+
+
+@lru_cache(4)
+def _polynomial(shape: tuple[int, int]) -> FloatArray:
+    """1, x, y, x², xy, y² (6, R·C) with x and y from −1 to 1 over a grid."""
+    y, x = np.meshgrid(*(np.linspace(-1.0, 1.0, n) for n in shape), indexing="ij")
+    design = np.stack([np.ones(shape), x, y, x * x, x * y, y * y]).reshape(6, -1)
+    design.flags.writeable = False
+    return design
+
+
+def filled(height: FloatArray) -> FloatArray:
+    """Return `height` (R, C), metres, with gaps closed by the nearest known point about its trend.
+
+    Only so that splines can be run over it; what was a gap stays out of every comparison.
+    """
+    known = np.isfinite(height)
+    if known.all() or not known.any():
+        return np.where(known, height, 0.0)
+    trend = trend_of(height)
+    result: FloatArray = np.where(known, height, carried_on(height - trend) + trend)
+    return result
+
+
+def bridged(height: FloatArray) -> FloatArray:
+    """Heights (R, C), metres, with gaps closed by what is around: smoothly where they are narrow.
+
+    A wide gap, or one that is open to the edge, goes on as the surface's paraboloid does: what is
+    level there has a kink that a filter carries far. 0 everywhere if nothing is known.
+    """
+    known = np.isfinite(height)
+    if known.all():
+        return height
+    if not known.any():
+        return np.zeros(height.shape)
+    trend = trend_of(height)
+    return carried_on(closed(height - trend)) + trend
 
 
 @compiled

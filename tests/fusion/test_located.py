@@ -15,7 +15,7 @@ from typer.testing import CliRunner, Result
 
 from fusion.cli.app import app
 from fusion.estimation.verdict import Code
-from fusion.stages.geolocation.locating import kernel_paths, turning
+from fusion.stages.geolocation.locating import geolocator, kernel_paths
 from fusion.workspace import SETTINGS_FILE, Workspace, new_workspace
 from fusion.workspace.settings import Settings, load_settings, write_settings
 from lidar.formats.native import write_scan
@@ -176,14 +176,17 @@ def test_the_kernels_that_made_the_shots_leave_them_where_they_are(tmp_path: Pat
     workspace = located(tmp_path, spread(300))
     settings = load_settings(workspace.root / SETTINGS_FILE)
     scan = shots(spread(300), [tmp_path / "body.tpc", tmp_path / "craft.bsp"], body())
-    turn = turning(workspace, settings.spin, settings.spice, max_gap_s=600.0)
-    moved, within = turn.located(scan)
+    locator = geolocator(workspace, settings.spin, settings.spice, max_gap_s=600.0)
+    moved, within = locator.located(scan)
     kept = np.isin(scan.time, moved.time)
     assert within == 0.0
     assert dict(moved.rejected) == {"outside kernels": 60}
     np.testing.assert_allclose(moved.points, scan.points[kept], atol=1e-6)
     # A wider gap lets in what lies between images, an endless one all but what lies beyond.
-    assert len(turning(workspace, settings.spin, settings.spice, max_gap_s=DAY)(scan)) == 340
+    assert (
+        len(geolocator(workspace, settings.spin, settings.spice, max_gap_s=DAY).located(scan)[0])
+        == 340
+    )
 
 
 def test_shots_of_other_days_are_no_matter_of_frames_and_units(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from fusion.cli.app import app
 from fusion.pipeline import Pipeline
 from fusion.runtime import ClusterExecutor, Executor, ThreadExecutor
 from fusion.stages.geolocation import located_store
-from fusion.stages.geolocation.locating import kernel_paths, spin_change, turning
+from fusion.stages.geolocation.locating import geolocator, kernel_paths, spin_change
 from fusion.stages.ingest import stage as ingest
 from fusion.stages.mapolas import stage as mapolas
 from fusion.workspace import SETTINGS_FILE, new_workspace
@@ -128,14 +128,19 @@ def test_a_scan_is_turned_whole(tmp_path: Path) -> None:
     table = Settings().with_table("spin", **SPIN, **SHIFT).spin
     for scan in scans():
         moved, right = (
-            turning(workspace, table, Settings().spice, max_gap_s=600.0)(scan),
+            geolocator(workspace, table, Settings().spice, max_gap_s=600.0).located(scan)[0],
             rotated(scan, STATED, CORRECTED),
         )
         np.testing.assert_allclose(moved.points, right.points, atol=1e-5)
         np.testing.assert_allclose(moved.beam, right.beam, atol=1e-7)
         # The station lies 13 times as far out as the returns, for which steps are fine enough.
         np.testing.assert_allclose(moved.spacecraft, right.spacecraft, atol=2e-4)
-        assert turning(workspace, Settings().spin, Settings().spice, max_gap_s=600.0)(scan) is scan
+        assert (
+            geolocator(workspace, Settings().spin, Settings().spice, max_gap_s=600.0).located(scan)[
+                0
+            ]
+            is scan
+        )
 
 
 def test_returns_without_time_cannot_be_turned_and_are_counted(tmp_path: Path) -> None:
@@ -144,12 +149,14 @@ def test_returns_without_time_cannot_be_turned_and_are_counted(tmp_path: Path) -
     scan = scans()[0]
     time = scan.time.copy()
     time[:7] = np.nan
-    moved = turning(workspace, table, Settings().spice, max_gap_s=600.0)(replace(scan, time=time))
+    moved = geolocator(workspace, table, Settings().spice, max_gap_s=600.0).located(
+        replace(scan, time=time)
+    )[0]
     assert len(moved) == len(scan) - 7
     assert dict(moved.rejected) == {"no time": 7}
-    none = turning(workspace, table, Settings().spice, max_gap_s=600.0)(
+    none = geolocator(workspace, table, Settings().spice, max_gap_s=600.0).located(
         replace(scan, time=np.full(len(scan), np.nan))
-    )
+    )[0]
     assert (len(none), dict(none.rejected)) == (0, {"no time": len(scan)})
 
 
@@ -157,7 +164,7 @@ def test_a_correction_of_an_unstated_rotation_is_refused(tmp_path: Path) -> None
     workspace = new_workspace(tmp_path / "ws", body="Ball")
     table = Settings().with_table("spin", shift_meridian_deg=0.1).spin
     with pytest.raises(SettingsError, match=r"\[spin\] rate_deg_per_day: must be stated"):
-        turning(workspace, table, Settings().spice, max_gap_s=600.0)
+        geolocator(workspace, table, Settings().spice, max_gap_s=600.0)
 
 
 @pytest.mark.parametrize("name", [field.name for field in fields(Spin)])
@@ -243,7 +250,7 @@ def test_scans_are_moved_whole_by_kernels(tmp_path: Path) -> None:
     table = kernels(tmp_path, [0.0, 2.0, -1.0])
     spice = Settings().with_table("spice", **table).spice
     for scan in scans():
-        moved = turning(workspace, Settings().spin, spice, max_gap_s=600.0)(scan)
+        moved = geolocator(workspace, Settings().spin, spice, max_gap_s=600.0).located(scan)[0]
         shift = np.tile([0.0, 2.0, -1.0], (len(scan), 1))
         np.testing.assert_allclose(moved.points - scan.points, shift, atol=1e-9)
         np.testing.assert_allclose(moved.spacecraft - scan.spacecraft, shift, atol=1e-9)
@@ -260,8 +267,8 @@ def test_returns_of_the_store_lie_where_scans_put_them_when_the_mirror_is_correc
     wrong = {"frame": "J2000", "mirror_deg": [0.1, -0.05], "mirror_scale": [0.0, 2e-3]}
     settings = Settings().with_table("spice", **kernels(tmp_path, [0.0, 0.0, 0.0]), **wrong)
     store = located_store(workspace, settings.mapolas, settings.spin, settings.spice)
-    turn = turning(workspace, settings.spin, settings.spice, max_gap_s=600.0)
-    right = np.concatenate([turn(scan).points for scan in scans()])
+    locator = geolocator(workspace, settings.spin, settings.spice, max_gap_s=600.0)
+    right = np.concatenate([locator.located(scan)[0].points for scan in scans()])
     read = np.concatenate([scan.points for scan in scans()])
     assert np.median(np.linalg.norm(right - read, axis=1)) > 1.0
     box = Box([60.0, 1.0, -1.0], np.eye(3), [10.0, 4.0, 4.0])
@@ -327,15 +334,15 @@ def test_mapolas_by_corrected_ranges_are_those_of_corrected_files(tmp_path: Path
 def test_scans_of_corrected_ranges_keep_stations_and_beams(tmp_path: Path) -> None:
     workspace = new_workspace(tmp_path / "ws", body="Ball")
     settings = Settings().with_table("spice", range_m=0.4)
-    turn = turning(workspace, settings.spin, settings.spice, max_gap_s=600.0)
+    locator = geolocator(workspace, settings.spin, settings.spice, max_gap_s=600.0)
     for scan in scans():
-        moved, right = turn(scan), longer(scan, 0.4)
+        moved, right = locator.located(scan)[0], longer(scan, 0.4)
         np.testing.assert_allclose(moved.points, right.points, atol=1e-9)
         np.testing.assert_array_equal(moved.range, right.range)
         np.testing.assert_allclose(moved.spacecraft, scan.spacecraft, atol=1e-9)
         np.testing.assert_allclose(moved.beam, scan.beam, atol=1e-12)
     timeless = replace(scan, time=np.full(len(scan), np.nan))
-    assert dict(turn(timeless).rejected) == {"no time": len(scan)}
+    assert dict(locator.located(timeless)[0].rejected) == {"no time": len(scan)}
 
 
 def test_returns_are_found_where_longer_ranges_put_them(tmp_path: Path) -> None:

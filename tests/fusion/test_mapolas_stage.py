@@ -14,6 +14,7 @@ from fusion.runtime import ThreadExecutor
 from fusion.stages.ingest import stage as ingest
 from fusion.stages.ingest.sources import recorded_source
 from fusion.stages.mapolas import stage as mapolas
+from fusion.stages.register.return_source import _MOST_ARCS, arc_length
 from fusion.workspace import Workspace, new_workspace
 from fusion.workspace.settings import Settings
 from lidar.formats.native import scan_summary, write_scan
@@ -125,7 +126,7 @@ def test_an_interrupt_leaves_no_mapolas_and_the_next_run_makes_them(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("fusion.stages.mapolas.adjusting.grid_returns", interrupt)
+        patch.setattr("fusion.stages.register.return_source.grid_returns", interrupt)
         with pytest.raises(KeyboardInterrupt):
             pipeline(workspace).run_stage("mapolas")
     assert workspace.mapola_names() == []
@@ -254,7 +255,7 @@ def test_arcs_are_longer_where_they_would_be_too_many(workspace: Workspace) -> N
     track = Scan.of_points("track", sphere_points(1, 15_000), time=time, body="Ball")
     write_scan(workspace.root / "scans" / "track.h5", [track])
     table = Settings().mapolas
-    assert mapolas.arc_length(workspace, table) == table.adjust_arc_s
+    assert arc_length(workspace, table) == table.adjust_arc_s
     short = Settings().with_table("mapolas", adjust_arc_s=10.0).mapolas
-    arcs = 36_000.0 / mapolas.arc_length(workspace, short)
-    assert 0.8 * mapolas._MOST_ARCS < arcs <= mapolas._MOST_ARCS
+    arcs = 36_000.0 / arc_length(workspace, short)
+    assert 0.8 * _MOST_ARCS < arcs <= _MOST_ARCS

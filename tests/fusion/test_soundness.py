@@ -137,11 +137,13 @@ def test_a_maplet_that_the_registration_left_out_is_named(tmp_path: Path) -> Non
         {"name": "AA0001", "used": True, "reason": ""},
         {"name": "AA0002", "used": False, "reason": "disagrees with the other mapolas"},
         {"name": "AA0003", "used": False, "reason": "covers too little"},
+        {"name": "AA0004", "used": False, "reason": "in other words", "cause": "outlier"},
+        {"name": "AA0005", "used": False, "reason": "in other words", "cause": "not-covered"},
     ]
     assert rejected_maplets(workspace) == []
     workspace.write_json("registration.json", {"per_mapola": entries})
     (finding,) = rejected_maplets(workspace)
-    assert "left out AA0002 (disagrees" in finding.text
+    assert "left out AA0002, AA0004 (disagrees" in finding.text
     assert (finding.code, finding.severity) == ("rejected-maplet", "note")
 
 

@@ -73,7 +73,7 @@ def moved(
 ) -> tuple[np.ndarray, np.ndarray]:
     times, points = scan
     knots = np.linspace(0.0, SPAN, 2000)
-    move = place.relocation(located(old, knots), RADIUS)
+    move = place.geolocation(located(old, knots), RADIUS)
     assert move.error_m <= 5e-4
     return move.apply(points, times)
 
@@ -135,7 +135,7 @@ def test_angles_of_the_mirror_are_corrected_in_the_frame_of_the_lidar(tmp_path, 
     np.testing.assert_allclose(points, right, atol=1e-3)
     # Ranges are what was measured, whatever the mirror did.
     np.testing.assert_allclose(np.linalg.norm(points - station, axis=1), length, atol=1e-3)
-    reach = place.relocation(located(old, np.linspace(0.0, SPAN, 2000)), RADIUS).reach(RADIUS)
+    reach = place.geolocation(located(old, np.linspace(0.0, SPAN, 2000)), RADIUS).reach(RADIUS)
     assert np.linalg.norm(points - scan[1], axis=1).max() <= reach
 
 
@@ -184,9 +184,9 @@ def test_names_that_the_kernels_do_not_know_are_refused(tmp_path, scan):
     kernels = KernelSet([spk(tmp_path / "old.bsp", np.zeros(3)), pck(tmp_path, "a.tpc")])
     old = located(kernels, np.linspace(0.0, SPAN, 50))
     with pytest.raises(KernelError, match="NOWHERE"):
-        KernelPlace(kernels, CRAFT, BENNU, "NOWHERE", kernels).relocation(old, RADIUS)
+        KernelPlace(kernels, CRAFT, BENNU, "NOWHERE", kernels).geolocation(old, RADIUS)
     with pytest.raises(KernelError, match="NOBODY"):
-        KernelPlace(kernels, "NOBODY", BENNU).relocation(old, RADIUS)
+        KernelPlace(kernels, "NOBODY", BENNU).geolocation(old, RADIUS)
 
 
 @pytest.mark.real_data
@@ -210,13 +210,13 @@ def test_pointing_of_osiris_rex_by_its_ck(shared_data: Path) -> None:
     distance = np.linalg.norm(station, axis=1) - 245.0
     points = station + distance[:, None] * ahead
     old = Trajectory("reference", time, station)
-    move = KernelPlace(kernels, "-64", BENNU, frame, kernels).relocation(old, 300.0)
+    move = KernelPlace(kernels, "-64", BENNU, frame, kernels).geolocation(old, 300.0)
     stays, inside = move.apply(points, time)
     assert inside.mean() > 0.99
     np.testing.assert_allclose(stays[inside], points[inside], atol=2e-3)
     assert not move.apply(np.zeros((3, 3)), np.array([254.0, 300.0, 480.0]) + times[0])[1].any()
     boresight = np.array([1e-3, 0.0, 0.0])
-    turned = KernelPlace(kernels, "-64", BENNU, frame, kernels, boresight).relocation(old, 300.0)
+    turned = KernelPlace(kernels, "-64", BENNU, frame, kernels, boresight).geolocation(old, 300.0)
     aside, inside = turned.apply(points, time)
     angle = np.linalg.norm(aside - points, axis=1) / distance
     assert angle[inside] == pytest.approx(np.full(inside.sum(), 1e-3), rel=0.01)
@@ -253,7 +253,7 @@ def test_the_kernels_that_made_the_shots_move_none(
     points = RADIUS * old.position / np.linalg.norm(old.position, axis=1, keepdims=True)
     reference = kernels if frame else None
     place = KernelPlace(kernels, "-64", BENNU, frame, reference, max_gap_s=600.0)
-    move = place.relocation(old, RADIUS, times)
+    move = place.geolocation(old, RADIUS, times)
     moved_, inside = move.apply(points, times)
     np.testing.assert_array_equal(inside, known.knows(times))
     assert inside.any()
@@ -274,7 +274,7 @@ def test_gaps_of_image_kernels_have_no_place(shared_data: Path) -> None:
     inside_gap = begin + 3600.0 * np.arange(1.0, 67.0)
     asked = np.append(begin, inside_gap)
     moves = [
-        KernelPlace(kernels, "-64", BENNU, max_gap_s=gap).relocation(old, RADIUS, asked)
+        KernelPlace(kernels, "-64", BENNU, max_gap_s=gap).geolocation(old, RADIUS, asked)
         for gap in (600.0, 80 * 3600.0)
     ]
     assert not moves[0].covers(inside_gap).any()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.geolocation import Relocation
+from lidar.geolocation import Geolocation
 from lidar.geolocation.knots import EXACT, knots
 
 DAYS = 5.8 * 86400.0
@@ -83,7 +83,7 @@ def test_what_is_known_for_seconds_is_found_among_returns() -> None:
         return np.where(known[:, None], circle(time), np.nan)
 
     time, value, _ = knots(islands, size, (0.0, 2000.0), TOLERANCE, times, np.unique(windows))
-    move = Relocation(shift_time=time, shift=np.column_stack([value, 0 * time]), moves=True)
+    move = Geolocation(shift_time=time, shift=np.column_stack([value, 0 * time]), moves=True)
     found = move.covers(times)
     np.testing.assert_array_equal(found, np.isfinite(islands(times)).all(axis=1))
 

@@ -13,10 +13,10 @@ from lidar.gridding import (
     bigmap_from_returns,
     make_mapola,
 )
-from lidar.gridding.bigmap import LidarBigmap, bridged_mask, integrate_returns
+from lidar.gridding.bigmap import LidarBigmap, integrate_returns
 from lidar.scans import Returns
 from spcola.errors import InvalidValueError, SettingsError
-from spcola.grids import MapletGrid
+from spcola.grids import MapletGrid, bridged_mask
 from spcola.heights import slopes_of, steps_from_slopes
 
 GRID = MapletGrid.facing([180.0, 60.0, -40.0], [1.0, 0.3, -0.2], 0.2, 20)

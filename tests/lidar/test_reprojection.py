@@ -1,3 +1,5 @@
+"""Scans located by another trajectory: they move as the spacecraft does."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -6,10 +8,9 @@ import pytest
 from lidar.geolocation import (
     NO_TIME,
     OUTSIDE,
-    reproject,
+    geolocated_by,
     scan_trajectory,
 )
-from lidar.geolocation.reprojection import relocate
 from lidar.scans import Scan
 from spcola.errors import InvalidValueError
 from spcola.navigation import Trajectory
@@ -44,22 +45,27 @@ def expected(times: np.ndarray) -> np.ndarray:
     return OFFSET * (1 + times[:, None] / 4000.0)
 
 
+def located(before: Scan, trajectory: Trajectory, max_gap_s: float = 4000.0) -> Scan:
+    return geolocated_by(before, trajectory, max_gap_s=max_gap_s)[0]
+
+
 def test_points_move_as_the_spacecraft_does_between_image_times() -> None:
     before = scan()
-    result = relocate(before, images([500.0, 1700.0, 3200.0]), max_gap_s=2000.0)
-    after = result.scan
+    after, offset = geolocated_by(before, images([500.0, 1700.0, 3200.0]), max_gap_s=2000.0)
+    kept = (before.time >= 500.0) & (before.time <= 3200.0)
     moved = expected(after.time)
-    np.testing.assert_allclose(result.offset, moved, atol=1e-4)
-    np.testing.assert_allclose(after.points, before.points[result.kept] + moved, atol=1e-4)
-    np.testing.assert_allclose(after.spacecraft, before.spacecraft[result.kept] + moved, atol=1e-4)
+    np.testing.assert_allclose(after.points, before.points[kept] + moved, atol=1e-4)
+    np.testing.assert_allclose(after.spacecraft, before.spacecraft[kept] + moved, atol=1e-4)
+    np.testing.assert_allclose(after.beam, before.beam[kept], atol=1e-12)
     np.testing.assert_allclose(after.reference_offset, 1.1, atol=1e-9)
-    np.testing.assert_array_equal(after.range, before.range[result.kept])
+    np.testing.assert_array_equal(after.range, before.range[kept])
+    np.testing.assert_allclose(offset.differences.position, expected(offset.differences.time))
     assert after.trajectory == "spc"
 
 
 def test_returns_outside_the_images_are_rejected_and_counted() -> None:
     before = scan()
-    after = reproject(before, images([500.0, 1700.0, 3200.0]), max_gap_s=2000.0)
+    after = located(before, images([500.0, 1700.0, 3200.0]), 2000.0)
     outside = int(np.sum((before.time < 500.0) | (before.time > 3200.0)))
     assert after.rejected == {OUTSIDE: outside}
     assert len(after) + outside == len(before)
@@ -67,7 +73,7 @@ def test_returns_outside_the_images_are_rejected_and_counted() -> None:
 
 def test_long_gaps_are_rejected() -> None:
     before = scan()
-    after = reproject(before, images([500.0, 1000.0, 3000.0, 3200.0]), max_gap_s=600.0)
+    after = located(before, images([500.0, 1000.0, 3000.0, 3200.0]), 600.0)
     assert np.all((after.time <= 1000.0) | (after.time >= 3000.0))
     assert sum(after.rejected.values()) + len(after) == len(before)
 
@@ -80,7 +86,7 @@ def test_returns_without_a_time_are_counted_beside_earlier_rejections() -> None:
         "S2", whole.points, time=time, spacecraft=whole.spacecraft, range=whole.range,
         rejected={OUTSIDE: 2, "noise": 3},
     )  # fmt: skip
-    after = reproject(spotty, images([1000.0, 2000.0]), reference=scan_trajectory(whole))
+    after = located(spotty, images([1000.0, 2000.0]))
     assert after.rejected["noise"] == 3
     assert after.rejected[NO_TIME] == 7
     assert after.rejected[OUTSIDE] == 2 + 50 - 7 - len(after)
@@ -88,7 +94,7 @@ def test_returns_without_a_time_are_counted_beside_earlier_rejections() -> None:
 
 def test_the_reference_trajectory_gives_the_same_points_back() -> None:
     before = scan()
-    after = reproject(before, scan_trajectory(before))
+    after = located(before, scan_trajectory(before))
     np.testing.assert_allclose(after.points, before.points, atol=1e-9)
     assert len(after) == len(before)
     assert after.rejected == {}
@@ -96,30 +102,13 @@ def test_the_reference_trajectory_gives_the_same_points_back() -> None:
 
 def test_there_and_back() -> None:
     before = scan()
-    there = reproject(before, images([100.0, 2000.0, 3900.0]))
-    back = reproject(there, scan_trajectory(before))
+    there = located(before, images([100.0, 2000.0, 3900.0]))
+    back = located(there, scan_trajectory(before))
     np.testing.assert_allclose(back.points, before.points, atol=1e-9)
-
-
-def test_a_stated_range_offset_puts_returns_on_the_beam() -> None:
-    before = scan()
-    after = reproject(before, images([100.0, 3900.0]), range_offset=0.0, max_gap_s=4000.0)
-    np.testing.assert_allclose(after.reference_offset, 0.0, atol=1e-9)
-    np.testing.assert_allclose(
-        after.points, after.spacecraft + after.beam * after.range[:, None], atol=1e-9
-    )
-
-
-def test_sigma_is_that_of_the_states_at_image_times_and_larger_between() -> None:
-    rough = images([100.0, 2000.0, 3900.0])
-    result = relocate(scan(), rough)
-    assert result.sigma[0, 0] == pytest.approx(0.5)
-    assert result.sigma.shape == result.offset.shape
-    assert np.all(np.isfinite(result.sigma))
 
 
 def test_refuses_what_has_no_time_in_common_or_no_position() -> None:
     with pytest.raises(InvalidValueError, match="covers no time of 'spc'"):
-        reproject(scan(), images([1e6, 2e6]))
+        located(scan(), images([1e6, 2e6]))
     with pytest.raises(InvalidValueError, match="S0: has no time with a spacecraft position"):
-        reproject(Scan.of_points("S0", np.zeros((3, 3))), images([0.0, 1.0]))
+        located(Scan.of_points("S0", np.zeros((3, 3))), images([0.0, 1.0]))

@@ -9,7 +9,7 @@ import pytest
 
 from lidar.archive import ScanStore
 from lidar.formats.native import ScanFile, write_scan
-from lidar.geolocation import relocation
+from lidar.geolocation import find_geolocation
 from lidar.gridding import GriddingOptions, grid_returns
 from lidar.scans import Returns, Scan
 from lidar.scans.cubes import QUANTUM_M, Box
@@ -116,7 +116,8 @@ def test_returns_are_found_where_another_trajectory_puts_them(tmp_path: Path) ->
     there = np.column_stack([np.full(3, 500.0), 0.1 * (states - 6e8), np.zeros(3)])
     spc = Trajectory("spc", states, there + shift)
     store = ScanStore(
-        [tmp_path / "scan"], locate=lambda file: relocation(file.trajectory(), 60.0, trajectory=spc)
+        [tmp_path / "scan"],
+        locate=lambda file: find_geolocation(file.trajectory(), 60.0, trajectory=spc),
     )
     covered = (time >= states[0]) & (time <= states[-1])
     moved = points + np.column_stack([np.interp(time, states, shift[:, k]) for k in range(3)])

@@ -9,9 +9,8 @@ from spcola.errors import InvalidValueError
 from spcola.formats.shapes import read_obj
 from spcola.grids import MapletGrid
 from spcola.shape import Mesh, covering, sample_surface
-from spcola.shape.maplet_cover import inside
 from spcola.shape.samples import Samples
-from spcola.shape.uncovered import COVERED, Uncovered
+from spcola.shape.uncovered import COVERED, FACING, Uncovered
 
 
 def ellipsoid(a: float, b: float, c: float, step: int = 24) -> Mesh:
@@ -41,6 +40,21 @@ def random_points(mesh: Mesh, count: int) -> tuple[np.ndarray, np.ndarray]:
     inside_facet = rng.dirichlet([1.0, 1.0, 1.0], count)
     points = np.einsum("nk,nkj->nj", inside_facet, mesh.corners[facet])
     return points, mesh.normals[facet]
+
+
+def inside(
+    grid: MapletGrid, points: np.ndarray, normals: np.ndarray, *, side: float, depth: float
+) -> np.ndarray:
+    """Return which points (N, 3) lie within `side` of the centre along Ux and Uy and face Uz.
+
+    `depth` limits the distance from the reference plane; both in metres.
+    """
+    x, y, height = grid.project(points)
+    return (
+        (np.maximum(np.abs(x), np.abs(y)) * grid.gsd <= side)
+        & (np.abs(height) <= depth)
+        & (normals @ grid.uz >= FACING)
+    )
 
 
 def covered(mesh: Mesh, grids: list[MapletGrid], side: float) -> np.ndarray:

@@ -63,12 +63,13 @@ class PlyElement:
 
 @dataclass(frozen=True)
 class PlyHeader:
-    """What the header says, how many lines it has, and where the data begin."""
+    """What the header says, how many lines it has, where the data begin, and its comments."""
 
     encoding: Encoding
     elements: tuple[PlyElement, ...]
     line_count: int
     data_begin: int
+    comments: tuple[str, ...] = ()
 
     def element(self, name: str) -> PlyElement | None:
         """Return the element `name`, or None."""
@@ -85,6 +86,7 @@ def parse_header(content: bytes, path: str | Path) -> PlyHeader:
     """
     encoding: Encoding | None = None
     elements: list[PlyElement] = []
+    comments: list[str] = []
     begin = number = 0
     while begin < len(content):
         end = content.find(b"\n", begin)
@@ -101,14 +103,16 @@ def parse_header(content: bytes, path: str | Path) -> PlyHeader:
             empty = next((one.name for one in elements if not one.properties), None)
             if empty is not None:
                 raise FormatError(f"the element {empty} has no property", place)
-            return PlyHeader(encoding, tuple(elements), number, begin)
+            return PlyHeader(encoding, tuple(elements), number, begin, tuple(comments))
         elif words[:1] == ["format"]:
             encoding = _encoding(words, place)
         elif words[:1] == ["element"]:
             elements.append(_element(words, elements, place))
         elif words[:1] == ["property"] and elements:
             elements[-1] = _with_property(elements[-1], words, place)
-        elif words[:1] not in (["comment"], ["obj_info"]):
+        elif words[:1] == ["comment"]:
+            comments.append(line.decode("utf-8", errors="replace").removeprefix("comment "))
+        elif words[:1] != ["obj_info"]:
             raise FormatError(f"{' '.join(words)[:40]!r} is no line of a PLY header", place)
     raise FormatError("the header does not end", f"{path}, line {number}", "the file is truncated")
 

@@ -5,16 +5,9 @@ import pytest
 from scipy import ndimage
 
 from fusion.surfacematch import MatchOptions, Surface, match_surfaces
-from fusion.surfacematch.resolution import (
-    blur,
-    bridged,
-    estimate_blur,
-    estimate_spectrum,
-    filled,
-    plane_of,
-)
+from fusion.surfacematch.resolution import blur, estimate_blur, estimate_spectrum
 from fusion.surfacematch.resolution.noise import supported
-from spcola.grids import MapletGrid
+from spcola.grids import MapletGrid, bridged, filled, plane_of
 from spcola.grids.statistics import autocovariance, shift_variances
 
 GRID = MapletGrid.facing([100.0, 40.0, 30.0], [1.0, 0.4, 0.3], 0.5, 49)
@@ -147,6 +140,7 @@ def test_gaps_do_not_matter_but_too_many_are_said():
     spc[:80] = np.nan
     refused = matched(lidar, spc)
     assert "of the grid is held by both" in refused.reason
+    assert refused.cause == "not-covered"
     assert np.isnan(refused.displacement).all()
 
 
