@@ -30,7 +30,7 @@ from spcola.arrays import (
 )
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.math.robust import huber_weight
-from spcola.variancecomponents import most_likely_sizes
+from spcola.math.statistics import most_likely_sizes
 
 
 @dataclass(frozen=True, eq=False)

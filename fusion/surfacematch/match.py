@@ -21,7 +21,8 @@ from fusion.surfacematch.resolution.noise import NoiseSpectrum, supported
 from fusion.surfacematch.resolution.resolution import blurred_over_gaps
 from fusion.surfacematch.weights import BEST_SHARE
 from spcola.arrays import BoolArray, FloatArray
-from spcola.grids import MapletGrid, bridged, closable, plane_of
+from spcola.grids import MapletGrid
+from spcola.grids.gaps import bridged, closable, plane_of
 
 # Fewer independent differences than twice the parameters of a match give no covariance.
 _MIN_PATCHES = 10.0

@@ -27,7 +27,8 @@ from spcola.arrays import (
     read_only,
 )
 from spcola.errors import SettingsError
-from spcola.grids import Maplet, MapletGrid, bridged_mask, check_layer
+from spcola.grids import Maplet, MapletGrid, check_layer
+from spcola.grids.gaps import bridged_mask
 from spcola.heights import (
     STEPS_ALIKE,
     HeightProblem,

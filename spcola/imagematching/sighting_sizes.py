@@ -11,7 +11,7 @@ from spcola.arrays import FloatArray
 from spcola.camera import partials_position
 from spcola.control.estimation import by_position_and_pointing
 from spcola.imagematching.sighting import Sighting
-from spcola.variancecomponents import most_likely_sizes
+from spcola.math.statistics import most_likely_sizes
 
 # Standard deviation of the logarithms of the factors beforehand: of matches and pointing to e²; of
 # positions, which the solution states to stand by, to e.

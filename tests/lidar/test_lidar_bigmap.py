@@ -16,7 +16,8 @@ from lidar.gridding import (
 from lidar.gridding.bigmap import LidarBigmap, integrate_returns
 from lidar.scans import Returns
 from spcola.errors import InvalidValueError, SettingsError
-from spcola.grids import MapletGrid, bridged_mask
+from spcola.grids import MapletGrid
+from spcola.grids.gaps import bridged_mask
 from spcola.heights import slopes_of, steps_from_slopes
 
 GRID = MapletGrid.facing([180.0, 60.0, -40.0], [1.0, 0.3, -0.2], 0.2, 20)

@@ -23,7 +23,7 @@ from fusion.products.manifest import Provenance
 from spcola import atomic
 from spcola.arrays import AnyArray, IntArray
 from spcola.errors import FormatError, InvalidValueError
-from spcola.formats.shapes import parse_header, read_elements
+from spcola.formats.shapes.ply import parse_header, read_elements
 from spcola.formats.text import KM, read_bytes
 from spcola.grids import Maplet, MapletGrid
 

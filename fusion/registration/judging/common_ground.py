@@ -18,7 +18,7 @@ import numpy as np
 from scipy import ndimage
 
 from spcola.arrays import BoolArray, FloatArray
-from spcola.grids import bridged, trend_of
+from spcola.grids.gaps import bridged, trend_of
 from spcola.grids.statistics import shift_correlations
 
 SHOWN = 4.0

@@ -15,7 +15,7 @@ from spcola.control.estimation import LandmarkSolution, state_partials
 from spcola.errors import NotObservableError
 from spcola.grids import MapletGrid
 from spcola.imagematching import Sighting, SizeFactors, agreeing, estimate_factors
-from spcola.sharederrors import covariance_root
+from spcola.math.statistics import covariance_root
 
 # A pattern of an image's state that displaces the mapolas by less, root of the sum of squares,
 # metres, counts as an error that each mapola has of its own; and so do all beyond so many.

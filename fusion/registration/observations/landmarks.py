@@ -10,7 +10,7 @@ import numpy as np
 
 from spcola.arrays import FloatArray
 from spcola.control.estimation import Network
-from spcola.sharederrors import strongest
+from spcola.math.statistics import strongest
 
 # A pattern that displaces the mapolas by less, root of the sum of squares, metres, is no larger
 # than what a single match does not know, and counts as an error that each landmark has of its own.

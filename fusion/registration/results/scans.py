@@ -9,7 +9,7 @@ import numpy as np
 
 from lidar.adjustment import ScanAdjustment, displacement_rows
 from spcola.arrays import FloatArray
-from spcola.sharederrors import covariance_root
+from spcola.math.statistics import covariance_root
 
 # A pattern that displaces the mapolas by less than this, root of the sum of squares, metres, is far
 # below what a match tells, and counts as an error that each mapola has of its own.

@@ -18,7 +18,8 @@ from fusion.surfacematch import BEST_SHARE, BORDER, Surface, spline_of
 from fusion.surfacematch.resolution import blur
 from spcola.arrays import BoolArray, FloatArray
 from spcola.compilation import compiled
-from spcola.grids import MapletGrid, filled
+from spcola.grids import MapletGrid
+from spcola.grids.gaps import filled
 from spcola.math import Affine
 from spcola.math.robust import huber_weight, mad
 

@@ -23,7 +23,7 @@ from fusion.surfacematch import (
     unmatched,
 )
 from spcola.arrays import BoolArray, FloatArray
-from spcola.grids import filled
+from spcola.grids.gaps import filled
 from spcola.grids.statistics import independent_patches, robust_covariance, shift_variances
 from spcola.math import Affine
 from spcola.math.robust import huber_scores, huber_weight, mad

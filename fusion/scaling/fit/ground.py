@@ -13,7 +13,7 @@ from fusion.estimation import MixedFit, Observations
 from fusion.scaling.fit.observation import ScaleObservations
 from spcola.arrays import FloatArray, IntArray
 from spcola.math.robust import mad
-from spcola.sharederrors import SHARED, own_share
+from spcola.math.statistics import SHARED, own_share
 
 # Distances tried, each this much longer than the one before; the first holds so many pairs.
 _LONGER = 1.25

@@ -8,7 +8,7 @@ import numpy as np
 
 from spcola.arrays import FloatArray
 from spcola.grids import Maplet, MapletGrid
-from spcola.sharederrors import own_share, patterns_of, strongest
+from spcola.math.statistics import own_share, patterns_of, strongest
 
 # Patterns that displace the observations by less than this, root of the sum of squares, metres, are
 # nothing beside what one pair tells.

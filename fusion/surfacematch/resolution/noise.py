@@ -23,7 +23,7 @@ from spcola.arrays import (
     frozen,
 )
 from spcola.errors import InvalidValueError
-from spcola.grids import closable, trend_of
+from spcola.grids.gaps import closable, trend_of
 from spcola.grids.statistics import autocovariance
 from spcola.math.robust import mad
 

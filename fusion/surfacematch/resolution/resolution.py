@@ -15,7 +15,7 @@ from scipy import ndimage
 from scipy.optimize import minimize_scalar
 
 from spcola.arrays import BoolArray, FloatArray
-from spcola.grids import closed, plane_of, trend_of
+from spcola.grids.gaps import closed, plane_of, trend_of
 from spcola.math.robust import mad
 
 # A smoothed value that rests on less than this share of the grid points around is not known.

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import fft
 
 from spcola.arrays import FloatArray
-from spcola.grids import bridged, trend_of
+from spcola.grids.gaps import bridged, trend_of
 
 _RINGS = 25
 # A surface of which more is missing tells of its gaps, not of its ground.

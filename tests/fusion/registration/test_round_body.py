@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from fusion.surfacematch import Surface, match_surfaces
 from fusion.surfacematch.resolution import blur, estimate_spectrum
-from spcola.grids import MapletGrid, bridged
+from spcola.grids import MapletGrid
+from spcola.grids.gaps import bridged
 
 RADIUS = 40.0
 GRID = MapletGrid.facing([0.0, 0.0, RADIUS], [0.0, 0.0, 1.0], 0.75, 27)

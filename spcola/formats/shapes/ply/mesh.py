@@ -22,8 +22,8 @@ from spcola.formats.shapes.obj import (
     divided,
     fan,
 )
-from spcola.formats.shapes.ply_data import PlyValues, read_elements
-from spcola.formats.shapes.ply_header import Encoding, parse_header
+from spcola.formats.shapes.ply.data import PlyValues, read_elements
+from spcola.formats.shapes.ply.header import Encoding, parse_header
 from spcola.formats.text.source import KM, LARGEST_RADIUS_KM, read_bytes
 from spcola.shape import Mesh
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from spcola.arrays import AnyArray, IntArray
 from spcola.errors import FormatError
-from spcola.formats.shapes.ply_header import PlyElement, PlyHeader, PlyProperty
+from spcola.formats.shapes.ply.header import PlyElement, PlyHeader, PlyProperty
 from spcola.formats.text.table import NumberRows, parse_rows
 
 PlyValues = dict[str, AnyArray]
