@@ -20,7 +20,7 @@ from fusion.fusing.maplets import FusedMaplet, Source, read_fused, write_fused
 from fusion.products import Provenance
 from fusion.products.formats import read_fits_dtm, write_fits_dtm
 from fusion.registration.results import ScanEffects, given_registration, placements_of
-from fusion.stages.ingest.stage import recorded_source
+from fusion.stages.ingest.sources import recorded_source
 from fusion.truth import read_truth
 from fusion.truth.planted import (
     PlacedCenter,

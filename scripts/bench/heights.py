@@ -31,14 +31,10 @@ from scipy.sparse.linalg import LinearOperator, cg, spsolve
 
 from spcola.arrays import BoolArray, FloatArray
 from spcola.compilation import usable_threads
-from spcola.heights import (
-    HeightProblem,
-    SolverOptions,
-    relax,
-    solve_heights,
-)
+from spcola.heights import HeightProblem, SolverOptions, solve_heights
 from spcola.heights.components import find_components
 from spcola.heights.graph import normal_matrix
+from spcola.heights.relaxation import relax
 
 KINDS = ("full", "few heights", "smooth mask", "rough mask", "blocks 1e6", "edges 1e6")
 SIZES = (99, 501, 1001, 2001, 5001)

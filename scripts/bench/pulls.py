@@ -21,7 +21,7 @@ from pathlib import Path
 from fusion.report import Recovered
 from fusion.runtime import Progress, ThreadExecutor, usable_cores
 from fusion.truth import demonstrate
-from fusion.truth.planted import MissionSettings
+from fusion.truth.presets import MissionSettings
 from fusion.truth.pulls import PullStatistics, pull_statistics
 
 PRESETS = {"tiny": MissionSettings.tiny, "mini": MissionSettings.mini}

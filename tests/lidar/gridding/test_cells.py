@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from lidar.gridding import CellReturns, sort_into_cells
+from lidar.gridding.cells import CellReturns, sort_into_cells
 from lidar.gridding.cells.cells import CorrectedMedians
 from spcola.grids import MapletGrid
 

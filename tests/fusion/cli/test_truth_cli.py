@@ -16,7 +16,7 @@ from typer.testing import CliRunner, Result
 from fusion.cli.app import app
 from fusion.truth import PRESETS, read_truth
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def call(*arguments: object, code: int = 0) -> Result:

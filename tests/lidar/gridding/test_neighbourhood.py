@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.gridding import fit_planes, grid_returns
+from lidar.gridding import grid_returns
+from lidar.gridding.cells import fit_planes
 from lidar.gridding.cells.windows import PlaneWindows
-from lidar.gridding.gridding import Returns
 from lidar.gridding.neighbourhood import expect, supported
+from lidar.scans import Returns
 from spcola.grids import MapletGrid
 
 SHAPE = (9, 11)

@@ -14,7 +14,7 @@ from fusion.cli.app import app
 from fusion.runtime.processes import Limits, isolated
 from spcola.errors import InvalidValueError, SpcolaError
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def child(folder: Path, script: str) -> str:

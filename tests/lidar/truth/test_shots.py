@@ -14,13 +14,13 @@ from lidar.truth import (
     ScanErrors,
     TrackSettings,
     draw_errors,
-    make_scan,
     plan_tracks,
     scan_chunks,
     track_chunks,
     track_name,
 )
 from lidar.truth.echoes import gaussian_pattern
+from lidar.truth.scan import make_scan
 from spcola.errors import SettingsError
 from spcola.truth.body import BodySettings, TruthBody, stream
 from spcola.truth.campaign import Pass

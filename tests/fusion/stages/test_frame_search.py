@@ -36,7 +36,7 @@ from spcola.grids import Maplet, MapletGrid
 from spcola.math import lattice
 from spcola.shape import Mesh
 
-BENCH = Path(__file__).resolve().parents[2] / "scripts" / "bench"
+BENCH = Path(__file__).resolve().parents[3] / "scripts" / "bench"
 RADIUS = 40.0
 
 

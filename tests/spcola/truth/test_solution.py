@@ -11,7 +11,7 @@ import pytest
 
 from spcola.errors import SettingsError
 from spcola.grids import MapletGrid
-from spcola.math import Similarity
+from spcola.math import Similarity, lattice
 from spcola.truth.body import BodySettings, TruthBody, stream
 from spcola.truth.sampled import LightMap
 from spcola.truth.sampled.cube import Tiling, tile_directions
@@ -22,7 +22,7 @@ from spcola.truth.solution import (
     spc_shape,
 )
 from spcola.truth.solution.degradation import Darkness, Softness
-from spcola.truth.solution.solution import SolvedMaplet, heights_in_frame, lattice
+from spcola.truth.solution.solution import SolvedMaplet, heights_in_frame
 
 SMALL = SolutionSettings(gsd=0.5, half_size=16, maplets=40)
 EXACT = replace(

@@ -18,14 +18,14 @@ from lidar.truth import (
     LidarSettings,
     ScanErrors,
     TrackSettings,
-    make_scan,
     plan_tracks,
-    returns_of,
     scan_chunks,
     scan_size,
     track_chunks,
     write_scans,
 )
+from lidar.truth.files import returns_of
+from lidar.truth.scan import make_scan
 from spcola.errors import InvalidValueError, SettingsError
 from spcola.truth.body import BodySettings, TruthBody, stream
 from spcola.truth.campaign import Pass

@@ -22,7 +22,7 @@ from fusion.workspace import Workspace
 from spcola.formats.maplets import write_maplet
 from spcola.grids import Maplet, MapletGrid
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def call(*arguments: object, code: int = 0) -> Result:

@@ -115,7 +115,7 @@ def test_an_interrupt_while_the_program_starts_is_one_line(tmp_path: Path, modul
         capture_output=True,
         text=True,
         check=False,
-        cwd=Path(__file__).resolve().parents[2],
+        cwd=Path(__file__).resolve().parents[3],
     )
     assert (done.returncode, done.stdout) == (130, ""), done.stderr
     assert done.stderr.startswith("interrupted: ")

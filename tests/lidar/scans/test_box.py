@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.gridding import sort_into_cells
+from lidar.gridding.cells import sort_into_cells
 from lidar.scans.cubes import Box
 from spcola.errors import InvalidValueError
 from spcola.grids import MapletGrid

@@ -7,12 +7,8 @@ import pytest
 
 from lidar.formats.missions import write_ola
 from lidar.formats.reader import read_scan
-from lidar.truth import (
-    LidarSettings,
-    ScanErrors,
-    draw_errors,
-    make_scan,
-)
+from lidar.truth import LidarSettings, ScanErrors, draw_errors
+from lidar.truth.scan import make_scan
 from spcola.errors import SettingsError
 from spcola.math import Similarity
 from spcola.truth.body import BodySettings, TruthBody, stream
