@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lidar.formats.options import LidarOptions
 from lidar.formats.recognition import FORMATS, recognise
+from lidar.formats.records.options import LidarOptions
 from lidar.scans import Scan, join
 from spcola.errors import FormatError
 

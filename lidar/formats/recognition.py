@@ -16,7 +16,7 @@ from lidar.formats.missions.nlr import is_nlr, read_nlr
 from lidar.formats.missions.ola import is_ola, read_ola
 from lidar.formats.missions.track import is_track, read_track
 from lidar.formats.native.scan_file import is_native, read_native
-from lidar.formats.options import LidarOptions
+from lidar.formats.records.options import LidarOptions
 from lidar.formats.tables.table import is_table, read_table
 from lidar.scans import Scan
 from spcola.errors import FormatError

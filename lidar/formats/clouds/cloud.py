@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from lidar.formats.binary import check_whole, mapped_chunks
 from lidar.formats.clouds.lzf import decompress
-from lidar.formats.options import LidarOptions
-from lidar.formats.screening import Agreement, Records, Screen
-from lidar.formats.tables.rows import RowLayout, read_rows
+from lidar.formats.records.binary import check_whole, mapped_chunks
+from lidar.formats.records.options import LidarOptions
+from lidar.formats.records.rows import RowLayout, read_rows
+from lidar.formats.records.screening import Agreement, Records, Screen
 from lidar.scans import Scan
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError

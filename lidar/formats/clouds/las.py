@@ -13,8 +13,8 @@ import numpy as np
 
 from lidar.formats.clouds.las_crs import LasSystem, las_system
 from lidar.formats.clouds.laz import check_chunk_table, try_decompressor
-from lidar.formats.options import LidarOptions
-from lidar.formats.screening import Agreement, Records, Screen
+from lidar.formats.records.options import LidarOptions
+from lidar.formats.records.screening import Agreement, Records, Screen
 from lidar.scans import Scan
 from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import FormatError, SpcolaError

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from lidar.formats.options import LENGTH_UNITS_M
+from lidar.formats.records.options import LENGTH_UNITS_M
 from spcola.errors import FormatError
 
 Kind = Literal["not stated", "geocentric", "projected", "geographic"]

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from lidar.formats.options import LidarOptions
-from lidar.formats.screening import Agreement, Records, Screen
-from lidar.formats.tables.rows import (
+from lidar.formats.records.options import LidarOptions
+from lidar.formats.records.rows import (
     RowLayout,
     first_lines,
     mostly,
     read_rows,
 )
-from lidar.formats.tables.times import times_of
+from lidar.formats.records.screening import Agreement, Records, Screen
+from lidar.formats.records.times import times_of
 from lidar.scans import Scan
 
 _KM = 1e3

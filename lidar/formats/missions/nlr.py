@@ -7,22 +7,22 @@ from pathlib import Path
 
 import numpy as np
 
-from lidar.formats.options import LidarOptions
-from lidar.formats.screening import (
-    Agreement,
-    Records,
-    Screen,
-    cartesian,
-    spherical_of,
-)
-from lidar.formats.tables.rows import (
+from lidar.formats.records.options import LidarOptions
+from lidar.formats.records.rows import (
     RowLayout,
     first_lines,
     flags_of,
     mostly,
     read_rows,
 )
-from lidar.formats.tables.times import times_differ
+from lidar.formats.records.screening import (
+    Agreement,
+    Records,
+    Screen,
+    cartesian,
+    spherical_of,
+)
+from lidar.formats.records.times import times_differ
 from lidar.scans import Scan
 
 _NAMES = (

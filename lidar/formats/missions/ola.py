@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidar.formats.binary import check_whole, mapped_chunks, probed
-from lidar.formats.options import LidarOptions
-from lidar.formats.screening import (
+from lidar.formats.records.binary import check_whole, mapped_chunks, probed
+from lidar.formats.records.options import LidarOptions
+from lidar.formats.records.screening import (
     Agreement,
     Records,
     Screen,

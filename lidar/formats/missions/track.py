@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from lidar.formats.options import LidarOptions
-from lidar.formats.screening import Agreement, Records, Screen
-from lidar.formats.tables.rows import (
+from lidar.formats.records.options import LidarOptions
+from lidar.formats.records.rows import (
     RowLayout,
     first_lines,
     is_number,
     mostly,
     read_rows,
 )
-from lidar.formats.tables.times import is_time, times_of
+from lidar.formats.records.screening import Agreement, Records, Screen
+from lidar.formats.records.times import is_time, times_of
 from lidar.scans import Scan
 from spcola.errors import FormatError
 

@@ -22,7 +22,7 @@ from lidar.formats.native.blocks import (
     encode,
     spacecraft_knots,
 )
-from lidar.formats.options import LidarOptions
+from lidar.formats.records.options import LidarOptions
 from lidar.scans import Scan, ScanSummary
 from lidar.scans.cubes import MOST_BITS
 from spcola.arrays import AnyArray

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from lidar.formats.options import LENGTH_UNITS_M
+from lidar.formats.records.options import LENGTH_UNITS_M
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lidar.formats.tables.times import is_time
+from lidar.formats.records.times import is_time
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.errors import FormatError
 

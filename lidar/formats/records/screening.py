@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lidar.formats.options import LidarOptions
+from lidar.formats.records.options import LidarOptions
 from lidar.scans import Scan
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.compilation import compiled, compiled_inline
