@@ -16,18 +16,12 @@ from scipy.ndimage import distance_transform_edt
 
 from lidar.gridding.cells.cells import CellReturns, CorrectedMedians, sort_into_cells
 from lidar.gridding.gridding import GriddingOptions, GriddingReport, grid_returns
-from lidar.gridding.mapola import Mapola
+from lidar.gridding.mapola import LidarBigmap, Mapola
 from lidar.gridding.point_heights import at_grid_points
 from lidar.scans import Returns
-from spcola.arrays import (
-    AnyArray,
-    BoolArray,
-    FloatArray,
-    frozen,
-    read_only,
-)
+from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import SettingsError
-from spcola.grids import Maplet, MapletGrid, check_layer
+from spcola.grids import MapletGrid
 from spcola.grids.gaps import bridged_mask
 from spcola.heights import (
     STEPS_ALIKE,
@@ -47,45 +41,6 @@ _NEGLECTED = 0.05
 # Least standard deviation of a step beside that of a height. Steps are read from the surface
 # that they then hold, so that stiffer ones would only make the iteration slow.
 _STIFFEST = 1.0
-
-
-@dataclass(frozen=True, eq=False)
-class LidarBigmap(Maplet):
-    """A bigmap made of lidar returns; unlike a mapola it has heights where no return fell.
-
-    Parameters
-    ----------
-    count : (2q+1, 2q+1) integer ndarray
-        Returns in each cell; 0 where the height bridges a gap.
-    spread : (2q+1, 2q+1) array_like
-        Robust standard deviation in the cell, metres; NaN with fewer than three returns.
-    scan_share : mapping of str to float
-        Share of the returns that came from each scan.
-
-    Raises
-    ------
-    InvalidValueError
-        If a layer has another shape.
-    """
-
-    count: AnyArray = None  # type: ignore[assignment]  # filled in __post_init__
-    spread: FloatArray = None  # type: ignore[assignment]  # filled in __post_init__
-    scan_share: dict[str, float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        count = np.zeros(self.grid.shape) if self.count is None else self.count
-        count = np.array(count, dtype=np.int32)
-        check_layer(count, self.grid, f"{self.name}.count")
-        object.__setattr__(self, "count", read_only(count))
-        spread = np.full(self.grid.shape, np.nan) if self.spread is None else self.spread
-        object.__setattr__(self, "spread", frozen(spread, self.grid.shape, f"{self.name}.spread"))
-
-    @property
-    def bridged(self) -> BoolArray:
-        """Mask of heights that no return supports."""
-        mask: BoolArray = self.valid & (self.count == 0)
-        return mask
 
 
 @dataclass(frozen=True)

@@ -18,26 +18,16 @@ from spcola.shape.icq import IcqShape, icq_directions
 from spcola.truth.body.albedo import AlbedoField, albedos
 from spcola.truth.body.bounds import Bounds, make_bounds
 from spcola.truth.body.cells import Indexed, cells_for, index_features
-from spcola.truth.body.nearest import (
-    Nearest,
-    nearest_points,
-    normals,
-    search_pattern,
-)
-from spcola.truth.body.relief import (
-    Features,
-    draw_boulders,
-    draw_craters,
-    draw_spots,
-)
+from spcola.truth.body.nearest import nearest_points, normals, search_pattern
+from spcola.truth.body.relief import Features, draw_boulders, draw_craters, draw_spots
 from spcola.truth.body.rocks import flag_rocks, make_rocks
 from spcola.truth.body.roughness import fractal_octaves
 from spcola.truth.body.settings import BodySettings
 from spcola.truth.body.streams import stream
 from spcola.truth.body.surface import Surface, radii
+from spcola.truth.body.surface_points import SurfacePoints
 from spcola.truth.body.terrain import BOULDER, flag
 from spcola.truth.body.tracing import hits
-from spcola.truth.sampled.hits import BodyHits
 
 __all__ = ["BodySettings", "TruthBody"]
 
@@ -156,7 +146,7 @@ class TruthBody:
         """
         return self._hits(origins, directions)[1]
 
-    def first_hits(self, origins: FloatArray, directions: FloatArray) -> BodyHits:
+    def first_hits(self, origins: FloatArray, directions: FloatArray) -> SurfacePoints:
         """Return distance, points and outward normals of the first hits of rays.
 
         Parameters
@@ -170,7 +160,7 @@ class TruthBody:
         across = np.full_like(points, np.nan)
         hit = np.isfinite(distance)
         across[hit] = self.normals(points[hit])
-        return BodyHits(distance, points, across)
+        return SurfacePoints(distance, points, across)
 
     def _hits(self, origins: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
         unit = _unit(directions)
@@ -178,7 +168,7 @@ class TruthBody:
         distance = _spread(hits, (self._surface, self._bounds), (starts, unit))
         return distance, starts + distance[:, None] * unit
 
-    def nearest(self, points: FloatArray) -> Nearest:
+    def nearest(self, points: FloatArray) -> SurfacePoints:
         """Return the points of the surface nearest to `points` (N, 3), metres.
 
         The place found is a point of the surface to rounding, and the distance a local minimum
@@ -188,7 +178,7 @@ class TruthBody:
         """
         rows = np.ascontiguousarray(points, dtype=np.float64)
         found = _spread(nearest_points, (self._surface, search_pattern()), (rows,), 7)
-        return Nearest(found[:, :3], found[:, 3], found[:, 4:])
+        return SurfacePoints(found[:, 3], found[:, :3], found[:, 4:])
 
     def heights(self, grid: MapletGrid) -> FloatArray:
         """Return the heights (2q+1, 2q+1) along Uz of the outermost surface, metres."""

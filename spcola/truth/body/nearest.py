@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from spcola.arrays import FloatArray
@@ -21,25 +19,6 @@ _MOST_PROJECTIONS = 40
 _CLOSE = 1e-5
 # A place so far beside the normal is on an edge.
 _BESIDE = 1e-4
-
-
-@dataclass(frozen=True, eq=False)
-class Nearest:
-    """The points of the surface that are nearest to N points in space.
-
-    Attributes
-    ----------
-    points : (N, 3) ndarray
-        On the surface, metres.
-    distance : (N,) ndarray
-        To there, metres; positive outside of the body, negative inside.
-    normals : (N, 3) ndarray
-        Outward unit normals of the surface there.
-    """
-
-    points: FloatArray
-    distance: FloatArray
-    normals: FloatArray
 
 
 def search_pattern() -> FloatArray:

@@ -11,15 +11,10 @@ import numpy as np
 
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.errors import SettingsError
+from spcola.truth.body import SurfacePoints
 from spcola.truth.sampled.cube import Tiling, tile_directions
-from spcola.truth.sampled.hits import BodyHits
 from spcola.truth.sampled.tile_store import TileStore
-from spcola.truth.sampled.traversal import (
-    Tiles,
-    first_hits,
-    mark_needed,
-    shadows,
-)
+from spcola.truth.sampled.traversal import Tiles, first_hits, mark_needed, shadows
 
 _CHUNK = 8192
 _COARSE_CELLS = 256
@@ -97,7 +92,7 @@ class SampledSurface:
         """Return the sampled radius (N,), metres, in `directions` (N, 3) of any length."""
         return self._store.at(np.ascontiguousarray(directions, dtype=np.float64))
 
-    def cast(self, origins: FloatArray, directions: FloatArray) -> BodyHits:
+    def cast(self, origins: FloatArray, directions: FloatArray) -> SurfacePoints:
         """Return the first hits of rays.
 
         A ray that begins below the ground hits nothing.
@@ -118,7 +113,7 @@ class SampledSurface:
             return first_hits(self._tiles, rays, distance[part], normals[part], wanted)
 
         self._run(starts, beams, fill)
-        return BodyHits(distance, starts + distance[:, None] * beams, normals)
+        return SurfacePoints(distance, starts + distance[:, None] * beams, normals)
 
     def occluded(self, points: FloatArray, toward: FloatArray) -> BoolArray:
         """Tell whether ground stands between points of the ground and infinity.
