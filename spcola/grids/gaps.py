@@ -1,4 +1,4 @@
-"""Unknown points of a grid: what the known ones around say of them."""
+"""Unknown points of a grid, and their values from the known points around."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.compilation import compiled
 
-# Gaussian, cells, of the neighbourhood of which a point of a narrow gap knows this share.
+# Gaussian, cells: in narrow gaps the smoothed share of known points exceeds this limit.
 _NEAR, _SHARE = 1.0, 0.2
-# Sweeps after which narrow gaps bend least; in wide ones more would change little that is near.
+# Sweeps until narrow gaps bend least; in wide gaps more sweeps would hardly change the rim.
 _SWEEPS = 30
 
 
 def carried_on(layer: FloatArray) -> FloatArray:
-    """Return a layer (R, C) in which each unknown point has the value of the nearest known one.
+    """Return a layer (R, C) with each unknown point at the value of the nearest known one.
 
     NaN everywhere if no point is known.
     """
@@ -28,7 +28,7 @@ def carried_on(layer: FloatArray) -> FloatArray:
 
 
 def closable(known: BoolArray) -> BoolArray:
-    """Mask (R, C) of what is known or lies in a gap narrow enough to be closed from around."""
+    """Mask (R, C) of points that are known or lie in a gap narrow enough to be closed."""
     if known.all():
         return known
     near: BoolArray = known | (gaussian_filter(known.astype(np.float64), _NEAR) > _SHARE)
@@ -36,10 +36,10 @@ def closable(known: BoolArray) -> BoolArray:
 
 
 def closed(layer: FloatArray) -> FloatArray:
-    """Return a layer (R, C) with its narrow gaps closed so that it bends least; the others NaN.
+    """Return a layer (R, C) with its narrow gaps closed by least bending; the others NaN.
 
-    Heights that are missing at random, or line by line, are nearly as good as if they were known:
-    what is smooth over some cells is told by the cells around. A mean of these would flatten it.
+    Heights that are missing at random, or line by line, are nearly as good as known ones: a
+    surface smooth over some cells is determined by the cells around. Their mean would flatten it.
     Of a gap wider than two cells only the rim is closed.
     """
     known = np.isfinite(layer)
@@ -53,9 +53,9 @@ def closed(layer: FloatArray) -> FloatArray:
 
 @compiled
 def _relax(layer: FloatArray, points: IntArray, sweeps: int) -> None:
-    """Move some points (N, 2), row and column, of a layer to where it bends least, in place.
+    """Move some points (N, 2), row and column, of a layer to least bending, in place.
 
-    Gauss–Seidel on the squared Laplacian, the layer carried on beyond its edges.
+    Gauss–Seidel on the squared Laplacian, with the layer extended beyond its edges.
     """
     last_row, last_column = layer.shape[0] - 1, layer.shape[1] - 1
     for _ in range(sweeps):
