@@ -66,9 +66,9 @@ def import_(
     reason. A file that was imported before is recognised by its content.
     """
     # The machinery is imported here and not above, so that help comes at once.
-    from fusion.pipeline import Pipeline, opened
     from fusion.runtime import Progress
-    from fusion.stages.ingest import STAGE, Source, Workers, import_files
+    from fusion.stages import import_scans
+    from fusion.stages.ingest import Source
     from fusion.workspace import Workspace
 
     if isolate:
@@ -83,10 +83,7 @@ def import_(
         for file in files
     ]
     hands, progress = executor(workers, cluster), Progress.fitting(silent=as_json)
-    with opened(there) as catalog:
-        done = import_files(there, settings, sources, Workers(hands, progress, catalog.digesting))
-        catalog.rewritten(STAGE.name, [there.scan_path(one.scan.name) for one in done])
-    Pipeline(there, settings, [STAGE], hands, progress).run_stage(STAGE.name)
+    done = import_scans(there, sources, settings=settings, executor=hands, progress=progress)
     show({"scans": [one.as_dict() for one in done]}, map(_line, done), as_json=as_json)
 
 

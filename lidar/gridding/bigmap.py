@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.ndimage import binary_dilation, binary_erosion, distance_transform_edt
 
-from lidar.gridding.cells import CellReturns, CorrectedMedians, sort_into_cells
+from lidar.gridding.cells.cells import CellReturns, CorrectedMedians, sort_into_cells
 from lidar.gridding.gridding import GriddingOptions, GriddingReport, grid_returns
 from lidar.gridding.mapola import Mapola
 from lidar.gridding.point_heights import at_grid_points

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lidar.gridding import CellReturns, sort_into_cells
-from lidar.gridding.cells import CorrectedMedians
+from lidar.gridding.cells.cells import CorrectedMedians
 from spcola.grids import MapletGrid
 
 GRID = MapletGrid.facing([210.0, -40.0, 60.0], [0.9, -0.1, 0.3], 0.25, 6)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.gridding import GriddingOptions, Mapola, RejectionOptions, grid_returns
-from lidar.gridding.gridding import Returns, make_mapola
+from lidar.gridding import GriddingOptions, Mapola, RejectionOptions, grid_returns, make_mapola
 from lidar.gridding.sigma import median_sigma
-from lidar.scans import Scan
+from lidar.scans import Returns, Scan
 from spcola.errors import InvalidValueError, SettingsError
 from spcola.grids import MapletGrid
 

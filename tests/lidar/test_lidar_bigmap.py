@@ -11,9 +11,10 @@ from lidar.gridding import (
     RejectionOptions,
     at_grid_points,
     bigmap_from_returns,
+    make_mapola,
 )
 from lidar.gridding.bigmap import LidarBigmap, bridged_mask, integrate_returns
-from lidar.gridding.gridding import Returns, make_mapola
+from lidar.scans import Returns
 from spcola.errors import InvalidValueError, SettingsError
 from spcola.grids import MapletGrid
 from spcola.heights import slopes_of, steps_from_slopes

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from lidar.gridding import fit_planes, grid_returns
+from lidar.gridding.cells.windows import PlaneWindows
 from lidar.gridding.gridding import Returns
 from lidar.gridding.neighbourhood import expect, supported
-from lidar.gridding.windows import PlaneWindows
 from spcola.grids import MapletGrid
 
 SHAPE = (9, 11)

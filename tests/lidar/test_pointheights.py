@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.gridding import Mapola, at_grid_points
-from lidar.gridding.gridding import Returns, make_mapola
+from lidar.gridding import Mapola, at_grid_points, make_mapola
 from lidar.gridding.point_heights import bending_variance
+from lidar.scans import Returns
 from spcola.grids import MapletGrid
 
 GRID = MapletGrid.facing([200.0, 50.0, 30.0], [1.0, 0.2, 0.1], 0.5, 30)

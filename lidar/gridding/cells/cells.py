@@ -16,8 +16,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from lidar.gridding.medians import run_medians
-from lidar.gridding.sorting import MANY, sort_points
+from lidar.gridding.cells.medians import run_medians
+from lidar.gridding.cells.sorting import MANY, sort_points
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.compilation import compiled, compiled_inline, usable_threads
 from spcola.grids import MapletGrid

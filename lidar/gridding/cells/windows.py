@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidar.gridding.planes import PlaneFit, fitted_plane, plane_layers
+from lidar.gridding.cells.planes import PlaneFit, fitted_plane, plane_layers
 from spcola.arrays import FloatArray, IntArray
 from spcola.compilation import compiled
 
