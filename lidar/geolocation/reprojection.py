@@ -26,12 +26,12 @@ class Reprojection:
         With the new points, spacecraft positions and trajectory name; `scan.rejected` counts
         those left out.
     kept : (N,) ndarray
-        Which returns of the old scan are in it.
+        Which returns of the old scan remain.
     offset : (M, 3) ndarray
-        What was added to each point, body-fixed, metres.
+        Displacement of each point, body-fixed, metres.
     sigma : (M, 3) ndarray
         One standard deviation of the offset along the body-fixed axes, metres: of the states
-        and of the interpolation between them; NaN if not known.
+        and of the interpolation between them; NaN if unknown.
     """
 
     scan: Scan
@@ -48,7 +48,7 @@ def reproject(
     range_offset: float | None = None,
     max_gap_s: float = MAX_GAP_S,
 ) -> Scan:
-    """Return `scan` located with `trajectory`; see `relocate`, which says more of the result."""
+    """Return `scan` located with `trajectory`; see `relocate`, which also returns the offsets."""
     return relocate(
         scan, trajectory, reference=reference, range_offset=range_offset, max_gap_s=max_gap_s
     ).scan
@@ -64,9 +64,9 @@ def relocate(
 ) -> Reprojection:
     """Locate the returns of a scan with another trajectory.
 
-    The *difference* of the trajectories is interpolated to the time of each return, in straight
-    lines: it is smooth where the positions themselves turn with the body, so that a trajectory
-    known at image times only serves the returns between them. Pointing stays as it was.
+    The *difference* of the trajectories is interpolated linearly to the time of each return: it is
+    smooth where the positions themselves rotate with the body, so that a trajectory known at image
+    times only can be used for the returns between them. Pointing is unchanged.
 
     Parameters
     ----------
@@ -75,12 +75,12 @@ def relocate(
     trajectory : Trajectory
         The new one, in the same body-fixed frame.
     reference : Trajectory, optional
-        The old one. By default the scan's own spacecraft positions, which serve if the new
+        The old one. By default the scan's own spacecraft positions, which suffice if the new
         trajectory has times within the scan.
     range_offset : float, optional
         Distance from the spacecraft to the range's reference point, metres: returns are put at
-        ``spacecraft + beam · (range + range_offset)``. By default each return keeps the offset
-        that it came with (`Scan.reference_offset`), so that points move as the spacecraft does.
+        ``spacecraft + beam · (range + range_offset)``. By default each return keeps its own
+        offset (`Scan.reference_offset`), so that points move as the spacecraft does.
     max_gap_s : float
         Returns between two times further apart than this, seconds, are rejected and counted,
         as are those outside the trajectory.
@@ -106,7 +106,7 @@ def relocate(
 
 
 def scan_trajectory(scan: Scan) -> Trajectory:
-    """Return the spacecraft positions of a scan as a trajectory , its times sorted and single.
+    """Return the spacecraft positions of a scan as a trajectory, its times sorted and unique.
 
     Raises
     ------

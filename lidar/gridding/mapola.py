@@ -28,8 +28,8 @@ class Mapola(Maplet):
         Robust standard deviation (1.4826 × median absolute deviation) of the slope-corrected
         heights in the cell, metres; NaN where fewer than three returns fell.
     scan_share : mapping of str to float
-        Share of the mapola's returns that came from each scan: what makes the errors of two
-        mapolas alike.
+        Share of the mapola's returns from each scan: it determines how far the errors of two
+        mapolas are correlated.
 
     Raises
     ------
@@ -55,5 +55,5 @@ class Mapola(Maplet):
 
     @property
     def coverage(self) -> float:
-        """Share of the cells that hold a height, 0 … 1."""
+        """Share of the cells that have a height, 0 … 1."""
         return float(np.mean(self.valid))

@@ -180,7 +180,7 @@ def test_strays_are_rejected_and_little_else(per_cell):
     assert lost.mean() < 1e-3
     report = result.report
     assert report.used == result.used.sum()
-    assert report.offered == report.used + report.ignored + report.stray + report.outlying
+    assert report.offered == report.used + report.ignored + report.isolated + report.outlying
     filled = np.zeros(GRID.shape, dtype=bool)
     inside = np.abs(np.floor([y + 0.5, x + 0.5])).max(axis=0) <= GRID.half_size
     cell = np.floor([y[inside] + 30.5, x[inside] + 30.5]).astype(int)
@@ -246,7 +246,7 @@ def test_shots_far_apart_are_no_strays():
     rng = np.random.default_rng(19)
     returns, _ = returns_on(rolling, 120, rng, noise=0.01, sigma=0.01)
     result = grid_returns("A", GRID, returns)
-    assert result.report.stray == 0
+    assert result.report.isolated == 0
     assert result.mapola.valid.sum() > 110
 
 
@@ -262,7 +262,7 @@ def test_boulders_stay():
     rng = np.random.default_rng(16)
     returns, _ = returns_on(ground, 2 * 61**2, rng, noise=0.003, sigma=0.003)
     result = grid_returns("A", GRID, returns)
-    assert result.report.stray == 0
+    assert result.report.isolated == 0
     assert np.nanmin(result.mapola.height[21:24, 34:37]) > 0.2
 
 

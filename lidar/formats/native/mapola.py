@@ -45,7 +45,7 @@ def write_mapolas(folder: str | Path, mapolas: Iterable[Mapola]) -> list[str]:
 
 
 def mapola_names(folder: str | Path) -> list[str]:
-    """Return the names of the mapolas in `folder`, in the order of the alphabet.
+    """Return the names of the mapolas in `folder`, in alphabetical order.
 
     Raises
     ------
