@@ -165,7 +165,7 @@ class KernelPlace:
         NaN where unknown.
         """
         value = np.full((len(time), 15), np.nan)
-        known = self.coverage.knows(time)
+        known = self.coverage.covers(time)
         asked = time[known]
         if not len(asked):
             return value

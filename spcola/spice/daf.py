@@ -19,11 +19,11 @@ from spcola.formats.text import read_bytes
 RECORD = 1024
 _WORDS = RECORD // 8
 _ORDERS: dict[bytes, Literal["<", ">"]] = {b"LTL-IEEE": "<", b"BIG-IEEE": ">"}
-# Doubles and integers in a summary, by what the file is.
+# Doubles and integers in a summary, by file type.
 _FORMS = {b"DAF/SPK ": (2, 6), b"DAF/CK  ": (2, 6), b"DAF/PCK ": (2, 5)}
 _OLD = b"NAIF/DAF"
 DISCRETE_TYPES = (9, 13)
-"""Types of SPK segments that hold states at unequal steps."""
+"""Types of SPK segments with states at unequal steps."""
 _LARGEST_DEGREE = 27
 _AGAIN = "fetch the file again"
 
@@ -51,12 +51,12 @@ def is_daf(path: str | Path) -> bool:
 
 
 def daf_segments(path: str | Path) -> list[DafSegment]:
-    """Return the segments of a binary DAF, whose summaries lie within the file and end.
+    """Return the segments of a binary DAF, after checking that its summaries lie within the file.
 
     Raises
     ------
     KernelError
-        If they do not, or the file is none.
+        If they do not, or the file is no DAF.
     """
     content = read_bytes(path)
     order = _ORDERS.get(content[88:96], "<")

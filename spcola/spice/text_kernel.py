@@ -1,4 +1,4 @@
-"""Text kernels: their assignments, and what a meta-kernel lists."""
+"""Text kernels: their assignments, and the lists of meta-kernels."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 
 from spcola.errors import KernelError
 
-# a text kernel is data between \begindata and \begintext; what stands elsewhere is comment
+# A text kernel is data between \begindata and \begintext; the rest is comment.
 _DATA = re.compile(
     r"^[ \t]*\\begindata[ \t]*\r?$(.*?)(?:^[ \t]*\\begintext[ \t]*\r?$|\Z)", re.M | re.S
 )
-# Nothing is given back, and a word is tried at its begin alone: the time grows with the length.
+# Without backtracking, and tried only at the begin of a word: the time is linear in the length.
 _ASSIGNMENT = re.compile(
     r"(?<![A-Za-z0-9_/-])([A-Za-z0-9_/-]++)\s*+(\+?=)\s*+(\([^()]*+\)|'[^']*+'|\S++)", re.S
 )
@@ -23,7 +23,7 @@ _STRING = re.compile(r"'((?:[^']|'')*)'")
 
 
 def expand_meta_kernels(paths: list[Path], *, within: tuple[Path, ...] = ()) -> list[Path]:
-    """Return kernels with every meta-kernel replaced by what it lists, in loading order.
+    """Return kernels with every meta-kernel replaced by its list, in loading order.
 
     Paths inside a meta-kernel are taken from its own folder first, so that it can be used from
     anywhere, then from the current one as SPICE does.
@@ -82,8 +82,8 @@ def kernels_of(path: Path) -> list[Path] | None:
         names = [name.replace(f"${symbol}", folder) for name in names]
         if max(map(len, names)) > _LONGEST_PATH:
             raise KernelError("KERNELS_TO_LOAD holds a name that is no path", path, "mend it")
-    beside = [path.parent / name for name in names]
-    return [b if _is_file(b) else Path(n) for b, n in zip(beside, names, strict=True)]
+    local = [path.parent / name for name in names]
+    return [b if _is_file(b) else Path(n) for b, n in zip(local, names, strict=True)]
 
 
 def assignments(path: Path) -> Iterator[tuple[str, str, str]]:
@@ -103,7 +103,7 @@ def assignments(path: Path) -> Iterator[tuple[str, str, str]]:
 
 
 def _is_file(path: Path) -> bool:
-    """Return whether there is such a file; a name that no file can have names none."""
+    """Return whether there is such a file; False for names that no file can have."""
     try:
         return path.is_file()
     except (OSError, ValueError):

@@ -255,7 +255,7 @@ def test_the_kernels_that_made_the_shots_move_none(
     place = KernelPlace(kernels, "-64", BENNU, frame, reference, max_gap_s=600.0)
     move = place.relocation(old, RADIUS, times)
     moved_, inside = move.apply(points, times)
-    np.testing.assert_array_equal(inside, known.knows(times))
+    np.testing.assert_array_equal(inside, known.covers(times))
     assert inside.any()
     assert not inside.all()
     assert move.error_m <= 5e-4
@@ -309,4 +309,4 @@ def test_the_last_image_of_a_ck_by_a_later_clock(shared_data: Path) -> None:
         place = KernelPlace(
             kernels, "-64", BENNU, frame, kernels, max_gap_s=600.0, tolerance_s=tolerance
         )
-        assert place.coverage.knows(last)[0] == known
+        assert place.coverage.covers(last)[0] == known

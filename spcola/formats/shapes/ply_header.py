@@ -1,4 +1,4 @@
-"""The header of a PLY file: which elements follow, and how they are encoded."""
+"""The header of a PLY file: its elements and their encoding."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class PlyElement:
 
 @dataclass(frozen=True)
 class PlyHeader:
-    """What the header says, how many lines it has, and where the data begin."""
+    """Content of the header, its number of lines, and the first byte of the data."""
 
     encoding: Encoding
     elements: tuple[PlyElement, ...]
@@ -81,7 +81,7 @@ def parse_header(content: bytes, path: str | Path) -> PlyHeader:
     Raises
     ------
     FormatError
-        If a line is not one of a PLY header, or ``end_header`` does not come.
+        If a line is not one of a PLY header, or ``end_header`` is missing.
     """
     encoding: Encoding | None = None
     elements: list[PlyElement] = []

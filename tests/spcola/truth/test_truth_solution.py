@@ -21,12 +21,12 @@ from spcola.truth.solution import (
     maplet_directions,
     spc_shape,
 )
-from spcola.truth.solution.degradation import Darkness, Softness
+from spcola.truth.solution.degradation import Darkness, Smoothing
 from spcola.truth.solution.solution import SolvedMaplet, heights_in_frame, lattice
 
 SMALL = SolutionSettings(gsd=0.5, half_size=16, maplets=40)
 EXACT = replace(
-    SMALL, noise=0.0, center_sigma=0.0, albedo_noise=0.0, softness=Softness(smoothing=0.0)
+    SMALL, noise=0.0, center_sigma=0.0, albedo_noise=0.0, softness=Smoothing(smoothing=0.0)
 )
 TO_SPC = Similarity.from_rotation_vector([1e-4, -2e-4, 3e-4], [0.07, -0.05, 0.04], 0.99975)
 ASIDE = [0.5, 0.7, 0.3]
@@ -104,7 +104,7 @@ def test_in_good_light_the_errors_are_as_large_as_stated(body: TruthBody) -> Non
 
 
 def test_centres_err_by_their_sigma_and_stand_for_a_point_of_the_surface(body: TruthBody) -> None:
-    settings = replace(SMALL, softness=Softness(smoothing=0.0))
+    settings = replace(SMALL, softness=Smoothing(smoothing=0.0))
     solved = [_maplet(body, settings, seed=number) for number in range(60)]
     truth = solved[0].true_center
     assert np.linalg.norm(truth) == pytest.approx(body.radius(truth[None])[0], abs=1e-8)
