@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from lidar.geolocation.knots import knots
 from lidar.geolocation.mirror import MirrorAngles, MirrorMotion
-from lidar.geolocation.placement import OUTSIDE_KERNELS, Relocation
+from lidar.geolocation.placement import OUTSIDE_KERNELS, Geolocation
 from spcola.arrays import FloatArray
 from spcola.navigation import Trajectory
 from spcola.spice import (
@@ -87,10 +87,15 @@ class KernelPlace:
             spacecraft, frame=self.frame, max_gap_s=self.max_gap_s, tolerance_s=self.tolerance_s
         ).tracks
 
-    def relocation(
+    def geolocation(
         self, old: Trajectory, radius: float, times: FloatArray | None = None
+<<<<<<< HEAD
     ) -> Relocation:
         """Return the motion of the returns of a scan.
+=======
+    ) -> Geolocation:
+        """Find how the returns of a scan move.
+>>>>>>> origin/main
 
         A return p was located as the position s(t) of the spacecraft plus the beam v. The beam in
         the frame of the lidar is rotated by its mounting B (after the mirror's correction), and
@@ -110,10 +115,17 @@ class KernelPlace:
 
         Returns
         -------
+<<<<<<< HEAD
         Relocation
             Returns at times that the kernels do not cover have no place. Kernels are read at the
             time of each return, or densely enough that the error of linear interpolation, given
             by `error_m`, is below 0.5 mm.
+=======
+        Geolocation
+            Without a place are returns at times that the kernels do not cover. Kernels are asked
+            at the time of each return, or so often that straight lines are off by less than
+            0.5 mm; `error_m` says by how much.
+>>>>>>> origin/main
 
         Raises
         ------
@@ -138,7 +150,7 @@ class KernelPlace:
             station = old.at(np.clip(time[known], *old.span))
             mirror = MirrorMotion(self.mirror, time[known], station, before)
         turns = known & bool(turn[known].any())
-        return Relocation(
+        return Geolocation(
             time[turns],
             turn[turns],
             time,

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.ndimage import binary_dilation, binary_erosion, distance_transform_edt
+from scipy.ndimage import distance_transform_edt
 
 from lidar.gridding.cells.cells import CellReturns, CorrectedMedians, sort_into_cells
 from lidar.gridding.gridding import GriddingOptions, GriddingReport, grid_returns
@@ -28,6 +28,7 @@ from spcola.arrays import (
 )
 from spcola.errors import SettingsError
 from spcola.grids import Maplet, MapletGrid, check_layer
+from spcola.grids.gaps import bridged_mask
 from spcola.heights import (
     STEPS_ALIKE,
     HeightProblem,
@@ -202,6 +203,7 @@ def integrate_returns(
     )
 
 
+<<<<<<< HEAD
 def bridged_mask(known: BoolArray, max_gap: int) -> BoolArray:
     """Return `known` (R, C) with the gaps that are no wider than `max_gap` cells closed.
 
@@ -215,6 +217,8 @@ def bridged_mask(known: BoolArray, max_gap: int) -> BoolArray:
     return closed[width:-width, width:-width] | known
 
 
+=======
+>>>>>>> origin/main
 def _integrate(
     cells: CellReturns,
     mapola: Mapola,

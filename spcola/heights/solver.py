@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -16,7 +14,7 @@ from spcola.arrays import (
     check_shape,
     read_only,
 )
-from spcola.compilation import Bands, compiled, usable_threads
+from spcola.compilation import Bands, compiled
 from spcola.errors import InvalidValueError, SettingsError
 from spcola.heights.components import Components, find_components
 from spcola.heights.conjugate import LinearSolution, LinearSystem
@@ -145,6 +143,7 @@ def solve_heights(
     return HeightSystem(problem, threads=chosen.threads).solve(problem, options=chosen, start=start)
 
 
+<<<<<<< HEAD
 def solve_many(
     problems: Iterable[HeightProblem],
     *,
@@ -171,6 +170,8 @@ def solve_many(
         return list(pool.map(lambda problem: solve_heights(problem, options=single), problems))
 
 
+=======
+>>>>>>> origin/main
 class HeightSystem:
     """Height problems of one mask and one set of weights: set up once, solved many times.
 

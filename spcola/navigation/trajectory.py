@@ -156,6 +156,7 @@ class Offset:
 
     differences: Trajectory
 
+<<<<<<< HEAD
     def at(self, times: ArrayLike, *, max_gap_s: float) -> tuple[FloatArray, FloatArray]:
         """Return the difference and its sigma, both (N, 3), metres; NaN where not covered.
 
@@ -181,10 +182,13 @@ class Offset:
         sigma[covered] = np.sqrt(states + bridge)
         return value, sigma
 
+=======
+>>>>>>> origin/main
     def widest(self, max_gap_s: float) -> float:
         """Return the sigma of linear interpolation in the middle of the longest gap, metres.
 
-        Of the gaps that are not longer than `max_gap_s`, seconds; 0 where nothing is interpolated.
+        It is that of a Brownian bridge whose increments are those of the differences (`drift`), of
+        the gaps not longer than `max_gap_s`, seconds; 0 where nothing is interpolated.
         """
         gaps = np.diff(self.differences.time)
         gaps = gaps[gaps <= max_gap_s]

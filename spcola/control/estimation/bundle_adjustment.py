@@ -288,6 +288,7 @@ def _inverse_root(matrix: FloatArray) -> FloatArray:
     inverse = linalg.solve_triangular(lower, np.eye(len(lower)), lower=True)
     root: FloatArray = unit[:, None] * inverse.T
     return root
+<<<<<<< HEAD
 
 
 def strongest(patterns: FloatArray, *, least: float) -> tuple[FloatArray, FloatArray]:
@@ -322,3 +323,5 @@ def strongest(patterns: FloatArray, *, least: float) -> tuple[FloatArray, FloatA
     kept = kept.reshape(count, 3, len(chosen))
     whole = np.einsum("nim,njm->nij", patterns, patterns)
     return kept, whole - np.einsum("nik,njk->nij", kept, kept)
+=======
+>>>>>>> origin/main
