@@ -42,13 +42,6 @@ def replacing(path: str | Path) -> Iterator[Path]:
     try:
         yield temporary
         flush([temporary])
-<<<<<<< HEAD
-        # mkstemp makes private files; the final file gets the usual permissions.
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)
-=======
->>>>>>> origin/main
         temporary.replace(target)
     except OSError as error:
         raise write_error(target, error) from error

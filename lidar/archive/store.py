@@ -128,11 +128,7 @@ class ScanStore:
 
     @property
     def interpolation_error_m(self) -> float:
-<<<<<<< HEAD
-        """Largest error of relocated returns due to interpolation, metres.
-=======
-        """By how much returns that are geolocated again may be off by interpolation, metres.
->>>>>>> origin/main
+        """Largest error of returns geolocated again due to interpolation, metres.
 
         See :attr:`lidar.geolocation.Geolocation.error_m`.
         """

@@ -1,8 +1,4 @@
-<<<<<<< HEAD
-"""Returns of a scan located again: with another trajectory, pole, spin or prime meridian.
-=======
-"""Geolocation: the returns of a scan by another trajectory, pole, spin or prime meridian (MATH §9).
->>>>>>> origin/main
+"""Geolocation of a scan's returns with another trajectory, pole, spin or prime meridian.
 
 A return is the position of the spacecraft plus the beam. Body-fixed coordinates rotate with the
 assumed rotation of the body, ``p → R(t) p``, and move with the spacecraft:
@@ -43,13 +39,8 @@ _MOST_TIMES = 100_000
 
 
 @dataclass(frozen=True, eq=False)
-<<<<<<< HEAD
-class Relocation:
-    """Motion of the returns of one scan, by time.
-=======
 class Geolocation:
-    """How the returns of one scan move, against where its file puts them.
->>>>>>> origin/main
+    """Motion of the returns of one scan, by time, relative to their places in its file.
 
     Attributes
     ----------
@@ -123,13 +114,8 @@ def find_geolocation(
     spin: tuple[Spin, Spin] | None = None,
     trajectory: Trajectory | None = None,
     max_gap_s: float = np.inf,
-<<<<<<< HEAD
-) -> Relocation:
-    """Return the motion of the returns of a scan.
-=======
 ) -> Geolocation:
-    """Find how the returns of a scan move.
->>>>>>> origin/main
+    """Return the motion of the returns of a scan.
 
     Parameters
     ----------
@@ -172,24 +158,14 @@ def _shifted(turns: Geolocation, offset: Offset, max_gap_s: float) -> Geolocatio
     )
 
 
-<<<<<<< HEAD
-def turn_of(span: tuple[float, float], radius: float, old: Spin, new: Spin) -> Relocation:
-    """Return the rotation of returns within `radius` (m) of the origin over a time `span` (s)."""
-=======
 def turn_of(span: tuple[float, float], radius: float, old: Spin, new: Spin) -> Geolocation:
-    """Find how returns within `radius` (m) of the origin turn over a `span` of times (s)."""
->>>>>>> origin/main
+    """Return the rotation of returns within `radius` (m) of the origin over a time `span` (s)."""
     times = _turn_times(span, radius, old, new)
     return Geolocation(times, old.change_to(new, times))
 
 
-<<<<<<< HEAD
-def relocated(scan: Scan, move: Relocation) -> Scan:
-    """Return a scan with points, stations and beams at their new places.
-=======
 def geolocated(scan: Scan, move: Geolocation) -> Scan:
-    """Return a scan with points, stations and beams where they are now.
->>>>>>> origin/main
+    """Return a scan with points, stations and beams at their new places.
 
     Returns without a place are counted as rejected, by reason.
     """
@@ -211,18 +187,14 @@ def geolocated(scan: Scan, move: Geolocation) -> Scan:
     )
 
 
-<<<<<<< HEAD
-def counted(before: Mapping[str, int], more: Mapping[str, int]) -> dict[str, int]:
-    """Add counts to those of a scan; a reason without counts is left out."""
-=======
 def geolocated_by(
     scan: Scan, trajectory: Trajectory, *, max_gap_s: float = MAX_GAP_S
 ) -> tuple[Scan, Offset]:
-    """Return a scan located by another trajectory, and how that departs from the scan's own.
+    """Return a scan located with another trajectory, and the difference to the scan's own.
 
-    The *difference* of the trajectories is interpolated to the time of each return, in straight
-    lines: it is smooth where the positions themselves turn with the body, so that a trajectory
-    known at image times only serves the returns between them. Pointing stays as it was.
+    The *difference* of the trajectories is interpolated linearly to the time of each return: it is
+    smooth where the positions themselves rotate with the body, so that a trajectory known at image
+    times only can be used for the returns between them. Pointing is unchanged.
 
     Parameters
     ----------
@@ -245,7 +217,7 @@ def geolocated_by(
 
 
 def scan_trajectory(scan: Scan) -> Trajectory:
-    """Return the spacecraft positions of a scan as a trajectory, its times sorted and single.
+    """Return the spacecraft positions of a scan as a trajectory, its times sorted and unique.
 
     Raises
     ------
@@ -262,8 +234,7 @@ def scan_trajectory(scan: Scan) -> Trajectory:
 
 
 def _counted(before: Mapping[str, int], more: Mapping[str, int]) -> dict[str, int]:
-    """Add counts to those that a scan carries; a reason that did not occur is not named."""
->>>>>>> origin/main
+    """Add counts to those of a scan; a reason without counts is left out."""
     counts = dict(before)
     for reason, count in more.items():
         if count:

@@ -89,13 +89,8 @@ class KernelPlace:
 
     def geolocation(
         self, old: Trajectory, radius: float, times: FloatArray | None = None
-<<<<<<< HEAD
-    ) -> Relocation:
-        """Return the motion of the returns of a scan.
-=======
     ) -> Geolocation:
-        """Find how the returns of a scan move.
->>>>>>> origin/main
+        """Return the motion of the returns of a scan.
 
         A return p was located as the position s(t) of the spacecraft plus the beam v. The beam in
         the frame of the lidar is rotated by its mounting B (after the mirror's correction), and
@@ -115,17 +110,10 @@ class KernelPlace:
 
         Returns
         -------
-<<<<<<< HEAD
-        Relocation
+        Geolocation
             Returns at times that the kernels do not cover have no place. Kernels are read at the
             time of each return, or densely enough that the error of linear interpolation, given
             by `error_m`, is below 0.5 mm.
-=======
-        Geolocation
-            Without a place are returns at times that the kernels do not cover. Kernels are asked
-            at the time of each return, or so often that straight lines are off by less than
-            0.5 mm; `error_m` says by how much.
->>>>>>> origin/main
 
         Raises
         ------

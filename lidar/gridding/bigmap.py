@@ -203,22 +203,6 @@ def integrate_returns(
     )
 
 
-<<<<<<< HEAD
-def bridged_mask(known: BoolArray, max_gap: int) -> BoolArray:
-    """Return `known` (R, C) with the gaps that are no wider than `max_gap` cells closed.
-
-    A gap is closed if a square of max_gap + 1 cells does not fit into it (a morphological
-    closing): the outline of the known area does not move outward.
-    """
-    width = max_gap + 1
-    square = np.ones((width, width), dtype=bool)
-    padded = np.pad(known, width)
-    closed: BoolArray = binary_erosion(binary_dilation(padded, square), square)
-    return closed[width:-width, width:-width] | known
-
-
-=======
->>>>>>> origin/main
 def _integrate(
     cells: CellReturns,
     mapola: Mapola,

@@ -143,35 +143,6 @@ def solve_heights(
     return HeightSystem(problem, threads=chosen.threads).solve(problem, options=chosen, start=start)
 
 
-<<<<<<< HEAD
-def solve_many(
-    problems: Iterable[HeightProblem],
-    *,
-    options: SolverOptions | None = None,
-    workers: int | None = None,
-) -> list[HeightSolution]:
-    """Solve many small problems (maplets), one at a time on each of several threads.
-
-    Parameters
-    ----------
-    problems : iterable of HeightProblem
-    options : SolverOptions, optional
-        For all of them.
-    workers : int, optional
-        Threads; the number of cores (at most 8) if not given.
-
-    Returns
-    -------
-    list of HeightSolution
-        In the order of `problems`, equal to those of :func:`solve_heights`.
-    """
-    single = replace(SolverOptions() if options is None else options, threads=1)
-    with ThreadPoolExecutor(usable_threads() if workers is None else workers) as pool:
-        return list(pool.map(lambda problem: solve_heights(problem, options=single), problems))
-
-
-=======
->>>>>>> origin/main
 class HeightSystem:
     """Height problems of one mask and one set of weights: set up once, solved many times.
 

@@ -16,14 +16,9 @@ from spcola.math.statistics import most_likely_sizes
 # Prior standard deviation of the logarithms of the factors: of matches and pointing a factor e²; of
 # positions, whose sigmas the solution states, e.
 _WIDTHS = np.array([2.0, 1.0, 2.0])
-<<<<<<< HEAD
-# Largest logarithm of a factor: practically unbounded.
-_SMALLEST = -6.0
-=======
-# Logarithms of factors stay within this, and begin with these steps.
+# Bound of the logarithms of factors, and first steps of the search.
 _REACH = 6.0
 _STEPS = np.array([0.7, -0.4, -0.7])
->>>>>>> origin/main
 
 
 class SizeFactors(NamedTuple):

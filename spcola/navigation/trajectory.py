@@ -156,34 +156,6 @@ class Offset:
 
     differences: Trajectory
 
-<<<<<<< HEAD
-    def at(self, times: ArrayLike, *, max_gap_s: float) -> tuple[FloatArray, FloatArray]:
-        """Return the difference and its sigma, both (N, 3), metres; NaN where not covered.
-
-        The sigma combines those of the two states, with the weights of the difference, and the
-        error of linear interpolation: the standard deviation of a Brownian bridge whose increments
-        are those of the differences (`drift`), largest in the middle of a gap.
-        """
-        wanted = np.asarray(times, dtype=np.float64)
-        track = self.differences
-        covered = track.covers(wanted, max_gap_s=max_gap_s)
-        inside = wanted[covered]
-        value, sigma = (np.full((len(wanted), 3), np.nan) for _ in range(2))
-        value[covered] = straight_lines(track.time, track.position, inside)
-        low, share = bracket(track.time, inside)
-        high = np.minimum(low + 1, len(track) - 1)
-        share = share[:, None]
-        # A time of the trajectory itself does not use its neighbour: 0 · NaN would be NaN.
-        states = np.where(share < 1, ((1 - share) * track.sigma[low]) ** 2, 0.0) + np.where(
-            share > 0, (share * track.sigma[high]) ** 2, 0.0
-        )
-        gap = (track.time[high] - track.time[low])[:, None]
-        bridge = np.where((share > 0) & (share < 1), self.drift * gap * share * (1 - share), 0.0)
-        sigma[covered] = np.sqrt(states + bridge)
-        return value, sigma
-
-=======
->>>>>>> origin/main
     def widest(self, max_gap_s: float) -> float:
         """Return the sigma of linear interpolation in the middle of the longest gap, metres.
 

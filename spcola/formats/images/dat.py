@@ -28,14 +28,10 @@ def read_image_data(
     width, height : int
         NPX and NLN.
     byte_order : {">", "<"}, optional
-<<<<<<< HEAD
-        Byte order of 16-bit data; recognised if not given (:func:`recognise_byte_order`).
-=======
-        Of 16-bit data. If not given, the one in which neighbours are alike: in the wrong order the
-        least significant byte leads, and neighbours differ as noise does. SPC's own, most
-        significant byte first, unless the other makes the sum of differences between neighbours
-        less than half as large.
->>>>>>> origin/main
+        Byte order of 16-bit data. If not given, the one in which neighbours are similar: in the
+        wrong order the least significant byte leads, and neighbours differ like noise. SPC's own,
+        most significant byte first, unless the other makes the sum of differences between
+        neighbours less than half as large.
 
     Returns
     -------
@@ -56,27 +52,6 @@ def read_image_data(
     return raw.reshape(height, width).astype(np.uint16)
 
 
-<<<<<<< HEAD
-def recognise_byte_order(path: str | Path, width: int, height: int) -> ByteOrder:
-    """Return the byte order of 16-bit image data by the similarity of neighbours.
-
-    In the wrong order the least significant byte leads, and neighbours differ like noise. Returns
-    most significant byte first, SPC's own order, unless the other makes the sum of differences
-    between neighbours less than half as large.
-
-    Raises
-    ------
-    FormatError
-        If the length fits neither one nor two bytes a pixel.
-    """
-    content = read_bytes(path)
-    if _bytes_per_pixel(content, width, height, path) == 1:
-        return ">"
-    return _order_of(content, width, height)
-
-
-=======
->>>>>>> origin/main
 def write_image_data(path: str | Path, pixels: AnyArray, *, byte_order: ByteOrder = ">") -> None:
     """Write pixels (NLN, NPX), uint8 or uint16, as a .DAT file.
 

@@ -238,7 +238,7 @@ def spc_shape(
     light: LightMap | None = None,
     settings: SolutionSettings | None = None,
 ) -> IcqShape:
-    """Return the solution's shape model: the truth averaged over the facets, with drift in the dark.
+    """Return the solution's shape model: the truth averaged over facets, with drift in the dark.
 
     Each vertex is the mean radius of nine directions over a quad's width about it. Without `light`
     it drifts like the maplets of `settings`; the rest of their errors averages out over a facet.

@@ -63,11 +63,7 @@ class PlyElement:
 
 @dataclass(frozen=True)
 class PlyHeader:
-<<<<<<< HEAD:spcola/formats/shapes/ply_header.py
-    """Content of the header, its number of lines, and the first byte of the data."""
-=======
-    """What the header says, how many lines it has, where the data begin, and its comments."""
->>>>>>> origin/main:spcola/formats/shapes/ply/header.py
+    """Content of the header, its number of lines, first byte of the data, and its comments."""
 
     encoding: Encoding
     elements: tuple[PlyElement, ...]
