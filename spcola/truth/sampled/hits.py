@@ -1,4 +1,4 @@
-"""What rays meet on a body: distances, points and normals."""
+"""Hits of rays on a body: distances, points and normals."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ class BodyHits:
     distance : (N,) ndarray
         From each origin along its ray, metres.
     points : (N, 3) ndarray
-        Where they hit, body-fixed, metres.
+        Intersections, body-fixed, metres.
     normals : (N, 3) ndarray
         Unit normals of the surface there, outward.
 
     Raises
     ------
     InvalidValueError
-        If the shapes do not belong together.
+        If the shapes disagree.
     """
 
     distance: FloatArray
