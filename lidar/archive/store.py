@@ -144,7 +144,7 @@ class ScanStore:
     def returns_inside(self, box: Box) -> Returns:
         """Return all returns inside `box`, in the order of the scans, in each by cube."""
         parts = [(part, part.touching(box)) for part in self._touching(box)]
-        room = sum(held for _, (_, held) in parts)
+        room = sum(total for _, (_, total) in parts)
         # Parts write one after the other into one array: joining would copy it all.
         points, sigma = np.empty((room, 3)), np.empty(room)
         rows, scan = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.int32)

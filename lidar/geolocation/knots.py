@@ -12,7 +12,7 @@ import numpy as np
 
 from spcola.arrays import BoolArray, FloatArray
 
-Asked = Callable[[FloatArray], FloatArray]
+Sampler = Callable[[FloatArray], FloatArray]
 Departure = Callable[[FloatArray], FloatArray]
 
 EXACT = 5_000
@@ -27,7 +27,7 @@ _CORNER = 2.0
 
 
 def knots(
-    ask: Asked,
+    sample: Sampler,
     departure: Departure,
     span: tuple[float, float],
     tolerance: float,
@@ -38,7 +38,7 @@ def knots(
 
     Parameters
     ----------
-    ask : callable
+    sample : callable
         Returns values (N, D) at times (N,), s; NaN where they are not known.
     departure : callable
         Returns the displacement of returns, m, due to errors of the values (N, D).
@@ -60,9 +60,9 @@ def knots(
         Estimated largest error of linear interpolation, m.
     """
     if times is not None and len(times) <= EXACT:
-        return times, ask(times), 0.0
+        return times, sample(times), 0.0
     time = _start(span, times, edges)
-    value = ask(time)
+    value = sample(time)
     found = [(time, value)]
     low, high, at_low, at_high = time[:-1], time[1:], value[:-1], value[1:]
     error = 0.0
@@ -72,7 +72,7 @@ def knots(
         low, high, at_low, at_high, middle = (
             one[split] for one in (low, high, at_low, at_high, middle)
         )
-        value = ask(middle)
+        value = sample(middle)
         found.append((middle, value))
         share = ((middle - low) / (high - low))[:, None]
         off = departure(value - at_low - share * (at_high - at_low))

@@ -166,21 +166,21 @@ class KernelPlace:
         """
         value = np.full((len(time), 15), np.nan)
         known = self.coverage.covers(time)
-        asked = time[known]
-        if not len(asked):
+        covered = time[known]
+        if not len(covered):
             return value
-        inside = old.at(np.clip(asked, *old.span))
-        place, axes = self._states(self.kernels, self.spacecraft, asked)
+        inside = old.at(np.clip(covered, *old.span))
+        place, axes = self._states(self.kernels, self.spacecraft, covered)
         if not self.frame:
             value[known] = np.hstack([np.zeros_like(place), place - inside, axes.reshape(-1, 9)])
             return value
         before = axes
         if self.reference is not None and self.reference.paths != self.kernels.paths:
-            _, before = self._states(self.reference, "", asked)
+            _, before = self._states(self.reference, "", covered)
         mounting = Rotation.from_rotvec(self.boresight).as_matrix()
         q = np.swapaxes(axes, 1, 2) @ mounting @ before
         there = np.isfinite(q).all(axis=(1, 2))
-        turn = np.full((len(asked), 3), np.nan)
+        turn = np.full((len(covered), 3), np.nan)
         turn[there] = Rotation.from_matrix(q[there]).as_rotvec()
         pupil = np.einsum("nij,i->nj", axes, self.pupil)
         shift = place + pupil - np.einsum("nij,nj->ni", q, inside)

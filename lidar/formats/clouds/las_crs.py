@@ -45,14 +45,14 @@ class LasSystem:
     unit_m: float = float("nan")
     height_unit_m: float = float("nan")
 
-    def units_m(self, path: Path, asked: str | None) -> tuple[float, float, float]:
+    def units_m(self, path: Path, chosen: str | None) -> tuple[float, float, float]:
         """Metres in a unit of x, of y and of z.
 
         Parameters
         ----------
         path : Path
             Path of the file, for the message.
-        asked : str or None
+        chosen : str or None
             Unit stated by the user.
 
         Raises
@@ -62,7 +62,7 @@ class LasSystem:
             file.
         """
         if self.kind == "not stated":
-            unit = LENGTH_UNITS_M[asked or "m"]
+            unit = LENGTH_UNITS_M[chosen or "m"]
             return unit, unit, unit
         where = f"{path}, header ({self.name})"
         if self.kind == "geographic":
@@ -73,12 +73,12 @@ class LasSystem:
                 "filters.reprojection",
             )
         stated = (self.unit_m, self.unit_m, self.height_unit_m)
-        if asked is not None and any(
-            abs(unit - LENGTH_UNITS_M[asked]) > _METRE * unit for unit in stated
+        if chosen is not None and any(
+            abs(unit - LENGTH_UNITS_M[chosen]) > _METRE * unit for unit in stated
         ):
             raise FormatError(
                 f"gives x and y in units of {self.unit_m:.7g} m and z of "
-                f"{self.height_unit_m:.7g} m, not in {asked}",
+                f"{self.height_unit_m:.7g} m, not in {chosen}",
                 where,
                 "leave the unit out, or mend the coordinate system of the file",
             )

@@ -135,10 +135,10 @@ class ScanFile:
             if count != len(file):
                 raise InvalidValueError(f"states {count}, {len(file)} are there", "blocks")
             groups = [file[_BLOCK.format(k)] for k in range(count)]
-            held = sum(int(group["place"].shape[0]) for group in groups)
-            if held != self.summary.count:
+            present = sum(int(group["place"].shape[0]) for group in groups)
+            if present != self.summary.count:
                 raise InvalidValueError(
-                    f"{held} of {self.summary.count} returns are there", "place"
+                    f"{present} of {self.summary.count} returns are there", "place"
                 )
             # Mapped within the context, so that the error for a file that is too short names it.
             with Path(path).open("rb") as raw:

@@ -249,7 +249,7 @@ def _touching(
 ) -> tuple[IntArray, int]:
     chosen = np.empty(len(middle), dtype=np.int64)
     center = box[0]
-    count = held = 0
+    count = total = 0
     for t in range(len(middle)):
         x, y, z = middle[t, 0], middle[t, 1], middle[t, 2]
         near = abs(x - center[0]) <= across[0]
@@ -258,8 +258,8 @@ def _touching(
         near &= _is_inside(x, y, z, box, 0.0)
         chosen[count] = t
         count += near
-        held += near * (start[t + 1] - start[t])
-    return chosen[:count], held
+        total += near * (start[t + 1] - start[t])
+    return chosen[:count], total
 
 
 @compiled
@@ -303,8 +303,8 @@ def touching(cubes: CubedPoints, box: Box, reach: float = 0.0) -> tuple[IntArray
     room, slant = 0.5 * edge_of(cubes.bits) + reach, np.abs(box.axes)
     along = box.half + 0.5 * edge_of(cubes.bits) * slant.sum(axis=1) + reach
     wide = (box.center, box.axes, along)
-    chosen, held = _touching(cubes.middle, cubes.start, wide, room + box.half @ slant)
-    return chosen, held
+    chosen, total = _touching(cubes.middle, cubes.start, wide, room + box.half @ slant)
+    return chosen, total
 
 
 def unpack_inside(

@@ -36,7 +36,7 @@ _MARGIN = 1.1
 class Bounds(NamedTuple):
     """Upper bounds of the relief; lengths in metres.
 
-    ``tops[cell, level]`` is the height above the smooth shape under which everything stays within
+    ``tops[cell, level]`` is the height above the smooth shape under which everything lies within
     ``reach[level]`` of a cell. `slope` is the steepest slope of the smooth shape, `leap` a length
     within which crossings are ignored; nothing is further from O than `ceiling`. The `radius` and
     the `shape` are copies of the surface's, so that kernels need no other argument.
