@@ -53,7 +53,7 @@ def test_the_order_is_that_in_which_neighbours_differ_less_than_half_as_much(see
         np.testing.assert_array_equal(read_image_data(path, cols, rows), there)
 
 
-def test_most_significant_first_where_nothing_tells(tmp_path):
+def test_most_significant_first_where_undetermined(tmp_path):
     path = tmp_path / "A.DAT"
     path.write_bytes(b"\x01\x00" * 6)
     assert read_image_data(path, 3, 2).tolist() == [[256] * 3] * 2

@@ -1,4 +1,4 @@
-"""When kernels tell a position and an attitude: spans, gaps between states, and who answers."""
+"""Coverage of positions and attitudes by kernels: spans, gaps between states, precedence."""
 
 from __future__ import annotations
 

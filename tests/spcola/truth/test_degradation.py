@@ -39,7 +39,7 @@ def test_boulders_come_out_short_of_any_size(across: float, least: float, most: 
     height = smoothed(truth, GSD, Smoothing())
     # By about a cell, as the mission's models were (Weirich et al., section 4).
     assert least < truth.max() - height.max() < most
-    # The ground some way off stays where it is, to what stereo leaves of the integral's change.
+    # The ground further off is unchanged, except for the part of the integral that stereo leaves.
     assert np.abs(height[:4]).max() < 0.05 * truth.max()
     np.testing.assert_allclose(height, height.T, atol=1e-12)
     np.testing.assert_allclose(height, height[::-1], atol=1e-12)
@@ -58,7 +58,7 @@ def test_a_plane_is_not_changed_by_smoothing() -> None:
     np.testing.assert_allclose(smoothed(plane, GSD, Smoothing())[inner], plane[inner], atol=2e-3)
 
 
-def test_tilt_and_curvature_are_told_exactly_and_leave_nothing_of_them() -> None:
+def test_tilt_and_curvature_are_fitted_exactly_and_removed() -> None:
     generator = stream(6, "surface")
     m, n = np.meshgrid(np.linspace(-1, 1, 30), np.linspace(-1, 1, 41), indexing="ij")
     terms = np.stack([np.ones_like(m), m, n, m * m, m * n, n * n], axis=-1)

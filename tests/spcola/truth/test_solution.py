@@ -206,15 +206,15 @@ def test_maplets_cover_the_whole_body_with_the_stated_overlap() -> None:
     directions = maplet_directions(ball, settings)
     assert len(directions) == settings.count(60.0)
     points = 60.0 * lattice(20_000)
-    held = np.zeros(len(points))
+    covered = np.zeros(len(points))
     for direction in directions:
         grid = MapletGrid.facing(60.0 * direction, direction, settings.gsd, settings.half_size)
         x, y, height = grid.project(points)
         inside = np.maximum(np.abs(x), np.abs(y)) <= grid.half_size
-        held += inside & (height > -30.0)
-    assert held.min() >= 1
+        covered += inside & (height > -30.0)
+    assert covered.min() >= 1
     # Each point lies in 1 / (1 − overlap)² of them, on a plane.
-    assert held.mean() == pytest.approx(1.0 / 0.63**2, rel=0.1)
+    assert covered.mean() == pytest.approx(1.0 / 0.63**2, rel=0.1)
     assert len(maplet_directions(ball, SMALL)) == 40
 
 
