@@ -64,7 +64,7 @@ class ScanStore:
     FormatError
         If a file is no whole native scan.
     InvalidValueError
-        If scans lie in different body-fixed frames, or two bear one name.
+        If scans lie in different body-fixed frames, or two have the same name.
     """
 
     def __init__(

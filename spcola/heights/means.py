@@ -62,7 +62,7 @@ class MeanConstraints:
             or start[-1] != len(points)
             or (np.diff(start) < 0).any()
         ):
-            raise InvalidValueError("does not part the points into sets", "start")
+            raise InvalidValueError("does not divide the points into sets", "start")
         sets = len(start) - 1
         share = frozen(self.share, (len(points),), "share")
         height = frozen(self.height, (sets,), "height")

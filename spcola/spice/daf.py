@@ -105,7 +105,7 @@ def state_epochs(values: FloatArray, path: str | Path) -> FloatArray:
     Raises
     ------
     KernelError
-        If they are not, or the epochs do not rise.
+        If they are not, or the epochs do not increase.
     """
     degree, number = values[-2:] if len(values) > 1 else (0.0, 0.0)
     finite = np.isfinite(number) and np.isfinite(degree)
@@ -115,7 +115,7 @@ def state_epochs(values: FloatArray, path: str | Path) -> FloatArray:
         raise KernelError(f"has {number:g} states in {len(values)} numbers", path, _AGAIN)
     epochs = np.array(values[6 * count : 7 * count], dtype=np.float64)
     if not (np.all(np.isfinite(values[: 6 * count])) and np.all(np.diff(epochs) > 0)):
-        raise KernelError("has states that are none, or epochs that do not rise", path, _AGAIN)
+        raise KernelError("has invalid states, or epochs that do not increase", path, _AGAIN)
     return epochs
 
 

@@ -221,7 +221,7 @@ def coverage(
                 target = spiceypy.bods2c(str(spacecraft))
             except spiceypy.utils.exceptions.NotFoundError:
                 raise KernelError(
-                    "neither SPICE nor a kernel knows this name", str(spacecraft), "give its number"
+                    "is a name unknown to SPICE and the kernels", str(spacecraft), "give its number"
                 ) from None
             tracks = (position_track(target, max_gap_s),)
         if frame:

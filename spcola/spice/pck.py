@@ -118,9 +118,9 @@ def _numbers(name: str, text: str, path: Path) -> Values:
     try:
         numbers = tuple(float(word.upper().replace("D", "E")) for word in words)
     except ValueError:
-        raise KernelError(f"{name} is not a list of numbers", path, "mend it") from None
+        raise KernelError(f"{name} is not a list of numbers", path, "correct it") from None
     if not numbers:
-        raise KernelError(f"{name} is empty", path, "mend it")
+        raise KernelError(f"{name} is empty", path, "correct it")
     if not all(map(math.isfinite, numbers)):
-        raise KernelError(f"{name} is not a list of numbers", path, "mend it")
+        raise KernelError(f"{name} is not a list of numbers", path, "correct it")
     return numbers

@@ -51,7 +51,7 @@ def expand_meta_kernels(paths: list[Path], *, within: tuple[Path, ...] = ()) -> 
         )
         if len(expanded) > _MOST_KERNELS:
             raise KernelError(
-                f"lists over {_MOST_KERNELS} kernels, more than SPICE loads", path, "mend it"
+                f"lists over {_MOST_KERNELS} kernels, more than SPICE loads", path, "correct it"
             )
     return expanded
 
@@ -73,7 +73,7 @@ def kernels_of(path: Path) -> list[Path] | None:
     symbols, folders = values.get("PATH_SYMBOLS", []), values.get("PATH_VALUES", [])
     if len(symbols) != len(folders):
         raise KernelError(
-            f"{len(symbols)} PATH_SYMBOLS for {len(folders)} PATH_VALUES", path, "mend it"
+            f"{len(symbols)} PATH_SYMBOLS for {len(folders)} PATH_VALUES", path, "correct it"
         )
     names = list(_joined(values["KERNELS_TO_LOAD"]))
     if not names:
@@ -81,7 +81,7 @@ def kernels_of(path: Path) -> list[Path] | None:
     for symbol, folder in zip(symbols, folders, strict=True):
         names = [name.replace(f"${symbol}", folder) for name in names]
         if max(map(len, names)) > _LONGEST_PATH:
-            raise KernelError("KERNELS_TO_LOAD holds a name that is no path", path, "mend it")
+            raise KernelError("KERNELS_TO_LOAD holds a name that is no path", path, "correct it")
     local = [path.parent / name for name in names]
     return [b if _is_file(b) else Path(n) for b, n in zip(local, names, strict=True)]
 

@@ -242,6 +242,6 @@ def _outside(path: Path, stated: FloatArray, header: Any) -> BoolArray:
         raise FormatError(
             f"{outside.sum()} of {len(outside)} returns lie outside the box of its header",
             f"{path}, header",
-            "mend its bounds, scales or offsets",
+            "correct its bounds, scales or offsets",
         )
     return outside

@@ -80,7 +80,7 @@ class LasSystem:
                 f"gives x and y in units of {self.unit_m:.7g} m and z of "
                 f"{self.height_unit_m:.7g} m, not in {chosen}",
                 where,
-                "leave the unit out, or mend the coordinate system of the file",
+                "leave the unit out, or correct the coordinate system of the file",
             )
         return stated
 

@@ -39,7 +39,7 @@ def write_mapolas(folder: str | Path, mapolas: Iterable[Mapola]) -> list[str]:
     WorkspaceError
         If the folder cannot be written.
     InvalidValueError
-        If two mapolas bear one name, or a name is no file name.
+        If two mapolas have the same name, or a name is no file name.
     """
     return _STORE.write(folder, mapolas)
 

@@ -364,5 +364,5 @@ def _mapping(file: Any, name: str, kind: type | UnionType) -> dict[str, Any]:
     """Return an attribute that contains a mapping to values of a type, as JSON text."""
     content = json.loads(read_text(file, name))
     if not isinstance(content, dict) or not all(isinstance(v, kind) for v in content.values()):
-        raise InvalidValueError("has an unexpected content", name)
+        raise InvalidValueError("has unexpected content", name)
     return content

@@ -39,7 +39,7 @@ def read_list(path: str | Path, *, kind: ListKind = "image") -> list[str]:
         name = read_name(cursor, line, kind)
         if name in names:
             raise cursor.error(
-                f"{name} stands twice, first on line {names[name]}", "remove one line"
+                f"{name} appears twice, first on line {names[name]}", "remove one line"
             )
         names[name] = cursor.number
     return list(names)
@@ -59,6 +59,6 @@ def write_list(path: str | Path, names: Iterable[str], *, kind: ListKind = "imag
     for name in names:
         check_name(name, kind, path)
         if name in seen or name == _END:
-            raise InvalidValueError(f"{name} stands twice or is the end mark", path)
+            raise InvalidValueError(f"{name} appears twice or is the end mark", path)
         seen[name] = None
     atomic.write_text(path, "".join(f"{name}\n" for name in (*seen, _END)))

@@ -49,7 +49,7 @@ def read_landmark(path: str | Path) -> Landmark:
     Raises
     ------
     FormatError
-        If a line is missing or has an unexpected content, or the frame is absurd (see
+        If a line is missing or has unexpected content, or the frame is absurd (see
         :func:`spcola.formats.text.source.check_grid_km`).
     """
     cursor = LineCursor(path)

@@ -29,7 +29,7 @@ def read_nominal(path: str | Path) -> NominalState:
     Raises
     ------
     FormatError
-        If a line is missing or has an unexpected content, the velocity exceeds 1000 km/s, or
+        If a line is missing or has unexpected content, the velocity exceeds 1000 km/s, or
         the spacecraft is further than 1e7 km.
     """
     cursor = LineCursor(path)

@@ -44,7 +44,7 @@ def read_sections(
         if heading not in parsers:
             raise cursor.error(f"{heading!r} is none of the headings {', '.join(parsers)}, {END}")
         if heading in found:
-            raise cursor.error(f"the heading {heading} stands twice")
+            raise cursor.error(f"the heading {heading} appears twice")
         entries = []
         first, found[heading] = heading, ()
         while not _is_heading(heading := cursor.next(END)):
@@ -115,7 +115,7 @@ def refuse_duplicates(cursor: LineCursor, points: Sequence[Entry], heading: str)
     for index, point in enumerate(points):
         if point.name in seen:
             cursor.number = cursor.lines.index(heading) + index + 2
-            raise cursor.error(f"{point.name} stands twice under {heading}", "remove one line")
+            raise cursor.error(f"{point.name} appears twice under {heading}", "remove one line")
         seen.add(point.name)
 
 

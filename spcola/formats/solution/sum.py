@@ -52,7 +52,7 @@ def read_summary(path: str | Path) -> SpcImage:
     Raises
     ------
     FormatError
-        If a line is missing or has an unexpected content, a direction is no unit vector, the
+        If a line is missing or has unexpected content, a direction is no unit vector, the
         spacecraft is further than 1e7 km, or the image is of a line-scan camera.
     """
     cursor = LineCursor(path)

@@ -83,7 +83,7 @@ class MapStore(Generic[M]):
         WorkspaceError
             If the folder cannot be written.
         InvalidValueError
-            If two maplets bear one name, or a name is no file name.
+            If two maplets have the same name, or a name is no file name.
         """
         folder = Path(folder)
         former = self._former(folder)
@@ -177,7 +177,7 @@ class MapStore(Generic[M]):
     def _check_name(self, name: str, taken: list[str]) -> None:
         """Refuse a name that is taken, or that would hide the file or lead out of the folder."""
         if name in taken:
-            raise InvalidValueError(f"two {self.kind}s bear this name", name)
+            raise InvalidValueError(f"two {self.kind}s have this name", name)
         if not name or Path(name).name != name or name.startswith("."):
             raise InvalidValueError("is no name for a file", repr(name))
 
