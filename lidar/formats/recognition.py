@@ -1,4 +1,4 @@
-"""Recognition: what format a lidar file has, told from its content and never from its name."""
+"""Recognition of the format of a lidar file from its content, never from its name."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _HEAD_BYTES = 8192
 
 @dataclass(frozen=True)
 class LidarFormat:
-    """One format: how it is recognised, and who reads it.
+    """One format: its recognition and its reader.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ FORMATS: Mapping[str, LidarFormat] = MappingProxyType(
 
 
 def recognise(path: str | Path) -> str:
-    """Return the name of the format of a lidar file, told from its content.
+    """Return the name of the format of a lidar file, from its content.
 
     Raises
     ------

@@ -64,7 +64,7 @@ class Mapola(GriddedReturns):
 
     @property
     def coverage(self) -> float:
-        """Share of the cells that hold a height, 0 … 1."""
+        """Share of the cells that have a height, 0 … 1."""
         return float(np.mean(self.valid))
 
 

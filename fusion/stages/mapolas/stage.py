@@ -201,7 +201,7 @@ class _Counts:
             if not mapola.valid.any() or mapola.coverage < table.min_coverage:
                 continue
             self.used += report.used
-            self.rejected += report.stray + report.outlying
+            self.rejected += report.isolated + report.outlying
             self.not_settled += not report.converged
             self.coverage += mapola.coverage
             yield mapola

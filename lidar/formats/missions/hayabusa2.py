@@ -27,7 +27,7 @@ _AGREEMENT = Agreement(offset_m=0.0, tolerance_m=5.0)
 
 
 def is_hayabusa2(head: bytes) -> bool:
-    """Tell whether the first bytes of a file are rows of a Hayabusa2 L2 table."""
+    """Return whether the first bytes of a file are rows of a Hayabusa2 L2 table."""
     return mostly(first_lines(head), _LAYOUT.is_timed_row)
 
 

@@ -40,12 +40,12 @@ _LAYOUT = RowLayout(
     skip=2,
     fixed=True,
 )
-# The spacecraft's longitude and latitude have few decimals: a metre or more across the beam.
+# The spacecraft's longitude and latitude have few decimals: errors of a metre or more.
 _AGREEMENT = Agreement(offset_m=0.0, tolerance_m=20.0)
 
 
 def is_nlr(head: bytes) -> bool:
-    """Tell whether the first bytes of a file are two header lines and NLR records."""
+    """Return whether the first bytes of a file are two header lines and NLR records."""
     return mostly(first_lines(head)[_LAYOUT.skip :], _LAYOUT.is_timed_row)
 
 

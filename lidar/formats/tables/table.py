@@ -34,12 +34,12 @@ from spcola.errors import FormatError
 
 _POINT = ("x", "y", "z")
 _PLACE = ("lon", "lat", "radius")
-# What instrument it was is not known, hence neither is the reference point of its range.
+# The instrument is unknown, hence the reference point of its range too.
 _AGREEMENT = Agreement(offset_m=0.0, tolerance_m=10.0)
 
 
 def is_table(head: bytes) -> bool:
-    """Tell whether a file begins with a header that names coordinates (with units or without)."""
+    """Return whether a file begins with a header that names coordinates (with units or without)."""
     lines = first_lines(head)
     if len(lines) < 2:
         return False

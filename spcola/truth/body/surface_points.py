@@ -26,7 +26,7 @@ class SurfacePoints:
     Raises
     ------
     InvalidValueError
-        If the shapes do not belong together.
+        If the shapes disagree.
     """
 
     distance: FloatArray
