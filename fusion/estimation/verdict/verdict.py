@@ -13,7 +13,7 @@ JUDGEMENTS: tuple[Judgement, ...] = ("accepted", "doubtful", "refused")
 
 
 class Severity(StrEnum):
-    """What a finding does to the result: nothing, ask for a person's word, or end its use."""
+    """Effect of a finding: none, the user has to accept it, or the result is refused."""
 
     NOTE = "note"
     DOUBTFUL = "doubtful"
@@ -69,18 +69,18 @@ class Code(StrEnum):
 MEANINGS: Mapping[Code, str] = {
     Code.CHANGED_INPUT: "a file differs from what the stage that wrote it recorded",
     Code.NO_MATCH: "no mapola matches the SPC surface",
-    Code.NO_RELIEF: "there is no relief that could show that lidar and SPC are of one ground",
-    Code.RELIEF_UNRELATED: "lidar and SPC do not show the same relief where they are put",
+    Code.NO_RELIEF: "there is too little relief to verify that lidar and SPC show the same ground",
+    Code.RELIEF_UNRELATED: "lidar and SPC do not show the same relief after registration",
     Code.FEW_AGREE: "few mapolas agree with the common transform",
-    Code.IMAGES_NOT_MATCHED: "many images do not show the ground that the lidar has there",
-    Code.IMAGES_DISAGREE: "images put the lidar's ground elsewhere than its heights do",
+    Code.IMAGES_NOT_MATCHED: "many images do not show the relief that the lidar measured there",
+    Code.IMAGES_DISAGREE: "images place the lidar's ground elsewhere than its heights do",
     Code.HEIGHTS_DISAGREE: "heights differ by more than their stated sigmas",
-    Code.CENTERS_DISAGREE: "centres of maplets are off by more than is stated of them",
+    Code.CENTERS_DISAGREE: "centres of maplets are off by more than their stated sigmas",
     Code.LARGE_SCALE: "the scale lies beyond what two solutions of one body differ by",
     Code.LARGE_ROTATION: "the rotation lies beyond what two solutions of one body differ by",
     Code.STRAIN: "lidar and SPC differ by a shear or a non-uniform scale",
     Code.NOT_CONVERGED: "the fit did not converge",
-    Code.NOT_DETERMINED: "the data leave a parameter free",
+    Code.NOT_DETERMINED: "the data do not determine a parameter",
     Code.WEAKLY_DETERMINED: "a parameter is weakly determined, or not separable from another",
     Code.FITS_OTHERWISE: "the lidar fits the SPC surface in another frame or unit",
     Code.MAPLET_CONTRADICTED: "the lidar contradicts the heights of a maplet",
@@ -92,7 +92,7 @@ MEANINGS: Mapping[Code, str] = {
     Code.SCANS_FIT_ELSEWHERE: "scans fit the shape better turned or mirrored, each on its own",
     Code.SCANS_DISAGREE: "scans over the same ground differ by more than shots of one scan do",
     Code.SHOTS_MISS_SHAPE: "many shots do not meet the shape",
-    Code.SCATTER_TOO_LARGE: "residuals scatter far more than the sigmas say",
+    Code.SCATTER_TOO_LARGE: "residuals scatter far more than their stated sigmas",
     Code.PAIRS_NOT_MATCHED: "the surfaces of many pairs could not be matched",
     Code.MANY_REJECTED: "many pairs or shots disagree with the rest",
     Code.EPSILON_BEYOND_PRIOR: "epsilon is far larger than its prior",
@@ -102,10 +102,10 @@ MEANINGS: Mapping[Code, str] = {
     Code.RANGE_BIAS_BEYOND_PRIOR: "the range bias is far beyond its prior",
     Code.DAYS_DISAGREE: "epsilons of single days disagree beyond their sigmas",
     Code.SCALES_INCONSISTENT: "epsilon and the scale of the registration disagree",
-    Code.EPSILON_NOT_DETERMINED: "the data leave epsilon to its prior",
-    Code.EPSILON_NOT_SEPARABLE: "the data do not tell epsilon from another parameter",
-    Code.EPSILON_NOT_SIGNIFICANT: "epsilon is too small for its sigma to be applied",
-    Code.TERMS_FROM_PRIOR: "parameters other than epsilon are left to their priors",
+    Code.EPSILON_NOT_DETERMINED: "epsilon is determined by its prior, not by the data",
+    Code.EPSILON_NOT_SEPARABLE: "the data do not separate epsilon from another parameter",
+    Code.EPSILON_NOT_SIGNIFICANT: "epsilon is too small, compared with its sigma, to be applied",
+    Code.TERMS_FROM_PRIOR: "parameters other than epsilon are determined by their priors",
     Code.UNSOUND_MAPLET: "a maplet contradicts its landmark, the shape or the other maplets",
     Code.REJECTED_MAPLET: "the registration did not use a maplet that is used here",
 }
@@ -114,7 +114,7 @@ MEANINGS: Mapping[Code, str] = {
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was found about a result.
+    """One finding about a result.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ class Finding:
     text : str
         What was found, with its numbers and their units: one clause.
     value, limit : float, optional
-        The number that was tested and what it was tested against, in the unit of `text`.
+        The number that was tested and its limit, in the unit of `text`.
     """
 
     code: Code
@@ -135,7 +135,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Verdict:
-    """All that was found about a result, and what follows for its use.
+    """All findings about a result, and whether it may be used.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ class Verdict:
 
     @property
     def judgement(self) -> Judgement:
-        """The worst of the findings decides."""
+        """The judgement that the most severe finding requires."""
         found = {finding.severity for finding in self.findings}
         if Severity.REFUSED in found:
             return "refused"
@@ -182,12 +182,12 @@ class Verdict:
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> Self:
-        """Rebuild from what :meth:`as_json` gave; a result without ``findings`` has none.
+        """Rebuild from the output of :meth:`as_json`; without ``findings`` there are none.
 
         Raises
         ------
         ValueError, KeyError
-            If a finding is not understood: it is not passed over.
+            If a finding has an unknown code or severity, or lacks a field.
         """
         return cls(tuple(_finding(entry) for entry in content.get("findings") or ()))
 
@@ -207,7 +207,7 @@ def _listed(findings: Sequence[Finding]) -> str:
 
 
 def verdict_lines(content: Mapping[str, Any]) -> list[str]:
-    """Return what people read first of a result that has a verdict; nothing if it has none."""
+    """Return the verdict and its findings as lines of text; no lines without a verdict."""
     if "verdict" not in content:
         return []
     verdict = Verdict.from_json(content)

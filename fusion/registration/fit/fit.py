@@ -176,7 +176,7 @@ def fit_transform(
         prior=np.full(len(names), np.inf),
         sizes=ErrorSizes(options.held[0], options.held[1:], width=0.0)
         if options.held
-        else ErrorSizes(options.center_sigma_m, (1.0,) * len(groups), held=options.stated),
+        else ErrorSizes(options.center_sigma_m, (1.0,) * len(groups), fixed=options.stated),
         # Without extent (one point) rotation and scale are free whatever unit they are put in.
         scale=natural_sizes(names, max(reach, 1.0)),
         names=names,

@@ -155,7 +155,7 @@ def _solved(pair: SurfacePair, gsd: float) -> tuple[FloatArray, FloatArray, Floa
     slopes = both_slopes(pair, gsd)
     size = len(pair.fixed)
     tilt_y, tilt_x = (np.indices(pair.fixed.shape) - (size - 1) / 2.0) / size
-    # What lies above the middle moves with a tilt: see fusion.surfacematch.alignment.tipping.
+    # What lies above the middle moves with a tilt: see fusion.surfacematch.alignment.tilt_partials.
     arm = pair.fixed / (size * gsd)
     sides = [
         np.stack([-x, -y, np.ones_like(arm), tilt_x + arm * x, tilt_y + arm * y], axis=-1)

@@ -146,7 +146,7 @@ def test_gaps_do_not_matter_but_too_many_are_said():
     np.testing.assert_allclose(match.local, [0.0, 0.5, 0.0], atol=0.01)
     spc[:80] = np.nan
     refused = matched(lidar, spc)
-    assert "of the grid is held by both" in refused.reason
+    assert "of the grid has both surfaces" in refused.reason
     assert np.isnan(refused.displacement).all()
 
 
