@@ -1,4 +1,4 @@
-"""The transform from returns to SPC surfaces directly, without mapolas (the mission's scans)."""
+"""The transform from returns to SPC surfaces directly, without mapolas."""
 
 from __future__ import annotations
 
@@ -32,27 +32,27 @@ from spcola.grids.statistics import independent_patches
 from spcola.math import Affine
 from spcola.math.robust import mad
 
-# Surfaces matched one by one to find where to begin.
+# Number of surfaces matched one by one for the start.
 _START_SAMPLE = 12
-# With fewer surfaces than so many times the parameters, the surfaces are cut into clusters.
+# With fewer surfaces than this many times the parameters, the surfaces are cut into clusters.
 _ENOUGH = 3
-# A step that moves the ground by less than this share of a grid step is the last.
+# Convergence: a step that moves the ground by less than this share of a grid step.
 _STILL = 1e-3
 
 
 @dataclass(frozen=True)
 class ReturnsOptions:
-    """How returns are registered to surfaces directly.
+    """Options of the direct registration of returns to surfaces.
 
     Parameters
     ----------
     model : {"rigid", "similarity", "affine"}
     capture_m : float
-        Largest horizontal displacement that is searched, metres.
+        Largest horizontal displacement of the search, metres.
     min_coverage : float
-        Share of a surface that returns must reach for it to count.
+        Smallest share of a surface that returns must cover for it to be used.
     max_iterations : int
-        Most Gauss–Newton steps.
+        Largest number of Gauss–Newton steps.
     """
 
     model: Model = "similarity"
@@ -70,29 +70,29 @@ def register_returns(
 ) -> DirectRegistration:
     """Fit the transform that takes returns to SPC surfaces (Gaskell et al. §6.1, second approach).
 
-    At each Gauss–Newton step every return is moved, its height above each surface it falls on is
-    read where it lies, and the differences are brought to the surface's resolution.
+    At each Gauss–Newton step every return is moved, its height above each surface is evaluated at
+    its position, and the differences are brought to the surface's resolution.
 
     Parameters
     ----------
     returns : CloudOfReturns
-        Of a scan, say; lidar coordinates.
+        Lidar coordinates.
     surfaces : sequence of FixedSurface
-        Maplets, or one bigmap. Errors of different surfaces are taken for independent.
+        Maplets, or one bigmap. Errors of different surfaces are assumed independent.
     options : ReturnsOptions, optional
     start : Affine, optional
-        Where to begin; searched within the capture range if not given.
+        Start of the iteration; searched within the capture range if not given.
 
     Returns
     -------
     DirectRegistration
-        From lidar to SPC coordinates. Its covariance takes errors of a surface to hold together;
-        where there are few surfaces, those of squares several correlation lengths wide.
+        From lidar to SPC coordinates. Its covariance allows for correlated errors within each
+        surface or, with few surfaces, within squares several correlation lengths wide.
 
     Raises
     ------
     NotObservableError
-        If no surface is matched, or the ground leaves a parameter free.
+        If no surface is matched, or the ground does not determine a parameter.
     """
     options = options or ReturnsOptions()
     near = [(_about(returns, fixed, options.capture_m), fixed) for fixed in surfaces]
@@ -103,14 +103,14 @@ def register_returns(
     center = transform.inverse().apply(middles.mean(axis=0))
     reach = max(_reach(near, middles), 1e-6)
     natural = natural_sizes(names, reach)
-    iterations, settled, rounds = 0, False, _Round(options, len(near) >= _ENOUGH * len(names))
-    while not settled and iterations < options.max_iterations:
+    iterations, converged, rounds = 0, False, _Round(options, len(near) >= _ENOUGH * len(names))
+    while not converged and iterations < options.max_iterations:
         iterations += 1
         found = rounds.equations(near, transform, center)
         step = found.solve(names, natural)
         transform = updated_transform(transform, step, options.model, center)
         shortest = min(fixed.grid.gsd for _, fixed in near)
-        settled = iterations > 1 and float(np.max(np.abs(step) / natural)) < _STILL * shortest
+        converged = iterations > 1 and float(np.max(np.abs(step) / natural)) < _STILL * shortest
     return DirectRegistration(
         transform=transform,
         model=options.model,
@@ -123,20 +123,20 @@ def register_returns(
         cells=int(found.cells.sum()),
         clusters=int(np.count_nonzero(found.cells)),
         iterations=iterations,
-        converged=settled,
+        converged=converged,
     )
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceSays:
-    """What one surface says about a transform.
+class SurfaceNormalEquations:
+    """Contribution of one surface to the normal equations of a transform.
 
     Attributes
     ----------
     equations : Equations
-        With all the surface as one cluster.
+        With the whole surface as one cluster.
     area : float
-        Cells over which its errors hold together.
+        Correlation area of its errors, cells.
     returns : int
     """
 
@@ -153,21 +153,21 @@ def surface_equations(
     *,
     size: int,
     min_coverage: float,
-) -> SurfaceSays | None:
-    """Return what one surface says about a transform; None if hardly covered.
+) -> SurfaceNormalEquations | None:
+    """Return one surface's normal equations of a transform; None if it is hardly covered.
 
     Parameters
     ----------
     returns : CloudOfReturns
     fixed : FixedSurface
     transform : Affine
-        Where the partials are taken.
+        Transform at which the partials are evaluated.
     about : (3,) ndarray
-        Lidar coordinates; where rotation and scale act.
+        Centre of rotation and scale, lidar coordinates, metres.
     size : {6, 7, 12}
         Number of parameters.
     min_coverage : float
-        Share of the grid points that must be compared.
+        Smallest share of grid points with returns.
     """
     lidar = height_of_returns(returns, fixed, transform)
     if np.isfinite(lidar.height).mean() < max(min_coverage, 30.0 / lidar.height.size):
@@ -177,11 +177,11 @@ def surface_equations(
     equations = pair_equations(pair, fixed.grid, transform, about, size=size, block=whole)
     difference = pair.fixed - pair.moving
     area = float(np.isfinite(difference).sum() / independent_patches(difference))
-    return SurfaceSays(equations, area, len(returns))
+    return SurfaceNormalEquations(equations, area, len(returns))
 
 
 class _Round:
-    """The equations of one step over all surfaces, and how their cells fall into clusters."""
+    """The equations of one step over all surfaces, and the clusters of their cells."""
 
     def __init__(self, options: ReturnsOptions, whole: bool) -> None:
         self.options, self.whole = options, whole
@@ -196,7 +196,7 @@ class _Round:
     def equations(
         self, near: list[tuple[CloudOfReturns, FixedSurface]], transform: Affine, about: FloatArray
     ) -> Equations:
-        """Join what all surfaces say."""
+        """Sum the equations of all surfaces."""
         parts, differences, areas = [], [], []
         size = len(PARAMETERS[self.options.model])
         for some, fixed in near:
@@ -212,7 +212,7 @@ class _Round:
                 areas.append(np.isfinite(difference).sum() / independent_patches(difference))
         if not parts:
             raise NotObservableError(
-                "the returns cover none of the surfaces", do="lower the coverage asked for"
+                "the returns cover none of the surfaces", do="lower the required coverage"
             )
         if areas:
             points = int(np.sqrt(sum(len(fixed.height) ** 2 for _, fixed in near)))
@@ -222,7 +222,7 @@ class _Round:
 
 
 def _about(returns: CloudOfReturns, fixed: FixedSurface, margin: float) -> CloudOfReturns:
-    """Returns that may fall on a surface after a move by no more than `margin`, metres."""
+    """Returns that may lie on a surface after a displacement of at most `margin` metres."""
     inside = _inside(returns.points, fixed, margin)
     return CloudOfReturns(returns.points[inside], returns.sigma[inside])
 
@@ -243,7 +243,7 @@ def _reach(near: list[tuple[CloudOfReturns, FixedSurface]], middles: FloatArray)
 
 
 def _started(near: list[tuple[CloudOfReturns, FixedSurface]], options: ReturnsOptions) -> Affine:
-    """Return the middling displacement of single surfaces."""
+    """Return the median displacement of single surfaces."""
     matching = MatchOptions(capture_m=options.capture_m, min_coverage=options.min_coverage)
     sample = near[:: -(-len(near) // _START_SAMPLE)] if near else []
     matches = [match_returns("", some, fixed, options=matching) for some, fixed in sample]

@@ -12,7 +12,7 @@ from fusion.registration.observations import (
     fit_mapolas,
     place_mapolas,
 )
-from fusion.registration.observations.combine import KindSizes, both_kinds
+from fusion.registration.observations.combine import ObservationTypeSizes, joint_matches
 from fusion.registration.results import MatchedMapolas, ScanEffects
 from fusion.surfacematch import Match
 from spcola.camera import Camera, SpcImage, project_image
@@ -128,8 +128,10 @@ def test_both_kinds_are_rows_of_their_own():
     _, ground = match([0.1, 0.0, 0.0], 0.03)
     _, seen = match([0.0, 0.1, 0.0], 0.01)
     effects = np.full((1, 3, 2), 0.02)
-    found = both_kinds(
-        by_heights(ground, beside=0.01), imaged(seen, effects=effects), KindSizes(0.04, 0.0)
+    found = joint_matches(
+        by_heights(ground, beside=0.01),
+        imaged(seen, effects=effects),
+        ObservationTypeSizes(0.04, 0.0),
     )
     first, second = found.rows.matches
     np.testing.assert_allclose(first.displacement, ground.displacement)
@@ -147,7 +149,9 @@ def test_kinds_that_contradict_are_not_used_and_one_kind_is_enough():
     _, ground = match([0.0, 0.0, 0.0], 0.01)
     _, far = match([0.5, 0.0, 0.0], 0.01)
     _, unseen = match([np.nan] * 3, 0.01, "no image shows it")
-    found = both_kinds(by_heights(ground, ground), imaged(far, unseen), KindSizes(0.02, 0.005))
+    found = joint_matches(
+        by_heights(ground, ground), imaged(far, unseen), ObservationTypeSizes(0.02, 0.005)
+    )
     reasons = [match.reason for match in found.rows.matches]
     assert "topography and images differ by" in reasons[0]
     assert reasons == [reasons[0], "", reasons[0], "no image shows it"]
@@ -160,7 +164,7 @@ def test_landmarks_err_in_the_matches_by_topography_alone():
     own = 0.04**2 * np.eye(3)[None]
     landmarks = LandmarkErrors(np.array([[0.1, 0, 0]]), own, np.zeros((1, 3, 1)), 0.3, 5, 9)
     heights = replace(by_heights(ground), landmarks=landmarks)
-    found = both_kinds(heights, imaged(seen), KindSizes(0.0, 0.0))
+    found = joint_matches(heights, imaged(seen), ObservationTypeSizes(0.0, 0.0))
     assert found.chi2[0] == pytest.approx(0.0, abs=1e-9)
     assert found.rows.landmarks.offset[1].tolist() == [0.0, 0.0, 0.0]
     assert not found.rows.landmarks.own[1].any()
@@ -179,9 +183,9 @@ def test_an_error_that_images_share_leaves_the_scale_to_the_heights():
         ground.append(replace(one, center=point))
         seen.append(replace(other, center=point))
     heights = by_heights(*ground)
-    alone = fit_mapolas(heights, options=FitOptions(held=(0.0, 1.0)))
-    joint = both_kinds(heights, imaged(*seen, effects=larger), KindSizes(0.0, 0.0))
-    both = fit_mapolas(joint.rows, [joint.effects], options=FitOptions(held=(0.0, 1.0, 1.0)))
+    alone = fit_mapolas(heights, options=FitOptions(fixed_sizes=(0.0, 1.0)))
+    joint = joint_matches(heights, imaged(*seen, effects=larger), ObservationTypeSizes(0.0, 0.0))
+    both = fit_mapolas(joint.rows, [joint.effects], options=FitOptions(fixed_sizes=(0.0, 1.0, 1.0)))
     scale, rotation = both.covariance[6, 6], np.diag(both.covariance)[3:6]
     assert 0.9 < np.sqrt(scale / alone.covariance[6, 6]) <= 1.0
     assert np.all(rotation < 0.02 * np.diag(alone.covariance)[3:6])

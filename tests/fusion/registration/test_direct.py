@@ -339,5 +339,5 @@ def test_single_surfaces_say_why_they_do_not_match() -> None:
     other = FixedSurface(SURFACE, Surface(spc_surface(8)))
     assert match_returns("M", returns_of(cloud), other).reason
     few = match_returns("M", returns_of(cloud[cloud[:, 0] > 12.0]), other)
-    assert "share only" in few.reason
+    assert "cover only" in few.reason
     assert np.isnan(few.displacement).all()

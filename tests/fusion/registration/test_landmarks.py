@@ -40,7 +40,9 @@ def matched(generator):
     ]
     scans = ScanEffects.independent((), 0.0)
     none = np.zeros((COUNT, 0))
-    return MatchedMapolas(matches, scans, scans.at(none, centers), scans.beside(none, centers))
+    return MatchedMapolas(
+        matches, scans, scans.at(none, centers), scans.residual_covariance(none, centers)
+    )
 
 
 def pulls(landmarks, seeds=40):
@@ -50,7 +52,11 @@ def pulls(landmarks, seeds=40):
         mapolas = matched(np.random.default_rng(seed))
         fit = fit_mapolas(
             MatchedMapolas(
-                mapolas.matches, mapolas.scans, mapolas.effects, mapolas.beside, landmarks
+                mapolas.matches,
+                mapolas.scans,
+                mapolas.effects,
+                mapolas.residual_covariance,
+                landmarks,
             ),
             options=FitOptions(),
         )
@@ -78,7 +84,7 @@ def test_what_images_tell_of_a_landmark_is_taken_from_its_match():
 
     def translation(landmarks):
         whole = MatchedMapolas(
-            mapolas.matches, mapolas.scans, mapolas.effects, mapolas.beside, landmarks
+            mapolas.matches, mapolas.scans, mapolas.effects, mapolas.residual_covariance, landmarks
         )
         return fit_mapolas(whole, options=FitOptions()).transform.translation
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fusion.registration.fit import transform_partials
-from fusion.registration.fit.held import HeldEquations
+from fusion.registration.fit.fixed_weights import FixedWeightEquations
 from fusion.registration.fit.stability import (
     REGIONS,
     block_bootstrap,
@@ -26,8 +26,8 @@ def test_solving_again_with_everything_changes_nothing(scene):
     points = scene.body()
     fit = scene.registered(points, 1)
     design = transform_partials(fit.model, fit.similarity, points, np.zeros(3))
-    held = HeldEquations.of(fit.observations, fit.fit, design)
-    again = held.refit(np.ones(len(held.seen), dtype=bool), fit.parameters)
+    equations = FixedWeightEquations.of(fit.observations, fit.fit, design)
+    again = equations.refit(np.ones(len(equations.value), dtype=bool), fit.parameters)
     sigma = np.sqrt(np.diag(fit.covariance))
     assert np.all(np.abs(again.change) < 1e-3 * sigma)
     np.testing.assert_allclose(
@@ -66,7 +66,7 @@ def test_a_region_without_which_nothing_is_left_is_said(scene):
     points = scene.cap(8, share=0.002)
     regions = leave_one_region_out(scene.registered(points, 3, scans=3), points)
     assert len(regions) == 1
-    assert regions[0].reason.startswith("without it the observations leave")
+    assert regions[0].reason.startswith("without it the observations do not determine")
     assert np.all(np.isnan(regions[0].change))
     assert not suspects(regions)
 
