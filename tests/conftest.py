@@ -24,7 +24,7 @@ SHARED = TESTS.parents[1] / "shared" / "data"
 LONG = (
     "spcola/heights/test_solver.py",
     "test_bad_input.py",
-    "fusion/scaling/test_settling.py",
+    "fusion/scaling/test_iteration.py",
     "lidar/test_network.py",
     "fusion/scaling/test_ground.py",
     "fusion/test_demo.py",

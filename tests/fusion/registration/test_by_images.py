@@ -74,7 +74,7 @@ def test_planted_displacements_are_recovered_with_their_sigma():
     assert all(match.usable for match in found.matches)
 
 
-def test_a_mapola_that_no_image_shows_says_so():
+def test_a_mapola_that_no_image_shows_has_a_reason():
     rng = np.random.default_rng(5)
     images = [looking(f"I{k}", [3000.0, 900.0 * k, 500.0]) for k in range(3)]
     grids = grids_facing_x(3, rng)
@@ -124,7 +124,7 @@ def by_heights(*matches, beside=0.0, effects=None):
     return MatchedMapolas(matches, scans, none, np.tile(beside**2 * np.eye(3), (count, 1, 1)))
 
 
-def test_both_kinds_are_rows_of_their_own():
+def test_both_observation_types_are_separate_rows():
     _, ground = match([0.1, 0.0, 0.0], 0.03)
     _, seen = match([0.0, 0.1, 0.0], 0.01)
     effects = np.full((1, 3, 2), 0.02)
@@ -136,7 +136,7 @@ def test_both_kinds_are_rows_of_their_own():
     first, second = found.rows.matches
     np.testing.assert_allclose(first.displacement, ground.displacement)
     np.testing.assert_allclose(second.displacement, seen.displacement)
-    # What scans do to the mapola alone is in both, as if it told half as much in each.
+    # The residual covariance of scans is in both rows, each with half the weight.
     np.testing.assert_allclose(first.covariance, (0.05**2 + 0.01**2) * np.eye(3), rtol=1e-9)
     np.testing.assert_allclose(second.covariance, 2 * 0.01**2 * np.eye(3), rtol=1e-9)
     np.testing.assert_allclose(found.effects, np.concatenate([np.zeros((1, 3, 2)), effects]))
@@ -145,7 +145,7 @@ def test_both_kinds_are_rows_of_their_own():
     assert found.chi2[0] == pytest.approx(apart @ np.linalg.solve(spread, apart))
 
 
-def test_kinds_that_contradict_are_not_used_and_one_kind_is_enough():
+def test_contradicting_types_are_not_used_and_one_type_is_enough():
     _, ground = match([0.0, 0.0, 0.0], 0.01)
     _, far = match([0.5, 0.0, 0.0], 0.01)
     _, unseen = match([np.nan] * 3, 0.01, "no image shows it")
@@ -158,7 +158,7 @@ def test_kinds_that_contradict_are_not_used_and_one_kind_is_enough():
     assert np.isnan(found.chi2[1])
 
 
-def test_landmarks_err_in_the_matches_by_topography_alone():
+def test_landmark_errors_affect_matches_by_topography_only():
     _, ground = match([0.1, 0.0, 0.0], 0.03)
     _, seen = match([0.0, 0.0, 0.0], 0.03)
     own = 0.04**2 * np.eye(3)[None]
@@ -171,7 +171,7 @@ def test_landmarks_err_in_the_matches_by_topography_alone():
 
 
 def test_an_error_that_images_share_leaves_the_scale_to_the_heights():
-    """Images sharp but of one unknown size of the body: both tell scale as heights alone."""
+    """Images sharp but of one unknown size of the body: both determine the scale as heights alone."""
     rng = np.random.default_rng(6)
     points = rng.normal(size=(40, 3))
     points *= 75.0 / np.linalg.norm(points, axis=1, keepdims=True)

@@ -43,7 +43,7 @@ def test_one_ground_is_known_as_such_at_the_place_where_it_is() -> None:
     assert found.apart.max() < 1.0
 
 
-def test_one_ground_at_another_place_than_the_transform_says_is_not_shown() -> None:
+def test_the_same_ground_at_a_place_other_than_that_of_the_transform_is_not_shown() -> None:
     placed = [pair(k, k, shift=(3, 0)) for k in range(8)]
     found = common_relief([one._replace(shift=np.array([-3.0, 0.0])) for one in placed])
     assert found.z_score.min() > SHOWN
