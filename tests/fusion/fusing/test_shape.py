@@ -35,7 +35,7 @@ def field(generator: np.random.Generator, sigma: float, cells: float) -> np.ndar
 
 
 def parts(seed: int, cells: float, seen: np.ndarray) -> tuple[np.ndarray, FuseInput, Comparison]:
-    """Ground lit on the left; a lidar `seen` in part; a shape with errors of 20 cm correlated over `cells`."""
+    """Ground lit on the left; a lidar `seen` in part; 20 cm errors of the shape over `cells`."""
     rng = np.random.default_rng(seed)
     ground = field(rng, 0.5, 5.0) + field(rng, 0.05, 1.0)
     spc = np.where(DARK, np.nan, ground + field(rng, 0.05, 2.0))

@@ -171,7 +171,7 @@ def test_landmark_errors_affect_matches_by_topography_only():
 
 
 def test_an_error_that_images_share_leaves_the_scale_to_the_heights():
-    """Images sharp but of one unknown size of the body: both determine the scale as heights alone."""
+    """Images sharp but with one unknown scale: both determine the scale as heights alone."""
     rng = np.random.default_rng(6)
     points = rng.normal(size=(40, 3))
     points *= 75.0 / np.linalg.norm(points, axis=1, keepdims=True)
