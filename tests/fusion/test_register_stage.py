@@ -366,7 +366,7 @@ def assert_refused(folder: Path, code: str) -> None:
     elsewhere = folder.parent / "elsewhere.json"
     shutil.copy(folder / "registration.json", elsewhere)
     line = call("register", folder, "--apply", elsewhere, code=1)
-    assert "is of a registration that was refused" in line
+    assert "is from a registration that was refused" in line
 
 
 def test_a_stage_says_what_it_makes_of_the_edges_of_its_shape(tmp_path: Path) -> None:

@@ -166,7 +166,7 @@ def test_clouds_of_other_ground_are_refused() -> None:
 def test_clouds_turned_or_mirrored_have_no_relief_in_common(turned: list[list[int]]) -> None:
     fixed, moving = Terrain(4).cloud(1, POINTS, NOISE_M), Terrain(4).cloud(0, POINTS, NOISE_M)
     matrix = np.array([*turned, [0, 0, 1]], dtype=float)
-    with pytest.raises(NotObservableError, match="the relief that both surfaces show"):
+    with pytest.raises(NotObservableError, match="the relief common to both surfaces"):
         register_clouds(moving @ matrix.T, fixed)
 
 
