@@ -261,11 +261,11 @@ class _PairMaker:
         maplets = np.zeros(len(place))
         shares = maplet_shares(frame.grid, spc.height, around)
         maplets[[place[maplet.name] for maplet in around]] = shares
-        states, leaning = self._leaning(spc, chosen, offset)
-        sources = Sources(scan.name, states, leaning, maplets)
+        states, response = self._response(spc, chosen, offset)
+        sources = Sources(scan.name, states, response, maplets)
         return make_pair(frame, spc, Returns.of_scans([chosen]), sources, self._options)
 
-    def _leaning(
+    def _response(
         self, spc: Maplet, scan: Scan, offset: Offset | None
     ) -> tuple[FloatArray, FloatArray]:
         """Share (S,) of each image's state (or each scan) in the returns, and what it does.
@@ -280,9 +280,9 @@ class _PairMaker:
         shares = state_shares(self._trajectory, offset, scan.time)
         felt = np.unique(shares.indices)
         cells = cell_means(spc.grid, scan.points, shares[:, felt].toarray())
-        leaning = np.zeros((shares.shape[1], 3, 3))
-        leaning[felt] = match_response(spc.grid, spc.height, spc.sigma**2, cells)
-        return np.asarray(shares.mean(axis=0)), leaning
+        response = np.zeros((shares.shape[1], 3, 3))
+        response[felt] = match_response(spc.grid, spc.height, spc.sigma**2, cells)
+        return np.asarray(shares.mean(axis=0)), response
 
 
 def state_shares(states: Trajectory, offset: Offset, times: FloatArray) -> csr_array:
