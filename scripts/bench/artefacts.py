@@ -1,8 +1,8 @@
-"""Digests of every file that missions `tiny` and `mini` leave: has a change moved a number?
+"""Digests of every file of missions `tiny` and `mini`: whether a change of code changed a number.
 
-The real commands make each mission and run all stages and one release. What is written down is a
-digest of each file of the mission and of the workspace. Two programs that print the same digests
-gave the same numbers to the bit. Left out are the catalogue (times of runs) and the pictures.
+The real commands make each mission and run all stages and one release. A digest of each file of the
+mission and of the workspace is written. Equal digests mean bit-identical numbers. Left out are the
+catalogue (times of runs) and the pictures.
 Text of reports and messages may change while numbers do not: `--numbers` digests JSON files by
 their numbers alone.
 
@@ -22,7 +22,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-# Times of runs; pictures and words of the report.
+# Times of runs; pictures and text of the report.
 LEFT_OUT = {"catalog.sqlite", "catalog.sqlite-wal", "catalog.sqlite-shm", "report.html"}
 
 
@@ -71,14 +71,14 @@ def spcola(*arguments: object) -> None:
 
 
 def artefacts(folder: Path) -> Iterator[Path]:
-    """Yield what is compared."""
+    """Yield the files that are compared."""
     for path in sorted(folder.rglob("*")):
         if path.is_file() and path.name not in LEFT_OUT and path.suffix != ".lock":
             yield path
 
 
 def digest(path: Path, *, numbers: bool) -> str:
-    """Return the digest of a file; of a JSON file's numbers alone where that is asked."""
+    """Return the digest of a file; with `numbers`, of a JSON file's numbers alone."""
     if numbers and path.suffix == ".json":
         found = list(numbers_of(json.loads(path.read_text(encoding="utf-8"))))
         return hashlib.sha256(json.dumps(found).encode()).hexdigest()
