@@ -5,4 +5,8 @@ metres, angles radians and times seconds (ephemeris time, TDB past J2000); only 
 writers in :mod:`spcola.formats` know kilometres and degrees.
 """
 
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
 __version__ = "0.1.0"

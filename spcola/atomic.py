@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
-import tempfile
+import secrets
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -33,21 +33,15 @@ def replacing(path: str | Path) -> Iterator[Path]:
         If the file cannot be written (full disk, permissions …); the temporary file is removed.
     """
     target = Path(path)
+    temporary = target.parent / f".{target.name}.{secrets.token_hex(4)}.part"
     try:
-        handle, name = tempfile.mkstemp(
-            prefix=f".{target.name}.", suffix=".part", dir=target.parent
-        )
-        os.close(handle)
+        # A new file: its permissions are those that the process gives to any other.
+        temporary.touch(exist_ok=False)
     except OSError as error:
         raise write_error(target, error) from error
-    temporary = Path(name)
     try:
         yield temporary
         flush([temporary])
-        # mkstemp makes private files; what is kept has the permissions of any new file.
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)
         temporary.replace(target)
     except OSError as error:
         raise write_error(target, error) from error

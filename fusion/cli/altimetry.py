@@ -71,9 +71,9 @@ def import_(
     counted by reason. A file that was imported before is recognised by its content.
     """
     # Imported here and not above, so that --help is fast.
-    from fusion.pipeline import Pipeline, opened
     from fusion.runtime import Progress
-    from fusion.stages.ingest import STAGE, Source, Workers, import_files
+    from fusion.stages import import_scans
+    from fusion.stages.ingest import Source
     from fusion.workspace import Workspace
 
     if isolate:
@@ -88,12 +88,7 @@ def import_(
         for file in files
     ]
     workforce, progress = executor(workers, cluster), Progress.fitting(silent=as_json)
-    with opened(there) as catalog:
-        done = import_files(
-            there, settings, sources, Workers(workforce, progress, catalog.digesting)
-        )
-        catalog.rewritten(STAGE.name, [there.scan_path(one.scan.name) for one in done])
-    Pipeline(there, settings, [STAGE], workforce, progress).run_stage(STAGE.name)
+    done = import_scans(there, sources, settings=settings, executor=workforce, progress=progress)
     show({"scans": [one.as_dict() for one in done]}, map(_line, done), as_json=as_json)
 
 

@@ -26,7 +26,8 @@ from lidar.formats.clouds import read_las_system
 from lidar.formats.native import ADJUSTMENT_HDF5, MAPOLAS_HDF5, scan_summary
 from spcola.errors import FormatError, SpcolaError, WorkspaceError
 from spcola.formats.maplets import read_map, read_maplet
-from spcola.formats.shapes import FacesFrom, parse_header, read_icq, read_shape, recognise_shape
+from spcola.formats.shapes import FacesFrom, read_icq, read_shape, recognise_shape
+from spcola.formats.shapes.ply import parse_header
 from spcola.formats.solution import read_landmark, read_list, read_nominal, read_summary
 from spcola.formats.text import read_bytes
 from spcola.grids import Maplet

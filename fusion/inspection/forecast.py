@@ -11,7 +11,8 @@ import numpy as np
 from fusion.runtime import ThreadExecutor, usable_cores
 from fusion.runtime.machine import PROGRAM_BYTES
 from fusion.stages.geolocation import located_store
-from fusion.stages.mapolas import STAGE, ScanSource, compared_grids, gridding_options, mapola_grids
+from fusion.stages.mapolas import STAGE, compared_grids, mapola_grids
+from fusion.stages.register import ReturnSource, gridding_options
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
 from spcola.arrays import IntArray
@@ -44,7 +45,7 @@ def mapolas_forecast(workspace: Workspace, settings: Settings) -> dict[str, Any]
     again = _ROUNDS * _COMPARING * len(compared_grids(list(grids.values()))) / max(len(grids), 1)
     work = taken * (1.0 + (again if settings.mapolas.adjust else 0.0))
     cores = usable_cores()
-    each = _seconds_per_return(ScanSource(store, options), list(grids.values()), counts, cores)
+    each = _seconds_per_return(ReturnSource(store, options), list(grids.values()), counts, cores)
     return {
         "grids": len(grids),
         "with_returns": int(np.count_nonzero(counts)),
@@ -57,7 +58,7 @@ def mapolas_forecast(workspace: Workspace, settings: Settings) -> dict[str, Any]
 
 
 def _seconds_per_return(
-    source: ScanSource, grids: Sequence[MapletGrid], counts: IntArray, cores: int
+    source: ReturnSource, grids: Sequence[MapletGrid], counts: IntArray, cores: int
 ) -> float:
     """Return the time per return on all cores together, measured on grids of median size.
 
@@ -70,9 +71,7 @@ def _seconds_per_return(
     begin = min(middle, len(filled) - wanted)
     chosen = filled[np.argsort(counts[filled])][begin : begin + wanted]
     # The first one may still be compiled.
-    source.gridded("forecast", grids[chosen[0]], None)
+    source.gridded("forecast", grids[chosen[0]])
     start = time.perf_counter()
-    ThreadExecutor(cores).map(
-        lambda k: source.gridded("forecast", grids[k], None)[1].scan.size, chosen
-    )
+    ThreadExecutor(cores).map(lambda k: source.gridded("forecast", grids[k])[1].scan.size, chosen)
     return (time.perf_counter() - start) / float(counts[chosen].sum())

@@ -121,7 +121,12 @@ class Pipeline:
         SpcolaError
             If it fails.
         """
-        stage = next(stage for stage in self.stages if stage.name == name)
+        stage = next((stage for stage in self.stages if stage.name == name), None)
+        if stage is None:
+            names = ", ".join(stage.name for stage in self.stages)
+            raise WorkspaceError(
+                f"no stage is called {name!r}", self.workspace.root, f"use {names}"
+            )
         with opened(self.workspace) as catalog:
             for earlier in self.stages[: self.stages.index(stage)]:
                 if self._is_stale(earlier, catalog):

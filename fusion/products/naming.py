@@ -9,16 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spcola.arrays import FloatArray
-from spcola.errors import FormatError, InvalidValueError
+from spcola.errors import InvalidValueError
 from spcola.grids import MapletGrid
 
 SOURCES: Mapping[str, str] = {"SPC": "spc", "OLA": "alt", "SPO": "spo", "SFM": "sfm"}
 """DATASRC of a product → its three letters in a name; SPO is SPC and lidar together."""
-
-_NAME = re.compile(
-    r"(?P<extent>[gl])_(?P<gsd>\d{5,})mm_(?P<source>[a-z]{3})_(?P<product>[a-z0-9]+)_"
-    r"(?P<latitude>\d{4})(?P<hemisphere>[ns])(?P<longitude>\d{5})_v(?P<version>\d{3})"
-)
 
 
 def lon_lat_deg(points: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -76,17 +71,3 @@ def product_stems(
         again = product if seen[first] == 1 else f"{product}{seen[first]}"
         stems.append(product_stem(grid, version=version, source=source, product=again))
     return stems
-
-
-def parse_stem(stem: str) -> dict[str, str]:
-    """Return the parts of a product's name, with the keys of its pattern.
-
-    Raises
-    ------
-    FormatError
-        If it does not follow the convention.
-    """
-    match = _NAME.fullmatch(stem)
-    if match is None:
-        raise FormatError("does not follow the ALTWG convention for names", stem)
-    return match.groupdict()

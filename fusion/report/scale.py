@@ -7,14 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fusion.report.style import (
-    FUSED,
-    INK,
-    MUTED,
-    REJECTED,
-    SPC,
-    drawing,
-)
+from fusion.report.style import FUSED, INK, MUTED, SPC, drawing
+from fusion.scaling.judging.findings import REJECTED
 from spcola.arrays import FloatArray
 
 if TYPE_CHECKING:

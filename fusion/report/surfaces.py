@@ -7,13 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fusion.report.data import Surfaces
-from fusion.report.style import (
-    FUSED,
-    INK,
-    LIDAR,
-    SPC,
-    drawing,
-)
+from fusion.report.style import FUSED, INK, LIDAR, SPC, drawing
 from spcola.arrays import FloatArray
 from spcola.grids import MapletGrid
 

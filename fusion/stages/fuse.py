@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,6 @@ from fusion.fusing import (
     FuseOptions,
     FuseResult,
     SlopeInformation,
-    estimate_information,
     fuse_maplet,
 )
 from fusion.fusing.maplets import FusedMaplet, Source, write_fused
@@ -60,9 +60,7 @@ class FuseStage:
         """Estimate how much slopes and heights know, then fuse every maplet."""
         workspace, table = context.workspace, context.table(FuseSettings)
         scene = Scene.of(workspace, light=table.light)
-        sample = scene.targets[:: max(1, -(-len(scene.targets) // _SAMPLE))]
-        compared = context.map("compare lidar and SPC", scene.comparison, sample)
-        information = estimate_information([pair for pair in compared if pair is not None])
+        information = scene.information(partial(context.map, "compare lidar and SPC"))
         options = FuseOptions(
             loss=table.loss,
             fraction=table.constraint_fraction,
@@ -89,8 +87,6 @@ STAGE = FuseStage()
 _CONTRADICTS = 3.0
 # Maplets named in a finding.
 _NAMED = 5
-# The information is one for the whole solution; at most this many maplets tell it.
-_SAMPLE = 24
 
 
 class _Tally:

@@ -3,6 +3,7 @@ from .displacing import spline_of as spline_of
 from .match import Match as Match
 from .match import MatchOptions as MatchOptions
 from .match import Surface as Surface
+from .match import judged_match as judged_match
 from .match import match_surfaces as match_surfaces
 from .match import unmatched as unmatched
 from .weights import BEST_SHARE as BEST_SHARE

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fusion.estimation.verdict import Cause
 from fusion.surfacematch.alignment import (
     Aligner,
     Alignment,
@@ -16,11 +17,12 @@ from fusion.surfacematch.alignment import (
     tipping,
 )
 from fusion.surfacematch.coarse import APART, AREA, coarse_shift
-from fusion.surfacematch.resolution.noise import NoiseSpectrum, bridged, supported
-from fusion.surfacematch.resolution.resolution import blurred_over_gaps, plane_of
+from fusion.surfacematch.resolution.noise import NoiseSpectrum, supported
+from fusion.surfacematch.resolution.resolution import blurred_over_gaps
 from fusion.surfacematch.weights import BEST_SHARE
 from spcola.arrays import BoolArray, FloatArray
-from spcola.grids import MapletGrid, closable
+from spcola.grids import MapletGrid
+from spcola.grids.gaps import bridged, closable, plane_of
 
 # Fewer independent differences than twice the parameters of a match give no covariance.
 _MIN_PATCHES = 10.0
@@ -121,6 +123,8 @@ class Match:
     iterations : int
     reason : str
         Empty if the match is good, else why it must not be used.
+    cause : Cause or None
+        The code of the reason.
     at_lidar : bool
         Whether the residual is at the grid points of the lidar, the SPC surface being displaced to
         them, as the lidar has many gaps; else it is at those of the SPC surface.
@@ -136,12 +140,17 @@ class Match:
     coverage: float
     iterations: int
     reason: str
+    cause: Cause | None = None
     at_lidar: bool = False
 
     @property
     def usable(self) -> bool:
         """Whether the match may enter a fit."""
         return not self.reason
+
+    def refused(self, cause: Cause, reason: str) -> Match:
+        """Return the match that must not be used, with the reason."""
+        return replace(self, cause=cause, reason=reason)
 
     def on_one_grid(self, lidar: FloatArray, spc: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Heights (N, N) of lidar and SPC at the same ground, from those that were matched, metres.
@@ -229,17 +238,19 @@ def match_surfaces(
     pair = _prepare(grid, moving, fixed, blur_cells).with_few_gaps_moving()
     both = float(np.mean(pair.moving_known & pair.fixed_known))
     if both < options.min_coverage:
-        return unmatched(name, grid, both, f"only {both:.0%} of the grid is held by both surfaces")
+        few = f"only {both:.0%} of the grid is held by both surfaces"
+        return unmatched(name, grid, both, Cause.NOT_COVERED, few)
     fields, reach = _plain(pair), max(1, int(np.ceil(options.capture_m / grid.gsd)))
     start, rivals = coarse_shift(fields, reach=reach, ambiguity=options.ambiguity)
     if max(abs(start)) == reach > 1:
         edge = f"the best match lies at the edge of the capture range ({options.capture_m:g} m)"
-        return unmatched(name, grid, both, edge)
+        return unmatched(name, grid, both, Cause.CAPTURE_RANGE, edge)
     aligner = Aligner.of(fields)
     rough = Search(options.capture_m / grid.gsd, options.max_iterations, _ROUGH, AREA)
     plain = aligner.align(start, rough)
     if plain is None:
-        return unmatched(name, grid, both, "too few points are common to both surfaces")
+        few = "too few points are common to both surfaces"
+        return unmatched(name, grid, both, Cause.NOT_COVERED, few)
     others = [aligner.align(rival, rough) for rival in rivals]
     alike = [other for other in others if other and _as_good(other, plain, options)]
     sharp = None if spectrum is None or alike else _whitened(fields, spectrum, plain, rough)
@@ -357,21 +368,25 @@ def _judged(
     """Turn an alignment into the result, with the reason if it cannot be trusted."""
     local, covariance = _in_metres(pair, found, options)
     left = found.left
-    correlation = _correlation(pair, left)
-    coverage = float(np.mean(left.compared))
-    return Match(
+    match = Match(
         name=name,
         center=grid.center,
         displacement=grid.axes.T @ local,
         covariance=grid.axes.T @ covariance @ grid.axes,
         local=local,
         residual=left.standardised * pair.sigma * (-1.0 if pair.turned else 1.0),
-        correlation=correlation,
-        coverage=coverage,
+        correlation=_correlation(pair, left),
+        coverage=float(np.mean(left.compared)),
         iterations=found.best.iterations,
-        reason=_objection(pair, found, options, correlation, local),
+        reason="",
         at_lidar=pair.turned,
     )
+    best = found.best
+    judged = judged_match(match, options, settled=best.settled, patches=best.patches)
+    if judged.cause is Cause.UNCORRELATED and _as_stated(pair, left):
+        alike = replace(options, min_correlation=-1.0)
+        return judged_match(match, alike, settled=best.settled, patches=best.patches)
+    return judged
 
 
 def _in_metres(pair: _Pair, found: _Found, options: MatchOptions) -> tuple[FloatArray, FloatArray]:
@@ -408,23 +423,34 @@ def _positive(covariance: FloatArray, least: float) -> FloatArray:
     return positive
 
 
-def _objection(
-    pair: _Pair, found: _Found, options: MatchOptions, correlation: float, local: FloatArray
-) -> str:
-    """Why a match must not be used; empty if it may."""
-    best, left = found.best, found.left
-    coverage, patches = float(np.mean(left.compared)), best.patches
-    if coverage < options.min_coverage:
-        return f"only {coverage:.0%} of the grid could be compared"
-    if not best.settled:
-        return f"the displacement still moved after {best.iterations} steps"
+def judged_match(match: Match, options: MatchOptions, *, settled: bool, patches: float) -> Match:
+    """Return a match with the reason why it must not be used, if there is one.
+
+    Parameters
+    ----------
+    match : Match
+    options : MatchOptions
+    settled : bool
+        Whether its displacement came to rest.
+    patches : float
+        How many of the differences that are left are independent.
+    """
+    if match.coverage < options.min_coverage:
+        few = f"only {match.coverage:.0%} of the grid could be compared"
+        return match.refused(Cause.NOT_COVERED, few)
+    if not settled:
+        moving = f"the displacement still moved after {match.iterations} steps"
+        return match.refused(Cause.NOT_CONVERGED, moving)
     if patches < _MIN_PATCHES:
-        return f"the differences hold together over so far that only {patches:.0f} are independent"
-    if correlation < options.min_correlation and not _as_stated(pair, left):
-        return f"the surfaces correlate by {correlation:.2f} only"
-    if np.hypot(local[0], local[1]) > options.capture_m:
-        return f"the displacement left the capture range ({options.capture_m} m)"
-    return ""
+        few = f"the differences hold together over so far that only {patches:.0f} are independent"
+        return match.refused(Cause.FEW_INDEPENDENT, few)
+    if match.correlation < options.min_correlation:
+        weak = f"the surfaces correlate by {match.correlation:.2f} only"
+        return match.refused(Cause.UNCORRELATED, weak)
+    if np.hypot(match.local[0], match.local[1]) > options.capture_m:
+        beyond = f"the displacement left the capture range ({options.capture_m} m)"
+        return match.refused(Cause.CAPTURE_RANGE, beyond)
+    return match
 
 
 def _as_stated(pair: _Pair, left: Left) -> bool:
@@ -444,7 +470,7 @@ def _correlation(pair: _Pair, left: Left) -> float:
     return float(product[0, 1] / scale) if scale > 0 else 0.0
 
 
-def unmatched(name: str, grid: MapletGrid, coverage: float, reason: str) -> Match:
+def unmatched(name: str, grid: MapletGrid, coverage: float, cause: Cause, reason: str) -> Match:
     """Return a match on `grid` that says why there is none: NaN but for the share compared."""
     unknown = np.full(3, np.nan)
     return Match(
@@ -458,4 +484,5 @@ def unmatched(name: str, grid: MapletGrid, coverage: float, reason: str) -> Matc
         coverage=coverage,
         iterations=0,
         reason=reason,
+        cause=cause,
     )

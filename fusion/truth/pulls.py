@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi2, kurtosis
 
 from fusion.report import Recovered
 
@@ -34,6 +34,10 @@ class PullStatistics:
         contains the true one at :data:`CONFIDENCE` if the pulls are normal.
     error, sigma : float
         Root mean squares of recovered − planted and of the stated sigmas, in `unit`.
+    kurtosis : float
+        Excess kurtosis of the pulls about their mean (Joanes & Gill 1998, G2): 0 for normal pulls,
+        with a standard error of about √(24/N); above 0 large pulls are more frequent. NaN from
+        fewer than four missions.
     """
 
     name: str
@@ -48,6 +52,7 @@ class PullStatistics:
     highest: float
     error: float
     sigma: float
+    kurtosis: float
 
 
 def pull_statistics(missions: Sequence[Sequence[Recovered]]) -> list[PullStatistics]:
@@ -73,7 +78,7 @@ def _statistics(name: str, tables: Sequence[Mapping[str, Recovered]]) -> PullSta
     found = [row for row in rows if np.isfinite(row.pull)]
     missing = len(tables) - len(found)
     if not found:
-        return PullStatistics(name, rows[0].unit, 0, missing, *[float("nan")] * 8)
+        return PullStatistics(name, rows[0].unit, 0, missing, *[float("nan")] * 9)
     pulls = np.array([row.pull for row in found])
     errors = np.array([row.recovered - row.planted for row in found])
     sigmas = np.array([row.sigma for row in found])
@@ -86,4 +91,5 @@ def _statistics(name: str, tables: Sequence[Mapping[str, Recovered]]) -> PullSta
         name, rows[0].unit, count, missing, float(np.mean(pulls)),
         scatter / float(np.sqrt(count)), scatter, deviation, float(low), float(high),
         float(np.sqrt(np.mean(errors**2))), float(np.sqrt(np.mean(sigmas**2))),
+        float(kurtosis(pulls, bias=False)) if count > 3 else float("nan"),
     )  # fmt: skip

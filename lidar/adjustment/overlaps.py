@@ -14,13 +14,10 @@ from scipy.ndimage import uniform_filter
 from scipy.sparse import csr_array
 
 from lidar.gridding import (
-    CellReturns,
     Gridding,
     GriddingOptions,
-    PlaneFit,
-    fit_planes,
-    sort_into_cells,
 )
+from lidar.gridding.cells import CellReturns, PlaneFit, fit_planes, sort_into_cells
 from lidar.scans import Returns
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.grids import MapletGrid

@@ -17,7 +17,7 @@ import numpy as np
 
 from lidar.adjustment import Nodes
 from lidar.formats.native import Block, ScanFile, times_of
-from lidar.geolocation import Relocation
+from lidar.geolocation import Geolocation
 from lidar.scans import Arcs, Returns
 from lidar.scans.cubes import (
     Box,
@@ -71,7 +71,7 @@ class ScanStore:
         self,
         paths: Sequence[str | Path],
         *,
-        locate: Callable[[ScanFile], Relocation] | None = None,
+        locate: Callable[[ScanFile], Geolocation] | None = None,
         arc_s: float = np.inf,
     ) -> None:
         self._paths, self._locate, self._arc_s = tuple(paths), locate, arc_s
@@ -99,7 +99,7 @@ class ScanStore:
         self._middle = np.array([middle for middle, _ in spheres]).reshape(-1, 3)
         self._radius = np.array([radius for _, radius in spheres])
 
-    def _add(self, file: ScanFile, move: Relocation | None) -> None:
+    def _add(self, file: ScanFile, move: Geolocation | None) -> None:
         """Append the blocks of a scan, and its arcs."""
         arcs, first = Arcs.of_span(file.summary.time_span, self._arc_s), len(self.scan_names)
         parts = [_Part(first, block, block.cubes, move, arcs) for block in file.blocks]
@@ -128,9 +128,9 @@ class ScanStore:
 
     @property
     def interpolation_error_m(self) -> float:
-        """By how much returns that are located again may be off by interpolation, metres.
+        """By how much returns that are geolocated again may be off by interpolation, metres.
 
-        See :attr:`lidar.geolocation.Relocation.error_m`.
+        See :attr:`lidar.geolocation.Geolocation.error_m`.
         """
         return max((part.move.error_m for part in self._blocks if part.move), default=0.0)
 
@@ -179,7 +179,7 @@ class ScanStore:
 
 
 def _opened(
-    paths: Sequence[str | Path], locate: Callable[[ScanFile], Relocation] | None, arc_s: float
+    paths: Sequence[str | Path], locate: Callable[[ScanFile], Geolocation] | None, arc_s: float
 ) -> ScanStore:
     return ScanStore(paths, locate=locate, arc_s=arc_s)
 
@@ -191,7 +191,7 @@ class _Part:
     scan: int
     block: Block
     cubes: CubedPoints
-    move: Relocation | None
+    move: Geolocation | None
     arcs: Arcs
 
     @property

@@ -1,4 +1,4 @@
-"""Returns of a scan located again: by another trajectory, pole, spin or prime meridian.
+"""Geolocation: the returns of a scan by another trajectory, pole, spin or prime meridian (MATH §9).
 
 A return is where the spacecraft was plus the way that the beam went. Body-fixed coordinates turn
 with the statement of the body's rotation, ``p → R(t) p``, and move as the spacecraft does:
@@ -22,12 +22,15 @@ from lidar.scans import Scan
 from lidar.scans.cubes import QUANTUM_M
 from spcola.arrays import BoolArray, FloatArray
 from spcola.compilation import compiled, compiled_inline
-from spcola.navigation import Spin, Trajectory, turned
+from spcola.errors import InvalidValueError
+from spcola.navigation import Offset, Spin, Trajectory, turned
 
+MAX_GAP_S = 3600.0
+"""Default for the longest time between two states over which their offset is interpolated."""
 NO_TIME = "no time"
 OUTSIDE = "outside trajectory"
 OUTSIDE_KERNELS = "outside kernels"
-"""Reasons under which returns that cannot be located again are counted."""
+"""Reasons under which returns that cannot be geolocated are counted."""
 
 # Rotation vectors are interpolated this well where they act: a tenth of what is rounded anyway.
 _TOLERANCE_M = 0.1 * QUANTUM_M
@@ -36,8 +39,8 @@ _MOST_TIMES = 100_000
 
 
 @dataclass(frozen=True, eq=False)
-class Relocation:
-    """How the returns of one scan move with time.
+class Geolocation:
+    """How the returns of one scan move, against where its file puts them.
 
     Attributes
     ----------
@@ -83,7 +86,7 @@ class Relocation:
         if self.mirror is not None:
             points = self.mirror.apply(points, time)
         gap = self.max_gap_s if self.moves else np.nan
-        moved, kept = _relocated(
+        moved, kept = _geolocated(
             points, time, self.turn_time, self.turn, self.shift_time, self.shift, gap
         )
         return moved, kept
@@ -104,14 +107,14 @@ class Relocation:
         return float(turned + shift + mirror + along)
 
 
-def relocation(
+def find_geolocation(
     old: Trajectory,
     radius: float,
     *,
     spin: tuple[Spin, Spin] | None = None,
     trajectory: Trajectory | None = None,
     max_gap_s: float = np.inf,
-) -> Relocation:
+) -> Geolocation:
     """Find how the returns of a scan move.
 
     Parameters
@@ -132,7 +135,7 @@ def relocation(
     InvalidValueError
         If the trajectories have no time in common.
     """
-    turns = Relocation() if spin is None else turn_of(old.span, radius, *spin)
+    turns = Geolocation() if spin is None else turn_of(old.span, radius, *spin)
     if trajectory is None:
         return turns
     times = trajectory.time[old.covers(trajectory.time)]
@@ -140,25 +143,28 @@ def relocation(
     if spin is not None and len(times):
         there = turned(spin[0].change_to(spin[1], times), old.at(times))
         reference = Trajectory(old.name, times, there)
-    offset = trajectory.offset_from(reference)
-    shifts = offset.differences
+    return _shifted(turns, trajectory.offset_from(reference), max_gap_s)
+
+
+def _shifted(turns: Geolocation, offset: Offset, max_gap_s: float) -> Geolocation:
+    """Return the geolocation that turns, and then moves as the offset of two trajectories does."""
     return replace(
         turns,
-        shift_time=shifts.time,
-        shift=shifts.position,
+        shift_time=offset.differences.time,
+        shift=offset.differences.position,
         moves=True,
         max_gap_s=max_gap_s,
         error_m=offset.widest(max_gap_s),
     )
 
 
-def turn_of(span: tuple[float, float], radius: float, old: Spin, new: Spin) -> Relocation:
+def turn_of(span: tuple[float, float], radius: float, old: Spin, new: Spin) -> Geolocation:
     """Find how returns within `radius` (m) of the origin turn over a `span` of times (s)."""
     times = _turn_times(span, radius, old, new)
-    return Relocation(times, old.change_to(new, times))
+    return Geolocation(times, old.change_to(new, times))
 
 
-def relocated(scan: Scan, move: Relocation) -> Scan:
+def geolocated(scan: Scan, move: Geolocation) -> Scan:
     """Return a scan with points, stations and beams where they are now.
 
     Returns that have no place are counted as rejected, by what they lack.
@@ -177,11 +183,57 @@ def relocated(scan: Scan, move: Relocation) -> Scan:
         spacecraft=station[kept],
         beam=(ahead - station)[kept],
         range=chosen.range + longer,
-        rejected=counted(scan.rejected, counts),
+        rejected=_counted(scan.rejected, counts),
     )
 
 
-def counted(before: Mapping[str, int], more: Mapping[str, int]) -> dict[str, int]:
+def geolocated_by(
+    scan: Scan, trajectory: Trajectory, *, max_gap_s: float = MAX_GAP_S
+) -> tuple[Scan, Offset]:
+    """Return a scan located by another trajectory, and how that departs from the scan's own.
+
+    The *difference* of the trajectories is interpolated to the time of each return, in straight
+    lines: it is smooth where the positions themselves turn with the body, so that a trajectory
+    known at image times only serves the returns between them. Pointing stays as it was.
+
+    Parameters
+    ----------
+    scan : Scan
+        With times and the spacecraft positions by which it was located.
+    trajectory : Trajectory
+        The new one, in the same body-fixed frame.
+    max_gap_s : float
+        Returns between two times further apart than this, seconds, are rejected and counted, as
+        are those outside the trajectory.
+
+    Raises
+    ------
+    InvalidValueError
+        If the two trajectories have no time in common, or the scan has no position at a time.
+    """
+    offset = trajectory.offset_from(scan_trajectory(scan), max_gap_s=max_gap_s)
+    moved = geolocated(scan, _shifted(Geolocation(), offset, max_gap_s))
+    return replace(moved, trajectory=trajectory.name), offset
+
+
+def scan_trajectory(scan: Scan) -> Trajectory:
+    """Return the spacecraft positions of a scan as a trajectory, its times sorted and single.
+
+    Raises
+    ------
+    InvalidValueError
+        If no return has both a time and a spacecraft position.
+    """
+    known = np.isfinite(scan.time) & np.isfinite(scan.spacecraft).all(axis=1)
+    if not known.any():
+        raise InvalidValueError(
+            "has no time with a spacecraft position", scan.name, "give a reference trajectory"
+        )
+    time, first = np.unique(scan.time[known], return_index=True)
+    return Trajectory(scan.trajectory, time, scan.spacecraft[known][first])
+
+
+def _counted(before: Mapping[str, int], more: Mapping[str, int]) -> dict[str, int]:
     """Add counts to those that a scan carries; a reason that did not occur is not named."""
     counts = dict(before)
     for reason, count in more.items():
@@ -210,7 +262,7 @@ def _before(times: FloatArray, time: float, last: int) -> int:
 
 
 @compiled
-def _relocated(
+def _geolocated(
     points: FloatArray,
     time: FloatArray,
     turn_time: FloatArray,

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from lidar.geolocation.knots import knots
 from lidar.geolocation.mirror import MirrorAngles, MirrorMotion
-from lidar.geolocation.placement import OUTSIDE_KERNELS, Relocation
+from lidar.geolocation.placement import OUTSIDE_KERNELS, Geolocation
 from spcola.arrays import FloatArray
 from spcola.navigation import Trajectory
 from spcola.spice import (
@@ -87,9 +87,9 @@ class KernelPlace:
             spacecraft, frame=self.frame, max_gap_s=self.max_gap_s, tolerance_s=self.tolerance_s
         ).tracks
 
-    def relocation(
+    def geolocation(
         self, old: Trajectory, radius: float, times: FloatArray | None = None
-    ) -> Relocation:
+    ) -> Geolocation:
         """Find how the returns of a scan move.
 
         A return p was where the spacecraft s(t) and the way v of the beam put it. The way is v in
@@ -110,7 +110,7 @@ class KernelPlace:
 
         Returns
         -------
-        Relocation
+        Geolocation
             Without a place are returns at times that the kernels do not cover. Kernels are asked
             at the time of each return, or so often that straight lines are off by less than
             0.5 mm; `error_m` says by how much.
@@ -138,7 +138,7 @@ class KernelPlace:
             station = old.at(np.clip(time[known], *old.span))
             mirror = MirrorMotion(self.mirror, time[known], station, before)
         turns = known & bool(turn[known].any())
-        return Relocation(
+        return Geolocation(
             time[turns],
             turn[turns],
             time,

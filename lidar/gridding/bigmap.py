@@ -12,9 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.ndimage import binary_dilation, binary_erosion, distance_transform_edt
+from scipy.ndimage import distance_transform_edt
 
-from lidar.gridding.cells import CellReturns, CorrectedMedians, sort_into_cells
+from lidar.gridding.cells.cells import CellReturns, CorrectedMedians, sort_into_cells
 from lidar.gridding.gridding import GriddingOptions, GriddingReport, grid_returns
 from lidar.gridding.mapola import Mapola
 from lidar.gridding.point_heights import at_grid_points
@@ -28,6 +28,7 @@ from spcola.arrays import (
 )
 from spcola.errors import SettingsError
 from spcola.grids import Maplet, MapletGrid, check_layer
+from spcola.grids.gaps import bridged_mask
 from spcola.heights import (
     STEPS_ALIKE,
     HeightProblem,
@@ -200,19 +201,6 @@ def integrate_returns(
         converged,
         "no height changes any more" if converged else limit,
     )
-
-
-def bridged_mask(known: BoolArray, max_gap: int) -> BoolArray:
-    """Return `known` (R, C) with the gaps that are no wider than `max_gap` cells closed.
-
-    A gap is what a square of max_gap + 1 cells cannot enter (a morphological closing): the
-    outline of the known area is not moved outward.
-    """
-    width = max_gap + 1
-    square = np.ones((width, width), dtype=bool)
-    padded = np.pad(known, width)
-    closed: BoolArray = binary_erosion(binary_dilation(padded, square), square)
-    return closed[width:-width, width:-width] | known
 
 
 def _integrate(

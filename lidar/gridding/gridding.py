@@ -6,9 +6,9 @@ of the current surface; the median of a cell is the new surface; and so on until
 changes. ([35] is printed with Ux for the height; it is Uz.)
 
 The slope of a cell is that of a plane through the 3 × 3 cells around it, fitted not at their
-grid points but where their returns lie (see :mod:`lidar.gridding.planes`). Against differences
-of the gridded heights this averages noise over nine cells, bears gaps, and makes the iteration
-contract quickly: a plane is recovered exactly from returns at any places.
+grid points but where their returns lie (see :mod:`lidar.gridding.cells.planes`). Against
+differences of the gridded heights this averages noise over nine cells, bears gaps, and makes the
+iteration contract quickly: a plane is recovered exactly from returns at any places.
 """
 
 from __future__ import annotations
@@ -18,29 +18,18 @@ from functools import cached_property
 
 import numpy as np
 
-from lidar.gridding.cells import CellReturns, CorrectedMedians, sort_into_cells
+from lidar.gridding.cells.cells import CellReturns, CorrectedMedians, sort_into_cells
+from lidar.gridding.cells.planes import PlaneFit
+from lidar.gridding.cells.windows import PlaneWindows
 from lidar.gridding.mapola import Mapola
 from lidar.gridding.outliers import RejectionOptions, find_outliers, find_strays
-from lidar.gridding.planes import PlaneFit
 from lidar.gridding.sigma import height_sigma
-from lidar.gridding.windows import PlaneWindows
 from lidar.scans import Returns
 from lidar.scans.cubes import Box
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.compilation import compiled
 from spcola.errors import SettingsError
 from spcola.grids import MapletGrid
-
-__all__ = [
-    "Gridding",
-    "GriddingOptions",
-    "GriddingReport",
-    "RejectionOptions",
-    "Returns",
-    "grid_returns",
-    "make_mapola",
-]
-
 
 # Rounds before the iteration takes half steps.
 _FULL_STEPS = 10

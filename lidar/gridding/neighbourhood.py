@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidar.gridding.medians import column_medians, median_of, middle_network
+from lidar.gridding.cells.medians import column_medians, median_of, middle_network
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.compilation import compiled, compiled_inline
 from spcola.math.robust import MAD_TO_SIGMA

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidar.gridding.cells import CellReturns
+from lidar.gridding.cells.cells import CellReturns
 from lidar.gridding.neighbourhood import expect, supported
 from spcola.arrays import (
     AnyArray,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import uniform_filter
 
-from lidar.gridding.cells import CellReturns
-from lidar.gridding.planes import PlaneFit
+from lidar.gridding.cells.cells import CellReturns
+from lidar.gridding.cells.planes import PlaneFit
 from lidar.gridding.point_heights import bending_variance
 from spcola.arrays import AnyArray, FloatArray
 

@@ -13,13 +13,7 @@ from lidar.formats.clouds import write_las
 from lidar.formats.missions import RECORD, write_ola
 from lidar.formats.native import write_scan
 from lidar.scans import Scan
-from lidar.truth.settings import (
-    DEMODULATOR,
-    MISSING,
-    NO_RETURN,
-    OVERFLOW,
-    LidarSettings,
-)
+from lidar.truth.settings import DEMODULATOR, MISSING, NO_RETURN, OVERFLOW, LidarSettings
 from lidar.truth.track import Track
 from spcola.errors import SettingsError
 

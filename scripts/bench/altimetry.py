@@ -33,7 +33,8 @@ from scipy.stats import binned_statistic_2d
 from truth import timed
 
 from fusion.runtime import Progress, ThreadExecutor
-from fusion.stages.mapolas import ScanSource, gridding_options, mapola_grids
+from fusion.stages.mapolas import mapola_grids
+from fusion.stages.register import ReturnSource, gridding_options
 from fusion.truth.generation import Site
 from fusion.truth.presets import MissionSettings
 from fusion.truth.scans import day_biases, plan_observations, write_observations
@@ -43,7 +44,8 @@ from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import write_settings
 from lidar.archive import ScanStore
 from lidar.formats.reader import read_scan
-from lidar.gridding import grid_returns, sort_into_cells
+from lidar.gridding import grid_returns
+from lidar.gridding.cells import sort_into_cells
 from lidar.scans import Returns
 from lidar.truth import Track
 from spcola.arrays import FloatArray
@@ -162,10 +164,10 @@ def against_raw(store: Store, paths: Sequence[Path]) -> str:
     settings = workspace.settings()
     points = np.concatenate([read_scan(path).points for path in paths])
     points = points[np.isfinite(points).all(axis=1)]
-    source = ScanSource(ScanStore(workspace.scan_paths()), gridding_options(settings.mapolas))
+    source = ReturnSource(ScanStore(workspace.scan_paths()), gridding_options(settings.mapolas))
     apart: dict[str, list[FloatArray]] = {"raw": [], "rounded": []}
     for name, grid in mapola_grids(workspace, settings).items():
-        gridding, _ = source.gridded(name, grid, None)
+        gridding, _ = source.gridded(name, grid)
         if gridding.mapola.coverage < 0.9:
             continue
         for kind, there in (("raw", points), ("rounded", np.rint(points / QUANTUM_M) * QUANTUM_M)):

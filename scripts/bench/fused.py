@@ -27,7 +27,6 @@ from moved import Errors
 from scipy.ndimage import label, maximum_position
 from truth import number, timed
 
-from fusion.fusing import overlaps
 from fusion.scene import Scene
 from fusion.truth import read_truth
 from fusion.truth.assessment import AssessmentSettings, workspace_models
@@ -38,7 +37,7 @@ from fusion.truth.assessment.regions import REGIONS, Ground
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import write_settings
 from spcola.arrays import FloatArray
-from spcola.grids import Maplet, project_maplet
+from spcola.grids import Maplet, overlaps, project_maplet
 
 NAMED = ("lit", "shadowed", "boulders")
 SPC, MAPOLAS, FUSED = "SPC maplets", "mapolas, registered", "fused maplets"

@@ -20,7 +20,7 @@ from fusion.fusing.maplets import FusedMaplet, Source, read_fused, write_fused
 from fusion.products import Provenance
 from fusion.products.formats import read_fits_dtm, write_fits_dtm
 from fusion.registration.results import ScanEffects, given_registration, placements_of
-from fusion.stages.ingest.stage import recorded_source
+from fusion.stages.ingest.sources import recorded_source
 from fusion.truth import read_truth
 from fusion.truth.planted import (
     PlacedCenter,
@@ -52,7 +52,8 @@ from spcola.control import Landmark
 from spcola.formats.images import read_image_data, write_fits_image, write_image_data
 from spcola.formats.images.fits import read_fits_image
 from spcola.formats.maplets import read_maplet, write_maplet
-from spcola.formats.shapes import read_shape, recognise_shape, write_icq, write_obj, write_ply_mesh
+from spcola.formats.shapes import read_shape, recognise_shape, write_icq, write_obj
+from spcola.formats.shapes.ply import write_ply_mesh
 from spcola.formats.solution import (
     read_landmark,
     read_list,

@@ -24,8 +24,7 @@ import numpy as np
 from scipy import ndimage
 
 from fusion.registration.clouds.clouds import CloudOptions, register_clouds
-from fusion.registration.returns import CloudOfReturns, FixedSurface
-from fusion.registration.returns.by_returns import register_returns
+from fusion.registration.returns import CloudOfReturns, FixedSurface, match_returns
 from fusion.runtime import ThreadExecutor
 from fusion.surfacematch import Match, Surface, match_surfaces
 from fusion.surfacematch.resolution import NoiseSpectrum, estimate_spectrum
@@ -209,17 +208,19 @@ def spc_heights(ground: Ground, grid: MapletGrid, seed: int) -> FloatArray:
 def returns_lines(count: int) -> Iterator[str]:
     grid = MapletGrid(np.zeros(3), np.eye(3), 0.2, 240)
     ground = Ground.of(5)
-    cloud = PLANTED.inverse().apply(ground.cloud(3000, count))
+    planted = np.array([0.3, -0.2, 0.1])
+    cloud = ground.cloud(3000, count) - planted
     returns = CloudOfReturns(cloud, np.full(count, NOISE_M))
+    fixed = FixedSurface(grid, Surface(spc_heights(ground, grid, 0)), 1.0)
     for number in range(2):
-        fixed = FixedSurface(grid, Surface(spc_heights(ground, grid, 0)), 1.0)
         start = time.perf_counter()
-        found = register_returns(returns, [fixed])
+        found = match_returns("M", returns, fixed)
         seconds = time.perf_counter() - start
         if number:
             yield f"{count} returns to an SPC surface of {grid.size}²: {seconds:.2f} s"
-    yield f"{'error':17}{numbers(errors(found.similarity))}"
-    yield f"{'stated':17}{numbers(np.sqrt(np.diag(found.covariance)))}"
+    stated = np.sqrt(np.diag(found.covariance))
+    for name, three in (("error", found.local - planted), ("stated", stated)):
+        yield f"{name:17}" + "".join(f"{1e3 * axis:9.3f} mm" for axis in three)
 
 
 def match_lines() -> Iterator[str]:

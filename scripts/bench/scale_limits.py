@@ -21,7 +21,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -66,7 +66,7 @@ NONE = 1e-4
 class TrueStates(Workspace):
     """A workspace whose images have their true states, in the frame of the solution."""
 
-    planted: Planted
+    planted: Planted = field(kw_only=True)
 
     def image(self, name: str) -> SpcImage:
         """Read the image `name`, with its true state."""
@@ -97,7 +97,7 @@ class Case:
     def __init__(self, mission: Path, workspace: Path) -> None:
         self.planted = read_truth(mission)
         self.workspace = Workspace.open(workspace)
-        self.true_states = TrueStates(self.workspace.root, self.planted)
+        self.true_states = TrueStates(self.workspace.root, planted=self.planted)
         self.executor = ThreadExecutor(usable_cores())
         self.body = self.planted.body()
 
@@ -140,20 +140,28 @@ class Case:
 
     def without_scan_errors(self, observations: ScaleObservations) -> ScaleObservations:
         """Return the observations without planted pointing of scans and range errors of days."""
+        return less(observations, self.aside(observations) + self.longer(observations))
+
+    def aside(self, observations: ScaleObservations) -> FloatArray:
+        """Return the displacement (N, 3) of observations by planted pointing of scans, metres."""
         settings, seed = self.planted.settings, self.planted.settings.seed
         sides = {}
         for at in plan_passes(settings.passes, stream(seed, "passes")):
             shots = next(raster_shots(self.body, at, settings.lidar, stream(seed, "sides"), 1))
             sides[scan_name(at)] = np.stack([shots.along, shots.across])
-        errors = [self.planted.scans[name] for name in observations.scan]
-        aside = np.array(
+        return np.array(
             [
-                np.array(error.pointing_m) @ self.planted.similarity.turn(sides[name])
-                for name, error in zip(observations.scan, errors, strict=True)
+                np.array(self.planted.scans[name].pointing_m)
+                @ self.planted.similarity.turn(sides[name])
+                for name in observations.scan
             ]
         )
-        longer = np.array([error.range_scale for error in errors]) * observations.range
-        return less(observations, aside + longer[:, None] * observations.beam)
+
+    def longer(self, observations: ScaleObservations) -> FloatArray:
+        """Return the displacement (N, 3) of observations by planted range errors of days, metres."""
+        shares = np.array([self.planted.scans[name].range_scale for name in observations.scan])
+        longer: FloatArray = (shares * observations.range)[:, None] * observations.beam
+        return longer
 
     def rows(self) -> Iterator[tuple[str, Row]]:
         """Yield errors and sigmas, with more and more known."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -16,7 +14,7 @@ from spcola.arrays import (
     check_shape,
     read_only,
 )
-from spcola.compilation import Bands, compiled, usable_threads
+from spcola.compilation import Bands, compiled
 from spcola.errors import InvalidValueError, SettingsError
 from spcola.heights.components import Components, find_components
 from spcola.heights.conjugate import LinearSolution, LinearSystem
@@ -143,32 +141,6 @@ def solve_heights(
     """
     chosen = SolverOptions() if options is None else options
     return HeightSystem(problem, threads=chosen.threads).solve(problem, options=chosen, start=start)
-
-
-def solve_many(
-    problems: Iterable[HeightProblem],
-    *,
-    options: SolverOptions | None = None,
-    workers: int | None = None,
-) -> list[HeightSolution]:
-    """Solve many small problems (maplets), one at a time on each of several threads.
-
-    Parameters
-    ----------
-    problems : iterable of HeightProblem
-    options : SolverOptions, optional
-        For all of them.
-    workers : int, optional
-        Threads; as many as there are cores (at most 8) if not given.
-
-    Returns
-    -------
-    list of HeightSolution
-        In the order of `problems`, equal to those of :func:`solve_heights`.
-    """
-    single = replace(SolverOptions() if options is None else options, threads=1)
-    with ThreadPoolExecutor(usable_threads() if workers is None else workers) as pool:
-        return list(pool.map(lambda problem: solve_heights(problem, options=single), problems))
 
 
 class HeightSystem:

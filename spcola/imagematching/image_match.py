@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from spcola.arrays import BoolArray, FloatArray
-from spcola.grids import carried_on
+from spcola.grids.gaps import carried_on
 from spcola.grids.statistics import independent_patches, robust_covariance, shift_correlations
 from spcola.math.robust import huber_scores, huber_solution, mad
 from spcola.photometry import OrthoImage

@@ -6,18 +6,19 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize
 
 from spcola.arrays import FloatArray
 from spcola.camera import partials_position
 from spcola.control.estimation import by_position_and_pointing
 from spcola.imagematching.sighting import Sighting
+from spcola.math.statistics import most_likely_sizes
 
 # Standard deviation of the logarithms of the factors beforehand: of matches and pointing to e²; of
 # positions, which the solution states to stand by, to e.
 _WIDTHS = np.array([2.0, 1.0, 2.0])
-# Logarithm of a factor that is as good as none.
-_SMALLEST = -6.0
+# Logarithms of factors stay within this, and begin with these steps.
+_REACH = 6.0
+_STEPS = np.array([0.7, -0.4, -0.7])
 
 
 class SizeFactors(NamedTuple):
@@ -53,24 +54,24 @@ def estimate_factors(sightings: Sequence[Sighting]) -> SizeFactors:
     if not cases:
         return SizeFactors(1.0, 1.0, 1.0)
 
-    def cost(logs: FloatArray) -> float:
-        squares = np.exp(2.0 * np.clip(logs, _SMALLEST, -_SMALLEST))
-        total = float(np.sum((logs / _WIDTHS) ** 2))
+    def deviance(factors: FloatArray) -> float:
+        total = 0.0
         for left, parts in cases:
-            root = np.linalg.cholesky(np.tensordot(squares, parts, axes=1))
+            root = np.linalg.cholesky(np.tensordot(factors**2, parts, axes=1))
             white = np.linalg.solve(root, left)
             total += float(white @ white) + 2.0 * float(np.sum(np.log(np.diag(root))))
         return total
 
-    simplex = np.vstack([np.zeros(3), np.diag([0.7, -0.4, -0.7])])
-    found = minimize(
-        cost,
-        simplex[0],
-        method="Nelder-Mead",
-        options={"xatol": 0.02, "fatol": 0.02, "maxiter": 200, "initial_simplex": simplex},
+    found = most_likely_sizes(
+        deviance,
+        np.ones(3),
+        width=_WIDTHS,
+        start=np.ones(3),
+        steps=_STEPS,
+        reach=_REACH,
+        tolerance=(0.02, 0.02),
     )
-    match, position, pointing = np.exp(np.clip(found.x, _SMALLEST, -_SMALLEST)).tolist()
-    return SizeFactors(match, position, pointing)
+    return SizeFactors(*found.tolist())
 
 
 def _case(sighting: Sighting) -> tuple[FloatArray, FloatArray]:

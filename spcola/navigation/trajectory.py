@@ -156,35 +156,11 @@ class Offset:
 
     differences: Trajectory
 
-    def at(self, times: ArrayLike, *, max_gap_s: float) -> tuple[FloatArray, FloatArray]:
-        """Return the difference and its sigma, both (N, 3), metres; NaN where not covered.
-
-        The sigma is that of the two states, weighted as the difference is, and the error of the
-        straight line: the standard deviation of a Brownian bridge whose increments are those of
-        the differences (`drift`), largest in the middle of a gap.
-        """
-        wanted = np.asarray(times, dtype=np.float64)
-        track = self.differences
-        covered = track.covers(wanted, max_gap_s=max_gap_s)
-        inside = wanted[covered]
-        value, sigma = (np.full((len(wanted), 3), np.nan) for _ in range(2))
-        value[covered] = straight_lines(track.time, track.position, inside)
-        low, share = bracket(track.time, inside)
-        high = np.minimum(low + 1, len(track) - 1)
-        share = share[:, None]
-        # a time of the trajectory itself does not use its neighbour: 0 · NaN would be NaN
-        states = np.where(share < 1, ((1 - share) * track.sigma[low]) ** 2, 0.0) + np.where(
-            share > 0, (share * track.sigma[high]) ** 2, 0.0
-        )
-        gap = (track.time[high] - track.time[low])[:, None]
-        bridge = np.where((share > 0) & (share < 1), self.drift * gap * share * (1 - share), 0.0)
-        sigma[covered] = np.sqrt(states + bridge)
-        return value, sigma
-
     def widest(self, max_gap_s: float) -> float:
         """Return the sigma of the straight line in the middle of the longest gap, metres.
 
-        Of the gaps that are not longer than `max_gap_s`, seconds; 0 where nothing is interpolated.
+        It is that of a Brownian bridge whose increments are those of the differences (`drift`), of
+        the gaps not longer than `max_gap_s`, seconds; 0 where nothing is interpolated.
         """
         gaps = np.diff(self.differences.time)
         gaps = gaps[gaps <= max_gap_s]

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from spcola.arrays import BoolArray, FloatArray
 from spcola.compilation import compiled
-from spcola.grids import carried_on
+from spcola.grids.gaps import carried_on
 from spcola.photometry.ortho_image import View
 
 # Rows and columns of pixels around the ground that are filled too.

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import InvalidValueError
 from spcola.grids import MapletGrid
 from spcola.shape.mesh import Mesh
 from spcola.shape.rays import RayCaster
 from spcola.shape.samples import sample_surface
-from spcola.shape.uncovered import FACING, Uncovered
+from spcola.shape.uncovered import Uncovered
 
 SAMPLES_PER_HALF = 10
 """Surface samples along half a side of a grid; finer costs time and saves few grids."""
@@ -59,18 +56,3 @@ def covering(
         grids.append(grid)
         index = uncovered.cover(grid, index)
     return grids
-
-
-def inside(
-    grid: MapletGrid, points: FloatArray, normals: FloatArray, *, side: float, depth: float
-) -> BoolArray:
-    """Return which points (N, 3) lie within `side` of the centre along Ux and Uy and face Uz.
-
-    `depth` limits the distance from the reference plane; both in metres.
-    """
-    x, y, height = grid.project(points)
-    return (
-        (np.maximum(np.abs(x), np.abs(y)) * grid.gsd <= side)
-        & (np.abs(height) <= depth)
-        & (normals @ grid.uz >= FACING)
-    )

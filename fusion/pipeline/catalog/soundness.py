@@ -8,14 +8,20 @@ with the shape. The limits come from how well most maplets of the solution agree
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from fusion.estimation.verdict import Code, Finding, Severity
+from fusion.estimation.verdict import (
+    Cause,
+    Code,
+    Finding,
+    Severity,
+)
 from fusion.pipeline.catalog.catalog import Catalog
 from fusion.pipeline.catalog.records import content_digest
 from fusion.registration.results import DISAGREES
@@ -341,6 +347,13 @@ def unsound(workspace: Workspace, catalog: Catalog) -> tuple[Unsound, ...]:
     return tuple(Unsound(name, why) for name, why in catalog.remembered("unsound", key, found))
 
 
+def _is_outlier(entry: Mapping[str, Any]) -> bool:
+    """Whether a mapola was matched, but left out; older files have no code."""
+    if "cause" in entry:
+        return entry["cause"] == Cause.OUTLIER
+    return entry.get("reason") == DISAGREES
+
+
 def rejected_maplets(workspace: Workspace) -> list[Finding]:
     """Return a note on the maplets that the registration rejected as contradicting the others."""
     if not workspace.registration_path.is_file():
@@ -350,7 +363,7 @@ def rejected_maplets(workspace: Workspace) -> list[Finding]:
     names = [
         str(entry.get("name"))
         for entry in content.get("per_mapola") or ()
-        if not entry.get("used") and entry.get("reason") == DISAGREES and entry.get("name") in known
+        if not entry.get("used") and _is_outlier(entry) and entry.get("name") in known
     ]
     if not names:
         return []

@@ -7,6 +7,7 @@ that does not touch it, if the common diagonal does not either.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from fusion.products.manifest import Provenance
 from spcola import atomic
 from spcola.arrays import AnyArray, IntArray
 from spcola.errors import FormatError, InvalidValueError
+from spcola.formats.shapes.ply import parse_header, read_elements
 from spcola.formats.text import KM, read_bytes
 from spcola.grids import Maplet, MapletGrid
 
@@ -144,22 +146,14 @@ def read_surface(path: str | Path) -> Maplet:
 
 def _ply_vertices(content: bytes, path: str | Path) -> tuple[str, dict[str, AnyArray]]:
     """Return the frame's JSON and the vertex properties of a PLY of this module."""
-    end = content.find(b"end_header\n")
-    if end < 0:
-        raise FormatError("has no end_header", path)
-    lines = content[:end].decode("utf-8").splitlines()
-    frame = _comment(lines, f"comment {_FRAME}", path)
-    number = next((line.split()[-1] for line in lines if line.startswith("element vertex ")), "")
-    names = [line.split()[-1] for line in lines if line.startswith("property ")][:-1]
-    types = dict(_POSITION) | _TYPES
-    if not number.isdigit() or not set(names) <= set(types):
+    header = parse_header(content, path)
+    frame = _comment(header.comments, _FRAME, path)
+    vertex = header.element("vertex")
+    types = {name: kind.lstrip("<") for name, kind in (*_POSITION, *_TYPES.items())}
+    stated = {} if vertex is None else {one.name: one.kind for one in vertex.properties}
+    if not stated or any(types.get(name) != kind for name, kind in stated.items()):
         raise FormatError("has vertices that are not those of a maplet", path)
-    kinds = np.dtype([(name, types[name]) for name in names])
-    start = end + len(b"end_header\n")
-    if len(content) - start < int(number) * kinds.itemsize:
-        raise FormatError(f"is cut off: it declares {number} vertices", path)
-    vertices = np.frombuffer(content, dtype=kinds, count=int(number), offset=start)
-    return frame, {name: vertices[name] for name in names}
+    return frame, read_elements(content, header, path)["vertex"]
 
 
 def _obj_vertices(text: str, path: str | Path) -> tuple[str, dict[str, AnyArray]]:
@@ -203,7 +197,7 @@ def _on_grid(
     return layers
 
 
-def _comment(lines: list[str], start: str, path: str | Path) -> str:
+def _comment(lines: Sequence[str], start: str, path: str | Path) -> str:
     """Return what follows `start` in the first line that begins with it."""
     for line in lines:
         if line.startswith(start):

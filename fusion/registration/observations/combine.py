@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fusion.estimation.verdict import Cause
 from fusion.registration.observations.by_images import ImagedMapolas
 from fusion.registration.observations.landmarks import LandmarkErrors
 from fusion.registration.results.summary import MatchedMapolas
@@ -78,11 +79,11 @@ def both_kinds(
         if not (ground[row].usable and seen[row].usable):
             continue
         chi2[row] = _difference(ground[row], seen[row], _beyond(topography, images, row))
-        reason = ""
+        ground[row], seen[row] = _covered(ground[row], beside), _covered(seen[row], beside)
         if chi2[row] > 3.0 * reject**2:
-            reason = f"topography and images differ by {np.sqrt(chi2[row] / 3.0):.1f} sigma"
-        ground[row] = replace(_covered(ground[row], beside), reason=reason)
-        seen[row] = replace(_covered(seen[row], beside), reason=reason)
+            far = f"topography and images differ by {np.sqrt(chi2[row] / 3.0):.1f} sigma"
+            ground[row] = ground[row].refused(Cause.TYPES_DISAGREE, far)
+            seen[row] = seen[row].refused(Cause.TYPES_DISAGREE, far)
     rows = replace(
         topography,
         matches=[*ground, *seen],

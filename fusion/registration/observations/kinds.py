@@ -29,7 +29,7 @@ Kind = Literal["images", "both"]
 # maplet's centre.
 _LEFT = 0.1
 # What is told of each kind of match.
-_OF_A_KIND = ("displacement_m", "sigma_m", "residual_m", "used", "reason", "correlation")
+_OF_A_KIND = ("displacement_m", "sigma_m", "residual_m", "used", "reason", "cause", "correlation")
 
 
 @dataclass(frozen=True, eq=False)

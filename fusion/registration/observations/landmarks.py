@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from spcola.arrays import FloatArray
-from spcola.control.estimation import Network, strongest
+from spcola.control.estimation import Network
+from spcola.math.statistics import strongest
 
 # A pattern that displaces the mapolas by less, root of the sum of squares, metres, is no larger
 # than what a single match does not know, and counts as an error that each landmark has of its own.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fusion.estimation.verdict import Code, Finding, Severity
-from fusion.stages.geolocation.locating import Turning
+from fusion.stages.geolocation.locating import Geolocator
 from fusion.workspace import Workspace
 from lidar.formats.native import iter_scan, scan_summary
 from lidar.geolocation import NO_TIME, OUTSIDE, OUTSIDE_KERNELS, KernelPlace
@@ -124,7 +124,7 @@ class LocatedShots:
         return max(reasons, key=lambda reason: reason[0])[1]
 
 
-def located_shots(workspace: Workspace, turn: Turning, most: int) -> LocatedShots:
+def located_shots(workspace: Workspace, locator: Geolocator, most: int) -> LocatedShots:
     """Read the shots of each scan where they are now, evenly thinned to about `most` in all."""
     paths = workspace.scan_paths()
     total = sum(scan_summary(path).count for path in paths)
@@ -139,7 +139,7 @@ def located_shots(workspace: Workspace, turn: Turning, most: int) -> LocatedShot
         known = read.time[np.isfinite(read.time)]
         if len(known):
             span = (min(span[0], known.min()), max(span[1], known.max()))
-        scan, error = turn.located(read)
+        scan, error = locator.located(read)
         for reason in KEYS:
             fewer = scan.rejected.get(reason, 0) - read.rejected.get(reason, 0)
             lost[reason] = lost.get(reason, 0) + fewer
@@ -147,7 +147,7 @@ def located_shots(workspace: Workspace, turn: Turning, most: int) -> LocatedShot
         scans.append(scan)
     first, last = (float(end) for end in span)
     known_span = (first, last) if first <= last else (np.nan, np.nan)
-    return LocatedShots(tuple(scans), count, lost, known_span, within, turn.place)
+    return LocatedShots(tuple(scans), count, lost, known_span, within, locator.place)
 
 
 def span_text(first: float, last: float) -> str:

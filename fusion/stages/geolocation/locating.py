@@ -1,4 +1,4 @@
-"""Where the returns of a workspace are: as their files say, or located again by its settings."""
+"""Geolocation of the returns of a workspace: as their files say, or as its settings do."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from fusion.workspace.settings import MapolaSettings, Settings, SpiceSettings, S
 from lidar.archive import ScanStore
 from lidar.formats.native import ScanFile, scan_summary, times_of
 from lidar.geolocation import (
+    Geolocation,
     KernelPlace,
     MirrorAngles,
     RangeShift,
-    Relocation,
-    relocated,
-    relocation,
+    find_geolocation,
+    geolocated,
     scan_trajectory,
     turn_of,
 )
@@ -28,8 +28,6 @@ from spcola.arrays import FloatArray
 from spcola.errors import InvalidValueError, SettingsError
 from spcola.navigation import Spin, Trajectory
 from spcola.spice import KernelSet, KernelUse
-
-Locator = Callable[[ScanFile], Relocation]
 
 # The rotation is compared at so many times of each scan, and so many in all, or a few more.
 _TIMES_A_SCAN, _MOST_TIMES = 5, 500
@@ -56,23 +54,16 @@ def located_store(
     KernelError
         If a kernel is missing or refused.
     """
-    change = spin_change(workspace, spin)
-    place = kernel_place(workspace, spice, change, max_gap_s=table.max_gap_s)
-    if table.trajectory == "spc" and place is not None:
-        raise SettingsError(
-            "kernels and the states of images cannot both locate returns",
-            f"{workspace.root / SETTINGS_FILE}: [mapolas] trajectory",
-            "choose reference, or empty [spice] kernels",
-        )
-    locate: Locator | None
-    if place is not None:
-        locate = partial(_by_kernels, place)
-    else:
-        images = workspace.images() if table.trajectory == "spc" else None
-        trajectory = None if images is None else Trajectory.from_images(images)
-        locate = locator(change, trajectory, table.max_gap_s)
-    if spice.range_m:
-        locate = partial(_by_ranges, spice.range_m, locate)
+    locator = geolocator(workspace, spin, spice, max_gap_s=table.max_gap_s)
+    if table.trajectory == "spc":
+        if locator.place is not None:
+            raise SettingsError(
+                "kernels and the states of images cannot both locate returns",
+                f"{workspace.root / SETTINGS_FILE}: [mapolas] trajectory",
+                "choose reference, or empty [spice] kernels",
+            )
+        locator = replace(locator, trajectory=Trajectory.from_images(workspace.images()))
+    locate = locator.of_file if locator.moves else None
     return ScanStore(workspace.scan_paths(), locate=locate, arc_s=arc_s)
 
 
@@ -172,64 +163,14 @@ def return_paths(workspace: Workspace, settings: Settings) -> list[Path]:
     return paths
 
 
-def _by_kernels(place: KernelPlace, file: ScanFile) -> Relocation:
-    """How a scan moves; one that knows no times or positions has no place."""
-    try:
-        times = [np.unique(times_of(block)) for block in file.blocks]
-        return place.relocation(file.trajectory(), _radius_of(file.summary), _known(times))
-    except InvalidValueError:
-        return Relocation(moves=True)
-
-
-def _known(times: Sequence[FloatArray]) -> FloatArray:
-    """Return the times (N,), s, that are known, sorted and single."""
-    found = np.unique(np.concatenate([np.empty(0), *times]))
-    return found[np.isfinite(found)]
-
-
-def _by_ranges(range_m: float, locate: Locator | None, file: ScanFile) -> Relocation:
-    """How a scan moves whose ranges are corrected, and which `locate` locates again."""
-    try:
-        path = file.trajectory()
-    except InvalidValueError:
-        return Relocation(moves=True)
-    move = Relocation() if locate is None else locate(file)
-    return replace(move, ranges=RangeShift(range_m, path.time, path.position))
-
-
 def _radius_of(summary: ScanSummary) -> float:
     """Largest distance of a scan's returns from the origin, metres, or somewhat more."""
     return float(np.linalg.norm(np.nan_to_num(np.abs(summary.bounds)).max(axis=0)))
 
 
-def locator(
-    spin: tuple[Spin, Spin] | None, trajectory: Trajectory | None, max_gap_s: float = np.inf
-) -> Locator | None:
-    """Return what says how a scan is located again; None where all stay where they are.
-
-    A scan that knows no times or positions, or shares no time with the trajectory, has no place.
-    """
-    if spin is None and trajectory is None:
-        return None
-
-    def locate(file: ScanFile) -> Relocation:
-        try:
-            return relocation(
-                file.trajectory(),
-                _radius_of(file.summary),
-                spin=spin,
-                trajectory=trajectory,
-                max_gap_s=max_gap_s,
-            )
-        except InvalidValueError:
-            return Relocation(moves=True)
-
-    return locate
-
-
 @dataclass(frozen=True, eq=False)
-class Turning:
-    """What brings a scan to where corrected ranges and rotation, or kernels, put it.
+class Geolocator:
+    """How the settings of a workspace locate returns, against what their files say.
 
     Parameters
     ----------
@@ -239,47 +180,86 @@ class Turning:
         The stated and the corrected rotation.
     place : KernelPlace, optional
         Where kernels put the lidar.
+    trajectory : Trajectory, optional
+        Where states of images put it, instead of kernels.
+    max_gap_s : float
+        States of images further apart, seconds, are not interpolated between.
     """
 
-    range_m: float
-    change: tuple[Spin, Spin] | None
-    place: KernelPlace | None
+    range_m: float = 0.0
+    change: tuple[Spin, Spin] | None = None
+    place: KernelPlace | None = None
+    trajectory: Trajectory | None = None
+    max_gap_s: float = np.inf
 
-    def __call__(self, scan: Scan) -> Scan:
-        """Return the scan; returns without a place are left out, and counted as rejected."""
-        return self.located(scan)[0]
+    @property
+    def moves(self) -> bool:
+        """Whether anything is located otherwise than its file says."""
+        return bool(self.range_m) or any(
+            part is not None for part in (self.change, self.place, self.trajectory)
+        )
+
+    def of_file(self, file: ScanFile) -> Geolocation:
+        """Return how the returns of a file move; no times or positions known: no place for any."""
+
+        def times() -> list[FloatArray]:
+            if self.place is None:  # the span is all that a rotation asks for
+                return [np.array(file.summary.time_span)]
+            return [np.unique(times_of(block)) for block in file.blocks]
+
+        return self._find(file.trajectory, _radius_of(file.summary), times)
 
     def located(self, scan: Scan) -> tuple[Scan, float]:
-        """Return the scan, and by how much interpolation puts its returns wrong, metres."""
-        if not len(scan):
-            return scan, 0.0
-        if self.range_m:
-            scan = _with_ranges(scan, self.range_m)
-        if self.change is None and self.place is None:
-            return scan, 0.0
-        move = self._move(scan)
-        return relocated(scan, move), move.error_m
+        """Return the scan, and by how much interpolation puts its returns wrong, metres.
 
-    def _move(self, scan: Scan) -> Relocation:
+        Returns without a place are left out, and counted as rejected.
+        """
+        if not (self.moves and len(scan)):
+            return scan, 0.0
         radius = float(np.linalg.norm(scan.points, axis=1).max(initial=0.0))
-        times = _known([scan.time])
-        if self.place is not None:
-            try:
-                return self.place.relocation(scan_trajectory(scan), radius, times)
-            except InvalidValueError:
-                return Relocation(moves=True)
-        if self.change is None or not len(times):
-            return Relocation(moves=True)
-        return turn_of((float(times[0]), float(times[-1])), radius, *self.change)
+        move = self._find(lambda: scan_trajectory(scan), radius, lambda: [scan.time])
+        return geolocated(scan, move), move.error_m
+
+    def _find(
+        self,
+        path: Callable[[], Trajectory],
+        radius: float,
+        times: Callable[[], Sequence[FloatArray]],
+    ) -> Geolocation:
+        """Return how returns within `radius`, metres, move that were located by a `path`."""
+        try:
+            if self.place is not None:
+                move = self.place.geolocation(path(), radius, _known(times()))
+            elif self.trajectory is not None:
+                move = find_geolocation(
+                    path(),
+                    radius,
+                    spin=self.change,
+                    trajectory=self.trajectory,
+                    max_gap_s=self.max_gap_s,
+                )
+            elif self.change is not None:
+                known = _known(times())
+                if not len(known):
+                    return Geolocation(moves=True)
+                move = turn_of((float(known[0]), float(known[-1])), radius, *self.change)
+            else:
+                move = Geolocation()
+            if self.range_m:
+                there = path()
+                move = replace(move, ranges=RangeShift(self.range_m, there.time, there.position))
+        except InvalidValueError:
+            return Geolocation(moves=True)
+        return move
 
 
-def turning(
+def geolocator(
     workspace: Workspace, spin: SpinSettings, spice: SpiceSettings, *, max_gap_s: float
-) -> Turning:
-    """Return what brings a scan to where corrected ranges and rotation, or kernels, put it.
+) -> Geolocator:
+    """Return how `[spin]` and `[spice]` locate returns.
 
-    Returns that have no place there are left out, and counted as rejected: so are those between
-    states of kernels further apart than `max_gap_s`, seconds.
+    States of kernels or images further apart than `max_gap_s`, seconds, are not interpolated
+    between.
 
     Raises
     ------
@@ -288,16 +268,13 @@ def turning(
     """
     change = spin_change(workspace, spin)
     place = kernel_place(workspace, spice, change, max_gap_s=max_gap_s)
-    return Turning(spice.range_m, change, place)
+    return Geolocator(spice.range_m, change, place, max_gap_s=max_gap_s)
 
 
-def _with_ranges(scan: Scan, range_m: float) -> Scan:
-    """Return a scan whose ranges are longer by `range_m`, metres."""
-    try:
-        path = scan_trajectory(scan)
-    except InvalidValueError:
-        return relocated(scan, Relocation(moves=True))
-    return relocated(scan, Relocation(ranges=RangeShift(range_m, path.time, path.position)))
+def _known(times: Sequence[FloatArray]) -> FloatArray:
+    """Return the times (N,), s, that are known, sorted and single."""
+    found = np.unique(np.concatenate([np.empty(0), *times]))
+    return found[np.isfinite(found)]
 
 
 def spin_change(workspace: Workspace, table: SpinSettings) -> tuple[Spin, Spin] | None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from fusion.pipeline import StageContext
+from fusion.stages.register.return_source import ReturnSource
 from fusion.workspace.settings import MapolaSettings
 from lidar.adjustment import (
     AdjustmentOptions,
@@ -18,9 +19,7 @@ from lidar.adjustment import (
     overlap_equations,
     unadjusted,
 )
-from lidar.archive import ScanStore
-from lidar.gridding import Gridding, GriddingOptions, grid_returns
-from lidar.scans import Returns
+from spcola.arrays import FloatArray
 from spcola.grids import MapletGrid
 
 # The overlaps are linear in displacements of a hundredth of a cell, and a step leaves a tenth of
@@ -32,28 +31,8 @@ _MAX_ROUNDS = 5
 _APART = 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class ScanSource:
-    """The returns of all scans, and how they are gridded."""
-
-    store: ScanStore
-    options: GriddingOptions
-
-    def gridded(
-        self, name: str, grid: MapletGrid, adjustment: ScanAdjustment | None
-    ) -> tuple[Gridding, Returns]:
-        """Grid what lies around `grid`, moved by the adjustment; return it with the returns."""
-        box = self.options.box(grid)
-        if adjustment is None:
-            around = self.store.returns_inside(box)
-        else:
-            wide = box.grown(adjustment.reach(box.center, box.radius))
-            around = adjustment.corrected(self.store.returns_inside(wide))
-        return grid_returns(name, grid, around, options=self.options), around
-
-
 def adjusted(
-    context: StageContext, source: ScanSource, grids: dict[str, MapletGrid]
+    context: StageContext, source: ReturnSource, grids: dict[str, MapletGrid]
 ) -> ScanAdjustment:
     """Find where the scans of a workspace lie to each other, in rounds until they stand still."""
     table = context.table(MapolaSettings)
@@ -61,7 +40,7 @@ def adjusted(
     found = unadjusted(source.store.scan_names, source.store.nodes, options)
     chosen = compared_grids(list(grids.values()))
     for _ in range(_MAX_ROUNDS):
-        compare = _Comparison(source, chosen, found)
+        compare = _Comparison(replace(source, adjustment=found), chosen, found.center)
         parts = context.map("compare scans", compare.equations, range(len(chosen)))
         found = adjust_scans(found, [part for part in parts if part is not None], options=options)
         if found.step_m <= _STILL * min(grid.gsd for grid in chosen):
@@ -98,13 +77,13 @@ def adjustment_summary(adjustment: ScanAdjustment) -> dict[str, Any]:
 class _Comparison:
     """One round: what the overlaps on each of the chosen grids say."""
 
-    source: ScanSource
+    source: ReturnSource
     grids: list[MapletGrid]
-    before: ScanAdjustment
+    center: FloatArray
 
     def equations(self, number: int) -> OverlapEquations | None:
         grid = self.grids[number]
-        gridding, returns = self.source.gridded("overlap", grid, self.before)
+        gridding, returns = self.source.gridded("overlap", grid)
         near = [
             other
             for k, other in enumerate(self.grids)
@@ -113,7 +92,7 @@ class _Comparison:
             and float(other.uz @ grid.uz) > 0.0
         ]
         share = ground_shares(grid, near, gridding.mapola.height)
-        return overlap_equations(gridding, returns, self.before.center, share=share)
+        return overlap_equations(gridding, returns, self.center, share=share)
 
 
 def compared_grids(grids: list[MapletGrid]) -> list[MapletGrid]:

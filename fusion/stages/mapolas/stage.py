@@ -12,8 +12,9 @@ import numpy as np
 from fusion.pipeline import StageContext, StageResult
 from fusion.runtime.machine import check_grid
 from fusion.stages.geolocation.located import coverage_text, span_text
-from fusion.stages.geolocation.locating import kernel_place, located_store, return_paths
-from fusion.stages.mapolas.adjusting import ScanSource, adjusted, adjustment_summary
+from fusion.stages.geolocation.locating import kernel_place, return_paths
+from fusion.stages.mapolas.adjusting import adjusted, adjustment_summary
+from fusion.stages.register.return_source import ReturnSource
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import (
     BodySettings,
@@ -25,8 +26,7 @@ from fusion.workspace.settings import (
 )
 from lidar.archive import ScanStore
 from lidar.formats.native import scan_summary, write_adjustment, write_mapolas
-from lidar.gridding import Gridding, GriddingOptions, Mapola, RejectionOptions
-from lidar.scans import Arcs
+from lidar.gridding import Gridding, Mapola
 from spcola.errors import SettingsError, WorkspaceError
 from spcola.grids import MapletGrid
 from spcola.shape import covering
@@ -34,8 +34,6 @@ from spcola.shape import covering
 COVER_HALF_SIZE = 49
 """q of a covering where the settings leave it open: 99 × 99 points, as is usual for maplets."""
 
-# The covariance of their displacements is a full matrix, 37 MB for so many.
-_MOST_ARCS = 360
 # Mapolas are small and take from nothing to a second: many may wait behind a long one.
 _AHEAD = 64
 
@@ -84,20 +82,14 @@ class MapolasStage:
         """
         workspace, table = context.workspace, context.table(MapolaSettings)
         grids = mapola_grids(workspace, context.settings)
-        options = gridding_options(table)
-        store = located_store(
-            workspace,
-            table,
-            context.table(SpinSettings),
-            context.table(SpiceSettings),
-            arc_s=arc_length(workspace, table) if table.adjust else np.inf,
-        )
-        source = ScanSource(store, options)
+        source = ReturnSource.of(context)
+        store = source.store
         adjustment = adjusted(context, source, grids) if table.adjust else None
+        source = replace(source, adjustment=adjustment)
         counts = _Counts()
 
         def one(item: tuple[str, MapletGrid]) -> Gridding:
-            return source.gridded(*item, adjustment)[0]
+            return source.gridded(*item)[0]
 
         done = context.stream("mapolas", one, grids.items(), total=len(grids), ahead=_AHEAD)
         empty = WorkspaceError(
@@ -143,20 +135,6 @@ def _advice(context: StageContext, store: ScanStore) -> str:
         f"{text}, {span_text(first, last)}, by the kernels: {coverage_text(place)}; give kernels "
         "of the scans' times, or widen [mapolas] max_gap_s"
     )
-
-
-def gridding_options(table: MapolaSettings) -> GriddingOptions:
-    """Return how returns are gridded by the settings."""
-    return GriddingOptions(rejection=RejectionOptions(cell_sigmas=table.outlier_k))
-
-
-def arc_length(workspace: Workspace, table: MapolaSettings) -> float:
-    """Return the length of arcs, seconds: longer than asked for where they would be too many."""
-    spans = [scan_summary(path).time_span for path in workspace.scan_paths()]
-    arc_s = table.adjust_arc_s
-    while sum(Arcs.of_span(span, arc_s).count for span in spans) > max(_MOST_ARCS, len(spans)):
-        arc_s *= 1.2
-    return arc_s
 
 
 def _some(mapolas: Iterator[Mapola], empty: WorkspaceError) -> Iterator[Mapola]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fusion.estimation.verdict import (
+    Cause,
     Code,
     Finding,
     Severity,
@@ -158,7 +159,8 @@ def unregistered(
                 "name": match.name,
                 "center_m": match.center,
                 "used": False,
-                "reason": match.reason or "there is no transform",
+                "reason": match.reason or Cause.NO_TRANSFORM.meaning,
+                "cause": match.cause or Cause.NO_TRANSFORM,
                 "coverage": match.coverage,
                 "correlation": match.correlation,
             }

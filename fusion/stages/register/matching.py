@@ -9,6 +9,7 @@ import numpy as np
 
 from fusion.pipeline import StageContext
 from fusion.registration.results import GivenRegistration
+from fusion.registration.returns import CloudOfReturns, FixedSurface, match_returns
 from fusion.runtime.machine import check_grid
 from fusion.scene import Reference, surface_reference
 from fusion.stages.register.return_source import ReturnSource
@@ -112,7 +113,10 @@ class Matcher:
             "lower it",
         )
         if self.source is not None:
-            return self.source.match(name, grid, self.reference(name, grid), blur, self.options)
+            around = self.source.around(grid, self.options.capture_m)
+            fixed = FixedSurface(grid, self.reference(name, grid), blur)
+            cloud = CloudOfReturns(around.points, around.sigma)
+            return match_returns(name, cloud, fixed, options=self.options)
         return match_surfaces(
             name,
             grid,

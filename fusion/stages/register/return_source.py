@@ -1,4 +1,4 @@
-"""The returns of a workspace, as registration asks for them."""
+"""The returns of a workspace: located by its settings, adjusted, around a grid or on it."""
 
 from __future__ import annotations
 
@@ -7,29 +7,44 @@ from dataclasses import dataclass
 import numpy as np
 
 from fusion.pipeline import StageContext
-from fusion.registration.returns import CloudOfReturns, FixedSurface, match_returns
 from fusion.stages.geolocation.locating import located_store
-from fusion.stages.mapolas.stage import arc_length, gridding_options
-from fusion.surfacematch import Match, MatchOptions, Surface
+from fusion.workspace import Workspace
 from fusion.workspace.settings import MapolaSettings, SpiceSettings, SpinSettings
 from lidar.adjustment import ScanAdjustment
 from lidar.archive import ScanStore
-from lidar.gridding import GriddingOptions
-from lidar.scans import Returns
+from lidar.formats.native import scan_summary
+from lidar.gridding import (
+    Gridding,
+    GriddingOptions,
+    RejectionOptions,
+    grid_returns,
+)
+from lidar.scans import Arcs, Returns
 from spcola.grids import MapletGrid
+
+# The covariance of the arcs' displacements is a full matrix, 37 MB for so many.
+_MOST_ARCS = 360
 
 
 @dataclass(frozen=True, eq=False)
 class ReturnSource:
-    """The returns of all scans, where they were when the mapolas were made of them."""
+    """The returns of all scans, and how they are gridded.
+
+    Parameters
+    ----------
+    store : ScanStore
+    options : GriddingOptions
+    adjustment : ScanAdjustment, optional
+        Displacements of the scans, which the store does not know.
+    """
 
     store: ScanStore
-    adjustment: ScanAdjustment | None
     options: GriddingOptions
+    adjustment: ScanAdjustment | None = None
 
     @classmethod
-    def of(cls, context: StageContext) -> ReturnSource:
-        """Open the returns of a workspace, located and adjusted as for its mapolas."""
+    def of(cls, context: StageContext, adjustment: ScanAdjustment | None = None) -> ReturnSource:
+        """Open the returns of a workspace, located as for its mapolas."""
         workspace, table = context.workspace, context.table(MapolaSettings)
         store = located_store(
             workspace,
@@ -38,20 +53,32 @@ class ReturnSource:
             context.table(SpiceSettings),
             arc_s=arc_length(workspace, table) if table.adjust else np.inf,
         )
-        return cls(store, workspace.adjustment(), gridding_options(table))
+        return cls(store, gridding_options(table), adjustment)
 
-    def around(self, grid: MapletGrid, margin: float) -> Returns:
+    def around(self, grid: MapletGrid, margin: float = 0.0) -> Returns:
         """Return the returns that lie on `grid` or, along its plane, within `margin` metres."""
-        box = self.options.box(grid).grown(margin)
+        box = self.options.box(grid)
+        box = box.grown(margin) if margin else box
         if self.adjustment is None:
             return self.store.returns_inside(box)
         wide = box.grown(self.adjustment.reach(box.center, box.radius))
         return self.adjustment.corrected(self.store.returns_inside(wide))
 
-    def match(
-        self, name: str, grid: MapletGrid, fixed: Surface, blur: float, options: MatchOptions
-    ) -> Match:
-        """Match the returns about `grid` to the SPC surface there."""
-        around = self.around(grid, options.capture_m)
-        cloud = CloudOfReturns(around.points, around.sigma)
-        return match_returns(name, cloud, FixedSurface(grid, fixed, blur), options=options)
+    def gridded(self, name: str, grid: MapletGrid) -> tuple[Gridding, Returns]:
+        """Grid the returns around `grid`; return the result with them."""
+        around = self.around(grid)
+        return grid_returns(name, grid, around, options=self.options), around
+
+
+def gridding_options(table: MapolaSettings) -> GriddingOptions:
+    """Return how returns are gridded by the settings."""
+    return GriddingOptions(rejection=RejectionOptions(cell_sigmas=table.outlier_k))
+
+
+def arc_length(workspace: Workspace, table: MapolaSettings) -> float:
+    """Return the length of arcs, seconds: longer than asked for where they would be too many."""
+    spans = [scan_summary(path).time_span for path in workspace.scan_paths()]
+    arc_s = table.adjust_arc_s
+    while sum(Arcs.of_span(span, arc_s).count for span in spans) > max(_MOST_ARCS, len(spans)):
+        arc_s *= 1.2
+    return arc_s

@@ -199,7 +199,7 @@ class _Pass:
         """What one surface says about each scan that crosses it."""
         name, grid = item
         fixed = FixedSurface(grid, self.of.reference(name, grid), self.of.blur_cells)
-        around = self.of.source.around(grid, 0.0)
+        around = self.of.source.around(grid)
         counts = np.bincount(around.scan, minlength=len(around.scan_names))
         found: dict[str, SurfaceSays] = {}
         for scan in np.flatnonzero(counts >= _FEWEST).tolist():

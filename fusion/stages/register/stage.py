@@ -111,7 +111,9 @@ class RegisterStage:
         """
         workspace, table = context.workspace, context.table(RegisterSettings)
         given = _given(workspace, table)
-        source = ReturnSource.of(context) if table.by == "returns" and given is None else None
+        source = None
+        if table.by == "returns" and given is None:
+            source = ReturnSource.of(context, workspace.adjustment())
         matched = match_mapolas(context, given, source)
         try:
             content = _registered(context, matched, given, source)

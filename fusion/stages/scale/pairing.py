@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.sparse import csr_array
 
+from fusion.estimation.verdict import Cause
 from fusion.pipeline import StageContext
 from fusion.runtime.machine import check_grid
 from fusion.scaling.geometry import (
@@ -29,12 +30,12 @@ from fusion.scaling.pairs import (
     sharpened,
 )
 from fusion.scene import maplets_around
-from fusion.stages.geolocation.locating import turning
+from fusion.stages.geolocation.locating import geolocator
 from fusion.surfacematch import MatchOptions
 from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
 from fusion.workspace.settings import ScaleSettings, SpiceSettings, SpinSettings
 from lidar.formats.native import iter_scan, scan_summary
-from lidar.geolocation import reproject, scan_trajectory
+from lidar.geolocation import geolocated_by
 from lidar.scans import Returns, Scan, join
 from spcola.arrays import FloatArray
 from spcola.bigmap import make_bigmap
@@ -106,7 +107,7 @@ def pair_images(context: StageContext, caster: RayCaster, radius: float) -> Pair
     first = [item for group in groups_made for item in group.items]
     seen = {item.frame.image if isinstance(item, Pair) else item.image for item in first}
     left_out += [
-        LeftOut(frame.image, "no scan was taken with the image")
+        LeftOut(frame.image, Cause.NO_DATA, "no scan was taken with the image")
         for frame in frames
         if frame.image not in seen
     ]
@@ -204,7 +205,7 @@ class _PairMaker:
         self._workspace, self._options, self._frames = workspace, options, frames
         self._grids = solution.grids
         self._table = context.table(ScaleSettings)
-        self._turn = turning(
+        self._locator = geolocator(
             workspace,
             context.table(SpinSettings),
             context.table(SpiceSettings),
@@ -228,16 +229,17 @@ class _PairMaker:
         """Read and locate one scan, and pair the images that were taken with it."""
         path, frames = item
         read = join(path.stem, list(iter_scan(path)))
-        scan, within = self._turn.located(read)
+        scan, within = self._locator.located(read)
         offset = None
         if self._table.trajectory == "spc":
             gap = self._table.max_gap_s
             try:
-                offset = self._trajectory.offset_from(scan_trajectory(scan), max_gap_s=gap)
+                scan, offset = geolocated_by(scan, self._trajectory, max_gap_s=gap)
             except InvalidValueError as error:
-                none: list[Pair | LeftOut] = [LeftOut(frame.image, str(error)) for frame in frames]
+                none: list[Pair | LeftOut] = [
+                    LeftOut(frame.image, Cause.OUTSIDE_STATES, str(error)) for frame in frames
+                ]
                 return _PairsOfScan(path.stem, none, within, len(read))
-            scan = reproject(scan, self._trajectory, max_gap_s=gap)
             within = max(within, offset.widest(gap))
         items = [self._pair(frame, scan, offset) for frame in frames]
         return _PairsOfScan(path.stem, items, within, len(read) - len(scan))
@@ -252,7 +254,8 @@ class _PairMaker:
         chosen = scan.select(inside & (np.abs(scan.time - frame.time) < self._table.max_gap_s))
         chosen = chosen.select(np.all(np.isfinite(chosen.spacecraft), axis=1))
         if not len(chosen):
-            return LeftOut(frame.image, "no return of that time and a known station lies there")
+            none = "no return of that time and a known station lies there"
+            return LeftOut(frame.image, Cause.NO_DATA, none)
         frame = seen_from(frame, np.mean(chosen.spacecraft, axis=0))
         place = {name: number for number, name in enumerate(self._grids)}
         maplets = np.zeros(len(place))

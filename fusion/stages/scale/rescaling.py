@@ -31,15 +31,8 @@ from spcola.control import (
 )
 from spcola.errors import NotObservableError, WorkspaceError
 from spcola.formats.maplets import read_map, read_sigma, sigma_path, write_maplet
-from spcola.formats.shapes import (
-    read_icq,
-    read_obj,
-    read_ply_mesh,
-    recognise_shape,
-    write_icq,
-    write_obj,
-    write_ply_mesh,
-)
+from spcola.formats.shapes import read_icq, read_obj, recognise_shape, write_icq, write_obj
+from spcola.formats.shapes.ply import read_ply_mesh, write_ply_mesh
 from spcola.formats.solution import (
     read_landmark,
     read_nominal,

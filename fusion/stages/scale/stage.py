@@ -53,7 +53,7 @@ from fusion.scaling.shots import (
     settle_shots,
 )
 from fusion.stages.geolocation.located import LocatedShots, located_shots
-from fusion.stages.geolocation.locating import kernel_paths, turning
+from fusion.stages.geolocation.locating import geolocator, kernel_paths
 from fusion.stages.ingest.sources import check_doubles, whole_scans
 from fusion.stages.scale.pairing import (
     Pairing,
@@ -70,7 +70,7 @@ from fusion.workspace.settings import (
     SpinSettings,
     Table,
 )
-from lidar.geolocation import reproject, scan_trajectory
+from lidar.geolocation import geolocated_by
 from lidar.scans import Scan, join
 from spcola.arrays import FloatArray
 from spcola.errors import InvalidValueError, NotObservableError
@@ -169,18 +169,18 @@ def _shots(
 ) -> tuple[dict[str, Any], list[Finding]]:
     """Single shots of all scans against the shape."""
     workspace, table = context.workspace, context.table(ScaleSettings)
-    turn = turning(
+    locator = geolocator(
         workspace,
         context.table(SpinSettings),
         context.table(SpiceSettings),
         max_gap_s=table.max_gap_s,
     )
-    taken = located_shots(workspace, turn, table.max_shots)
+    taken = located_shots(workspace, locator, table.max_shots)
     located = table.trajectory if workspace.image_names() else "reference"
     spots = SpotOptions(table.footprint_mrad / 1e3, table.pointing_sigma_mrad / 1e3)
     placed: list[_PlacedScan] = [(scan, None) for scan in taken.scans]
     if located == "spc":
-        taken, placed = _relocated_scans(taken, workspace, table.max_gap_s)
+        taken, placed = _located_by_states(taken, workspace, table.max_gap_s)
 
     def one(placed: _PlacedScan, known: KnownPlace) -> ShotComparison:
         scan, shares = placed
@@ -214,7 +214,7 @@ def _shots(
     if located != table.trajectory:
         content["reasons"].append(
             "trajectory: there are no images with SPC states, so the shots are located by "
-            f"{'the kernels of [spice]' if turn.place else 'their own reference trajectory'}: "
+            f"{'the kernels of [spice]' if locator.place else 'their own reference trajectory'}: "
             "epsilon is that of the shape alone"
         )
     at_place = [
@@ -231,7 +231,7 @@ def _shots(
         "missed": compared.missed,
         **taken.as_json(),
     }
-    if turn.place is not None or located == "spc":
+    if locator.place is not None or located == "spc":
         content["located_within_m"] = taken.within_m
     content["per_shot"] = per_shot(compared, estimate)
     findings = scale_findings(compared.observations, estimate, options)
@@ -239,12 +239,12 @@ def _shots(
     return content, [*findings, *at_place, *taken.findings()]
 
 
-def _relocated_scans(
+def _located_by_states(
     taken: LocatedShots, workspace: Workspace, max_gap_s: float
 ) -> tuple[LocatedShots, list[_PlacedScan]]:
     """Shots located by the SPC states of images, with what the states' errors do to them."""
     states = Trajectory.from_images(workspace.images())
-    moved = [_relocated(scan, states, max_gap_s) for scan in taken.scans]
+    moved = [_by_states(scan, states, max_gap_s) for scan in taken.scans]
     widest = max((within for _, _, within in moved), default=0.0)
     placed: list[_PlacedScan] = [(scan, shares) for scan, shares, _ in moved]
     return taken.moved(tuple(scan for scan, _ in placed), widest), placed
@@ -272,17 +272,16 @@ def _unobserved(kind: str, located: str, reason: str) -> tuple[dict[str, Any], l
     return unobserved_json(kind, located, reason), unobserved_findings(reason)
 
 
-def _relocated(scan: Scan, states: Trajectory, max_gap_s: float) -> tuple[Scan, FloatArray, float]:
+def _by_states(scan: Scan, states: Trajectory, max_gap_s: float) -> tuple[Scan, FloatArray, float]:
     """Locate shots by SPC states, and tell on which of these (N, S) each leans.
 
     No shot is left where no state falls into the scan. The last is one standard deviation of what
     is interpolated between states, where they lie furthest apart, metres.
     """
     try:
-        offset = states.offset_from(scan_trajectory(scan), max_gap_s=max_gap_s)
+        again, offset = geolocated_by(scan, states, max_gap_s=max_gap_s)
     except InvalidValueError:
         return scan.select(np.zeros(len(scan), dtype=bool)), np.zeros((0, len(states))), 0.0
-    again = reproject(scan, states, max_gap_s=max_gap_s)
     shares = state_shares(states, offset, again.time).toarray()
     return again, shares, offset.widest(max_gap_s)
 

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, ndimage
 
-from fusion.surfacematch.resolution.resolution import trend_of
 from spcola.arrays import (
     BoolArray,
     FloatArray,
@@ -24,7 +23,7 @@ from spcola.arrays import (
     frozen,
 )
 from spcola.errors import InvalidValueError
-from spcola.grids import carried_on, closable, closed
+from spcola.grids.gaps import closable, trend_of
 from spcola.grids.statistics import autocovariance
 from spcola.math.robust import mad
 
@@ -154,25 +153,10 @@ def estimate_spectrum(residuals: Iterable[FloatArray]) -> NoiseSpectrum | None:
     return NoiseSpectrum(mean[0][held], mean[1][held] / mean[1].max())
 
 
-def bridged(height: FloatArray) -> FloatArray:
-    """Heights (R, C), metres, with gaps closed by what is around: smoothly where they are narrow.
-
-    A wide gap, or one that is open to the edge, goes on as the surface's paraboloid does: what is
-    level there has a kink that a filter carries far. 0 everywhere if nothing is known.
-    """
-    known = np.isfinite(height)
-    if known.all():
-        return height
-    if not known.any():
-        return np.zeros(height.shape)
-    trend = trend_of(height)
-    return carried_on(closed(height - trend)) + trend
-
-
 def supported(known: BoolArray) -> BoolArray:
     """Where (R, C) a filtered value rests on points that are known, beyond a few around it.
 
-    What narrow gaps lack is told by the points around them, as :func:`bridged` closes them.
+    :func:`spcola.grids.bridged` closes narrow gaps by the points around them.
     """
     share = ndimage.gaussian_filter(closable(known).astype(np.float64), _SUPPORT, mode="constant")
     enough: BoolArray = known & (share > _KNOWN)

@@ -106,18 +106,28 @@ def _refusal(problem: ErrorDetails, where: str | Path) -> SettingsError:
     location = [str(part)[:_NAME_LENGTH] for part in problem["loc"]]
     place = f"{where}: [{location[0]}]" + "".join(f" {part}" for part in location[1:])
     if problem["type"] != "extra_forbidden":
-        text = problem["msg"].removeprefix("Input ").removeprefix("String ")
-        text = "should be a table" if problem["type"] == "model_type" else text
-        # An error that concerns several keys is not clearer with the whole table printed.
-        given = (
-            "" if isinstance(problem["input"], dict) else f", not {_SHORT.repr(problem['input'])}"
-        )
-        return SettingsError(f"{text}{given}", place)
+        return SettingsError(complaint(problem), place)
     if len(location) == 1:
         known = ", ".join(f"[{name}]" for name in table_models())
         return SettingsError("is an unknown table", place, f"known are {known}")
     names = ", ".join(table_models()[location[0]].model_fields)
     return SettingsError("is an unknown key", place, f"known are {names}")
+
+
+def complaint(problem: ErrorDetails) -> str:
+    """Return what pydantic found wrong with a value, in one clause."""
+    known = {
+        "missing": "is missing",
+        "unexpected_keyword_argument": "is an unknown entry",
+        "model_type": "should be a table",
+        "dataclass_type": "should be a table",
+    }
+    if problem["type"] in known:
+        return known[problem["type"]]
+    text = problem["msg"].removeprefix("Input ").removeprefix("String ")
+    # What is wrong between the keys of a table is not said better by all of them.
+    given = problem["input"]
+    return text if isinstance(given, dict) else f"{text}, not {_SHORT.repr(given)}"
 
 
 def table_models() -> dict[str, type[Table]]:

@@ -17,7 +17,7 @@ from lidar.formats.tables.rows import RowLayout, read_rows
 from lidar.scans import Scan
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError
-from spcola.formats.shapes import PlyElement, PlyHeader, parse_header
+from spcola.formats.shapes.ply import PlyElement, PlyHeader, parse_header
 
 _HEAD_BYTES = 65536
 _POINT = ("x", "y", "z")

@@ -10,12 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lidar.formats.clouds.las import (
-    ADJUSTED_EPOCH_ET_S,
-    FLAG,
-    RANGE,
-    SPACECRAFT,
-)
+from lidar.formats.clouds.las import ADJUSTED_EPOCH_ET_S, FLAG, RANGE, SPACECRAFT
 from lidar.scans import Scan
 from spcola.arrays import FloatArray
 from spcola.atomic import replacing

@@ -289,37 +289,3 @@ def _inverse_root(matrix: FloatArray) -> FloatArray:
     inverse = linalg.solve_triangular(lower, np.eye(len(lower)), lower=True)
     root: FloatArray = unit[:, None] * inverse.T
     return root
-
-
-def strongest(patterns: FloatArray, *, least: float) -> tuple[FloatArray, FloatArray]:
-    """Patterns (N, 3, K) that displace the N places by `least` metres at least, and the rest.
-
-    Parameters
-    ----------
-    patterns : (N, 3, M) ndarray
-        Of standard deviation 1 each, metres.
-    least : float
-        Root of the sum of squares over all places, metres.
-
-    Returns
-    -------
-    kept : (N, 3, K) ndarray
-        The same errors in patterns that have nothing to do with one another, strongest first.
-    rest : (N, 3, 3) ndarray
-        Covariance of each place by what is not kept, square metres.
-    """
-    count = len(patterns)
-    # Spelled out: NumPy cannot tell the length of an axis from an array of size 0.
-    flat = patterns.reshape(3 * count, patterns.shape[2])
-    if not flat.size:
-        return np.zeros((count, 3, 0)), np.zeros((count, 3, 3))
-    short = flat.shape[0] < flat.shape[1]
-    square, directions = linalg.eigh(flat @ flat.T if short else flat.T @ flat)
-    chosen = np.flatnonzero(square > least**2)[::-1]
-    if short:
-        kept = directions[:, chosen] * np.sqrt(square[chosen])
-    else:
-        kept = flat @ directions[:, chosen]
-    kept = kept.reshape(count, 3, len(chosen))
-    whole = np.einsum("nim,njm->nij", patterns, patterns)
-    return kept, whole - np.einsum("nik,njk->nij", kept, kept)

@@ -8,7 +8,7 @@ from typing import Literal
 from spcola.errors import FormatError
 from spcola.formats.shapes.icq import read_icq
 from spcola.formats.shapes.obj import FacesFrom, Unit, read_obj
-from spcola.formats.shapes.ply import read_ply_mesh
+from spcola.formats.shapes.ply.mesh import read_ply_mesh
 from spcola.formats.text.fortran import is_number
 from spcola.formats.text.source import read_bytes
 from spcola.shape import Mesh

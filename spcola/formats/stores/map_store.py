@@ -22,12 +22,10 @@ import numpy as np
 from spcola.arrays import AnyArray
 from spcola.atomic import flush, replacing, write_error
 from spcola.errors import FormatError, InvalidValueError, WorkspaceError
-from spcola.formats.maplets.map import (
-    map_content,
-    map_length,
-    sigma_content,
-    sigma_path,
-)
+from spcola.formats.maplets import sigma_path
+from spcola.formats.maplets.map import map_content
+from spcola.formats.maplets.map_header import map_length
+from spcola.formats.maplets.sigma import sigma_content
 from spcola.formats.stores.hdf5 import (
     new_hdf5,
     read_layer,

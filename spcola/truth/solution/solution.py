@@ -8,7 +8,8 @@ import numpy as np
 
 from spcola.arrays import FloatArray
 from spcola.errors import SettingsError
-from spcola.grids import Maplet, MapletGrid, carried_on
+from spcola.grids import Maplet, MapletGrid
+from spcola.grids.gaps import carried_on
 from spcola.math import Similarity, lattice
 from spcola.shape.icq import IcqShape, distinct_vertices, icq_directions
 from spcola.truth.body.body import TruthBody

@@ -151,6 +151,8 @@ def test_kinds_that_contradict_are_not_used_and_one_kind_is_enough():
     reasons = [match.reason for match in found.rows.matches]
     assert "topography and images differ by" in reasons[0]
     assert reasons == [reasons[0], "", reasons[0], "no image shows it"]
+    causes = [match.cause for match in found.rows.matches]
+    assert causes[:3] == ["types-disagree", None, "types-disagree"]
     assert np.isnan(found.chi2[1])
 
 

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from spcola.errors import FormatError, InvalidValueError
 from spcola.formats.images import read_image_data, write_image_data
-from spcola.formats.images.dat import recognise_byte_order
 from spcola.formats.solution import read_list, write_list
 
 
@@ -30,7 +29,6 @@ def test_the_byte_order_of_16_bit_data_is_recognised(tmp_path, order, peak):
     pixels = scene(np.uint16, peak)
     path = tmp_path / "A.DAT"
     path.write_bytes(pixels.astype(f"{order}u2").tobytes())
-    assert recognise_byte_order(path, 60, 40) == order
     back = read_image_data(path, 60, 40)
     assert back.dtype == np.uint16
     np.testing.assert_array_equal(back, pixels)
@@ -51,7 +49,8 @@ def test_the_order_is_that_in_which_neighbours_differ_less_than_half_as_much(see
         path = Path(folder) / "A.DAT"
         path.write_bytes(content)
         right = "<" if differences("<") < 0.5 * differences(">") else ">"
-        assert recognise_byte_order(path, cols, rows) == right
+        there = np.frombuffer(content, f"{right}u2").reshape(rows, cols)
+        np.testing.assert_array_equal(read_image_data(path, cols, rows), there)
 
 
 def test_most_significant_first_where_nothing_tells(tmp_path):
@@ -66,7 +65,6 @@ def test_8_bit_data(tmp_path):
     write_image_data(tmp_path / "A.DAT", pixels)
     assert (tmp_path / "A.DAT").read_bytes() == pixels.tobytes()
     np.testing.assert_array_equal(read_image_data(tmp_path / "A.DAT", 60, 40), pixels)
-    assert recognise_byte_order(tmp_path / "A.DAT", 60, 40) == ">"
 
 
 @pytest.mark.parametrize("length", [0, 1, 11, 13, 23, 25])

@@ -13,15 +13,14 @@ from spcola.errors import FormatError, InvalidValueError
 from spcola.formats.shapes import (
     read_icq,
     read_obj,
-    read_ply_mesh,
     read_shape,
     recognise_shape,
     write_icq,
     write_obj,
-    write_ply_mesh,
 )
 from spcola.formats.shapes.obj import divided
-from spcola.formats.shapes.ply import read_ply
+from spcola.formats.shapes.ply import read_ply_mesh, write_ply_mesh
+from spcola.formats.shapes.ply.mesh import read_ply
 from spcola.shape import Mesh
 from spcola.shape.icq import IcqShape, icq_directions
 

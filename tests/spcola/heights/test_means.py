@@ -9,14 +9,14 @@ from spcola.errors import InvalidValueError, SettingsError
 from spcola.heights import (
     HeightProblem,
     MeanConstraints,
-    PosteriorOptions,
     SolverOptions,
     posterior_sigma,
-    relax,
     solve_heights,
 )
 from spcola.heights.components import find_components
 from spcola.heights.graph import normal_matrix
+from spcola.heights.posterior import PosteriorOptions
+from spcola.heights.relaxation import relax
 
 EXACT = SolverOptions(tolerance_m=1e-10)
 

@@ -5,14 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spcola.heights import (
-    HeightProblem,
-    SolverOptions,
-    relax,
-    slopes_of,
-    solve_heights,
-    steps_from_slopes,
-)
+from spcola.heights import HeightProblem, SolverOptions, slopes_of, solve_heights, steps_from_slopes
+from spcola.heights.relaxation import relax
 
 
 def slopes_problem(size, gsd, rng):

@@ -17,7 +17,6 @@ from spcola.heights import (
     HeightSystem,
     SolverOptions,
     solve_heights,
-    solve_many,
 )
 from spcola.heights.aggregation import AggregationCycle
 from spcola.heights.components import find_components
@@ -614,12 +613,6 @@ def test_single_precision_data_stay_so_and_solve_alike():
         solve_heights(problem, options=EXACT).height,
         atol=1e-4,
     )
-
-
-def test_many_maplets_are_solved_as_each_alone():
-    problems = [random_problem(np.random.default_rng(k), (30, 30), sparse=0.1) for k in range(6)]
-    for one, alone in zip(solve_many(problems, workers=3), problems, strict=True):
-        np.testing.assert_array_equal(one.height, solve_heights(alone).height)
 
 
 def test_threads_do_not_disturb_each_other():
