@@ -124,9 +124,7 @@ class Pipeline:
         stage = next((stage for stage in self.stages if stage.name == name), None)
         if stage is None:
             names = ", ".join(stage.name for stage in self.stages)
-            raise WorkspaceError(
-                f"no stage is called {name!r}", self.workspace.root, f"use {names}"
-            )
+            raise WorkspaceError(f"there is no stage {name!r}", self.workspace.root, f"use {names}")
         with opened(self.workspace) as catalog:
             for earlier in self.stages[: self.stages.index(stage)]:
                 if self._is_stale(earlier, catalog):

@@ -1,4 +1,4 @@
-"""Stages run from Python, as the commands run them."""
+"""Run stages from Python, as the commands do."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def import_scans(
     WorkspaceError
         If two files would get one name, or a file cannot be read.
     FormatError
-        If a file does not hold what its format promises.
+        If a file does not have the content of its format.
     """
     chosen, workers = settings or workspace.settings(), executor or ThreadExecutor()
     shown = progress or Progress("silent")

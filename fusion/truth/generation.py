@@ -77,9 +77,9 @@ def building(
     ----------
     root : Path
         Created if missing.
-        settings : MissionSettings
-        fingerprint : str
-            Of the body. Files of a mission of the same settings, body and version are kept.
+    settings : MissionSettings
+    fingerprint : str
+        Of the body. Files of a mission of the same settings, body and version are kept.
     replace : bool
         Whether a mission of other settings may be removed.
 

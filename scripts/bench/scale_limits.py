@@ -158,7 +158,7 @@ class Case:
         )
 
     def longer(self, observations: ScaleObservations) -> FloatArray:
-        """Return the displacement (N, 3) of observations by planted range errors of days, metres."""
+        """Return the displacement (N, 3) of observations by range errors of days, metres."""
         shares = np.array([self.planted.scans[name].range_scale for name in observations.scan])
         longer: FloatArray = (shares * observations.range)[:, None] * observations.beam
         return longer

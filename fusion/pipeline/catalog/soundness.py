@@ -348,7 +348,7 @@ def unsound(workspace: Workspace, catalog: Catalog) -> tuple[Unsound, ...]:
 
 
 def _is_outlier(entry: Mapping[str, Any]) -> bool:
-    """Whether a mapola was matched, but left out; older files have no code."""
+    """Return whether a mapola was matched, but left out; older files have no code."""
     if "cause" in entry:
         return entry["cause"] == Cause.OUTLIER
     return entry.get("reason") == DISAGREES

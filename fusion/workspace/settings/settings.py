@@ -115,7 +115,7 @@ def _refusal(problem: ErrorDetails, where: str | Path) -> SettingsError:
 
 
 def complaint(problem: ErrorDetails) -> str:
-    """Return what pydantic found wrong with a value, in one clause."""
+    """Return pydantic's error about a value as one clause."""
     known = {
         "missing": "is missing",
         "unexpected_keyword_argument": "is an unknown entry",
@@ -125,7 +125,7 @@ def complaint(problem: ErrorDetails) -> str:
     if problem["type"] in known:
         return known[problem["type"]]
     text = problem["msg"].removeprefix("Input ").removeprefix("String ")
-    # What is wrong between the keys of a table is not said better by all of them.
+    # An error that concerns several keys is not clearer with the whole table printed.
     given = problem["input"]
     return text if isinstance(given, dict) else f"{text}, not {_SHORT.repr(given)}"
 
