@@ -12,14 +12,14 @@ from fusion.cli.output import (
     JsonOption,
     LimitMbOption,
     LimitSOption,
-    leave_to_child,
+    run_in_child,
     show,
 )
 from fusion.cli.stages import (
     ClusterOption,
     WorkersOption,
-    as_workers_see,
     executor,
+    shared_path,
 )
 
 if TYPE_CHECKING:
@@ -77,15 +77,14 @@ def import_(
     from fusion.workspace import Workspace
 
     if isolate:
-        leave_to_child(workspace, limit_mb, limit_s)
+        run_in_child(workspace, limit_mb, limit_s)
     if name and len(files) > 1:
         raise typer.BadParameter("names one file only", param_hint="--name")
-    there = Workspace.open(as_workers_see(workspace, cluster))
+    there = Workspace.open(shared_path(workspace, cluster))
     settings = there.settings()
     wanted = _columns(columns or [])
     sources = [
-        Source(as_workers_see(file, cluster), name, format, wanted, unit, gps_time)
-        for file in files
+        Source(shared_path(file, cluster), name, format, wanted, unit, gps_time) for file in files
     ]
     workforce, progress = executor(workers, cluster), Progress.fitting(silent=as_json)
     done = import_scans(there, sources, settings=settings, executor=workforce, progress=progress)

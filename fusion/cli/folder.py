@@ -12,7 +12,7 @@ from fusion.cli.output import (
     JsonOption,
     LimitMbOption,
     LimitSOption,
-    leave_to_child,
+    run_in_child,
     show,
     value_lines,
 )
@@ -57,7 +57,7 @@ def init(
     from fusion.workspace import SETTINGS_FILE, new_workspace
 
     if isolate:
-        leave_to_child(workspace, limit_mb, limit_s)
+        run_in_child(workspace, limit_mb, limit_s)
     if spc is not None and shape is not None:
         raise typer.BadParameter("give --spc or --shape, not both", param_hint="--shape")
     made = new_workspace(
@@ -98,7 +98,7 @@ def info(
     from fusion.workspace import Workspace
 
     if isolate:
-        leave_to_child(path, limit_mb, limit_s)
+        run_in_child(path, limit_mb, limit_s)
     if path.is_dir():
         opened = Workspace.open(path)
         content = describe_workspace(opened)

@@ -49,7 +49,7 @@ LimitSOption = Annotated[
 ]
 
 
-def leave_to_child(folder: Path, limit_mb: int, limit_s: float) -> None:
+def run_in_child(folder: Path, limit_mb: int, limit_s: float) -> None:
     """Run this command again in a separate process, and end with its exit code.
 
     Raises
@@ -74,7 +74,7 @@ def show(content: Mapping[str, Any], lines: Iterable[str], *, as_json: bool) -> 
     Raises
     ------
     SpcolaError
-        If standard output cannot be written (a full disk, say).
+        If standard output cannot be written, as on a full disk.
     """
     # The command has imported these by now.
     from fusion.runtime import json_text

@@ -60,7 +60,7 @@ def _line_of(error: Exception) -> str:
 
 
 def _print(line: str, error: BaseException | None = None) -> None:
-    """Print one line to standard error; before it the traceback, if the user asked for it."""
+    """Print one line to standard error, after the traceback if the user set the variable."""
     if error is not None and os.environ.get(DEBUG_VARIABLE, "") not in ("", "0"):
         typer.echo("".join(traceback.format_exception(error)), err=True, nl=False)
     typer.echo(line, err=True)

@@ -49,7 +49,7 @@ AcceptOption = Annotated[
 
 
 @dataclass(frozen=True)
-class How:
+class RunOptions:
     """Options that all commands of stages share."""
 
     force: bool
@@ -86,7 +86,10 @@ def mapolas(
     """
     changed = {"source": source, "gsd_m": gsd}
     _run(
-        workspace, ("mapolas",), ("mapolas", changed), How(force, workers, cluster, accept, as_json)
+        workspace,
+        ("mapolas",),
+        ("mapolas", changed),
+        RunOptions(force, workers, cluster, accept, as_json),
     )
 
 
@@ -146,7 +149,7 @@ def register(
         workspace,
         ("register",),
         ("register", changed),
-        How(force, workers, cluster, accept, as_json),
+        RunOptions(force, workers, cluster, accept, as_json),
     )
 
 
@@ -162,7 +165,7 @@ def fuse(
 
     Slopes are integrated with the registered lidar heights as constraints. Results are in fused/.
     """
-    _run(workspace, ("fuse",), ("fuse", {}), How(force, workers, cluster, accept, as_json))
+    _run(workspace, ("fuse",), ("fuse", {}), RunOptions(force, workers, cluster, accept, as_json))
 
 
 def bigmap(
@@ -177,7 +180,9 @@ def bigmap(
 
     One bigmap of each at every site of [bigmap] sites in spcola.toml; by default the two poles.
     """
-    _run(workspace, ("bigmap",), ("bigmap", {}), How(force, workers, cluster, accept, as_json))
+    _run(
+        workspace, ("bigmap",), ("bigmap", {}), RunOptions(force, workers, cluster, accept, as_json)
+    )
 
 
 def scale(
@@ -215,7 +220,7 @@ def scale(
     """
     if destination is not None and not apply:
         raise typer.BadParameter("is given without --apply", param_hint="DEST")
-    how = How(force, workers, cluster, accept, as_json)
+    how = RunOptions(force, workers, cluster, accept, as_json)
     if apply:
         _scale_and_apply(workspace, destination, method, how)
     else:
@@ -223,7 +228,7 @@ def scale(
 
 
 def _scale_and_apply(
-    workspace: Path, destination: Path | None, method: str | None, how: How
+    workspace: Path, destination: Path | None, method: str | None, how: RunOptions
 ) -> None:
     """Bring the scale up to date, and write the copy."""
     from fusion.stages.scale import apply_scale
@@ -257,7 +262,7 @@ def release(
         workspace,
         ("release", "report"),
         ("release", {}),
-        How(force, workers, cluster, accept, as_json),
+        RunOptions(force, workers, cluster, accept, as_json),
     )
 
 
@@ -274,7 +279,7 @@ def run(
     An interrupted run resumes; after a change of settings or files, the stages that depend on it
     run again.
     """
-    pipeline = _pipeline(workspace, ("", {}), How(force, workers, cluster, accept, as_json))
+    pipeline = _pipeline(workspace, ("", {}), RunOptions(force, workers, cluster, accept, as_json))
     runs = pipeline.run(force=force)
     lines = [line for one in runs for line in run_lines(one)]
     show(_together(pipeline, runs), lines, as_json=as_json)
@@ -285,7 +290,7 @@ def _run(
     workspace: Path,
     stages: tuple[str, ...],
     change: tuple[str, dict[str, Any]],
-    how: How,
+    how: RunOptions,
 ) -> None:
     """Run stages with some settings of one table changed (None: not changed), and print."""
     pipeline = _pipeline(workspace, change, how)
@@ -334,12 +339,12 @@ def executor(workers: int | None, cluster: str) -> Executor:
     return ClusterExecutor(cluster)
 
 
-def as_workers_see(path: Path, cluster: str) -> Path:
+def shared_path(path: Path, cluster: str) -> Path:
     """Return a path that is valid for the workers of a cluster in their folder too."""
     return path.absolute() if cluster else path
 
 
-def _pipeline(workspace: Path, change: tuple[str, dict[str, Any]], how: How) -> Pipeline:
+def _pipeline(workspace: Path, change: tuple[str, dict[str, Any]], how: RunOptions) -> Pipeline:
     """Return all stages over a workspace, with some settings of one table changed."""
     # Imported here and not above, so that --help is fast.
     from fusion.pipeline import Pipeline
@@ -348,7 +353,7 @@ def _pipeline(workspace: Path, change: tuple[str, dict[str, Any]], how: How) -> 
     from fusion.workspace import Workspace
 
     table, changed = change
-    opened = Workspace.open(as_workers_see(workspace, how.cluster))
+    opened = Workspace.open(shared_path(workspace, how.cluster))
     settings = opened.settings()
     given = {key: value for key, value in changed.items() if value is not None}
     settings = _changed(settings, table, given)

@@ -14,9 +14,9 @@ if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
 def main() -> None:
     """Run the command line; the entry point of the installation."""
     if "SPCOLA_LIMITS" in os.environ:
-        from fusion.runtime.processes import keep_limits
+        from fusion.runtime.processes import apply_limits
 
-        keep_limits()
+        apply_limits()
     from fusion.cli.app import main as program
 
     program()

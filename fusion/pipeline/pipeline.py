@@ -31,7 +31,7 @@ from fusion.pipeline.stage import (
 )
 from fusion.runtime import Executor, Progress, ThreadExecutor, plain
 from fusion.runtime.machine import one_blas_thread
-from fusion.runtime.processes import clear_leftovers, heed_interrupts, locked, remove_folder
+from fusion.runtime.processes import check_interrupts, clear_leftovers, locked, remove_folder
 from fusion.workspace import OWN_FOLDERS, Workspace, make_folder
 from fusion.workspace.settings import Settings
 from spcola.errors import SpcolaError, WorkspaceError
@@ -104,7 +104,7 @@ class Pipeline:
         """
         with opened(self.workspace) as catalog:
             fit = self._without_unsound(catalog)
-            runs = [fit._bring_up(stage, catalog, force) for stage in self.stages]
+            runs = [fit._update(stage, catalog, force) for stage in self.stages]
         if all(run.state == "cannot run" for run in runs):
             reason = runs[0].reason if runs else "there is no stage"
             raise WorkspaceError(f"nothing can run: {reason}", self.workspace.root)
@@ -131,7 +131,7 @@ class Pipeline:
                     self.progress.note(
                         f"note: {earlier.name} is out of date; spcola run brings all up to date"
                     )
-            run = self._without_unsound(catalog)._bring_up(stage, catalog, force)
+            run = self._without_unsound(catalog)._update(stage, catalog, force)
         if run.state == "cannot run":
             raise WorkspaceError(f"{name} cannot run: {run.reason}", self.workspace.root)
         return run
@@ -139,7 +139,7 @@ class Pipeline:
     def states(self) -> dict[str, str]:
         """Return for each stage "up to date", "due", or "cannot run: …"."""
         # Without the lock: a workspace can be read while another program works in it.
-        with closing(Catalog(self.workspace, looking=True)) as catalog:
+        with closing(Catalog(self.workspace, read_only=True)) as catalog:
             return {stage.name: self._state(stage, catalog) for stage in self.stages}
 
     def _state(self, stage: Stage, catalog: Catalog) -> str:
@@ -156,13 +156,13 @@ class Pipeline:
             return f"cannot run: {error}"
         return f"due: {changed.text}" if changed else "due"
 
-    def _bring_up(self, stage: Stage, catalog: Catalog, force: bool) -> StageRun:
+    def _update(self, stage: Stage, catalog: Catalog, force: bool) -> StageRun:
         """Run `stage` unless it is up to date or lacks its inputs."""
-        heed_interrupts()
+        check_interrupts()
         changes = Changes(self.stages, catalog)
         missing = stage.missing(self.workspace, self.settings)
         if missing:
-            return self._cannot(stage, missing, changes)
+            return self._without_inputs(stage, missing, changes)
         if found := self._obstacle(stage, catalog):
             return StageRun(stage.name, "cannot run", reason=found)
         begun = time.monotonic()
@@ -233,7 +233,7 @@ class Pipeline:
             return ()
         return unsound(replace(self.workspace, left_out=frozenset()), catalog)
 
-    def _cannot(self, stage: Stage, missing: str, changes: Changes) -> StageRun:
+    def _without_inputs(self, stage: Stage, missing: str, changes: Changes) -> StageRun:
         """Return the outcome of a stage without its inputs.
 
         If its earlier results are gone, stages that depend on them must not pass as up to date.

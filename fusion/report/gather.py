@@ -112,7 +112,7 @@ def _places(workspace: Workspace, registration: dict[str, Any] | None) -> tuple[
     transform = None if registration is None else transform_of(registration, where)
     kept: list[Surfaces] = []
     for name in names[:: max(1, len(names) // _LOOKED_AT)]:
-        # Only the best so far stay in memory.
+        # Only the best so far are kept in memory.
         kept = choose_places([*kept, _surfaces(workspace, read_fused(folder, name), transform)])
     return tuple(kept)
 

@@ -23,7 +23,7 @@ from distributed.scheduler import KilledWorker
 
 from fusion.runtime.executor import AHEAD
 from fusion.runtime.machine.threads import one_blas_thread
-from fusion.runtime.processes.interrupt import heed_interrupts
+from fusion.runtime.processes.interrupt import check_interrupts
 from spcola.errors import SettingsError, SpcolaError
 
 Item = TypeVar("Item")
@@ -146,7 +146,7 @@ class ClusterExecutor:
                 with self._loss_reported():
                     oldest.future = sent.submit_again(oldest.item)
         waiting.popleft()
-        heed_interrupts()
+        check_interrupts()
         return result
 
     def _wait(self, future: Any) -> None:
@@ -157,7 +157,7 @@ class ClusterExecutor:
                 future.exception(timeout=_LOOK_S)
             except TimeoutError:
                 alone = None if self._check_alive() else alone or time.monotonic()
-            heed_interrupts()
+            check_interrupts()
             if alone is not None and time.monotonic() - alone > _ANSWER_S:
                 raise self._deserted()
 

@@ -10,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Protocol, TypeVar
 
 from fusion.runtime.machine.threads import one_blas_thread
-from fusion.runtime.processes.interrupt import heed_interrupts
+from fusion.runtime.processes.interrupt import check_interrupts
 from spcola.errors import SettingsError
 
 Item = TypeVar("Item")
@@ -103,7 +103,7 @@ class ThreadExecutor:
 def _taken(waiting: deque[Future[Result]]) -> Result:
     """Return the oldest result, unless Ctrl-C came before it."""
     result = waiting.popleft().result()
-    heed_interrupts()
+    check_interrupts()
     return result
 
 

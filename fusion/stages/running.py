@@ -51,7 +51,7 @@ def import_scans(
     sources = [file if isinstance(file, Source) else Source(Path(file)) for file in files]
     with opened(workspace) as catalog:
         done = import_files(workspace, chosen, sources, Workers(workers, shown, catalog.digesting))
-        catalog.rewritten(STAGE.name, [workspace.scan_path(one.scan.name) for one in done])
+        catalog.update_digests(STAGE.name, [workspace.scan_path(one.scan.name) for one in done])
     Pipeline(workspace, chosen, [STAGE], workers, shown).run_stage(STAGE.name)
     return done
 

@@ -78,7 +78,7 @@ def demonstrate(
     wanted = settings or MissionSettings.mini()
     planted = _planted(mission, wanted, progress)
     if planted is None:
-        # Results of another mission (of an earlier version, say) do not belong to this one.
+        # Results of another mission, as of an earlier version, do not belong to this one.
         # A workspace without a mission next to it was not made by a demo.
         if (folder / WORKSPACE_FOLDER).exists() and not (mission / TRUTH_FILE).exists():
             raise WorkspaceError("holds other things than a demo", folder, "choose an empty folder")

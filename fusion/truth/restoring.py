@@ -20,7 +20,7 @@ Kind = TypeVar("Kind")
 def restored(kind: type[Kind], values: Any, where: str = "settings") -> Kind:
     """Return the dataclass `kind` from what :func:`dataclasses.asdict` and JSON made of it.
 
-    Lists become tuples and inner tables dataclasses, as the annotations say. The dataclasses check
+    Lists become tuples and inner tables dataclasses, by the annotations. The dataclasses check
     their values themselves.
 
     Parameters

@@ -305,7 +305,7 @@ class Workspace:
         return path
 
     def read_json(self, name: str) -> dict[str, Any]:
-        """Read the file `name`; null stays None.
+        """Read the file `name`; null becomes None.
 
         Raises
         ------

@@ -50,7 +50,7 @@ class Catalog:
     Parameters
     ----------
     workspace : Workspace
-    looking : bool
+    read_only : bool
         Whether the workspace is only read: if it cannot be written, results are kept in memory or
         not at all.
 
@@ -60,7 +60,7 @@ class Catalog:
         Messages on what was damaged and repaired.
     """
 
-    def __init__(self, workspace: Workspace, *, looking: bool = False) -> None:
+    def __init__(self, workspace: Workspace, *, read_only: bool = False) -> None:
         self.workspace = workspace
         self.path = workspace.root / CATALOG_FILE
         self.rebuilt = False
@@ -68,10 +68,10 @@ class Catalog:
         try:
             self._connect()
         except sqlite3.DatabaseError as error:
-            if looking and not _can_write(self.path):
+            if read_only and not _can_write(self.path):
                 self._connect(":memory:")
                 return
-            self._mend(error)
+            self._repair(error)
 
     def close(self) -> None:
         """Close the data base."""
@@ -125,7 +125,7 @@ class Catalog:
                     yield digest
                     continue
                 computed = next(fresh)
-                made.append(_sealed(self.workspace.relative(path), *state, computed))
+                made.append(_with_checksum(self.workspace.relative(path), *state, computed))
                 yield computed
 
         try:
@@ -141,13 +141,13 @@ class Catalog:
         """Return the stored digest of a file that is unchanged, or None."""
         name = self.workspace.relative(path)
         row = self._row("SELECT * FROM file WHERE path = ?", name)
-        if row is None or row != _sealed(*row[:-1]):
+        if row is None or row != _with_checksum(*row[:-1]):
             return None
         return str(row[-2]) if tuple(row[:-2]) == (name, *state) else None
 
     def record(self, stage: str) -> StageRecord | None:
         """Return how `stage` last ran; None if it never ran, or its record is lost or damaged."""
-        return read_record(self.workspace, stage) or self._kept(stage)
+        return read_record(self.workspace, stage) or self._stored_record(stage)
 
     def restore(self) -> None:
         """Write lost or damaged records again, from the copies in the data base."""
@@ -156,7 +156,7 @@ class Catalog:
         for stage in sorted(there | set(self._names())):
             if read_record(self.workspace, stage) is not None:
                 continue
-            kept, path = self._kept(stage), record_path(self.workspace, stage)
+            kept, path = self._stored_record(stage), record_path(self.workspace, stage)
             state = "was damaged" if stage in there else "was gone"
             if kept is not None:
                 write_record(self.workspace, kept)
@@ -169,21 +169,21 @@ class Catalog:
         write_record(self.workspace, record)
         self._index(record)
 
-    def rewritten(self, stage: str, paths: Sequence[Path]) -> None:
+    def update_digests(self, stage: str, paths: Sequence[Path]) -> None:
         """Update the digests of rewritten files in the record of `stage`, if it has one."""
         record = self.record(stage)
         if record is not None:
             self.store(replace(record, outputs={**record.outputs, **self.digests(paths)}))
 
-    def remembered(self, name: str, key: str, make: Callable[[], Any]) -> Any:
+    def cached(self, name: str, key: str, make: Callable[[], Any]) -> Any:
         """Return what `make` gives, in JSON types: the stored value if it has this `key`."""
         row = self._row("SELECT * FROM kept WHERE name = ?", name)
-        if row is not None and row == _sealed(*row[:-1]) and row[1] == key:
+        if row is not None and row == _with_checksum(*row[:-1]) and row[1] == key:
             return json.loads(row[2])
         value = make()
         with self._caching() as base:
             rows = "INSERT OR REPLACE INTO kept VALUES (?, ?, ?, ?)"
-            base.execute(rows, _sealed(name, key, json.dumps(value)))
+            base.execute(rows, _with_checksum(name, key, json.dumps(value)))
         return value
 
     def _names(self) -> list[str]:
@@ -198,10 +198,10 @@ class Catalog:
         row = self._row("SELECT COUNT(*) FROM stage")
         return 0 if row is None else int(row[0])
 
-    def _kept(self, stage: str) -> StageRecord | None:
-        """Return the copy of a record, or None if there is none or it is damaged."""
+    def _stored_record(self, stage: str) -> StageRecord | None:
+        """Return the copy of a record; None if there is none, or it is damaged."""
         row = self._row("SELECT * FROM stage WHERE name = ?", stage)
-        if row is None or row != _sealed(*row[:-1]):
+        if row is None or row != _with_checksum(*row[:-1]):
             return None
         try:
             return StageRecord.from_dict(json.loads(row[2]))
@@ -213,7 +213,7 @@ class Catalog:
         try:
             row: tuple[Any, ...] | None = self._base.execute(query, values).fetchone()
         except sqlite3.Error as error:
-            self._mend(error)
+            self._repair(error)
             return None
         return row
 
@@ -223,7 +223,7 @@ class Catalog:
             base.execute("DELETE FROM artefact WHERE stage = ?", (record.stage,))
             base.execute(
                 "INSERT OR REPLACE INTO stage VALUES (?, ?, ?, ?)",
-                _sealed(record.stage, record.key, json.dumps(record.as_dict())),
+                _with_checksum(record.stage, record.key, json.dumps(record.as_dict())),
             )
             base.executemany(
                 "INSERT INTO input VALUES (?, ?, ?)",
@@ -257,7 +257,7 @@ class Catalog:
                 self._index(record)
                 self.rebuilt = True
 
-    def _mend(self, error: sqlite3.Error) -> None:
+    def _repair(self, error: sqlite3.Error) -> None:
         """Replace a damaged data base by one made from the records.
 
         Raises
@@ -294,7 +294,7 @@ class Catalog:
             with self._base:
                 yield self._base
         except sqlite3.Error as error:
-            self._mend(error)
+            self._repair(error)
 
     @contextmanager
     def _caching(self) -> Iterator[sqlite3.Connection]:
@@ -312,7 +312,7 @@ class Catalog:
         )
 
 
-def _sealed(*fields: Any) -> tuple[Any, ...]:
+def _with_checksum(*fields: Any) -> tuple[Any, ...]:
     """Return the fields of a row followed by their checksum."""
     text = "\0".join(str(field) for field in fields)
     return (*fields, hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest())

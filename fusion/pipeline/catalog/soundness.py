@@ -344,7 +344,7 @@ def unsound(workspace: Workspace, catalog: Catalog) -> tuple[Unsound, ...]:
     def found() -> list[list[str]]:
         return [[one.name, one.why] for one in unsound_maplets(workspace)]
 
-    return tuple(Unsound(name, why) for name, why in catalog.remembered("unsound", key, found))
+    return tuple(Unsound(name, why) for name, why in catalog.cached("unsound", key, found))
 
 
 def _is_outlier(entry: Mapping[str, Any]) -> bool:

@@ -50,7 +50,7 @@ def remembering_interrupts() -> Iterator[None]:
         _interrupted.clear()
 
 
-def heed_interrupts() -> None:
+def check_interrupts() -> None:
     """Raise an interrupt that a library dropped.
 
     Raises

@@ -103,7 +103,7 @@ def isolated(arguments: Sequence[str], limits: Limits, *folder: Path) -> int:
             errors.close()
 
 
-def keep_limits() -> None:
+def apply_limits() -> None:
     """Set the limits of this process, a child of :func:`isolated`; none in any other process.
 
     The child sets them itself, first of all: code between fork and exec is not safe in a parent

@@ -45,7 +45,7 @@ def clear_leftovers(folders: Iterable[Path]) -> None:
                 left.unlink(missing_ok=True)
 
 
-def clear_made_by_dead(folder: Path) -> None:
+def clear_abandoned_folders(folder: Path) -> None:
     """Remove the hidden folders ``.NAME.PID`` next to `folder` whose process has ended."""
     for left in folder.parent.glob(f".{folder.name}.*"):
         number = left.suffix[1:]

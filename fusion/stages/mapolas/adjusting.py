@@ -24,7 +24,7 @@ from spcola.grids import MapletGrid
 
 # Step, in cells, below which the adjustment has converged: overlaps are linear for displacements
 # of a hundredth of a cell, and a step leaves a tenth of itself.
-_STILL = 0.003
+_CONVERGED_CELLS = 0.003
 _MAX_ROUNDS = 5
 # Overlaps are compared on grids whose centres lie this many sides apart: comparing the same
 # surface twice adds nothing.
@@ -43,7 +43,7 @@ def adjusted(
         compare = _Comparison(replace(source, adjustment=found), chosen, found.center)
         parts = context.map("compare scans", compare.equations, range(len(chosen)))
         found = adjust_scans(found, [part for part in parts if part is not None], options=options)
-        if found.step_m <= _STILL * min(grid.gsd for grid in chosen):
+        if found.step_m <= _CONVERGED_CELLS * min(grid.gsd for grid in chosen):
             break
     return found
 

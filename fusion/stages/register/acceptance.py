@@ -108,7 +108,7 @@ def _stated_sigma(sigma: FloatArray, surface: Surface) -> float:
     return float(np.median(np.sqrt(sigma[known] ** 2 + surface.variance[known])))
 
 
-def elsewhere(context: StageContext) -> tuple[dict[str, Any], tuple[Finding, ...]]:
+def other_frames(context: StageContext) -> tuple[dict[str, Any], tuple[Finding, ...]]:
     """Search for another frame in which the lidar fits: ``frame_search`` of the JSON, and a note.
 
     Nothing is found without returns in the workspace, or on a body without relief.

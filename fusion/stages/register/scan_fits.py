@@ -75,7 +75,7 @@ class ScanFit:
     def stepped(
         self, parts: list[SurfaceSays], names: tuple[str, ...], maplet_sigma_m: float
     ) -> ScanFit:
-        """Return the fit after one Gauss–Newton step by what the surfaces say.
+        """Return the fit after one Gauss–Newton step with the equations of the surfaces.
 
         `maplet_sigma_m` is the error of a maplet's centre, each axis.
         """
@@ -196,7 +196,7 @@ class _Pass:
     fits: Mapping[str, ScanFit]
 
     def on_surface(self, item: tuple[str, MapletGrid]) -> dict[str, SurfaceSays]:
-        """What one surface says about each scan that crosses it."""
+        """Return the normal equations of one surface for each scan that crosses it."""
         name, grid = item
         fixed = FixedSurface(grid, self.of.reference(name, grid), self.of.blur_cells)
         around = self.of.source.around(grid)

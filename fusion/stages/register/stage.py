@@ -34,8 +34,8 @@ from fusion.registration.results import (
 from fusion.scene import surface_reference
 from fusion.stages.geolocation.locating import return_paths
 from fusion.stages.register.acceptance import (
-    elsewhere,
     evidence_of,
+    other_frames,
     unregistered,
     with_verdict,
 )
@@ -118,7 +118,7 @@ class RegisterStage:
         try:
             content = _registered(context, matched, given, source)
             if given is None and table.by == "topography":
-                matched, content, given = _untwisted(context, matched, content)
+                matched, content, given = _rematched(context, matched, content)
         except NotObservableError as error:
             content, verdict = unregistered(error, matched.matches, table)
         else:
@@ -129,7 +129,7 @@ class RegisterStage:
         for key, curve in (("noise_spectrum", matched.spectrum), ("transfer", matched.transfer)):
             content[key] = None if curve is None else curve.as_json()
         if verdict.judgement != "accepted":
-            content["frame_search"], found = elsewhere(context)
+            content["frame_search"], found = other_frames(context)
             verdict = Verdict((*verdict.findings, *found))
         content = with_verdict(content, verdict)
         path = context.write_json(workspace.registration_path.name, content)
@@ -140,10 +140,10 @@ STAGE = RegisterStage()
 
 # Rotation of a mapola's edge in cells above which it is matched again from the rotated place, and
 # below which the iteration has converged.
-_TWIST_CELLS, _TWIST_LEFT_CELLS = 0.1, 0.01
+_ROTATED_CELLS, _CONVERGED_CELLS = 0.1, 0.01
 # Rotations decrease at least by this factor from fit to fit if lidar and SPC show the same surface.
 _SLOWEST = 0.7
-_MOST_TURNS = 8
+_MOST_FITS = 8
 
 _LONG = frozenset(
     {
@@ -184,7 +184,7 @@ def _registered(
     return _by_topography(context, matched, source)
 
 
-def _untwisted(
+def _rematched(
     context: StageContext, matched: Matched, content: dict[str, Any]
 ) -> tuple[Matched, dict[str, Any], GivenRegistration | None]:
     """Match and fit again from the rotated mapolas, until the rotation no longer changes.
@@ -205,10 +205,10 @@ def _untwisted(
     reach = max(grid.half_size for grid in grids.values())
     before: FloatArray = np.eye(3)
     last = np.inf
-    for _ in range(_MOST_TURNS):
+    for _ in range(_MOST_FITS):
         turned = transform_of(content, "registration").nearest_similarity().rotation
         angle = float(np.linalg.norm(Rotation.from_matrix(turned @ before.T).as_rotvec()))
-        if angle * reach < (_TWIST_CELLS if given is None else _TWIST_LEFT_CELLS):
+        if angle * reach < (_ROTATED_CELLS if given is None else _CONVERGED_CELLS):
             return matched, content, given
         if angle > _SLOWEST * last:
             break

@@ -261,11 +261,11 @@ class _PairMaker:
         maplets = np.zeros(len(place))
         shares = maplet_shares(frame.grid, spc.height, around)
         maplets[[place[maplet.name] for maplet in around]] = shares
-        states, leaning = self._leaning(spc, chosen, offset)
-        sources = Sources(scan.name, states, leaning, maplets)
+        states, response = self._state_response(spc, chosen, offset)
+        sources = Sources(scan.name, states, response, maplets)
         return make_pair(frame, spc, Returns.of_scans([chosen]), sources, self._options)
 
-    def _leaning(
+    def _state_response(
         self, spc: Maplet, scan: Scan, offset: Offset | None
     ) -> tuple[FloatArray, FloatArray]:
         """Return the share (S,) of each state (or scan) in the returns, and the match's response.
@@ -278,11 +278,11 @@ class _PairMaker:
         # The returns of a scan depend on few of hundreds of states: a dense array of millions of
         # returns by all states would take gigabytes.
         shares = state_shares(self._trajectory, offset, scan.time)
-        felt = np.unique(shares.indices)
-        cells = cell_means(spc.grid, scan.points, shares[:, felt].toarray())
-        leaning = np.zeros((shares.shape[1], 3, 3))
-        leaning[felt] = match_response(spc.grid, spc.height, spc.sigma**2, cells)
-        return np.asarray(shares.mean(axis=0)), leaning
+        used = np.unique(shares.indices)
+        cells = cell_means(spc.grid, scan.points, shares[:, used].toarray())
+        response = np.zeros((shares.shape[1], 3, 3))
+        response[used] = match_response(spc.grid, spc.height, spc.sigma**2, cells)
+        return np.asarray(shares.mean(axis=0)), response
 
 
 def state_shares(states: Trajectory, offset: Offset, times: FloatArray) -> csr_array:

@@ -11,7 +11,7 @@ from typing import Any
 
 from fusion.estimation.verdict import Code, Verdict
 from fusion.runtime import Progress, json_text
-from fusion.runtime.processes import clear_made_by_dead
+from fusion.runtime.processes import clear_abandoned_folders
 from fusion.workspace import (
     OWN_FOLDERS,
     SETTINGS_FILE,
@@ -164,7 +164,7 @@ def apply_scale(
     if folder.exists() or folder.is_symlink():
         raise WorkspaceError("is there already", folder, "name a folder that does not exist")
     make_folder(folder.parent)
-    clear_made_by_dead(folder)
+    clear_abandoned_folders(folder)
     making = folder.with_name(f".{folder.name}.{os.getpid()}")
     try:
         made = _written(workspace, making, 1.0 + epsilon, progress)
