@@ -80,7 +80,7 @@ def mapolas(
     accept: AcceptOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Grid the returns into mapolas.
+    """Grid lidar returns into mapolas: maplets of lidar heights.
 
     Each cell gets the median of slope-corrected heights, their count, spread and sigma.
     """
@@ -132,7 +132,7 @@ def register(
     accept: AcceptOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Register the mapolas to the SPC surface.
+    """Register mapolas to the SPC surface.
 
     Each mapola is matched in three components, and one transform is fitted to all of them. The
     transform in registration.json maps lidar to SPC coordinates; its `inverse` maps SPC to lidar.

@@ -10,9 +10,8 @@ import numpy as np
 
 from fusion.runtime import ThreadExecutor, usable_cores
 from fusion.runtime.machine import PROGRAM_BYTES
-from fusion.stages.geolocation import located_store
+from fusion.stages.geolocation import ReturnSource, gridding_options, located_store
 from fusion.stages.mapolas import STAGE, compared_grids, mapola_grids
-from fusion.stages.register import ReturnSource, gridding_options
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
 from spcola.arrays import IntArray

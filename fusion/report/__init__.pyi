@@ -4,8 +4,8 @@ from .page import make_report as make_report
 from .recovered import Recovered as Recovered
 from .style import INK as INK
 from .style import MUTED as MUTED
-from .style import data_uri as data_uri
 from .style import drawing as drawing
+from .style import html_figure as html_figure
 from .surfaces import hillshade as hillshade
 from .tables import number as number
 from .tables import planted_table as planted_table

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from html import escape
 from importlib.resources import files
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fusion.report.data import ReportData, Surfaces
 from fusion.report.maps import coverage_figure, registration_figure
 from fusion.report.scale import scale_figure
-from fusion.report.style import data_uri
+from fusion.report.style import html_figure
 from fusion.report.surfaces import surfaces_figure
 from fusion.report.tables import (
     checks_table,
@@ -23,7 +23,7 @@ from fusion.report.tables import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 _SECTIONS = (
     ("planted", "Planted and recovered"),
@@ -78,7 +78,7 @@ def _surfaces(place: Surfaces) -> str:
         "columns along Uy, metres from the centre; N is the direction of the body's north."
     )
     why = f": {escape(place.why)}" if place.why else ""
-    figure = _figure(surfaces_figure(place), caption, f"surfaces of {fused.name}", "png")
+    figure = html_figure(surfaces_figure(place), caption, f"surfaces of {fused.name}", "png")
     return f"<h3>{escape(fused.name)}{why}</h3>{figure}"
 
 
@@ -92,7 +92,7 @@ def _coverage(data: ReportData) -> str:
         f"Centres of {len(data.coverage.centers)} maplets, coloured by the share of their points "
         f"with a lidar height{mean}. Planetocentric coordinates."
     )
-    return _figure(coverage_figure(data.coverage), caption, "coverage of the body")
+    return html_figure(coverage_figure(data.coverage), caption, "coverage of the body")
 
 
 def _registration(data: ReportData) -> str:
@@ -109,7 +109,7 @@ def _registration(data: ReportData) -> str:
         "along the body-fixed axes; dashed: one standard deviation of those used; the outermost "
         "bins include all beyond."
     )
-    figure = _figure(registration_figure(data.registration), caption, "registration residuals")
+    figure = html_figure(registration_figure(data.registration), caption, "registration residuals")
     return (
         intro
         + registration_tables(data.registration)
@@ -134,17 +134,10 @@ def _scale(data: ReportData) -> str:
         "day would indicate errors of lighting or pointing, a wave once around an offset of the "
         "centre."
     )
-    figure = _figure(scale_figure(data.scale), caption, "scale by day, local time and longitude")
-    return intro + scale_tables(data.scale) + figure
-
-
-def _figure(
-    figure: Figure, caption: str, alternative: str, kind: Literal["png", "svg"] = "svg"
-) -> str:
-    return (
-        f'<figure><img alt="{escape(alternative)}" src="{data_uri(figure, kind)}">'
-        f"<figcaption>{caption}</figcaption></figure>"
+    figure = html_figure(
+        scale_figure(data.scale), caption, "scale by day, local time and longitude"
     )
+    return intro + scale_tables(data.scale) + figure
 
 
 def _missing(text: str) -> str:

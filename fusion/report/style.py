@@ -6,6 +6,7 @@ import base64
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager
+from html import escape
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
@@ -61,3 +62,13 @@ def data_uri(figure: Figure, kind: Literal["png", "svg"] = "svg", *, dpi: int = 
             figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
     mime = "image/svg+xml" if kind == "svg" else "image/png"
     return f"data:{mime};base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
+
+
+def html_figure(
+    figure: Figure, caption: str, alternative: str, kind: Literal["png", "svg"] = "svg"
+) -> str:
+    """Return the element of a page that shows a figure above its caption (HTML)."""
+    return (
+        f'<figure><img alt="{escape(alternative)}" src="{data_uri(figure, kind)}">'
+        f"<figcaption>{caption}</figcaption></figure>"
+    )

@@ -33,8 +33,8 @@ from scipy.stats import binned_statistic_2d
 from truth import timed
 
 from fusion.runtime import Progress, ThreadExecutor
+from fusion.stages.geolocation import ReturnSource, gridding_options
 from fusion.stages.mapolas import mapola_grids
-from fusion.stages.register import ReturnSource, gridding_options
 from fusion.truth.generation import Site
 from fusion.truth.presets import MissionSettings
 from fusion.truth.scans import day_biases, plan_observations, write_observations

@@ -22,8 +22,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fusion.registration.fit import FitOptions, Registration, similarity_numbers
-from fusion.registration.observations import LandmarkErrors, fit_mapolas
+from fusion.registration.fit import FitOptions, LandmarkErrors, Registration, similarity_numbers
+from fusion.registration.observations import fit_mapolas
 from fusion.registration.results import MatchedMapolas, ScanEffects, share_matrix
 from fusion.runtime import ThreadExecutor, usable_cores
 from fusion.scene import Reference, surface_reference

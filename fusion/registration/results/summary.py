@@ -12,10 +12,10 @@ from fusion.estimation import influence
 from fusion.estimation.verdict import Cause
 from fusion.registration.fit.fit import LIDAR_FRAME, SPC_FRAME, Registration
 from fusion.registration.fit.known import KnownTransform
+from fusion.registration.fit.landmarks import LandmarkErrors
 from fusion.registration.fit.reasons import registration_reasons
 from fusion.registration.fit.significance import departures_json
 from fusion.registration.fit.stability import stability_json
-from fusion.registration.observations.landmarks import LandmarkErrors
 from fusion.registration.results.scans import ScanEffects
 from fusion.surfacematch import Match
 from spcola.arrays import BoolArray, FloatArray

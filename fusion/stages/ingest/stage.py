@@ -29,8 +29,9 @@ from fusion.stages.ingest.sources import (
 )
 from fusion.workspace import Workspace
 from fusion.workspace.settings import BodySettings, ImportSettings, Settings, Table
-from lidar.formats import LidarOptions, open_lidar, recognise
+from lidar.formats import open_lidar, recognise
 from lidar.formats.native import write_scan
+from lidar.formats.records import LidarOptions
 from lidar.scans import ScanSummary
 from spcola.errors import WorkspaceError
 from spcola.navigation import utc_from_et

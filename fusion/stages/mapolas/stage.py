@@ -13,8 +13,8 @@ from fusion.pipeline import StageContext, StageResult
 from fusion.runtime.machine import check_grid
 from fusion.stages.geolocation.located import coverage_text, span_text
 from fusion.stages.geolocation.locating import kernel_place, return_paths
+from fusion.stages.geolocation.return_source import ReturnSource
 from fusion.stages.mapolas.adjusting import adjusted, adjustment_summary
-from fusion.stages.register.return_source import ReturnSource
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import (
     BodySettings,
@@ -201,7 +201,7 @@ class _Counts:
             if not mapola.valid.any() or mapola.coverage < table.min_coverage:
                 continue
             self.used += report.used
-            self.rejected += report.stray + report.outlying
+            self.rejected += report.isolated + report.outlying
             self.not_settled += not report.converged
             self.coverage += mapola.coverage
             yield mapola

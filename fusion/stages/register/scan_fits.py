@@ -26,8 +26,8 @@ from fusion.registration.returns import (
     modelled_covariance,
     surface_equations,
 )
+from fusion.stages.geolocation.return_source import ReturnSource
 from fusion.stages.mapolas.adjusting import compared_grids
-from fusion.stages.register.return_source import ReturnSource
 from fusion.surfacematch import Surface
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError

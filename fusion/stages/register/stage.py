@@ -11,15 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from fusion.estimation.verdict import Verdict
 from fusion.pipeline import StageContext, StageResult
-from fusion.registration.fit import FitOptions
+from fusion.registration.fit import FitOptions, LandmarkErrors
 from fusion.registration.judging import Limits, judge_registration
-from fusion.registration.observations import (
-    Kind,
-    LandmarkErrors,
-    fit_mapolas,
-    kinds_json,
-    register_kinds,
-)
+from fusion.registration.observations import Kind, fit_mapolas, kinds_json, register_kinds
 from fusion.registration.results import (
     GivenRegistration,
     MatchedMapolas,
@@ -33,6 +27,7 @@ from fusion.registration.results import (
 )
 from fusion.scene import surface_reference
 from fusion.stages.geolocation.locating import return_paths
+from fusion.stages.geolocation.return_source import ReturnSource
 from fusion.stages.register.acceptance import (
     evidence_of,
     other_frames,
@@ -41,7 +36,6 @@ from fusion.stages.register.acceptance import (
 )
 from fusion.stages.register.imaging import imaged_mapolas, landmark_files
 from fusion.stages.register.matching import Matched, check_usable, match_mapolas
-from fusion.stages.register.return_source import ReturnSource
 from fusion.stages.register.scan_fits import ScanRegistration
 from fusion.surfacematch import Match
 from fusion.workspace import SETTINGS_FILE, Workspace

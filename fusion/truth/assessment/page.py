@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fusion.products import versions
-from fusion.report import data_uri, number, planted_table, table
+from fusion.report import html_figure, number, planted_table, table
 from fusion.truth.assessment.assessment import Assessment
 from fusion.truth.assessment.definitions import definitions
 from fusion.truth.assessment.figures import (
@@ -27,7 +27,7 @@ from fusion.truth.assessment.summary import formu_ratio
 from spcola import atomic
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 
 def write_page(path: Path, found: Assessment) -> None:
@@ -74,14 +74,14 @@ def _overview(found: Assessment) -> str:
     scores = found.models
     parts = [
         _distances_table(found),
-        _figure(distances_figure(scores, formu), _DISTANCES, "3D rms of the models"),
+        html_figure(distances_figure(scores, formu), _DISTANCES, "3D rms of the models"),
         _regions_table(scores),
-        _figure(regions_figure(scores), _REGIONS, "errors by region"),
+        html_figure(regions_figure(scores), _REGIONS, "errors by region"),
     ]
     calibration = calibration_figure(scores)
     if calibration is not None:
-        parts.append(_figure(calibration, _CALIBRATION, "calibration of the stated sigmas"))
-    parts.append(_figure(resolution_figure(scores), _RESOLUTION, "resolution"))
+        parts.append(html_figure(calibration, _CALIBRATION, "calibration of the stated sigmas"))
+    parts.append(html_figure(resolution_figure(scores), _RESOLUTION, "resolution"))
     return "".join(parts)
 
 
@@ -178,8 +178,10 @@ def _model(score: ModelScore, place: int) -> str:
         "at 45°, and their difference. Rows run along −Ux, columns along Uy, metres from the "
         "centre."
     )
-    errors = _figure(errors_figure(score.errors, colour(place)), caption, "height errors", "png")
-    examples = _figure(examples_figure(score.examples), shown, "examples", "png")
+    errors = html_figure(
+        errors_figure(score.errors, colour(place)), caption, "height errors", "png"
+    )
+    examples = html_figure(examples_figure(score.examples), shown, "examples", "png")
     return note + table(head, rows, caption="Errors by region") + errors + examples
 
 
@@ -194,12 +196,3 @@ def _definitions(found: Assessment) -> str:
 def _metres(value: float) -> str:
     """Return a length to a millimetre."""
     return number(value, 0.01)
-
-
-def _figure(
-    figure: Figure, caption: str, alternative: str, kind: Literal["png", "svg"] = "svg"
-) -> str:
-    return (
-        f'<figure><img alt="{escape(alternative)}" src="{data_uri(figure, kind)}">'
-        f"<figcaption>{caption}</figcaption></figure>"
-    )

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from fusion.truth.assessment.surface import TruthSurface
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.math.robust import MAD_TO_SIGMA, huber_weight
-from spcola.truth.body import Nearest
+from spcola.truth.body import SurfacePoints
 
 # Directions in which the mean square of the residuals hardly changes (relative to the mean of
 # all six) are not observable, such as the rotation of a sphere.
@@ -170,7 +170,7 @@ class _Fit:
         rms = float(np.sqrt(np.mean(weight * near.distance**2)))
         return float(norm(change[:3]) + norm(change[3:])), rms
 
-    def _design(self, here: FloatArray, near: Nearest) -> FloatArray:
+    def _design(self, here: FloatArray, near: SurfacePoints) -> FloatArray:
         """Return the partials (N, 6) of the distances by translation and rotation, in metres."""
         design = np.zeros((len(here), 6))
         design[:, :3] = near.normals
@@ -193,7 +193,7 @@ class _Fit:
             len(self.points), iterations, converged, why,
         )  # fmt: skip
 
-    def _covariance(self, here: FloatArray, near: Nearest) -> tuple[FloatArray, str]:
+    def _covariance(self, here: FloatArray, near: SurfacePoints) -> tuple[FloatArray, str]:
         """Return the covariance, by cells, and which parameters are not observable."""
         design = self._design(here, near)
         inverse, free = _pseudo_inverse(design.T @ design)

@@ -6,7 +6,7 @@ from typing import Protocol
 
 from spcola.arrays import AnyArray, FloatArray
 from spcola.grids import MapletGrid
-from spcola.truth.body import Nearest
+from spcola.truth.body import SurfacePoints
 
 
 class TruthSurface(Protocol):
@@ -15,7 +15,7 @@ class TruthSurface(Protocol):
     def radius(self, directions: FloatArray) -> FloatArray:
         """Return the radius (N,), metres, in `directions` (N, 3)."""
 
-    def nearest(self, points: FloatArray) -> Nearest:
+    def nearest(self, points: FloatArray) -> SurfacePoints:
         """Return the points of the surface that are nearest to `points` (N, 3), metres."""
 
     def heights(self, grid: MapletGrid) -> FloatArray:

@@ -5,13 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fusion.registration.fit import FitOptions
-from fusion.registration.observations import (
-    ImagedMapolas,
-    LandmarkErrors,
-    fit_mapolas,
-    place_mapolas,
-)
+from fusion.registration.fit import FitOptions, LandmarkErrors
+from fusion.registration.observations import ImagedMapolas, fit_mapolas, place_mapolas
 from fusion.registration.observations.combine import KindSizes, both_kinds
 from fusion.registration.results import MatchedMapolas, ScanEffects
 from fusion.surfacematch import Match

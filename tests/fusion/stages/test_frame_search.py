@@ -24,10 +24,10 @@ from fusion.truth import make_mission
 from fusion.truth.generation import LIDAR_FOLDER, SPC_FOLDER
 from fusion.truth.presets import MissionSettings
 from fusion.workspace import Workspace, new_workspace
-from lidar.formats import LidarOptions
 from lidar.formats.missions import write_ola
 from lidar.formats.missions.ola import read_ola
 from lidar.formats.native import write_scan
+from lidar.formats.records import LidarOptions
 from lidar.scans import Scan
 from spcola.arrays import FloatArray
 from spcola.formats.maplets import write_maplet

@@ -8,7 +8,7 @@ import pytest
 from spcola.grids import MapletGrid
 from spcola.truth.body import BOULDER, CRATER, SMOOTH, BodySettings, TruthBody
 from spcola.truth.body.relief import PowerLaw
-from spcola.truth.sampled.hits import BodyHits
+from spcola.truth.body.surface_points import SurfacePoints
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def test_normals_agree_with_planes_through_the_surface(body: TruthBody) -> None:
 def test_first_hits_are_complete(body: TruthBody) -> None:
     d = _directions(100)
     hits = body.first_hits(300.0 * d, np.vstack([-d[:90], d[90:]]))
-    assert isinstance(hits, BodyHits)
+    assert isinstance(hits, SurfacePoints)
     assert np.isfinite(hits.distance[:90]).all()
     assert np.isnan(hits.distance[90:]).all()
     assert np.isnan(hits.normals[90:]).all()

@@ -9,9 +9,9 @@ import pytest
 
 from spcola.errors import InvalidValueError, SettingsError
 from spcola.truth.body import BodySettings, TruthBody
+from spcola.truth.body.surface_points import SurfacePoints
 from spcola.truth.sampled import SampledSurface
 from spcola.truth.sampled.cube import Tiling, fill_tile, place_of
-from spcola.truth.sampled.hits import BodyHits
 
 RADIUS = 50.0
 
@@ -293,7 +293,7 @@ def test_settings_that_cannot_work_are_refused() -> None:
     with pytest.raises(SettingsError, match="memory"):
         SampledSurface(Sphere(), 1.0, memory_bytes=100)
     with pytest.raises(InvalidValueError, match="normals"):
-        BodyHits(np.zeros(3), np.zeros((3, 3)), np.zeros((2, 3)))
+        SurfacePoints(np.zeros(3), np.zeros((3, 3)), np.zeros((2, 3)))
 
 
 def test_the_maxima_of_a_tile() -> None:

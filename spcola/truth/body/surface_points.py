@@ -1,4 +1,4 @@
-"""What rays meet on a body: distances, points and normals."""
+"""Points of a body's surface that belong to rays or to points in space."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from spcola.errors import InvalidValueError
 
 
 @dataclass(frozen=True, eq=False)
-class BodyHits:
-    """First hits of N rays on a body; NaN all through for a ray that misses.
+class SurfacePoints:
+    """First hits of N rays, NaN all through for one that misses; or what is nearest to N points.
 
     Parameters
     ----------
     distance : (N,) ndarray
-        From each origin along its ray, metres.
+        From each origin along its ray, metres; or from each point, negative inside of the body.
     points : (N, 3) ndarray
-        Where they hit, body-fixed, metres.
+        On the surface, body-fixed, metres.
     normals : (N, 3) ndarray
         Unit normals of the surface there, outward.
 
     Raises
     ------
     InvalidValueError
-        If the shapes do not belong together.
+        If the shapes disagree.
     """
 
     distance: FloatArray

@@ -1,0 +1,5 @@
+"""What readers share: options, records of bytes and rows, times, and which returns are left out."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
