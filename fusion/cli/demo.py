@@ -13,17 +13,18 @@ from fusion.cli.stages import WorkersOption
 
 def demo(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="An empty folder, or that of an earlier demo.")
+        Path,
+        typer.Argument(metavar="DIR", help="A new or empty folder, or that of an earlier demo."),
     ] = Path("spcola-demo"),
     workers: WorkersOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Run the main job on a small synthetic body.
+    """Run the whole processing on a small synthetic body.
 
-    Lidar scans and an SPC solution are made of a body that is known, with errors planted in them;
-    all stages run; what they recover is printed beside what was planted.
+    Lidar scans and an SPC solution of a known body are made, with planted errors. All stages run;
+    recovered and planted parameters are printed side by side.
     """
-    # The machinery is imported here and not above, so that help comes at once.
+    # Imported here and not above, so that --help is fast.
     from fusion.runtime import Progress, ThreadExecutor
     from fusion.truth import demonstrate, recovery_table
 

@@ -1,4 +1,4 @@
-"""What the report shows; every part may be missing, and is then said to be missing."""
+"""Content of the report; every part may be missing, which the report then states."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from spcola.arrays import FloatArray, check_shape, frozen
 
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """One place as images, lidar and both see it, on the grid of the fused maplet.
+    """Heights of SPC, lidar and both fused at one place, on the grid of the fused maplet.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Surfaces:
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """Where maplets lie and how much of each the lidar covers.
+    """Places of maplets, and the share of each that the lidar covers.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class Coverage:
 
 @dataclass(frozen=True, eq=False)
 class ReportData:
-    """All that a report is made of.
+    """All content of a report.
 
     Parameters
     ----------
@@ -70,12 +70,12 @@ class ReportData:
     registration, scale : mapping, optional
         Contents of ``registration.json`` and ``scale.json``.
     planted : tuple of Recovered
-        In the demo: what was planted, and what was found of it.
+        In the demo: planted and recovered parameters.
     versions : mapping of str to str
     verdicts : mapping of str to Verdict
-        By stage, in the order of the data's walk.
+        By stage, in the order of the processing.
     accepted : tuple of str
-        Codes of findings that somebody accepted.
+        Codes of findings that the user accepted.
     """
 
     body: str = "body"

@@ -1,4 +1,4 @@
-"""Gathers what the report shows from a workspace."""
+"""Gather the content of the report from a workspace."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ from spcola.grids import project_maplet
 from spcola.math import Affine
 
 PLANTED_FILE = "planted.json"
-"""Where a demo tells the report what it planted: a list under ``planted``, each entry with the
+"""File in which a demo writes what it planted: a list under ``planted``, each entry with the
 keys of :class:`~fusion.truth.recovery.Recovered`, null for NaN."""
 
-# Stages whose results are judged, in the order of the data's walk.
+# Stages whose results are judged, in the order of the processing.
 _JUDGED = ("register", "fuse", "scale")
-# Choosing the places to show looks at this many maplets at most, evenly taken from all.
+# Places to show are chosen from at most this many maplets, evenly taken from all.
 _LOOKED_AT = 200
 
 
 def gather_report(workspace: Workspace, *, body: str, accepted: Sequence[str] = ()) -> ReportData:
-    """Read what is there; what is not is left out, and so is what rests on a refused registration.
+    """Read what exists; what depends on a refused registration is left out.
 
     Parameters
     ----------
     workspace : Workspace
     body : str
-        Its name.
+        Name of the body.
     accepted : sequence of str
-        Codes of findings that somebody accepted.
+        Codes of findings that the user accepted.
 
     Raises
     ------
     SpcolaError
-        If a file that is there cannot be used.
+        If an existing file cannot be used.
     """
     registration = _optional_json(workspace, workspace.registration_path)
     scale = _optional_json(workspace, workspace.scale_path)
@@ -78,7 +78,7 @@ def choose_places(surfaces: list[Surfaces]) -> list[Surfaces]:
     chosen: list[Surfaces] = []
     for why, worth in (
         ("largest lidar coverage", _covered),
-        ("most that only lidar sees", _only_lidar),
+        ("most points that only the lidar covers", _only_lidar),
         ("largest difference of fused and SPC heights", _difference),
     ):
         best = max(surfaces, key=worth, default=None)
@@ -103,7 +103,7 @@ def _difference(place: Surfaces) -> float:
 
 
 def _places(workspace: Workspace, registration: dict[str, Any] | None) -> tuple[Surfaces, ...]:
-    """Read candidates one after another and keep the best for each reason."""
+    """Read the candidates one by one and keep the best for each reason."""
     folder = workspace.root / "fused"
     if not (folder / FUSED_HDF5).is_file():
         return ()
@@ -112,7 +112,7 @@ def _places(workspace: Workspace, registration: dict[str, Any] | None) -> tuple[
     transform = None if registration is None else transform_of(registration, where)
     kept: list[Surfaces] = []
     for name in names[:: max(1, len(names) // _LOOKED_AT)]:
-        # Only the best so far stay in memory.
+        # Only the best so far are kept in memory.
         kept = choose_places([*kept, _surfaces(workspace, read_fused(folder, name), transform)])
     return tuple(kept)
 
@@ -129,7 +129,7 @@ def _surfaces(workspace: Workspace, fused: FusedMaplet, transform: Affine | None
 
 
 def _coverage(workspace: Workspace) -> Coverage | None:
-    """Centres of maplets and mapolas, and what the lidar covers of each."""
+    """Return the centres of maplets and mapolas, and the share of each that the lidar covers."""
     centers: dict[str, FloatArray] = {}
     share: dict[str, float] = {}
     for name in workspace.maplet_names():
@@ -158,7 +158,7 @@ def _planted(workspace: Workspace) -> tuple[Recovered, ...]:
         return tuple(_recovered(entry) for entry in content["planted"])
     except (KeyError, TypeError, ValueError) as error:
         path = workspace.root / PLANTED_FILE
-        raise FormatError(f"does not say what was planted ({error})", path) from error
+        raise FormatError(f"does not state what was planted ({error})", path) from error
 
 
 def _recovered(entry: dict[str, Any]) -> Recovered:

@@ -1,4 +1,4 @@
-"""A value that was planted in a synthetic mission, and what was found of it."""
+"""A value that was planted in a synthetic mission, and its estimate."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Recovered:
-    """One planted value and what was found of it.
+    """One planted value and its estimate.
 
     Attributes
     ----------
     name : str
     planted, recovered, sigma : float
-        In `unit`; NaN where nothing was found.
+        In `unit`; NaN where it was not estimated.
     unit : str
         Empty if dimensionless.
     """

@@ -1,4 +1,4 @@
-"""How all figures of the report look, and how they get into the page."""
+"""Style of all figures of the report, and their embedding into the page."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _SETTINGS: dict[str, Any] = {
 
 @contextmanager
 def drawing(width: float, height: float) -> Iterator[Figure]:
-    """Yield an empty figure (inches) in the report's style, without any global state left."""
+    """Yield an empty figure (size in inches) in the report's style; global state is restored."""
     import matplotlib as mpl  # noqa: PLC0415  (0.4 s at start-up)
     from matplotlib.figure import Figure  # noqa: PLC0415
 

@@ -1,4 +1,4 @@
-"""The demonstration: a synthetic mission through the whole program, and what it recovers."""
+"""The demonstration: a synthetic mission through all stages, and the recovered parameters."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ REPORT = "report"
 
 @dataclass(frozen=True)
 class Demonstration:
-    """What the demonstration showed.
+    """Results of the demonstration.
 
     Attributes
     ----------
     workspace : Workspace
     runs : list of StageRun
     recovered : list of Recovered
-        Planted values beside what the program found of them.
+        Planted and recovered values.
     """
 
     workspace: Workspace
@@ -78,8 +78,8 @@ def demonstrate(
     wanted = settings or MissionSettings.mini()
     planted = _planted(mission, wanted, progress)
     if planted is None:
-        # What was made of another mission (an earlier version's, say) says nothing of this one.
-        # A workspace without any mission beside it was not made by a demo.
+        # Results of another mission, as of an earlier version, do not belong to this one.
+        # A workspace without a mission next to it was not made by a demo.
         if (folder / WORKSPACE_FOLDER).exists() and not (mission / TRUTH_FILE).exists():
             raise WorkspaceError("holds other things than a demo", folder, "choose an empty folder")
         _remove(folder / WORKSPACE_FOLDER)
@@ -93,7 +93,7 @@ def demonstrate(
         import_files(workspace, chosen, sources, Workers(executor, progress, catalog.digesting))
     stages = load_stages()
     whole = Pipeline(workspace, chosen, stages, executor, progress)
-    # The report comes last, when it is known what was recovered.
+    # The report comes last: it shows the recovered values.
     runs = replace(whole, stages=[stage for stage in stages if stage.name != REPORT]).run()
     recovered = compare(
         planted,
@@ -126,7 +126,7 @@ def _figure(value: float) -> str:
 
 
 def _planted(mission: Path, settings: MissionSettings, progress: Progress) -> Planted | None:
-    """Return what is planted in the mission there; None if it is not whole or another one."""
+    """Return what is planted in an existing mission; None if it is incomplete or another one."""
     if not (mission / TRUTH_FILE).is_file():
         return None
     try:
@@ -148,7 +148,7 @@ def _remove(folder: Path) -> None:
 
 
 def _workspace(root: Path, mission: Path) -> Workspace:
-    """Return the workspace there, made over the mission's SPC folder unless it is there."""
+    """Return the workspace at `root`, made over the mission's SPC folder unless it exists."""
     if (root / SETTINGS_FILE).is_file():
         return Workspace.open(root)
     return new_workspace(root, body="Truth", spc=mission / SPC_FOLDER)

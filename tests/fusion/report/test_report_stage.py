@@ -70,7 +70,7 @@ def test_stage_writes_the_page_and_is_then_up_to_date(workspace) -> None:
 
 def test_damaged_results_are_named(workspace) -> None:
     workspace.write_json("planted.json", {"planted": [{"name": "epsilon"}]})
-    with pytest.raises(FormatError, match=r"planted\.json: does not say what was planted"):
+    with pytest.raises(FormatError, match=r"planted\.json: does not state what was planted"):
         gather_report(workspace, body="B")
     (workspace.root / "planted.json").unlink()
     workspace.scale_path.write_text("{", encoding="utf-8")

@@ -246,7 +246,7 @@ def test_a_file_that_is_not_there_or_is_the_result_itself_is_refused(folder: Pat
     assert "spcola.toml" not in line
     own = folder / "registration.json"
     assert "--apply: names" in (line := call("register", folder, "--apply", own, code=1))
-    assert "written anew" in line
+    assert "is overwritten" in line
     assert "names no file" in call("register", folder, "--inverse", code=1)
 
 
@@ -333,7 +333,7 @@ def test_a_sphere_without_relief_gives_no_number_or_one_that_says_what_it_is(
 def test_lidar_of_another_body_gives_no_number(tmp_path: Path) -> None:
     folder = made(tmp_path / "WS", lattice(16), other=500)
     line = call("register", folder, code=1)
-    assert "one body and one frame" in line
+    assert "the same body and frame" in line
     assert_refused(folder, "no-match")
 
 
