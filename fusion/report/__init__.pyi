@@ -1,5 +1,6 @@
 from .gather import PLANTED_FILE as PLANTED_FILE
 from .gather import gather_report as gather_report
+from .gather import places_of as places_of
 from .page import make_report as make_report
 from .style import INK as INK
 from .style import MUTED as MUTED

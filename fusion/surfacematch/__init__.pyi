@@ -1,4 +1,5 @@
 from .displacing import BORDER as BORDER
+from .displacing import gauss_newton as gauss_newton
 from .displacing import spline_of as spline_of
 from .match import Match as Match
 from .match import MatchOptions as MatchOptions

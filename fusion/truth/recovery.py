@@ -23,6 +23,8 @@ class Recovered:
         In `unit`; NaN where nothing was found.
     unit : str
         Empty if dimensionless.
+    explanation : str
+        Of a large pull: see :func:`fusion.truth.causes.explained`.
     """
 
     name: str
@@ -30,6 +32,7 @@ class Recovered:
     recovered: float
     sigma: float
     unit: str
+    explanation: str = ""
 
     @property
     def pull(self) -> float:

@@ -1,0 +1,69 @@
+"""How far surfaces of a synthetic mission are from the true one: a few numbers for each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fusion.truth.planted import Planted
+from spcola.arrays import FloatArray
+from spcola.grids import MapletGrid
+from spcola.truth.solution import heights_in_frame
+
+
+@dataclass(frozen=True)
+class SurfaceErrors:
+    """Errors of the heights of one surface.
+
+    Attributes
+    ----------
+    name : str
+        Of the surface.
+    share : float
+        Of all grid points, those of which it has a height, 0 … 1.
+    within_68_m, within_95_m : float
+        68 % and 95 % of its errors are smaller than this, metres; NaN without any height.
+    rms_m : float
+        Root mean square of its errors, metres.
+    """
+
+    name: str
+    share: float
+    within_68_m: float
+    within_95_m: float
+    rms_m: float
+
+
+def surface_errors(
+    planted: Planted, places: Iterable[tuple[MapletGrid, Mapping[str, FloatArray]]]
+) -> list[SurfaceErrors]:
+    """Compare surfaces with the truth, all on the same grids.
+
+    The truth is brought to the frame of the solution by the planted similarity, so that planted
+    scale, rotation and translation are no errors of heights.
+
+    Parameters
+    ----------
+    planted : Planted
+    places : iterable of (MapletGrid, mapping of str to (2q+1, 2q+1) ndarray)
+        Grids in the frame of the solution, and the heights of each surface there by its name,
+        metres; NaN where unknown.
+    """
+    body = planted.body()
+    errors: dict[str, list[FloatArray]] = {}
+    for grid, heights in places:
+        truth = heights_in_frame(body, grid, planted.similarity)
+        for name, height in heights.items():
+            errors.setdefault(name, []).append((height - truth).ravel())
+    return [_of(name, np.concatenate(parts)) for name, parts in errors.items()]
+
+
+def _of(name: str, errors: FloatArray) -> SurfaceErrors:
+    sizes = np.abs(errors[np.isfinite(errors)])
+    if not sizes.size:
+        return SurfaceErrors(name, 0.0, *[float("nan")] * 3)
+    most, nearly_all = np.percentile(sizes, (68.0, 95.0))
+    rms = float(np.sqrt(np.mean(sizes**2)))
+    return SurfaceErrors(name, sizes.size / errors.size, float(most), float(nearly_all), rms)
