@@ -21,12 +21,14 @@ def demo(
 ) -> None:
     """Run the whole processing on a small synthetic body.
 
-    Lidar scans and an SPC solution of a known body are made, with planted errors. All stages run;
-    recovered and planted parameters are printed side by side.
+    Lidar scans that leave gaps and an SPC solution with a pole in shadow are made of a known body,
+    with planted errors. All stages run; recovered and planted parameters are printed side by side,
+    with a line on each that is off by more than three sigma, and the errors of the heights of SPC,
+    lidar and both.
     """
     # Imported here and not above, so that --help is fast.
     from fusion.runtime import Progress, ThreadExecutor
-    from fusion.truth import demonstrate, recovery_table
+    from fusion.truth import demonstrate, errors_table, recovery_table
 
     progress = Progress.fitting(silent=as_json)
     shown = demonstrate(folder, ThreadExecutor(workers), progress)
@@ -35,6 +37,8 @@ def demo(
         *ran,
         "",
         *recovery_table(shown.recovered),
+        "",
+        *errors_table(shown.errors),
         "",
         f"workspace: {shown.workspace.root}",
         f"report: {shown.workspace.report_path.resolve()}",

@@ -26,11 +26,12 @@ def make(
         Path, typer.Argument(metavar="DIR", help="A new folder, or that of an unfinished mission.")
     ],
     preset: Annotated[
-        Literal["tiny", "mini", "pole", "bennu", "mission"],
+        Literal["tiny", "mini", "pole", "demo", "bennu", "mission"],
         typer.Option(
-            help="tiny: for tests. mini: 75 m, as the demo. pole: mini with a pole that is never "
-            "lit. bennu: 245 m, 40 scans, images and maplets of the whole body. mission: 640 "
-            "scans, lidar only unless --images is given."
+            help="tiny: for tests. mini: 75 m, 20 scans, 64 maplets, images. pole: mini with a "
+            "pole that is never lit. demo: 60 m, a pole that is never lit, gaps between the scans. "
+            "bennu: 245 m, 40 scans, images and maplets of the whole body. mission: 640 scans, "
+            "lidar only unless --images is given."
         ),
     ] = "mini",
     seed: Annotated[

@@ -8,8 +8,13 @@ from typing import Any
 
 from fusion.estimation.verdict import Verdict
 from fusion.fusing.maplets import FusedMaplet
-from fusion.report.recovered import Recovered
-from spcola.arrays import FloatArray, check_shape, frozen
+from fusion.report.recovered import Recovered, SurfaceErrors
+from spcola.arrays import (
+    AnyArray,
+    FloatArray,
+    check_shape,
+    frozen,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +64,26 @@ class Coverage:
 
 
 @dataclass(frozen=True, eq=False)
+class Origins:
+    """What the fused heights rest on, all over the body.
+
+    Parameters
+    ----------
+    directions : (N, 3) ndarray
+        Of points of fused maplets, body-fixed; of any length.
+    source : (N,) integer ndarray
+        One :class:`fusion.fusing.maplets.Source` for each point.
+    """
+
+    directions: FloatArray
+    source: AnyArray
+
+    def __post_init__(self) -> None:
+        check_shape(self.directions, (None, 3), "directions")
+        check_shape(self.source, (len(self.directions),), "source")
+
+
+@dataclass(frozen=True, eq=False)
 class ReportData:
     """All content of a report.
 
@@ -76,6 +101,9 @@ class ReportData:
         By stage, in the order of the processing.
     accepted : tuple of str
         Codes of findings that the user accepted.
+    origins : Origins, optional
+    errors : tuple of SurfaceErrors
+        In the demo: how far each surface is from the true one.
     """
 
     body: str = "body"
@@ -87,3 +115,5 @@ class ReportData:
     versions: Mapping[str, str] | None = None
     verdicts: Mapping[str, Verdict] = field(default_factory=dict)
     accepted: tuple[str, ...] = ()
+    origins: Origins | None = None
+    errors: tuple[SurfaceErrors, ...] = ()

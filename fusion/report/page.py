@@ -10,11 +10,13 @@ import numpy as np
 
 from fusion.report.data import ReportData, Surfaces
 from fusion.report.maps import coverage_figure, registration_figure
+from fusion.report.origins import origins_figure
 from fusion.report.scale import scale_figure
 from fusion.report.style import html_figure
 from fusion.report.surfaces import surfaces_figure
 from fusion.report.tables import (
     checks_table,
+    errors_table,
     planted_table,
     registration_tables,
     rejected_table,
@@ -26,8 +28,9 @@ if TYPE_CHECKING:
     pass
 
 _SECTIONS = (
-    ("planted", "Planted and recovered"),
+    ("origins", "What the surface rests on"),
     ("surfaces", "Surfaces"),
+    ("planted", "Planted and recovered"),
     ("coverage", "Coverage"),
     ("registration", "Registration"),
     ("scale", "Scale"),
@@ -41,6 +44,7 @@ def make_report(data: ReportData) -> str:
     Equal data give equal text.
     """
     parts = {
+        "origins": _origins(data),
         "planted": planted_table(data.planted) if data.planted else "",
         "surfaces": "".join(_surfaces(place) for place in data.surfaces)
         or _missing("There are no fused maplets yet."),
@@ -80,6 +84,22 @@ def _surfaces(place: Surfaces) -> str:
     why = f": {escape(place.why)}" if place.why else ""
     figure = html_figure(surfaces_figure(place), caption, f"surfaces of {fused.name}", "png")
     return f"<h3>{escape(fused.name)}{why}</h3>{figure}"
+
+
+def _origins(data: ReportData) -> str:
+    """The map of what the fused heights rest on; how far each surface is from the true one."""
+    figure = ""
+    if data.origins is not None:
+        caption = (
+            "What the fused heights rest on: images alone where no return fell, lidar alone where "
+            "no image shows lit ground, both elsewhere. Of the points nearest to a pixel the most "
+            "frequent source is drawn. Planetocentric coordinates; the polar views end at 30° of "
+            "latitude."
+        )
+        figure = html_figure(
+            origins_figure(data.origins), caption, "what the fused heights rest on", "png"
+        )
+    return (errors_table(data.errors) if data.errors else "") + figure
 
 
 def _coverage(data: ReportData) -> str:

@@ -16,6 +16,11 @@ SPC, LIDAR, FUSED, REJECTED = "#0072b2", "#e69f00", "#009e73", "#cc3311"
 """Colours (Okabe and Ito; Tol) that remain distinct for colour-blind readers."""
 INK, MUTED = "#222222", "#8a8a8a"
 
+SOURCES = ("none", "image", "lidar", "both", "filled")
+"""Words for each :class:`fusion.fusing.maplets.Source`, in its order."""
+SOURCE_COLOURS = ("#ffffff", SPC, LIDAR, FUSED, "#bbbbbb")
+"""Colours of them."""
+
 _SETTINGS: dict[str, Any] = {
     "font.size": 9,
     "axes.titlesize": 9.5,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fusion.report.data import Surfaces
-from fusion.report.style import FUSED, INK, LIDAR, SPC, drawing
+from fusion.report.style import INK, SOURCE_COLOURS, SOURCES, drawing
 from spcola.arrays import FloatArray
 from spcola.grids import MapletGrid
 
@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MISSING = "#d5e8c0"
-_SOURCES = ("none", "image", "lidar", "both", "filled")
-_SOURCE_COLOURS = ("#ffffff", SPC, LIDAR, FUSED, "#bbbbbb")
 
 
 def hillshade(height: FloatArray, gsd: float) -> FloatArray:
@@ -123,14 +121,14 @@ def _origins(figure: Figure, panels: Any, place: Surfaces) -> None:
     half = (grid.half_size + 0.5) * grid.gsd
     source = panels[2].imshow(
         fused.source.T,
-        cmap=ListedColormap(_SOURCE_COLOURS),
+        cmap=ListedColormap(SOURCE_COLOURS),
         norm=BoundaryNorm(np.arange(-0.5, 5.0), 5),
         extent=(-half, half, -half, half),
         interpolation="nearest",
     )
     bar = _bar(figure, source, panels[2], "", ticks=range(5))
-    bar.ax.set_xticklabels(_SOURCES)
-    panels[2].set_title("source of heights")
+    bar.ax.set_xticklabels(SOURCES)
+    panels[2].set_title("heights rest on")
 
 
 def _bar(figure: Figure, drawn: Any, panel: Any, label: str, **options: Any) -> Any:

@@ -15,7 +15,7 @@ from fusion.estimation.verdict import (
     Severity,
 )
 from fusion.report.data import ReportData
-from fusion.report.recovered import Recovered
+from fusion.report.recovered import Recovered, SurfaceErrors
 
 # Beyond this many sigmas a recovered number disagrees with what was planted.
 _SUSPICIOUS_PULL = 3.0
@@ -185,7 +185,23 @@ def planted_table(planted: Sequence[Recovered]) -> str:
             ]
         )
     caption = "pull = (recovered − planted) / sigma; beyond 3 in red"
-    return table(["", "planted", "recovered", "sigma", "pull"], rows, caption=caption)
+    why = {entry.name: entry.explanation for entry in planted if entry.explanation}
+    shown = table(["", "planted", "recovered", "sigma", "pull"], rows, caption=caption)
+    return shown + _noted(f"Beyond {_SUSPICIOUS_PULL:g} sigma", why)
+
+
+def errors_table(errors: Sequence[SurfaceErrors]) -> str:
+    """Table of how far each surface is from the true one, in a synthetic mission."""
+    rows = [
+        [
+            escape(one.name),
+            f"{100 * one.share:.0f} %",
+            *(number(round(size, 3)) for size in (one.within_68_m, one.within_95_m, one.rms_m)),
+        ]
+        for one in errors
+    ]
+    head = ["", "ground covered", "68 % of errors below, m", "95 % below, m", "rms, m"]
+    return table(head, rows, caption="Heights of each surface against the true ones")
 
 
 def _row(label: str, value: Any, sigma: Any, *, factor: float = 1.0) -> list[str]:

@@ -18,7 +18,7 @@ class ReportStage:
     """Results of all stages → report.html."""
 
     name: str = "report"
-    version: int = 2
+    version: int = 3
     needs: tuple[str, ...] = ()
     places: tuple[str, ...] = ("report.html",)
     tables: tuple[type[Table], ...] = (BodySettings, AcceptSettings)

@@ -24,7 +24,15 @@ FAR_DIVERGENCE = 4.0e-5
 _CLEAR = 1.25
 # SPC's landmark names have six characters, of which two are letters here.
 _MOST_MAPLETS = 9999
-# 2019 AUG 05: after the passes, as a spacecraft is at one place at a time.
+# Longitude and latitude under the spacecraft, degrees: the south pole, two rings around it of which
+# one lacks a scan, and a ring in the north. Nothing lies between 10° and 35° north.
+_WITH_GAPS = (
+    (90.0, -88.0), (270.0, -80.0),
+    *((longitude, -52.0) for longitude in range(20, 380, 72)),
+    *((longitude, -15.0) for longitude in range(0, 315, 45)),
+    *((longitude, 62.0) for longitude in range(45, 405, 90)),
+)  # fmt: skip
+# 2019 AUG 05: no spacecraft is at two places.
 _AFTER_THE_PASSES = 615_211_269.184 + 35 * 86400.0
 
 
@@ -142,7 +150,7 @@ class MissionSettings:
 
     @classmethod
     def mini(cls, seed: int = 1) -> MissionSettings:
-        """Return the mission of the demo: a body of 75 m, 20 scans, 64 maplets, small images."""
+        """Return a small mission: a body of 75 m, 20 scans, 64 maplets, small images."""
         radius = 75.0
         return cls(
             seed=seed,
@@ -162,6 +170,28 @@ class MissionSettings:
         mini = cls.mini(seed)
         passes = replace(mini.passes, sun_latitude_deg=20.0)
         return replace(mini, passes=passes, images=False)
+
+    @classmethod
+    def demo(cls, seed: int = 1) -> MissionSettings:
+        """Return the mission of the demo, in which neither SPC nor lidar sees everything.
+
+        A body of 60 m with 50 maplets. The Sun stands 30° north, so that the south pole is never
+        lit, and SPC is wrong or empty there. The scans see that pole, but leave a belt north of
+        the equator and a gap south of it.
+        """
+        radius = 60.0
+        return cls(
+            seed=seed,
+            body=BodySettings(seed=seed, radius=radius),
+            passes=PassSettings(directions_deg=_WITH_GAPS, sun_latitude_deg=30.0),
+            lidar=LidarSettings(width=52.0, spacing=0.25, divergence=FAR_DIVERGENCE),
+            solution=SolutionSettings(gsd=0.6, half_size=40, maplets=50, noise=_noise(0.6)),
+            campaign=CampaignSettings.of_phases(
+                approach=9, preliminary_survey=15, detailed_survey=24, radius=radius, detector=256
+            ),
+            day_scale_bias=(6e-6, -4e-6, 2e-6, -7e-6, 3e-6),
+            shape_q=48,
+        )
 
     @classmethod
     def bennu(cls, seed: int = 1) -> MissionSettings:
@@ -230,6 +260,7 @@ PRESETS: dict[str, Callable[[int], MissionSettings]] = {
     "tiny": MissionSettings.tiny,
     "mini": MissionSettings.mini,
     "pole": MissionSettings.pole,
+    "demo": MissionSettings.demo,
     "bennu": MissionSettings.bennu,
     "mission": MissionSettings.mission,
 }
