@@ -7,16 +7,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spcola.arrays import AnyArray, FloatArray, check_shape, read_only
+from spcola.arrays import (
+    AnyArray,
+    FloatArray,
+    check_shape,
+    read_only,
+)
 from spcola.errors import InvalidValueError, SettingsError
-from spcola.heights import HeightProblem, SolverOptions, solve_heights, steps_from_slopes
-from spcola.maplet import Maplet, MapletGrid, check_layer
-from spcola.regrid import ProjectedMaplet, project_window
+from spcola.grids import Maplet, MapletGrid, ProjectedMaplet, check_layer, project_window
+from spcola.heights import (
+    HeightProblem,
+    SolverOptions,
+    solve_heights,
+    steps_from_slopes,
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Bigmap(Maplet):
-    """A :class:`~spcola.maplet.Maplet` made of several; its sigma tells how they agree.
+    """A :class:`~spcola.grids.Maplet` made of several; its sigma tells how they agree.
 
     Parameters
     ----------

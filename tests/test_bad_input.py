@@ -28,10 +28,10 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from fusion.cli.app import app
-from fusion.scaling.frames import pair_size
-from fusion.settings import load_settings, write_settings
-from fusion.truth.mission import make_mission
+from fusion.scaling.geometry import pair_size
+from fusion.truth import make_mission
 from fusion.truth.presets import MissionSettings
+from fusion.workspace.settings import load_settings, write_settings
 
 ROOT = Path(__file__).resolve().parents[1]
 MAP, SUM, SHAPE = "MAPFILES/TR0003.MAP", "SUMFILES/P03I02.SUM", "SHAPEFILES/SHAPE.TXT"
@@ -287,7 +287,7 @@ def test_a_folder_that_cannot_be_listed_is_named(workspace: Path) -> None:
 NOBODY = """
 import os, sys
 from fusion.cli.app import main
-import fusion.describe, fusion.executor, fusion.stages
+import fusion.inspection.describe, fusion.runtime.executor, fusion.stages
 fusion.stages.load_stages()  # the installation may be closed to others, too
 os.setgid(65534)
 os.setuid(65534)

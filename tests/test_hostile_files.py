@@ -18,22 +18,21 @@ import pytest
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
-from fusion.settings import load_settings
 from fusion.workspace import Workspace
+from fusion.workspace.settings import load_settings
+from lidar.formats import open_lidar
 from lidar.formats.native import ScanFile, scan_summary, write_scan
-from lidar.formats.reader import open_lidar, read_scan
-from lidar.scan import Scan
+from lidar.formats.reader import read_scan
+from lidar.scans import Scan
 from spcola.errors import FormatError, KernelError, SpcolaError
-from spcola.formats.fits import read_fits_image
-from spcola.formats.hdf5 import reading_hdf5, replacing_hdf5, stored
-from spcola.formats.icq import read_icq, write_icq
-from spcola.formats.kernel_text import expand_meta_kernels
-from spcola.formats.obj import read_obj, write_obj
-from spcola.formats.pck import orientation_of
-from spcola.formats.shape import read_shape
-from spcola.formats.transfer import Daf, DafArray, encode_daf, read_transfer
-from spcola.icq import IcqShape, icq_directions
-from spcola.spice import KernelSet, state_times
+from spcola.formats.images.fits import read_fits_image
+from spcola.formats.shapes import read_icq, read_obj, read_shape, write_icq, write_obj
+from spcola.formats.stores import reading_hdf5, replacing_hdf5, stored
+from spcola.shape.icq import IcqShape, icq_directions
+from spcola.spice import KernelSet, orientation_of, read_transfer
+from spcola.spice.kernels import state_times
+from spcola.spice.text_kernel import expand_meta_kernels
+from spcola.spice.transfer import Daf, DafArray, encode_daf
 
 POINTS = np.random.default_rng(5).normal(size=(60, 3)) * 250.0
 BALL = IcqShape(250.0 * icq_directions(2))

@@ -1,1 +1,1 @@
-"""The command line: thin commands over the workspace and the pipeline."""
+"""The command line."""

@@ -15,7 +15,12 @@ from fusion.cli.output import (
     leave_to_child,
     show,
 )
-from fusion.cli.stages import ClusterOption, WorkersOption, as_workers_see, executor
+from fusion.cli.stages import (
+    ClusterOption,
+    WorkersOption,
+    as_workers_see,
+    executor,
+)
 
 if TYPE_CHECKING:
     from fusion.stages.ingest import Imported
@@ -62,9 +67,8 @@ def import_(
     """
     # The machinery is imported here and not above, so that help comes at once.
     from fusion.pipeline import Pipeline, opened
-    from fusion.progress import Progress
-    from fusion.sources import Source
-    from fusion.stages.ingest import STAGE, Workers, import_files
+    from fusion.runtime import Progress
+    from fusion.stages.ingest import STAGE, Source, Workers, import_files
     from fusion.workspace import Workspace
 
     if isolate:

@@ -11,7 +11,13 @@ from typing import Annotated, Any
 import typer
 
 import spcola
-from fusion.cli import altimetry, demo, folder, stages, truth
+from fusion.cli import (
+    altimetry,
+    demo,
+    folder,
+    stages,
+    truth,
+)
 from fusion.cli.program import guarded
 
 app = typer.Typer(

@@ -65,14 +65,17 @@ def assess(
     stated sigmas, FormU, and what was recovered of what was planted.
     """
     # The machinery is imported here and not above, so that help comes at once.
-    from fusion.executor import ThreadExecutor
-    from fusion.progress import Progress
-    from fusion.truth.assessment.assess import assess as assess_models
-    from fusion.truth.assessment.gather import file_model, workspace_models
-    from fusion.truth.assessment.page import write_page
-    from fusion.truth.assessment.settings import AssessmentSettings
-    from fusion.truth.assessment.summary import assessment_json, assessment_lines
-    from fusion.truth.planted import read_truth
+    from fusion.runtime import Progress, ThreadExecutor
+    from fusion.truth import read_truth
+    from fusion.truth.assessment import (
+        AssessmentSettings,
+        assessment_json,
+        assessment_lines,
+        file_model,
+        workspace_models,
+        write_page,
+    )
+    from fusion.truth.assessment import assess as assess_models
     from fusion.workspace import Workspace
 
     if only and not model:

@@ -24,9 +24,8 @@ def demo(
     all stages run; what they recover is printed beside what was planted.
     """
     # The machinery is imported here and not above, so that help comes at once.
-    from fusion.demo import demonstrate, recovery_table
-    from fusion.executor import ThreadExecutor
-    from fusion.progress import Progress
+    from fusion.runtime import Progress, ThreadExecutor
+    from fusion.truth import demonstrate, recovery_table
 
     progress = Progress.fitting(silent=as_json)
     shown = demonstrate(folder, ThreadExecutor(workers), progress)

@@ -55,9 +55,8 @@ def init(
     folder already stays.
     """
     # The machinery is imported here and not above, so that help comes at once.
-    from fusion.describe import describe_workspace
-    from fusion.initialise import new_workspace
-    from fusion.workspace import SETTINGS_FILE
+    from fusion.inspection import describe_workspace
+    from fusion.workspace import SETTINGS_FILE, new_workspace
 
     if isolate:
         leave_to_child(workspace, limit_mb, limit_s)
@@ -96,8 +95,7 @@ def info(
 
     For the time that mapolas will take, a few of them are made and thrown away.
     """
-    from fusion.describe import describe_file, describe_workspace
-    from fusion.forecast import mapolas_forecast
+    from fusion.inspection import describe_file, describe_workspace, mapolas_forecast
     from fusion.workspace import Workspace
 
     if isolate:

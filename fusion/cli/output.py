@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fusion.verdict import verdict_lines
+from fusion.estimation.verdict import verdict_lines
 from spcola.errors import SpcolaError
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def leave_to_child(folder: Path, limit_mb: int, limit_s: float) -> None:
     SpcolaError
         If that process died or took too long.
     """
-    from fusion.isolation import Limits, isolated
+    from fusion.runtime.processes import Limits, isolated
 
     arguments = [argument for argument in sys.argv[1:] if argument != "--isolate"]
     raise typer.Exit(isolated(arguments, Limits(limit_mb, limit_s), folder))
@@ -77,7 +77,7 @@ def show(content: Mapping[str, Any], lines: Iterable[str], *, as_json: bool) -> 
         If standard output cannot be written (a full disk, say).
     """
     # What it needs is imported by now, or the command would not have run.
-    from fusion.jsontext import json_text
+    from fusion.runtime import json_text
 
     try:
         text = json_text(content) if as_json else "".join(f"{x}\n" for x in lines)

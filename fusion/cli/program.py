@@ -10,8 +10,7 @@ from typing import ParamSpec
 
 import typer
 
-from fusion.earlyexit import INTERRUPTED
-from fusion.interrupt import remembering_interrupts
+from fusion.runtime.processes import INTERRUPTED, remembering_interrupts
 from spcola.errors import SpcolaError
 
 FAILED = 1

@@ -8,13 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from fusion.cli.output import JsonOption, run_content, run_lines, show
+from fusion.cli.output import (
+    JsonOption,
+    run_content,
+    run_lines,
+    show,
+)
 from spcola.errors import RejectedResultError, SettingsError
 
 if TYPE_CHECKING:
-    from fusion.executor import Executor
     from fusion.pipeline import Pipeline, StageRun
-    from fusion.settings import Settings
+    from fusion.runtime import Executor
+    from fusion.workspace.settings import Settings
 
 WorkspaceArgument = Annotated[Path, typer.Argument(metavar="WS", help="The workspace.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Run even what is up to date.")]
@@ -219,7 +224,7 @@ def _scale_and_apply(
     workspace: Path, destination: Path | None, method: str | None, how: How
 ) -> None:
     """Bring the scale up to date, and write the copy."""
-    from fusion.rescaling import apply_scale
+    from fusion.stages.scale import apply_scale
 
     pipeline = _pipeline(workspace, ("scale", {"method": method}), how)
     root = pipeline.workspace.root
@@ -312,13 +317,13 @@ def executor(workers: int | None, cluster: str) -> Executor:
         If the cluster cannot be used.
     """
     if not cluster:
-        from fusion.executor import ThreadExecutor
+        from fusion.runtime import ThreadExecutor
 
         return ThreadExecutor(workers)
     if workers is not None:
         raise typer.BadParameter("a cluster has its own workers", param_hint="--workers")
     try:
-        from fusion.cluster import ClusterExecutor
+        from fusion.runtime import ClusterExecutor
     except ImportError as error:
         raise SettingsError(
             "needs Dask", "--cluster", "install it: pip install 'spcola[cluster]'"
@@ -335,7 +340,7 @@ def _pipeline(workspace: Path, change: tuple[str, dict[str, Any]], how: How) -> 
     """Return all stages over a workspace, with some settings of one table changed."""
     # The machinery is imported here and not above, so that help comes at once.
     from fusion.pipeline import Pipeline
-    from fusion.progress import Progress
+    from fusion.runtime import Progress
     from fusion.stages import load_stages
     from fusion.workspace import Workspace
 

@@ -3,7 +3,7 @@
 import os
 import signal
 
-from fusion.earlyexit import leave_at_once
+from fusion.runtime.processes import leave_at_once
 
 if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     # Imports take a while, and nothing is begun that could be left half done. Here and not in
@@ -14,7 +14,7 @@ if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
 def main() -> None:
     """Run the command line; the entry point of the installation."""
     if "SPCOLA_LIMITS" in os.environ:
-        from fusion.isolation import keep_limits
+        from fusion.runtime.processes import keep_limits
 
         keep_limits()
     from fusion.cli.app import main as program

@@ -66,12 +66,8 @@ def make(
     it was if the command is given again. What is planted comes last, into truth.json.
     """
     # The machinery is imported here and not above, so that help comes at once.
-    from fusion.executor import ThreadExecutor
-    from fusion.progress import Progress
-    from fusion.truth.mission import make_mission
-    from fusion.truth.presets import PRESETS
-    from fusion.truth.restoring import changed
-    from fusion.truth.size import mission_size
+    from fusion.runtime import Progress, ThreadExecutor
+    from fusion.truth import PRESETS, changed, make_mission, mission_size
 
     settings = replace(PRESETS[preset](seed), lidar_format=format)
     if images is not None:

@@ -1,1 +1,5 @@
-"""Fused heights: slopes of images and heights of a lidar in one integration."""
+"""Fused heights: lidar heights as constraints in the slope-to-height integration."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

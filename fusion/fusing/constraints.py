@@ -12,12 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidar.mapola import Mapola
-from lidar.pointheights import at_grid_points
-from spcola.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from lidar.gridding import Mapola, at_grid_points
+from spcola.arrays import (
+    AnyArray,
+    BoolArray,
+    FloatArray,
+    IntArray,
+)
+from spcola.grids import MapletGrid, project_maplet
 from spcola.heights import MeanConstraints
-from spcola.maplet import MapletGrid
-from spcola.regrid import project_maplet
 
 # A mapola whose GSD is larger than the grid's by this factor holds means, not points.
 _COARSE = 1.5

@@ -8,15 +8,16 @@ from typing import Literal
 import numpy as np
 from scipy import ndimage
 
-from fusion.fused import FusedMaplet, Source
 from fusion.fusing.constraints import Constraints
 from fusion.fusing.information import SlopeInformation, along_edges, light_along_edges
+from fusion.fusing.maplets.maplet import FusedMaplet, Source
 from fusion.fusing.shape import ShapeInformation
-from fusion.registration.resolution import filled, plane_of
+from fusion.surfacematch.resolution import filled, plane_of
 from spcola.arrays import BoolArray, FloatArray
-from spcola.bending import bending
-from spcola.gaps import carried_on
+from spcola.grids import Maplet, MapletGrid, carried_on
+from spcola.grids.statistics import bending
 from spcola.heights import (
+    STEPS_ALIKE,
     HeightProblem,
     HeightSolution,
     SolverOptions,
@@ -24,10 +25,8 @@ from spcola.heights import (
     slopes_of,
     solve_heights,
 )
-from spcola.heights.slopes import STEPS_ALIKE
-from spcola.maplet import Maplet, MapletGrid
-from spcola.photoclinometry import SlopeVariance
-from spcola.robust import cauchy_weight, mad
+from spcola.math.robust import cauchy_weight, mad
+from spcola.photometry import SlopeVariance
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 
 from spcola.arrays import FloatArray
-from spcola.image import SpcImage
-from spcola.maplet import Maplet, MapletGrid
-from spcola.photoclinometry import SlopeVariance, slope_variance
+from spcola.camera import SpcImage
+from spcola.grids import Maplet, MapletGrid
+from spcola.photometry import SlopeVariance, slope_variance
 
 Light = Literal["images", "sun"]
 # Images in which half of the maplets have to lie, for these to be what the maplets were made from:

@@ -10,9 +10,9 @@ from scipy.optimize import nnls
 from fusion.fusing.shape import ShapeInformation, estimate_shape
 from fusion.fusing.variogram import correlated_cells, ends, walk_sigma
 from spcola.arrays import FloatArray, IntArray
-from spcola.bending import bending
-from spcola.photoclinometry import SlopeVariance
-from spcola.robust import mad
+from spcola.grids.statistics import bending
+from spcola.math.robust import mad
+from spcola.photometry import SlopeVariance
 
 # Fewer differences than this do not give a spread.
 _ENOUGH = 200
@@ -41,15 +41,15 @@ class SlopeInformation:
         What is added (in quadrature) per unit of slope: SPC smooths where the surface is steep.
         Dimensionless; times the GSD it is metres.
     bend_sigma : float
-        What is added per metre of bending (:mod:`spcola.bending`): SPC rounds edges and cuts
-        boulders short. Dimensionless.
+        What is added per metre of bending (:mod:`spcola.grids.statistics.bending_errors`): SPC
+        rounds edges and cuts boulders short. Dimensionless.
     height_sigma_m : float
         Standard deviation of the SPC heights about the lidar's after registration, metres.
     correlated_cells : float
         Number of neighbouring points whose SPC height errors are one error.
     light_sigma : float
         Error of a brightness relative to its image's mean, as the steps show it: times the root
-        of what :mod:`spcola.photoclinometry` says of a slope it is that slope's.
+        of what :mod:`spcola.photometry.photoclinometry` says of a slope it is that slope's.
     usual_light : float
         Variance of slopes by photoclinometry at which a step has `step_sigma_m`: that of the
         middle step.

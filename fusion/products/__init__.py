@@ -1,1 +1,5 @@
-"""What is handed on: fused maplets and bigmaps in the formats of the field, with their origin."""
+"""Products of a release, and the manifest."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

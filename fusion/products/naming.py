@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError, InvalidValueError
-from spcola.maplet import MapletGrid
+from spcola.grids import MapletGrid
 
 SOURCES: Mapping[str, str] = {"SPC": "spc", "OLA": "alt", "SPO": "spo", "SFM": "sfm"}
 """DATASRC of a product → its three letters in a name; SPO is SPC and lidar together."""

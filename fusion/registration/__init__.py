@@ -1,1 +1,1 @@
-"""Registration of mapolas to SPC surfaces: the match of each one, and the fit to all."""
+"""Mapolas registered to the SPC surface."""

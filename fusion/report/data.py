@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from fusion.fused import FusedMaplet
-from fusion.truth.recovery import Recovered
-from fusion.verdict import Verdict
+from fusion.estimation.verdict import Verdict
+from fusion.fusing.maplets import FusedMaplet
+from fusion.truth import Recovered
 from spcola.arrays import FloatArray, check_shape, frozen
 
 

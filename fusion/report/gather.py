@@ -8,19 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from fusion.fused import FusedMaplet
-from fusion.products.fused import FUSED_HDF5, fused_names, read_fused
-from fusion.products.manifest import versions
-from fusion.records import read_records
-from fusion.registration.summary import transform_of
+from fusion.estimation.verdict import Verdict
+from fusion.fusing.maplets import FUSED_HDF5, FusedMaplet, fused_names, read_fused
+from fusion.pipeline.catalog import read_records
+from fusion.products import versions
+from fusion.registration.results import transform_of
 from fusion.report.data import Coverage, ReportData, Surfaces
-from fusion.truth.recovery import Recovered
-from fusion.verdict import Verdict
+from fusion.truth import Recovered
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError
-from spcola.regrid import project_maplet
-from spcola.similarity import Affine
+from spcola.grids import project_maplet
+from spcola.math import Affine
 
 PLANTED_FILE = "planted.json"
 """Where a demo tells the report what it planted: a list under ``planted``, each entry with the

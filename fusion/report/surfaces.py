@@ -7,9 +7,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fusion.report.data import Surfaces
-from fusion.report.style import FUSED, INK, LIDAR, SPC, drawing
+from fusion.report.style import (
+    FUSED,
+    INK,
+    LIDAR,
+    SPC,
+    drawing,
+)
 from spcola.arrays import FloatArray
-from spcola.maplet import MapletGrid
+from spcola.grids import MapletGrid
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

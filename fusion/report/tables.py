@@ -8,9 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from fusion.estimation.verdict import (
+    JUDGEMENTS,
+    Code,
+    Finding,
+    Severity,
+)
 from fusion.report.data import ReportData
-from fusion.truth.recovery import Recovered
-from fusion.verdict import JUDGEMENTS, Code, Finding, Severity
+from fusion.truth import Recovered
 
 # Beyond this many sigmas a recovered number disagrees with what was planted.
 _SUSPICIOUS_PULL = 3.0

@@ -1,1 +1,1 @@
-"""The global scale of an SPC solution from lidar ranges: paired bigmaps and single shots."""
+"""Scale, centre and prime meridian from paired bigmaps and single shots."""

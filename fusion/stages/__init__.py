@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import import_module
 
-from fusion.stages.base import Stage
+from fusion.pipeline import Stage
 
 ORDER = ("ingest", "mapolas", "register", "fuse", "bigmap", "scale", "release", "report")
 

@@ -9,32 +9,31 @@ from typing import Any
 
 import numpy as np
 
-from fusion.fusing.constraints import overlaps
-from fusion.locating import kernel_paths, located_store
-from fusion.memory import check_grid
-from fusion.registration.summary import transform_of
-from fusion.settings import Settings
-from fusion.stages.base import StageContext, StageResult
-from fusion.tables import (
+from fusion.fusing import overlaps
+from fusion.pipeline import StageContext, StageResult
+from fusion.registration.results import transform_of
+from fusion.runtime.machine import check_grid
+from fusion.stages.geolocation.locating import kernel_paths, located_store
+from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
+from fusion.workspace.settings import (
     BigmapSettings,
     BigmapSite,
     BodySettings,
     MapolaSettings,
+    Settings,
     SpiceSettings,
     SpinSettings,
     Table,
 )
-from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
-from lidar.bigmap import LidarBigmapOptions, bigmap_from_returns
-from lidar.returns import Returns
-from lidar.store import ScanStore
+from lidar.archive import ScanStore
+from lidar.gridding import LidarBigmapOptions, bigmap_from_returns
+from lidar.scans import Returns
 from spcola.bigmap import BigmapOptions, make_bigmap
 from spcola.errors import WorkspaceError
-from spcola.formats.map import write_maplet
-from spcola.maplet import Maplet, MapletGrid
-from spcola.rays import RayCaster
-from spcola.shapegrid import shape_heights
-from spcola.similarity import Affine
+from spcola.formats.maplets import write_maplet
+from spcola.grids import Maplet, MapletGrid
+from spcola.math import Affine
+from spcola.shape import RayCaster, shape_heights
 
 
 @dataclass(frozen=True)

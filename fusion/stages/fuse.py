@@ -9,29 +9,38 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fusion.exposures import Exposures
-from fusion.fused import FusedMaplet, Source
-from fusion.fusing.constraints import Candidate, lidar_constraints, overlaps
-from fusion.fusing.fuse import FuseInput, FuseOptions, FuseResult, fuse_maplet
-from fusion.fusing.illumination import Illumination
-from fusion.fusing.information import Comparison, SlopeInformation, estimate_information
-from fusion.products.fused import write_fused
-from fusion.registration.summary import Placement, placements_of, transform_of
-from fusion.settings import Settings
-from fusion.stages.base import StageContext, StageResult, find_table
-from fusion.surfaces import maplets_around
-from fusion.tables import BodySettings, FuseSettings, Table
-from fusion.verdict import Code, Finding, Severity, Verdict
+from fusion.estimation.verdict import (
+    Code,
+    Finding,
+    Severity,
+    Verdict,
+)
+from fusion.fusing import (
+    Candidate,
+    Comparison,
+    FuseInput,
+    FuseOptions,
+    FuseResult,
+    Illumination,
+    SlopeInformation,
+    estimate_information,
+    fuse_maplet,
+    lidar_constraints,
+    overlaps,
+)
+from fusion.fusing.maplets import FusedMaplet, Source, write_fused
+from fusion.pipeline import StageContext, StageResult, find_table
+from fusion.registration.results import Placement, placements_of, transform_of
+from fusion.scene import Exposures, maplets_around
 from fusion.workspace import Workspace, make_folder
-from lidar.mapola import Mapola
+from fusion.workspace.settings import BodySettings, FuseSettings, Settings, Table
+from lidar.gridding import Mapola
 from spcola.arrays import FloatArray
 from spcola.bigmap import make_bigmap
-from spcola.maplet import Maplet, MapletGrid
-from spcola.photoclinometry import SlopeVariance
-from spcola.rays import RayCaster
-from spcola.regrid import project_maplet
-from spcola.shapegrid import shape_heights
-from spcola.similarity import Affine
+from spcola.grids import Maplet, MapletGrid, project_maplet
+from spcola.math import Affine
+from spcola.photometry import SlopeVariance
+from spcola.shape import RayCaster, shape_heights
 
 
 @dataclass(frozen=True)

@@ -8,30 +8,31 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from fusion.digests import FileDigests
-from fusion.fused import FusedMaplet
-from fusion.fused_bigmap import fused_bigmap
-from fusion.products.fits import write_fits_dtm
-from fusion.products.fused import FUSED_HDF5, fused_names, read_fused, write_fused
-from fusion.products.geotiff import write_geotiff
-from fusion.products.manifest import (
+from fusion.fusing.maplets import (
+    FUSED_HDF5,
+    FusedMaplet,
+    fused_bigmap,
+    fused_names,
+    read_fused,
+    write_fused,
+)
+from fusion.pipeline import StageContext, StageResult
+from fusion.pipeline.catalog import FileDigests, read_records
+from fusion.products import (
     MANIFEST_FILE,
     Product,
     Provenance,
     describe_product,
     manifest_text,
+    product_stems,
     write_manifest,
 )
-from fusion.products.naming import product_stems
-from fusion.products.surface import write_obj, write_ply
-from fusion.records import read_records
-from fusion.settings import Settings
-from fusion.stages.base import StageContext, StageResult
-from fusion.tables import BodySettings, ReleaseSettings, Table
+from fusion.products.formats import write_fits_dtm, write_geotiff, write_obj, write_ply
 from fusion.workspace import Workspace, make_folder
+from fusion.workspace.settings import BodySettings, ReleaseSettings, Settings, Table
 from spcola.atomic import write_error
-from spcola.formats.map import read_maplet
-from spcola.maplet import MapletGrid
+from spcola.formats.maplets import read_maplet
+from spcola.grids import MapletGrid
 
 Writer = Callable[[Path, FusedMaplet, Provenance], None]
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from fusion.products.fused import FUSED_HDF5
-from fusion.report.gather import PLANTED_FILE, gather_report
-from fusion.report.page import make_report
-from fusion.settings import Settings
-from fusion.stages.base import StageContext, StageResult
-from fusion.tables import AcceptSettings, BodySettings, Table
+from fusion.fusing.maplets import FUSED_HDF5
+from fusion.pipeline import StageContext, StageResult
+from fusion.report import PLANTED_FILE, gather_report, make_report
 from fusion.workspace import Workspace
+from fusion.workspace.settings import AcceptSettings, BodySettings, Settings, Table
 from spcola import atomic
 
 

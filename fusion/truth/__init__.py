@@ -1,1 +1,5 @@
-"""A synthetic mission: what is planted, and how well it is found again."""
+"""Synthetic missions, and how far a model is from the truth."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import spcola
-from fusion.lock import clear_leftovers, locked
+from fusion.runtime.processes import clear_leftovers, locked
 from fusion.truth.planted import TRUTH_FILE, Planted, read_truth
 from fusion.truth.presets import MissionSettings
 from fusion.workspace import SPC_FOLDERS, make_folder

@@ -12,11 +12,10 @@ import numpy as np
 
 from fusion.truth.ground import ground_at
 from fusion.truth.work import Work, missing
-from spcola.image import SpcImage
-from spcola.truth.imaging import write_image
-from spcola.truth.rendering import render
+from spcola.camera import SpcImage
+from spcola.truth.campaign import SolvedState
+from spcola.truth.imaging import render, write_image
 from spcola.truth.sampled import SampledSurface
-from spcola.truth.states import SolvedState
 
 FINEST = 0.05
 """The surface of images is sampled no finer than this, metres: as the truth of Weirich et al."""

@@ -5,13 +5,18 @@ from __future__ import annotations
 from functools import cache, partial
 from pathlib import Path
 
-from fusion.executor import Executor, ThreadExecutor
-from fusion.progress import Progress
-from fusion.threads import one_blas_thread
+from fusion.runtime import Executor, Progress, ThreadExecutor
+from fusion.runtime.machine import one_blas_thread
 from fusion.truth.generation import building, files_of, finished
 from fusion.truth.ground import shadow_ground
 from fusion.truth.images import write_images
-from fusion.truth.planted import TRUTH_FILE, PlacedCenter, Planted, TrueState, write_truth
+from fusion.truth.planted import (
+    TRUTH_FILE,
+    PlacedCenter,
+    Planted,
+    TrueState,
+    write_truth,
+)
 from fusion.truth.presets import MissionSettings
 from fusion.truth.scans import day_biases, plan_observations, write_observations
 from fusion.truth.size import check_room, mission_size
@@ -23,9 +28,9 @@ from fusion.truth.solution import (
     write_states,
 )
 from fusion.truth.work import Work
-from spcola.image import SpcImage
+from spcola.camera import SpcImage
 from spcola.truth.body import TruthBody
-from spcola.truth.passes import Pass, plan_passes
+from spcola.truth.campaign import Pass, plan_passes
 
 
 @one_blas_thread()

@@ -17,8 +17,8 @@ from lidar.truth import ScanErrors
 from spcola import atomic
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError, SpcolaError, WorkspaceError
-from spcola.maplet import MapletGrid
-from spcola.similarity import Similarity
+from spcola.grids import MapletGrid
+from spcola.math import Similarity
 from spcola.truth.body import TruthBody
 
 TRUTH_FILE = "truth.json"

@@ -11,14 +11,11 @@ import numpy as np
 
 from lidar.truth import FORMATS, LidarSettings, TrackSettings
 from spcola.errors import SettingsError
-from spcola.similarity import Similarity
+from spcola.math import Similarity
 from spcola.truth.body import BodySettings
-from spcola.truth.campaign import CampaignSettings
-from spcola.truth.imaging import IMAGE_FORMATS
-from spcola.truth.passes import PassSettings
-from spcola.truth.rendering import ImageSettings
+from spcola.truth.campaign import CampaignSettings, PassSettings, StateSettings
+from spcola.truth.imaging import IMAGE_FORMATS, ImageSettings
 from spcola.truth.solution import SolutionSettings
-from spcola.truth.states import StateSettings
 
 LIDAR_FRAME, SPC_FRAME = "lidar", "spc"
 FAR_DIVERGENCE = 4.0e-5

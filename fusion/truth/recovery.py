@@ -65,7 +65,7 @@ def _of_registration(planted: Planted, found: Mapping[str, Any]) -> list[Recover
 
 
 def _of_scale(planted: Planted, found: Mapping[str, Any]) -> list[Recovered]:
-    """Rows of ``scale.json``, as its :mod:`fusion.scaling.observation` defines the signs.
+    """Rows of ``scale.json``, as its :mod:`fusion.scaling.fit.observation` defines the signs.
 
     With SPC's trajectory spacecraft and surface are displaced alike, and no offset of the centre
     is to be seen; with the reference trajectory the lidar surface lies off by −T, and ranges that

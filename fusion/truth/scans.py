@@ -19,7 +19,7 @@ from lidar.truth import (
     track_name,
     write_scans,
 )
-from spcola.truth.passes import Pass, day_of
+from spcola.truth.campaign import Pass, day_of
 
 
 def plan_observations(passes: Sequence[Pass], settings: MissionSettings) -> dict[str, Pass | Track]:

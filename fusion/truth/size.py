@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from fusion.executor import usable_cores
+from fusion.runtime import usable_cores
 from fusion.truth.images import FINEST, SURFACE_BYTES
 from fusion.truth.presets import MissionSettings
 from lidar.truth import plan_tracks, scan_size

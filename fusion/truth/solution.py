@@ -14,20 +14,19 @@ from fusion.truth.presets import MissionSettings
 from fusion.truth.restoring import restored
 from fusion.truth.work import Work, missing
 from spcola.arrays import FloatArray
-from spcola.formats.icq import write_icq
-from spcola.formats.lists import write_list
-from spcola.formats.lmk import write_landmark
-from spcola.formats.map import write_maplet
-from spcola.formats.nom import write_nominal
-from spcola.formats.sum import write_summary
-from spcola.image import SpcImage
-from spcola.truth.landmarks import landmarks_of, measure_landmarks
-from spcola.truth.light import LightMap
-from spcola.truth.passes import Pass
-from spcola.truth.sampled import SampledSurface
-from spcola.truth.solution import make_maplet, maplet_directions, spc_shape
-from spcola.truth.states import SolvedState, make_state
-from spcola.truth.stations import plan_stations, stations_of_pass
+from spcola.camera import SpcImage
+from spcola.formats.maplets import write_maplet
+from spcola.formats.shapes import write_icq
+from spcola.formats.solution import write_landmark, write_list, write_nominal, write_summary
+from spcola.truth.campaign import Pass, SolvedState, make_state, plan_stations, stations_of_pass
+from spcola.truth.sampled import LightMap, SampledSurface
+from spcola.truth.solution import (
+    landmarks_of,
+    make_maplet,
+    maplet_directions,
+    measure_landmarks,
+    spc_shape,
+)
 
 SHAPE_FILE = Path("SHAPEFILES") / "SHAPE.TXT"
 

@@ -9,12 +9,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from fusion.executor import Executor
-from fusion.progress import Progress
+from fusion.runtime import Executor, Progress
 from fusion.truth.generation import Site
 from fusion.truth.presets import MissionSettings
-from spcola.truth.body import TruthBody
-from spcola.truth.streams import stream
+from spcola.truth.body import TruthBody, stream
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

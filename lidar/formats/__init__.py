@@ -1,1 +1,5 @@
-"""Readers and writers of lidar tables and point clouds."""
+"""Lidar files: recognised by their content, read in blocks."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

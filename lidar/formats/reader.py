@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from lidar.formats.options import LidarOptions
-from lidar.formats.recognise import FORMATS, recognise
-from lidar.scan import Scan, join
+from lidar.formats.recognition import FORMATS, recognise
+from lidar.scans import Scan, join
 from spcola.errors import FormatError
 
 _DEFAULTS = LidarOptions()

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from lidar.formats.options import LidarOptions
-from lidar.scan import Scan
+from lidar.scans import Scan
 from spcola.arrays import AnyArray, BoolArray, FloatArray
+from spcola.compilation import compiled, compiled_inline
 from spcola.errors import FormatError
-from spcola.kernel import inlined_kernel, kernel
 
 # 1950 to 2150: every altimeter that flew or will fly soon; a garbled time falls outside.
 _EARLIEST_S, _LATEST_S = -1.6e9, 4.8e9
@@ -232,7 +232,7 @@ class _Verdict:
         return np.isin(self.code, [self.first(reason) for reason in reasons])
 
 
-@kernel
+@compiled
 def _judge(
     code: AnyArray,
     before: int,
@@ -282,7 +282,7 @@ def _judge(
             code[n] = before + 7
 
 
-@inlined_kernel
+@compiled_inline
 def _apart(point: FloatArray, spherical: FloatArray) -> float:
     """Distance between two statements of a position, metres."""
     level = spherical[2] * np.cos(spherical[1])
@@ -292,7 +292,7 @@ def _apart(point: FloatArray, spherical: FloatArray) -> float:
     return np.sqrt(x * x + y * y + z * z)
 
 
-@kernel
+@compiled
 def _beams(points: FloatArray, spacecraft: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Directions (N, 3) from the spacecraft to the points, and the distances (N,), metres."""
     beam, distance = np.empty(points.shape), np.empty(len(points))

@@ -1,25 +1,5 @@
-"""Lidar of the synthetic body: raster scans and nadir tracks, their errors, their files."""
+"""Scans of the synthetic body."""
 
-from lidar.truth.files import FORMATS, ScanSize, returns_of, scan_size, write_scans
-from lidar.truth.scan import make_scan, scan_chunks, scan_name, track_chunks, track_name
-from lidar.truth.settings import LidarSettings, ScanErrors, draw_errors
-from lidar.truth.track import Track, TrackSettings, plan_tracks
+import lazy_loader
 
-__all__ = [
-    "FORMATS",
-    "LidarSettings",
-    "ScanErrors",
-    "ScanSize",
-    "Track",
-    "TrackSettings",
-    "draw_errors",
-    "make_scan",
-    "plan_tracks",
-    "returns_of",
-    "scan_chunks",
-    "scan_name",
-    "scan_size",
-    "track_chunks",
-    "track_name",
-    "write_scans",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

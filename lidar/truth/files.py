@@ -9,11 +9,17 @@ from types import MappingProxyType
 
 import numpy as np
 
-from lidar.formats.las_writer import write_las
+from lidar.formats.clouds import write_las
+from lidar.formats.missions import RECORD, write_ola
 from lidar.formats.native import write_scan
-from lidar.formats.ola import RECORD, write_ola
-from lidar.scan import Scan
-from lidar.truth.settings import DEMODULATOR, MISSING, NO_RETURN, OVERFLOW, LidarSettings
+from lidar.scans import Scan
+from lidar.truth.settings import (
+    DEMODULATOR,
+    MISSING,
+    NO_RETURN,
+    OVERFLOW,
+    LidarSettings,
+)
 from lidar.truth.track import Track
 from spcola.errors import SettingsError
 

@@ -6,13 +6,23 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lidar.scan import Scan, join
-from lidar.truth.echoes import flags, meet, stated_range, strengths
+from lidar.scans import Scan, join
+from lidar.truth.echoes import (
+    flags,
+    meet,
+    stated_range,
+    strengths,
+)
 from lidar.truth.settings import DEMODULATOR, LidarSettings, ScanErrors
-from lidar.truth.shots import Shots, raster_shots, track_shots, unit
+from lidar.truth.shots import (
+    Shots,
+    raster_shots,
+    track_shots,
+    unit,
+)
 from lidar.truth.track import Track
 from spcola.truth.body import TruthBody
-from spcola.truth.passes import Pass
+from spcola.truth.campaign import Pass
 
 CHUNK = 250_000
 """Shots that are in memory at once, if not stated otherwise."""

@@ -12,7 +12,7 @@ from lidar.truth.settings import LidarSettings
 from lidar.truth.track import Track
 from spcola.arrays import FloatArray
 from spcola.truth.body import TruthBody
-from spcola.truth.passes import Pass
+from spcola.truth.campaign import Pass
 
 # Uniform numbers that a shot takes, whatever becomes of it: place (2), fate, range, stray,
 # intensity. A fixed number makes a scan the same however it is cut into chunks.

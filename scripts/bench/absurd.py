@@ -22,13 +22,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from fusion.executor import ThreadExecutor
 from fusion.pipeline import Pipeline
-from fusion.progress import Progress
-from fusion.ranges import Span
-from fusion.settings import Settings, parse_settings, table_models
+from fusion.runtime import Progress, ThreadExecutor
 from fusion.stages import load_stages
 from fusion.workspace import Workspace
+from fusion.workspace.settings import Settings
+from fusion.workspace.settings.ranges import Span
+from fusion.workspace.settings.settings import parse_settings, table_models
 from spcola.errors import SpcolaError
 
 STAGES = {"import": "ingest", "spin": "mapolas", "spice": "mapolas", "body": "mapolas"}

@@ -33,27 +33,24 @@ import numpy as np
 from scipy.stats import binned_statistic_2d
 from truth import timed
 
-from fusion.adjusting import ScanSource
-from fusion.executor import ThreadExecutor
-from fusion.progress import Progress
-from fusion.settings import write_settings
-from fusion.stages.mapolas import gridding_options, mapola_grids
+from fusion.runtime import Progress, ThreadExecutor
+from fusion.stages.mapolas import ScanSource, gridding_options, mapola_grids
 from fusion.truth.generation import Site
 from fusion.truth.presets import MissionSettings
 from fusion.truth.scans import day_biases, plan_observations, write_observations
 from fusion.truth.solution import write_shape
 from fusion.truth.work import Work
 from fusion.workspace import SETTINGS_FILE, Workspace
-from lidar.cells import sort_into_cells
+from fusion.workspace.settings import write_settings
+from lidar.archive import ScanStore
 from lidar.formats.reader import read_scan
-from lidar.gridding import grid_returns
-from lidar.returns import Returns
-from lidar.store import ScanStore
+from lidar.gridding import grid_returns, sort_into_cells
+from lidar.scans import Returns
 from lidar.truth import Track
 from spcola.arrays import FloatArray
-from spcola.maplet import MapletGrid
+from spcola.grids import MapletGrid
 from spcola.truth.body import TruthBody
-from spcola.truth.passes import Pass, plan_passes
+from spcola.truth.campaign import Pass, plan_passes
 
 # Scans that one command imports: the store is then as large as those before and these together.
 BATCHES, BATCH = (1, 7, 56), 64

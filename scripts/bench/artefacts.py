@@ -102,8 +102,15 @@ def compare(before: Path, after: Path) -> int:
     old, new = (json.loads(path.read_text(encoding="utf-8")) for path in (before, after))
     changed = [name for name in sorted(old.keys() & new.keys()) if old[name] != new[name]]
     print("\n".join(f"differs  {name}" for name in changed))
-    print("\n".join(f"{'gone   ' if name in old else 'new    '}  {name}" for name in sorted(old.keys() ^ new.keys())))
-    print(f"{len(old.keys() & new.keys()) - len(changed)} files are the same, {len(changed)} differ")
+    print(
+        "\n".join(
+            f"{'gone   ' if name in old else 'new    '}  {name}"
+            for name in sorted(old.keys() ^ new.keys())
+        )
+    )
+    print(
+        f"{len(old.keys() & new.keys()) - len(changed)} files are the same, {len(changed)} differ"
+    )
     return int(bool(changed) or old.keys() != new.keys())
 
 

@@ -33,10 +33,10 @@ import numpy as np
 from typer.testing import CliRunner, Result
 
 from fusion.cli.app import app
-from fusion.soundness import unsound_maplets
+from fusion.pipeline.catalog.soundness import unsound_maplets
 from fusion.workspace import Workspace
 from spcola.errors import SpcolaError
-from spcola.formats.map import read_map
+from spcola.formats.maplets import read_map
 
 KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
     "scans": ("scans/*.h5", ("mapolas", "scale", "bigmap")),

@@ -27,20 +27,18 @@ from moved import Errors
 from scipy.ndimage import label, maximum_position
 from truth import number, timed
 
-from fusion.fusing.constraints import overlaps
-from fusion.settings import write_settings
+from fusion.fusing import overlaps
 from fusion.stages.fuse import Scene
-from fusion.truth.assessment.assess import light_on
-from fusion.truth.assessment.gather import workspace_models
+from fusion.truth import read_truth
+from fusion.truth.assessment import AssessmentSettings, workspace_models
+from fusion.truth.assessment.assessment import light_on
 from fusion.truth.assessment.model import Model
 from fusion.truth.assessment.patches import patch_errors
 from fusion.truth.assessment.regions import REGIONS, Ground
-from fusion.truth.assessment.settings import AssessmentSettings
-from fusion.truth.planted import read_truth
 from fusion.workspace import SETTINGS_FILE, Workspace
+from fusion.workspace.settings import write_settings
 from spcola.arrays import FloatArray
-from spcola.maplet import Maplet
-from spcola.regrid import project_maplet
+from spcola.grids import Maplet, project_maplet
 
 NAMED = ("lit", "shadowed", "boulders")
 SPC, MAPOLAS, FUSED = "SPC maplets", "mapolas, registered", "fused maplets"

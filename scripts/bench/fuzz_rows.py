@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from spcola.time import et_from_utc
+from spcola.navigation import et_from_utc
 
 COUNT = 12
 

@@ -16,52 +16,56 @@ import laspy
 import numpy as np
 from fuzz_rows import COUNT, hayabusa, hayabusa2, lola, lola_binary, nlr, rows, track, utc
 
-from fusion.fused import FusedMaplet, Source
-from fusion.products.fits import read_fits_dtm, write_fits_dtm
-from fusion.products.fused import read_fused, write_fused
-from fusion.products.manifest import Provenance
-from fusion.registration.apply import given_registration
-from fusion.registration.scans import ScanEffects
-from fusion.registration.summary import placements_of
-from fusion.settings import Settings, load_settings, settings_text
-from fusion.stages.ingest import recorded_source
+from fusion.fusing.maplets import FusedMaplet, Source, read_fused, write_fused
+from fusion.products import Provenance
+from fusion.products.formats import read_fits_dtm, write_fits_dtm
+from fusion.registration.results import ScanEffects, given_registration, placements_of
+from fusion.stages.ingest.stage import recorded_source
+from fusion.truth import read_truth
 from fusion.truth.planted import (
     PlacedCenter,
     Planted,
     TrueState,
-    read_truth,
     write_truth,
 )
 from fusion.truth.presets import MissionSettings
 from fusion.workspace import Workspace
-from lidar.adjustment import ScanAdjustment
-from lidar.formats.adjustment import read_adjustment, write_adjustment
-from lidar.formats.mapola import mapola_names, read_mapola, write_mapolas
-from lidar.formats.native import ScanFile, scan_summary, write_scan
-from lidar.formats.ola import write_ola
-from lidar.formats.reader import open_lidar
-from lidar.formats.recognise import recognise
-from lidar.mapola import Mapola
-from lidar.nodes import ErrorSizes, Nodes
-from lidar.scan import Scan
-from spcola.camera import Camera
-from spcola.formats.dat import read_image_data, write_image_data
-from spcola.formats.fits import read_fits_image, write_fits_image
-from spcola.formats.icq import write_icq
-from spcola.formats.lists import read_list
-from spcola.formats.lmk import read_landmark, write_landmark
-from spcola.formats.map import read_maplet, write_maplet
-from spcola.formats.nom import read_nominal
-from spcola.formats.obj import write_obj
-from spcola.formats.ply import write_ply_mesh
-from spcola.formats.shape import read_shape, recognise_shape
-from spcola.formats.sum import read_summary, write_summary
-from spcola.formats.transfer import Daf, DafArray, encode_daf, read_transfer
-from spcola.icq import IcqShape, icq_directions
-from spcola.image import SpcImage
-from spcola.landmark import Landmark
-from spcola.maplet import Maplet, MapletGrid
-from spcola.spice import KernelSet, body_fixed_trajectory, state_times
+from fusion.workspace.settings import Settings, load_settings
+from fusion.workspace.settings.settings import settings_text
+from lidar.adjustment import ErrorSizes, Nodes, ScanAdjustment
+from lidar.formats import open_lidar, recognise
+from lidar.formats.missions import write_ola
+from lidar.formats.native import (
+    ScanFile,
+    read_adjustment,
+    read_mapola,
+    scan_summary,
+    write_adjustment,
+    write_mapolas,
+    write_scan,
+)
+from lidar.formats.native.mapola import mapola_names
+from lidar.gridding import Mapola
+from lidar.scans import Scan
+from spcola.camera import Camera, SpcImage
+from spcola.control import Landmark
+from spcola.formats.images import read_image_data, write_fits_image, write_image_data
+from spcola.formats.images.fits import read_fits_image
+from spcola.formats.maplets import read_maplet, write_maplet
+from spcola.formats.shapes import read_shape, recognise_shape, write_icq, write_obj, write_ply_mesh
+from spcola.formats.solution import (
+    read_landmark,
+    read_list,
+    read_nominal,
+    read_summary,
+    write_landmark,
+    write_summary,
+)
+from spcola.grids import Maplet, MapletGrid
+from spcola.shape.icq import IcqShape, icq_directions
+from spcola.spice import KernelSet, read_transfer
+from spcola.spice.kernels import body_fixed_trajectory, state_times
+from spcola.spice.transfer import Daf, DafArray, encode_daf
 
 Form = Literal["binary", "text", "hdf5", "json"]
 RNG = np.random.default_rng(7)

@@ -29,7 +29,13 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import LinearOperator, cg, spsolve
 
 from spcola.arrays import BoolArray, FloatArray
-from spcola.heights import HeightProblem, SolverOptions, relax, solve_heights, solve_many
+from spcola.heights import (
+    HeightProblem,
+    SolverOptions,
+    relax,
+    solve_heights,
+    solve_many,
+)
 from spcola.heights.components import find_components
 from spcola.heights.graph import normal_matrix
 

@@ -22,21 +22,19 @@ from pathlib import Path
 
 import numpy as np
 
-from fusion.executor import ThreadExecutor, usable_cores
 from fusion.registration.fit import FitOptions, Registration, similarity_numbers
-from fusion.registration.kinds import fit_mapolas
-from fusion.registration.landmarks import LandmarkErrors
-from fusion.registration.match import Match, Surface, match_surfaces
-from fusion.registration.noise import estimate_spectrum
-from fusion.registration.resolution import estimate_blur
-from fusion.registration.scans import ScanEffects, share_matrix
-from fusion.registration.summary import MatchedMapolas
-from fusion.surfaces import Reference, surface_reference
-from fusion.truth.planted import Planted, read_truth
+from fusion.registration.observations import LandmarkErrors, fit_mapolas
+from fusion.registration.results import MatchedMapolas, ScanEffects, share_matrix
+from fusion.runtime import ThreadExecutor, usable_cores
+from fusion.scene import Reference, surface_reference
+from fusion.surfacematch import Match, Surface, match_surfaces
+from fusion.surfacematch.resolution import estimate_blur, estimate_spectrum
+from fusion.truth import read_truth
+from fusion.truth.planted import Planted
 from fusion.workspace import Workspace
-from lidar.mapola import Mapola
+from lidar.gridding import Mapola
 from spcola.arrays import FloatArray
-from spcola.network import Network, NetworkOptions, solve_network
+from spcola.control.estimation import Network, NetworkOptions, solve_network
 
 BARS = {"translation": 2.0, "rotation": 1e-4, "scale": 2.0}
 UNITS = {"translation": "mm", "rotation": "deg", "scale": "ppm"}

@@ -15,14 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from fusion.fused import FusedMaplet, Source
-from fusion.registration.summary import Placement, placements_of
+from fusion.fusing.maplets import FusedMaplet, Source
+from fusion.registration.results import Placement, placements_of
 from fusion.stages.fuse import Scene
-from fusion.truth.assessment.assess import light_on
+from fusion.truth import read_truth
+from fusion.truth.assessment import AssessmentSettings
+from fusion.truth.assessment.assessment import light_on
 from fusion.truth.assessment.patches import patch_errors
 from fusion.truth.assessment.regions import REGIONS, Ground
-from fusion.truth.assessment.settings import AssessmentSettings
-from fusion.truth.planted import read_truth
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.heights import slopes_of

@@ -18,12 +18,10 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
-from fusion.demo import demonstrate
-from fusion.executor import ThreadExecutor, usable_cores
-from fusion.progress import Progress
+from fusion.runtime import Progress, ThreadExecutor, usable_cores
+from fusion.truth import Recovered, demonstrate
 from fusion.truth.planted import MissionSettings
 from fusion.truth.pulls import PullStatistics, pull_statistics
-from fusion.truth.recovery import Recovered
 
 PRESETS = {"tiny": MissionSettings.tiny, "mini": MissionSettings.mini}
 

@@ -24,16 +24,16 @@ from importlib.util import find_spec
 import numpy as np
 from scipy import ndimage
 
-from fusion.executor import ThreadExecutor
-from fusion.registration.by_returns import register_returns
-from fusion.registration.clouds import CloudOptions, register_clouds
-from fusion.registration.match import Match, Surface, match_surfaces
-from fusion.registration.noise import NoiseSpectrum, estimate_spectrum
-from fusion.registration.resolution import blur as blurred
-from fusion.registration.return_heights import CloudOfReturns, FixedSurface
+from fusion.registration.clouds.clouds import CloudOptions, register_clouds
+from fusion.registration.returns import CloudOfReturns, FixedSurface
+from fusion.registration.returns.by_returns import register_returns
+from fusion.runtime import ThreadExecutor
+from fusion.surfacematch import Match, Surface, match_surfaces
+from fusion.surfacematch.resolution import NoiseSpectrum, estimate_spectrum
+from fusion.surfacematch.resolution import blur as blurred
 from spcola.arrays import AnyArray, FloatArray
-from spcola.maplet import MapletGrid
-from spcola.similarity import Affine, Similarity
+from spcola.grids import MapletGrid
+from spcola.math import Affine, Similarity
 
 SIDE_M, NODES, SLOPE, NOISE_M = 100.0, 1024, 0.2, 0.03
 STEP_M = 1.1 * SIDE_M / NODES

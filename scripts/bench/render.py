@@ -3,8 +3,8 @@
 The image: a narrow camera of 1024² pixels at 3.8 km from a body of 245 m, all ground, at 45° of
 incidence; one ray per pixel and one more to the Sun. Its first rendering makes the tiles, the
 next finds them made. The peer casts the same two rays per pixel on a mesh of the same spacing
-(spcola.rays, Embree), without brightness or noise. The limit is to fetch four float32 numbers at
-each of the pixels' places and mix them, twice.
+(spcola.shape.rays, Embree), without brightness or noise. The limit is to fetch four float32 numbers
+at each of the pixels' places and mix them, twice.
 
     python scripts/bench/render.py [--pixels 1024] [--spacing-m 0.05] [--repeats 3]
 """
@@ -18,14 +18,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from spcola.image import SpcImage
-from spcola.mesh import Mesh
-from spcola.projection import ray
-from spcola.rays import RayCaster
-from spcola.truth.body import TruthBody
-from spcola.truth.bodysettings import BodySettings
-from spcola.truth.cameras import framing_camera, looking
-from spcola.truth.rendering import Rendered, render
+from spcola.camera import SpcImage, ray
+from spcola.shape import Mesh, RayCaster
+from spcola.truth.body import BodySettings, TruthBody
+from spcola.truth.campaign.cameras import framing_camera, looking
+from spcola.truth.imaging import render
+from spcola.truth.imaging.rendering import Rendered
 from spcola.truth.sampled import SampledSurface
 
 DIRECTION = np.array([-0.8, -0.36, 0.48])

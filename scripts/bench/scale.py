@@ -30,20 +30,18 @@ from pathlib import Path
 import numpy as np
 from pulls import PRESETS, table
 
-from fusion.catalog import Catalog
-from fusion.executor import ThreadExecutor, usable_cores
-from fusion.initialise import new_workspace
 from fusion.pipeline import Pipeline
-from fusion.progress import Progress
-from fusion.scaling.joint import ScaleOptions
-from fusion.sources import Source
+from fusion.pipeline.catalog import Catalog
+from fusion.runtime import Progress, ThreadExecutor, usable_cores
+from fusion.scaling.fit import ScaleOptions
 from fusion.stages import load_stages
-from fusion.stages.ingest import Workers, import_files
+from fusion.stages.ingest import Source, Workers, import_files
+from fusion.truth import Recovered, make_mission
 from fusion.truth.generation import LIDAR_FOLDER, SPC_FOLDER
-from fusion.truth.mission import make_mission
 from fusion.truth.presets import MissionSettings
 from fusion.truth.pulls import pull_statistics
-from fusion.truth.recovery import Recovered, compare
+from fusion.truth.recovery import compare
+from fusion.workspace import new_workspace
 
 
 @dataclass(frozen=True)

@@ -26,23 +26,28 @@ from pathlib import Path
 
 import numpy as np
 
-from fusion.executor import ThreadExecutor, usable_cores
-from fusion.pairing import Pairing, pair_images
-from fusion.progress import Progress
-from fusion.scaling.joint import ScaleEstimate, ScaleOptions, estimate_scale
-from fusion.scaling.observation import ScaleObservations
-from fusion.scaling.pairs import Pair, blur_of, pair_observations, sharpened
-from fusion.stages.base import StageContext
-from fusion.stages.scale import STAGE
-from fusion.truth.planted import Planted, read_truth
+from fusion.pipeline import StageContext
+from fusion.runtime import Progress, ThreadExecutor, usable_cores
+from fusion.scaling.fit import ScaleEstimate, ScaleOptions, estimate_scale
+from fusion.scaling.fit.observation import ScaleObservations
+from fusion.scaling.pairs import (
+    Pair,
+    blur_of,
+    pair_observations,
+    sharpened,
+)
+from fusion.stages.scale.pairing import Pairing, pair_images
+from fusion.stages.scale.stage import STAGE
+from fusion.truth import read_truth
+from fusion.truth.planted import Planted
 from fusion.workspace import Workspace
 from lidar.truth import scan_name
 from lidar.truth.shots import raster_shots
 from spcola.arrays import FloatArray
-from spcola.image import SpcImage
-from spcola.rays import RayCaster
-from spcola.truth.passes import plan_passes
-from spcola.truth.streams import stream
+from spcola.camera import SpcImage
+from spcola.shape import RayCaster
+from spcola.truth.body import stream
+from spcola.truth.campaign import plan_passes
 
 PARTS = {
     "epsilon": slice(0, 1),

@@ -1,1 +1,1 @@
-"""Readers and writers of SPC files: the only place where kilometres and degrees live."""
+"""Files of SPC: the only place where kilometres, degrees and byte orders live."""

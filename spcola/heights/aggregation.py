@@ -20,7 +20,7 @@ from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
 from spcola.arrays import BoolArray, FloatArray, IntArray
-from spcola.kernel import kernel
+from spcola.compilation import compiled
 
 _COARSEST_POINTS = 2000
 """Points of the level that is left to sparse factors."""
@@ -155,7 +155,7 @@ def _pairs(matrix: csr_array) -> tuple[IntArray, int]:
     return aggregate, _pair(*graph, hold, strongest, alone, aggregate)
 
 
-@kernel
+@compiled
 def _strengths(
     indptr: IntArray, indices: IntArray, data: FloatArray
 ) -> tuple[FloatArray, IntArray, BoolArray]:
@@ -177,7 +177,7 @@ def _strengths(
     return hold, strongest, alone
 
 
-@kernel
+@compiled
 def _pair(
     indptr: IntArray,
     indices: IntArray,
@@ -217,7 +217,7 @@ def _pair(
     return count
 
 
-@kernel
+@compiled
 def _restrict(
     indptr: IntArray,
     indices: IntArray,
@@ -236,7 +236,7 @@ def _restrict(
         out[aggregate[i]] += rest
 
 
-@kernel
+@compiled
 def _multiply(
     indptr: IntArray, indices: IntArray, data: FloatArray, x: FloatArray, out: FloatArray
 ) -> float:
@@ -250,7 +250,7 @@ def _multiply(
     return total
 
 
-@kernel
+@compiled
 def _dot(one: FloatArray, other: FloatArray) -> float:
     """Return ``oneᵀ other`` on this thread: those of BLAS would wait for one another here."""
     total = 0.0
@@ -259,14 +259,14 @@ def _dot(one: FloatArray, other: FloatArray) -> float:
     return total
 
 
-@kernel
+@compiled
 def _spread(coarse: FloatArray, aggregate: IntArray, x: FloatArray) -> None:
     for i in range(len(x)):
         if aggregate[i] >= 0:
             x[i] += coarse[aggregate[i]]
 
 
-@kernel
+@compiled
 def _sweep(
     indptr: IntArray,
     indices: IntArray,

@@ -6,9 +6,9 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from spcola.arrays import FloatArray, IntArray
+from spcola.compilation import compiled
 from spcola.heights.components import find_components
 from spcola.heights.problem import HeightProblem
-from spcola.kernel import kernel
 
 
 class BandedFactor:
@@ -79,7 +79,7 @@ def band_width(problem: HeightProblem) -> int:
     return width
 
 
-@kernel
+@compiled
 def _add_means(
     start: IntArray, points: IntArray, share: FloatArray, weight: FloatArray, band: FloatArray
 ) -> None:
@@ -91,7 +91,7 @@ def _add_means(
                     band[apart, points[a]] += weight[k] * share[a] * share[b]
 
 
-@kernel
+@compiled
 def _inverse_diagonal(factor: FloatArray) -> FloatArray:
     """Diagonal of ``(L Lᵀ)⁻¹`` by Takahashi's recursion, `factor[j, k] = L[j + k, j]`.
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from spcola.arrays import BoolArray, FloatArray, IntArray
-from spcola.heights.bands import Bands
+from spcola.compilation import Bands, compiled
 from spcola.heights.problem import HeightProblem
-from spcola.kernel import kernel
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +95,7 @@ def find_components(problem: HeightProblem, bands: Bands | None = None) -> Compo
     return parts
 
 
-@kernel
+@compiled
 def _count_runs(mask: BoolArray, right: FloatArray, first: int, last: int) -> int:
     """Runs of points that edges join along their row."""
     columns = mask.shape[1]
@@ -108,7 +107,7 @@ def _count_runs(mask: BoolArray, right: FloatArray, first: int, last: int) -> in
     return count
 
 
-@kernel
+@compiled
 def _join_runs(
     mask: BoolArray,
     right: FloatArray,
@@ -136,7 +135,7 @@ def _join_runs(
             _join_rows(mask, right, down, r, above, here, parent)
 
 
-@kernel
+@compiled
 def _join_bands(
     mask: BoolArray,
     right: FloatArray,
@@ -159,7 +158,7 @@ def _join_bands(
         _join_rows(mask, right, down, r, above, here, parent)
 
 
-@kernel
+@compiled
 def _join_rows(
     mask: BoolArray,
     right: FloatArray,
@@ -180,7 +179,7 @@ def _join_rows(
         parent[max(a, b)] = min(a, b)
 
 
-@kernel
+@compiled
 def _join_sets(
     mask: BoolArray, right: FloatArray, start: IntArray, points: IntArray, parent: IntArray
 ) -> None:
@@ -199,7 +198,7 @@ def _join_sets(
             parent[max(a, b)] = min(a, b)
 
 
-@kernel
+@compiled
 def _root(parent: IntArray, run: int) -> int:
     """Root of a run; the way there is shortened for those who come after."""
     while parent[run] != run:
@@ -208,7 +207,7 @@ def _root(parent: IntArray, run: int) -> int:
     return run
 
 
-@kernel
+@compiled
 def _number(parent: IntArray) -> tuple[IntArray, int]:
     """Give the parts their labels in the order of their first runs: (label of each run, parts)."""
     number = np.empty_like(parent)
@@ -223,7 +222,7 @@ def _number(parent: IntArray) -> tuple[IntArray, int]:
     return number, count
 
 
-@kernel
+@compiled
 def _label(
     mask: BoolArray,
     right: FloatArray,
@@ -245,7 +244,7 @@ def _label(
             labels[r, c] = number[run]
 
 
-@kernel
+@compiled
 def _count_points(labels: IntArray, size: IntArray) -> None:
     rows, columns = labels.shape
     for r in range(rows):
@@ -260,7 +259,7 @@ def _count_points(labels: IntArray, size: IntArray) -> None:
             size[before] += run
 
 
-@kernel
+@compiled
 def _sum_parts(labels: IntArray, values: FloatArray, total: FloatArray) -> None:
     rows, columns = labels.shape
     for r in range(rows):

@@ -9,15 +9,14 @@ import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
 from spcola.arrays import BoolArray, FloatArray
+from spcola.compilation import Bands, compiled
 from spcola.heights import vectors
-from spcola.heights.bands import Bands
 from spcola.heights.components import Components
 from spcola.heights.graph import GraphCycle
 from spcola.heights.means import add_mean_products, add_mean_pulls
 from spcola.heights.multigrid import Hierarchy
 from spcola.heights.problem import HeightProblem
 from spcola.heights.smoothing import multiply
-from spcola.kernel import kernel
 
 _SAFETY = 3.0
 """How much larger the stated bound is than the error that the preconditioner sees."""
@@ -295,7 +294,7 @@ def _extremes(problem: HeightProblem, weight: FloatArray, bands: Bands) -> tuple
     return float(smallest), float(max(share[1] for share in x + y + points))
 
 
-@kernel
+@compiled
 def _band_extremes(values: FloatArray, first: int, last: int) -> tuple[float, float]:
     """Return the smallest positive value and the largest, at least 0, of some rows."""
     columns = values.shape[1]

@@ -7,9 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spcola.arrays import BoolArray, FloatArray, IntArray, check_shape, frozen, read_only
+from spcola.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    check_shape,
+    frozen,
+    read_only,
+)
+from spcola.compilation import compiled
 from spcola.errors import InvalidValueError
-from spcola.kernel import kernel
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +173,7 @@ class MeanConstraints:
         )
 
 
-@kernel
+@compiled
 def add_mean_pulls(
     start: IntArray,
     points: IntArray,
@@ -186,7 +193,7 @@ def add_mean_pulls(
             out[points[n] // columns, points[n] % columns] += weight[k] * share[n] * misfit
 
 
-@kernel
+@compiled
 def add_mean_products(
     start: IntArray,
     points: IntArray,

@@ -24,11 +24,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from spcola.arrays import FloatArray, IntArray
-from spcola.heights.bands import Bands
+from spcola.compilation import Bands, compiled
 from spcola.heights.problem import HeightProblem
 from spcola.heights.smoothing import correct_and_smooth, smooth_and_restrict, subtract_product
 from spcola.heights.strays import Strays
-from spcola.kernel import kernel
 
 _COARSEST_POINTS = 64
 """Levels up to this size are solved by their inverse: smaller levels cost more calls than sums."""
@@ -184,7 +183,7 @@ class Hierarchy:
         strays.correct(value, answer)
 
 
-@kernel
+@compiled
 def _convert(values: FloatArray, factor: float, out: FloatArray, first: int, last: int) -> None:
     """Rows of `values` times `factor` into the padded single-precision `out`."""
     for i in range(first, min(last, values.shape[0])):
@@ -192,7 +191,7 @@ def _convert(values: FloatArray, factor: float, out: FloatArray, first: int, las
             out[i + 1, j + 1] = values[i, j] * factor
 
 
-@kernel
+@compiled
 def _coarsen(
     right: FloatArray,
     down: FloatArray,
@@ -215,7 +214,7 @@ def _coarsen(
             coarse_ground[i, j] = (ground[a, c] + ground[a, d]) + (ground[b, c] + ground[b, d])
 
 
-@kernel
+@compiled
 def _invert(right: FloatArray, down: FloatArray, ground: FloatArray) -> FloatArray:
     """Return the inverse (n, n) of a small level (padded coefficients), by sweeping its points.
 
@@ -257,7 +256,7 @@ def _invert(right: FloatArray, down: FloatArray, ground: FloatArray) -> FloatArr
     return (-matrix).astype(right.dtype)
 
 
-@kernel
+@compiled
 def _solve_coarsest(inverse: FloatArray, source: FloatArray, answer: FloatArray, add: bool) -> None:
     rows, columns = source.shape[0] - 2, source.shape[1] - 2
     flat = np.zeros(rows * columns, dtype=source.dtype)
@@ -275,14 +274,14 @@ def _solve_coarsest(inverse: FloatArray, source: FloatArray, answer: FloatArray,
                 answer[i + 1, j + 1] = flat[i * columns + j]
 
 
-@kernel
+@compiled
 def _grid(flat: FloatArray, sizes: IntArray, start: IntArray, level: int) -> FloatArray:
     """Return one level (padded) of a flat array of several; its first element is `start[0]`."""
     span = slice(start[level] - start[0], start[level + 1] - start[0])
     return flat[span].reshape((sizes[level, 0] + 2, sizes[level, 1] + 2))
 
 
-@kernel
+@compiled
 def _cycle(  # noqa: PLR0913, PLR0917  flat arrays of all levels: numba knows no dataclasses
     sizes: IntArray,
     start: IntArray,

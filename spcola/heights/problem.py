@@ -7,10 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spcola.arrays import BoolArray, FloatArray, check_shape, read_only
+from spcola.arrays import (
+    BoolArray,
+    FloatArray,
+    check_shape,
+    read_only,
+)
+from spcola.compilation import compiled
 from spcola.errors import InvalidValueError
 from spcola.heights.means import MeanConstraints
-from spcola.kernel import kernel
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +202,7 @@ def _weights(values: ArrayLike, shape: tuple[int, int], name: str) -> FloatArray
     return weights
 
 
-@kernel
+@compiled
 def _are_weights(weights: FloatArray) -> bool:
     wrong = 0
     for row in weights:
@@ -206,7 +211,7 @@ def _are_weights(weights: FloatArray) -> bool:
     return wrong == 0
 
 
-@kernel
+@compiled
 def _finite_where_used(values: FloatArray, weights: FloatArray) -> bool:
     wrong = 0
     for r in range(values.shape[0]):
@@ -215,7 +220,7 @@ def _finite_where_used(values: FloatArray, weights: FloatArray) -> bool:
     return wrong == 0
 
 
-@kernel
+@compiled
 def _clear_unused(values: FloatArray, weights: FloatArray) -> None:
     for r in range(values.shape[0]):
         for c in range(values.shape[1]):
@@ -223,7 +228,7 @@ def _clear_unused(values: FloatArray, weights: FloatArray) -> None:
                 values[r, c] = 0.0
 
 
-@kernel
+@compiled
 def _cut_edges(one: BoolArray, other: BoolArray, weights: FloatArray) -> None:
     """Clear the weights of edges that do not join two points of the mask."""
     for r in range(weights.shape[0]):
@@ -232,7 +237,7 @@ def _cut_edges(one: BoolArray, other: BoolArray, weights: FloatArray) -> None:
                 weights[r, c] = 0.0
 
 
-@kernel
+@compiled
 def _join_heights(mask: BoolArray, height: FloatArray, weight: FloatArray) -> bool:
     """Clear the weights of missing heights and points; False if a height is infinite."""
     wrong = 0

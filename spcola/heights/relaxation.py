@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from spcola.arrays import FloatArray, IntArray, check_shape
+from spcola.compilation import compiled
 from spcola.errors import InvalidValueError
 from spcola.heights.problem import HeightProblem
-from spcola.kernel import kernel
 
 
 def relax(
@@ -68,7 +68,7 @@ def relax(
     return height
 
 
-@kernel
+@compiled
 def _relax_points(
     points: IntArray,
     step_x: FloatArray,

@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from spcola.arrays import FloatArray
-from spcola.kernel import inlined_kernel, kernel
+from spcola.compilation import compiled, compiled_inline
 
 _TINY = np.float32(1e-30)
 """Diagonal of points without edges; far below weights (1 at most)."""
@@ -29,7 +29,7 @@ LANES = 32
 """Sums that run side by side: a vectorised loop, in an order of its own, not of the threads."""
 
 
-@kernel
+@compiled
 def smooth_and_restrict(
     right: FloatArray,
     down: FloatArray,
@@ -66,7 +66,7 @@ def smooth_and_restrict(
                 rest[:] = 0.0
 
 
-@kernel
+@compiled
 def correct_and_smooth(  # noqa: PLR0913, PLR0917  flat arguments: numba knows no dataclasses
     right: FloatArray,
     down: FloatArray,
@@ -105,7 +105,7 @@ def correct_and_smooth(  # noqa: PLR0913, PLR0917  flat arguments: numba knows n
             _store(line, black[k], colour[i % 2], colour[1 - i % 2], add, answer[i])
 
 
-@kernel
+@compiled
 def subtract_product(
     right: FloatArray,
     down: FloatArray,
@@ -121,7 +121,7 @@ def subtract_product(
         _subtract_product(right[i], above, below, ground[i], here, up, low, source[i])
 
 
-@kernel
+@compiled
 def multiply(
     right: FloatArray,
     down: FloatArray,
@@ -140,7 +140,7 @@ def multiply(
     return total.sum()
 
 
-@inlined_kernel
+@compiled_inline
 def add_products(one: FloatArray, other: FloatArray, total: FloatArray) -> None:
     """Add the products of two rows to sums of double precision that run side by side."""
     whole = len(one) // LANES * LANES
@@ -151,7 +151,7 @@ def add_products(one: FloatArray, other: FloatArray, total: FloatArray) -> None:
         total[j - whole] += np.float64(one[j]) * other[j]
 
 
-@inlined_kernel
+@compiled_inline
 def _product(
     right: FloatArray,
     above: FloatArray,
@@ -171,7 +171,7 @@ def _product(
         ) + (below[j] * (here[j] - low[j]) + above[j] * (here[j] - up[j]))
 
 
-@inlined_kernel
+@compiled_inline
 def _subtract_product(
     right: FloatArray,
     above: FloatArray,
@@ -190,7 +190,7 @@ def _subtract_product(
         ) + (below[j] * (here[j] - low[j]) + above[j] * (here[j] - up[j]))
 
 
-@kernel
+@compiled
 def _colours(like: FloatArray) -> FloatArray:
     """1 at even columns and 0 at odd ones (row 0), and the reverse (row 1)."""
     colour = np.zeros((2, like.shape[1]), dtype=like.dtype)
@@ -199,7 +199,7 @@ def _colours(like: FloatArray) -> FloatArray:
     return colour
 
 
-@inlined_kernel
+@compiled_inline
 def _invert(
     right: FloatArray, above: FloatArray, below: FloatArray, ground: FloatArray, out: FloatArray
 ) -> None:
@@ -213,19 +213,19 @@ def _invert(
         out[j] = _ONE / diagonal if diagonal > _TINY else _ZERO
 
 
-@inlined_kernel
+@compiled_inline
 def _start(source: FloatArray, inverse: FloatArray, out: FloatArray) -> None:
     for j in range(1, len(out) - 1):
         out[j] = source[j] * inverse[j]
 
 
-@inlined_kernel
+@compiled_inline
 def _start_with(source: FloatArray, inverse: FloatArray, wide: FloatArray, out: FloatArray) -> None:
     for j in range(1, len(out) - 1):
         out[j] = source[j] * inverse[j] + wide[j]
 
 
-@inlined_kernel
+@compiled_inline
 def _turn_black(
     right: FloatArray,
     down: FloatArray,
@@ -243,7 +243,7 @@ def _turn_black(
         black[k, :] = 0.0
 
 
-@inlined_kernel
+@compiled_inline
 def _pull(
     right: FloatArray,
     above: FloatArray,
@@ -265,7 +265,7 @@ def _pull(
         )
 
 
-@inlined_kernel
+@compiled_inline
 def _relax(
     right: FloatArray,
     above: FloatArray,
@@ -285,14 +285,14 @@ def _relax(
         )
 
 
-@inlined_kernel
+@compiled_inline
 def _sum_pairs(values: FloatArray, out: FloatArray) -> None:
     """Sum the two columns of each column of the coarser level."""
     for c in range(1, (len(values) + 1) // 2):
         out[c] = values[2 * c - 1] + values[2 * c]
 
 
-@inlined_kernel
+@compiled_inline
 def _widen(coarse: FloatArray, out: FloatArray) -> None:
     """Give both columns of each column of the coarser level its value."""
     for c in range(1, (len(out) + 1) // 2):
@@ -300,7 +300,7 @@ def _widen(coarse: FloatArray, out: FloatArray) -> None:
         out[2 * c] = coarse[c]
 
 
-@inlined_kernel
+@compiled_inline
 def _store(
     one: FloatArray,
     other: FloatArray,

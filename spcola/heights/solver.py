@@ -9,14 +9,19 @@ from typing import Literal
 
 import numpy as np
 
-from spcola.arrays import BoolArray, FloatArray, IntArray, check_shape, read_only
+from spcola.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    check_shape,
+    read_only,
+)
+from spcola.compilation import Bands, compiled, usable_threads
 from spcola.errors import InvalidValueError, SettingsError
-from spcola.heights.bands import Bands, usable_threads
 from spcola.heights.components import Components, find_components
 from spcola.heights.conjugate import LinearSolution, LinearSystem
 from spcola.heights.problem import HeightProblem
-from spcola.kernel import kernel
-from spcola.robust import cauchy_weight, huber_weight
+from spcola.math.robust import cauchy_weight, huber_weight
 
 Loss = Literal["l2", "huber", "cauchy"]
 Floating = Literal["start", "zero_mean", "unknown"]
@@ -301,7 +306,7 @@ def _first_guess(
     return guess
 
 
-@kernel
+@compiled
 def _sum_constraints(
     labels: IntArray, weight: FloatArray, height: FloatArray, total: FloatArray
 ) -> None:
@@ -312,14 +317,14 @@ def _sum_constraints(
                 total[labels[r, c]] += weight[r, c] * height[r, c]
 
 
-@kernel
+@compiled
 def _fill_parts(labels: IntArray, mean: FloatArray, out: FloatArray, first: int, last: int) -> None:
     for r in range(first, last):
         for c in range(labels.shape[1]):
             out[r, c] = mean[labels[r, c]] if labels[r, c] >= 0 else 0.0
 
 
-@kernel
+@compiled
 def _clear_outside(mask: BoolArray, height: FloatArray, first: int, last: int) -> None:
     for r in range(first, last):
         for c in range(mask.shape[1]):
@@ -327,7 +332,7 @@ def _clear_outside(mask: BoolArray, height: FloatArray, first: int, last: int) -
                 height[r, c] = np.nan
 
 
-@kernel
+@compiled
 def _fill_gaps(labels: IntArray, mean: FloatArray, out: FloatArray) -> None:
     rows, columns = labels.shape
     for r in range(rows):

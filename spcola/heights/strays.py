@@ -24,8 +24,7 @@ from typing import Self
 import numpy as np
 
 from spcola.arrays import FloatArray, IntArray
-from spcola.heights.bands import Bands
-from spcola.kernel import inlined_kernel, kernel
+from spcola.compilation import Bands, compiled, compiled_inline
 
 Coefficients = tuple[FloatArray, FloatArray, FloatArray]
 
@@ -79,33 +78,33 @@ class Strays:
         _correct(self.place, self.patch, coarse, answer)
 
 
-@inlined_kernel
+@compiled_inline
 def _across(right: FloatArray, i: int, j: int) -> tuple[float, float]:
     """Weight of the edges of (i, j) along its row: inside its aggregate, and out of it."""
     before, after = right[i, j - 1], right[i, j]
     return (after, before) if j % 2 == 1 else (before, after)
 
 
-@inlined_kernel
+@compiled_inline
 def _along(down: FloatArray, i: int, j: int) -> tuple[float, float]:
     """Weight of the edges of (i, j) along its column: inside its aggregate, and out of it."""
     before, after = down[i - 1, j], down[i, j]
     return (after, before) if i % 2 == 1 else (before, after)
 
 
-@inlined_kernel
+@compiled_inline
 def _inside(right: FloatArray, down: FloatArray, i: int, j: int) -> float:
     """How strongly the aggregate holds its point (i, j)."""
     return _across(right, i, j)[0] + _along(down, i, j)[0]
 
 
-@inlined_kernel
+@compiled_inline
 def _out(i: int) -> int:
     """Direction out of the aggregate along one axis."""
     return -1 if i % 2 == 1 else 1
 
 
-@kernel
+@compiled
 def _find(
     right: FloatArray, down: FloatArray, ground: FloatArray, first: int, last: int
 ) -> IntArray:
@@ -129,7 +128,7 @@ def _find(
     return np.array(found)
 
 
-@kernel
+@compiled
 def _is_stray(right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j: int) -> bool:
     """Whether (i, j) moves out of its aggregate: not if it is alone there, or the last to stay."""
     if not _can_move(right, down, ground, i, j):
@@ -143,7 +142,7 @@ def _is_stray(right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j
     return False
 
 
-@kernel
+@compiled
 def _can_move(right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j: int) -> bool:
     """Whether (i, j) has no edge inside its aggregate, but out of it, to points that stay.
 
@@ -164,7 +163,7 @@ def _can_move(right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j
     return around >= min(across, along) and _stays(right, down, ground, a, b)
 
 
-@kernel
+@compiled
 def _stays(right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j: int) -> bool:
     """Whether (i, j) certainly is no stray: held inside its aggregate, or alone there."""
     m, n = i - _out(i), j - _out(j)
@@ -173,13 +172,13 @@ def _stays(right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j: i
     return alone or _inside(right, down, i, j) > 0
 
 
-@inlined_kernel
+@compiled_inline
 def _held(right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j: int) -> float:
     """All that holds the point (i, j)."""
     return (right[i, j] + right[i, j - 1]) + (down[i, j] + down[i - 1, j]) + ground[i, j]
 
 
-@kernel
+@compiled
 def _lead(
     right: FloatArray,
     down: FloatArray,
@@ -205,7 +204,7 @@ def _lead(
         coarse_ground[place[k, 2], place[k, 3]] += ground[i, j]
 
 
-@kernel
+@compiled
 def _patches(
     right: FloatArray, down: FloatArray, ground: FloatArray, place: IntArray
 ) -> FloatArray:
@@ -223,7 +222,7 @@ def _patches(
     return patch
 
 
-@inlined_kernel
+@compiled_inline
 def _pull(
     right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j: int, m: int, n: int
 ) -> float:
@@ -234,7 +233,7 @@ def _pull(
     return weight / _held(right, down, ground, m, n)
 
 
-@kernel
+@compiled
 def _restrict(place: IntArray, patch: FloatArray, source: FloatArray, coarse: FloatArray) -> None:
     for k in range(len(place)):
         i, j = place[k, 0], place[k, 1]
@@ -247,7 +246,7 @@ def _restrict(place: IntArray, patch: FloatArray, source: FloatArray, coarse: Fl
         coarse[place[k, 2], place[k, 3]] += residual
 
 
-@kernel
+@compiled
 def _correct(place: IntArray, patch: FloatArray, coarse: FloatArray, answer: FloatArray) -> None:
     for k in range(len(place)):
         i, j = place[k, 0], place[k, 1]

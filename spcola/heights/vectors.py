@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from spcola.arrays import BoolArray, FloatArray, IntArray
+from spcola.compilation import compiled, compiled_inline
 from spcola.heights.smoothing import LANES, add_products
-from spcola.kernel import inlined_kernel, kernel
 
 
-@kernel
+@compiled
 def residual(  # noqa: PLR0913, PLR0917  flat arguments: numba knows no dataclasses
     step_x: FloatArray,
     step_y: FloatArray,
@@ -52,7 +52,7 @@ def residual(  # noqa: PLR0913, PLR0917  flat arguments: numba knows no dataclas
         _gather(hold, along, above, below, 1.0 / unit, out[r + 1])
 
 
-@inlined_kernel
+@compiled_inline
 def _misfits(
     steps: FloatArray, weights: FloatArray, here: FloatArray, there: FloatArray, out: FloatArray
 ) -> None:
@@ -61,7 +61,7 @@ def _misfits(
         out[c] = weights[c] * (steps[c] - (there[c] - here[c]))
 
 
-@inlined_kernel
+@compiled_inline
 def _hold(height: FloatArray, weight: FloatArray, x: FloatArray, out: FloatArray) -> None:
     """What the constraints of a row pull with; heights without weight may be NaN."""
     for c in range(len(x)):
@@ -69,7 +69,7 @@ def _hold(height: FloatArray, weight: FloatArray, x: FloatArray, out: FloatArray
         out[c] = weight[c] * misfit if weight[c] > 0 else 0.0
 
 
-@inlined_kernel
+@compiled_inline
 def _gather(
     hold: FloatArray,
     along: FloatArray,
@@ -83,7 +83,7 @@ def _gather(
         out[c + 1] = (hold[c] + edges) * factor
 
 
-@kernel
+@compiled
 def step(
     x: FloatArray,
     r: FloatArray,
@@ -104,7 +104,7 @@ def step(
             rest[j] -= factor * image[j]
 
 
-@kernel
+@compiled
 def copy(p: FloatArray, z: FloatArray, first: int, last: int) -> None:
     """``p = z``: the first direction."""
     for i in range(first + 1, last + 1):
@@ -113,7 +113,7 @@ def copy(p: FloatArray, z: FloatArray, first: int, last: int) -> None:
             direction[j] = answer[j]
 
 
-@kernel
+@compiled
 def turn(p: FloatArray, z: FloatArray, beta: float, first: int, last: int) -> None:
     """``p = z + β p``: the next direction."""
     factor = p.dtype.type(beta)
@@ -123,7 +123,7 @@ def turn(p: FloatArray, z: FloatArray, beta: float, first: int, last: int) -> No
             direction[j] = answer[j] + factor * direction[j]
 
 
-@kernel
+@compiled
 def product_and_largest(r: FloatArray, z: FloatArray, first: int, last: int) -> tuple[float, float]:
     """Return the share of ``rᵀ z`` and the largest ``|z|``."""
     total = np.zeros(LANES)
@@ -136,7 +136,7 @@ def product_and_largest(r: FloatArray, z: FloatArray, first: int, last: int) -> 
     return total.sum(), largest.max()
 
 
-@kernel
+@compiled
 def find_spans(labels: IntArray, chosen: BoolArray) -> IntArray:
     """Return the first column and that after the last (R, 2) with points of the chosen parts."""
     rows, columns = labels.shape
@@ -150,7 +150,7 @@ def find_spans(labels: IntArray, chosen: BoolArray) -> IntArray:
     return spans
 
 
-@kernel
+@compiled
 def sum_parts(
     labels: IntArray,
     spans: IntArray,
@@ -177,7 +177,7 @@ def sum_parts(
     return total
 
 
-@kernel
+@compiled
 def lift_parts(
     labels: IntArray, spans: IntArray, shift: FloatArray, z: FloatArray, first: int, last: int
 ) -> None:
@@ -189,7 +189,7 @@ def lift_parts(
                 row[j + 1] += shift[label[j]]
 
 
-@kernel
+@compiled
 def settle_parts(
     labels: IntArray,
     spans: IntArray,

@@ -1,1 +1,1 @@
-"""A synthetic body whose surface is known, and an SPC solution degraded from it."""
+"""A synthetic body, its images, and an SPC solution of it with known errors."""

@@ -9,12 +9,11 @@ from threading import Event
 
 import pytest
 
-from fusion.catalog import CATALOG_FILE, Catalog
-from fusion.digests import file_digest
-from fusion.initialise import new_workspace
-from fusion.pages import release
-from fusion.records import StageRecord, read_record, record_path
-from fusion.workspace import Workspace
+from fusion.pipeline.catalog import Catalog, file_digest, read_record
+from fusion.pipeline.catalog.catalog import CATALOG_FILE
+from fusion.pipeline.catalog.records import StageRecord, record_path
+from fusion.runtime.machine import release
+from fusion.workspace import Workspace, new_workspace
 from spcola.errors import WorkspaceError
 
 

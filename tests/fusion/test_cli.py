@@ -19,8 +19,8 @@ from typer.testing import CliRunner, Result
 
 from fusion.cli.app import COMMANDS, app
 from fusion.workspace import Workspace
-from spcola.formats.map import write_maplet
-from spcola.maplet import Maplet, MapletGrid
+from spcola.formats.maplets import write_maplet
+from spcola.grids import Maplet, MapletGrid
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -275,7 +275,7 @@ def test_what_nobody_expected_is_one_line_and_a_way_to_more(
     def fail(_: Workspace) -> None:
         raise ZeroDivisionError("of two\nlines")
 
-    monkeypatch.setattr("fusion.describe.describe_workspace", fail)
+    monkeypatch.setattr("fusion.inspection.describe_workspace", fail)
     assert "unexpected ZeroDivisionError: of two lines; set SPCOLA_DEBUG=1" in refused(
         "info", folder
     )
@@ -287,7 +287,7 @@ def test_an_interrupt_exits_with_130(folder: Path, monkeypatch: pytest.MonkeyPat
     def interrupt(_: Workspace) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("fusion.describe.describe_workspace", interrupt)
+    monkeypatch.setattr("fusion.inspection.describe_workspace", interrupt)
     result = call("info", folder, code=130)
     assert result.stderr.startswith("interrupted")
 

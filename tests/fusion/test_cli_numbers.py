@@ -12,8 +12,8 @@ import typer
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
-from fusion.settings import Settings
 from fusion.workspace import Workspace
+from fusion.workspace.settings import Settings
 
 ABSURD = ("nan", "inf", "-inf", "-1", "0", "1e308", "1e-308", str(10**30), "9" * 5000)
 SENSIBLE = {

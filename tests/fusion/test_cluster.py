@@ -19,17 +19,17 @@ import pytest
 from distributed import Client, LocalCluster
 from typer.testing import CliRunner
 
-import fusion.cluster
+import fusion.runtime.cluster
 from fusion.cli.app import app
-from fusion.cluster import ClusterError, ClusterExecutor
-from fusion.initialise import new_workspace
-from fusion.settings import write_settings
-from fusion.workspace import SETTINGS_FILE, Workspace
+from fusion.runtime import ClusterExecutor
+from fusion.runtime.cluster import ClusterError
+from fusion.workspace import SETTINGS_FILE, Workspace, new_workspace
+from fusion.workspace.settings import write_settings
 from lidar.formats.native import ScanFile, write_scan
-from lidar.scan import Scan
+from lidar.scans import Scan
 from spcola.errors import SettingsError, WorkspaceError
-from spcola.formats.map import write_maplet
-from spcola.maplet import Maplet, MapletGrid
+from spcola.formats.maplets import write_maplet
+from spcola.grids import Maplet, MapletGrid
 
 
 @pytest.fixture(scope="module")
@@ -182,7 +182,7 @@ def test_scans_read_by_a_cluster_are_the_same_bytes(
 def test_where_there_is_no_cluster_it_is_said(
     workspace: Workspace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fusion.cluster, "_ANSWER_S", 1)
+    monkeypatch.setattr(fusion.runtime.cluster, "_ANSWER_S", 1)
     with pytest.raises(SettingsError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         ClusterExecutor("tcp://127.0.0.1:9")
     words = ["mapolas", str(workspace.root), "--cluster", "tcp://127.0.0.1:9"]
@@ -235,8 +235,8 @@ def test_a_lost_cluster_is_said_in_one_line(
 
     address, kill = lonely
     executor = ClusterExecutor(address)
-    monkeypatch.setattr(fusion.cluster, "_ANSWER_S", 2)
-    monkeypatch.setattr(fusion.cluster, "_LOOK_S", 0.5)
+    monkeypatch.setattr(fusion.runtime.cluster, "_ANSWER_S", 2)
+    monkeypatch.setattr(fusion.runtime.cluster, "_LOOK_S", 0.5)
     stream = executor.stream(nap, range(50))
     assert next(stream) == 0
     kill(dies)
@@ -252,7 +252,7 @@ def test_a_port_of_something_else_is_refused_in_time(
     answer: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Silent, or a web server (the scheduler's own dashboard, say)."""
-    monkeypatch.setattr(fusion.cluster, "_ANSWER_S", 1)
+    monkeypatch.setattr(fusion.runtime.cluster, "_ANSWER_S", 1)
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def serve() -> None:
@@ -283,8 +283,8 @@ def test_a_worker_is_not_taken_for_the_scheduler(address: str) -> None:
 def test_workers_of_other_versions_are_refused(
     address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    mine = {**fusion.cluster.versions(), "numpy": "1.0"}
-    real = fusion.cluster.versions
+    mine = {**fusion.runtime.cluster.versions(), "numpy": "1.0"}
+    real = fusion.runtime.cluster.versions
 
     class Here:
         """Says here that numpy is old; on a worker the module's own function runs."""
@@ -295,6 +295,6 @@ def test_workers_of_other_versions_are_refused(
         def __reduce__(self) -> tuple[object, ...]:
             return getattr, (real, "__call__")
 
-    monkeypatch.setattr(fusion.cluster, "versions", Here())
+    monkeypatch.setattr(fusion.runtime.cluster, "versions", Here())
     with pytest.raises(SettingsError, match=r"has numpy 2.*, not numpy 1\.0"):
         ClusterExecutor(address)

@@ -16,14 +16,13 @@ from distributed import LocalCluster
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
-from fusion.demo import Demonstration, demonstrate, recovery_table
-from fusion.executor import ThreadExecutor
-from fusion.fused import Source
-from fusion.fusing.fuse import fuse_maplet
-from fusion.fusing.illumination import Illumination
-from fusion.fusing.information import DEFAULT_INFORMATION, estimate_information
-from fusion.progress import Progress
+from fusion.fusing import Illumination, estimate_information, fuse_maplet
+from fusion.fusing.information import DEFAULT_INFORMATION
+from fusion.fusing.maplets import Source
+from fusion.runtime import Progress, ThreadExecutor
 from fusion.stages.fuse import Scene
+from fusion.truth import demonstrate, recovery_table
+from fusion.truth.demo import Demonstration
 from fusion.truth.presets import MissionSettings
 from spcola.errors import WorkspaceError
 

@@ -17,9 +17,8 @@ from typer.testing import CliRunner
 
 from fusion.cli.app import app
 from fusion.workspace import Workspace
-from spcola.formats.icq import write_icq
-from spcola.formats.obj import write_obj
-from spcola.icq import IcqShape, icq_directions
+from spcola.formats.shapes import write_icq, write_obj
+from spcola.shape.icq import IcqShape, icq_directions
 
 
 def call(*arguments: object, code: int = 0) -> str:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from fusion.executor import ThreadExecutor
+from fusion.runtime import ThreadExecutor
 from spcola.errors import SettingsError
 
 

@@ -10,21 +10,21 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from fusion import import_forecast
 from fusion.cli.app import app
-from fusion.executor import ThreadExecutor
-from fusion.forecast import BYTES_PER_RETURN, mapolas_forecast
-from fusion.import_forecast import ImportClock
-from fusion.initialise import new_workspace
-from fusion.memory import PROGRAM_BYTES
+from fusion.inspection import import_forecast, mapolas_forecast
+from fusion.inspection.forecast import BYTES_PER_RETURN
+from fusion.inspection.import_forecast import ImportClock
 from fusion.pipeline import Pipeline
-from fusion.settings import Settings
-from fusion.stages import ingest, mapolas
-from fusion.workspace import Workspace
+from fusion.runtime import ThreadExecutor
+from fusion.runtime.machine import PROGRAM_BYTES
+from fusion.stages.ingest import stage as ingest
+from fusion.stages.mapolas import stage as mapolas
+from fusion.workspace import Workspace, new_workspace
+from fusion.workspace.settings import Settings
 from lidar.formats.native import ScanFile, write_scan
-from lidar.scan import Scan
-from spcola.formats.map import write_maplet
-from spcola.maplet import Maplet, MapletGrid
+from lidar.scans import Scan
+from spcola.formats.maplets import write_maplet
+from spcola.grids import Maplet, MapletGrid
 
 
 @pytest.fixture

@@ -15,27 +15,26 @@ import pytest
 from scipy.spatial import ConvexHull
 from typer.testing import CliRunner, Result
 
-from fusion.catalog import Catalog
 from fusion.cli.app import app
-from fusion.executor import ThreadExecutor
-from fusion.frame_search import search_workspace_frames, surface_points
-from fusion.initialise import new_workspace
-from fusion.progress import Progress
+from fusion.pipeline.catalog import Catalog
+from fusion.runtime import Progress, ThreadExecutor
 from fusion.stages.ingest import Source, Workers, import_files
+from fusion.stages.register.frame_search import search_workspace_frames, surface_points
+from fusion.truth import make_mission
 from fusion.truth.generation import LIDAR_FOLDER, SPC_FOLDER
-from fusion.truth.mission import make_mission
 from fusion.truth.presets import MissionSettings
-from fusion.workspace import Workspace
+from fusion.workspace import Workspace, new_workspace
+from lidar.formats import LidarOptions
+from lidar.formats.missions import write_ola
+from lidar.formats.missions.ola import read_ola
 from lidar.formats.native import write_scan
-from lidar.formats.ola import read_ola, write_ola
-from lidar.formats.options import LidarOptions
-from lidar.scan import Scan
+from lidar.scans import Scan
 from spcola.arrays import FloatArray
-from spcola.formats.map import write_maplet
-from spcola.formats.obj import write_obj
-from spcola.lattice import lattice
-from spcola.maplet import Maplet, MapletGrid
-from spcola.mesh import Mesh
+from spcola.formats.maplets import write_maplet
+from spcola.formats.shapes import write_obj
+from spcola.grids import Maplet, MapletGrid
+from spcola.math import lattice
+from spcola.shape import Mesh
 
 BENCH = Path(__file__).resolve().parents[2] / "scripts" / "bench"
 RADIUS = 40.0

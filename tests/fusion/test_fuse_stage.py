@@ -15,13 +15,13 @@ from scipy import ndimage
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
-from fusion.initialise import new_workspace
-from lidar.formats.mapola import write_mapolas
-from lidar.mapola import Mapola
+from fusion.workspace import new_workspace
+from lidar.formats.native import write_mapolas
+from lidar.gridding import Mapola
 from spcola.arrays import FloatArray
-from spcola.formats.map import read_maplet, write_maplet
-from spcola.lattice import lattice
-from spcola.maplet import Maplet, MapletGrid
+from spcola.formats.maplets import read_maplet, write_maplet
+from spcola.grids import Maplet, MapletGrid
+from spcola.math import lattice
 
 RADIUS, GSD, HALF, COUNT = 60.0, 0.5, 20, 12
 ACCEPT = ("--accept", "maplet-contradicted")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.fused import FusedMaplet, Source
+from fusion.fusing.maplets import FusedMaplet, Source
 from spcola.errors import InvalidValueError
-from spcola.maplet import MapletGrid
+from spcola.grids import MapletGrid
 
 GRID = MapletGrid([200.0, 0.0, 0.0], [[0, 0, -1], [0, 1, 0], [1, 0, 0]], 0.5, 2)
 

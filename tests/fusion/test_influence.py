@@ -2,9 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fusion.errorsizes import ErrorSizes
-from fusion.influence import influence
-from fusion.mixed import MixedOptions, Observations, fit_mixed
+from fusion.estimation import ErrorSizes, MixedOptions, Observations, fit_mixed, influence
 
 
 def test_the_estimate_is_what_its_influence_makes_of_the_values():

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from fusion.executor import ThreadExecutor
-from fusion.interrupt import heed_interrupts, remembering_interrupts
+from fusion.runtime import ThreadExecutor
+from fusion.runtime.processes import heed_interrupts, remembering_interrupts
 
 
 @pytest.fixture(autouse=True)

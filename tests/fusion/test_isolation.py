@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
-from fusion.isolation import Limits, isolated
+from fusion.runtime.processes import Limits, isolated
 from spcola.errors import InvalidValueError, SpcolaError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -58,7 +58,7 @@ LIMITED = """
 import os, resource
 os.environ["SPCOLA_LIMITS"] = "4096 100"
 from fusion.cli.app import app
-from fusion.isolation import keep_limits
+from fusion.runtime.processes.isolation import keep_limits
 keep_limits()
 assert "SPCOLA_LIMITS" not in os.environ
 assert resource.getrlimit(resource.RLIMIT_AS)[0] == 4096 << 20

@@ -14,24 +14,21 @@ from scipy.spatial import ConvexHull
 from typer.testing import CliRunner, Result
 
 from fusion.cli.app import app
-from fusion.initialise import new_workspace
-from fusion.locating import kernel_paths, turning
-from fusion.settings import Settings, load_settings, write_settings
-from fusion.verdict import Code
-from fusion.workspace import SETTINGS_FILE, Workspace
+from fusion.estimation.verdict import Code
+from fusion.stages.geolocation.locating import kernel_paths, turning
+from fusion.workspace import SETTINGS_FILE, Workspace, new_workspace
+from fusion.workspace.settings import Settings, load_settings, write_settings
 from lidar.formats.native import write_scan
-from lidar.scan import Scan
-from spcola.camera import Camera
+from lidar.scans import Scan
+from spcola.camera import Camera, SpcImage
 from spcola.errors import KernelError
-from spcola.formats.map import write_maplet
-from spcola.formats.obj import write_obj
-from spcola.formats.sum import write_summary
-from spcola.image import SpcImage
-from spcola.maplet import Maplet, MapletGrid
-from spcola.mesh import Mesh
-from spcola.rays import RayCaster
+from spcola.formats.maplets import write_maplet
+from spcola.formats.shapes import write_obj
+from spcola.formats.solution import write_summary
+from spcola.grids import Maplet, MapletGrid
+from spcola.navigation import SPICE_LOCK, utc_from_et
+from spcola.shape import Mesh, RayCaster
 from spcola.spice import KernelSet, body_fixed_states
-from spcola.time import SPICE_LOCK, utc_from_et
 
 BENNU = 2101955
 START = 6.2e8

@@ -15,27 +15,24 @@ from scipy.spatial import KDTree
 from typer.testing import CliRunner, Result
 
 from fusion.cli.app import app
-from fusion.cluster import ClusterExecutor
-from fusion.executor import Executor, ThreadExecutor
-from fusion.initialise import new_workspace
-from fusion.locating import kernel_paths, located_store, spin_change, turning
 from fusion.pipeline import Pipeline
-from fusion.settings import Settings, write_settings
-from fusion.stages import ingest, mapolas
-from fusion.workspace import SETTINGS_FILE
-from lidar.box import Box
-from lidar.cubes import QUANTUM_M
+from fusion.runtime import ClusterExecutor, Executor, ThreadExecutor
+from fusion.stages.geolocation import located_store
+from fusion.stages.geolocation.locating import kernel_paths, spin_change, turning
+from fusion.stages.ingest import stage as ingest
+from fusion.stages.mapolas import stage as mapolas
+from fusion.workspace import SETTINGS_FILE, new_workspace
+from fusion.workspace.settings import Settings, write_settings
 from lidar.formats.native import write_scan
-from lidar.scan import Scan
-from spcola.camera import Camera
+from lidar.scans import Scan
+from lidar.scans.cubes import QUANTUM_M, Box
+from spcola.camera import Camera, SpcImage
 from spcola.errors import SettingsError
-from spcola.formats.map import write_maplet
-from spcola.formats.sum import write_summary
-from spcola.image import SpcImage
-from spcola.maplet import Maplet, MapletGrid
+from spcola.formats.maplets import write_maplet
+from spcola.formats.solution import write_summary
+from spcola.grids import Maplet, MapletGrid
+from spcola.navigation import SPICE_LOCK, Spin, turned, utc_from_et
 from spcola.spice import KernelSet
-from spcola.spin import Spin, turned
-from spcola.time import SPICE_LOCK, utc_from_et
 
 STATED = Spin(85.45, -60.37, 140.69, 2011.15)
 SHIFT = {"shift_pole_dec_deg": 0.05, "shift_meridian_deg": -0.2}

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from fusion.lock import clear_made_by_dead
+from fusion.runtime.processes import clear_made_by_dead
 
 
 def test_hidden_folders_of_dead_processes_are_removed(tmp_path: Path) -> None:

@@ -9,20 +9,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fusion.executor import ThreadExecutor
-from fusion.initialise import new_workspace
 from fusion.pipeline import Pipeline
-from fusion.settings import Settings
-from fusion.sources import recorded_source
-from fusion.stages import ingest, mapolas
-from fusion.workspace import Workspace
+from fusion.runtime import ThreadExecutor
+from fusion.stages.ingest import stage as ingest
+from fusion.stages.ingest.sources import recorded_source
+from fusion.stages.mapolas import stage as mapolas
+from fusion.workspace import Workspace, new_workspace
+from fusion.workspace.settings import Settings
 from lidar.formats.native import scan_summary, write_scan
-from lidar.scan import Scan
+from lidar.scans import Scan
 from spcola.errors import SettingsError, WorkspaceError
-from spcola.formats.map import write_maplet
-from spcola.formats.obj import write_obj
-from spcola.maplet import Maplet, MapletGrid
-from spcola.mesh import Mesh
+from spcola.formats.maplets import write_maplet
+from spcola.formats.shapes import write_obj
+from spcola.grids import Maplet, MapletGrid
+from spcola.shape import Mesh
 
 GSD = 0.5
 RADIUS = 60.0
@@ -125,7 +125,7 @@ def test_an_interrupt_leaves_no_mapolas_and_the_next_run_makes_them(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("fusion.adjusting.grid_returns", interrupt)
+        patch.setattr("fusion.stages.mapolas.adjusting.grid_returns", interrupt)
         with pytest.raises(KeyboardInterrupt):
             pipeline(workspace).run_stage("mapolas")
     assert workspace.mapola_names() == []

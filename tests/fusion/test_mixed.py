@@ -3,8 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.errorsizes import ErrorSizes
-from fusion.mixed import MixedOptions, Observations, fit_mixed
+from fusion.estimation import ErrorSizes, MixedOptions, Observations, fit_mixed
 from spcola.errors import InvalidValueError, NotObservableError
 
 NOTHING_UNKNOWN = ErrorSizes(0.0, (0.0,))

@@ -14,14 +14,25 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from fusion.catalog import CATALOG_FILE, Catalog
-from fusion.executor import ThreadExecutor
-from fusion.pipeline import LOCK_FILE, SCRATCH_FOLDER, Pipeline
-from fusion.settings import Settings
-from fusion.stages.base import StageContext, StageResult
-from fusion.tables import FuseSettings, MapolaSettings, RegisterSettings, Table
-from fusion.verdict import Code, Finding, Severity, Verdict
+from fusion.estimation.verdict import (
+    Code,
+    Finding,
+    Severity,
+    Verdict,
+)
+from fusion.pipeline import Pipeline, StageContext, StageResult
+from fusion.pipeline.catalog import Catalog
+from fusion.pipeline.catalog.catalog import CATALOG_FILE
+from fusion.pipeline.pipeline import LOCK_FILE, SCRATCH_FOLDER
+from fusion.runtime import ThreadExecutor
 from fusion.workspace import Workspace
+from fusion.workspace.settings import (
+    FuseSettings,
+    MapolaSettings,
+    RegisterSettings,
+    Settings,
+    Table,
+)
 from spcola import atomic
 from spcola.errors import SettingsError, WorkspaceError
 

@@ -6,8 +6,8 @@ import io
 
 import pytest
 
-import fusion.progress
-from fusion.progress import Progress
+import fusion.runtime.progress
+from fusion.runtime import Progress
 
 
 def test_short_work_says_nothing() -> None:
@@ -20,7 +20,7 @@ def test_short_work_says_nothing() -> None:
 
 def test_long_work_says_how_far_it_is_in_plain_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter(range(0, 10_000, 4))
-    monkeypatch.setattr("fusion.progress.time.monotonic", lambda: float(next(clock)))
+    monkeypatch.setattr("fusion.runtime.progress.time.monotonic", lambda: float(next(clock)))
     stream = io.StringIO()
     with Progress("lines", stream).task("grid", 2) as task:
         task.advance()
@@ -32,7 +32,7 @@ def test_long_work_says_how_far_it_is_in_plain_lines(monkeypatch: pytest.MonkeyP
 
 
 def test_silence_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fusion.progress, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(fusion.runtime.progress, "PATIENCE_S", 0.0)
     stream = io.StringIO()
     progress = Progress("silent", stream)
     progress.note("a note")
@@ -42,7 +42,7 @@ def test_silence_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_bar_appears_on_long_work_and_goes_away(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fusion.progress, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(fusion.runtime.progress, "PATIENCE_S", 0.0)
     stream = io.StringIO()
     with Progress("bar", stream).task("grid", 2) as task:
         task.advance(2)
@@ -50,7 +50,7 @@ def test_a_bar_appears_on_long_work_and_goes_away(monkeypatch: pytest.MonkeyPatc
 
 
 def test_work_that_fails_does_not_say_that_it_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fusion.progress, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(fusion.runtime.progress, "PATIENCE_S", 0.0)
     stream = io.StringIO()
     for mode in ("bar", "lines"):
         with pytest.raises(ValueError, match="stop"), Progress(mode, stream).task("grid", 2):

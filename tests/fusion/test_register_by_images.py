@@ -12,11 +12,10 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
-from fusion.executor import ThreadExecutor
-from fusion.progress import Progress
-from fusion.truth.mission import make_mission
+from fusion.runtime import Progress, ThreadExecutor
+from fusion.truth import make_mission
 from fusion.truth.presets import MissionSettings
-from spcola.formats.sum import read_summary, write_summary
+from spcola.formats.solution import read_summary, write_summary
 from spcola.truth.campaign import CampaignSettings
 
 

@@ -14,23 +14,18 @@ from scipy import ndimage
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
-from fusion.initialise import new_workspace
-from fusion.workspace import Workspace
-from lidar.formats.mapola import write_mapolas
-from lidar.mapola import Mapola
+from fusion.workspace import Workspace, new_workspace
+from lidar.formats.native import write_mapolas
+from lidar.gridding import Mapola
 from spcola.arrays import FloatArray
-from spcola.camera import Camera
-from spcola.formats.icq import write_icq
-from spcola.formats.lmk import write_landmark
-from spcola.formats.map import write_maplet
-from spcola.formats.sum import write_summary
-from spcola.icq import IcqShape, icq_directions
-from spcola.image import ImagePoint, SpcImage
-from spcola.landmark import Landmark
-from spcola.lattice import lattice
-from spcola.maplet import Maplet, MapletGrid
-from spcola.projection import project_image
-from spcola.similarity import Similarity
+from spcola.camera import Camera, ImagePoint, SpcImage, project_image
+from spcola.control import Landmark
+from spcola.formats.maplets import write_maplet
+from spcola.formats.shapes import write_icq
+from spcola.formats.solution import write_landmark, write_summary
+from spcola.grids import Maplet, MapletGrid
+from spcola.math import Similarity, lattice
+from spcola.shape.icq import IcqShape, icq_directions
 
 PLANTED = Similarity.from_rotation_vector(
     np.radians([0.05, -0.08, 0.11]), [0.1, -0.2, 0.15], 1.002, "spc", "lidar"

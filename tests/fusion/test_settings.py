@@ -11,15 +11,9 @@ from typing import Any, get_args
 import pytest
 from pydantic import BaseModel
 
-from fusion.ranges import Span
-from fusion.settings import (
-    Settings,
-    load_settings,
-    parse_settings,
-    settings_text,
-    table_models,
-    write_settings,
-)
+from fusion.workspace.settings import Settings, load_settings, write_settings
+from fusion.workspace.settings.ranges import Span
+from fusion.workspace.settings.settings import parse_settings, settings_text, table_models
 from spcola.errors import SettingsError
 
 

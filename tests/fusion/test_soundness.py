@@ -8,17 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fusion.initialise import new_workspace
-from fusion.soundness import rejected_maplets, unsound_maplets
-from fusion.workspace import Workspace
+from fusion.pipeline.catalog.soundness import rejected_maplets, unsound_maplets
+from fusion.workspace import Workspace, new_workspace
+from spcola.control import Landmark
 from spcola.errors import SpcolaError
-from spcola.formats.lmk import write_landmark
-from spcola.formats.map import read_map, write_maplet
-from spcola.formats.obj import write_obj
-from spcola.icq import IcqShape, icq_directions
-from spcola.landmark import Landmark
-from spcola.lattice import lattice
-from spcola.maplet import Maplet, MapletGrid
+from spcola.formats.maplets import read_map, write_maplet
+from spcola.formats.shapes import write_obj
+from spcola.formats.solution import write_landmark
+from spcola.grids import Maplet, MapletGrid
+from spcola.math import lattice
+from spcola.shape.icq import IcqShape, icq_directions
 
 RADIUS, GSD, HALF = 50.0, 0.75, 16
 # Behind the six bytes that nobody uses, and before the version.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from fusion.threads import one_blas_thread
+from fusion.runtime.machine import one_blas_thread
 
 
 def solved() -> bytes:

@@ -14,8 +14,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from fusion.cli.app import app
-from fusion.truth.planted import read_truth
-from fusion.truth.presets import PRESETS
+from fusion.truth import PRESETS, read_truth
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -8,16 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fusion.initialise import new_workspace
-from fusion.jsontext import json_text
-from fusion.settings import Settings
-from fusion.workspace import OWN_FOLDERS, SPC_FOLDERS, Workspace
+from fusion.runtime import json_text
+from fusion.workspace import OWN_FOLDERS, SPC_FOLDERS, Workspace, new_workspace
+from fusion.workspace.settings import Settings
 from spcola.errors import FormatError, WorkspaceError
-from spcola.formats.lists import write_list
-from spcola.formats.map import write_maplet
-from spcola.formats.obj import write_obj
-from spcola.maplet import Maplet, MapletGrid
-from spcola.mesh import Mesh
+from spcola.formats.maplets import write_maplet
+from spcola.formats.shapes import write_obj
+from spcola.formats.solution import write_list
+from spcola.grids import Maplet, MapletGrid
+from spcola.shape import Mesh
 
 TETRAHEDRON = Mesh(
     100.0 * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]),

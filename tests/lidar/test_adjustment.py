@@ -9,20 +9,23 @@ import h5py
 import numpy as np
 import pytest
 
-from lidar.adjustment import AdjustmentOptions, ScanAdjustment, adjust_scans, unadjusted
-from lidar.formats.adjustment import read_adjustment, write_adjustment
-from lidar.gridding import grid_returns
-from lidar.nodes import Nodes
-from lidar.overlaps import (
+from lidar.adjustment import (
+    AdjustmentOptions,
+    Nodes,
     OverlapEquations,
+    ScanAdjustment,
+    adjust_scans,
     displacement_rows,
     ground_shares,
     overlap_equations,
+    unadjusted,
 )
-from lidar.returns import Returns
+from lidar.formats.native import read_adjustment, write_adjustment
+from lidar.gridding import grid_returns
+from lidar.scans import Returns
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError, SettingsError
-from spcola.maplet import MapletGrid
+from spcola.grids import MapletGrid
 
 AXES = np.linalg.qr(np.array([[1.0, 0.2, -0.1], [-0.3, 1.0, 0.2], [0.1, -0.2, 1.0]]))[0]
 AXES = AXES * np.sign(np.linalg.det(AXES))

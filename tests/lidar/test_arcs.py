@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidar.arcs import Arcs
-from lidar.box import Box
+from lidar.archive import ScanStore
 from lidar.formats.native import write_scan
-from lidar.scan import Scan
-from lidar.store import ScanStore
+from lidar.scans import Arcs, Scan
+from lidar.scans.cubes import Box
 
 
 def test_a_span_is_cut_into_equal_arcs_that_are_short_enough() -> None:

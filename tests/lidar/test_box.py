@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.box import Box
-from lidar.cells import sort_into_cells
+from lidar.gridding import sort_into_cells
+from lidar.scans.cubes import Box
 from spcola.errors import InvalidValueError
-from spcola.maplet import MapletGrid
+from spcola.grids import MapletGrid
 
 
 def turned(seed: int) -> np.ndarray:

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from lidar.cells import CellReturns, CorrectedMedians, sort_into_cells
-from spcola.maplet import MapletGrid
+from lidar.gridding import CellReturns, sort_into_cells
+from lidar.gridding.cells import CorrectedMedians
+from spcola.grids import MapletGrid
 
 GRID = MapletGrid.facing([210.0, -40.0, 60.0], [0.9, -0.1, 0.3], 0.25, 6)
 

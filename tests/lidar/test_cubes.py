@@ -5,8 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.box import Box
-from lidar.cubes import QUANTUM_M, cubed, edge_of, keep_inside, touching, unpack_inside
+from lidar.scans.cubes import (
+    QUANTUM_M,
+    Box,
+    cubed,
+    keep_inside,
+    touching,
+    unpack_inside,
+)
+from lidar.scans.cubes.cubes import edge_of
 
 
 def cloud(count: int, seed: int = 1, spread: float = 40.0) -> np.ndarray:

@@ -5,18 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.gridding import (
-    GriddingOptions,
-    RejectionOptions,
-    Returns,
-    grid_returns,
-    make_mapola,
-)
-from lidar.mapola import Mapola
-from lidar.scan import Scan
-from lidar.sigma import median_sigma
+from lidar.gridding import GriddingOptions, Mapola, RejectionOptions, grid_returns
+from lidar.gridding.gridding import Returns, make_mapola
+from lidar.gridding.sigma import median_sigma
+from lidar.scans import Scan
 from spcola.errors import InvalidValueError, SettingsError
-from spcola.maplet import MapletGrid
+from spcola.grids import MapletGrid
 
 GRID = MapletGrid.facing([200.0, 50.0, 30.0], [1.0, 0.2, 0.1], 0.1, 30)
 X, Y = np.meshgrid(GRID.offsets * GRID.gsd, GRID.offsets * GRID.gsd)

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from lidar.cells import sort_into_cells
 from lidar.formats.reader import read_scan
-from lidar.gridding import GriddingOptions, RejectionOptions, Returns, grid_returns
-from spcola.formats.map import read_map
-from spcola.formats.obj import read_obj
-from spcola.maplet import MapletGrid
-from spcola.rays import RayCaster
-from spcola.shapegrid import shape_heights
+from lidar.gridding import GriddingOptions, RejectionOptions, grid_returns, sort_into_cells
+from lidar.gridding.gridding import Returns
+from spcola.formats.maplets import read_map
+from spcola.formats.shapes import read_obj
+from spcola.grids import MapletGrid
+from spcola.shape import RayCaster, shape_heights
 
 pytestmark = pytest.mark.real_data
 

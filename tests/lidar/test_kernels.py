@@ -9,18 +9,11 @@ import pytest
 import spiceypy
 from scipy.spatial.transform import Rotation
 
-from lidar.kernels import KernelPlace
-from lidar.mirror import MirrorAngles
+from lidar.geolocation import KernelPlace, MirrorAngles
 from spcola.errors import KernelError
-from spcola.spice import (
-    KernelSet,
-    body_fixed_states,
-    body_fixed_trajectory,
-    coverage,
-    state_times,
-)
-from spcola.time import SPICE_LOCK
-from spcola.trajectory import Trajectory
+from spcola.navigation import SPICE_LOCK, Trajectory
+from spcola.spice import KernelSet, body_fixed_states, coverage
+from spcola.spice.kernels import body_fixed_trajectory, state_times
 
 BENNU = 2101955
 CRAFT = "-999"

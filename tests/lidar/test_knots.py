@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.knots import EXACT, knots
-from lidar.relocation import Relocation
+from lidar.geolocation import Relocation
+from lidar.geolocation.knots import EXACT, knots
 
 DAYS = 5.8 * 86400.0
 TOLERANCE = 5e-4

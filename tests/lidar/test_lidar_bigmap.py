@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.bigmap import (
-    LidarBigmap,
+from lidar.gridding import (
+    GriddingOptions,
     LidarBigmapOptions,
+    RejectionOptions,
+    at_grid_points,
     bigmap_from_returns,
-    bridged_mask,
-    integrate_returns,
 )
-from lidar.gridding import GriddingOptions, RejectionOptions, Returns, make_mapola
-from lidar.pointheights import at_grid_points
+from lidar.gridding.bigmap import LidarBigmap, bridged_mask, integrate_returns
+from lidar.gridding.gridding import Returns, make_mapola
 from spcola.errors import InvalidValueError, SettingsError
-from spcola.heights.slopes import slopes_of, steps_from_slopes
-from spcola.maplet import MapletGrid
+from spcola.grids import MapletGrid
+from spcola.heights import slopes_of, steps_from_slopes
 
 GRID = MapletGrid.facing([180.0, 60.0, -40.0], [1.0, 0.3, -0.2], 0.2, 20)
 X, Y = np.meshgrid(GRID.offsets * GRID.gsd, GRID.offsets * GRID.gsd)

@@ -5,14 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.formats.ola import write_ola
+from lidar.formats.missions import write_ola
 from lidar.formats.reader import read_scan
-from lidar.truth import LidarSettings, ScanErrors, draw_errors, make_scan
+from lidar.truth import (
+    LidarSettings,
+    ScanErrors,
+    draw_errors,
+    make_scan,
+)
 from spcola.errors import SettingsError
-from spcola.similarity import Similarity
-from spcola.truth.body import BodySettings, TruthBody
-from spcola.truth.passes import Pass, PassSettings, plan_passes
-from spcola.truth.streams import stream
+from spcola.math import Similarity
+from spcola.truth.body import BodySettings, TruthBody, stream
+from spcola.truth.campaign import Pass, PassSettings, plan_passes
 
 QUIET = LidarSettings.exact(48.0, 1.2)
 AT = Pass(1, 615_211_269.184, 300.0, 15465.6, 0.7, 0.4, 3500.0)

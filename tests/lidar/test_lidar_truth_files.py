@@ -9,10 +9,10 @@ import laspy
 import numpy as np
 import pytest
 
+from lidar.formats import open_lidar, recognise
 from lidar.formats.native import scan_summary
-from lidar.formats.reader import open_lidar, read_scan
-from lidar.formats.recognise import recognise
-from lidar.scan import Scan
+from lidar.formats.reader import read_scan
+from lidar.scans import Scan
 from lidar.truth import (
     FORMATS,
     LidarSettings,
@@ -27,9 +27,8 @@ from lidar.truth import (
     write_scans,
 )
 from spcola.errors import InvalidValueError, SettingsError
-from spcola.truth.body import BodySettings, TruthBody
-from spcola.truth.passes import Pass
-from spcola.truth.streams import stream
+from spcola.truth.body import BodySettings, TruthBody, stream
+from spcola.truth.campaign import Pass
 
 AT = Pass(1, 615_211_269.184, 300.0, 15465.6, 0.7, 0.4, 1000.0)
 SETTINGS = LidarSettings(width=30.0, spacing=0.2)
@@ -198,7 +197,7 @@ def test_what_a_laz_file_cannot_hold_is_refused(scan: Scan, tmp_path: Path) -> N
 
 
 def test_las_without_compression_reads_back_alike(scan: Scan, tmp_path: Path) -> None:
-    from lidar.formats.las_writer import write_las  # noqa: PLC0415
+    from lidar.formats.clouds import write_las  # noqa: PLC0415
 
     good = scan.select(scan.flag % 100 == 0)
     write_las(tmp_path / "scan.las", [good], compressed=False)
@@ -248,7 +247,7 @@ def test_formats_are_known_by_name(scan: Scan, tmp_path: Path) -> None:
 
 
 def test_chunks_of_the_reader_are_of_the_size_asked_for(scan: Scan, tmp_path: Path) -> None:
-    from lidar.formats.options import LidarOptions  # noqa: PLC0415
+    from lidar.formats import LidarOptions  # noqa: PLC0415
 
     write_scans(tmp_path / "scan.laz", [scan], format="laz")
     sizes = [len(c) for c in open_lidar(tmp_path / "scan.laz", options=LidarOptions(chunk=5000))]

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidar.scan import MEASURES, Scan, join
+from lidar.scans import Scan, join
+from lidar.scans.scan import MEASURES
 from lidar.truth import (
     LidarSettings,
     ScanErrors,
@@ -21,9 +22,8 @@ from lidar.truth import (
 )
 from lidar.truth.echoes import gaussian_pattern
 from spcola.errors import SettingsError
-from spcola.truth.body import BodySettings, TruthBody
-from spcola.truth.passes import Pass
-from spcola.truth.streams import stream
+from spcola.truth.body import BodySettings, TruthBody, stream
+from spcola.truth.campaign import Pass
 
 EPOCH = 615_211_269.184
 AT = Pass(1, EPOCH, 300.0, 15465.6, 0.7, 0.4, 1000.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.medians import column_medians, median_of, middle_network
+from lidar.gridding.medians import column_medians, median_of, middle_network
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 4, 15, 16, 17, 18, 100, 101, 5000])

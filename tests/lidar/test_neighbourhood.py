@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.gridding import Returns, grid_returns
-from lidar.neighbourhood import expect, supported
-from lidar.planes import fit_planes
-from lidar.windows import PlaneWindows
-from spcola.maplet import MapletGrid
+from lidar.gridding import fit_planes, grid_returns
+from lidar.gridding.gridding import Returns
+from lidar.gridding.neighbourhood import expect, supported
+from lidar.gridding.windows import PlaneWindows
+from spcola.grids import MapletGrid
 
 SHAPE = (9, 11)
 ROW, COLUMN = np.mgrid[:9, :11].astype(float)

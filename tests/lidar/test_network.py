@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidar.network import solve_network
-from lidar.nodes import ErrorSizes, Nodes
-from lidar.overlaps import OverlapEquations, displacement_rows
+from lidar.adjustment import ErrorSizes, Nodes, OverlapEquations, displacement_rows
+from lidar.adjustment.normal_equations import solve_network
 from spcola.arrays import FloatArray
 
 RADIUS = 240.0

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.gridding import Returns, make_mapola
-from lidar.mapola import Mapola
-from lidar.pointheights import at_grid_points, bending_variance
-from spcola.maplet import MapletGrid
+from lidar.gridding import Mapola, at_grid_points
+from lidar.gridding.gridding import Returns, make_mapola
+from lidar.gridding.point_heights import bending_variance
+from spcola.grids import MapletGrid
 
 GRID = MapletGrid.facing([200.0, 50.0, 30.0], [1.0, 0.2, 0.1], 0.5, 30)
 X, Y = np.meshgrid(GRID.offsets * GRID.gsd, GRID.offsets * GRID.gsd)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.cubes import QUANTUM_M
-from lidar.relocation import Relocation, relocation
+from lidar.geolocation import Relocation, relocation
+from lidar.scans.cubes import QUANTUM_M
 from spcola.errors import InvalidValueError
-from spcola.spin import Spin, turned
-from spcola.trajectory import Trajectory
+from spcola.navigation import Spin, Trajectory, turned
 
 STATED = Spin(85.45218, -60.36780, 140.68800, 2011.14558095)
 CORRECTED = Spin(85.46, -60.36, 140.70, 2011.1456)

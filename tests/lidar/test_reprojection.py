@@ -3,10 +3,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.reprojection import NO_TIME, OUTSIDE, relocate, reproject, scan_trajectory
-from lidar.scan import Scan
+from lidar.geolocation import (
+    NO_TIME,
+    OUTSIDE,
+    reproject,
+    scan_trajectory,
+)
+from lidar.geolocation.reprojection import relocate
+from lidar.scans import Scan
 from spcola.errors import InvalidValueError
-from spcola.trajectory import Trajectory
+from spcola.navigation import Trajectory
 
 OFFSET = np.array([5.0, -3.0, 2.0])
 

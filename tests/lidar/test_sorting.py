@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar import cells, sorting
-from lidar.cells import sort_into_cells
-from spcola.maplet import MapletGrid
+from lidar.gridding import cells, sort_into_cells, sorting
+from spcola.grids import MapletGrid
 
 GRID = MapletGrid.facing([100.0, 20.0, -40.0], [0.9, 0.2, -0.3], 0.5, 60)
 

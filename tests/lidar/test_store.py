@@ -7,17 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidar.box import Box
-from lidar.cubes import QUANTUM_M
+from lidar.archive import ScanStore
 from lidar.formats.native import ScanFile, write_scan
+from lidar.geolocation import relocation
 from lidar.gridding import GriddingOptions, grid_returns
-from lidar.relocation import relocation
-from lidar.returns import Returns
-from lidar.scan import Scan
-from lidar.store import ScanStore
+from lidar.scans import Returns, Scan
+from lidar.scans.cubes import QUANTUM_M, Box
 from spcola.errors import FormatError, InvalidValueError
-from spcola.maplet import MapletGrid
-from spcola.trajectory import Trajectory
+from spcola.grids import MapletGrid
+from spcola.navigation import Trajectory
 
 
 def sphere(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -82,7 +80,7 @@ def test_memory_of_files_is_given_back_and_mapped_again(
     box, given_back = cube_at([50.0, 0.0, 0.0], 12.0), []
     store = ScanStore(paths)
     first = store.returns_inside(box)
-    monkeypatch.setattr("lidar.store._MOST_MAPPED_BYTES", 0)
+    monkeypatch.setattr("lidar.archive.store._MOST_MAPPED_BYTES", 0)
     monkeypatch.setattr(
         ScanFile,
         "release",

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spcola.camera import Camera
-from spcola.image import SpcImage
-from spcola.maplet import MapletGrid
-from spcola.photometry import lambert
+from spcola.camera import Camera, SpcImage
+from spcola.grids import MapletGrid
+from spcola.photometry.functions import lambert
 
 # Wave vectors (rad/m), amplitudes (m) and phases: slopes of 0.2, no shadows at 45 degrees.
 RNG = np.random.default_rng(7)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from spcola.bigmap import Bigmap, BigmapOptions, make_bigmap
 from spcola.errors import InvalidValueError, SettingsError
-from spcola.maplet import Maplet, MapletGrid
+from spcola.grids import Maplet, MapletGrid
 
 GRID = MapletGrid([0.0, 0.0, 100.0], np.eye(3), 1.0, 30)
 

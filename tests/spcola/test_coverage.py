@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 import spiceypy
 
-from spcola.coverage import Coverage, Segment, Track
 from spcola.errors import KernelError
-from spcola.spice import KernelSet, body_fixed_axes, body_fixed_states, coverage, state_times
-from spcola.time import SPICE_LOCK
+from spcola.navigation import SPICE_LOCK
+from spcola.spice import Coverage, KernelSet, Track, body_fixed_states, coverage
+from spcola.spice.coverage_windows import Segment
+from spcola.spice.kernels import body_fixed_axes, state_times
 
 CRAFT, BENNU, FRAME = -999, 2101955, "CRAFT_BUS"
 # Images in two bursts a minute apart, one image alone, and hours between them.

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spcola.covering import covering, inside
 from spcola.errors import InvalidValueError
-from spcola.formats.obj import read_obj
-from spcola.maplet import MapletGrid
-from spcola.mesh import Mesh
-from spcola.samples import Samples, sample_surface
-from spcola.uncovered import COVERED, Uncovered
+from spcola.formats.shapes import read_obj
+from spcola.grids import MapletGrid
+from spcola.shape import Mesh, covering, sample_surface
+from spcola.shape.maplet_cover import inside
+from spcola.shape.samples import Samples
+from spcola.shape.uncovered import COVERED, Uncovered
 
 
 def ellipsoid(a: float, b: float, c: float, step: int = 24) -> Mesh:

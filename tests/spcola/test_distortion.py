@@ -3,8 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spcola.camera import Camera, DistortionModel
-from spcola.distortion import distort, distortion_jacobian, undistort
+from spcola.camera import Camera
+from spcola.camera.camera import DistortionModel
+from spcola.camera.distortion import distort, distortion_jacobian, undistort
 from spcola.errors import InvalidValueError
 
 X, Y = (c.ravel() for c in np.meshgrid(np.linspace(-7, 7, 9), np.linspace(-7, 7, 9)))

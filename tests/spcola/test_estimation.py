@@ -8,20 +8,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from spcola.arrays import FloatArray
-from spcola.camera import Camera
-from spcola.errors import InvalidValueError, NotObservableError
-from spcola.estimation import (
+from spcola.camera import Camera, SpcImage, project_image, rotate_axes
+from spcola.control.estimation import solve_landmark
+from spcola.control.estimation.landmark_fit import (
     LANDMARK_PARAMETERS,
     EstimationOptions,
     Prior,
-    solve_landmark,
     solve_normal,
     solve_state,
 )
-from spcola.formats.lmk import read_landmark
-from spcola.formats.sum import read_summary
-from spcola.image import SpcImage
-from spcola.projection import project_image, rotate_axes
+from spcola.errors import InvalidValueError, NotObservableError
+from spcola.formats.solution import read_landmark, read_summary
 
 CAMERA = Camera(
     150.0, [512.5, 500.0], [[71.4, 0.2, 0.0], [0.1, -71.5, 0.0]], 1024, 1024, "owen",

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spcola.expectedpixels import expected_pixels
-from spcola.orthoimage import view_of
+from spcola.photometry import view_of
+from spcola.photometry.expected_pixels import expected_pixels
 
 LIGHT = [0.5, 0.2, 0.8]
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spcola.gaps import carried_on, closable, closed
+from spcola.grids import carried_on, closable, closed
 
 
 def test_unknown_points_take_the_value_of_the_nearest_known_one():

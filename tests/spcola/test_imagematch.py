@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spcola.imagematch import ImageMatchOptions, match_image
-from spcola.orthoimage import ortho_rectify, view_of
-from spcola.photometry import lambert
-from spcola.rendering import render
+from spcola.imagematching.image_match import ImageMatchOptions, match_image
+from spcola.photometry import ortho_rectify, render, view_of
+from spcola.photometry.functions import lambert
 
 LIGHT = [0.5, 0.2, 0.8]
 

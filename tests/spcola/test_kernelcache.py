@@ -15,13 +15,13 @@ import pytest
 import spcola
 
 PROBE = """
-from spcola.kernel import kernel, summing_kernel
+from spcola.compilation.decorators import compiled, compiled_sums
 
-@kernel
+@compiled
 def add(a, b):
     return a + b
 
-@summing_kernel
+@compiled_sums
 def twice(a):
     return 2.0 * a
 

@@ -5,11 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spcola.camera import Camera
+from spcola.camera import Camera, ImagePoint, SpcImage, project_image, rotate_axes
+from spcola.control.estimation import NetworkOptions, solve_network, strongest
 from spcola.errors import InvalidValueError
-from spcola.image import ImagePoint, SpcImage
-from spcola.network import NetworkOptions, solve_network, strongest
-from spcola.projection import project_image, rotate_axes
 
 CENTER_SIGMA, POSITION_SIGMA, PIXEL_SIGMA = 0.05, 0.3, 0.2
 CAMERA = Camera(100.0, np.array([512.0, 512.0]), np.array([[60.0, 0, 0], [0, 60.0, 0]]), 1024, 1024)

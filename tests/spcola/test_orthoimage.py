@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from spcola.camera import project_image
 from spcola.errors import InvalidValueError
-from spcola.maplet import MapletGrid
-from spcola.mesh import Mesh
-from spcola.orthoimage import footprint_of, ortho_rectify, view_of
-from spcola.projection import project_image
-from spcola.rays import RayCaster
+from spcola.grids import MapletGrid
+from spcola.photometry import ortho_rectify, view_of
+from spcola.photometry.ortho_image import footprint_of
+from spcola.shape import Mesh, RayCaster
 
 NADIR, LIGHT = [0.0, 0.0, 1.0], [0.6, 0.2, 0.8]
 

@@ -3,12 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spcola.camera import Camera
-from spcola.image import SpcImage
-from spcola.maplet import Maplet, MapletGrid
-from spcola.photoclinometry import slope_variance
-from spcola.photometry import lambert, lunar_lambert
-from spcola.shadows import cast_shadow
+from spcola.camera import Camera, SpcImage
+from spcola.grids import Maplet, MapletGrid
+from spcola.photometry import lunar_lambert, slope_variance
+from spcola.photometry.functions import lambert
+from spcola.photometry.shadows import cast_shadow
 
 GRID = MapletGrid.facing([80.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.5, 10)
 DISTANCE = 1000.0

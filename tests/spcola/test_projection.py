@@ -8,18 +8,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from spcola.arrays import FloatArray
-from spcola.camera import Camera
-from spcola.formats.lmk import read_landmark
-from spcola.formats.sum import read_summary
-from spcola.image import SpcImage
-from spcola.projection import (
+from spcola.camera import (
+    Camera,
+    SpcImage,
     partials_position,
     partials_rotation,
-    project,
     project_image,
     ray,
     rotate_axes,
 )
+from spcola.camera.projection import project
+from spcola.formats.solution import read_landmark, read_summary
 
 MODELS: dict[str, dict[str, Any]] = {
     "none": {},

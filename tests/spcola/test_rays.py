@@ -8,9 +8,9 @@ import pytest
 
 from spcola.arrays import FloatArray, IntArray
 from spcola.errors import InvalidValueError
-from spcola.formats.obj import read_obj
-from spcola.mesh import Mesh
-from spcola.rays import RayCaster, facets_around_vertices, intersect, refine
+from spcola.formats.shapes import read_obj
+from spcola.shape import Mesh, RayCaster
+from spcola.shape.rays import facets_around_vertices, intersect, refine
 
 
 def lumpy(step: int = 24, radius: float = 250.0, seed: int = 5) -> Mesh:

@@ -3,9 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spcola.orthoimage import ortho_rectify, view_of
-from spcola.photometry import lambert, lommel_seeliger
-from spcola.rendering import render
+from spcola.photometry import ortho_rectify, render, view_of
+from spcola.photometry.functions import lambert, lommel_seeliger
 
 LIGHT = [0.5, 0.2, 0.8]
 

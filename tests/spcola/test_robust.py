@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spcola.robust import (
+from spcola.math.robust import (
     HUBER,
     biweight,
     biweight_scores,

@@ -9,10 +9,9 @@ import pytest
 import spiceypy
 
 from spcola.errors import KernelError
-from spcola.formats.pck import orientation_of
-from spcola.rotationcheck import KernelUse
-from spcola.spice import KernelSet, state_times
-from spcola.time import et_from_utc
+from spcola.navigation import et_from_utc
+from spcola.spice import KernelSet, KernelUse, orientation_of
+from spcola.spice.kernels import state_times
 
 PHOBOS = 401
 NOVEMBER = et_from_utc("2018-11-08T00:00:00") + 86400.0 * np.arange(25.0)

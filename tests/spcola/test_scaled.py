@@ -3,20 +3,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spcola.camera import Camera
-from spcola.image import SpcImage
-from spcola.landmark import Landmark
-from spcola.maplet import Maplet, MapletGrid
-from spcola.mesh import Mesh
-from spcola.nominal import NominalState
-from spcola.projection import project_image
-from spcola.scaled import (
+from spcola.camera import Camera, SpcImage, project_image
+from spcola.control import (
+    Landmark,
     scaled_image,
     scaled_landmark,
     scaled_maplet,
     scaled_nominal,
     scaled_shape,
 )
+from spcola.grids import Maplet, MapletGrid
+from spcola.navigation import NominalState
+from spcola.shape import Mesh
 
 FACTOR = 1.00025
 GRID = MapletGrid.facing([240.0, 30.0, -20.0], [8.0, 1.0, -1.0], 0.35, 4)

@@ -5,10 +5,8 @@ import pytest
 
 from spcola.arrays import FloatArray
 from spcola.errors import InvalidValueError
-from spcola.maplet import MapletGrid
-from spcola.mesh import Mesh
-from spcola.rays import RayCaster
-from spcola.shapegrid import shape_heights
+from spcola.grids import MapletGrid
+from spcola.shape import Mesh, RayCaster, shape_heights
 
 TWO_TRIANGLES = np.array([[0, 1, 2], [0, 2, 3]])
 

@@ -5,18 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spcola.estimation import state_partials
-from spcola.imagechoice import ChoiceOptions, choose_images
-from spcola.maplet import Maplet
-from spcola.photometry import lambert
-from spcola.projection import project_image
-from spcola.sighting import Sighting, SightOptions, agreeing, find_ground
-from spcola.sightingsizes import SizeFactors, estimate_factors
-from spcola.statecovariance import (
-    Fixes,
-    measured_sigma,
-    state_covariance,
+from spcola.camera import project_image
+from spcola.control.estimation import Fixes, measured_sigma, state_covariance, state_partials
+from spcola.grids import Maplet
+from spcola.imagematching import (
+    ChoiceOptions,
+    Sighting,
+    SightOptions,
+    SizeFactors,
+    agreeing,
+    choose_images,
+    estimate_factors,
+    find_ground,
 )
+from spcola.photometry.functions import lambert
 
 VIEWS = [[0.6, 0.1, 1.0], [-0.5, 0.4, 1.0], [0.1, -0.6, 1.0], [-0.2, -0.2, 1.0]]
 LIGHTS = [[0.5, 0.2, 0.8], [-0.4, 0.4, 0.9], [0.3, -0.5, 0.8], [-0.6, -0.1, 0.9]]

@@ -7,10 +7,11 @@ import pytest
 import spiceypy
 
 from spcola.errors import KernelError
-from spcola.formats.obj import read_obj
-from spcola.rays import RayCaster
-from spcola.spice import KernelSet, body_fixed_axes, body_fixed_trajectory, state_times
-from spcola.time import SPICE_LOCK, et_from_utc, utc_from_et
+from spcola.formats.shapes import read_obj
+from spcola.navigation import SPICE_LOCK, et_from_utc, utc_from_et
+from spcola.shape import RayCaster
+from spcola.spice import KernelSet
+from spcola.spice.kernels import body_fixed_axes, body_fixed_trajectory, state_times
 
 BENNU = 2101955
 PCK = """KPL/PCK

@@ -10,8 +10,7 @@ import spiceypy
 from scipy.spatial.transform import Rotation
 
 from spcola.errors import InvalidValueError
-from spcola.spin import Spin, turned
-from spcola.time import SPICE_LOCK
+from spcola.navigation import SPICE_LOCK, Spin, turned
 
 BENNU = Spin(85.45218, -60.36780, 140.68800, 2011.14558095)
 TIMES = 6.2e8 + np.array([0.0, 1e3, 1.5e4, 8e7])

@@ -3,11 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spcola.camera import Camera
+from spcola.camera import Camera, SpcImage
 from spcola.errors import InvalidValueError
-from spcola.image import SpcImage
-from spcola.time import et_from_utc
-from spcola.trajectory import Trajectory
+from spcola.navigation import Trajectory, et_from_utc
 
 TIMES = np.linspace(0.0, 4000.0, 41)
 

@@ -1,1 +1,5 @@
-"""The assessment: models of the synthetic body against its truth, every figure defined."""
+"""Models compared with the truth."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

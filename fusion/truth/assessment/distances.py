@@ -10,8 +10,8 @@ from fusion.truth.assessment.rigid import RigidFit, RigidOptions, fit_rigid
 from fusion.truth.assessment.settings import AssessmentSettings
 from fusion.truth.assessment.surface import TruthSurface
 from spcola.arrays import FloatArray
-from spcola.lattice import lattice
-from spcola.mesh import Mesh
+from spcola.math import lattice
+from spcola.shape import Mesh
 
 _CENTRE_DIRECTIONS = 200_000
 # The area vectors of a closed surface cancel, to this share of its area.

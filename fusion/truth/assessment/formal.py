@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spcola.camera import SpcImage, project_image
 from spcola.errors import InvalidValueError
-from spcola.image import SpcImage
-from spcola.maplet import MapletGrid
-from spcola.projection import project_image
+from spcola.grids import MapletGrid
 
 # Maplets whose GSD is within this factor of the finest count as of the highest resolution.
 _FINEST = 1.01

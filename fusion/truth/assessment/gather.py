@@ -8,17 +8,20 @@ from typing import Literal
 
 import numpy as np
 
-from fusion.products.fits import read_fits_dtm
-from fusion.products.fused import FUSED_HDF5, fused_names, read_fused
-from fusion.products.geotiff import read_geotiff
-from fusion.products.surface import read_surface
-from fusion.registration.summary import placements_of, transform_of
-from fusion.truth.assessment.model import Frame, MapletModel, MeshModel, Model
+from fusion.fusing.maplets import FUSED_HDF5, fused_names, read_fused
+from fusion.products.formats import read_fits_dtm, read_geotiff, read_surface
+from fusion.registration.results import placements_of, transform_of
+from fusion.truth.assessment.model import (
+    Frame,
+    MapletModel,
+    MeshModel,
+    Model,
+)
 from fusion.workspace import Workspace
 from spcola.errors import FormatError, WorkspaceError
-from spcola.formats.map import read_maplet
-from spcola.formats.shape import read_shape
-from spcola.maplet import Maplet
+from spcola.formats.maplets import read_maplet
+from spcola.formats.shapes import read_shape
+from spcola.grids import Maplet
 
 _BIGMAPS = (
     ("", "bigmaps of fused maplets"),

@@ -10,11 +10,9 @@ from typing import Literal, Protocol
 import numpy as np
 
 from spcola.arrays import FloatArray, IntArray
-from spcola.lattice import lattice
-from spcola.maplet import Maplet, MapletGrid
-from spcola.mesh import Mesh
-from spcola.rays import RayCaster
-from spcola.shapegrid import shape_heights
+from spcola.grids import Maplet, MapletGrid
+from spcola.math import lattice
+from spcola.shape import Mesh, RayCaster, shape_heights
 
 Frame = Literal["spc", "body"]
 """In whose coordinates a model stands: the SPC solution's, or the body's own (the lidar's)."""

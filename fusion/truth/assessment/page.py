@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from fusion.products.manifest import versions
-from fusion.report.style import data_uri
-from fusion.report.tables import number, planted_table, table
-from fusion.truth.assessment.assess import Assessment
+from fusion.products import versions
+from fusion.report import data_uri, number, planted_table, table
+from fusion.truth.assessment.assessment import Assessment
 from fusion.truth.assessment.definitions import definitions
 from fusion.truth.assessment.figures import (
     calibration_figure,

@@ -8,9 +8,9 @@ import numpy as np
 
 from fusion.truth.assessment.regions import Ground, PointErrors
 from spcola.arrays import BoolArray, FloatArray
+from spcola.grids import Maplet, MapletGrid
 from spcola.heights import slopes_of
-from spcola.maplet import Maplet, MapletGrid
-from spcola.similarity import Similarity
+from spcola.math import Similarity
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fusion.products.naming import lon_lat_deg
-from fusion.report.style import INK, MUTED, drawing
-from fusion.report.surfaces import hillshade
+from fusion.products import lon_lat_deg
+from fusion.report import INK, MUTED, drawing, hillshade
 from fusion.truth.assessment.patches import PatchErrors
 from fusion.truth.assessment.regions import PointErrors
 from spcola.arrays import FloatArray
-from spcola.maplet import MapletGrid
+from spcola.grids import MapletGrid
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

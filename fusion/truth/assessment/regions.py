@@ -10,8 +10,8 @@ import numpy as np
 from fusion.truth.assessment.settings import AssessmentSettings
 from fusion.truth.assessment.surface import TruthSurface
 from spcola.arrays import AnyArray, BoolArray, FloatArray
-from spcola.robust import mad
-from spcola.truth.terrain import BOULDER, CRATER, SMOOTH
+from spcola.math.robust import mad
+from spcola.truth.body import BOULDER, CRATER, SMOOTH
 
 Light = Callable[[FloatArray], FloatArray]
 """The share of a rotation (N,), 0 … 1, during which the ground in directions (N, 3) is lit."""

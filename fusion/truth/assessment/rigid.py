@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from fusion.truth.assessment.surface import TruthSurface
 from spcola.arrays import BoolArray, FloatArray, IntArray
-from spcola.robust import MAD_TO_SIGMA, huber_weight
-from spcola.truth.nearest import Nearest
+from spcola.math.robust import MAD_TO_SIGMA, huber_weight
+from spcola.truth.body import Nearest
 
 # Directions along which the mean square of the residuals hardly changes (relative to the mean of
 # all six) are not observed: a sphere may turn as it likes.

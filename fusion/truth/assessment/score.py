@@ -8,17 +8,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fusion.executor import Executor
-from fusion.progress import Progress
+from fusion.runtime import Executor, Progress
 from fusion.truth.assessment.distances import Distances, measure_distances
 from fusion.truth.assessment.model import Model, squares
 from fusion.truth.assessment.patches import PatchErrors, patch_errors
-from fusion.truth.assessment.regions import Ground, PointErrors, RegionScore, score_regions
+from fusion.truth.assessment.regions import (
+    Ground,
+    PointErrors,
+    RegionScore,
+    score_regions,
+)
 from fusion.truth.assessment.resolution import Spectra, Transfer
 from fusion.truth.assessment.settings import AssessmentSettings
 from spcola.arrays import FloatArray
-from spcola.maplet import Maplet
-from spcola.similarity import Similarity
+from spcola.grids import Maplet
+from spcola.math import Similarity
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fusion.truth.assessment.assess import Assessment
+from fusion.truth.assessment.assessment import Assessment
 from fusion.truth.assessment.definitions import definitions
 from fusion.truth.assessment.formal import FormalUncertainty
 from fusion.truth.assessment.regions import RegionScore

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Protocol
 
 from spcola.arrays import AnyArray, FloatArray
-from spcola.maplet import MapletGrid
-from spcola.truth.nearest import Nearest
+from spcola.grids import MapletGrid
+from spcola.truth.body import Nearest
 
 
 class TruthSurface(Protocol):

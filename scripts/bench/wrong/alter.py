@@ -45,7 +45,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lidar.formats.ola import RECORD
+from lidar.formats.missions import RECORD
 
 Table = NDArray[Any]
 Floats = NDArray[np.float64]

@@ -28,14 +28,14 @@ from scipy.spatial.transform import Rotation
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from fusion.frame_search import surface_points
-from fusion.locating import located_store
-from fusion.registration.orientations import apart_deg
 from fusion.registration.search import search_frames
+from fusion.registration.search.orientations import apart_deg
+from fusion.stages.geolocation import located_store
+from fusion.stages.register.frame_search import surface_points
 from fusion.workspace import Workspace
-from spcola.formats.shape import read_shape
-from spcola.lattice import lattice
-from spcola.samples import sample_surface
+from spcola.formats.shapes import read_shape
+from spcola.math import lattice
+from spcola.shape import sample_surface
 from wrong.alter import Floats, other_radius
 
 RETURNS = 400_000

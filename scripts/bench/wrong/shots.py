@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lidar.scan import Scan
+from lidar.scans import Scan
 from spcola.arrays import FloatArray
 
 Alteration = Callable[[Scan], Scan]

@@ -17,13 +17,13 @@ import argparse
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from fusion.scaling.chance import LARGER
-from fusion.scaling.joint import ScaleOptions
-from fusion.scaling.places import FALSE_ALARM, check_place
-from lidar.scan import Scan
+from fusion.scaling.fit import ScaleOptions
+from fusion.scaling.places import check_place
+from fusion.scaling.places.chance import LARGER
+from fusion.scaling.places.places import FALSE_ALARM
+from lidar.scans import Scan
 from spcola.arrays import FloatArray
-from spcola.mesh import Mesh
-from spcola.rays import RayCaster
+from spcola.shape import Mesh, RayCaster
 
 RADIUS, RELIEF, SPACING, STEPS, TERMS = 100.0, 2.0, 4.0, 60, 60
 PER_BODY = 10

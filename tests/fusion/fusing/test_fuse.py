@@ -4,17 +4,21 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from fusion.fused import Source
-from fusion.fusing.constraints import Candidate, Constraints, lidar_constraints
-from fusion.fusing.fuse import FuseInput, FuseOptions, fuse_maplet
-from fusion.fusing.information import (
-    DEFAULT_INFORMATION,
+from fusion.fusing import (
+    Candidate,
     Comparison,
+    FuseInput,
+    FuseOptions,
     SlopeInformation,
     estimate_information,
+    fuse_maplet,
+    lidar_constraints,
 )
-from lidar.mapola import Mapola
-from spcola.maplet import Maplet, MapletGrid
+from fusion.fusing.constraints import Constraints
+from fusion.fusing.information import DEFAULT_INFORMATION
+from fusion.fusing.maplets import Source
+from lidar.gridding import Mapola
+from spcola.grids import Maplet, MapletGrid
 
 GRID = MapletGrid.facing([80.0, 10.0, 5.0], [1.0, 0.1, 0.1], 0.5, 30)
 SIZE = GRID.size

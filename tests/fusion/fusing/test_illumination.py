@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from fusion.fusing.illumination import Illumination
-from fusion.fusing.information import Comparison, estimate_information, light_along_edges
-from spcola.camera import Camera
-from spcola.image import SpcImage
-from spcola.maplet import Maplet, MapletGrid
-from spcola.photoclinometry import SlopeVariance
+from fusion.fusing import Comparison, Illumination, estimate_information
+from fusion.fusing.information import light_along_edges
+from spcola.camera import Camera, SpcImage
+from spcola.grids import Maplet, MapletGrid
+from spcola.photometry import SlopeVariance
 
 CAMERA = Camera(100.0, [50.5, 50.5], [[40.0, 0.0, 0.0], [0.0, 40.0, 0.0]], 100, 100)
 RADIUS, DISTANCE = 80.0, 1000.0

@@ -6,18 +6,20 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from fusion.fused import FusedMaplet, Source
-from fusion.fusing.constraints import Constraints
-from fusion.fusing.fuse import FuseInput, FuseOptions, fuse_maplet
-from fusion.fusing.information import (
-    DEFAULT_INFORMATION,
+from fusion.fusing import (
     Comparison,
+    FuseInput,
+    FuseOptions,
     SlopeInformation,
     estimate_information,
+    fuse_maplet,
 )
+from fusion.fusing.constraints import Constraints
+from fusion.fusing.information import DEFAULT_INFORMATION
+from fusion.fusing.maplets import FusedMaplet, Source
 from fusion.fusing.shape import ShapeInformation, estimate_shape
 from fusion.fusing.variogram import mean_square
-from spcola.maplet import Maplet, MapletGrid
+from spcola.grids import Maplet, MapletGrid
 
 GRID = MapletGrid.facing([80.0, 10.0, 5.0], [1.0, 0.1, 0.1], 0.5, 25)
 SIZE = GRID.size

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.fused import FusedMaplet, Source
-from fusion.products.manifest import Provenance
-from spcola.maplet import MapletGrid
-from spcola.similarity import Similarity
+from fusion.fusing.maplets import FusedMaplet, Source
+from fusion.products import Provenance
+from spcola.grids import MapletGrid
+from spcola.math import Similarity
 
 
 def build_fused(name: str = "BE0042", half_size: int = 24, seed: int = 3) -> FusedMaplet:

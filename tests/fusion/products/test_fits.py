@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from astropy.io import fits
 
-from fusion.fused import Source
-from fusion.products.fits import read_fits_dtm, write_fits_dtm
+from fusion.fusing.maplets import Source
+from fusion.products.formats import read_fits_dtm, write_fits_dtm
 from spcola.errors import FormatError, WorkspaceError
-from spcola.maplet import Maplet, MapletGrid
+from spcola.grids import Maplet, MapletGrid
 
 
 @pytest.fixture

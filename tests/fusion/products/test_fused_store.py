@@ -6,9 +6,14 @@ import h5py
 import numpy as np
 import pytest
 
-from fusion.products.fused import FUSED_HDF5, fused_names, read_fused, write_fused
+from fusion.fusing.maplets import (
+    FUSED_HDF5,
+    fused_names,
+    read_fused,
+    write_fused,
+)
 from spcola.errors import FormatError, InvalidValueError, WorkspaceError
-from spcola.formats.map import read_maplet
+from spcola.formats.maplets import read_maplet
 
 
 def test_reads_back_to_the_last_bit(tmp_path, make_fused, assert_same) -> None:

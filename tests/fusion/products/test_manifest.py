@@ -6,16 +6,15 @@ import json
 
 import pytest
 
-from fusion.products.manifest import (
+from fusion.products import (
     MANIFEST_FILE,
     Provenance,
-    check_release,
     describe_product,
     manifest_text,
-    read_manifest,
     versions,
     write_manifest,
 )
+from fusion.products.manifest import check_release, read_manifest
 from spcola.errors import FormatError, WorkspaceError
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.products.naming import lon_lat_deg, parse_stem, product_stem, product_stems
+from fusion.products import lon_lat_deg, product_stems
+from fusion.products.naming import parse_stem, product_stem
 from spcola.errors import FormatError, InvalidValueError
-from spcola.maplet import MapletGrid
+from spcola.grids import MapletGrid
 
 
 def grid_at(longitude_deg: float, latitude_deg: float, gsd: float = 0.05) -> MapletGrid:

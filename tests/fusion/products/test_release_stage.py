@@ -7,20 +7,16 @@ import json
 import numpy as np
 import pytest
 
-from fusion.fused import FusedMaplet, Source
-from fusion.fused_bigmap import fused_bigmap
+from fusion.fusing.maplets import FusedMaplet, Source, fused_bigmap, read_fused, write_fused
 from fusion.pipeline import Pipeline
-from fusion.products.fits import read_fits_dtm
-from fusion.products.fused import read_fused, write_fused
-from fusion.products.geotiff import read_geotiff
+from fusion.products.formats import read_fits_dtm, read_geotiff, read_surface
 from fusion.products.manifest import check_release, read_manifest
-from fusion.products.surface import read_surface
-from fusion.settings import Settings
 from fusion.stages.release import STAGE
 from fusion.workspace import Workspace
+from fusion.workspace.settings import Settings
 from spcola.errors import WorkspaceError
-from spcola.formats.map import write_maplet
-from spcola.maplet import Maplet, MapletGrid
+from spcola.formats.maplets import write_maplet
+from spcola.grids import Maplet, MapletGrid
 
 
 @pytest.fixture

@@ -7,10 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from fusion.products.surface import read_surface, triangles, write_obj, write_ply
+from fusion.products.formats import read_surface, write_obj, write_ply
+from fusion.products.formats.surface import triangles
 from spcola.errors import FormatError, InvalidValueError
-from spcola.formats.obj import read_obj
-from spcola.maplet import Maplet, MapletGrid
+from spcola.formats.shapes import read_obj
+from spcola.grids import Maplet, MapletGrid
 
 WRITERS = {"obj": write_obj, "ply": write_ply}
 

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fusion.registration.fit import FitOptions, fit_transform
-from fusion.registration.scans import ScanEffects
-from spcola.lattice import lattice
-from spcola.similarity import Affine, Similarity
+from fusion.registration.fit import FitOptions
+from fusion.registration.fit.fit import fit_transform
+from fusion.registration.results import ScanEffects
+from spcola.math import Affine, Similarity, lattice
 
 PLANTED = Similarity.from_rotation_vector(
     np.radians([0.002, -0.003, 0.011]), [0.05, -0.04, 0.06], 1.0005, "spc", "lidar"

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from fusion.registration.fit import FitOptions, fit_transform, similarity_numbers
-from fusion.registration.match import Match, Surface, match_surfaces
-from spcola.lattice import lattice
-from spcola.maplet import MapletGrid
+from fusion.registration.fit import FitOptions, similarity_numbers
+from fusion.registration.fit.fit import fit_transform
+from fusion.surfacematch import Match, Surface, match_surfaces
+from spcola.grids import MapletGrid
+from spcola.math import lattice
 
 RADIUS, GSD, HALF = 245.0, 0.35, 32
 SCALE = 1.0004

@@ -5,21 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fusion.registration.by_images import ImagedMapolas, place_mapolas
-from fusion.registration.combine import KindSizes, both_kinds
 from fusion.registration.fit import FitOptions
-from fusion.registration.kinds import fit_mapolas
-from fusion.registration.landmarks import LandmarkErrors
-from fusion.registration.match import Match
-from fusion.registration.scans import ScanEffects
-from fusion.registration.summary import MatchedMapolas
-from spcola.camera import Camera
-from spcola.image import SpcImage
-from spcola.maplet import MapletGrid
-from spcola.projection import project_image
-from spcola.sighting import Sighting
-from spcola.sightingsizes import SizeFactors
-from spcola.statecovariance import Fixes, state_covariance
+from fusion.registration.observations import (
+    ImagedMapolas,
+    LandmarkErrors,
+    fit_mapolas,
+    place_mapolas,
+)
+from fusion.registration.observations.combine import KindSizes, both_kinds
+from fusion.registration.results import MatchedMapolas, ScanEffects
+from fusion.surfacematch import Match
+from spcola.camera import Camera, SpcImage, project_image
+from spcola.control.estimation import Fixes, state_covariance
+from spcola.grids import MapletGrid
+from spcola.imagematching import Sighting, SizeFactors
 
 CAMERA = Camera(100.0, [128.5, 128.5], [[40.0, 0.0, 0.0], [0.0, 40.0, 0.0]], 256, 256)
 NO_FIXES = Fixes(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 3)))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import fft
 
-from fusion.registration.commonrelief import SHOWN, Placed, common_relief
+from fusion.registration.judging import Placed, common_relief
+from fusion.registration.judging.common_ground import SHOWN
 from spcola.arrays import FloatArray
 
 SIZE, REACH = 55, 4

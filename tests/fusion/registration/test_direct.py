@@ -10,17 +10,16 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from fusion.registration.by_returns import ReturnsOptions, register_returns
-from fusion.registration.clouds import CloudOptions, register_clouds
-from fusion.registration.direct import DirectRegistration
-from fusion.registration.match import Match, Surface
-from fusion.registration.return_heights import CloudOfReturns, FixedSurface
-from fusion.registration.returns_match import match_returns
-from fusion.registration.softness import relative_blur, significant_blur
-from fusion.verdict import Code, Verdict
+from fusion.estimation.verdict import Code, Verdict
+from fusion.registration.clouds.clouds import CloudOptions, register_clouds
+from fusion.registration.clouds.softness import relative_blur, significant_blur
+from fusion.registration.returns import CloudOfReturns, FixedSurface, match_returns
+from fusion.registration.returns.by_returns import ReturnsOptions, register_returns
+from fusion.registration.returns.direct import DirectRegistration
+from fusion.surfacematch import Match, Surface
 from spcola.errors import InvalidValueError, NotObservableError
-from spcola.maplet import MapletGrid
-from spcola.similarity import Affine, Similarity
+from spcola.grids import MapletGrid
+from spcola.math import Affine, Similarity
 
 Array = NDArray[np.float64]
 

@@ -3,16 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.registration.fit import (
-    FitOptions,
-    fit_transform,
-    similarity_numbers,
-    transform_partials,
-)
-from fusion.registration.scans import ScanEffects, share_matrix
-from fusion.registration.significance import strain_departure
+from fusion.registration.fit import FitOptions, similarity_numbers, transform_partials
+from fusion.registration.fit.fit import fit_transform
+from fusion.registration.fit.significance import strain_departure
+from fusion.registration.results import ScanEffects, share_matrix
 from spcola.errors import NotObservableError
-from spcola.similarity import Affine, Similarity
+from spcola.math import Affine, Similarity
 
 
 def centers(generator, count=80, radius=250.0):

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fusion.registration.commonrelief import CommonRelief
+from fusion.estimation.verdict import Code
 from fusion.registration.judging import Evidence, Limits, judge_registration
-from fusion.verdict import Code
+from fusion.registration.judging.common_ground import CommonRelief
 
 LIMITS = Limits(rotation_deg=1.0, scale=0.01, center_sigma_m=0.05)
 

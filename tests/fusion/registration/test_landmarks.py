@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 from fusion.registration.fit import FitOptions
-from fusion.registration.kinds import fit_mapolas
-from fusion.registration.landmarks import LandmarkErrors
-from fusion.registration.match import Match
-from fusion.registration.scans import ScanEffects
-from fusion.registration.summary import MatchedMapolas
-from spcola.lattice import lattice
-from spcola.network import Network
+from fusion.registration.observations import LandmarkErrors, fit_mapolas
+from fusion.registration.results import MatchedMapolas, ScanEffects
+from fusion.surfacematch import Match
+from spcola.control.estimation import Network
+from spcola.math import lattice
 
 COUNT, RADIUS, OWN, SHARED = 120, 200.0, 0.01, 0.04
 

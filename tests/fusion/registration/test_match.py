@@ -4,11 +4,18 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from fusion.registration.match import MatchOptions, Surface, match_surfaces
-from fusion.registration.noise import bridged, estimate_spectrum, supported
-from fusion.registration.resolution import blur, estimate_blur, filled, plane_of
-from spcola.maplet import MapletGrid
-from spcola.surfacecorrelation import autocovariance, shift_variances
+from fusion.surfacematch import MatchOptions, Surface, match_surfaces
+from fusion.surfacematch.resolution import (
+    blur,
+    bridged,
+    estimate_blur,
+    estimate_spectrum,
+    filled,
+    plane_of,
+)
+from fusion.surfacematch.resolution.noise import supported
+from spcola.grids import MapletGrid
+from spcola.grids.statistics import autocovariance, shift_variances
 
 GRID = MapletGrid.facing([100.0, 40.0, 30.0], [1.0, 0.4, 0.3], 0.5, 49)
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.registration.fit import FitOptions, fit_transform, similarity_numbers
-from fusion.registration.reasons import registration_reasons
+from fusion.registration.fit import FitOptions, similarity_numbers
+from fusion.registration.fit.fit import fit_transform
+from fusion.registration.fit.reasons import registration_reasons
 from spcola.errors import NotObservableError
-from spcola.lattice import lattice
+from spcola.math import lattice
 
 
 def errors(fit, truth):

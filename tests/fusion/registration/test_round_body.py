@@ -9,10 +9,9 @@ import pytest
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
-from fusion.registration.match import Surface, match_surfaces
-from fusion.registration.noise import bridged, estimate_spectrum
-from fusion.registration.resolution import blur
-from spcola.maplet import MapletGrid
+from fusion.surfacematch import Surface, match_surfaces
+from fusion.surfacematch.resolution import blur, bridged, estimate_spectrum
+from spcola.grids import MapletGrid
 
 RADIUS = 40.0
 GRID = MapletGrid.facing([0.0, 0.0, RADIUS], [0.0, 0.0, 1.0], 0.75, 27)

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.registration.scans import ScanEffects
-from lidar.adjustment import AdjustmentOptions, ScanAdjustment, unadjusted
-from lidar.nodes import Nodes
-from lidar.overlaps import displacement_rows
+from fusion.registration.results import ScanEffects
+from lidar.adjustment import AdjustmentOptions, Nodes, ScanAdjustment, displacement_rows, unadjusted
 from spcola.arrays import FloatArray
 
 NAMES = ("a", "b", "c")

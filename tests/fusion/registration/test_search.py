@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fusion.registration.closest import Placement
-from fusion.registration.framewords import LEAST_TURN_DEG, frame_change
-from fusion.registration.orientations import all_orientations, apart_deg, distinct
-from fusion.registration.search import FrameSearch, search_frames, significance_of
+from fusion.registration.search import FrameSearch, search_frames
+from fusion.registration.search.closest import Placement
+from fusion.registration.search.frame_texts import LEAST_TURN_DEG, frame_change
+from fusion.registration.search.orientations import all_orientations, apart_deg, distinct
+from fusion.registration.search.search import significance_of
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
 

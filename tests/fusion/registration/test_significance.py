@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fusion.registration.significance import departures_json, scale_departure, strain_departure
-from spcola.similarity import Similarity
+from fusion.registration.fit.significance import departures_json, scale_departure, strain_departure
+from spcola.math import Similarity
 
 STRAIN = np.array([[0.0, 1e-3, 0.0], [1e-3, 0.0, 0.0], [0.0, 0.0, -6e-4]])
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fusion.registration.fit import transform_partials
-from fusion.registration.held import HeldEquations
-from fusion.registration.stability import (
+from fusion.registration.fit.held import HeldEquations
+from fusion.registration.fit.stability import (
     REGIONS,
     block_bootstrap,
     leave_one_region_out,
@@ -13,7 +13,7 @@ from fusion.registration.stability import (
     stability_json,
     suspects,
 )
-from spcola.lattice import lattice
+from spcola.math import lattice
 
 
 def test_regions_are_of_about_equal_area():

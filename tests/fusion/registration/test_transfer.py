@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from fusion.registration.resolution import blur
-from fusion.registration.transfer import estimate_transfer
+from fusion.surfacematch.resolution import blur, estimate_transfer
 
 
 def surfaces(count, cells, noise):

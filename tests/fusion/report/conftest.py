@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from fusion.fused import FusedMaplet, Source
+from fusion.fusing.maplets import FusedMaplet, Source
 from fusion.report.data import Coverage, ReportData, Surfaces
-from fusion.truth.recovery import Recovered
-from spcola.maplet import MapletGrid
+from fusion.truth import Recovered
+from spcola.grids import MapletGrid
 
 
 def directions(count: int) -> np.ndarray:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fusion.report import hillshade, number
 from fusion.report.gather import choose_places
 from fusion.report.maps import _local
 from fusion.report.scale import binned
-from fusion.report.surfaces import hillshade, north_on_image, surfaces_figure
-from fusion.report.tables import number
-from spcola.maplet import MapletGrid
+from fusion.report.surfaces import north_on_image, surfaces_figure
+from spcola.grids import MapletGrid
 
 
 def test_slopes_that_face_the_light_are_bright() -> None:

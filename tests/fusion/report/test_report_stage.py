@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fusion.fusing.maplets import write_fused
 from fusion.pipeline import Pipeline
-from fusion.products.fused import write_fused
-from fusion.report.gather import gather_report
-from fusion.settings import Settings
+from fusion.report import gather_report
 from fusion.stages.report import STAGE
 from fusion.workspace import Workspace
-from lidar.formats.mapola import write_mapolas
-from lidar.mapola import Mapola
+from fusion.workspace.settings import Settings
+from lidar.formats.native import write_mapolas
+from lidar.gridding import Mapola
 from spcola.errors import FormatError, WorkspaceError
-from spcola.formats.map import write_maplet
-from spcola.maplet import Maplet
+from spcola.formats.maplets import write_maplet
+from spcola.grids import Maplet
 
 
 @pytest.fixture

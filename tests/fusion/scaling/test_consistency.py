@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.influence import influence
-from fusion.registration.fit import fit_transform
-from fusion.scaling.consistency import consistency, shared_by_maplets
-from fusion.scaling.joint import ScaleOptions, estimate_scale
-from fusion.scaling.observation import ScaleObservations, everywhere
+from fusion.estimation import influence
+from fusion.registration.fit.fit import fit_transform
+from fusion.scaling.fit import ScaleOptions, estimate_scale
+from fusion.scaling.fit.observation import ScaleObservations, everywhere
+from fusion.scaling.judging import consistency, shared_by_maplets
 
 MAPLETS, RADIUS, RANGE = 20, 75.0, 250.0
 CENTER, MATCH = 0.06, 0.02

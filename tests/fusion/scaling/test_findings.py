@@ -5,17 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fusion.scaling.findings import (
+from fusion.estimation.verdict import Code, Severity, Verdict
+from fusion.estimation.verdict.verdict import MEANINGS
+from fusion.scaling.fit import ScaleOptions, estimate_scale
+from fusion.scaling.fit.observation import ScaleObservations
+from fusion.scaling.fit.residuals import residuals_json
+from fusion.scaling.judging import (
     consistency_findings,
     missed_findings,
     scale_findings,
     unmatched_findings,
     unobserved_findings,
 )
-from fusion.scaling.joint import ScaleOptions, estimate_scale
-from fusion.scaling.observation import ScaleObservations
-from fusion.scaling.residuals import residuals_json
-from fusion.verdict import MEANINGS, Code, Severity, Verdict
 
 DAYS = ("2019-03-07", "2019-03-14", "2019-03-21")
 # By an independent trajectory rotations and centre are told by the relief of one body alone.

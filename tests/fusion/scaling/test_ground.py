@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.scaling.ground import common_reach, correlated_patterns, patch_patterns
-from fusion.scaling.joint import estimate_scale
-from fusion.scaling.observation import ScaleObservations
+from fusion.scaling.fit import estimate_scale
+from fusion.scaling.fit.ground import common_reach, correlated_patterns, patch_patterns
+from fusion.scaling.fit.observation import ScaleObservations
 
 RADIUS = 245.0
 CENTER = np.array([0.1, -0.05, 0.02])
@@ -81,7 +81,7 @@ def test_shots_further_apart_than_errors_reach_are_estimated_as_before(monkeypat
     data = shots(generator, unit(generator.normal(size=(150, 3))), relief=0.5, reach=3.0)
     estimate = estimate_scale(data)
     assert estimate.ground is None
-    monkeypatch.setattr("fusion.scaling.joint.shared_ground", lambda *_: None)
+    monkeypatch.setattr("fusion.scaling.fit.joint.shared_ground", lambda *_: None)
     alone = estimate_scale(data)
     np.testing.assert_array_equal(estimate.fit.estimate, alone.fit.estimate)
     np.testing.assert_array_equal(estimate.fit.covariance, alone.fit.covariance)

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fusion.scaling.groups import ErrorGroups, pointing_of_scans
-from fusion.scaling.observation import ScaleObservations
+from fusion.scaling.fit.groups import ErrorGroups, pointing_of_scans
+from fusion.scaling.fit.observation import ScaleObservations
 
 
 def pairs(count=6):

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fusion.scaling.consistency import consistency
-from fusion.scaling.joint import ScaleOptions, estimate_scale
-from fusion.scaling.observation import PARAMETERS, ScaleObservations
-from fusion.scaling.summary import scale_json, unobserved_json
+from fusion.scaling.fit import ScaleOptions, estimate_scale
+from fusion.scaling.fit.observation import PARAMETERS, ScaleObservations
+from fusion.scaling.judging import consistency
+from fusion.scaling.results import scale_json, unobserved_json
 from spcola.errors import InvalidValueError, NotObservableError
 
 DAYS = ("2019-03-07", "2019-03-14", "2019-03-21", "2019-03-28", "2019-04-04")

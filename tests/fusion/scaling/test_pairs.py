@@ -3,15 +3,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.registration.match import MatchOptions
-from fusion.scaling.frames import (
+from fusion.scaling.geometry import (
     LeftOut,
     PairOptions,
     frame_of_image,
-    local_time,
     pair_size,
     seen_from,
 )
+from fusion.scaling.geometry.frames import local_time
 from fusion.scaling.pairs import (
     Pair,
     Sources,
@@ -20,12 +19,11 @@ from fusion.scaling.pairs import (
     pair_observations,
     sharpened,
 )
-from lidar.returns import Returns
-from spcola.camera import Camera
-from spcola.image import SpcImage
-from spcola.maplet import Maplet
-from spcola.mesh import Mesh
-from spcola.rays import RayCaster
+from fusion.surfacematch import MatchOptions
+from lidar.scans import Returns
+from spcola.camera import Camera, SpcImage
+from spcola.grids import Maplet
+from spcola.shape import Mesh, RayCaster
 
 CAMERA = Camera(125.0, [512.5, 512.5], [[117.0, 0, 0], [0, 117.0, 0]], 1024, 1024)
 OPTIONS = PairOptions(size_m=40.0, gsd_m=0.5, match=MatchOptions(capture_m=3.0))

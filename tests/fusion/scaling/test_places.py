@@ -8,30 +8,25 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-from fusion.scaling.chance import FEWEST_SHOTS, chance_of_larger, independent
-from fusion.scaling.crossings import compare_crossings
-from fusion.scaling.findings import (
-    CROSSING,
-    TOO_LARGE,
+from fusion.estimation.verdict import Code, Severity, Verdict
+from fusion.scaling.fit import ScaleOptions
+from fusion.scaling.geometry import KnownPlace
+from fusion.scaling.judging import (
     expected_scatter,
     missed_findings,
     place_findings,
     scale_findings,
     scan_findings,
 )
-from fusion.scaling.joint import ScaleOptions
-from fusion.scaling.places import check_place
-from fusion.scaling.placing import KnownPlace
-from fusion.scaling.scanplaces import check_scans
-from fusion.scaling.settling import settle_shots
-from fusion.scaling.shots import compare_shots
-from fusion.verdict import Code, Severity, Verdict
+from fusion.scaling.judging.findings import CROSSING, TOO_LARGE
+from fusion.scaling.places import check_place, check_scans, compare_crossings
+from fusion.scaling.places.chance import FEWEST_SHOTS, chance_of_larger, independent
+from fusion.scaling.shots import compare_shots, settle_shots
 from lidar.formats.reader import read_scan
-from lidar.scan import Scan, join
+from lidar.scans import Scan, join
 from spcola.errors import NotObservableError
-from spcola.formats.shape import read_shape
-from spcola.mesh import Mesh
-from spcola.rays import RayCaster
+from spcola.formats.shapes import read_shape
+from spcola.shape import Mesh, RayCaster
 
 RADIUS, NOISE = 100.0, 0.1
 

@@ -7,13 +7,11 @@ import pytest
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from fusion.scaling.joint import ScaleOptions, estimate_scale
-from fusion.scaling.placing import KnownPlace
-from fusion.scaling.settling import settle_shots
-from fusion.scaling.shots import compare_shots
-from lidar.scan import Scan
-from spcola.mesh import Mesh
-from spcola.rays import RayCaster
+from fusion.scaling.fit import ScaleOptions, estimate_scale
+from fusion.scaling.geometry import KnownPlace
+from fusion.scaling.shots import compare_shots, settle_shots
+from lidar.scans import Scan
+from spcola.shape import Mesh, RayCaster
 
 RADIUS, NOISE = 100.0, 0.35
 TURN = np.radians([0.6, -0.8, 1.0])

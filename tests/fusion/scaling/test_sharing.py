@@ -3,11 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.registration.match import MatchOptions, Surface, match_surfaces
-from fusion.scaling.leaning import cell_means, match_response
-from fusion.scaling.observation import everywhere
-from fusion.scaling.sharing import ground_in_common, maplet_shares, patterns, shared_matches
-from spcola.maplet import Maplet, MapletGrid
+from fusion.scaling.fit.observation import everywhere
+from fusion.scaling.geometry import maplet_shares
+from fusion.scaling.geometry.sharing import ground_in_common, patterns, shared_matches
+from fusion.scaling.pairs import cell_means, match_response
+from fusion.surfacematch import MatchOptions, Surface, match_surfaces
+from spcola.grids import Maplet, MapletGrid
 
 GRID = MapletGrid.facing([60.0, 20.0, 10.0], [3.0, 1.0, 0.5], 0.5, 40)
 

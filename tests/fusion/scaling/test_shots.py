@@ -3,14 +3,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.scaling.joint import ScaleOptions, estimate_scale
-from fusion.scaling.shots import compare_shots, utc_date
+from fusion.scaling.fit import ScaleOptions, estimate_scale
+from fusion.scaling.shots import compare_shots
+from fusion.scaling.shots.shots import utc_date
 from lidar.formats.reader import read_scan
-from lidar.scan import Scan
-from spcola.formats.shape import read_shape
-from spcola.mesh import Mesh
-from spcola.rays import RayCaster
-from spcola.time import et_from_utc
+from lidar.scans import Scan
+from spcola.formats.shapes import read_shape
+from spcola.navigation import et_from_utc
+from spcola.shape import Mesh, RayCaster
 
 OCTAHEDRON = Mesh(
     100.0 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]),

@@ -3,12 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.scaling.shots import compare_shots
-from fusion.scaling.spots import SpotOptions, cast_spots
-from lidar.scan import Scan
+from fusion.scaling.shots import SpotOptions, compare_shots
+from fusion.scaling.shots.spots import cast_spots
+from lidar.scans import Scan
 from spcola.errors import InvalidValueError
-from spcola.mesh import Mesh
-from spcola.rays import RayCaster
+from spcola.shape import Mesh, RayCaster
 
 
 def ground(height, side=60.0, count=121):

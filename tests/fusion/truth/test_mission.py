@@ -10,20 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fusion.truth.mission import make_mission
-from fusion.truth.planted import Planted, read_truth
+from fusion.truth import make_mission, read_truth
+from fusion.truth.planted import Planted
 from fusion.truth.presets import MissionSettings
 from fusion.truth.recovery import compare
 from lidar.formats.reader import read_scan
+from spcola.camera import project_image
 from spcola.errors import FormatError, WorkspaceError
-from spcola.formats.icq import read_icq
-from spcola.formats.lists import read_list
-from spcola.formats.lmk import read_landmark
-from spcola.formats.map import read_maplet
-from spcola.formats.nom import read_nominal
-from spcola.formats.sum import read_summary
-from spcola.projection import project_image
-from spcola.time import et_from_utc
+from spcola.formats.maplets import read_maplet
+from spcola.formats.shapes import read_icq
+from spcola.formats.solution import read_landmark, read_list, read_nominal, read_summary
+from spcola.navigation import et_from_utc
 
 SMALLEST = replace(
     MissionSettings.tiny(),

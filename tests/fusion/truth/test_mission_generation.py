@@ -14,23 +14,29 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fusion.executor import ThreadExecutor
-from fusion.lock import locked
-from fusion.truth import images, mission, scans, solution
+from fusion.runtime import ThreadExecutor
+from fusion.runtime.processes import locked
+from fusion.truth import (
+    PRESETS,
+    images,
+    make_mission,
+    mission,
+    mission_size,
+    read_truth,
+    scans,
+    solution,
+)
 from fusion.truth import size as size_module
 from fusion.truth.generation import MAKING_FOLDER
-from fusion.truth.mission import make_mission
-from fusion.truth.planted import read_truth
-from fusion.truth.presets import PRESETS, MissionSettings
-from fusion.truth.size import mission_size
+from fusion.truth.presets import MissionSettings
 from lidar.formats.reader import read_scan
 from lidar.truth import TrackSettings
+from spcola.camera import project_image, ray
 from spcola.errors import FormatError, WorkspaceError
-from spcola.formats.dat import read_image_data
-from spcola.formats.fits import read_fits_image
-from spcola.formats.nom import read_nominal
-from spcola.lattice import lattice
-from spcola.projection import project_image, ray
+from spcola.formats.images import read_image_data
+from spcola.formats.images.fits import read_fits_image
+from spcola.formats.solution import read_nominal
+from spcola.math import lattice
 from spcola.truth.campaign import CampaignSettings
 
 TINY = MissionSettings.tiny()

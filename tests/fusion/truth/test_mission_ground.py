@@ -7,10 +7,10 @@ import pytest
 
 from fusion.truth.ground import ground_at, shadow_ground
 from fusion.truth.images import FINEST, spacing_of
-from spcola.image import SpcImage
-from spcola.lattice import lattice
+from spcola.camera import SpcImage
+from spcola.math import lattice
 from spcola.truth.body import BodySettings, TruthBody
-from spcola.truth.cameras import framing_camera, looking
+from spcola.truth.campaign.cameras import framing_camera, looking
 
 ROCKY = BodySettings(radius=20.0, smallest_rock=0.05)
 PLAIN = BodySettings(radius=20.0)

@@ -8,9 +8,10 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
+from fusion.truth import PRESETS, changed
 from fusion.truth.ground import shadow_ground
-from fusion.truth.presets import PRESETS, MissionSettings
-from fusion.truth.restoring import changed, restored
+from fusion.truth.presets import MissionSettings
+from fusion.truth.restoring import restored
 from fusion.truth.solution import light_of
 from spcola.errors import SettingsError
 

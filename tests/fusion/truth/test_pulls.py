@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fusion.truth import Recovered
 from fusion.truth.pulls import pull_statistics
-from fusion.truth.recovery import Recovered
 
 SIGMA = 2e-5
 

@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 
+from fusion.truth import Recovered
 from fusion.truth.planted import Planted
 from fusion.truth.presets import MissionSettings
-from fusion.truth.recovery import Recovered, compare
+from fusion.truth.recovery import compare
 
 SETTINGS = MissionSettings.tiny()
 BIASED, EXACT = "2019-07-01", "2019-07-02"

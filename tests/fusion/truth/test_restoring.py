@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from fusion.truth import changed
 from fusion.truth.presets import MissionSettings
-from fusion.truth.restoring import changed
 from spcola.errors import SettingsError
 
 

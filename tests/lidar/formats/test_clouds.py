@@ -9,9 +9,8 @@ import laspy
 import numpy as np
 import pytest
 
-from lidar.formats.options import LidarOptions
-from lidar.formats.reader import open_lidar, read_scan
-from lidar.formats.recognise import recognise
+from lidar.formats import LidarOptions, open_lidar, recognise
+from lidar.formats.reader import read_scan
 from spcola.errors import FormatError
 
 POINTS = np.random.default_rng(5).normal(size=(20, 3)) * 250

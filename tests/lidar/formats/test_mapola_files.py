@@ -10,12 +10,13 @@ import h5py
 import numpy as np
 import pytest
 
-from lidar.formats.mapola import mapola_names, read_mapola, write_mapolas
-from lidar.mapola import Mapola
+from lidar.formats.native import read_mapola, write_mapolas
+from lidar.formats.native.mapola import mapola_names
+from lidar.gridding import Mapola
 from spcola.errors import FormatError, InvalidValueError, WorkspaceError
-from spcola.formats.map import read_maplet
-from spcola.formats.mapstore import MapStore
-from spcola.maplet import MapletGrid
+from spcola.formats.maplets import read_maplet
+from spcola.formats.stores import MapStore
+from spcola.grids import MapletGrid
 
 
 def made(name, seed=1):

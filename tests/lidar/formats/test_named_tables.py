@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidar.formats.options import LidarOptions
+from lidar.formats import LidarOptions, recognise
 from lidar.formats.reader import read_scan
-from lidar.formats.recognise import recognise
 from spcola.errors import FormatError
-from spcola.time import et_from_utc
+from spcola.navigation import et_from_utc
 
 RNG = np.random.default_rng(3)
 POINTS = RNG.normal(size=(12, 3)) * 250.0

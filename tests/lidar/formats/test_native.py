@@ -9,12 +9,12 @@ import h5py
 import numpy as np
 import pytest
 
-from lidar.cubes import QUANTUM_M
+from lidar.formats import LidarOptions, recognise
 from lidar.formats.native import iter_scan, scan_summary, write_scan
-from lidar.formats.options import LidarOptions
 from lidar.formats.reader import read_scan
-from lidar.formats.recognise import recognise
-from lidar.scan import MEASURES, Scan
+from lidar.scans import Scan
+from lidar.scans.cubes import QUANTUM_M
+from lidar.scans.scan import MEASURES
 from spcola.errors import FormatError, InvalidValueError, WorkspaceError
 
 

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidar.formats.ola import RECORD, write_ola
-from lidar.formats.options import LidarOptions
-from lidar.formats.reader import open_lidar, read_scan
-from lidar.formats.recognise import recognise
-from lidar.scan import Scan
+from lidar.formats import LidarOptions, open_lidar, recognise
+from lidar.formats.missions import RECORD, write_ola
+from lidar.formats.reader import read_scan
+from lidar.scans import Scan
 from spcola.errors import FormatError
 
 # 1-based start, type; what stands in the layout of FORMATS.md, written down a second time here.

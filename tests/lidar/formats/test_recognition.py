@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lidar.formats import LidarOptions, open_lidar, recognise
+from lidar.formats.missions import write_ola
 from lidar.formats.native import write_scan
-from lidar.formats.ola import write_ola
-from lidar.formats.options import LidarOptions
-from lidar.formats.reader import open_lidar
-from lidar.formats.recognise import FORMATS, recognise
-from lidar.scan import Scan
+from lidar.formats.recognition import FORMATS
+from lidar.scans import Scan
 from spcola.errors import FormatError, SettingsError
 
 

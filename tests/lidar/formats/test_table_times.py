@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.formats.times import is_time, times_of
-from spcola.time import et_from_utcs
+from lidar.formats.tables.times import is_time, times_of
+from spcola.navigation import et_from_utcs
 
 
 @pytest.mark.parametrize(

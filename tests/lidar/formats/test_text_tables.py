@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidar.formats.options import LidarOptions
-from lidar.formats.reader import open_lidar, read_scan
-from lidar.formats.recognise import recognise
+from lidar.formats import LidarOptions, open_lidar, recognise
+from lidar.formats.reader import read_scan
 from spcola.errors import FormatError
-from spcola.time import et_from_utc
+from spcola.navigation import et_from_utc
 
 COUNT = 9
 

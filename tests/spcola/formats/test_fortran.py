@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spcola.formats.fortran import format_d, format_fixed, parse_number
+from spcola.formats.text.fortran import format_d, format_fixed, parse_number
 
 
 @pytest.mark.parametrize(

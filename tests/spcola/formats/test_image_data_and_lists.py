@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spcola.errors import FormatError, InvalidValueError
-from spcola.formats.dat import read_image_data, recognise_byte_order, write_image_data
-from spcola.formats.lists import read_list, write_list
+from spcola.formats.images import read_image_data, write_image_data
+from spcola.formats.images.dat import recognise_byte_order
+from spcola.formats.solution import read_list, write_list
 
 
 def scene(dtype: type, peak: int) -> np.ndarray:

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from spcola.camera import ImagePoint
+from spcola.control import Landmark, MapOverlap
 from spcola.errors import FormatError, InvalidValueError
-from spcola.formats.lmk import read_landmark, write_landmark
-from spcola.image import ImagePoint
-from spcola.landmark import Landmark, MapOverlap
-from spcola.maplet import MapletGrid
+from spcola.formats.solution import read_landmark, write_landmark
+from spcola.grids import MapletGrid
 
 GOOD = """\
 FA0115   T

@@ -8,11 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spcola.camera import ImagePoint
 from spcola.errors import FormatError
-from spcola.formats.lmk import read_landmark, write_landmark
-from spcola.formats.nom import read_nominal, write_nominal
-from spcola.formats.sum import read_summary, write_summary
-from spcola.image import ImagePoint
+from spcola.formats.solution import (
+    read_landmark,
+    read_nominal,
+    read_summary,
+    write_landmark,
+    write_nominal,
+    write_summary,
+)
 
 SUM = """\
 P600069148F2

@@ -11,17 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spcola.errors import FormatError, InvalidValueError
-from spcola.formats.map import (
-    MapHeader,
-    map_length,
+from spcola.formats.maplets import (
     read_map,
     read_maplet,
     read_sigma,
     sigma_path,
     write_maplet,
-    write_sigma,
 )
-from spcola.maplet import Maplet, MapletGrid
+from spcola.formats.maplets.map import MapHeader, map_length, write_sigma
+from spcola.grids import Maplet, MapletGrid
 
 Q = 2
 SIZE = 2 * Q + 1

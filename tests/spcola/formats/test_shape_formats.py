@@ -10,12 +10,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spcola.errors import FormatError, InvalidValueError
-from spcola.formats.icq import read_icq, write_icq
-from spcola.formats.obj import divided, read_obj, write_obj
-from spcola.formats.ply import read_ply, read_ply_mesh, write_ply_mesh
-from spcola.formats.shape import read_shape, recognise_shape
-from spcola.icq import IcqShape, icq_directions
-from spcola.mesh import Mesh
+from spcola.formats.shapes import (
+    read_icq,
+    read_obj,
+    read_ply_mesh,
+    read_shape,
+    recognise_shape,
+    write_icq,
+    write_obj,
+    write_ply_mesh,
+)
+from spcola.formats.shapes.obj import divided
+from spcola.formats.shapes.ply import read_ply
+from spcola.shape import Mesh
+from spcola.shape.icq import IcqShape, icq_directions
 
 SPHERE = IcqShape(250.0 * icq_directions(2))
 

@@ -10,12 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from spcola.camera import Camera
+from spcola.camera import Camera, ImagePoint, SpcImage
 from spcola.errors import FormatError, InvalidValueError
-from spcola.formats.nom import read_nominal, write_nominal
-from spcola.formats.sum import read_summary, write_summary
-from spcola.image import ImagePoint, SpcImage
-from spcola.nominal import NominalState
+from spcola.formats.solution import read_nominal, read_summary, write_nominal, write_summary
+from spcola.navigation import NominalState
 
 # Axes: a turn by 3-4-5 about z; the Sun in the x-z plane.
 GOOD = """\

@@ -8,16 +8,16 @@ import pytest
 import spiceypy
 
 from spcola.errors import FormatError
-from spcola.formats.transfer import (
+from spcola.navigation import SPICE_LOCK
+from spcola.spice import read_transfer
+from spcola.spice.transfer import (
     Daf,
     DafArray,
     convert_transfer,
     decode_double,
     encode_daf,
     is_transfer,
-    read_transfer,
 )
-from spcola.time import SPICE_LOCK
 
 GOOD = """DAFETF NAIF DAF ENCODED TRANSFER FILE
 'DAF/SPK '

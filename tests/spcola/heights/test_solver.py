@@ -10,6 +10,7 @@ from scipy.ndimage import gaussian_filter, label
 from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import spsolve
 
+from spcola.compilation import Bands
 from spcola.errors import InvalidValueError, SettingsError
 from spcola.heights import (
     HeightProblem,
@@ -19,7 +20,6 @@ from spcola.heights import (
     solve_many,
 )
 from spcola.heights.aggregation import AggregationCycle
-from spcola.heights.bands import Bands
 from spcola.heights.components import find_components
 from spcola.heights.conjugate import LinearSystem
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spcola.heights.bands import Bands
+from spcola.compilation import Bands
 from spcola.heights.strays import Strays
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from spcola.errors import SettingsError
-from spcola.maplet import MapletGrid
+from spcola.grids import MapletGrid
 from spcola.truth.body import BodySettings, TruthBody
-from spcola.truth.relief import boulder_height, crater_height
-from spcola.truth.roughness import add_noise
-from spcola.truth.surface import low_degree, smoothed
+from spcola.truth.body.relief import boulder_height, crater_height
+from spcola.truth.body.roughness import add_noise
+from spcola.truth.body.surface import low_degree, smoothed
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from spcola.errors import SettingsError
-from spcola.truth.body import BodySettings, TruthBody
-from spcola.truth.relief import (
+from spcola.truth.body import BodySettings, TruthBody, stream
+from spcola.truth.body.relief import (
     BOULDER_HEIGHT,
     BOULDER_SLOPE,
     BURIED,
@@ -24,7 +24,6 @@ from spcola.truth.relief import (
     draw_boulders,
     spot_albedo,
 )
-from spcola.truth.streams import stream
 
 
 @pytest.fixture(scope="module")

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spcola.truth.cells import (
+from spcola.truth.body.cells import (
     CELL_REACH,
     cell_directions,
     cell_of,
     face_directions,
     index_features,
 )
-from spcola.truth.roughness import (
+from spcola.truth.body.roughness import (
     NOISE_RMS,
     add_noise,
     fractal_octaves,

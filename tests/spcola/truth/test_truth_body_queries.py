@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spcola.maplet import MapletGrid
-from spcola.truth.body import BodySettings, TruthBody
-from spcola.truth.hits import BodyHits
-from spcola.truth.relief import PowerLaw
-from spcola.truth.terrain import BOULDER, CRATER, SMOOTH
+from spcola.grids import MapletGrid
+from spcola.truth.body import BOULDER, CRATER, SMOOTH, BodySettings, TruthBody
+from spcola.truth.body.relief import PowerLaw
+from spcola.truth.sampled.hits import BodyHits
 
 
 @pytest.fixture(scope="module")

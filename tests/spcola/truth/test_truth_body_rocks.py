@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from spcola.errors import SettingsError
-from spcola.truth.body import BodySettings, TruthBody
-from spcola.truth.cells import face_directions, face_place
-from spcola.truth.relief import PowerLaw, SmoothSite
-from spcola.truth.rocks import (
+from spcola.truth.body import BOULDER, BodySettings, TruthBody
+from spcola.truth.body.cells import face_directions, face_place
+from spcola.truth.body.relief import PowerLaw, SmoothSite
+from spcola.truth.body.rocks import (
     Rocks,
     _metric,
     has_rock,
@@ -21,7 +21,6 @@ from spcola.truth.rocks import (
     rock_shape,
     rock_word,
 )
-from spcola.truth.terrain import BOULDER
 
 LAW = PowerLaw(1.0e4, 2.7, 0.4, 10.0)
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from spcola.errors import SettingsError
-from spcola.truth.degradation import (
+from spcola.truth.body import stream
+from spcola.truth.solution.degradation import (
     Darkness,
     Softness,
     integrated,
@@ -18,8 +19,7 @@ from spcola.truth.degradation import (
     softened,
     unresolved,
 )
-from spcola.truth.noise import correlated_noise, drift_noise
-from spcola.truth.streams import stream
+from spcola.truth.solution.noise import correlated_noise, drift_noise
 
 GSD = 0.35
 

@@ -7,18 +7,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from spcola.image import ImagePoint
-from spcola.lattice import lattice
-from spcola.maplet import Maplet, MapletGrid
-from spcola.projection import project_image
-from spcola.similarity import Similarity
-from spcola.truth.cameras import framing_camera
-from spcola.truth.landmarks import landmarks_of, measure_landmarks, overlaps_of
-from spcola.truth.passes import PassSettings, plan_passes
+from spcola.camera import ImagePoint, project_image
+from spcola.grids import Maplet, MapletGrid
+from spcola.math import Similarity, lattice
+from spcola.truth.body import stream
+from spcola.truth.campaign import (
+    PassSettings,
+    SolvedState,
+    StateSettings,
+    make_state,
+    plan_passes,
+    stations_of_pass,
+)
+from spcola.truth.campaign.cameras import framing_camera
+from spcola.truth.campaign.stations import Station
 from spcola.truth.sampled import SampledSurface
-from spcola.truth.states import SolvedState, StateSettings, make_state
-from spcola.truth.stations import Station, stations_of_pass
-from spcola.truth.streams import stream
+from spcola.truth.solution import landmarks_of, measure_landmarks
+from spcola.truth.solution.landmarks import overlaps_of
 
 RADIUS = 100.0
 TO_SPC = Similarity.from_rotation_vector([1e-4, -2e-4, 3e-4], [0.07, -0.05, 0.04], 0.99975)

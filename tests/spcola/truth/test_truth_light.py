@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from spcola.errors import SettingsError
-from spcola.truth.light import LightMap
-from spcola.truth.sampled import SampledSurface
+from spcola.truth.sampled import LightMap, SampledSurface
 
 RADIUS = 40.0
 LIMIT = np.radians(80.0)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from spcola.errors import SettingsError
-from spcola.truth.passes import PassSettings, pass_directions, plan_passes
-from spcola.truth.streams import stream
+from spcola.truth.body import stream
+from spcola.truth.campaign import PassSettings, plan_passes
+from spcola.truth.campaign.passes import pass_directions
 
 BENNU = PassSettings(
     count=40, pattern="poles-belt-samples", days=10, nearest=950.0, farthest=1050.0

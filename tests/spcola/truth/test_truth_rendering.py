@@ -8,18 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spcola.camera import Camera
+from spcola.camera import Camera, SpcImage, project_image, ray
 from spcola.errors import SettingsError
-from spcola.formats.dat import read_image_data
-from spcola.formats.fits import read_fits_image
-from spcola.image import SpcImage
+from spcola.formats.images import read_image_data
+from spcola.formats.images.fits import read_fits_image
 from spcola.photometry import lunar_lambert
-from spcola.projection import project_image, ray
-from spcola.truth.body import TruthBody
-from spcola.truth.bodysettings import BodySettings
-from spcola.truth.cameras import framing_camera, looking
-from spcola.truth.imaging import write_image
-from spcola.truth.rendering import ImageSettings, Rendered, expose, render
+from spcola.truth.body import BodySettings, TruthBody
+from spcola.truth.campaign.cameras import framing_camera, looking
+from spcola.truth.imaging import ImageSettings, render, write_image
+from spcola.truth.imaging.rendering import Rendered, expose
 from spcola.truth.sampled import SampledSurface
 
 RADIUS, DISTANCE = 60.0, 2400.0

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from spcola.errors import InvalidValueError, SettingsError
-from spcola.truth.body import TruthBody
-from spcola.truth.bodysettings import BodySettings
-from spcola.truth.cube import Tiling, fill_tile, place_of
-from spcola.truth.hits import BodyHits
+from spcola.truth.body import BodySettings, TruthBody
 from spcola.truth.sampled import SampledSurface
+from spcola.truth.sampled.cube import Tiling, fill_tile, place_of
+from spcola.truth.sampled.hits import BodyHits
 
 RADIUS = 50.0
 

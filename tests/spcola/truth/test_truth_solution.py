@@ -10,22 +10,19 @@ import numpy as np
 import pytest
 
 from spcola.errors import SettingsError
-from spcola.maplet import MapletGrid
-from spcola.similarity import Similarity
-from spcola.truth.body import BodySettings, TruthBody
-from spcola.truth.cube import Tiling, tile_directions
-from spcola.truth.degradation import Darkness, Softness
-from spcola.truth.light import LightMap
+from spcola.grids import MapletGrid
+from spcola.math import Similarity
+from spcola.truth.body import BodySettings, TruthBody, stream
+from spcola.truth.sampled import LightMap
+from spcola.truth.sampled.cube import Tiling, tile_directions
 from spcola.truth.solution import (
     SolutionSettings,
-    SolvedMaplet,
-    heights_in_frame,
-    lattice,
     make_maplet,
     maplet_directions,
     spc_shape,
 )
-from spcola.truth.streams import stream
+from spcola.truth.solution.degradation import Darkness, Softness
+from spcola.truth.solution.solution import SolvedMaplet, heights_in_frame, lattice
 
 SMALL = SolutionSettings(gsd=0.5, half_size=16, maplets=40)
 EXACT = replace(

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from spcola.camera import project_image, ray
 from spcola.errors import SettingsError
-from spcola.projection import project_image, ray
-from spcola.similarity import Similarity
-from spcola.time import et_from_utc
-from spcola.truth.cameras import framing_camera
-from spcola.truth.states import SolvedState, StateSettings, make_state
-from spcola.truth.stations import Station
-from spcola.truth.streams import stream
+from spcola.math import Similarity
+from spcola.navigation import et_from_utc
+from spcola.truth.body import stream
+from spcola.truth.campaign import SolvedState, StateSettings, make_state
+from spcola.truth.campaign.cameras import framing_camera
+from spcola.truth.campaign.stations import Station
 
 TO_SPC = Similarity.from_rotation_vector([1e-4, -2e-4, 3e-4], [0.07, -0.05, 0.04], 0.99975)
 SUN = np.array([0.8, 0.0, 0.6])

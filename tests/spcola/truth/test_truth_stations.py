@@ -7,13 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from spcola.camera import SpcImage, project_image
 from spcola.errors import SettingsError
-from spcola.image import SpcImage
-from spcola.projection import project_image
-from spcola.truth.cameras import framing_camera, looking, turned_to
-from spcola.truth.campaign import CampaignSettings, Leg, approach_legs, place_of
-from spcola.truth.passes import Pass, PassSettings
-from spcola.truth.stations import Station, ground_toward, plan_stations, stations_of_pass
+from spcola.truth.campaign import (
+    CampaignSettings,
+    Pass,
+    PassSettings,
+    plan_stations,
+    stations_of_pass,
+)
+from spcola.truth.campaign.cameras import framing_camera, looking, turned_to
+from spcola.truth.campaign.campaign import Leg, approach_legs, place_of
+from spcola.truth.campaign.stations import Station, ground_toward
 
 PASSES = PassSettings()
 NADIR = Leg("DS", 0, 36, "PolyCam", (10.0, 10.0), (38.0, 38.0), (3800.0, 3800.0))

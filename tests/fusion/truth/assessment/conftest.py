@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spcola.maplet import MapletGrid
-from spcola.truth.nearest import Nearest
+from spcola.grids import MapletGrid
+from spcola.truth.body import Nearest
 
 
 class Ellipsoid:

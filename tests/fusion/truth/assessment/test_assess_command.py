@@ -13,18 +13,18 @@ import pytest
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
-from fusion.initialise import new_workspace
+from fusion.truth import make_mission, read_truth
+from fusion.truth.assessment import AssessmentSettings
 from fusion.truth.assessment.definitions import definitions
 from fusion.truth.assessment.pictures import error_map
 from fusion.truth.assessment.regions import PointErrors
-from fusion.truth.assessment.settings import AssessmentSettings
-from fusion.truth.mission import make_mission
-from fusion.truth.planted import Planted, read_truth
+from fusion.truth.planted import Planted
 from fusion.truth.presets import MissionSettings
-from spcola.formats.icq import write_icq
-from spcola.formats.map import read_maplet, write_maplet
-from spcola.icq import IcqShape
-from spcola.truth.solution import heights_in_frame
+from fusion.workspace import new_workspace
+from spcola.formats.maplets import read_maplet, write_maplet
+from spcola.formats.shapes import write_icq
+from spcola.shape.icq import IcqShape
+from spcola.truth.solution.solution import heights_in_frame
 
 # Told by their names or by the entries around them.
 SELF_EXPLAINED = {

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from fusion.truth.assessment.formal import formal_uncertainty
-from spcola.camera import Camera
+from spcola.camera import Camera, ImagePoint, SpcImage, project_image
 from spcola.errors import InvalidValueError
-from spcola.image import ImagePoint, SpcImage
-from spcola.maplet import MapletGrid
-from spcola.projection import project_image
+from spcola.grids import MapletGrid
 
 PIXEL = 1e-4
 CAMERA = Camera(100.0, [512.5, 512.5], [[100.0, 0, 0], [0, 100.0, 0]], 1024, 1024)

@@ -5,20 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.fused import FusedMaplet, Source
-from fusion.products.fits import write_fits_dtm
-from fusion.products.fused import write_fused
-from fusion.products.geotiff import write_geotiff
-from fusion.products.manifest import Provenance
-from fusion.products.surface import write_obj, write_ply
-from fusion.truth.assessment.gather import file_model
-from fusion.truth.assessment.model import MapletModel, MeshModel, evenly, squares
+from fusion.fusing.maplets import FusedMaplet, Source, write_fused
+from fusion.products import Provenance
+from fusion.products.formats import write_fits_dtm, write_geotiff, write_obj, write_ply
+from fusion.truth.assessment import file_model
+from fusion.truth.assessment.model import (
+    MapletModel,
+    MeshModel,
+    evenly,
+    squares,
+)
 from spcola.errors import FormatError, WorkspaceError
-from spcola.formats.icq import write_icq
-from spcola.formats.map import write_maplet
-from spcola.formats.obj import write_obj as write_mesh
-from spcola.icq import IcqShape, icq_directions
-from spcola.maplet import Maplet, MapletGrid
+from spcola.formats.maplets import write_maplet
+from spcola.formats.shapes import write_icq
+from spcola.formats.shapes import write_obj as write_mesh
+from spcola.grids import Maplet, MapletGrid
+from spcola.shape.icq import IcqShape, icq_directions
 
 
 def fused(q: int = 6) -> FusedMaplet:

@@ -5,14 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fusion.truth.assessment import AssessmentSettings
 from fusion.truth.assessment.patches import patch_errors
-from fusion.truth.assessment.regions import BANDS_DEG, REGIONS, Ground, PointErrors, score_regions
-from fusion.truth.assessment.settings import AssessmentSettings
+from fusion.truth.assessment.regions import (
+    BANDS_DEG,
+    REGIONS,
+    Ground,
+    PointErrors,
+    score_regions,
+)
 from spcola.errors import SettingsError
-from spcola.lattice import lattice
-from spcola.maplet import Maplet, MapletGrid
-from spcola.similarity import Similarity
-from spcola.truth.terrain import BOULDER, CRATER, SMOOTH
+from spcola.grids import Maplet, MapletGrid
+from spcola.math import Similarity, lattice
+from spcola.truth.body import BOULDER, CRATER, SMOOTH
 
 SAME = Similarity(target="spc", source="lidar")
 PLANTED = Similarity.from_rotation_vector(

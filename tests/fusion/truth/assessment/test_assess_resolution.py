@@ -7,8 +7,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from fusion.truth.assessment.resolution import Spectra
-from spcola.lattice import lattice
-from spcola.maplet import MapletGrid
+from spcola.grids import MapletGrid
+from spcola.math import lattice
 from spcola.truth.body import BodySettings, TruthBody
 
 GSD, MARGIN, SIZE = 0.4, 20, 99

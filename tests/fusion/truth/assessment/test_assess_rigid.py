@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fusion.truth.assessment import AssessmentSettings
 from fusion.truth.assessment.distances import center_of_figure, measure_distances, truth_center
 from fusion.truth.assessment.rigid import RigidOptions, fit_rigid
-from fusion.truth.assessment.settings import AssessmentSettings
-from spcola.icq import IcqShape, icq_directions
-from spcola.lattice import lattice
+from spcola.math import lattice
+from spcola.shape.icq import IcqShape, icq_directions
 from spcola.truth.body import BodySettings, TruthBody
 
 SETTINGS = AssessmentSettings(fit_vertices=4000)

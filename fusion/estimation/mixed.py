@@ -1,0 +1,406 @@
+"""Linear estimation with correlated errors whose size is part of the question.
+
+Displacements of mapolas and range residuals of images have errors of three kinds: what the
+single match knows of itself (a covariance), what it cannot know (the error of a maplet's centre,
+say: independent, of one unknown size), and what many share (the trajectory error of a scan, the
+bias of a day: random effects of another unknown size). Leaving out the third makes every sigma
+too small, because a hundred mapolas of one scan are then a hundred witnesses instead of one.
+
+The model is ``y_i = A_i p + Σ_g Z_ig u_g + e_i`` with ``e_i ~ N(0, C_i + σ_m² I)``,
+``u_g ~ N(0, σ_g² I)`` and Gaussian priors on ``p``. The sizes σ_m, σ_g maximise the restricted
+likelihood (REML: Patterson & Thompson 1971), which does not mistake the freedom of ``p`` for
+small errors. Robust weights (Huber) and a final rejection keep single bad matches from pulling.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.optimize import minimize
+
+from fusion.estimation.error_sizes import ErrorSizes
+from fusion.estimation.rank import check_rank
+from fusion.runtime.machine import one_blas_thread
+from spcola.arrays import (
+    AnyArray,
+    BoolArray,
+    FloatArray,
+    check_finite,
+    check_shape,
+)
+from spcola.errors import InvalidValueError, NotObservableError
+from spcola.math.robust import huber_weight
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """N observations of D components each, linear in P parameters and G groups of effects.
+
+    Parameters
+    ----------
+    value : (N, D) ndarray
+        Observed minus computed.
+    design : (N, D, P) ndarray
+        Partial derivatives with respect to the parameters.
+    covariance : (N, D, D) ndarray
+        What each observation knows of its own error.
+    effects : tuple of (N, D, R_g) ndarrays
+        How the random effects of each group enter: scans, images, days …; all effects of a group
+        are of one size.
+
+    Raises
+    ------
+    InvalidValueError
+        If shapes disagree or a number is not finite.
+    """
+
+    value: FloatArray
+    design: FloatArray
+    covariance: FloatArray
+    effects: tuple[FloatArray, ...] = ()
+
+    def __post_init__(self) -> None:
+        count, size = self.value.shape
+        check_shape(self.design, (count, size, None), "design")
+        check_shape(self.covariance, (count, size, size), "covariance")
+        for group in self.effects:
+            check_shape(group, (count, size, None), "effects")
+            check_finite(group, "effects")
+        for name in ("value", "design", "covariance"):
+            check_finite(getattr(self, name), name)
+
+    def select(self, keep: BoolArray) -> Observations:
+        """Return the observations chosen by the mask `keep` (N,)."""
+        effects = tuple(group[keep] for group in self.effects)
+        return Observations(self.value[keep], self.design[keep], self.covariance[keep], effects)
+
+
+@dataclass(frozen=True, eq=False)
+class MixedFit:
+    """What came out.
+
+    Attributes
+    ----------
+    estimate : (P,) ndarray
+        In the units that the design matrix implies.
+    covariance : (P, P) ndarray
+        Of the estimate, shared effects and priors included.
+    joint : (P + R, P + R) ndarray
+        Of the estimate and of the effects of all groups whose size is not 0, in their order.
+    residual : (N, D) ndarray
+        Observed minus computed, shared effects **not** removed.
+    conditional : (N, D) ndarray
+        The same with the estimated shared effects removed.
+    effects : tuple of (R_g,) ndarrays
+        Estimated random effects of each group.
+    weight : (N,) ndarray
+        Final robust weights; 0 where rejected.
+    sizes : ErrorSizes
+        Estimated error sizes.
+    iterations : int
+    converged : bool
+    reason : str
+        Why it stopped.
+    moved : float
+        By how many of its sigmas the estimate moved most in the last round.
+    """
+
+    estimate: FloatArray
+    covariance: FloatArray
+    joint: FloatArray
+    residual: FloatArray
+    conditional: FloatArray
+    effects: tuple[FloatArray, ...]
+    weight: FloatArray
+    sizes: ErrorSizes
+    iterations: int
+    converged: bool
+    reason: str
+    moved: float = 0.0
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard deviations (P,) of the estimate."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def used(self) -> BoolArray:
+        """Mask (N,) of observations that were not rejected."""
+        mask: BoolArray = self.weight > 0
+        return mask
+
+
+@dataclass(frozen=True, eq=False)
+class MixedOptions:
+    """How the fit is done.
+
+    Parameters
+    ----------
+    prior : (P,) ndarray
+        Standard deviation of the Gaussian prior (about 0) of each parameter; inf for none.
+    sizes : ErrorSizes
+        Prior of the error sizes.
+    scale : (P,) ndarray
+        A natural size of each parameter, by which the normal matrix is made dimensionless
+        before its rank is judged.
+    names : tuple of str
+        Names of the parameters, for messages.
+    reject : float
+        Observations further off than this many standard deviations do not enter.
+    max_rounds : int
+        Most re-weightings, before and after rejection begins.
+    robust : bool
+        False: plain weighted least squares, nothing rejected.
+    """
+
+    prior: FloatArray
+    sizes: ErrorSizes
+    scale: FloatArray
+    names: tuple[str, ...]
+    reject: float = 5.0
+    max_rounds: int = 20
+    robust: bool = True
+
+
+def fit_mixed(observations: Observations, options: MixedOptions) -> MixedFit:
+    """Estimate parameters, error sizes and shared effects together.
+
+    At given sizes it solves Henderson's mixed-model equations; the sizes maximise the restricted
+    likelihood (Patterson & Thompson 1971). Docs: mathematics §12.
+
+    Parameters
+    ----------
+    observations : Observations
+        In one unit throughout; the error sizes and effects are in it too.
+    options : MixedOptions
+
+    Returns
+    -------
+    MixedFit
+        Its covariance holds the shared effects and is conditional on the error sizes found.
+
+    Raises
+    ------
+    NotObservableError
+        If the observations and priors leave a combination of parameters free; the parameters
+        in it are named. Or if half of the observations contradict the rest.
+    InvalidValueError
+        If there is no observation.
+    """
+    count = len(observations.value)
+    if count == 0:
+        raise InvalidValueError("there is no observation", "fit")
+    check_rank(_reach(observations, options), options.names)
+    # The matrices are small: threads of BLAS would cost more than they bring.
+    with one_blas_thread():
+        state, solution = _settle(observations, options)
+    residual, conditional = _residuals(observations, solution)
+    return MixedFit(
+        estimate=solution.estimate,
+        covariance=solution.joint[: len(solution.estimate), : len(solution.estimate)],
+        joint=solution.joint,
+        residual=residual,
+        conditional=conditional,
+        effects=solution.effects,
+        weight=state.before,
+        sizes=state.sizes,
+        iterations=state.rounds,
+        converged=state.settled,
+        reason="weights settled"
+        if state.settled
+        else f"weights still moved after {state.rounds} rounds",
+        moved=state.moved,
+    )
+
+
+def _settle(observations: Observations, options: MixedOptions) -> tuple[_State, _Solution]:
+    """Re-weight until the weights settle; the solution is that of the last weights."""
+    state = _State(np.ones(len(observations.value)), options.sizes)
+    # Nothing is rejected before the weights have settled: a fit that outliers still pull would
+    # reject the good ones.
+    for reject in (np.inf, options.reject):
+        for _ in range(options.max_rounds):
+            state = _round(observations, options, state, reject)
+            if state.settled:
+                break
+        if not options.robust:
+            break
+    chosen, weight = observations.select(state.used), state.before[state.used]
+    return state, _solve(chosen, weight, options, state.sizes)
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Where the re-weighting stands: weights after and before the last round, its estimate."""
+
+    weight: FloatArray
+    sizes: ErrorSizes
+    before: FloatArray = field(default_factory=lambda: np.ones(0))
+    rounds: int = 0
+    settled: bool = False
+    estimate: FloatArray = field(default_factory=lambda: np.zeros(0))
+    moved: float = np.inf
+
+    @property
+    def used(self) -> BoolArray:
+        """Observations that entered the last round."""
+        mask: BoolArray = self.before > 0
+        return mask
+
+
+def _round(
+    observations: Observations, options: MixedOptions, state: _State, reject: float
+) -> _State:
+    """One round: error sizes, solution, new weights."""
+    used = state.weight > 0
+    chosen, weight = observations.select(used), state.weight[used]
+    sizes = _estimate_sizes(chosen, weight, options, state.sizes)
+    solution = _solve(chosen, weight, options, sizes)
+    _, conditional = _residuals(observations, solution)
+    new = state.weight
+    if options.robust:
+        new = _robust_weights(conditional, observations, sizes, reject)
+    same_rejected = np.array_equal(new > 0, used)
+    if np.count_nonzero(new) <= len(new) / 2:
+        raise NotObservableError(
+            f"the observations contradict one another: {np.count_nonzero(new)} of {len(new)} agree "
+            f"within {reject:g} sigma",
+            options.names,
+            do="look at the single matches: they may be of another body or another epoch",
+        )
+    settled = same_rejected and bool(np.max(np.abs(new - state.weight)) < 1e-3)
+    estimate, moved = solution.estimate, np.inf
+    if state.estimate.size:
+        sigma = np.sqrt(np.diag(solution.joint)[: len(estimate)])
+        moved = float(np.max(np.abs(estimate - state.estimate) / sigma))
+    return _State(new, sizes, state.weight, state.rounds + 1, settled, estimate, moved)
+
+
+def _residuals(observations: Observations, solution: _Solution) -> tuple[FloatArray, FloatArray]:
+    """Residuals (N, D) with the shared effects in them, and without."""
+    residual = observations.value - np.einsum("ndp,p->nd", observations.design, solution.estimate)
+    conditional = residual
+    for group, effect in zip(observations.effects, solution.effects, strict=True):
+        conditional = conditional - np.einsum("ndr,r->nd", group, effect)
+    return residual, conditional
+
+
+def _reach(observations: Observations, options: MixedOptions) -> FloatArray:
+    """Scaled normal matrix (P, P) of the design alone: what could be seen with perfect data.
+
+    A parameter with a prior is never free.
+    """
+    rows = (observations.design * options.scale).reshape(-1, len(options.scale))
+    return rows.T @ rows / len(rows) + np.diag(np.isfinite(options.prior).astype(np.float64))
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    estimate: FloatArray
+    effects: tuple[FloatArray, ...]
+    joint: FloatArray
+    deviance: float
+
+
+def _solve(
+    observations: Observations, weight: FloatArray, options: MixedOptions, sizes: ErrorSizes
+) -> _Solution:
+    """Solve for parameters and shared effects at given error sizes.
+
+    The shared effects are carried as parameters with a prior of 1/σ_g², which is Henderson's
+    form of the same estimator: no N × N covariance is ever built.
+    """
+    spread = _spread(observations, sizes) / weight[:, None, None]
+    # A group of size 0 has no effects.
+    groups = [
+        (size, group)
+        for size, group in zip(sizes.shared, observations.effects, strict=True)
+        if size > 0
+    ]
+    design = np.concatenate([observations.design, *(group for _, group in groups)], axis=2)
+    whitener = np.linalg.inv(np.linalg.cholesky(spread))
+    rows = np.einsum("nij,njp->nip", whitener, design).reshape(-1, design.shape[2])
+    seen = np.einsum("nij,nj->ni", whitener, observations.value).ravel()
+    own = np.concatenate([np.empty(0), *(np.full(group.shape[2], size) for size, group in groups)])
+    precision = np.concatenate([1.0 / options.prior**2, 1.0 / own**2])
+    normal = rows.T @ rows + np.diag(precision)
+    # Unit diagonal: metres, radians and scales differ by many orders of magnitude.
+    scale = 1.0 / np.sqrt(np.diag(normal))
+    unitless = normal * np.outer(scale, scale)
+    lower = np.linalg.cholesky(unitless)
+    right = rows.T @ seen
+    inverse = np.linalg.inv(unitless) * np.outer(scale, scale)
+    both = inverse @ right
+    count = observations.design.shape[2]
+    deviance = (
+        float(seen @ seen - both @ right)
+        - 2.0 * float(np.sum(np.log(np.einsum("nii->ni", whitener))))
+        + 2.0 * float(np.sum(np.log(np.diag(lower) / scale)))
+        + 2.0 * float(np.sum(np.log(own)))
+    )
+    effects = _by_group(both[count:], observations, sizes)
+    return _Solution(both[:count], effects, inverse, deviance)
+
+
+def _spread(observations: Observations, sizes: ErrorSizes) -> FloatArray:
+    """Covariance (N, D, D) of each observation with the independent error added."""
+    size = observations.value.shape[1]
+    return observations.covariance + sizes.independent**2 * np.eye(size)
+
+
+def _by_group(
+    estimates: FloatArray, observations: Observations, sizes: ErrorSizes
+) -> tuple[FloatArray, ...]:
+    """Part the estimated effects into their groups; those of a group of size 0 are 0."""
+    parts, start = [], 0
+    for size, group in zip(sizes.shared, observations.effects, strict=True):
+        count = group.shape[2]
+        parts.append(estimates[start : start + count] if size > 0 else np.zeros(count))
+        start += count if size > 0 else 0
+    return tuple(parts)
+
+
+def _estimate_sizes(
+    observations: Observations, weight: FloatArray, options: MixedOptions, start: ErrorSizes
+) -> ErrorSizes:
+    """Maximise the restricted likelihood over the error sizes that are not held at 0."""
+    prior = options.sizes.all
+    stays = np.isin(np.arange(len(prior)) - 1, options.sizes.held)
+    free = np.flatnonzero((prior > 0) & ~stays)
+    if options.sizes.width <= 0 or not free.size:
+        return start
+    center = np.log(prior[free])
+
+    def cost(logs: FloatArray) -> float:
+        sizes = _sized(start, free, logs, center)
+        solution = _solve(observations, weight, options, sizes)
+        return solution.deviance + float(np.sum(((logs - center) / options.sizes.width) ** 2))
+
+    begin = np.log(np.maximum(start.all[free], 1e-12))
+    simplex = np.vstack([begin, begin + 0.4 * np.eye(len(free))])
+    found = minimize(
+        cost,
+        begin,
+        method="Nelder-Mead",
+        options={"xatol": 1e-2, "fatol": 1e-3, "maxiter": 200, "initial_simplex": simplex},
+    )
+    return _sized(start, free, found.x, center)
+
+
+def _sized(sizes: ErrorSizes, free: AnyArray, logs: FloatArray, center: FloatArray) -> ErrorSizes:
+    """`sizes` with the `free` ones set; e⁻¹⁰ of what was expected is as good as none."""
+    values = sizes.all
+    values[free] = np.exp(np.clip(logs, center - 10.0, center + 10.0))
+    return replace(sizes, independent=float(values[0]), shared=tuple(values[1:].tolist()))
+
+
+def _robust_weights(
+    conditional: FloatArray, observations: Observations, sizes: ErrorSizes, reject: float
+) -> FloatArray:
+    """Huber weights (N,) by the size of each residual in its own standard deviations."""
+    solved = np.linalg.solve(_spread(observations, sizes), conditional[..., None])[..., 0]
+    distance = np.sqrt(np.einsum("ni,ni->n", conditional, solved) / conditional.shape[1])
+    weights: FloatArray = huber_weight(distance, k=2.0)
+    weights[distance > reject] = 0.0
+    return weights

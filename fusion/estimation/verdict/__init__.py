@@ -1,0 +1,5 @@
+"""Verdicts on results: accepted, doubtful, refused, with coded reasons."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

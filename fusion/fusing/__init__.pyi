@@ -1,0 +1,11 @@
+from .constraints import Candidate as Candidate
+from .constraints import lidar_constraints as lidar_constraints
+from .constraints import overlaps as overlaps
+from .fuse import FuseInput as FuseInput
+from .fuse import FuseOptions as FuseOptions
+from .fuse import FuseResult as FuseResult
+from .fuse import fuse_maplet as fuse_maplet
+from .illumination import Illumination as Illumination
+from .information import Comparison as Comparison
+from .information import SlopeInformation as SlopeInformation
+from .information import estimate_information as estimate_information

@@ -1,0 +1,343 @@
+"""What a workspace holds, and what a file is: the facts behind ``spcola info``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fusion.fusing.maplets import FUSED_HDF5
+from fusion.inspection.foreign import name_content
+from fusion.inspection.import_forecast import BYTES_PER_RETURN, ImportClock
+from fusion.pipeline import Pipeline
+from fusion.pipeline.catalog import Catalog, read_records, unsound
+from fusion.products.formats import read_fits_dtm, read_geotiff
+from fusion.runtime import usable_cores
+from fusion.runtime.machine import PROGRAM_BYTES
+from fusion.stages import load_stages
+from fusion.stages.ingest import doubles, scan_facts, utc_or_none, whole_scans
+from fusion.workspace import SPC_LISTS, Workspace
+from fusion.workspace.settings import load_settings
+from lidar.formats import open_lidar, recognise
+from lidar.formats.clouds import read_las_system
+from lidar.formats.native import ADJUSTMENT_HDF5, MAPOLAS_HDF5, scan_summary
+from spcola.errors import FormatError, SpcolaError, WorkspaceError
+from spcola.formats.maplets import read_map, read_maplet
+from spcola.formats.shapes import FacesFrom, parse_header, read_icq, read_shape, recognise_shape
+from spcola.formats.solution import read_landmark, read_list, read_nominal, read_summary
+from spcola.formats.text import read_bytes
+from spcola.grids import Maplet
+from spcola.shape.icq import IcqShape, as_icq
+from spcola.spice import constant, orientation_of, read_transfer
+
+# Comments before the first data block of a kernel are shorter than this, bytes.
+_HEAD = 1 << 17
+_RESULTS = (MAPOLAS_HDF5, FUSED_HDF5, ADJUSTMENT_HDF5)
+
+
+def describe_workspace(workspace: Workspace) -> dict[str, Any]:
+    """Return what a workspace holds and which stages are due.
+
+    Raises
+    ------
+    SpcolaError
+        If its settings are wrong, or a folder of it cannot be read.
+    """
+    settings = workspace.settings()
+    scans = list(whole_scans(workspace).values())
+    per_worker = settings.ingest.chunk * BYTES_PER_RETURN
+    shapes = sorted((workspace.root / "SHAPEFILES").glob("[!.]*"))
+    return {
+        "kind": "workspace",
+        "body": settings.body.name,
+        "maplets": len(workspace.maplet_names()),
+        "landmarks": len(workspace.landmark_names()),
+        "images": len(workspace.image_names()),
+        "shape": ", ".join(path.name for path in shapes),
+        "scans": len(scans),
+        "returns": sum(scan.count for scan in scans),
+        "mapolas": len(workspace.mapola_names()),
+        "fused": len(workspace.fused_names()),
+        "import_memory_per_worker_mb": per_worker / 1e6,
+        "import_memory_mb": (PROGRAM_BYTES + usable_cores() * per_worker) / 1e6,
+        "stages": Pipeline(workspace, settings, load_stages()).states(),
+        "problems": _problems(workspace),
+        "finished": {record.stage: record.finished for record in read_records(workspace)},
+    }
+
+
+def _problems(workspace: Workspace) -> list[str]:
+    """Return what is wrong with scans and maplets: commands that use them refuse it."""
+    found = []
+    for path in workspace.scan_paths():
+        try:
+            scan_summary(path)
+        except FormatError as error:
+            found.append(str(error))
+    for one, other in doubles(whole_scans(workspace)):
+        first, second = workspace.scan_path(one), workspace.scan_path(other)
+        found.append(f"{first} and {second} hold the same scan")
+    try:
+        with closing(Catalog(workspace)) as catalog:
+            found += [one.text for one in unsound(workspace, catalog)]
+    except SpcolaError as error:
+        found.append(str(error))
+    return found
+
+
+def describe_file(path: Path, *, faces_from: FacesFrom = 1) -> dict[str, Any]:
+    """Return what a file is: by its suffix one of SPC or of a workspace, else by its content.
+
+    Parameters
+    ----------
+    path : Path
+    faces_from : {1, 0}
+        The number by which the faces of an OBJ name its first vertex.
+
+    Raises
+    ------
+    FormatError
+        If it is none of them, with what it is instead, or does not hold what it promises.
+    WorkspaceError
+        If there is no such file.
+    """
+    if not path.exists():
+        raise WorkspaceError("is not there", path)
+    if not path.is_file():
+        raise WorkspaceError(
+            "is a pipe or a device, not a regular file", path, "write its content to a file first"
+        )
+    if path.name in _RESULTS:
+        raise FormatError("is a result of a workspace", path, "name the workspace")
+    reader = _describe_list if path.name in SPC_LISTS else _READERS.get(path.suffix.lower())
+    if reader is not None:
+        return reader(path)
+    content = _describe_kernel(path)
+    if content is not None:
+        return content
+    try:
+        form = recognise_shape(path)
+    except FormatError:
+        return _describe_lidar(path, _lidar_format(path))
+    if form == "ply" and not _has_faces(path):
+        return _describe_lidar(path, "cloud")
+    return _describe_shape(path, faces_from)
+
+
+def _lidar_format(path: Path) -> str:
+    """Return the format of a lidar file.
+
+    Raises
+    ------
+    FormatError
+        If it is none; with what the file is, and which command takes it.
+    """
+    try:
+        return recognise(path)
+    except FormatError as error:
+        head = read_bytes(path, most=_HEAD)
+        if not head:
+            raise
+        what, advice = name_content(head)
+        raise FormatError(f"is {what}", path, advice) from error
+
+
+def _has_faces(path: Path) -> bool:
+    """Tell a mesh in PLY from a cloud of points."""
+    faces = parse_header(read_bytes(path, most=_HEAD), path).element("face")
+    return faces is not None and faces.count > 0
+
+
+def _describe_kernel(path: Path) -> dict[str, Any] | None:
+    """Describe a SPICE kernel; None if it is none.
+
+    Its first word says what it is; older text kernels lack it, and are known by their data blocks.
+    """
+    head = read_bytes(path, most=_HEAD)
+    words = head[:80].decode("ascii", errors="replace").split()
+    word = words[0] if words else ""
+    if word == "DAFETF":
+        return {"kind": "SPICE kernel (transfer text)", "form": read_transfer(path).word.strip()}
+    form = word[:8].rstrip("\0")
+    if form.startswith("DAF/"):
+        return {"kind": "SPICE kernel (binary)", "form": form}
+    if word.startswith("KPL/") or b"\\begindata" in head:
+        stated = orientation_of(path)
+        meridians = {body: stated.constants.get(constant(body, "PM")) for body in stated.bodies}
+        beyond = {str(body): list(stated.beyond_spin(body)) for body in stated.bodies}
+        return {
+            "kind": "SPICE kernel (text)",
+            "form": word if word.startswith("KPL/") else "not stated",
+            "prime_meridian_deg": {str(body): w[0] for body, w in meridians.items() if w},
+            "terms_that_spin_lacks": {body: names for body, names in beyond.items() if names},
+        }
+    return None
+
+
+def _describe_map(path: Path) -> dict[str, Any]:
+    header = read_map(path).header
+    return {"kind": "maplet", **maplet_facts(read_maplet(path)), "version": header.version}
+
+
+def maplet_facts(maplet: Maplet) -> dict[str, Any]:
+    """Return what is worth knowing of a maplet, in JSON types."""
+    center = maplet.grid.center
+    radius = float(np.linalg.norm(center))
+    known = maplet.height[maplet.valid]
+    return {
+        "name": maplet.name,
+        "half_size": maplet.grid.half_size,
+        "gsd_m": maplet.grid.gsd,
+        "center_m": center.tolist(),
+        "radius_m": radius,
+        "latitude_deg": float(np.degrees(np.arcsin(center[2] / radius))) if radius else None,
+        "longitude_deg": float(np.degrees(np.arctan2(center[1], center[0])) % 360.0),
+        "missing": int(np.count_nonzero(~maplet.valid)),
+        "lowest_m": float(known.min()) if known.size else None,
+        "highest_m": float(known.max()) if known.size else None,
+        "has_sigma": bool(np.isfinite(maplet.sigma).any()),
+    }
+
+
+def _describe_landmark(path: Path) -> dict[str, Any]:
+    landmark = read_landmark(path)
+    return {
+        "kind": "landmark",
+        "name": landmark.name,
+        "center_m": landmark.grid.center.tolist(),
+        "sigma_m": landmark.sigma.tolist(),
+        "gsd_m": landmark.grid.gsd,
+        "half_size": landmark.grid.half_size,
+        "pictures": len(landmark.pictures),
+        "overlaps": len(landmark.overlaps),
+        "limbs": len(landmark.limbs),
+    }
+
+
+def _describe_summary(path: Path) -> dict[str, Any]:
+    image = read_summary(path)
+    return {
+        "kind": "image summary",
+        "name": image.name,
+        "utc": image.utc,
+        "pixels": image.camera.width,
+        "lines": image.camera.height,
+        "focal_length_mm": image.camera.focal_length_mm,
+        "distance_m": float(np.linalg.norm(image.position)),
+        "landmarks": len(image.landmarks),
+        "limbs": len(image.limbs),
+    }
+
+
+def _describe_nominal(path: Path) -> dict[str, Any]:
+    nominal = read_nominal(path)
+    return {"kind": "nominal state", "name": nominal.name}
+
+
+def _describe_list(path: Path) -> dict[str, Any]:
+    return {"kind": "list", "names": len(read_list(path))}
+
+
+def _describe_shape(path: Path, faces_from: FacesFrom) -> dict[str, Any]:
+    form = recognise_shape(path)
+    shape = read_icq(path) if form == "icq" else None
+    mesh = shape.mesh() if shape else read_shape(path, faces_from=faces_from)
+    # Programs write an ICQ as an OBJ too, all labels in their order.
+    labels = shape or as_icq(mesh)
+    return {
+        "kind": f"shape ({form}, taken as km)",
+        **({} if labels is None else _icq_facts(labels)),
+        "vertices": len(mesh.vertices),
+        "facets": len(mesh.facets),
+        "volume_m3": mesh.volume,
+        "mean_radius_m": mesh.mean_radius,
+        "lowest_m": mesh.vertices.min(axis=0).tolist(),
+        "highest_m": mesh.vertices.max(axis=0).tolist(),
+    }
+
+
+def _icq_facts(shape: IcqShape) -> dict[str, Any]:
+    """Return Q of a shape in the order of an ICQ, and how its edges close."""
+    gaps = shape.gaps
+    return {
+        "icq_q": shape.q,
+        "icq_labels_shared": gaps.shared,
+        "icq_labels_differing": gaps.differing,
+        "icq_differ_max_m": gaps.max_m,
+        "icq_differ_rms_m": gaps.rms_m,
+    }
+
+
+def _describe_lidar(path: Path, format: str) -> dict[str, Any]:
+    """Describe a lidar file; all of it is read, a chunk at a time."""
+    if format == "native":
+        return {"kind": "lidar (native)", **scan_facts(scan_summary(path))}
+    count, rejected = 0, dict[str, int]()
+    lowest, highest = np.full(3, np.nan), np.full(3, np.nan)
+    span = np.array([np.nan, np.nan])
+    clock = ImportClock()
+    for scan in clock.timed(open_lidar(path, format=format)):
+        count += len(scan)
+        for reason, number in scan.rejected.items():
+            rejected[reason] = rejected.get(reason, 0) + number
+        if len(scan):
+            lowest = np.fmin(lowest, scan.points.min(axis=0))
+            highest = np.fmax(highest, scan.points.max(axis=0))
+            span[0] = np.fmin(span[0], np.fmin.reduce(scan.time))
+            span[1] = np.fmax(span[1], np.fmax.reduce(scan.time))
+    return {
+        "kind": f"lidar ({format})",
+        **(_las_facts(path) if format == "las" else {}),
+        "returns": count,
+        "rejected": rejected,
+        "first_et_s": span[0],
+        "last_et_s": span[1],
+        "first_utc": utc_or_none(span[0]),
+        "last_utc": utc_or_none(span[1]),
+        "lowest_m": lowest.tolist(),
+        "highest_m": highest.tolist(),
+        **clock.forecast(path),
+    }
+
+
+def _las_facts(path: Path) -> dict[str, Any]:
+    """Return in what a LAS file gives its coordinates."""
+    system = read_las_system(path)
+    return {
+        "coordinate_system": system.name or system.kind,
+        "coordinate_kind": system.kind,
+        "unit_m": system.unit_m,
+        "height_unit_m": system.height_unit_m,
+    }
+
+
+def _describe_settings(path: Path) -> dict[str, Any]:
+    return {"kind": "settings", **load_settings(path).model_dump(by_alias=True)}
+
+
+def _describe_json(path: Path) -> dict[str, Any]:
+    return {"kind": "JSON", **Workspace(path.parent).read_json(path.name)}
+
+
+def _describe_fits(path: Path) -> dict[str, Any]:
+    return {"kind": "FITS terrain model", **maplet_facts(read_fits_dtm(path))}
+
+
+def _describe_geotiff(path: Path) -> dict[str, Any]:
+    return {"kind": "GeoTIFF terrain model", **maplet_facts(read_geotiff(path))}
+
+
+_READERS: dict[str, Callable[[Path], dict[str, Any]]] = {
+    ".map": _describe_map,
+    ".lmk": _describe_landmark,
+    ".sum": _describe_summary,
+    ".nom": _describe_nominal,
+    ".toml": _describe_settings,
+    ".json": _describe_json,
+    ".fits": _describe_fits,
+    ".fit": _describe_fits,
+    ".tif": _describe_geotiff,
+}

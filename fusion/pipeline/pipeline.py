@@ -1,0 +1,393 @@
+"""The pipeline: runs the stages whose inputs, settings or version changed, and only those."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+import spcola
+from fusion.estimation.verdict import (
+    Code,
+    Finding,
+    Severity,
+    Verdict,
+)
+from fusion.pipeline.catalog.catalog import Catalog
+from fusion.pipeline.catalog.records import RECORD_FOLDER, StageRecord, content_digest
+from fusion.pipeline.catalog.soundness import Unsound, rejected_maplets, unsound
+from fusion.pipeline.changes import Changed, Changes, changed_since
+from fusion.pipeline.stage import (
+    Stage,
+    StageContext,
+    StageResult,
+    find_table,
+)
+from fusion.runtime import Executor, Progress, ThreadExecutor, plain
+from fusion.runtime.machine import one_blas_thread
+from fusion.runtime.processes import clear_leftovers, heed_interrupts, locked, remove_folder
+from fusion.workspace import OWN_FOLDERS, Workspace, make_folder
+from fusion.workspace.settings import Settings
+from spcola.errors import SpcolaError, WorkspaceError
+from spcola.formats.shapes import recognise_shape
+
+State = Literal["ran", "up to date", "cannot run"]
+SCRATCH_FOLDER = ".scratch"
+LOCK_FILE = ".lock"
+
+
+@dataclass(frozen=True)
+class StageRun:
+    """What became of one stage.
+
+    Parameters
+    ----------
+    stage : str
+    state : {"ran", "up to date", "cannot run"}
+    seconds : float
+        Time that it took.
+    summary : mapping
+        Of this run, or of the last one where the stage is up to date.
+    reason : str
+        Why it cannot run.
+    obstacle : str
+        Why its result may not be used, by its verdict; empty if it may.
+    notes : tuple of str
+        What was found changed or damaged, and what was done about it.
+    """
+
+    stage: str
+    state: State
+    seconds: float = 0.0
+    summary: Mapping[str, Any] = field(default_factory=dict)
+    reason: str = ""
+    obstacle: str = ""
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Pipeline:
+    """Stages over one workspace.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    settings : Settings
+    stages : sequence of Stage
+        In the order of the data's walk.
+    executor, progress
+        Where work is done and told.
+    """
+
+    workspace: Workspace
+    settings: Settings
+    stages: Sequence[Stage]
+    executor: Executor = field(default_factory=ThreadExecutor)
+    progress: Progress = field(default_factory=Progress)
+
+    @one_blas_thread()
+    def run(self, *, force: bool = False) -> list[StageRun]:
+        """Bring every stage up to date; one that lacks its inputs is passed over with a reason.
+
+        Raises
+        ------
+        WorkspaceError
+            If no stage can run.
+        SpcolaError
+            If a stage fails; what earlier stages made stays.
+        """
+        with opened(self.workspace) as catalog:
+            fit = self._without_unsound(catalog)
+            runs = [fit._bring_up(stage, catalog, force) for stage in self.stages]
+        if all(run.state == "cannot run" for run in runs):
+            reason = runs[0].reason if runs else "there is no stage"
+            raise WorkspaceError(f"nothing can run: {reason}", self.workspace.root)
+        return runs
+
+    @one_blas_thread()
+    def run_stage(self, name: str, *, force: bool = False) -> StageRun:
+        """Bring one stage up to date; the others are left as they are.
+
+        Raises
+        ------
+        WorkspaceError
+            If it lacks its inputs.
+        SpcolaError
+            If it fails.
+        """
+        stage = next(stage for stage in self.stages if stage.name == name)
+        with opened(self.workspace) as catalog:
+            for earlier in self.stages[: self.stages.index(stage)]:
+                if self._is_stale(earlier, catalog):
+                    self.progress.note(
+                        f"note: {earlier.name} is out of date; spcola run brings all up to date"
+                    )
+            run = self._without_unsound(catalog)._bring_up(stage, catalog, force)
+        if run.state == "cannot run":
+            raise WorkspaceError(f"{name} cannot run: {run.reason}", self.workspace.root)
+        return run
+
+    def states(self) -> dict[str, str]:
+        """Return for each stage "up to date", "due", or "cannot run: …"."""
+        # Without the lock: one may look at a workspace while another program works in it.
+        with closing(Catalog(self.workspace, looking=True)) as catalog:
+            return {stage.name: self._state(stage, catalog) for stage in self.stages}
+
+    def _state(self, stage: Stage, catalog: Catalog) -> str:
+        """Return how `stage` stands; see :meth:`states`."""
+        try:
+            missing = stage.missing(self.workspace, self.settings)
+            missing = missing or self._obstacle(stage, catalog)
+            if missing:
+                return f"cannot run: {missing}"
+            if self._current(stage, catalog, self._key(stage, catalog)):
+                return "up to date"
+            changed = Changes(self.stages, catalog).own(stage)
+        except SpcolaError as error:
+            return f"cannot run: {error}"
+        return f"due: {changed.text}" if changed else "due"
+
+    def _bring_up(self, stage: Stage, catalog: Catalog, force: bool) -> StageRun:
+        """Run `stage` unless it is up to date or lacks its inputs."""
+        heed_interrupts()
+        changes = Changes(self.stages, catalog)
+        missing = stage.missing(self.workspace, self.settings)
+        if missing:
+            return self._cannot(stage, missing, changes)
+        if found := self._obstacle(stage, catalog):
+            return StageRun(stage.name, "cannot run", reason=found)
+        begun = time.monotonic()
+        key = self._key(stage, catalog)
+        whole = self.workspace.root / SCRATCH_FOLDER
+        before = changes.before(stage, key.inputs)
+        against = [changed for changed in before if changed.is_contradicted]
+        if against and Code.CHANGED_INPUT not in self.settings.accept.codes:
+            return _not_made(stage, self._advice(against[0]))
+        if not force and (record := self._current(stage, catalog, key)):
+            # What a killed run with other settings had finished helps nobody any more.
+            remove_folder(whole / stage.name)
+            run = StageRun(stage.name, "up to date", summary=record.summary)
+            return self._became(run, self._tell(catalog, ()))
+        bad = self._unsound(key.inputs, catalog)
+        if bad and Code.UNSOUND_MAPLET not in self.settings.accept.codes:
+            return _not_made(stage, _sound_advice(bad))
+        own = changes.own(stage)
+        noted = _notes(stage, own, changes.used_before(stage, key.inputs))
+        notes = self._tell(catalog, [*(changed.text for changed in before), *noted])
+        scratch = whole / stage.name / key.digest[:16]
+        self._clear_scratch(scratch)
+        make_folder(scratch)
+        context = StageContext(
+            self.workspace,
+            self.settings,
+            stage.tables,
+            self.executor,
+            self.progress,
+            key.inputs,
+            key.digest,
+            scratch,
+            own,
+        )
+        self._note_shape(key.inputs)
+        result = stage.run(context)
+        findings = [changed.finding(Severity.NOTE) for changed in against]
+        findings += [one.left_out() for one in bad]
+        if unsound_matters(key.inputs) and self.workspace.registration_path.name in key.inputs:
+            findings += rejected_maplets(self.workspace)
+        result = replace(result, summary=_with_findings(result.summary, findings))
+        self._keep(stage, catalog, key, result)
+        remove_folder(scratch.parent)
+        took = time.monotonic() - begun
+        run = StageRun(stage.name, "ran", took, plain(result.summary))
+        return self._became(run, (*notes, *self._tell(catalog, result.notes)))
+
+    def _note_shape(self, inputs: Mapping[str, str]) -> None:
+        """Say what has to be decided of a shape that a stage uses."""
+        if not self.workspace.has_shape():
+            return
+        path = self.workspace.shape_path()
+        if self.workspace.relative(path) not in inputs or recognise_shape(path) != "icq":
+            return
+        if remark := self.workspace.shape().remark:
+            self.progress.note(f"note: {path}: {remark} ([body] icq_edges)")
+
+    def _without_unsound(self, catalog: Catalog) -> Pipeline:
+        """Return the pipeline over a workspace without its unsound maplets, if that is accepted."""
+        if Code.UNSOUND_MAPLET not in self.settings.accept.codes:
+            return self
+        names = frozenset(one.name for one in unsound(self.workspace, catalog))
+        return replace(self, workspace=replace(self.workspace, left_out=names))
+
+    def _unsound(self, inputs: Mapping[str, str], catalog: Catalog) -> tuple[Unsound, ...]:
+        """Return the unsound maplets, for a stage that reads maplets; those left out too."""
+        if not unsound_matters(inputs):
+            return ()
+        return unsound(replace(self.workspace, left_out=frozenset()), catalog)
+
+    def _cannot(self, stage: Stage, missing: str, changes: Changes) -> StageRun:
+        """Return that a stage lacks its inputs; its earlier results that are gone are no results.
+
+        Else what rests on them would be taken as up to date.
+        """
+        gone = changes.own(stage).gone
+        if not gone or Code.CHANGED_INPUT in self.settings.accept.codes:
+            return StageRun(stage.name, "cannot run", reason=missing)
+        advice = self._advice(Changed(stage.name, gone=gone))
+        return StageRun(stage.name, "cannot run", reason=advice, obstacle=f"incomplete: {advice}")
+
+    def _advice(self, changed: Changed) -> str:
+        """Return what has changed, and what to do about it."""
+        if changed.stage != self.stages[0].name:
+            again = f"run: spcola {changed.stage} {self.workspace.root} again"
+        elif changed.gone:
+            again = "bring them back or import their files again"
+        else:
+            again = f"run: spcola run {self.workspace.root}"
+        return f"{changed.text}; {again}, or --accept {Code.CHANGED_INPUT}"
+
+    def _tell(self, catalog: Catalog, notes: Sequence[str]) -> tuple[str, ...]:
+        """Print notes, and those of the catalogue; return them."""
+        told = (*catalog.notes, *notes)
+        catalog.notes.clear()
+        for note in told:
+            self.progress.note(f"note: {note}")
+        return told
+
+    def _became(self, run: StageRun, notes: tuple[str, ...]) -> StageRun:
+        """Add to what became of a stage why its result may not be used, and what was noted."""
+        verdict = Verdict.from_json(run.summary)
+        return replace(run, obstacle=verdict.obstacle(self.settings.accept.codes), notes=notes)
+
+    def _obstacle(self, stage: Stage, catalog: Catalog) -> str:
+        """Return which result that `stage` rests on may not be used, and why; empty if all may."""
+        for needed in (one for one in self.stages if one.name in stage.needs):
+            record = catalog.record(needed.name)
+            verdict = Verdict() if record is None else Verdict.from_json(record.summary)
+            found = verdict.obstacle(self.settings.accept.codes)
+            if found:
+                return f"the result of {needed.name} is {found}"
+            if further := self._obstacle(needed, catalog):
+                return further
+        return ""
+
+    def _keep(self, stage: Stage, catalog: Catalog, key: _Key, result: StageResult) -> None:
+        """Record what `stage` made, and remove what its last run made and this one did not."""
+        before = catalog.record(stage.name)
+        outputs = catalog.digests(list(result.outputs))
+        for path, digest in ({} if before is None else before.outputs).items():
+            file = self.workspace.root / path
+            # A file that was changed by hand since is not ours to remove.
+            if path not in outputs and file.is_file() and catalog.digest(file) == digest:
+                file.unlink()
+        finished = datetime.now(UTC).isoformat(timespec="seconds")
+        catalog.store(
+            StageRecord(
+                stage.name,
+                key.digest,
+                key.version,
+                key.settings,
+                key.inputs,
+                outputs,
+                plain(result.summary),
+                finished,
+            )
+        )
+
+    def _key(self, stage: Stage, catalog: Catalog) -> _Key:
+        """Digest what the result of `stage` depends on."""
+        inputs = catalog.digests(stage.inputs(self.workspace, self.settings))
+        tables = {
+            kind.__name__: find_table(self.settings, kind).model_dump(mode="json")
+            for kind in stage.tables
+        }
+        version = f"{spcola.__version__}+{stage.version}"
+        content = {"stage": stage.name, "version": version, "settings": tables, "inputs": inputs}
+        return _Key(content_digest(content), version, tables, inputs)
+
+    def _current(self, stage: Stage, catalog: Catalog, key: _Key) -> StageRecord | None:
+        """Return the record of the last run if it still holds: same key, outputs untouched."""
+        record = catalog.record(stage.name)
+        if record is None or record.key != key.digest:
+            return None
+        files = [self.workspace.root / path for path in record.outputs]
+        if not all(file.is_file() for file in files):
+            return None
+        return record if catalog.digests_of(files) == list(record.outputs.values()) else None
+
+    def _is_stale(self, stage: Stage, catalog: Catalog) -> bool:
+        """Tell whether `stage` ran before but what it depends on has changed since."""
+        if catalog.record(stage.name) is None or stage.missing(self.workspace, self.settings):
+            return False
+        return self._current(stage, catalog, self._key(stage, catalog)) is None
+
+    @staticmethod
+    def _clear_scratch(scratch: Path) -> None:
+        """Remove what runs of the stage with other inputs or settings left behind."""
+        if scratch.parent.is_dir():
+            for left in scratch.parent.iterdir():
+                if left != scratch:
+                    shutil.rmtree(left, ignore_errors=True)
+
+
+def _not_made(stage: Stage, reason: str) -> StageRun:
+    """Return that a stage must not run, which is no result to go on with."""
+    return StageRun(stage.name, "cannot run", reason=reason, obstacle=f"not made: {reason}")
+
+
+def unsound_matters(inputs: Collection[str]) -> bool:
+    """Tell whether a stage with these inputs reads maplets."""
+    return any(name.startswith("MAPFILES/") for name in inputs)
+
+
+def _sound_advice(unsound: Sequence[Unsound]) -> str:
+    """Return what is wrong with maplets, and what to do about it."""
+    first, more = unsound[0], len(unsound) - 1
+    others = f" (and {more} more)" if more else ""
+    return (
+        f"{first.text}{others}; restore the file, or leave it out with "
+        f"--accept {Code.UNSOUND_MAPLET}"
+    )
+
+
+def _notes(stage: Stage, own: Changed, used: Sequence[str]) -> list[str]:
+    """What people are told before `stage` runs: its results or inputs are not what they were."""
+    notes = [changed_since(used, stage.name)] if used else []
+    return [*notes, f"{own.text}: the stage runs again"] if own else notes
+
+
+def _with_findings(summary: Mapping[str, Any], findings: Sequence[Finding]) -> Mapping[str, Any]:
+    """Add findings to a summary."""
+    if not findings:
+        return summary
+    verdict = Verdict.from_json(plain(summary))
+    return {**summary, **Verdict((*verdict.findings, *findings)).as_json()}
+
+
+@dataclass(frozen=True)
+class _Key:
+    digest: str
+    version: str
+    settings: dict[str, Any]
+    inputs: dict[str, str]
+
+
+@contextmanager
+def opened(workspace: Workspace) -> Iterator[Catalog]:
+    """Open the catalogue of a workspace, and keep other programs out of the workspace meanwhile.
+
+    Raises
+    ------
+    WorkspaceError
+        If another program is at work in it, or it cannot be written.
+    """
+    own = [workspace.root, *(workspace.root / name for name in (*OWN_FOLDERS, RECORD_FOLDER))]
+    with locked(workspace.root / LOCK_FILE):
+        clear_leftovers(own)
+        with closing(Catalog(workspace)) as catalog:
+            catalog.restore()
+            yield catalog

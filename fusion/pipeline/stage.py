@@ -1,0 +1,179 @@
+"""What a stage is: declared inputs, declared settings, and a run that names what it made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+from fusion.runtime import AHEAD, Executor, Progress
+from fusion.workspace import Workspace
+from fusion.workspace.settings import Settings, Table
+from spcola.errors import SettingsError
+
+if TYPE_CHECKING:
+    from fusion.pipeline.changes import Changed
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+AnyTable = TypeVar("AnyTable", bound=Table)
+
+
+@dataclass(frozen=True)
+class StageResult:
+    """What a stage made.
+
+    Parameters
+    ----------
+    outputs : iterable of Path
+        Every file that it wrote (or found finished); their digests go into the catalogue, and
+        what an earlier run of the stage made and this one did not is removed.
+    summary : mapping
+        What the command prints, and with ``--json`` returns; JSON types, NaN allowed.
+    notes : tuple of str
+        What people should know of this run, and of no later one.
+    """
+
+    outputs: tuple[Path, ...]
+    summary: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class StageContext:
+    """What a stage is given to run with.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    settings : Settings
+        All tables; a stage reads its own through :meth:`table`.
+    tables : tuple of table classes
+        Those that the stage declared.
+    executor : Executor
+        Where work over items is done.
+    progress : Progress
+        Where it is told.
+    inputs : mapping of str to str
+        The digest of each input, by its name in the catalogue (``workspace.relative(path)``).
+    key : str
+        Digest of inputs, settings and version: what artefacts carry.
+    scratch : Path
+        A folder of this run's own. It survives an interruption as long as `key` stays the same,
+        so that finished parts can be picked up, and is removed when the stage is done.
+    own : Changed, optional
+        What of its last results is not as it left it.
+    """
+
+    workspace: Workspace
+    settings: Settings
+    tables: tuple[type[Table], ...]
+    executor: Executor
+    progress: Progress
+    inputs: Mapping[str, str]
+    key: str
+    scratch: Path
+    own: Changed | None = None
+
+    def table(self, kind: type[AnyTable]) -> AnyTable:
+        """Return the settings table of class `kind`.
+
+        Raises
+        ------
+        SettingsError
+            If the stage did not declare it: a change of it would go unnoticed.
+        """
+        if kind not in self.tables:
+            raise SettingsError(f"the stage does not declare {kind.__name__}", "stage")
+        return find_table(self.settings, kind)
+
+    def stream(
+        self,
+        title: str,
+        function: Callable[[Item], Result],
+        items: Iterable[Item],
+        *,
+        total: int | None = None,
+        ahead: int = AHEAD,
+    ) -> Iterator[Result]:
+        """Yield ``function(item)`` in the order of `items`, on the workers, with progress.
+
+        At most `ahead` results per worker wait to be taken.
+        """
+        with self.progress.task(title, total) as task:
+            for result in self.executor.stream(function, items, ahead=ahead):
+                task.advance()
+                yield result
+
+    def map(
+        self, title: str, function: Callable[[Item], Result], items: Iterable[Item]
+    ) -> list[Result]:
+        """Return ``function(item)`` of every item, in order, on the workers, with progress."""
+        items = list(items)
+        return list(self.stream(title, function, items, total=len(items)))
+
+    def write_json(self, name: str, content: Mapping[str, Any]) -> Path:
+        """Write a JSON artefact of the stage; it carries `key`."""
+        return self.workspace.write_json(name, {**content, "made_by": self.key})
+
+
+class Stage(Protocol):
+    """One arrow of the data's walk.
+
+    A module ``fusion.stages.NAME`` offers one as ``STAGE``. The pipeline hashes inputs, the
+    declared tables and the version: where the hash and the outputs are those of the last run, the
+    stage is up to date and is skipped.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name of the stage and of its command."""
+        ...
+
+    @property
+    def version(self) -> int:
+        """Raised whenever the same inputs and settings would give other results than before."""
+        ...
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Names of the stages whose results it uses, and which therefore must be fit for use."""
+        ...
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Folders and files of the workspace into which nobody else writes."""
+        ...
+
+    @property
+    def tables(self) -> tuple[type[Table], ...]:
+        """Settings tables that the result depends on."""
+        ...
+
+    def missing(self, workspace: Workspace, settings: Settings) -> str:
+        """Return why the stage cannot run (one clause that says what to do), or ``""``."""
+        ...
+
+    def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
+        """Return every file that the result depends on."""
+        ...
+
+    def run(self, context: StageContext) -> StageResult:
+        """Do the work; write through :mod:`spcola.atomic` only."""
+        ...
+
+
+def find_table(settings: Settings, kind: type[AnyTable]) -> AnyTable:
+    """Return the table of class `kind`.
+
+    Raises
+    ------
+    SettingsError
+        If the settings have none.
+    """
+    for name in Settings.model_fields:
+        table = getattr(settings, name)
+        if isinstance(table, kind):
+            return table
+    raise SettingsError(f"there is no table {kind.__name__}", "settings")

@@ -1,0 +1,331 @@
+"""The transform between two clouds of points of one terrain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy import ndimage
+from scipy.spatial import ConvexHull
+
+from fusion.estimation.verdict import (
+    Code,
+    Finding,
+    Severity,
+    Verdict,
+)
+from fusion.registration.clouds.cloud_grid import CloudGrid, grid_cloud
+from fusion.registration.clouds.softness import relative_blur, significant_blur
+from fusion.registration.fit.fit import (
+    PARAMETERS,
+    Model,
+    about_origin,
+    natural_sizes,
+    updated_transform,
+)
+from fusion.registration.judging.common_ground import Placed, common_relief
+from fusion.registration.judging.judging import judge_relief
+from fusion.registration.returns.direct import DirectRegistration
+from fusion.registration.returns.equations import (
+    Clusters,
+    Equations,
+    SurfacePair,
+    pair_equations,
+)
+from fusion.surfacematch.resolution import filled
+from spcola.arrays import FloatArray, check_finite, check_shape
+from spcola.errors import InvalidValueError, NotObservableError
+from spcola.grids import MapletGrid
+from spcola.grids.statistics import independent_patches, shift_variances
+from spcola.math import Affine
+from spcola.math.robust import huber_weight, mad
+
+# Grids on the way to the finest one, in its steps.
+_COARSER = (4.0, 2.0, 1.0)
+# Whole steps of the search over the capture range.
+_SEARCH = 10
+# A level is left when the transform moves the ground by less than this share of a step.
+_STILL = 2e-4
+# Share of the ground around a point that must be there where one surface is smoothed.
+_WHOLE = 0.98
+# Gaussian, steps, under which half of the points leave hardly a gap.
+_HALF_SMOOTH = 0.7
+# Cells along a side on which the relief of two clouds is compared, and how far around.
+_JUDGED_SIZE = 128
+_JUDGED_REACH = 3
+# Points that tell a scatter.
+_SAMPLE = 100_000
+
+
+@dataclass(frozen=True)
+class CloudOptions:
+    """How two clouds are registered.
+
+    Parameters
+    ----------
+    model : {"rigid", "similarity", "affine"}
+    gsd_m : float
+        Step of the finest grid, metres; 0: one point of the sparser cloud in a cell.
+    smooth_cells : float
+        Gaussian under which the points of both clouds are averaged, steps.
+    blur_cells : float, optional
+        Blur of the fixed cloud's ground against the moving one's, steps (negative where the moving
+        one is the softer); estimated if not given.
+    capture_m : float
+        Largest displacement that is searched, metres.
+    reject : float
+        Points further than this many robust standard deviations from the surface do not enter.
+    max_iterations : int
+        Most Gauss–Newton steps on each grid.
+    """
+
+    model: Model = "similarity"
+    gsd_m: float = 0.0
+    smooth_cells: float = 0.5
+    blur_cells: float | None = None
+    capture_m: float = 1.0
+    reject: float = 6.0
+    max_iterations: int = 15
+
+
+def register_clouds(
+    moving: FloatArray, fixed: FloatArray, *, options: CloudOptions | None = None
+) -> DirectRegistration:
+    """Fit the transform that takes the moving cloud to the fixed one.
+
+    Both are gridded in the same cells, the moving one anew at every step: both are smoothed alike
+    by that, and nothing is resampled. A blur of one against the other is given to the sharper one.
+
+    Parameters
+    ----------
+    moving, fixed : (N, 3), (M, 3) ndarrays
+        Metres, of ground that is a surface over one plane.
+    options : CloudOptions, optional
+
+    Returns
+    -------
+    DirectRegistration
+        From the frame "moving" to "fixed", with a verdict: it is refused if the two show no relief
+        in common where it puts them.
+
+    Raises
+    ------
+    NotObservableError
+        If the ground leaves a parameter free, or the clouds hardly overlap.
+    InvalidValueError
+        If an array is no cloud of at least 100 points.
+    """
+    options = options or CloudOptions()
+    for name, points in (("moving", moving), ("fixed", fixed)):
+        check_shape(points, (None, 3), name)
+        check_finite(points, name)
+        if len(points) < 100:
+            raise InvalidValueError(f"has {len(points)} points, 100 are needed", name)
+    grid = _grid_over(fixed, len(moving), options.gsd_m)
+    transform = _searched(moving, fixed, grid, options)
+    for coarser in _COARSER:
+        # A cell of a coarser grid holds more points than it takes to come nearer.
+        some, others = (np.ascontiguousarray(each[:: int(coarser)]) for each in (moving, fixed))
+        level = _Level(some, others, grid.with_gsd(coarser * grid.gsd), options)
+        state = level.settled(transform, finest=coarser == _COARSER[-1])
+        transform = state.transform
+    found = level.result(state)
+    return replace(found, verdict=_judged(moving, fixed, grid, found))
+
+
+def _judged(
+    moving: FloatArray, fixed: FloatArray, grid: MapletGrid, found: DirectRegistration
+) -> Verdict:
+    """Judge the registration of two clouds by the relief that they show on a grid over both."""
+    step = max(1.0, grid.size / _JUDGED_SIZE)
+    wide = grid.with_gsd(step * grid.gsd)
+    here = Affine(np.eye(3), np.zeros(3), "fixed", "fixed")
+    flat, thinned = np.zeros(wide.shape), max(1, int(step))
+    one, two = (
+        grid_cloud(points[::thinned], wide, frame).surface(flat, flat, _HALF_SMOOTH)[0]
+        for points, frame in ((moving, found.transform), (fixed, here))
+    )
+    relief = common_relief([Placed(one, two, np.zeros(2), _JUDGED_REACH)])
+    findings = list(judge_relief(relief))
+    if not found.converged:
+        text = f"the transform still moved after {found.iterations} steps"
+        findings.append(Finding(Code.NOT_CONVERGED, Severity.DOUBTFUL, text))
+    return Verdict(tuple(findings))
+
+
+def _grid_over(points: FloatArray, others: int, gsd: float) -> MapletGrid:
+    """Return a square grid along the mean plane of `points`, its Uz away from the origin.
+
+    Its sides lie along those of the smallest rectangle around the points: their spectra are taken.
+    """
+    center = np.mean(points, axis=0)
+    arms = points - center
+    plane = np.linalg.eigh(arms.T @ arms)[1].T[::-1]
+    uz = plane[2] * (1.0 if plane[2] @ center >= 0 else -1.0)
+    flat = arms @ plane[:2].T
+    hull = ConvexHull(flat)
+    rim = flat[hull.vertices]
+    edges = np.roll(rim, -1, axis=0) - rim
+    along = edges / np.linalg.norm(edges, axis=1)[:, None]
+    sides = np.stack([along, np.stack([-along[:, 1], along[:, 0]], axis=1)], axis=1)
+    spans = rim @ sides.transpose(0, 2, 1)
+    low, high = spans.min(axis=1), spans.max(axis=1)
+    best = int(np.argmin(np.prod(high - low, axis=1)))
+    ux = sides[best, 0] @ plane[:2]
+    axes = np.stack([ux, np.cross(uz, ux), uz])
+    across = arms @ axes[:2].T
+    low, high = across.min(axis=0), across.max(axis=0)
+    if not gsd:
+        gsd = float(np.sqrt(hull.volume / min(len(points), others)))
+    middle = center + (low + high) / 2.0 @ axes[:2]
+    return MapletGrid(middle, axes, gsd, max(2, int(np.ceil(np.max(high - low) / 2.0 / gsd))))
+
+
+def _searched(
+    moving: FloatArray, fixed: FloatArray, grid: MapletGrid, options: CloudOptions
+) -> Affine:
+    """Return the best translation by whole steps within the capture range."""
+    none = Affine(np.eye(3), np.zeros(3), "fixed", "moving")
+    wide = grid.with_gsd(max(options.capture_m / _SEARCH, grid.gsd))
+    reach = int(np.ceil(options.capture_m / wide.gsd))
+    flat = np.zeros(wide.shape)
+    one = grid_cloud(moving, wide, none).surface(flat, flat, 0.0)[0]
+    two = grid_cloud(fixed, wide, none).surface(flat, flat, 0.0)[0]
+    held = np.isfinite(one), np.isfinite(two)
+    variance = shift_variances(
+        filled(one), held[0], filled(two), held[1].astype(np.float64), reach=reach
+    )
+    if not np.isfinite(variance).any():
+        raise NotObservableError("the clouds hardly overlap", do="raise the capture range")
+    row, column = np.unravel_index(int(np.nanargmin(variance)), variance.shape)
+    across = np.array([int(column) - reach, int(row) - reach]) * wide.gsd
+    up = float(np.nanmedian(two) - np.nanmedian(one))
+    return replace(none, translation=np.array([*across, up]) @ wide.axes)
+
+
+class _State(NamedTuple):
+    transform: Affine
+    center: FloatArray  # the point of the moving frame about which the parameters act
+    equations: Equations
+    difference: FloatArray
+    blur: float
+    clusters: Clusters
+    points: int
+    iterations: int
+    settled: bool
+
+
+class _Level:
+    """Both clouds on one grid, and the steps of the transform there."""
+
+    def __init__(
+        self, moving: FloatArray, fixed: FloatArray, grid: MapletGrid, options: CloudOptions
+    ) -> None:
+        self.moving, self.still, self.grid, self.options = moving, fixed, grid, options
+        self.names = PARAMETERS[options.model]
+        self.here = Affine(np.eye(3), np.zeros(3), "fixed", "fixed")
+        self.slopes = np.zeros((2, *grid.shape))
+        self.fixed = grid_cloud(fixed, grid, self.here)
+        height = self._surface(self.fixed, 0.0)[0]
+        self.limit = options.reject * _scatter(fixed, grid, height)
+        self.expected = height
+        self.fixed = self._gridded(fixed, self.here)
+        self._slopes_of(self._surface(self.fixed, 0.0)[0])
+
+    def settled(self, transform: Affine, *, finest: bool) -> _State:
+        """Step until the transform stands still."""
+        blur, iterations, settled = self.options.blur_cells or 0.0, 0, False
+        clusters = Clusters(self.grid.size)
+        if finest and self.options.blur_cells is None:
+            blur = self._blur(transform)
+        center = transform.inverse().apply(self.grid.center)
+        # The middling distance from the centre: a turn or stretch by 1/reach moves that by 1 m.
+        reach = self.grid.half_size * self.grid.gsd / np.sqrt(1.5)
+        natural = natural_sizes(self.names, reach)
+        while not settled and iterations < self.options.max_iterations:
+            iterations += 1
+            cloud = self._gridded(self.moving, transform)
+            pair, difference = self._pair(cloud, blur if finest else 0.0)
+            found = pair_equations(
+                pair, self.grid, transform, center, size=len(self.names), block=clusters.block
+            )
+            step = found.solve(self.names, natural)
+            transform = updated_transform(transform, step, self.options.model, center)
+            moved = float(np.max(np.abs(step) / natural)) / self.grid.gsd
+            settled = moved < (_STILL if finest else 0.1)
+            if finest and clusters.inside == 1.0:
+                area = np.isfinite(difference).sum() / independent_patches(difference)
+                clusters = Clusters.of(area, self.grid.size, len(self.names))
+                settled = False
+        return _State(
+            transform, center, found, difference, blur, clusters, cloud.points, iterations, settled
+        )
+
+    def result(self, state: _State) -> DirectRegistration:
+        """Return what other programs need of the last state."""
+        model, equations = self.options.model, state.equations
+        spread = equations.covariance(state.clusters.inside)
+        return DirectRegistration(
+            transform=state.transform,
+            model=model,
+            parameters=self.names,
+            covariance=about_origin(spread, model, state.transform, state.center),
+            center=state.center,
+            blur_cells=state.blur,
+            residual_std_m=float(mad(state.difference[::3, ::3])),
+            points=state.points,
+            cells=int(equations.cells.sum()),
+            clusters=int(np.count_nonzero(equations.cells)),
+            iterations=state.iterations,
+            converged=state.settled,
+        )
+
+    def _gridded(self, points: FloatArray, frame: Affine) -> CloudGrid:
+        """Grid points, strays left out."""
+        return grid_cloud(points, self.grid, frame, expected=self.expected, limit_m=self.limit)
+
+    def _surface(self, cloud: CloudGrid, blur: float) -> tuple[FloatArray, FloatArray]:
+        """Heights and what they rest on, `blur` steps softer than the other cloud's are."""
+        soft = float(np.hypot(self.options.smooth_cells, max(blur, 0.0)))
+        return cloud.surface(self.slopes[0], self.slopes[1], soft)
+
+    def _slopes_of(self, height: FloatArray) -> None:
+        down, along = np.gradient(height, self.grid.gsd)
+        self.slopes = np.nan_to_num(np.stack([along, down]))
+
+    def _pair(self, cloud: CloudGrid, blur: float) -> tuple[SurfacePair, FloatArray]:
+        """Both surfaces, weighed by their points and robustly; and their difference."""
+        fixed, rests = self._surface(self.fixed, -blur)
+        moving, carries = self._surface(cloud, blur)
+        self._slopes_of(np.where(np.isfinite(moving), 0.5 * (fixed + moving), fixed))
+        weight = rests * carries / np.maximum(rests + carries, 1e-12)
+        difference = fixed - moving
+        standard = difference * np.sqrt(weight)
+        if blur:
+            # Smoothed over its rim a surface has nothing to be like on the other side.
+            rim = ndimage.gaussian_filter(
+                np.isfinite(difference).astype(np.float64), abs(blur), mode="constant"
+            )
+            weight = np.where(rim > _WHOLE, weight, 0.0)
+        robust = huber_weight(standard / max(float(mad(standard[::3, ::3])), 1e-12), k=2.0)
+        return SurfacePair(fixed, moving, weight, robust), difference
+
+    def _blur(self, transform: Affine) -> float:
+        """Blur of the fixed cloud's ground against the moving one's, steps."""
+        moving = self._halves(self.moving, transform)
+        return significant_blur(*relative_blur(moving, self._halves(self.still, self.here)))
+
+    def _halves(self, points: FloatArray, frame: Affine) -> tuple[FloatArray, FloatArray]:
+        """Surfaces of every other point, and of the rest; nothing in one is from the other."""
+        flat = np.zeros(self.grid.shape)
+        one, two = (self._gridded(points[part::2], frame) for part in range(2))
+        return one.surface(flat, flat, _HALF_SMOOTH)[0], two.surface(flat, flat, _HALF_SMOOTH)[0]
+
+
+def _scatter(points: FloatArray, grid: MapletGrid, height: FloatArray) -> float:
+    """Robust standard deviation of points about a surface on a grid, metres."""
+    x, y, z = grid.project(points[:: max(1, len(points) // _SAMPLE)])
+    half = grid.half_size
+    column, row = (np.clip(np.rint(at).astype(np.int64) + half, 0, 2 * half) for at in (x, y))
+    return max(float(mad(z - height[row, column])), 1e-9)

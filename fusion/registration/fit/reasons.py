@@ -1,0 +1,107 @@
+"""What a registration does not determine well, in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fusion.registration.fit.fit import Registration
+from fusion.registration.fit.stability import REGIONS, region_numbers
+from spcola.arrays import FloatArray
+
+# Correlations beyond this more than triple the sigma that each would have alone.
+_INSEPARABLE = 0.95
+# Rotations of a tenth of a radian are no small ones any more: second order is 5 % of first.
+_SMALL = 0.1
+# Mapolas in no more than this share of the regions see one side of the body only.
+_ONE_SIDE = 0.25
+
+
+def registration_reasons(registration: Registration, centers: FloatArray) -> list[str]:
+    """Say which parameters are weakly determined, and which are not told apart.
+
+    A parameter is weak if its sigma displaces the mapolas by more than a single one is off: all of
+    them together then know it less than one would, were the others known.
+
+    Parameters
+    ----------
+    registration : Registration
+    centers : (N, 3) ndarray
+        Mapola centres that it was fitted to, lidar coordinates, metres.
+
+    Returns
+    -------
+    list of str
+        Empty where there is nothing to say.
+    """
+    used = centers[registration.fit.used]
+    return [
+        *_coverage(used),
+        *_weak(registration, used),
+        *inseparable(registration.parameters, registration.covariance),
+    ]
+
+
+def _coverage(used: FloatArray) -> list[str]:
+    """Say that the mapolas see one side of the body only."""
+    seen = len(np.unique(region_numbers(used)))
+    if seen > _ONE_SIDE * REGIONS:
+        return []
+    return [
+        f"mapolas: in {seen} of {REGIONS} equal regions of the body only; the transform is an "
+        "extrapolation elsewhere"
+    ]
+
+
+def _weak(registration: Registration, used: FloatArray) -> list[str]:
+    """Name the parameters that are known less than one mapola is."""
+    single = _single_sigma(registration)
+    lever = float(np.sqrt(np.mean(np.sum(used**2, axis=1))))
+    said = []
+    for name, sigma in zip(
+        registration.parameters, np.sqrt(np.diag(registration.covariance)), strict=True
+    ):
+        moved = sigma if name.endswith("_m") else sigma * lever
+        if moved <= single:
+            continue
+        text = f"{name}: weakly determined: its sigma of {_sized(name, sigma)}"
+        text += "" if name.endswith("_m") else f" moves mapolas by {moved:.2g} m, which"
+        text += f" is more than the {single:.2g} m by which one mapola is off"
+        if name.endswith("_rad") and sigma > _SMALL:
+            text += "; so large a rotation is not linear any more, and is not determined at all"
+        said.append(text)
+    return said
+
+
+def _single_sigma(registration: Registration) -> float:
+    """Standard deviation, metres, of one mapola along the axis in which its match is best.
+
+    Heights are often known while the place is not: what one mapola tells best is the measure.
+    """
+    fit, observations = registration.fit, registration.observations
+    best = np.linalg.eigvalsh(observations.covariance[fit.used])[:, 0]
+    shared = sum(
+        size**2 * float(np.sum(group[fit.used] ** 2)) / (3.0 * np.count_nonzero(fit.used))
+        for size, group in zip(fit.sizes.shared, observations.effects, strict=True)
+    )
+    return float(np.sqrt(np.median(best) + fit.sizes.independent**2 + shared))
+
+
+def _sized(name: str, sigma: float) -> str:
+    """Return a sigma with its unit."""
+    if name.endswith("_m"):
+        return f"{sigma:.2g} m"
+    return f"{np.degrees(sigma):.2g} deg" if name.endswith("_rad") else f"{sigma:.2g}"
+
+
+def inseparable(names: tuple[str, ...], covariance: FloatArray) -> list[str]:
+    """Name the pairs of parameters whose estimates are correlated beyond 0.95."""
+    sigma = np.sqrt(np.diag(covariance))
+    product = np.outer(sigma, sigma)
+    correlation = np.divide(covariance, product, out=np.zeros_like(covariance), where=product > 0)
+    pairs = [
+        f"{names[i]} and {names[j]} ({correlation[i, j]:+.3f})"
+        for i, j in np.argwhere(np.triu(np.abs(correlation) > _INSEPARABLE, 1)).tolist()
+    ]
+    if not pairs:
+        return []
+    return [f"not told apart, which their sigmas hold: {', '.join(pairs)}"]

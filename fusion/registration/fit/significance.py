@@ -1,0 +1,137 @@
+"""Tests of what the fitted model leaves out: shear, non-uniform scale, scale."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from fusion.registration.fit.fit import (
+    PARAMETERS,
+    STRAIN_ROWS,
+    Model,
+    Registration,
+    similarity_numbers,
+    transform_partials,
+)
+from fusion.registration.fit.held import HeldEquations, Refit
+from spcola.arrays import FloatArray
+from spcola.errors import NotObservableError
+
+
+@dataclass(frozen=True, eq=False)
+class Departure:
+    """K numbers that are 0 if the simpler model holds.
+
+    Attributes
+    ----------
+    estimate : (K,) ndarray
+        NaN where they cannot be observed.
+    covariance : (K, K) ndarray
+    reason : str
+        Why they cannot be observed; empty if they can.
+    """
+
+    estimate: FloatArray
+    covariance: FloatArray
+    reason: str = ""
+
+    @classmethod
+    def unobserved(cls, count: int, reason: str) -> Departure:
+        """Return `count` unknown numbers."""
+        return cls(np.full(count, np.nan), np.full((count, count), np.nan), reason)
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard deviations (K,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def chi2(self) -> float:
+        """``eᵀ C⁻¹ e``: χ² with K degrees of freedom if the simpler model holds."""
+        return float(self.estimate @ np.linalg.solve(self.covariance, self.estimate))
+
+    def test(self) -> dict[str, Any]:
+        """Statistic, degrees of freedom, p-value and reason, as ``registration.json`` has them."""
+        statistic = float("nan") if self.reason else self.chi2
+        return {
+            "chi2": statistic,
+            "degrees_of_freedom": len(self.estimate),
+            "p_value": float(stats.chi2.sf(statistic, len(self.estimate))),
+            "reason": self.reason,
+        }
+
+
+def strain_departure(registration: Registration, centers: FloatArray) -> Departure:
+    """Shear and non-uniform scale (5,): xx − mean, yy − mean, xy, xz, yz of the symmetric strain.
+
+    Of an affine fit they are its own. Else the affine parameters are solved for beside the fit at
+    its weights and error sizes (the score test of Rao 1948): where there is a strain, those sizes
+    hold what it leaves, and the sigmas err to the safe side.
+
+    Parameters
+    ----------
+    registration : Registration
+    centers : (N, 3) ndarray
+        Mapola centres that it was fitted to, lidar coordinates, metres.
+
+    Returns
+    -------
+    Departure
+        Axes of the lidar frame, dimensionless.
+    """
+    similarity = registration.similarity
+    turned = STRAIN_ROWS @ np.kron(similarity.rotation.T / similarity.scale, np.eye(3))
+    if registration.model == "affine":
+        covariance = turned @ registration.covariance[3:, 3:] @ turned.T
+        return Departure(turned @ registration.transform.matrix.ravel(), covariance)
+    found = _refitted(registration, centers, "affine")
+    if isinstance(found, str):
+        return Departure.unobserved(len(STRAIN_ROWS), found)
+    return Departure(turned @ found.change[3:], turned @ found.covariance[3:, 3:] @ turned.T)
+
+
+def scale_departure(registration: Registration, centers: FloatArray) -> Departure:
+    """Scale less 1 (1,): fitted, or of a rigid fit solved for beside it as the strain is."""
+    if registration.model != "rigid":
+        scale, sigma, _, _ = similarity_numbers(registration)
+        return Departure(np.array([scale - 1.0]), np.array([[sigma**2]]))
+    found = _refitted(registration, centers, "similarity")
+    if isinstance(found, str):
+        return Departure.unobserved(1, found)
+    return Departure(found.change[6:], found.covariance[6:, 6:])
+
+
+def departures_json(registration: Registration, centers: FloatArray) -> dict[str, Any]:
+    """Return the `tests` of ``registration.json``."""
+    strain = strain_departure(registration, centers)
+    scale = scale_departure(registration, centers)
+    return {
+        "strain": {
+            "strain": strain.estimate,
+            "strain_sigma": strain.sigma,
+            "strain_z": strain.estimate / strain.sigma,
+            **strain.test(),
+        },
+        "scale": {
+            "scale_minus_1": scale.estimate[0],
+            "scale_sigma": scale.sigma[0],
+            **scale.test(),
+        },
+    }
+
+
+def _refitted(registration: Registration, centers: FloatArray, model: Model) -> Refit | str:
+    """Solve for the parameters of a wider model at the fit, or say why they are free."""
+    names = PARAMETERS[model]
+    count = int(np.count_nonzero(registration.fit.used))
+    if 3 * count < len(names):
+        return f"{count} mapolas give {3 * count} numbers for {len(names)} parameters"
+    design = transform_partials(model, registration.similarity, centers, registration.center)
+    held = HeldEquations.of(registration.observations, registration.fit, design)
+    try:
+        return held.refit(np.ones(count, dtype=bool), names)
+    except NotObservableError as error:
+        return str(error)

@@ -1,0 +1,275 @@
+"""Whether a registration may be used: whether the surfaces agree as their sigmas say they should.
+
+Each test has a limit that right input passes with room, and that some kind of wrong input fails:
+docs/truth.md has the rates of false alarms and misses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from fusion.estimation.verdict import (
+    Code,
+    Finding,
+    Severity,
+    Verdict,
+)
+from fusion.registration.judging.common_ground import CommonRelief
+from spcola.arrays import FloatArray
+
+# Shares of the mapolas that show the relief of SPC, and that agree with the transform: below the
+# first a registration is doubtful, below the second it is none.
+_DOUBTFUL_SHARE, _REFUSED_SHARE = 0.5, 0.25
+# Share of the images looked at that show the ground of a mapola: in right input it is above 0.9, by
+# images of another body, mirrored or exchanged below 0.3.
+_MATCHED_IMAGES = 0.75
+# Root of the median χ² between the places that images and heights give a mapola, over that of
+# chance: in right input 0.8 to 1.4. Beyond the second the two are of different frames.
+_DOUBTFUL_KINDS, _REFUSED_KINDS = 2.0, 4.0
+# Standard deviations between the rotations by images and by heights alone: in right input up to 2.
+_DOUBTFUL_APART, _REFUSED_APART = 5.0, 25.0
+# Images named in a finding.
+_NAMED = 5
+# Median over the mapolas of the standard deviation of the heights left over, in stated sigmas.
+_DOUBTFUL_CHI, _REFUSED_CHI = 1.5, 4.0
+# Estimated over stated error of maplets' centres.
+_DOUBTFUL_CENTER, _REFUSED_CENTER = 2.5, 10.0
+# Probability of a strain as large by chance.
+_STRAIN_CHANCE = 1e-6
+# Standard deviations by which a scale or rotation must exceed its limit to be called large.
+_BEYOND = 3.0
+# So many times the limit of a doubtful scale no two solutions of one body differ.
+_ABSURD = 10.0
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What two solutions of one body may differ by.
+
+    Parameters
+    ----------
+    rotation_deg : float
+        Largest rotation between their frames, degrees.
+    scale : float
+        Largest scale less 1.
+    center_sigma_m : float
+        Expected error of a maplet's centre, metres.
+    """
+
+    rotation_deg: float
+    scale: float
+    center_sigma_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """How well the surfaces agree where a registration puts them.
+
+    Attributes
+    ----------
+    relief : CommonRelief
+        Of a sample of the mapolas.
+    chi : (N,) ndarray
+        Robust standard deviation of the heights left over, in stated sigmas, mapola by mapola; NaN
+        where no sigma is stated or there is no match.
+    """
+
+    relief: CommonRelief
+    chi: FloatArray
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the numbers as ``registration.json`` has them under ``agreement``."""
+        known = self.chi[np.isfinite(self.chi)]
+        clearness = self.relief.clearness[np.isfinite(self.relief.clearness)]
+        return {
+            "mapolas_compared": self.relief.compared,
+            "share_with_common_relief": self.relief.share,
+            "share_by_chance": self.relief.chance,
+            "median_clearness": float(np.median(clearness)) if len(clearness) else None,
+            "residual_over_sigma": float(np.median(known)) if len(known) else None,
+        }
+
+
+def judge_registration(content: Mapping[str, Any], evidence: Evidence, limits: Limits) -> Verdict:
+    """Judge a registration by its numbers and by how well the surfaces agree.
+
+    Parameters
+    ----------
+    content : mapping
+        ``registration.json`` without its verdict.
+    evidence : Evidence
+    limits : Limits
+
+    Returns
+    -------
+    Verdict
+        Its findings name what speaks against the registration, the gravest first, and as notes
+        what it does not determine.
+    """
+    found = [
+        *judge_relief(evidence.relief),
+        *_agreeing(content),
+        *_images(content),
+        *_kinds(content),
+        *_heights(evidence.chi),
+        *_centers(content, limits),
+        *_size(content, limits),
+        *_turn(content, limits),
+        *_strain(content),
+    ]
+    if not content["converged"]:
+        text = f"the fit did not converge ({content['reason']})"
+        found.append(Finding(Code.NOT_CONVERGED, Severity.DOUBTFUL, text))
+    found += [
+        Finding(Code.WEAKLY_DETERMINED, Severity.NOTE, text)
+        for text in content.get("reasons") or ()
+    ]
+    order = list(Severity)
+    return Verdict(tuple(sorted(found, key=lambda one: -order.index(one.severity))))
+
+
+def judge_relief(relief: CommonRelief) -> Iterator[Finding]:
+    """Test whether two surfaces show the same relief where a transform puts them."""
+    if not relief.compared:
+        text = "the surfaces have no relief by which they could be shown to be of the same ground"
+        yield Finding(Code.NO_RELIEF, Severity.DOUBTFUL, text)
+        return
+    severity = _severity(_DOUBTFUL_SHARE - relief.share, _DOUBTFUL_SHARE - _REFUSED_SHARE)
+    if severity is not None:
+        text = (
+            f"{int(relief.shown.sum())} of {relief.compared} surfaces compared show the same "
+            "relief where the transform puts them; the others are no more alike than unrelated "
+            "ground is"
+        )
+        yield Finding(Code.RELIEF_UNRELATED, severity, text, relief.share, _DOUBTFUL_SHARE)
+
+
+def _agreeing(content: Mapping[str, Any]) -> Iterator[Finding]:
+    """Test how many of the mapolas agree with the common transform."""
+    total = content["n_used"] + content["n_rejected"]
+    share = content["n_used"] / total if total else 0.0
+    severity = _severity(_DOUBTFUL_SHARE - share, _DOUBTFUL_SHARE - _REFUSED_SHARE)
+    if severity is not None:
+        text = f"only {content['n_used']} of {total} mapolas agree with the transform"
+        yield Finding(Code.FEW_AGREE, severity, text, share, _DOUBTFUL_SHARE)
+
+
+def _images(content: Mapping[str, Any]) -> Iterator[Finding]:
+    """Test how many of the images show the ground: where few do, heights alone decide."""
+    compared = content.get("n_images_compared")
+    if compared is None:
+        return
+    share = content["n_images"] / compared if compared else 0.0
+    if share < _MATCHED_IMAGES:
+        missing = content["images_not_matched"]
+        named = f" (not {', '.join(missing[:_NAMED])}{' ...' * (len(missing) > _NAMED)})"
+        text = (
+            f"only {content['n_images']} of {compared} images show the ground that the lidar has "
+            f"there{named if missing else ''}"
+        )
+        yield Finding(Code.IMAGES_NOT_MATCHED, Severity.DOUBTFUL, text, share, _MATCHED_IMAGES)
+
+
+def _kinds(content: Mapping[str, Any]) -> Iterator[Finding]:
+    """Test images and heights against each other: mapola by mapola, and as a whole."""
+    known = np.array(
+        [entry.get("kinds_chi2", np.nan) for entry in content.get("per_mapola") or ()], dtype=float
+    )
+    known = known[np.isfinite(known)]
+    ratio = float(np.sqrt(np.median(known) / chi2.median(3))) if len(known) else 0.0
+    severity = _severity(ratio - _DOUBTFUL_KINDS, _REFUSED_KINDS - _DOUBTFUL_KINDS)
+    if severity is not None:
+        text = (
+            f"images put the mapolas elsewhere than their heights do, by {ratio:.1f} times what "
+            "the sigmas of both allow"
+        )
+        yield Finding(Code.IMAGES_DISAGREE, severity, text, ratio, _DOUBTFUL_KINDS)
+    turn = np.array(content.get("kinds_rotation_deg", np.nan), dtype=np.float64)
+    sigma = np.array(content.get("kinds_rotation_sigma_deg", np.nan), dtype=np.float64)
+    apart = float(np.max(np.abs(turn) / sigma))
+    severity = _severity(apart - _DOUBTFUL_APART, _REFUSED_APART - _DOUBTFUL_APART)
+    if severity is not None:
+        text = (
+            f"the rotation by images differs from that by heights by "
+            f"{np.linalg.norm(turn):.2g} deg, {apart:.1f} sigma"
+        )
+        yield Finding(Code.IMAGES_DISAGREE, severity, text, apart, _DOUBTFUL_APART)
+
+
+def _heights(chi: FloatArray) -> Iterator[Finding]:
+    """Test the heights left over against their stated sigmas."""
+    known = chi[np.isfinite(chi)]
+    if not len(known):
+        return
+    middle = float(np.median(known))
+    severity = _severity(middle - _DOUBTFUL_CHI, _REFUSED_CHI - _DOUBTFUL_CHI)
+    if severity is not None:
+        text = f"the heights of lidar and SPC differ by {middle:.1f} times their stated sigmas"
+        yield Finding(Code.HEIGHTS_DISAGREE, severity, text, middle, _DOUBTFUL_CHI)
+
+
+def _centers(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
+    """Test the estimated error of maplets' centres against what files and settings state."""
+    estimated = content.get("maplet_sigma_m")
+    if estimated is None:
+        return
+    landmarks = content.get("landmarks") or {}
+    stated = max(limits.center_sigma_m, landmarks.get("own_sigma_m") or 0.0)
+    ratio = float(estimated) / stated
+    severity = _severity(ratio - _DOUBTFUL_CENTER, _REFUSED_CENTER - _DOUBTFUL_CENTER)
+    if severity is not None:
+        text = (
+            f"the centres of maplets are off by {estimated:.2g} m each, {ratio:.1f} times what "
+            f"their landmarks and [register] center_sigma_m state ({stated:.2g} m)"
+        )
+        yield Finding(Code.CENTERS_DISAGREE, severity, text, ratio, _DOUBTFUL_CENTER)
+
+
+def _size(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
+    """Test the scale against its prior."""
+    off = abs(content["scale"] - 1.0) - _BEYOND * content["scale_sigma"]
+    severity = _severity(off - limits.scale, (_ABSURD - 1.0) * limits.scale)
+    if severity is not None:
+        text = (
+            f"the scale of {content['scale']:.5f} lies further from 1 than "
+            f"[register] max_scale_change = {limits.scale:g}"
+        )
+        yield Finding(Code.LARGE_SCALE, severity, text, content["scale"] - 1.0, limits.scale)
+
+
+def _turn(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
+    """Test the rotation against its prior."""
+    turn = np.array(content["rotation_deg"], dtype=np.float64)
+    sigma = float(np.max(content["rotation_sigma_deg"]))
+    angle = float(np.linalg.norm(turn))
+    if angle - _BEYOND * sigma > limits.rotation_deg:
+        text = (
+            f"the rotation of {angle:.2f} deg is larger than "
+            f"[register] max_rotation_deg = {limits.rotation_deg:g}"
+        )
+        yield Finding(Code.LARGE_ROTATION, Severity.DOUBTFUL, text, angle, limits.rotation_deg)
+
+
+def _strain(content: Mapping[str, Any]) -> Iterator[Finding]:
+    """Test what the model leaves out: shear and non-uniform scale."""
+    strain = (content.get("tests") or {}).get("strain") or {}
+    chance = strain.get("p_value")
+    if chance is not None and chance < _STRAIN_CHANCE:
+        largest = float(np.max(np.abs(strain["strain"])))
+        text = (
+            f"lidar and SPC differ by a shear or non-uniform scale of {largest:.2g}, which chance "
+            f"makes with a probability of {chance:.0e}"
+        )
+        yield Finding(Code.STRAIN, Severity.DOUBTFUL, text, chance, _STRAIN_CHANCE)
+
+
+def _severity(excess: float, to_refusal: float) -> Severity | None:
+    """Return how grave it is to be beyond a limit by `excess`; None if it is not beyond."""
+    if not excess > 0.0:
+        return None
+    return Severity.REFUSED if excess > to_refusal else Severity.DOUBTFUL

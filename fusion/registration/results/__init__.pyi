@@ -1,0 +1,12 @@
+from .apply import GivenRegistration as GivenRegistration
+from .apply import applied_json as applied_json
+from .apply import given_registration as given_registration
+from .scans import ScanEffects as ScanEffects
+from .scans import share_matrix as share_matrix
+from .summary import DISAGREES as DISAGREES
+from .summary import MatchedMapolas as MatchedMapolas
+from .summary import Placement as Placement
+from .summary import placements_of as placements_of
+from .summary import registration_json as registration_json
+from .summary import scale_influence as scale_influence
+from .summary import transform_of as transform_of

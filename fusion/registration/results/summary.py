@@ -1,0 +1,273 @@
+"""The registration as other programs read it (``registration.json``), and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fusion.estimation import influence
+from fusion.registration.fit.fit import LIDAR_FRAME, SPC_FRAME, Registration
+from fusion.registration.fit.known import KnownTransform
+from fusion.registration.fit.reasons import registration_reasons
+from fusion.registration.fit.significance import departures_json
+from fusion.registration.fit.stability import stability_json
+from fusion.registration.observations.landmarks import LandmarkErrors
+from fusion.registration.results.scans import ScanEffects
+from fusion.surfacematch import Match
+from spcola.arrays import BoolArray, FloatArray
+from spcola.errors import InvalidValueError
+from spcola.grids import MapletGrid
+from spcola.math import Affine, Similarity
+
+DISAGREES = "disagrees with the other mapolas"
+"""Why a mapola that matches is not used."""
+
+
+@dataclass(frozen=True, eq=False)
+class MatchedMapolas:
+    """All mapolas, those that do not match too, and how scan errors reach them.
+
+    Attributes
+    ----------
+    matches : sequence of Match
+        N of them.
+    scans : ScanEffects
+    effects : (N, 3, M) ndarray
+        ``scans.at`` of each mapola.
+    beside : (N, 3, 3) ndarray
+        ``scans.beside`` of each mapola, m².
+    landmarks : LandmarkErrors, optional
+        How the maplets err to which they were matched; unknown by default.
+    """
+
+    matches: Sequence[Match]
+    scans: ScanEffects
+    effects: FloatArray
+    beside: FloatArray
+    landmarks: LandmarkErrors | None = None
+
+    @property
+    def usable(self) -> BoolArray:
+        """Mask (N,) of those that match."""
+        return np.array([match.usable for match in self.matches], dtype=bool)
+
+
+def registration_json(
+    registration: Registration,
+    mapolas: MatchedMapolas,
+) -> dict[str, Any]:
+    """Content of ``registration.json`` (DESIGN: keys that other programs read).
+
+    Parameters
+    ----------
+    registration : Registration
+        Fitted to the usable ones of `mapolas`, in their order.
+    mapolas : MatchedMapolas
+
+    Returns
+    -------
+    dict
+        Units stand in the keys; arrays and NaN are turned into JSON where it is written.
+    """
+    fit, scans = registration.fit, mapolas.scans
+    known = KnownTransform(registration.model, registration.transform, registration.covariance)
+    felt = fit.sizes.shared[0] * mapolas.effects[mapolas.usable]
+    centers = np.stack([match.center for match in mapolas.matches])[mapolas.usable]
+    content: dict[str, Any] = {
+        **known.numbers(),
+        "residual_std_m": registration.residual_std,
+        "n_used": int(np.count_nonzero(fit.used)),
+        "n_rejected": len(mapolas.matches) - int(np.count_nonzero(fit.used)),
+        "maplet_sigma_m": fit.sizes.independent,
+        "scan_sigma_m": float(np.sqrt(np.sum(felt**2) / (3.0 * len(felt)))),
+        "per_scan": per_scan_json(scans, scans.displacements(registration.strengths)),
+        "iterations": registration.iterations,
+        "converged": fit.converged,
+        "reason": fit.reason,
+        "landmarks": None if mapolas.landmarks is None else mapolas.landmarks.as_json(),
+        "per_mapola": per_mapola_json(mapolas, _placed(registration, mapolas)),
+        "tests": departures_json(registration, centers),
+        "stability": stability_json(registration, centers),
+        "inverse": known.inverse().numbers(),
+        "reasons": registration_reasons(registration, centers),
+    }
+    if registration.model == "affine":
+        found = content["tests"]["strain"]
+        content |= {key: found[key] for key in ("strain", "strain_sigma")}
+    return content
+
+
+def scale_influence(registration: Registration, mapolas: MatchedMapolas) -> FloatArray:
+    """Change (N, 3) of the scale of a similarity for a displacement of each match, 1/m.
+
+    0 where a match did not enter.
+    """
+    moved = np.zeros((len(mapolas.matches), 3))
+    of_all = influence(registration.observations, registration.fit)
+    moved[mapolas.usable] = of_all[registration.parameters.index("scale")]
+    return moved
+
+
+def per_scan_json(scans: ScanEffects, displacement: FloatArray) -> list[dict[str, Any]]:
+    """One entry for each scan: what is added to its adjustment, (S, 6) metres and radians."""
+    return [
+        {
+            "scan": name,
+            "center_m": center,
+            "offset_m": moved[:3],
+            "rotation_deg": np.degrees(moved[3:]),
+        }
+        for name, center, moved in zip(scans.names, scans.center, displacement, strict=True)
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """Where all mapolas are registered, those that do not match too.
+
+    Attributes
+    ----------
+    shift : (N, 3) ndarray
+        What the errors of their scans add to the transform, SPC coordinates, metres.
+    residual : (N, 3) ndarray
+        What a fit leaves, metres; NaN where there is no match.
+    surface : (N, 3) ndarray
+        SPC surface less registered lidar, metres; NaN where it is not used.
+    covariance : (N, 3, 3) ndarray
+        Of where they are registered, m².
+    used : (N,) bool ndarray
+        Whether SPC and lidar agree there.
+    """
+
+    shift: FloatArray
+    residual: FloatArray
+    surface: FloatArray
+    covariance: FloatArray
+    used: BoolArray
+
+
+def _placed(registration: Registration, mapolas: MatchedMapolas) -> Placed:
+    """Where the fit registers the mapolas."""
+    centers = np.array([match.center for match in mapolas.matches])
+    residual, used = np.full(centers.shape, np.nan), mapolas.usable
+    residual[used] = registration.fit.conditional
+    used[used] = registration.fit.used
+    shift = mapolas.effects @ registration.strengths
+    moved = np.array([match.displacement for match in mapolas.matches]).reshape(-1, 3)
+    surface = centers + moved - registration.transform.apply(centers) - shift
+    surface[~used] = np.nan
+    return Placed(
+        shift=shift,
+        residual=residual,
+        surface=surface,
+        covariance=registration.position_covariance(centers, mapolas.effects) + mapolas.beside,
+        used=used,
+    )
+
+
+def per_mapola_json(mapolas: MatchedMapolas, placed: Placed) -> list[dict[str, Any]]:
+    """One entry for each mapola: what was found, and why it was not used if it was not."""
+    return [
+        {
+            "name": match.name,
+            "center_m": match.center,
+            "displacement_m": match.displacement,
+            "sigma_m": np.sqrt(np.diag(match.covariance)),
+            "scan_shift_m": placed.shift[number],
+            "residual_m": placed.residual[number],
+            "surface_residual_m": placed.surface[number],
+            "position_covariance_m2": placed.covariance[number],
+            "used": bool(placed.used[number]),
+            "reason": match.reason or ("" if placed.used[number] else DISAGREES),
+            "coverage": match.coverage,
+            "correlation": match.correlation,
+        }
+        for number, match in enumerate(mapolas.matches)
+    ]
+
+
+_AGAIN = "remove it and register again"
+
+
+def transform_of(content: Mapping[str, Any], where: str, *, do: str = _AGAIN) -> Affine:
+    """Read the transform from lidar to SPC coordinates (metres) out of ``registration.json``.
+
+    `where` is named in errors, and `do` says what is to be done.
+
+    Raises
+    ------
+    InvalidValueError
+        If a key is missing or is not a number, or the registration is refused.
+    """
+    if content.get("verdict") == "refused":
+        raise InvalidValueError("is of a registration that was refused", where, do)
+    try:
+        translation = np.array(content["translation_m"], dtype=np.float64)
+        if content["model"] == "affine":
+            return Affine(content["matrix"], translation, SPC_FRAME, LIDAR_FRAME)
+        turn = np.radians(np.array(content["rotation_deg"], dtype=np.float64))
+        scale = float(content["scale"])
+        return Similarity.from_rotation_vector(
+            turn, translation, scale, SPC_FRAME, LIDAR_FRAME
+        ).as_affine()
+    except (KeyError, TypeError, ValueError, OverflowError, InvalidValueError) as error:
+        raise InvalidValueError(f"has no usable transform ({error})", where, do) from error
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """How a mapola is registered.
+
+    Attributes
+    ----------
+    shift : (3,) ndarray
+        What the errors of its scans add to the transform, SPC coordinates, metres.
+    residual : (3,) ndarray
+        How far the SPC surface lies from the registered mapola, metres; NaN if it does not match.
+    covariance : (3, 3) ndarray
+        Of where it is registered, m².
+    """
+
+    shift: FloatArray
+    residual: FloatArray
+    covariance: FloatArray
+
+    def grid(self, grid: MapletGrid, transform: Affine) -> MapletGrid:
+        """Return where the grid of a mapola is registered."""
+        moved = grid.moved(transform)
+        return replace(moved, center=moved.center + self.shift)
+
+
+def placements_of(content: Mapping[str, Any], where: str) -> dict[str, Placement]:
+    """Read how each mapola is registered out of ``registration.json``; `where` is for errors.
+
+    Raises
+    ------
+    InvalidValueError
+        If a key is missing or does not hold what it should.
+    """
+    try:
+        return {
+            str(entry["name"]): Placement(
+                _vector(entry["scan_shift_m"]),
+                _to_surface(entry),
+                np.array(entry["position_covariance_m2"], dtype=np.float64).reshape(3, 3),
+            )
+            for entry in content["per_mapola"]
+        }
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InvalidValueError(f"has no usable mapolas ({error})", where, _AGAIN) from error
+
+
+def _to_surface(entry: Mapping[str, Any]) -> FloatArray:
+    """How far the SPC surface lies (3,), metres: of a fit by images not what is left of that."""
+    if "surface_residual_m" in entry:
+        return _vector(entry["surface_residual_m"])
+    return _vector(entry["residual_m"]) if entry["used"] else np.full(3, np.nan)
+
+
+def _vector(values: Any) -> FloatArray:
+    return np.array(values, dtype=np.float64).reshape(3)

@@ -1,0 +1,216 @@
+"""Returns against an SPC surface: each by its own place, none moved to a grid point before.
+
+A return's height above the surface is read where the return lies, on a cubic spline; it is these
+differences that are averaged over cells, not heights. They are small and smooth, so that nothing
+is lost of what slopes do inside a cell, and cells are what the surface's errors, its resolution
+and its weights are known by.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fusion.registration.returns.equations import SurfacePair
+from fusion.surfacematch import BEST_SHARE, BORDER, Surface, spline_of
+from fusion.surfacematch.resolution import blur, filled
+from spcola.arrays import BoolArray, FloatArray
+from spcola.compilation import compiled
+from spcola.grids import MapletGrid
+from spcola.math import Affine
+from spcola.math.robust import huber_weight, mad
+
+# Robust standard deviations from the surface at which a return is of something else.
+_STRAY = 8.0
+
+
+@dataclass(frozen=True, eq=False)
+class CloudOfReturns:
+    """N returns about one SPC surface.
+
+    Parameters
+    ----------
+    points : (N, 3) ndarray
+        Body-fixed, metres.
+    sigma : (N,) ndarray
+        One standard deviation of a return, metres; NaN where unknown.
+    """
+
+    points: FloatArray
+    sigma: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+@dataclass(frozen=True, eq=False)
+class FixedSurface:
+    """An SPC surface that returns are compared with.
+
+    Parameters
+    ----------
+    grid : MapletGrid
+    surface : Surface
+        Heights and sigmas on it.
+    blur_cells : float
+        Blur of the surface against the returns, cells; where it is negative the surface is the
+        sharper one, and is blurred.
+    """
+
+    grid: MapletGrid
+    surface: Surface
+    blur_cells: float = 0.0
+
+    @cached_property
+    def height(self) -> FloatArray:
+        """Heights (N, N), metres, at the resolution at which they are compared."""
+        if self.blur_cells >= 0:
+            return self.surface.height
+        return blur(self.surface.height, -self.blur_cells)
+
+    @cached_property
+    def known(self) -> BoolArray:
+        """Mask (N, N) of grid points with a height."""
+        mask: BoolArray = np.isfinite(self.height)
+        return mask
+
+    @cached_property
+    def coefficients(self) -> FloatArray:
+        """Coefficients (N + 4, N + 4) of the cubic spline through the heights."""
+        return spline_of(filled(self.height))
+
+
+def height_of_returns(
+    returns: CloudOfReturns, fixed: FixedSurface, transform: Affine, *, strays: bool = False
+) -> Surface:
+    """Return the surface of moved returns on the grid, by their differences from the fixed one.
+
+    Parameters
+    ----------
+    returns : CloudOfReturns
+    fixed : FixedSurface
+    transform : Affine
+        From the returns' frame to that of the surface.
+    strays : bool
+        Whether returns far from the surface count too.
+
+    Returns
+    -------
+    Surface
+        Of ``fixed.grid``: the fixed height less the mean difference of the returns nearest to the
+        grid point, NaN without; sigma of that mean, NaN where the returns' own is unknown.
+    """
+    grid = fixed.grid
+    matrix = grid.axes @ transform.matrix
+    offset = grid.axes @ (transform.translation - grid.center)
+    sums, window = np.zeros((4, *grid.shape)), np.array([0.0, np.inf])
+    for _ in range(1 if strays else 2):
+        sums = np.zeros((4, *grid.shape))
+        _sum_up(
+            returns.points,
+            returns.sigma,
+            (matrix, offset, window),
+            grid.gsd,
+            fixed.coefficients,
+            fixed.known,
+            sums,
+        )
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = sums[1] / sums[0]
+        window = np.array([np.nanmedian(mean) if sums[0].any() else 0.0, _STRAY * float(mad(mean))])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        sigma = np.where(sums[2] > 0, np.sqrt(sums[3]) / sums[0], np.nan)
+    return Surface(np.where(sums[0] > 0, fixed.height - mean, np.nan), sigma)
+
+
+def compared(lidar: Surface, fixed: FixedSurface) -> SurfacePair:
+    """Bring a surface of returns to the fixed one's resolution, and weigh the two.
+
+    Weights are by the sigmas of both, as in :func:`fusion.surfacematch.match_surfaces`, in
+    units of what the differences show; the robust ones are Huber's about the median.
+    """
+    moving = blur(lidar.height, fixed.blur_cells) if fixed.blur_cells > 0 else lidar.height
+    difference = fixed.height - moving
+    weight = relative_weight(lidar, fixed.surface)
+    standard = (difference - np.nanmedian(difference)) * np.sqrt(weight)
+    scale = max(float(mad(standard)), 1e-9)
+    return SurfacePair(
+        fixed.height, moving, weight / scale**2, huber_weight(standard / scale, k=2.0)
+    )
+
+
+def relative_weight(lidar: Surface, fixed: Surface) -> FloatArray:
+    """Weights (N, N) of the differences against those known best, at most 1; 0 where unknown."""
+    variance = lidar.variance + fixed.variance
+    both = np.isfinite(lidar.height) & np.isfinite(fixed.height)
+    if not (variance[both] > 0).any():
+        return both.astype(np.float64)
+    best = float(np.quantile(variance[both], BEST_SHARE))
+    return np.where(both, 1.0 / np.maximum(variance / max(best, 1e-12), 1.0), 0.0)
+
+
+@compiled
+def _sum_up(
+    points: FloatArray,
+    sigma: FloatArray,
+    placing: tuple[FloatArray, FloatArray, FloatArray],
+    gsd: float,
+    coefficients: FloatArray,
+    known: BoolArray,
+    sums: FloatArray,
+) -> None:
+    """Add each return's difference to the sums of its cell.
+
+    `placing` are matrix and offset into the grid's frame, and the middle of what differences are
+    allowed with their largest distance from it. The sums are of returns, differences, returns of
+    known sigma, and variances.
+    """
+    matrix, offset, window = placing
+    size = known.shape[0]
+    middle = (size - 1) // 2
+    for k in range(len(points)):
+        a, b, c = points[k, 0], points[k, 1], points[k, 2]
+        x = (matrix[0, 0] * a + matrix[0, 1] * b + matrix[0, 2] * c + offset[0]) / gsd + middle
+        y = (matrix[1, 0] * a + matrix[1, 1] * b + matrix[1, 2] * c + offset[1]) / gsd + middle
+        column, row = int(np.floor(x + 0.5)), int(np.floor(y + 0.5))
+        if not (0 <= column < size and 0 <= row < size) or not known[row, column]:
+            continue
+        z = matrix[2, 0] * a + matrix[2, 1] * b + matrix[2, 2] * c + offset[2]
+        difference = _spline(coefficients, x, y) - z
+        if abs(difference - window[0]) > window[1]:
+            continue
+        sums[0, row, column] += 1.0
+        sums[1, row, column] += difference
+        if sigma[k] > 0.0:
+            sums[2, row, column] += 1.0
+            sums[3, row, column] += sigma[k] * sigma[k]
+
+
+@compiled
+def _spline(coefficients: FloatArray, x: float, y: float) -> float:
+    """Cubic spline of a layer (N, N) at column `x` and row `y`, by :func:`spline_of`."""
+    last = coefficients.shape[0] - 1
+    column, row = int(np.floor(x)), int(np.floor(y))
+    t, u = x - column, y - row
+    total = 0.0
+    for i in range(4):
+        wy = _basis(i, u)
+        r = min(max(row - 1 + i + BORDER, 0), last)
+        for j in range(4):
+            c = min(max(column - 1 + j + BORDER, 0), last)
+            total += wy * _basis(j, t) * coefficients[r, c]
+    return total
+
+
+@compiled
+def _basis(number: int, t: float) -> float:
+    """The four cubic B-splines that are not 0 between two knots, at `t` of the way."""
+    if number == 0:
+        return (1.0 - t) ** 3 / 6.0
+    if number == 1:
+        return (3.0 * t**3 - 6.0 * t**2 + 4.0) / 6.0
+    if number == 2:
+        return (-3.0 * t**3 + 3.0 * t**2 + 3.0 * t + 1.0) / 6.0
+    return t**3 / 6.0

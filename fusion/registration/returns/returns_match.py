@@ -1,0 +1,260 @@
+"""The match of returns to one SPC surface, without a mapola between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from fusion.registration.returns.equations import SurfacePair, both_slopes
+from fusion.registration.returns.return_heights import (
+    CloudOfReturns,
+    FixedSurface,
+    compared,
+    height_of_returns,
+    relative_weight,
+)
+from fusion.surfacematch import Match, MatchOptions, unmatched
+from fusion.surfacematch.resolution import filled
+from spcola.arrays import BoolArray, FloatArray
+from spcola.grids.statistics import independent_patches, robust_covariance, shift_variances
+from spcola.math import Affine
+from spcola.math.robust import huber_scores, huber_weight, mad
+
+# Two displacements further apart than this many cells are two answers.
+_APART = 3.0
+# Fewer independent differences than twice the parameters give no covariance.
+_MIN_PATCHES = 10.0
+# A displacement is found when a step is shorter than this, cells, or than that share of its sigma:
+# returns that change cells with every step keep the last digits moving.
+_STILL, _STILL_SIGMAS = 1e-3, 0.05
+# Below this share of relief in the slopes shown, noise holds the match.
+_LEAST_COMMON = 0.1
+
+
+def match_returns(
+    name: str,
+    returns: CloudOfReturns,
+    fixed: FixedSurface,
+    *,
+    options: MatchOptions | None = None,
+) -> Match:
+    """Find how returns have to move to lie on one SPC surface.
+
+    As :func:`fusion.surfacematch.match_surfaces`, whose model, plane and refusals it
+    shares; but at each step the returns themselves are moved and compared with the surface where
+    they lie then.
+
+    Parameters
+    ----------
+    name : str
+    returns : CloudOfReturns
+        About the surface.
+    fixed : FixedSurface
+    options : MatchOptions, optional
+
+    Returns
+    -------
+    Match
+        With NaN displacement and a `reason` where nothing trustworthy was found.
+    """
+    options = options or MatchOptions()
+    here = height_of_returns(returns, fixed, _shift(fixed, np.zeros(3)))
+    both = float(np.mean(np.isfinite(here.height)))
+    if both < options.min_coverage:
+        return unmatched(name, fixed.grid, both, f"returns and surface share only {both:.0%} of it")
+    starts = _searched(here.height, fixed, relative_weight(here, fixed.surface), options)
+    if not starts:
+        edge = f"the best match lies at the edge of the capture range ({options.capture_m:g} m)"
+        return unmatched(name, fixed.grid, both, edge)
+    found = [_refined(returns, fixed, start, options) for start in starts]
+    best = found[0]
+    if best is None:
+        return unmatched(name, fixed.grid, both, "the terrain has no relief to hold the match")
+    for other in found[1:]:
+        if other is not None and _rivals(other, best, fixed.grid.gsd, options):
+            alike = "two displacements fit alike (flat or periodic terrain)"
+            return unmatched(name, fixed.grid, both, alike)
+    return _judged(name, fixed, best, options)
+
+
+def _shift(fixed: FixedSurface, local: FloatArray) -> Affine:
+    """Displacement by `local` (3,), metres along the grid's axes."""
+    return Affine(np.eye(3), fixed.grid.axes.T @ local, "spc", "lidar")
+
+
+def _searched(
+    height: FloatArray, fixed: FixedSurface, weight: FloatArray, options: MatchOptions
+) -> list[FloatArray]:
+    """Best whole-cell displacement, metres, and up to two rivals; none if it lies on the edge."""
+    gsd = fixed.grid.gsd
+    reach = max(1, int(np.ceil(options.capture_m / gsd)))
+    seen = np.isfinite(height)
+    # Where returns fall now says little of the weight after the move: a gap must not become one.
+    heavy = np.where(fixed.known, np.where(seen, weight, np.median(weight[seen])), 0.0)
+    variance = shift_variances(filled(height), seen, filled(fixed.height), heavy, reach=reach)
+    valleys = np.argwhere(ndimage.minimum_filter(variance, size=5, mode="nearest") == variance)
+    order = sorted(valleys.tolist(), key=lambda at: float(variance[at[0], at[1]]))
+    best = order[0]
+    if reach > 1 and max(abs(best[0] - reach), abs(best[1] - reach)) == reach:
+        return []
+    limit = max(
+        options.ambiguity * float(variance[best[0], best[1]]), 0.25 * float(np.nanmedian(variance))
+    )
+    chosen = [
+        (row, column)
+        for row, column in order
+        if np.hypot(row - best[0], column - best[1]) > _APART and variance[row, column] < limit
+    ]
+    up = float(np.nanmedian(fixed.height - height))
+    return [
+        np.array([gsd * (column - reach), gsd * (row - reach), up])
+        for row, column in [(best[0], best[1]), *chosen[:2]]
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Fine:
+    local: FloatArray  # metres
+    covariance: FloatArray  # of it
+    standardised: FloatArray
+    pair: SurfacePair
+    iterations: int
+    settled: bool
+
+
+def _refined(
+    returns: CloudOfReturns, fixed: FixedSurface, start: FloatArray, options: MatchOptions
+) -> _Fine | None:
+    """Gauss–Newton from `start`; None where the relief does not hold a displacement."""
+    gsd, local = fixed.grid.gsd, start.copy()
+    iterations, settled = 0, False
+    while not settled and iterations < options.max_iterations:
+        iterations += 1
+        lidar = height_of_returns(returns, fixed, _shift(fixed, local))
+        if np.count_nonzero(np.isfinite(lidar.height)) < 30:
+            return None
+        pair = compared(lidar, fixed)
+        solved = _solved(pair, gsd)
+        if solved is None:
+            return None
+        step, rest, covariance = solved
+        length = float(np.max(np.abs(step[:2]))) / gsd
+        local = local + step[:3] / max(length, 1.0)
+        known_to = float(np.sqrt(np.min(np.diag(covariance)[:2]))) / gsd
+        settled = length < max(_STILL, _STILL_SIGMAS * known_to)
+    return _Fine(local, covariance, rest, pair, iterations, settled)
+
+
+def _solved(pair: SurfacePair, gsd: float) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Step (5,), what it leaves (N, N) over its sigma, and covariance (3, 3) of a displacement.
+
+    The last two parameters are the plane, whose tilts are a nuisance.
+    """
+    slopes = both_slopes(pair, gsd)
+    size = len(pair.fixed)
+    tilt_y, tilt_x = (np.indices(pair.fixed.shape) - (size - 1) / 2.0) / size
+    # What lies above the middle moves with a tilt: see fusion.surfacematch.alignment.tipping.
+    arm = pair.fixed / (size * gsd)
+    sides = [
+        np.stack([-x, -y, np.ones_like(arm), tilt_x + arm * x, tilt_y + arm * y], axis=-1)
+        for x, y in (slopes[:2], slopes[2:])
+    ]
+    difference = pair.fixed - pair.moving
+    known = np.isfinite(difference + slopes.sum(axis=0)) & (pair.weight > 0)
+    if np.count_nonzero(known) < 30:
+        return None
+    root = np.sqrt(np.where(known, pair.weight, 0.0))
+    first, second = (np.nan_to_num(side) * root[..., None] for side in sides)
+    mean, target = 0.5 * (first + second), np.nan_to_num(difference) * root
+    robust, step = np.where(known, pair.robust, 0.0), np.zeros(5)
+    for _ in range(4):
+        weighted = mean * robust[..., None]
+        shown = np.einsum("rcp,rcq->pq", weighted, mean)
+        normal = np.einsum("rcp,rcq->pq", first * robust[..., None], second)
+        normal = 0.5 * (normal + normal.T)
+        if not _holds(shown, normal):
+            return None
+        step = np.linalg.solve(normal, np.einsum("rcp,rc->p", weighted, target))
+        rest = target - mean @ step
+        spread = max(float(mad(rest[known])), 1e-12)
+        robust = np.where(known, huber_weight(rest / spread), 0.0)
+    standardised = np.where(known, rest, np.nan)
+    # The sandwich takes what is shown for what is told; the difference is noise of the slopes.
+    carried = np.linalg.solve(normal, shown)
+    design = np.moveaxis(np.where(known[..., None], mean, 0.0), -1, 0)
+    found = robust_covariance(design, huber_scores(standardised, spread))
+    covariance = carried @ found.matrix @ carried.T
+    return step, standardised, covariance[:3, :3]
+
+
+def _holds(shown: FloatArray, normal: FloatArray) -> bool:
+    """Whether relief that both surfaces show, and not noise, determines every parameter."""
+    size = np.sqrt(np.diag(shown))
+    if np.min(size) < 1e-9:
+        return False
+    values, vectors = np.linalg.eigh(shown / np.outer(size, size))
+    if values[0] < 1e-10 * values[-1]:
+        return False
+    white = vectors / np.sqrt(values) / size[:, None]
+    return bool(np.linalg.eigvalsh(white.T @ normal @ white)[0] > _LEAST_COMMON)
+
+
+def _rivals(other: _Fine, best: _Fine, gsd: float, options: MatchOptions) -> bool:
+    """Whether another displacement leaves about the same difference as the best one.
+
+    Each pair's weights are in its own units: they are compared in metres.
+    """
+    apart = float(np.hypot(*(other.local - best.local)[:2])) > _APART * gsd
+    spread, least = (
+        float(np.nanvar(np.where(fine.pair.weight > 0, fine.pair.fixed - fine.pair.moving, np.nan)))
+        for fine in (other, best)
+    )
+    return apart and spread < options.ambiguity * least
+
+
+def _judged(name: str, fixed: FixedSurface, fine: _Fine, options: MatchOptions) -> Match:
+    """Turn a refined displacement into the result, with the reason if it cannot be trusted."""
+    grid, pair = fixed.grid, fine.pair
+    known = np.isfinite(fine.standardised)
+    correlation = _correlation(pair, known)
+    coverage = float(np.mean(known))
+    patches = independent_patches(fine.standardised)
+    reason = ""
+    if coverage < options.min_coverage:
+        reason = f"only {coverage:.0%} of the grid could be compared"
+    elif not fine.settled:
+        reason = f"the displacement still moved after {fine.iterations} steps"
+    elif patches < _MIN_PATCHES:
+        reason = (
+            f"the differences hold together over so far that only {patches:.0f} are independent"
+        )
+    elif correlation < options.min_correlation:
+        reason = f"the surfaces correlate by {correlation:.2f} only"
+    elif np.hypot(fine.local[0], fine.local[1]) > options.capture_m:
+        reason = f"the displacement left the capture range ({options.capture_m} m)"
+    return Match(
+        name=name,
+        center=grid.center,
+        displacement=grid.axes.T @ fine.local,
+        covariance=grid.axes.T @ fine.covariance @ grid.axes,
+        local=fine.local,
+        residual=np.where(known, pair.fixed - pair.moving, np.nan),
+        correlation=correlation,
+        coverage=coverage,
+        iterations=fine.iterations,
+        reason=reason,
+    )
+
+
+def _correlation(pair: SurfacePair, known: BoolArray) -> float:
+    """Weighted correlation of both surfaces, planes removed, over the points compared."""
+    rows, columns = np.nonzero(known)
+    share = np.sqrt(pair.weight[known])[:, None]
+    plane = share * np.stack([np.ones(len(rows)), rows, columns], axis=1)
+    both = share * np.stack([pair.fixed[known], pair.moving[known]], axis=1)
+    rest = both - plane @ np.linalg.lstsq(plane, both, rcond=None)[0]
+    product = rest.T @ rest
+    scale = np.sqrt(product[0, 0] * product[1, 1])
+    return float(product[0, 1] / scale) if scale > 0 else 0.0

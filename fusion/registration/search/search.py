@@ -1,0 +1,263 @@
+"""Where lidar and SPC disagree about the frame: the turn, mirrored axis or unit that mends it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fusion.registration.search.closest import Placement, PointSurface, fit_placement
+from fusion.registration.search.directions import Directions, cell_centers
+from fusion.registration.search.frame_texts import UNITS, FrameChange, frame_change
+from fusion.registration.search.highpass import ShortRelief
+from fusion.registration.search.orientations import (
+    all_orientations,
+    apart_deg,
+    climbed,
+    distinct,
+    likeness,
+)
+from spcola.arrays import FloatArray
+from spcola.errors import NotObservableError
+
+_ORIENTATIONS = 30_000
+_COARSE_DEG, _MIDDLE_DEG = 5.0, 2.0
+_COARSE_LIDAR, _COARSE_SURFACE, _FINE = 12, 32, 64
+_TRIED, _FITTED = 250, 48
+_FEW, _SOME, _MANY = 1000, 3000, 20_000
+_FEW_STEPS, _MANY_STEPS = 10, 30
+# Optima nearer to the best than this are no wrong places.
+_APART_DEG, _ELSEWHERE_DEG = 4.0, 20.0
+_LEAST_POINTS = 30
+_ELSEWHERE, _LEAST_WRONG = 120, 20
+LEAST_SIGNIFICANCE = 5.0
+"""Standard deviations above all wrong places, below which nothing counts as found."""
+LEAST_CORRELATION = 0.4
+"""Of the short relief of lidar and surface, below which nothing counts as found."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameCandidate:
+    """A way to place the lidar on the SPC surface.
+
+    Attributes
+    ----------
+    placement : Placement
+        Takes lidar coordinates to SPC coordinates, metres.
+    change : FrameChange
+        The same as a person would say it.
+    correlation : float
+        Of the relief at wavelengths below some twenty degrees, of −1 to 1.
+    misfit_m : float
+        Robust standard deviation of the lidar's distances from the surface, metres.
+    share : float
+        Share of the lidar where there is a surface.
+    """
+
+    placement: Placement
+    change: FrameChange
+    correlation: float
+    misfit_m: float
+    share: float
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it in JSON types."""
+        return {
+            **self.change.as_json(),
+            "matrix": self.placement.matrix.tolist(),
+            "scale": self.placement.scale,
+            "translation_m": self.placement.translation.tolist(),
+            "correlation": self.correlation,
+            "misfit_m": self.misfit_m,
+            "share": self.share,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class FrameSearch:
+    """What a search for the lidar's frame found.
+
+    Attributes
+    ----------
+    candidates : tuple of FrameCandidate
+        Ranked by the correlation of their relief, the best first; the rest are wrong places, or
+        all are.
+    found : bool
+        Whether the first is the lidar's place.
+    significance : float
+        By how many standard deviations of wrong places the first is better than all of these.
+    """
+
+    candidates: tuple[FrameCandidate, ...]
+    found: bool
+    significance: float
+
+    @property
+    def best(self) -> FrameCandidate | None:
+        """The lidar's place; None if it was not found."""
+        return self.candidates[0] if self.found else None
+
+    @property
+    def text(self) -> str:
+        """What was found, in one clause."""
+        if self.found:
+            return f"the lidar {self.candidates[0].change.text}"
+        return (
+            "no turn, mirrored axis, unit or shift makes the lidar fit: it may be of another body, "
+            "or have no relief"
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it in JSON types, with the best candidate and the next four."""
+        return {
+            "found": self.found,
+            "text": self.text,
+            "significance": self.significance,
+            "candidates": [candidate.as_json() for candidate in self.candidates[:5]],
+        }
+
+
+def search_frames(lidar: FloatArray, surface: FloatArray, *, seed: int = 1) -> FrameSearch:
+    """Look for the turn, mirrored axis, unit, scale and shift by which the lidar fits a surface.
+
+    All orientations are tried, mirrored ones too, by the radii of both as functions of direction;
+    the likely ones are improved, and fitted by the distances from the surface. The best is found
+    only if its short relief, of which the fit of the body's long waves says nothing, agrees
+    far better than at the wrong places where the fit ended as well.
+
+    Parameters
+    ----------
+    lidar : (N, 3) ndarray
+        Returns, body-fixed, as stated; spread over what the lidar saw; metres if their unit is
+        right. Some ten thousand are enough; more than a million take longer.
+    surface : (M, 3) ndarray
+        Points of the SPC surface, metres, closer than a degree seen from the body's centre.
+    seed : int
+        Of the choice of returns.
+
+    Returns
+    -------
+    FrameSearch
+
+    Raises
+    ------
+    NotObservableError
+        If lidar or surface have hardly any point.
+    """
+    search = _Search(lidar, surface, np.random.default_rng(seed))
+    fitted = [search.fitted(start, search.few, _FEW_STEPS) for start in search.starts()]
+    fitted = [candidate for candidate in fitted if np.isfinite(candidate.misfit_m)]
+    if not fitted:
+        return FrameSearch((), False, 0.0)
+    fitted.sort(key=lambda candidate: -candidate.correlation)
+    best = search.fitted(fitted[0].placement, search.many, _MANY_STEPS)
+    matrices = np.array([candidate.placement.matrix for candidate in fitted])
+    others = np.flatnonzero(apart_deg(best.placement.matrix, matrices) > _ELSEWHERE_DEG)
+    score = np.array([candidate.correlation for candidate in fitted])
+    apart = others[distinct(matrices[others], score[others], _APART_DEG, len(others))]
+    wrong = np.concatenate([score[apart], search.elsewhere(best)])
+    significance = significance_of(best.correlation, wrong)
+    found = significance >= LEAST_SIGNIFICANCE and best.correlation >= LEAST_CORRELATION
+    return FrameSearch((best, *(fitted[k] for k in apart)), found, significance)
+
+
+def significance_of(best: float, wrong: FloatArray) -> float:
+    """Return by how many standard deviations of wrong places a place is better than all of them.
+
+    Parameters
+    ----------
+    best : float
+        Correlation at the place.
+    wrong : (K,) ndarray
+        At wrong places. By chance their Fisher transforms are nearly normal, and the best of wrong
+        places is better than the next by less than one standard deviation; even were their tails
+        exponential, by five in less than one case of a hundred.
+
+    Returns
+    -------
+    float
+        0 if there are too few wrong places to say.
+    """
+    if len(wrong) < _LEAST_WRONG:
+        return 0.0
+    others = _normal(wrong)
+    spread = float(np.sqrt(np.mean((others - others.mean()) ** 2)))
+    return float((_normal(best) - others.max()) / spread) if spread > 0.0 else 0.0
+
+
+def _normal(correlation: Any) -> Any:
+    """Fisher's transform, by which correlations by chance are nearly normal."""
+    return np.arctanh(np.clip(correlation, -0.9999, 0.9999))
+
+
+class _Search:
+    """Both surfaces, prepared for all steps of a search."""
+
+    def __init__(self, lidar: FloatArray, surface: FloatArray, draw: np.random.Generator) -> None:
+        self._ground = Directions.of(_finite(surface), _FINE)
+        self._sky = _spread_out(_finite(lidar))
+        if len(self._ground) < _LEAST_POINTS or len(self._sky) < _LEAST_POINTS:
+            raise NotObservableError(
+                f"{len(self._sky)} places of the lidar and {len(self._ground)} of the surface are "
+                f"too few, {_LEAST_POINTS} are needed",
+                where="search for the lidar's frame",
+            )
+        radius = float(np.exp(np.median(self._ground.log_radius)))
+        self._surface = PointSurface(_finite(surface), np.radians(1.0) * radius)
+        self._relief = ShortRelief(self._ground)
+        order = draw.permutation(len(self._sky))
+        points = _finite(lidar)[self._sky.row]
+        self._order = order[:_FEW]
+        self.few, self.some, self.many = (points[order[:count]] for count in (_FEW, _SOME, _MANY))
+
+    def starts(self) -> list[Placement]:
+        """The likeliest orientations, each with the scale that makes the radii alike."""
+        ground, sky = self._ground, self._sky
+        coarse = sky.coarser(_COARSE_LIDAR)
+        score = likeness(
+            tried := all_orientations(_ORIENTATIONS),
+            coarse.unit,
+            sky.smoothed(coarse.unit, _COARSE_DEG),
+            ground.smoothed(cell_centers(_COARSE_SURFACE), _COARSE_DEG),
+            tuple(UNITS),
+        )
+        likely = distinct(tried, score, 8.0, _TRIED)
+        unit, log_radius = sky.unit[self._order], sky.log_radius[self._order]
+        middle = ground.smoothed(cell_centers(_FINE), _MIDDLE_DEG)
+        turned, score = climbed(tried[likely], unit, log_radius, middle, tuple(UNITS))
+        chosen = turned[distinct(turned, score, _APART_DEG, _FITTED)]
+        return [self._scaled(matrix, unit, log_radius) for matrix in chosen]
+
+    def _scaled(self, matrix: FloatArray, unit: FloatArray, log_radius: FloatArray) -> Placement:
+        _, row = self._ground.tree.query(unit @ matrix.T)
+        scale = float(np.exp(np.median(self._ground.log_radius[row] - log_radius)))
+        return Placement(matrix, np.zeros(3), scale)
+
+    def fitted(self, start: Placement, points: FloatArray, steps: int) -> FrameCandidate:
+        """Fit `points` to the surface from a start, and compare the short relief."""
+        at, misfit, share = fit_placement(self._surface, points, start, steps=steps)
+        correlation = self._relief.correlation(at.apply(self.some))
+        radius = float(np.exp(np.median(self._ground.log_radius)))
+        return FrameCandidate(at, frame_change(at, radius, misfit), correlation, misfit, share)
+
+    def elsewhere(self, best: FrameCandidate) -> FloatArray:
+        """Correlations (K,) of the short relief with that of places where the lidar is not."""
+        turns = all_orientations(_ELSEWHERE // 2)
+        turns = turns[apart_deg(np.eye(3), turns) > _ELSEWHERE_DEG]
+        placed = best.placement.apply(self.few)
+        found = self._relief.elsewhere(placed, turns)
+        return found[np.isfinite(found)]
+
+
+def _finite(points: FloatArray) -> FloatArray:
+    return points[np.isfinite(points).all(axis=1)]
+
+
+def _spread_out(points: FloatArray) -> Directions:
+    """Returns in cells so small that there are enough of them, where the lidar saw little."""
+    for n in (_FINE, 2 * _FINE, 4 * _FINE):
+        cells = Directions.of(points, n)
+        if len(cells) >= _SOME:
+            break
+    return cells

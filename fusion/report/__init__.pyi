@@ -1,0 +1,11 @@
+from .gather import PLANTED_FILE as PLANTED_FILE
+from .gather import gather_report as gather_report
+from .page import make_report as make_report
+from .style import INK as INK
+from .style import MUTED as MUTED
+from .style import data_uri as data_uri
+from .style import drawing as drawing
+from .surfaces import hillshade as hillshade
+from .tables import number as number
+from .tables import planted_table as planted_table
+from .tables import table as table

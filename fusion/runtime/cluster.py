@@ -1,0 +1,315 @@
+"""The same work on more than one machine: tasks for a Dask cluster over a shared folder."""
+
+from __future__ import annotations
+
+import asyncio
+import platform
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
+from dataclasses import dataclass
+from hashlib import sha256
+from importlib.metadata import version
+from typing import Any, Generic, TypeVar
+
+import cloudpickle
+from distributed import Client
+from distributed.client import ClosedClientError
+from distributed.comm import CommClosedError
+from distributed.core import rpc
+from distributed.scheduler import KilledWorker
+
+from fusion.runtime.executor import AHEAD
+from fusion.runtime.machine.threads import one_blas_thread
+from fusion.runtime.processes.interrupt import heed_interrupts
+from spcola.errors import SettingsError, SpcolaError
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+WHERE = "--cluster"
+# Results are the same to the bit where these are.
+_ALIKE = ("spcola", "numpy", "scipy", "numba")
+_ANSWER_S = 20
+# How often it is asked whether the cluster is still there while a result is waited for.
+_LOOK_S = 5
+_START = "start one: dask scheduler, and on each machine: dask worker ADDRESS"
+# A task is given up when so many workers died of it, or its function was lost as often.
+_TRIES = 3
+
+
+class ClusterError(SpcolaError):
+    """A cluster that was there is lost, or cannot do the work."""
+
+
+@dataclass
+class _Waiting(Generic[Item]):
+    item: Item
+    future: Any
+    tries: int = 0
+
+
+class ClusterExecutor:
+    """Runs calls on the workers of a Dask scheduler; they see the workspace under its path.
+
+    The function of a step is sent to the workers once, an item and its result with each task. A
+    worker that dies changes nothing but the time: its tasks are done by others.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler, such as ``tcp://10.0.0.1:8786``.
+
+    Raises
+    ------
+    SettingsError
+        If no scheduler answers, it has no worker, or a worker has other versions than this process:
+        results would not be the same.
+    """
+
+    def __init__(self, address: str) -> None:
+        self._address = address
+        _check_scheduler(address)
+        try:
+            self._client = Client(address, timeout=_ANSWER_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise _no_scheduler(address) from error
+        try:
+            self.workers = self._threads()
+            self._check_versions()
+        except OSError as error:
+            self.close()
+            raise _no_scheduler(address) from error
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Leave the cluster; it goes on without this process."""
+        self._client.close(timeout=1)
+
+    def stream(
+        self, function: Callable[[Item], Result], items: Iterable[Item], *, ahead: int = AHEAD
+    ) -> Iterator[Result]:
+        """Yield the results in the order of `items`.
+
+        `items` is read as workers become free, and at most `ahead` results per thread of the
+        cluster wait to be taken.
+
+        Raises
+        ------
+        ClusterError
+            If the scheduler is gone, or all workers are and none comes back within 20 s; or if
+            workers died of an item as often as it was tried.
+        """
+        payload = cloudpickle.dumps(function)
+        waiting: deque[_Waiting[Item]] = deque()
+        try:
+            with self._told():
+                sent = _Sent(self._client, payload)
+            for item in items:
+                with self._told():
+                    waiting.append(_Waiting(item, sent.submit(item)))
+                if len(waiting) >= ahead * self.workers:
+                    yield self._taken(waiting, sent)
+            while waiting:
+                yield self._taken(waiting, sent)
+        finally:
+            # Of a cluster that is lost nothing has to be taken back.
+            if self._client.status == "running":
+                self._client.cancel([one.future for one in waiting], force=True)
+
+    def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+        """Return the results in the order of `items`."""
+        return list(self.stream(function, items))
+
+    def _taken(self, waiting: deque[_Waiting[Item]], sent: _Sent) -> Any:
+        """Return the oldest result, unless Ctrl-C came before it."""
+        oldest = waiting[0]
+        while True:
+            try:
+                with self._told():
+                    self._wait(oldest.future)
+                result = oldest.future.result()
+                break
+            except KilledWorker as error:
+                raise _given_up() from error
+            except CommClosedError as error:
+                raise self._lost() from error
+            except CancelledError as error:
+                self._check_alive()
+                oldest.tries += 1
+                if oldest.tries >= _TRIES:
+                    raise _given_up() from error
+                with self._told():
+                    oldest.future = sent.submit_again(oldest.item)
+        waiting.popleft()
+        heed_interrupts()
+        return result
+
+    def _wait(self, future: Any) -> None:
+        """Wait until a result or an error is there, as long as the cluster is."""
+        alone = None
+        while not future.done():
+            try:
+                future.exception(timeout=_LOOK_S)
+            except TimeoutError:
+                alone = None if self._check_alive() else alone or time.monotonic()
+            heed_interrupts()
+            if alone is not None and time.monotonic() - alone > _ANSWER_S:
+                raise self._deserted()
+
+    def _check_alive(self) -> int:
+        """Return how many workers there are.
+
+        Raises
+        ------
+        ClusterError
+            If the scheduler is gone.
+        """
+        try:
+            found = _asked(self._address)
+        except (OSError, ValueError) as error:
+            raise self._lost() from error
+        return len(found.get("workers", {}))
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """Say in one line that the cluster is lost, whatever of it fails first."""
+        try:
+            yield
+        except (OSError, ClosedClientError) as error:
+            if not self._check_alive():
+                raise self._deserted() from error
+            raise ClusterError(
+                f"the cluster failed ({type(error).__name__}: {error})",
+                self._address,
+                "give the command again: what is finished is kept",
+            ) from error
+
+    def _deserted(self) -> ClusterError:
+        return ClusterError(
+            "the cluster has lost all its workers",
+            self._address,
+            "start some (dask worker ADDRESS) and give the command again: what is finished is kept",
+        )
+
+    def _lost(self) -> ClusterError:
+        return ClusterError(
+            "the Dask scheduler does not answer any more",
+            self._address,
+            "start it and its workers and give the command again: what is finished is kept",
+        )
+
+    def _threads(self) -> int:
+        workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
+        threads = sum(int(worker["nthreads"]) for worker in workers)
+        if threads == 0:
+            raise SettingsError(
+                "the cluster has no worker", WHERE, "start one on each machine: dask worker ADDRESS"
+            )
+        return threads
+
+    def _check_versions(self) -> None:
+        here = versions()
+        for worker, there in self._client.run(versions).items():
+            other = [f"{name} {there[name]}" for name in here if there[name] != here[name]]
+            if other:
+                mine = ", ".join(
+                    f"{name} {here[name]}" for name in here if there[name] != here[name]
+                )
+                raise SettingsError(
+                    f"worker {worker} has {', '.join(other)}, not {mine}",
+                    WHERE,
+                    "install the same versions: results would not be the same",
+                )
+
+
+class _Sent:
+    """A function that the workers hold."""
+
+    def __init__(self, client: Any, payload: bytes) -> None:
+        self._client, self._payload = client, payload
+        self._digest = sha256(payload).hexdigest()
+        self._held = self._scattered()
+
+    def _scattered(self) -> Any:
+        return self._client.scatter(self._payload, broadcast=True, hash=False, timeout=_ANSWER_S)
+
+    def submit(self, item: Any) -> Any:
+        return self._client.submit(perform, self._held, self._digest, item, pure=False)
+
+    def submit_again(self, item: Any) -> Any:
+        """Submit an item after the workers that held the function were lost with it."""
+        self._held = self._scattered()
+        return self.submit(item)
+
+
+def _asked(address: str) -> dict[str, Any]:
+    """Return what the server at `address` says of itself.
+
+    Raises
+    ------
+    OSError, ValueError
+        If nothing answers in Dask's language within the time, or the address cannot be read.
+    """
+
+    async def identity() -> dict[str, Any]:
+        async with rpc(address, timeout=_ANSWER_S) as server:
+            found: dict[str, Any] = await server.identity()
+            return found
+
+    try:
+        return asyncio.run(asyncio.wait_for(identity(), _ANSWER_S))
+    except (TypeError, MemoryError) as error:
+        # What another server answers is read as the length of a message, and its parts.
+        raise OSError("no answer in Dask's language") from error
+
+
+def _check_scheduler(address: str) -> None:
+    """Refuse what is no scheduler before a client is made: it would wait for it for minutes."""
+    try:
+        found = _asked(address)
+    except (OSError, ValueError) as error:
+        raise _no_scheduler(address) from error
+    if found.get("type") != "Scheduler":
+        raise SettingsError(
+            f"{address} is the address of a {str(found.get('type', 'server')).lower()}, not of the "
+            "Dask scheduler",
+            WHERE,
+            "the scheduler prints its own when it starts",
+        )
+
+
+def _no_scheduler(address: str) -> SettingsError:
+    return SettingsError(f"no Dask scheduler answers at {address}", WHERE, _START)
+
+
+def _given_up() -> ClusterError:
+    return ClusterError(
+        f"{_TRIES} workers died of the same piece of work",
+        WHERE,
+        "give them more memory, or fewer threads each",
+    )
+
+
+# What this worker does now: unpacked once, for it may open files or build what rays are cast at.
+_unpacked: dict[str, Callable[[Any], Any]] = {}
+
+
+def perform(payload: bytes, digest: str, item: Any) -> Any:
+    """Apply the function in `payload` to an item; runs on a worker."""
+    function = _unpacked.get(digest)
+    if function is None:
+        _unpacked.clear()
+        function = _unpacked.setdefault(digest, cloudpickle.loads(payload))
+    # As on threads at home: the tasks are the parallelism, and BLAS must not add its own.
+    with one_blas_thread():
+        return function(item)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that results depend on."""
+    return {"Python": platform.python_version(), **{name: version(name) for name in _ALIKE}}

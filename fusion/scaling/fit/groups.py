@@ -1,0 +1,89 @@
+"""The errors that observations of the scale share: of states, of days, of the ground."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fusion.scaling.fit.observation import ScaleObservations
+from fusion.scaling.geometry.sharing import patterns
+from spcola.arrays import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorGroups:
+    """Displacements by errors that several observations share, each group of one unknown size.
+
+    Attributes
+    ----------
+    displaced : tuple of 3 (N, 3, R_g) ndarrays
+        What each source does, per unit of its size: of states and scans (metres per metre), of
+        days (metres of range), of the ground (metres; its size is a factor).
+    sizes : tuple of 3 float
+        Prior medians of the sizes; 0 for a group that is not there.
+    """
+
+    displaced: tuple[FloatArray, FloatArray, FloatArray]
+    sizes: tuple[float, float, float]
+
+    @classmethod
+    def of(
+        cls, observations: ScaleObservations, state_sigma_m: float, scan_sigma_m: float,
+        day_sigma_m: float,
+    ) -> ErrorGroups:  # fmt: skip
+        """Gather the groups of `observations`; the sizes are expected ones, metres per axis.
+
+        Where states locate the returns, a scan errs by its pointing beside them, and by
+        `scan_sigma_m`; it has no size of its own, but one with that of the states, from which it
+        can hardly be told.
+        """
+        sources = observations.leant_on
+        several = sources.shape[2] > 3
+        if observations.trajectory == "spc" and state_sigma_m > 0 and observations.scan:
+            pointing = pointing_of_scans(observations) * (scan_sigma_m / state_sigma_m)
+            sources = np.concatenate([sources, pointing], axis=2)
+        if several:
+            sources = patterns(sources, state_sigma_m)
+        days = members(observations.day)
+        ground = observations.ground
+        if ground is None:
+            ground = np.zeros((len(observations), 3, 0))
+        return cls(
+            # What a day shares is an error of its ranges, whatever side they are taken from.
+            (sources, observations.beam[:, :, None] * days[:, None, :], ground),
+            (
+                state_sigma_m if several else 0.0,
+                day_sigma_m if days.shape[1] > 1 else 0.0,
+                1.0 if ground.shape[2] else 0.0,
+            ),
+        )
+
+    def entering(self, observations: ScaleObservations) -> tuple[FloatArray, ...]:
+        """How they enter the observations: three (N, D, R_g) ndarrays."""
+        return tuple(observations.entering(group) for group in self.displaced)
+
+    def in_range(self, observations: ScaleObservations) -> tuple[FloatArray, ...]:
+        """How they change ranges: three (N, 1, R_g) ndarrays, metres."""
+        return tuple(
+            np.einsum("ni,nir->nr", observations.sight, group)[:, None] for group in self.displaced
+        )
+
+
+def pointing_of_scans(observations: ScaleObservations) -> FloatArray:
+    """What a turn of the beams of each scan does (N, 3, 3 S), metres per metre on the ground.
+
+    It displaces across the beam only, and the further the longer the range.
+    """
+    member = members(observations.scan)
+    mean = member.T @ observations.range / member.sum(axis=0)
+    beam = observations.beam
+    across = np.eye(3) - beam[:, :, None] * beam[:, None, :]
+    reach = member * observations.range[:, None] / mean
+    return np.einsum("ns,ndi->ndsi", reach, across).reshape(len(beam), 3, -1)
+
+
+def members(labels: tuple[str, ...]) -> FloatArray:
+    """Which of L labels, in their order, each of N items bears: (N, L), 1 or 0."""
+    known = sorted(set(labels))
+    return np.array([[label == other for other in known] for label in labels], dtype=np.float64)

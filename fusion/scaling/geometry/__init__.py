@@ -1,0 +1,5 @@
+"""Where pairs and shots lie: frames of images, ground shared by maplets."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

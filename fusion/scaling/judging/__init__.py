@@ -1,0 +1,5 @@
+"""Whether a scale is accepted, and whether it agrees with the registration."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

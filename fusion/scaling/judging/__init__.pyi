@@ -1,0 +1,10 @@
+from .agreement import consistency as consistency
+from .agreement import shared_by_maplets as shared_by_maplets
+from .findings import consistency_findings as consistency_findings
+from .findings import expected_scatter as expected_scatter
+from .findings import missed_findings as missed_findings
+from .findings import place_findings as place_findings
+from .findings import scale_findings as scale_findings
+from .findings import scan_findings as scan_findings
+from .findings import unmatched_findings as unmatched_findings
+from .findings import unobserved_findings as unobserved_findings

@@ -1,0 +1,288 @@
+"""What the scale's own data say against it: findings of the stage `scale`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fusion.estimation.verdict import Code, Finding, Severity
+from fusion.scaling.fit.joint import ScaleEstimate, ScaleOptions
+from fusion.scaling.fit.observation import PARAMETERS, ScaleObservations
+from fusion.scaling.fit.residuals import after_fit
+from fusion.scaling.places.crossings import Crossings
+from fusion.scaling.places.places import FALSE_ALARM, PlaceCheck
+from fusion.scaling.places.scanplaces import ScanPlaces
+from spcola.math.robust import mad
+
+SIGNIFICANT = 3.0
+"""Sigmas that ε has to differ from 0 by before it may be applied."""
+
+BEYOND = 3.5
+"""Sigmas of its prior that a parameter may lie from 0: all eight do in 99.6 % of right runs."""
+
+TOO_LARGE = 20.0
+"""Times the expected scatter: three widths of what is believed of it, exp(3)."""
+
+REJECTED = 0.2
+"""Share of pairs or shots that may be rejected."""
+
+MISPLACED = 0.5
+"""Share of scans that may fit elsewhere before the result is refused; one makes it doubtful."""
+
+CROSSING = 2.0
+"""Times that scans over the same ground may differ as much as shots of one scan there."""
+
+MISSED = 1.0 / 3.0
+"""Share of shots that may miss the shape or graze it."""
+
+UNMATCHED = 0.5
+"""Share of pairs of surfaces that may have no match."""
+
+CHANCE = 1e-4
+"""p-value below which days, or the scales of pairs and of the registration, disagree."""
+
+MOVED = 0.3
+"""Sigmas by which an estimate that has not converged may still move."""
+
+# A scatter of more than this many times the expected one is noted, and has to show relief.
+_EXPECTED = 3.0
+# Scans that are named in a finding.
+_NAMED = 3
+
+_GROUPS = (
+    (Code.EPSILON_BEYOND_PRIOR, "epsilon", slice(0, 1), 1.0, ""),
+    (Code.CENTRE_BEYOND_PRIOR, "the centre", slice(1, 4), 1.0, " m"),
+    (Code.POLE_BEYOND_PRIOR, "the pole", slice(4, 6), 180.0 / np.pi, " deg"),
+    (Code.MERIDIAN_BEYOND_PRIOR, "the prime meridian", slice(6, 7), 180.0 / np.pi, " deg"),
+    (Code.RANGE_BIAS_BEYOND_PRIOR, "the range bias", slice(7, 8), 1.0, " m"),
+)
+
+
+def scale_findings(
+    observations: ScaleObservations, estimate: ScaleEstimate, options: ScaleOptions
+) -> list[Finding]:
+    """Judge an estimate by itself, by its residuals and by its priors.
+
+    Parameters
+    ----------
+    observations : ScaleObservations
+    estimate : ScaleEstimate
+        Of them, with `options`.
+    options : ScaleOptions
+
+    Returns
+    -------
+    list of Finding
+        Doubtful is what makes the number itself wrong or meaningless; that one term is weak is a
+        note, as its sigma says it too.
+    """
+    return [
+        *_of_the_fit(observations, estimate, options),
+        *_of_priors(estimate, options),
+        *_weak_terms(estimate, options),
+    ]
+
+
+def _of_the_fit(
+    observations: ScaleObservations, estimate: ScaleEstimate, options: ScaleOptions
+) -> list[Finding]:
+    """Whether it converged, and whether what it leaves is what it expected."""
+    fit, found = estimate.fit, []
+    if not fit.converged:
+        text = (
+            f"the fit did not converge: {fit.reason}; the last one moved the estimate by "
+            f"{fit.moved:.2g} of its sigmas"
+        )
+        # One pair at the edge of rejection may come and go for ever, and change nothing.
+        make = _doubtful if fit.moved > MOVED else _note
+        found.append(make(Code.SCALE_NOT_CONVERGED, text, fit.moved, MOVED))
+    share = float(np.mean(~fit.used))
+    if share > REJECTED:
+        text = f"{share:.0%} of the {observations.kind} disagree with the rest and were rejected"
+        found.append(_doubtful(Code.MANY_REJECTED, text, share, REJECTED))
+    # Where many stray, the fit takes it for the error of each, and the robust scatter hides it.
+    rest = max(float(mad(after_fit(observations, fit))), fit.sizes.independent)
+    expected = expected_scatter(observations, options)
+    if rest > _EXPECTED * expected:
+        text = (
+            f"residuals scatter by {rest:.3g} m where {expected:.3g} m are expected of "
+            "stated sigmas, [scale] single_sigma_m and state_sigma_m"
+        )
+        # Errors of a coarse shape are ten times that, and no sigma states them.
+        doubtful = rest > TOO_LARGE * expected
+        make, limit = (_doubtful, TOO_LARGE) if doubtful else (_note, _EXPECTED)
+        found.append(make(Code.SCATTER_TOO_LARGE, text, rest, limit * expected))
+    if estimate.days_p_value < CHANCE:
+        text = (
+            "ranges of single days differ by more than their sigmas and [scale] day_sigma_m "
+            f"(p = {estimate.days_p_value:.1e})"
+        )
+        found.append(_doubtful(Code.DAYS_DISAGREE, text, estimate.days_p_value, CHANCE))
+    return found
+
+
+def expected_scatter(observations: ScaleObservations, options: ScaleOptions) -> float:
+    """Standard deviation of range residuals that stated sigmas and settings let expect, metres."""
+    own = float(np.median(observations.range_variance))
+    states = options.state_sigma_m if observations.trajectory == "spc" else 0.0
+    return float(np.sqrt(own + options.single_sigma_m**2 + states**2))
+
+
+def _of_priors(estimate: ScaleEstimate, options: ScaleOptions) -> list[Finding]:
+    """Parameters that come out where they were not believed to be."""
+    off = np.abs(estimate.fit.estimate) / options.prior
+    found = []
+    for code, name, part, unit, of in _GROUPS:
+        worst = int(np.argmax(off[part])) + part.start
+        if off[worst] > BEYOND:
+            text = (
+                f"{name} comes out at {unit * estimate.fit.estimate[worst]:.3g}{of}, "
+                f"{off[worst]:.1f} sigma of its prior ({unit * options.prior[worst]:.3g}{of})"
+            )
+            found.append(_doubtful(code, text, float(off[worst]), BEYOND))
+    return found
+
+
+def _weak_terms(estimate: ScaleEstimate, options: ScaleOptions) -> list[Finding]:
+    """What the data do not determine, or not apart from ε: its sigma holds it."""
+    left, found = estimate.undetermined(options), []
+    ratio = abs(estimate.epsilon) / estimate.epsilon_sigma
+    if PARAMETERS[0] in left:
+        text = (
+            f"epsilon is not determined by the data: its sigma {estimate.epsilon_sigma:.2g} is "
+            f"that of its prior ({options.epsilon_prior:.2g})"
+        )
+        found.append(_note(Code.EPSILON_NOT_DETERMINED, text))
+    for name, correlation in estimate.inseparable:
+        text = f"epsilon is not separable from {name} (correlation {correlation:+.3f})"
+        found.append(_note(Code.EPSILON_NOT_SEPARABLE, text, correlation))
+    if ratio < SIGNIFICANT:
+        text = (
+            f"epsilon {estimate.epsilon:.2g} is {ratio:.1f} of its sigmas "
+            f"({estimate.epsilon_sigma:.2g})"
+        )
+        found.append(_note(Code.EPSILON_NOT_SIGNIFICANT, text, ratio, SIGNIFICANT))
+    others = [name for name in left if name != PARAMETERS[0]]
+    if others:
+        text = f"left to their priors: {', '.join(others)}"
+        found.append(_note(Code.TERMS_FROM_PRIOR, text))
+    return found
+
+
+def place_findings(check: PlaceCheck, scatter_m: float) -> list[Finding]:
+    """Judge where shots fit.
+
+    Parameters
+    ----------
+    check : PlaceCheck
+    scatter_m : float
+        Expected scatter of the residuals, metres: shots that scatter by no more say nothing of
+        where they are on ground without relief, and need not.
+    """
+    found = []
+    if check.misfit:
+        text = (
+            f"the shots fit better when {check.best}: they scatter by {check.best_m:.2f} m instead "
+            f"of {check.here_m:.2f} m (p = {check.p_value:.1e} over {check.tried} places)"
+        )
+        found.append(
+            Finding(Code.SHOTS_FIT_ELSEWHERE, Severity.REFUSED, text, check.p_value, FALSE_ALARM)
+        )
+    if check.by_chance:
+        text = (
+            f"the shots fit no better than at wrong places: the scatter of {check.here_m:.2f} m is "
+            f"reached at {check.rivals} of {check.wrong} (turned by more than 20 deg or mirrored)"
+        )
+        plain = check.here_m <= _EXPECTED * scatter_m
+        make = _note if plain else _doubtful
+        found.append(make(Code.SHOTS_FIT_BY_CHANCE, text, float(check.rivals), 0.0))
+    return found
+
+
+def scan_findings(places: ScanPlaces, crossings: Crossings) -> list[Finding]:
+    """Judge whether scans fit where they are, each by itself, and whether they agree.
+
+    Parameters
+    ----------
+    places : ScanPlaces
+    crossings : Crossings
+
+    Returns
+    -------
+    list of Finding
+        Refused where more than half of the scans fit better elsewhere.
+    """
+    found, count = [], len(places.checks)
+    wrongly = [
+        f"{', '.join(names)} when {check.best} ({check.best_m:.2f} m instead of "
+        f"{check.here_m:.2f} m)"
+        for names, check, wrong in zip(places.names, places.checks, places.misfits, strict=True)
+        if wrong
+    ]
+    if wrongly:
+        more = len(wrongly) - _NAMED
+        text = (
+            f"{len(wrongly)} of {count} scans (or groups of scans) fit better turned or mirrored, "
+            f"each on its own: {'; '.join(wrongly[:_NAMED])}"
+            + (f"; {more} more in scan_check" if more > 0 else "")
+        )
+        severity = Severity.REFUSED if len(wrongly) > MISPLACED * count else Severity.DOUBTFUL
+        value = len(wrongly) / count
+        found.append(Finding(Code.SCANS_FIT_ELSEWHERE, severity, text, value, MISPLACED))
+    ratio = crossings.between_m / max(crossings.within_m, 1e-6)
+    if ratio > CROSSING:
+        text = (
+            f"shots of different scans within {crossings.apart_m:.3g} m differ by "
+            f"{crossings.between_m:.3g} m, those of one scan by {crossings.within_m:.3g} m: "
+            "errors of the shape would be common to both"
+        )
+        found.append(_doubtful(Code.SCANS_DISAGREE, text, ratio, CROSSING))
+    return found
+
+
+def missed_findings(missed: int, count: int) -> list[Finding]:
+    """Judge how many of `count` shots miss the shape, or graze it."""
+    share = missed / max(count, 1)
+    if share <= MISSED:
+        return []
+    text = f"{missed} of {count} shots miss the shape, graze it, or have no spacecraft position"
+    return [_doubtful(Code.SHOTS_MISS_SHAPE, text, share, MISSED)]
+
+
+def unmatched_findings(unmatched: int, count: int) -> list[Finding]:
+    """Judge how many of `count` pairs of surfaces could not be matched."""
+    share = unmatched / max(count, 1)
+    if share <= UNMATCHED:
+        return []
+    text = f"{unmatched} of {count} pairs of surfaces could not be matched; see per_pair"
+    return [_doubtful(Code.PAIRS_NOT_MATCHED, text, share, UNMATCHED)]
+
+
+def consistency_findings(compared: Mapping[str, Any]) -> list[Finding]:
+    """Judge the comparison of ε with the scale of the registration."""
+    p_value = compared["p_value"]
+    # A p-value of NaN is of two scales that have no sigma.
+    if p_value is None or not p_value < CHANCE:
+        return []
+    text = (
+        f"(1 + epsilon) times the scale of the registration differs from 1 by "
+        f"{compared['difference']:.2g}, {abs(compared['z']):.1f} of its sigmas"
+    )
+    return [_doubtful(Code.SCALES_INCONSISTENT, text, p_value, CHANCE)]
+
+
+def unobserved_findings(reason: str) -> list[Finding]:
+    """Judge a scale that nothing is observed of."""
+    return [Finding(Code.SCALE_NOT_OBSERVED, Severity.REFUSED, reason)]
+
+
+def _doubtful(
+    code: Code, text: str, value: float | None = None, limit: float | None = None
+) -> Finding:
+    return Finding(code, Severity.DOUBTFUL, text, value, limit)
+
+
+def _note(code: Code, text: str, value: float | None = None, limit: float | None = None) -> Finding:
+    return Finding(code, Severity.NOTE, text, value, limit)

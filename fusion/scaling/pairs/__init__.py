@@ -1,0 +1,5 @@
+"""Paired bigmaps: SPC and lidar as one image sees them."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

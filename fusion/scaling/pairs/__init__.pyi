@@ -1,0 +1,9 @@
+from .leaning import cell_means as cell_means
+from .leaning import match_response as match_response
+from .pairs import Pair as Pair
+from .pairs import Sources as Sources
+from .pairs import blur_of as blur_of
+from .pairs import make_pair as make_pair
+from .pairs import maplets_under as maplets_under
+from .pairs import pair_observations as pair_observations
+from .pairs import sharpened as sharpened

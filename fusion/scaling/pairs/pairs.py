@@ -1,0 +1,189 @@
+"""Paired bigmaps: for each image one of SPC maplets and one of lidar returns, compared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from fusion.scaling.fit.observation import ScaleObservations, Trajectory, everywhere
+from fusion.scaling.geometry.frames import LeftOut, PairFrame, PairOptions
+from fusion.scaling.geometry.sharing import ground_in_common, patterns, shared_matches
+from fusion.scaling.shots.shots import utc_date
+from fusion.surfacematch import Match, Surface, match_surfaces
+from fusion.surfacematch.resolution import estimate_blur
+from lidar.gridding import LidarBigmapOptions, bigmap_from_returns
+from lidar.scans import Returns
+from spcola.arrays import FloatArray
+from spcola.grids import Maplet
+
+
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """What the two surfaces of a pair lean on, and err with.
+
+    Attributes
+    ----------
+    scan : str
+    states : (S,) ndarray
+        Share that each image's state (or each scan) has in where the returns lie.
+    leaning : (S, 3, 3) ndarray
+        What a displacement of each does to the match, body-fixed.
+    maplets : (M,) ndarray
+        Share that each maplet of the solution has in the SPC bigmap.
+    """
+
+    scan: str
+    states: FloatArray
+    leaning: FloatArray
+    maplets: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """The two bigmaps of an image and how they lie to each other.
+
+    Attributes
+    ----------
+    frame : PairFrame
+    spc : Maplet
+    lidar : Maplet
+    match : Match
+        Displacement that takes the lidar's surface to SPC's.
+    sources : Sources
+    """
+
+    frame: PairFrame
+    spc: Maplet
+    lidar: Maplet
+    match: Match
+    sources: Sources
+
+
+# A single scan leaves cells empty; gaps of two cells are bridged, as MATH §7 does it.
+_BRIDGING = LidarBigmapOptions(max_gap=2)
+
+
+def make_pair(
+    frame: PairFrame, spc: Maplet, returns: Returns, sources: Sources, options: PairOptions
+) -> Pair | LeftOut:
+    """Grid the returns in the frame of the image and match them to the SPC bigmap.
+
+    Parameters
+    ----------
+    frame : PairFrame
+    spc : Maplet
+        The SPC bigmap on ``frame.grid``.
+    returns : Returns
+        Body-fixed, metres, located by the trajectory that is to be judged.
+    sources : Sources
+    options : PairOptions
+
+    Returns
+    -------
+    Pair or LeftOut
+        The latter with the reason where there is nothing to match, or no match.
+    """
+    if not spc.valid.any():
+        return LeftOut(frame.image, "no maplet lies there")
+    lidar = bigmap_from_returns(frame.image, frame.grid, returns, options=_BRIDGING)
+    if not lidar.valid.any():
+        return LeftOut(frame.image, "no return of that time lies there")
+    for what, held in (("maplets hold", spc.valid), ("returns hold", lidar.valid)):
+        if (share := float(np.mean(held))) < options.match.min_coverage:
+            return LeftOut(frame.image, f"{what} only {share:.0%} of the square")
+    return _judged(frame, spc, lidar, sources, options, 0.0)
+
+
+def sharpened(pair: Pair, options: PairOptions, *, blur_cells: float) -> Pair | LeftOut:
+    """Match the bigmaps of a pair again, both brought to one resolution."""
+    return _judged(pair.frame, pair.spc, pair.lidar, pair.sources, options, blur_cells)
+
+
+def _judged(
+    frame: PairFrame,
+    spc: Maplet,
+    lidar: Maplet,
+    sources: Sources,
+    options: PairOptions,
+    blur_cells: float,
+) -> Pair | LeftOut:
+    """Match two bigmaps on ``frame.grid``."""
+    match = match_surfaces(
+        frame.image,
+        frame.grid,
+        Surface(lidar.height, lidar.sigma),
+        Surface(spc.height, spc.sigma),
+        blur_cells=blur_cells,
+        options=options.match,
+    )
+    if not match.usable:
+        return LeftOut(frame.image, match.reason, unmatched=True)
+    return Pair(frame, spc, lidar, match, sources)
+
+
+def blur_of(pair: Pair) -> float:
+    """Blur of the SPC bigmap against the lidar's, cells; NaN where they share too little."""
+    return estimate_blur(*pair.match.on_one_grid(pair.lidar.height, pair.spc.height))
+
+
+def pair_observations(
+    pairs: Sequence[Pair], trajectory: Trajectory, *, center_sigma: FloatArray | None = None
+) -> ScaleObservations:
+    """What the pairs say about the scale: lidar minus SPC surface, body-fixed, metres.
+
+    Parameters
+    ----------
+    pairs : sequence of Pair
+    trajectory : {"spc", "reference"}
+        The one by which the returns of the pairs were located.
+    center_sigma : (M,) ndarray, optional
+        Standard deviation per axis of the centres of the solution's maplets, metres; 0 by default.
+
+    Raises
+    ------
+    InvalidValueError
+        If there is no pair.
+    """
+    frames = [pair.frame for pair in pairs]
+    kind: Literal["pairs"] = "pairs"
+    ground, own = _of_ground(pairs, center_sigma)
+    return ScaleObservations(
+        kind=kind,
+        label=tuple(frame.image for frame in frames),
+        day=tuple(utc_date(frame.time) for frame in frames),
+        # The match moves the lidar onto SPC; what is observed is where the lidar lies.
+        value=-np.array([pair.match.displacement for pair in pairs]).reshape(-1, 3),
+        covariance=own,
+        point=np.array([frame.grid.center for frame in frames]).reshape(-1, 3),
+        beam=np.array([frame.beam for frame in frames]).reshape(-1, 3),
+        range=np.array([frame.range for frame in frames]),
+        normal=np.array([frame.normal for frame in frames]).reshape(-1, 3),
+        local_time_h=np.array([frame.local_time_h for frame in frames]),
+        shares=np.array([pair.sources.states for pair in pairs]).reshape(len(pairs), -1),
+        trajectory=trajectory,
+        scan=tuple(pair.sources.scan for pair in pairs),
+        leaning=np.array([pair.sources.leaning for pair in pairs])
+        .transpose(0, 2, 1, 3)
+        .reshape(len(pairs), 3, -1),
+        ground=ground,
+    )
+
+
+def maplets_under(pairs: Sequence[Pair]) -> FloatArray:
+    """Share (N, M) that each of the solution's M maplets has in the SPC bigmaps of N pairs."""
+    return np.array([pair.sources.maplets for pair in pairs]).reshape(len(pairs), -1)
+
+
+def _of_ground(
+    pairs: Sequence[Pair], center_sigma: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """Patterns (N, 3, K) of errors that pairs over one ground share, and what is each one's own."""
+    covariance = np.array([pair.match.covariance for pair in pairs]).reshape(-1, 3, 3)
+    matches, own = shared_matches(ground_in_common([pair.frame.grid for pair in pairs]), covariance)
+    if center_sigma is None:
+        return matches, own
+    maplets = patterns(everywhere(maplets_under(pairs) * center_sigma))
+    return np.concatenate([maplets, matches], axis=2), own

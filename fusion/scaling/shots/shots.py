@@ -1,0 +1,161 @@
+"""Single shots: the measured range against the range predicted on the SPC surface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from fusion.scaling.fit.observation import ScaleObservations, Trajectory
+from fusion.scaling.geometry.placing import KnownPlace
+from fusion.scaling.shots.spots import SpotOptions, cast_spots
+from lidar.scans import Scan
+from spcola.arrays import BoolArray, FloatArray
+from spcola.errors import InvalidValueError
+from spcola.navigation import utc_from_et
+from spcola.shape import RayCaster
+
+# A hit seen more obliquely than this says little of the range and much of the slope.
+_MIN_COSINE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class ShotComparison:
+    """Shots against a shape.
+
+    Attributes
+    ----------
+    observations : ScaleObservations
+        Of the shots whose beam meets the shape.
+    met : (N,) ndarray
+        Which of the shots have a beam that meets the shape and does not graze it.
+    """
+
+    observations: ScaleObservations
+    met: BoolArray
+
+    @property
+    def missed(self) -> int:
+        """Shots whose predicted beam misses the shape or grazes it."""
+        return int(np.count_nonzero(~self.met))
+
+
+def compare_shots(
+    scan: Scan,
+    caster: RayCaster,
+    *,
+    trajectory: Trajectory = "reference",
+    shares: FloatArray | None = None,
+    spots: SpotOptions | None = None,
+    known: KnownPlace | None = None,
+) -> ShotComparison:
+    """Predict the range of each shot by casting its beam on the shape.
+
+    The measured range is taken from the spacecraft to the point, so that it is counted from the
+    spacecraft's position whatever the instrument's own reference point is.
+
+    Parameters
+    ----------
+    scan : Scan
+        With spacecraft positions and beams, in the frame of the shape.
+    caster : RayCaster
+        Of the SPC surface.
+    trajectory : {"spc", "reference"}
+        Whose the spacecraft positions are; see :class:`ScaleObservations`.
+    shares : (N, S) ndarray, optional
+        Share of each of S image states in where the shots lie; by default the scan has one error
+        of its own.
+    spots : SpotOptions, optional
+        Footprint and pointing; by default neither is known.
+    known : KnownPlace, optional
+        Where the lidar surface is believed to lie: beams are cast as if it did not, and values and
+        partials are those about there. By default it is believed to lie on the SPC surface.
+
+    Returns
+    -------
+    ShotComparison
+        Without the shots whose spacecraft position or beam is unknown, that miss, or that graze;
+        it may be empty.
+    """
+    spacecraft, beam = scan.spacecraft, scan.beam
+    measured = np.linalg.norm(scan.points - scan.spacecraft, axis=1)
+    spots, place = spots or SpotOptions(), known or KnownPlace()
+    arm = measured[:, None] * beam if trajectory == "spc" else scan.points
+    away = place.displaced(arm)
+    placed = np.isfinite(spacecraft).all(axis=1) & np.isfinite(beam).all(axis=1)
+    distance = np.full(len(scan), np.nan)
+    normal = np.full((len(scan), 3), np.nan)
+    unsure = np.zeros(len(scan))
+    if placed.any():
+        seen = cast_spots(caster, (spacecraft - away)[placed], beam[placed], spots)
+        distance[placed], normal[placed], unsure[placed] = (
+            seen.distance, seen.normal, seen.variance
+        )  # fmt: skip
+        distance -= np.sum(normal * away, axis=1) / np.sum(normal * beam, axis=1)
+    with np.errstate(invalid="ignore"):
+        good = np.isfinite(distance) & (-np.sum(normal * beam, axis=1) > _MIN_COSINE)
+    sigma = np.where(np.isfinite(scan.sigma), scan.sigma, spots.range_sigma_m)
+    variance = (sigma**2 + unsure)[good]
+    point = spacecraft[good] + distance[good, None] * beam[good]
+    return ShotComparison(
+        ScaleObservations(
+            kind="shots",
+            label=(scan.name,) * int(good.sum()),
+            day=tuple(_day(time) for time in scan.time[good]),
+            value=(measured - distance)[good, None],
+            covariance=variance[:, None, None],
+            point=point,
+            beam=beam[good],
+            range=distance[good],
+            normal=normal[good],
+            local_time_h=np.full(int(good.sum()), np.nan),
+            shares=(np.ones((len(scan), 1)) if shares is None else shares)[good],
+            trajectory=trajectory,
+            scan=(scan.name,) * int(good.sum()),
+        ),
+        good,
+    )
+
+
+def join_shots(compared: Sequence[ShotComparison]) -> ShotComparison:
+    """Put the comparisons of several scans together.
+
+    Raises
+    ------
+    InvalidValueError
+        If there is nothing to join.
+    """
+    if not compared:
+        raise InvalidValueError("there are no shots", "shots")
+    parts = [one.observations for one in compared]
+    labels = tuple(label for part in parts for label in part.label)
+    # States are the same for all scans; errors of whole scans are each its own.
+    shared = parts[0].trajectory == "spc"
+    shares = [part.shares for part in parts]
+    joint = np.concatenate(shares) if shared else block_diag(*shares)
+    layers: dict[str, Any] = {
+        layer: np.concatenate([getattr(part, layer) for part in parts])
+        for layer in ("value", "covariance", "point", "beam", "range", "normal", "local_time_h")
+    }
+    days = tuple(day for part in parts for day in part.day)
+    joined = replace(parts[0], label=labels, scan=labels, day=days, shares=joint, **layers)
+    return ShotComparison(joined, np.concatenate([one.met for one in compared]))
+
+
+def _day(time: float) -> str:
+    """UTC date of ephemeris time; "unknown" where the time is not known."""
+    if not np.isfinite(time):
+        return "unknown"
+    return utc_date(time)
+
+
+def utc_date(time: float) -> str:
+    """UTC date ``YYYY-MM-DD`` of ephemeris time (s)."""
+    year, month, day = utc_from_et(time, 0).split()[:3]
+    return f"{year}-{_MONTHS.index(month) + 1:02d}-{int(day):02d}"
+
+
+_MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")

@@ -1,0 +1,1 @@
+from .locating import located_store as located_store

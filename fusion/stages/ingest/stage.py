@@ -1,0 +1,367 @@
+"""Import: lidar files become scans of the workspace, each one HDF5 file."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fusion.pipeline import StageContext, StageResult
+from fusion.pipeline.catalog import content_digest
+from fusion.runtime import Executor, Progress
+from fusion.runtime.machine import one_blas_thread, release
+from fusion.stages.ingest.repair import Repair
+from fusion.stages.ingest.sources import (
+    INGEST,
+    Origin,
+    Source,
+    check_doubles,
+    readable,
+    recorded_origins,
+    recorded_source,
+    whole_scans,
+)
+from fusion.workspace import Workspace
+from fusion.workspace.settings import BodySettings, ImportSettings, Settings, Table
+from lidar.formats import LidarOptions, open_lidar, recognise
+from lidar.formats.native import write_scan
+from lidar.scans import ScanSummary
+from spcola.errors import WorkspaceError
+from spcola.navigation import utc_from_et
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What became of one file: "imported", "imported already" or "imported again".
+
+    `before` are the returns that its scan had, None if it is new.
+    """
+
+    source: Source
+    state: str
+    scan: ScanSummary
+    before: int | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what is printed of it."""
+        return {
+            "file": str(self.source.path),
+            "state": self.state,
+            "format": self.scan.parameters.get("format", ""),
+            **scan_facts(self.scan),
+            "returns_before": self.before,
+        }
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Who does the work, who tells of it, and who knows the digests of files."""
+
+    executor: Executor
+    progress: Progress
+    digests: Callable[[Sequence[Path]], AbstractContextManager[Iterator[str]]]
+
+
+@one_blas_thread()
+def import_files(
+    workspace: Workspace,
+    settings: Settings,
+    sources: Sequence[Source],
+    workers: Workers,
+) -> list[Imported]:
+    """Import files; one that is here already, told by its digest and options, is left alone.
+
+    Everything that can be refused without reading returns is refused before anything is written.
+
+    Raises
+    ------
+    WorkspaceError
+        If two files would get one name, or a file cannot be read.
+    FormatError
+        If a file does not hold what its format promises.
+    """
+    for source in sources:
+        _check_name(source)
+    # The source of a damaged scan may take its place.
+    scans = whole_scans(workspace)
+    with workers.digests([source.path for source in sources]) as digests:
+        # The shape is read while digests are made of the first files.
+        importer = _Importer(workspace, settings, scans, radius_limits(workspace, settings))
+        there = _sources_there(workspace, scans)
+        items = _placed(sources, digests, there)
+        if _may_collide(sources, there):
+            items = iter(list(items))
+        done = []
+        with workers.progress.task("import", len(sources)) as task:
+            for imported in workers.executor.stream(importer, items):
+                done.append(imported)
+                task.advance()
+    return done
+
+
+def _may_collide(sources: Sequence[Source], there: Collection[str]) -> bool:
+    """Whether two sources bear one name, or one that of a scan: their digests tell who is who."""
+    names = [source.scan_name for source in sources]
+    return len(set(names)) < len(names) or not set(names).isdisjoint(there)
+
+
+def _placed(
+    sources: Sequence[Source], digests: Iterator[str], there: Mapping[str, tuple[str, Path | None]]
+) -> Iterator[tuple[Source, str, str]]:
+    """Yield each source with its digest and the name of its scan.
+
+    `there` are digests and paths of the sources of the scans that are there, by name.
+
+    A file that has changed since it was imported keeps the name of its scan.
+
+    Raises
+    ------
+    WorkspaceError
+        If its name is that of another file's scan.
+    """
+    taken = {name: digest for name, (digest, _) in there.items()}
+    came_from = {name: path for name, (_, path) in there.items()}
+    for source, digest in zip(sources, digests, strict=True):
+        same = [name for name, other in taken.items() if other == digest]
+        its_own = came_from.pop(source.scan_name, None) == source.path.resolve()
+        if not same and source.scan_name in taken and not its_own:
+            raise WorkspaceError(
+                f"the workspace has a scan {source.scan_name!r} of another file",
+                source.path,
+                "give this one another name with --name",
+            )
+        name = same[0] if same else source.scan_name
+        taken[name] = digest
+        yield source, digest, name
+
+
+def _sources_there(
+    workspace: Workspace, scans: Mapping[str, ScanSummary]
+) -> dict[str, tuple[str, Path | None]]:
+    """Return digests and paths of the files of all scans; of damaged ones by their record."""
+    there: dict[str, tuple[str, Path | None]] = {}
+    known = recorded_origins(workspace)
+    for name in workspace.scan_names():
+        scan = scans.get(name)
+        origin = Origin.of(scan) if scan else known.get(name)
+        if scan or origin:
+            digest = scan.digest if scan else origin.digest if origin else ""
+            there[name] = (digest, origin.source.path if origin else None)
+    return there
+
+
+@dataclass(frozen=True)
+class _Importer:
+    """Imports one file at a time; `scans` are those that the workspace had, by name."""
+
+    workspace: Workspace
+    settings: Settings
+    scans: Mapping[str, ScanSummary]
+    limits: tuple[float, float]
+
+    def __call__(self, item: tuple[Source, str, str]) -> Imported:
+        """Import a source with its digest under a name, unless it is there."""
+        source, digest, name = item
+        before = self.scans.get(name)
+        key = _key(source, self.settings)
+        if before is not None and (before.parameters.get("import_key"), before.digest) == (
+            key,
+            digest,
+        ):
+            return Imported(source, "imported already", before, before.count)
+        options = lidar_options(source, self.settings, name, self.limits)
+        path = self.workspace.scan_path(name)
+        scan = _write(path, options, source, self.settings, digest)
+        if before is None:
+            return Imported(source, "imported", scan)
+        return Imported(source, "imported again", scan, before.count)
+
+
+@dataclass(frozen=True)
+class IngestStage:
+    """Keeps the scans in step with the settings: what was read by others is read again."""
+
+    name: str = INGEST
+    version: int = 2
+    needs: tuple[str, ...] = ()
+    places: tuple[str, ...] = ()
+    tables: tuple[type[Table], ...] = (BodySettings, ImportSettings)
+
+    def missing(self, workspace: Workspace, settings: Settings) -> str:
+        """Return why there is nothing to do."""
+        if workspace.scan_names():
+            return ""
+        return f"no lidar file was imported; run: spcola import {workspace.root} FILE"
+
+    def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
+        """Return the files that the scans came from, as far as they exist, and scans without one.
+
+        The file of a scan that is damaged is told by the record of its import. A scan that was
+        put here by hand, or bears another name than its file, is an input itself.
+        """
+        known, paths = recorded_origins(workspace), dict[Path, None]()
+        for path in workspace.scan_paths():
+            scan, origin = readable(path), known.get(path.stem)
+            source = None if scan is None else recorded_source(scan)
+            if scan is not None and (source is None or scan.name != path.stem):
+                paths[path] = None
+            for one in (source, None if origin is None else origin.source):
+                if one is not None and _in_reach(one.path):
+                    paths[one.path] = None
+        return list(paths)
+
+    def run(self, context: StageContext) -> StageResult:
+        """Import again what was read by other settings, has changed since, or is damaged.
+
+        Raises
+        ------
+        WorkspaceError
+            If that is so of a scan whose file is gone, two files hold one scan, or something is
+            lost: a scan, or returns of a file that has changed.
+        """
+        # Workers elsewhere get what their function names: not the whole context.
+        workspace, settings, scratch = context.workspace, context.settings, context.scratch
+        repair = Repair.of(context)
+        due = repair.due(lambda source: _key(source, settings))
+        # The shape is read only if a scan is.
+        limits = radius_limits(workspace, settings) if due else (0.0, math.inf)
+
+        def one(path: Path) -> ScanSummary:
+            options = lidar_options(due[path].source, settings, path.stem, limits)
+            source, digest = due[path].source, due[path].digest
+            return _write(scratch / path.name, options, source, settings, digest)
+
+        again = dict(zip(due, context.map("import", one, due), strict=True))
+        notes = repair.taken(due, again)
+        scans = {**repair.scans, **again}
+        check_doubles(workspace, ((path.stem, scan) for path, scan in scans.items()))
+        rejected = {scan.name: dict(scan.rejected) for scan in scans.values() if scan.rejected}
+        returns = sum(scan.count for scan in scans.values())
+        origins = {path.stem: Origin.of(scan) for path, scan in scans.items()}
+        sources = {name: origin.as_json() for name, origin in origins.items() if origin}
+        summary: dict[str, Any] = {
+            "scans": len(scans),
+            "returns": returns,
+            "rejected": rejected,
+            "sources": sources,
+        }
+        if repair.verdict.findings:
+            summary |= repair.verdict.as_json()
+        return StageResult(tuple(scans), summary, tuple(notes))
+
+
+STAGE = IngestStage()
+
+
+def scan_facts(scan: ScanSummary) -> dict[str, Any]:
+    """Return what is worth knowing of a scan, in JSON types."""
+    return {
+        "scan": scan.name,
+        "returns": scan.count,
+        "rejected": dict(scan.rejected),
+        "first_et_s": scan.time_span[0],
+        "last_et_s": scan.time_span[1],
+        "first_utc": utc_or_none(scan.time_span[0]),
+        "last_utc": utc_or_none(scan.time_span[1]),
+        "trajectory": scan.trajectory,
+        "body": scan.body,
+        "lowest_m": scan.bounds[0].tolist(),
+        "highest_m": scan.bounds[1].tolist(),
+        "digest": scan.digest,
+    }
+
+
+def utc_or_none(et: float) -> str | None:
+    """Return UTC of ephemeris time, s; None where the time is not known."""
+    return utc_from_et(et) if math.isfinite(et) else None
+
+
+def radius_limits(workspace: Workspace, settings: Settings) -> tuple[float, float]:
+    """Return between which radii, metres, a return can be of this body.
+
+    Those of the settings; where they say nothing and there is a shape, a tenth of its least and
+    ten times its largest radius: wide enough for every stray return, too narrow for a file in
+    kilometres that is read as metres.
+    """
+    table = settings.ingest
+    stated = (table.min_radius_m, table.max_radius_m or math.inf)
+    if stated != (0.0, math.inf) or not workspace.has_shape():
+        return stated
+    radii = np.linalg.norm(workspace.shape().vertices, axis=1)
+    return float(radii.min()) / 10.0, float(radii.max()) * 10.0
+
+
+def lidar_options(
+    source: Source, settings: Settings, name: str, limits: tuple[float, float]
+) -> LidarOptions:
+    """Return how `source` is read; returns beyond the `limits` of the radius, metres, are not."""
+    table = settings.ingest
+    return LidarOptions(
+        name=name,
+        body=settings.body.name,
+        sigma_m=table.sigma_range_m or math.nan,
+        chunk=table.chunk,
+        columns=source.columns,
+        unit=source.unit or None,
+        gps_time=source.gps_time,
+        range_tolerance_m=table.range_tolerance_m or None,
+        radius_limits_m=None if limits == (0.0, math.inf) else limits,
+    )
+
+
+def _in_reach(path: Path) -> bool:
+    """Tell whether a file is there; one in a folder that is closed to this user is not."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
+def _check_name(source: Source) -> None:
+    """Refuse a scan's name that would lead out of its folder, or hide the scan in it."""
+    name = source.scan_name
+    if Path(name).name != name or name.startswith(".") or not name.isprintable():
+        raise WorkspaceError(
+            f"{name!r} is no name for a scan",
+            source.path,
+            "give one with --name, without a slash and not beginning with a dot",
+        )
+
+
+def _write(
+    path: Path, options: LidarOptions, source: Source, settings: Settings, digest: str
+) -> ScanSummary:
+    """Read `source` and write it as the scan `path`, which remembers where it came from."""
+    # Columns are stated for tables only, and one whose own names say nothing is not recognised.
+    chosen = source.format or ("table" if source.columns else recognise(source.path))
+    chunks = open_lidar(source.path, format=chosen, options=options)
+    parameters: dict[str, str | float | int] = {
+        "source": str(source.path.resolve()),
+        "format": chosen,
+        "columns": json.dumps(dict(source.columns)),
+        "unit": source.unit,
+        "gps_time": int(source.gps_time),
+        "import_key": _key(source, settings),
+    }
+    scan = write_scan(path, chunks, digest=digest, parameters=parameters)
+    release(source.path)
+    return scan
+
+
+def _key(source: Source, settings: Settings) -> str:
+    """Digest how `source` is read, without what does not change the result."""
+    return content_digest(
+        {
+            "columns": dict(source.columns),
+            "unit": source.unit,
+            "gps_time": source.gps_time,
+            "body": settings.body.name,
+            "import": settings.ingest.model_dump(mode="json", exclude={"chunk"}),
+        }
+    )

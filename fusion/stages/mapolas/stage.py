@@ -1,0 +1,240 @@
+"""Mapolas: the returns of all scans, gridded where the maplets are or all over the body."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fusion.pipeline import StageContext, StageResult
+from fusion.runtime.machine import check_grid
+from fusion.stages.geolocation.located import coverage_text, span_text
+from fusion.stages.geolocation.locating import kernel_place, located_store, return_paths
+from fusion.stages.mapolas.adjusting import ScanSource, adjusted, adjustment_summary
+from fusion.workspace import SETTINGS_FILE, Workspace
+from fusion.workspace.settings import (
+    BodySettings,
+    MapolaSettings,
+    Settings,
+    SpiceSettings,
+    SpinSettings,
+    Table,
+)
+from lidar.archive import ScanStore
+from lidar.formats.native import scan_summary, write_adjustment, write_mapolas
+from lidar.gridding import Gridding, GriddingOptions, Mapola, RejectionOptions
+from lidar.scans import Arcs
+from spcola.errors import SettingsError, WorkspaceError
+from spcola.grids import MapletGrid
+from spcola.shape import covering
+
+COVER_HALF_SIZE = 49
+"""q of a covering where the settings leave it open: 99 × 99 points, as is usual for maplets."""
+
+# The covariance of their displacements is a full matrix, 37 MB for so many.
+_MOST_ARCS = 360
+# Mapolas are small and take from nothing to a second: many may wait behind a long one.
+_AHEAD = 64
+
+
+@dataclass(frozen=True)
+class MapolasStage:
+    """Scans → mapolas."""
+
+    name: str = "mapolas"
+    version: int = 14
+    needs: tuple[str, ...] = ("ingest",)
+    places: tuple[str, ...] = ("mapolas",)
+    tables: tuple[type[Table], ...] = (
+        MapolaSettings,
+        BodySettings,
+        SpinSettings,
+        SpiceSettings,
+    )
+
+    def missing(self, workspace: Workspace, settings: Settings) -> str:
+        """Return why mapolas cannot be made."""
+        if not workspace.scan_names():
+            return f"there are no scans; run: spcola import {workspace.root} FILE"
+        if settings.mapolas.source == "maplets" and not workspace.maplet_names():
+            return 'there are no maplets in MAPFILES; set [mapolas] source = "cover"'
+        if settings.mapolas.trajectory == "spc" and not workspace.image_names():
+            return 'there are no images in SUMFILES; set [mapolas] trajectory = "reference"'
+        if settings.mapolas.source == "cover" and not workspace.has_shape():
+            return "a covering needs a shape in SHAPEFILES"
+        return ""
+
+    def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
+        """Return scans, maplets or the shape, and images or kernels that locate returns."""
+        paths = return_paths(workspace, settings)
+        if settings.mapolas.source == "cover":
+            return [*paths, workspace.shape_path()]
+        return [*paths, *workspace.maplet_files()]
+
+    def run(self, context: StageContext) -> StageResult:
+        """Grid every mapola from the returns around it.
+
+        Raises
+        ------
+        WorkspaceError
+            If no mapola gets enough returns.
+        """
+        workspace, table = context.workspace, context.table(MapolaSettings)
+        grids = mapola_grids(workspace, context.settings)
+        options = gridding_options(table)
+        store = located_store(
+            workspace,
+            table,
+            context.table(SpinSettings),
+            context.table(SpiceSettings),
+            arc_s=arc_length(workspace, table) if table.adjust else np.inf,
+        )
+        source = ScanSource(store, options)
+        adjustment = adjusted(context, source, grids) if table.adjust else None
+        counts = _Counts()
+
+        def one(item: tuple[str, MapletGrid]) -> Gridding:
+            return source.gridded(*item, adjustment)[0]
+
+        done = context.stream("mapolas", one, grids.items(), total=len(grids), ahead=_AHEAD)
+        empty = WorkspaceError(
+            f"none of {len(grids)} grids is covered to {table.min_coverage:.0%} by returns",
+            workspace.root / "mapolas",
+            _advice(context, store),
+        )
+        kept = _some(counts.passed(done, table), empty)
+        names = write_mapolas(workspace.root / "mapolas", kept)
+        summary = counts.summary(len(grids), len(names))
+        lost = {scan: count for scan, count in store.without_place.items() if count}
+        if lost:
+            summary["returns_without_place"] = lost
+        if context.table(SpiceSettings).kernels or table.trajectory == "spc":
+            summary["located_within_m"] = store.interpolation_error_m
+        workspace.adjustment_path.unlink(missing_ok=True)
+        if adjustment is not None:
+            write_adjustment(workspace.adjustment_path, adjustment)
+            summary |= adjustment_summary(adjustment)
+        return StageResult(tuple(workspace.mapola_paths()), summary)
+
+
+STAGE = MapolasStage()
+
+
+def _advice(context: StageContext, store: ScanStore) -> str:
+    """Return what to do where no mapola gets enough returns."""
+    lost, table = sum(store.without_place.values()), context.table(MapolaSettings)
+    if lost <= len(store) / 2:
+        return (
+            "check that scans and maplets are in one frame and unit, or lower [mapolas] "
+            "min_coverage"
+        )
+    place = kernel_place(
+        context.workspace, context.table(SpiceSettings), None, max_gap_s=table.max_gap_s
+    )
+    text = f"{lost} of {len(store)} returns have no place where they are to be located again"
+    if place is None:
+        return f"{text}: use scans taken with the images, or widen [mapolas] max_gap_s"
+    spans = [scan_summary(path).time_span for path in context.workspace.scan_paths()]
+    first, last = min(span[0] for span in spans), max(span[1] for span in spans)
+    return (
+        f"{text}, {span_text(first, last)}, by the kernels: {coverage_text(place)}; give kernels "
+        "of the scans' times, or widen [mapolas] max_gap_s"
+    )
+
+
+def gridding_options(table: MapolaSettings) -> GriddingOptions:
+    """Return how returns are gridded by the settings."""
+    return GriddingOptions(rejection=RejectionOptions(cell_sigmas=table.outlier_k))
+
+
+def arc_length(workspace: Workspace, table: MapolaSettings) -> float:
+    """Return the length of arcs, seconds: longer than asked for where they would be too many."""
+    spans = [scan_summary(path).time_span for path in workspace.scan_paths()]
+    arc_s = table.adjust_arc_s
+    while sum(Arcs.of_span(span, arc_s).count for span in spans) > max(_MOST_ARCS, len(spans)):
+        arc_s *= 1.2
+    return arc_s
+
+
+def _some(mapolas: Iterator[Mapola], empty: WorkspaceError) -> Iterator[Mapola]:
+    """Pass mapolas on; where there is none, raise before those of an earlier run are replaced."""
+    first = next(mapolas, None)
+    if first is None:
+        raise empty
+    yield first
+    yield from mapolas
+
+
+def mapola_grids(workspace: Workspace, settings: Settings) -> dict[str, MapletGrid]:
+    """Return the grids of the mapolas by name: those of the maplets, or a covering.
+
+    Raises
+    ------
+    SettingsError
+        If a covering is asked for without a ground sample distance.
+    """
+    table = settings.mapolas
+    where = f"{workspace.root / SETTINGS_FILE}: [mapolas]"
+    if table.half_size:
+        check_grid(table.half_size, where, "lower half_size")
+    if table.source == "maplets":
+        names = workspace.maplet_names()
+        return {name: _adapted(workspace.maplet(name).grid, table) for name in names}
+    if not table.gsd_m:
+        raise SettingsError("must be given for a covering", f"{where} gsd_m", "in metres")
+    half_size = table.half_size or COVER_HALF_SIZE
+    shape = workspace.shape()
+    # As fine as its grids, a covering of the body has as many points as its circumference squared.
+    check_grid(np.pi * shape.mean_radius / table.gsd_m, where, "raise gsd_m")
+    grids = covering(shape, table.gsd_m, half_size, overlap=table.overlap)
+    # SPC allows names of six characters.
+    return {f"C{number:05d}": grid for number, grid in enumerate(grids, start=1)}
+
+
+def _adapted(grid: MapletGrid, table: MapolaSettings) -> MapletGrid:
+    """Return `grid` at the ground sample distance and half-size of the settings."""
+    if table.gsd_m:
+        grid = grid.with_gsd(table.gsd_m)
+    return replace(grid, half_size=table.half_size) if table.half_size else grid
+
+
+@dataclass
+class _Counts:
+    """Counts what happens to returns and mapolas while these pass by."""
+
+    used: int = 0
+    rejected: int = 0
+    not_settled: int = 0
+    coverage: float = 0.0
+
+    def passed(self, done: Iterator[Gridding], table: MapolaSettings) -> Iterator[Mapola]:
+        """Yield the mapolas that hold enough, thin cells left out."""
+        for gridding in done:
+            mapola, report = gridding.mapola, gridding.report
+            if table.min_count > 1:
+                thin = mapola.count < table.min_count
+                mapola = mapola.with_layers(
+                    height=np.where(thin, np.nan, mapola.height),
+                    sigma=np.where(thin, np.nan, mapola.sigma),
+                )
+            if not mapola.valid.any() or mapola.coverage < table.min_coverage:
+                continue
+            self.used += report.used
+            self.rejected += report.stray + report.outlying
+            self.not_settled += not report.converged
+            self.coverage += mapola.coverage
+            yield mapola
+
+    def summary(self, grids: int, made: int) -> dict[str, Any]:
+        """Return what the command prints."""
+        return {
+            "grids": grids,
+            "mapolas": made,
+            "returns_used": self.used,
+            "returns_rejected": self.rejected,
+            "mean_coverage": self.coverage / made,
+            "not_settled": self.not_settled,
+        }

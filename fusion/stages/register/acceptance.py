@@ -1,0 +1,188 @@
+"""The verdict on the registration of a workspace: evidence from its surfaces, and what follows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fusion.estimation.verdict import (
+    Code,
+    Finding,
+    Severity,
+    Verdict,
+)
+from fusion.pipeline import StageContext
+from fusion.registration.judging import Evidence, Placed, common_relief
+from fusion.registration.results import GivenRegistration, placements_of, transform_of
+from fusion.scene import surface_reference
+from fusion.stages.register.frame_search import search_workspace_frames
+from fusion.stages.register.matching import Matched, Matcher
+from fusion.surfacematch import Match, Surface
+from fusion.surfacematch.resolution import blur
+from fusion.workspace.settings import RegisterSettings
+from spcola.arrays import FloatArray
+from spcola.errors import NotObservableError, SpcolaError
+from spcola.grids import MapletGrid
+from spcola.math.robust import mad
+
+# The evidence is of the whole solution; this many mapolas show it.
+_SAMPLE = 24
+# What a refused registration must not offer to programs that do not look at its verdict.
+_TRANSFORM = (
+    "scale",
+    "scale_sigma",
+    "rotation_deg",
+    "rotation_sigma_deg",
+    "translation_m",
+    "translation_sigma_m",
+    "covariance",
+    "inverse",
+)
+_ESTIMATE = (*_TRANSFORM, "matrix", "strain", "strain_sigma")
+
+
+@dataclass(frozen=True, eq=False)
+class _Comparison:
+    """What a mapola and the SPC surface show on one grid."""
+
+    placed: Placed
+    chi: float
+
+
+def evidence_of(
+    context: StageContext,
+    matched: Matched,
+    content: Mapping[str, Any] | None = None,
+    given: GivenRegistration | None = None,
+) -> Evidence:
+    """Compare the surfaces of a sample of mapolas where a registration puts them.
+
+    Parameters
+    ----------
+    context : StageContext
+        Of the stage that registers.
+    matched : Matched
+        What the registration rests on.
+    content : mapping, optional
+        ``registration.json``; without it no place is expected of the mapolas.
+    given : GivenRegistration, optional
+        Where the mapolas were searched from, if not from where they are.
+    """
+    workspace, table = context.workspace, context.table(RegisterSettings)
+    reference = surface_reference(workspace, table.against)
+    matcher = Matcher(workspace, table, reference, given, None)
+    shifts = _displacements(content) if content is not None else {}
+    sample = matched.matches[:: -(-len(matched.matches) // _SAMPLE)]
+
+    def compared(match: Match) -> _Comparison:
+        mapola = workspace.mapola(match.name)
+        grid = matcher.grid(mapola.grid)
+        surface = reference(match.name, grid)
+        lidar, spc = mapola.height, surface.height
+        if matched.blur_cells > 0:
+            lidar = blur(lidar, matched.blur_cells, of_slopes=surface.of_slopes)
+        elif matched.blur_cells < 0:
+            spc = blur(spc, -matched.blur_cells, of_slopes=surface.of_slopes)
+        reach = max(1, int(np.ceil(table.capture_m / grid.gsd)))
+        shift = _shift(shifts.get(match.name), grid)
+        stated = _stated_sigma(mapola.sigma, surface)
+        noise = stated if np.isfinite(stated) else 0.0
+        return _Comparison(
+            Placed(lidar, spc, shift, reach, noise), float(mad(match.residual)) / stated
+        )
+
+    found = context.map("compare relief", compared, sample)
+    relief = common_relief([one.placed for one in found])
+    return Evidence(relief, np.array([one.chi for one in found]))
+
+
+def _stated_sigma(sigma: FloatArray, surface: Surface) -> float:
+    """Sigma of the difference of a mapola, of `sigma`, and SPC, metres; NaN if none is stated."""
+    known = np.isfinite(sigma) & np.isfinite(surface.height) & (surface.variance > 0)
+    if not known.any():
+        return float("nan")
+    return float(np.median(np.sqrt(sigma[known] ** 2 + surface.variance[known])))
+
+
+def elsewhere(context: StageContext) -> tuple[dict[str, Any], tuple[Finding, ...]]:
+    """Search where else the lidar would fit: ``frame_search`` of the JSON, and a note if it does.
+
+    Without returns in the workspace, or on a body without relief, nothing is found.
+    """
+    with context.progress.task("search for the frame", 1) as task:
+        try:
+            search = search_workspace_frames(context.workspace, context.settings)
+        except SpcolaError as error:
+            return {"found": False, "text": f"was not possible: {error}"}, ()
+        finally:
+            task.advance()
+    best = search.best
+    if best is None or not best.change.kinds:
+        return search.as_json(), ()
+    return search.as_json(), (Finding(Code.FITS_OTHERWISE, Severity.NOTE, search.text),)
+
+
+def with_verdict(content: Mapping[str, Any], verdict: Verdict) -> dict[str, Any]:
+    """Return ``registration.json`` with its verdict.
+
+    What a refused registration estimates stands under ``refused_estimate`` alone, so that no
+    program takes it for a transform.
+    """
+    judged = {**content, **verdict.as_json()}
+    if verdict.judgement != "refused":
+        return judged
+    estimate = {key: judged[key] for key in _ESTIMATE if key in judged}
+    return {**judged, **dict.fromkeys(estimate), "refused_estimate": estimate}
+
+
+def unregistered(
+    error: NotObservableError, matches: Sequence[Match], table: RegisterSettings
+) -> tuple[dict[str, Any], Verdict]:
+    """Content of ``registration.json`` where no transform could be fitted, and its verdict."""
+    usable = sum(match.usable for match in matches)
+    code = Code.NOT_DETERMINED if usable else Code.NO_MATCH
+    content: dict[str, Any] = {
+        "by": table.by,
+        "model": table.model,
+        **dict.fromkeys(_TRANSFORM),
+        "n_used": 0,
+        "n_rejected": len(matches),
+        "converged": False,
+        "reason": error.what,
+        "reasons": [error.what],
+        "per_mapola": [
+            {
+                "name": match.name,
+                "center_m": match.center,
+                "used": False,
+                "reason": match.reason or "there is no transform",
+                "coverage": match.coverage,
+                "correlation": match.correlation,
+            }
+            for match in matches
+        ],
+    }
+    text = error.what if error.do is None else f"{error.what}; {error.do}"
+    return content, Verdict((Finding(code, Severity.REFUSED, text),))
+
+
+def _displacements(content: Mapping[str, Any]) -> dict[str, FloatArray]:
+    """Where the registration puts the centres of the mapolas (3,), SPC coordinates, metres."""
+    transform = transform_of(content, "registration")
+    shifts = placements_of(content, "registration")
+    return {
+        str(entry["name"]): transform.apply(np.array(entry["center_m"], dtype=np.float64))
+        + shifts[str(entry["name"])].shift
+        for entry in content["per_mapola"]
+    }
+
+
+def _shift(target: FloatArray | None, searched: MapletGrid) -> FloatArray:
+    """Displacement (2,), cells along x and y of the grid that is `searched`, to a `target` (3,)."""
+    if target is None:
+        return np.full(2, np.nan)
+    along: FloatArray = (searched.axes @ (target - searched.center))[:2] / searched.gsd
+    return along

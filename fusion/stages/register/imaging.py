@@ -1,0 +1,150 @@
+"""The images of a workspace as the registration looks at them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from fusion.pipeline import StageContext
+from fusion.registration.observations import ImagedMapolas, place_mapolas
+from fusion.scene import Exposures
+from fusion.workspace import Workspace
+from fusion.workspace.settings import RegisterSettings
+from spcola.arrays import FloatArray
+from spcola.camera import SpcImage, project_image
+from spcola.control import Landmark
+from spcola.control.estimation import Fixes, measured_sigma, state_covariance
+from spcola.errors import NotObservableError
+from spcola.grids import MapletGrid
+from spcola.imagematching import ChoiceOptions, Sighting, SightOptions, choose_images, find_ground
+from spcola.photometry import photometric_function
+from spcola.shape import RayCaster
+
+
+@dataclass(frozen=True, eq=False)
+class ImageScene:
+    """Images, how well their states are known, and what stands in their way.
+
+    Attributes
+    ----------
+    workspace : Workspace
+    images : tuple of SpcImage
+        Those with pixels in IMAGEFILES whose state is known to some sigma; without pixels.
+    states : dict of str to (6, 6) ndarray
+        Covariances of their states.
+    exposed : Exposures
+    beyond : RayCaster, optional
+        The shape.
+    """
+
+    workspace: Workspace
+    images: tuple[SpcImage, ...]
+    states: dict[str, FloatArray]
+    exposed: Exposures
+    beyond: RayCaster | None
+    choice: ChoiceOptions = field(default_factory=ChoiceOptions)
+    options: SightOptions = field(default_factory=SightOptions)
+
+    @classmethod
+    def of(
+        cls, workspace: Workspace, grids: list[MapletGrid], table: RegisterSettings
+    ) -> ImageScene:
+        """Read the states of the images, and the landmarks by which they were solved."""
+        known = {path.stem: workspace.landmark(path.stem) for path in landmark_files(workspace)}
+        images = [
+            image for image in workspace.images() if workspace.exposure_path(image.name).is_file()
+        ]
+        fixes = [(image, _fixes(image, known)) for image in images]
+        sigma_px = measured_sigma(fixes)
+        states = {}
+        for image, fixed in fixes:
+            try:
+                anchor = _anchor(image, grids)
+                states[image.name] = state_covariance(image, anchor, fixed, sigma_px=sigma_px)
+            except NotObservableError:
+                continue
+        return cls(
+            workspace,
+            tuple(image for image in images if image.name in states),
+            states,
+            Exposures(workspace),
+            RayCaster(workspace.shape()) if workspace.has_shape() else None,
+            ChoiceOptions(most=table.max_images),
+            SightOptions(
+                capture_m=table.capture_m,
+                function=photometric_function(table.photometry),
+                min_correlation=table.min_correlation,
+            ),
+        )
+
+    def sighting(self, name: str) -> Sighting:
+        """Find a mapola in the images that show it."""
+        mapola = self.workspace.mapola(name)
+        return find_ground(
+            mapola,
+            choose_images(mapola.grid, self.images, options=self.choice),
+            self.states,
+            exposed=self.exposed,
+            beyond=self.beyond,
+            options=self.options,
+        )
+
+
+def imaged_mapolas(
+    context: StageContext, names: list[str], grids: list[MapletGrid]
+) -> ImagedMapolas:
+    """Find mapolas in images, and solve their centres.
+
+    Raises
+    ------
+    NotObservableError
+        If no image has pixels and a state that is known to some sigma.
+    """
+    table = context.table(RegisterSettings)
+    scene = ImageScene.of(context.workspace, grids, table)
+    if not scene.images:
+        raise NotObservableError(
+            "no image has both pixels and a state of known uncertainty",
+            where=context.workspace.root / "IMAGEFILES",
+            do='put images there, or set [register] by = "topography"',
+        )
+    sightings = context.map("find mapolas in images", scene.sighting, names)
+    return place_mapolas(grids, sightings)
+
+
+def landmark_files(workspace: Workspace) -> list[Path]:
+    """Return the landmark files that are there; an image whose landmarks are not has none."""
+    paths = [workspace.root / "LMKFILES" / f"{name}.LMK" for name in workspace.landmark_names()]
+    return [path for path in paths if path.is_file()]
+
+
+def _fixes(image: SpcImage, known: dict[str, Landmark]) -> Fixes:
+    """Landmarks of an image that the solution knows and that pull."""
+    points = [p for p in image.landmarks if p.name in known and not p.deweighted]
+    return Fixes(
+        np.array([known[p.name].grid.center for p in points]).reshape(-1, 3),
+        np.array([(p.pixel, p.line) for p in points]).reshape(-1, 2),
+        np.array([known[p.name].sigma for p in points]).reshape(-1, 3),
+    )
+
+
+def _anchor(image: SpcImage, grids: list[MapletGrid]) -> FloatArray:
+    """Ground in the middle of what an image shows: the mean of the centres in it (3,).
+
+    The centre next to the middle of the frame, if none lies in it.
+    """
+    centers = np.array([grid.center for grid in grids])
+    normals = np.array([grid.uz for grid in grids])
+    facing = np.sum((image.position - centers) * normals, axis=1) > 0.0
+    pixel, line = project_image(image, centers)
+    aside = np.abs(pixel - (image.camera.width + 1) / 2) / image.camera.width
+    down = np.abs(line - (image.camera.height + 1) / 2) / image.camera.height
+    off = np.where(facing & np.isfinite(pixel), np.fmax(aside, down), np.inf)
+    if (off < 0.5).any():
+        middle: FloatArray = np.mean(centers[off < 0.5], axis=0)
+        return middle
+    if not np.isfinite(off).any():
+        raise NotObservableError("looks away from the body", where=image.name)
+    return centers[int(np.argmin(off))]

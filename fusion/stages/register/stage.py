@@ -1,0 +1,363 @@
+"""Mapolas and SPC surface → the transform between their frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fusion.estimation.verdict import Verdict
+from fusion.pipeline import StageContext, StageResult
+from fusion.registration.fit import FitOptions
+from fusion.registration.judging import Limits, judge_registration
+from fusion.registration.observations import (
+    Kind,
+    LandmarkErrors,
+    fit_mapolas,
+    kinds_json,
+    register_kinds,
+)
+from fusion.registration.results import (
+    GivenRegistration,
+    MatchedMapolas,
+    ScanEffects,
+    applied_json,
+    given_registration,
+    registration_json,
+    scale_influence,
+    share_matrix,
+    transform_of,
+)
+from fusion.scene import surface_reference
+from fusion.stages.geolocation.locating import return_paths
+from fusion.stages.register.acceptance import (
+    elsewhere,
+    evidence_of,
+    unregistered,
+    with_verdict,
+)
+from fusion.stages.register.imaging import imaged_mapolas, landmark_files
+from fusion.stages.register.matching import Matched, check_usable, match_mapolas
+from fusion.stages.register.return_source import ReturnSource
+from fusion.stages.register.scan_fits import ScanRegistration
+from fusion.surfacematch import Match
+from fusion.workspace import SETTINGS_FILE, Workspace
+from fusion.workspace.settings import (
+    BodySettings,
+    MapolaSettings,
+    RegisterSettings,
+    Settings,
+    SpiceSettings,
+    SpinSettings,
+    Table,
+)
+from spcola.arrays import FloatArray
+from spcola.control.estimation import NetworkOptions, solve_network
+from spcola.errors import NotObservableError, SettingsError
+from spcola.shape import Mesh
+
+
+@dataclass(frozen=True)
+class RegisterStage:
+    """Mapolas and SPC surface → registration.json."""
+
+    name: str = "register"
+    version: int = 13
+    needs: tuple[str, ...] = ("mapolas",)
+    places: tuple[str, ...] = ("registration.json",)
+    tables: tuple[type[Table], ...] = (
+        RegisterSettings,
+        BodySettings,
+        MapolaSettings,
+        SpinSettings,
+        SpiceSettings,
+    )
+
+    def missing(self, workspace: Workspace, settings: Settings) -> str:
+        """Return why there is nothing to register."""
+        if not workspace.mapola_names():
+            return f"there are no mapolas; run: spcola mapolas {workspace.root}"
+        if settings.registration.against == "shape" and not workspace.has_shape():
+            return "there is no shape in SHAPEFILES to register against"
+        if settings.registration.against != "shape" and not workspace.maplet_names():
+            return 'there are no maplets in MAPFILES; set [register] against = "shape"'
+        return ""
+
+    def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
+        """Return mapolas, the SPC surface, what ties its maplets, and a transform that is given."""
+        table = settings.registration
+        given = given_path(workspace, table)
+        paths = [*workspace.mapola_paths(), *([] if given is None else [given])]
+        paths += return_paths(workspace, settings) if table.by == "returns" else []
+        shape = table.against == "shape"
+        paths += [workspace.shape_path()] if shape else workspace.maplet_files()
+        if table.by in ("images", "both"):
+            paths += [*workspace.image_files(), *landmark_files(workspace)]
+            paths += [workspace.shape_path()] if workspace.has_shape() and not shape else []
+        elif table.landmarks != "ignore" and not shape:
+            paths += [workspace.image_path(name) for name in workspace.image_names()]
+            paths += landmark_files(workspace)
+        return paths
+
+    def run(self, context: StageContext) -> StageResult:
+        """Match every mapola, fit the transform, judge it.
+
+        Where a transform is given the mapolas are matched as it places them, and nothing is fitted.
+        Where none can be fitted, or surfaces do not agree by it, the registration is refused: it is
+        written with its verdict, and nothing that rests on it runs.
+        """
+        workspace, table = context.workspace, context.table(RegisterSettings)
+        given = _given(workspace, table)
+        source = ReturnSource.of(context) if table.by == "returns" and given is None else None
+        matched = match_mapolas(context, given, source)
+        try:
+            content = _registered(context, matched, given, source)
+            if given is None and table.by == "topography":
+                matched, content, given = _untwisted(context, matched, content)
+        except NotObservableError as error:
+            content, verdict = unregistered(error, matched.matches, table)
+        else:
+            evidence = evidence_of(context, matched, content, given)
+            content["agreement"] = evidence.as_json()
+            verdict = judge_registration(content, evidence, _limits(table))
+        content["blur_cells"] = matched.blur_cells
+        for key, curve in (("noise_spectrum", matched.spectrum), ("transfer", matched.transfer)):
+            content[key] = None if curve is None else curve.as_json()
+        if verdict.judgement != "accepted":
+            content["frame_search"], found = elsewhere(context)
+            verdict = Verdict((*verdict.findings, *found))
+        content = with_verdict(content, verdict)
+        path = context.write_json(workspace.registration_path.name, content)
+        return StageResult((path,), {k: v for k, v in content.items() if k not in _LONG})
+
+
+STAGE = RegisterStage()
+
+# Rim of a mapola turned by so many cells: beyond it is matched again from where the fit turns it,
+# until what a further fit turns it by is below the second.
+_TWIST_CELLS, _TWIST_LEFT_CELLS = 0.1, 0.01
+# Turns become smaller from fit to fit, at least by that, where lidar and SPC are of one ground.
+_SLOWEST = 0.7
+_MOST_TURNS = 8
+
+_LONG = frozenset(
+    {
+        "per_mapola",
+        "per_scan",
+        "per_scan_fit",
+        "covariance",
+        "parameters",
+        "noise_spectrum",
+        "transfer",
+        "stability",
+        "inverse",
+        "frame_search",
+        "images_not_matched",
+    }
+)
+
+
+def _registered(
+    context: StageContext,
+    matched: Matched,
+    given: GivenRegistration | None,
+    source: ReturnSource | None,
+) -> dict[str, Any]:
+    """Content of the registration as the settings ask for it.
+
+    Raises
+    ------
+    NotObservableError
+        If no mapola matches, too few do, or a parameter of the model is free.
+    """
+    workspace, table = context.workspace, context.table(RegisterSettings)
+    check_usable(matched.matches, workspace, table.min_coverage)
+    if given is not None:
+        return _applied(workspace, given, matched, table)
+    if table.by in ("images", "both"):
+        return _by_images(context, matched)
+    return _by_topography(context, matched, source)
+
+
+def _untwisted(
+    context: StageContext, matched: Matched, content: dict[str, Any]
+) -> tuple[Matched, dict[str, Any], GivenRegistration | None]:
+    """Match and fit again from where the fit turns the mapolas, until it turns them no more.
+
+    A match displaces a mapola and does not turn it. Where the transform turns the rim of a mapola
+    by a good part of a cell, matches from where it lies are of surfaces that are twisted against
+    each other, and the fit finds too small a rotation.
+
+    Returns
+    -------
+    matched, content
+        Of the last fit.
+    given : GivenRegistration or None
+        Where the mapolas were matched from; None if from where they are.
+    """
+    workspace, given = context.workspace, None
+    grids = {match.name: workspace.mapola(match.name).grid for match in matched.matches}
+    reach = max(grid.half_size for grid in grids.values())
+    before: FloatArray = np.eye(3)
+    last = np.inf
+    for _ in range(_MOST_TURNS):
+        turned = transform_of(content, "registration").nearest_similarity().rotation
+        angle = float(np.linalg.norm(Rotation.from_matrix(turned @ before.T).as_rotvec()))
+        if angle * reach < (_TWIST_CELLS if given is None else _TWIST_LEFT_CELLS):
+            return matched, content, given
+        if angle > _SLOWEST * last:
+            break
+        last = angle
+        given = given_registration({**content, "per_scan": None, "per_mapola": None}, "fit")
+        found = match_mapolas(context, given)
+        own = [given.referred(match, grids[match.name]) for match in found.matches]
+        matched, before = replace(found, matches=own), turned
+        content = _registered(context, matched, None, None)
+    text = (
+        "the rotation does not settle when mapolas are matched again from where the fit turns them"
+    )
+    return matched, {**content, "converged": False, "reason": text}, given
+
+
+def _limits(table: RegisterSettings) -> Limits:
+    """What two solutions of one body may differ by, by the settings."""
+    return Limits(table.max_rotation_deg, table.max_scale_change, table.center_sigma_m)
+
+
+def _by_topography(
+    context: StageContext, matched: Matched, source: ReturnSource | None
+) -> dict[str, Any]:
+    """Fit the transform to the matches of heights, of mapolas or of the returns themselves."""
+    workspace, table = context.workspace, context.table(RegisterSettings)
+    mapolas, _ = _with_scans(workspace, matched.matches, table)
+    names = [match.name for match in matched.matches]
+    mapolas = replace(mapolas, landmarks=_landmarks(context, names))
+    options, further = _fit_options(table), []
+    if table.against == "shape":
+        options = replace(options, stated=(1,))
+        further = [_chords(workspace.shape(), matched.matches)]
+    registration = fit_mapolas(mapolas, further, options=options)
+    content = {**registration_json(registration, mapolas), "by": table.by}
+    if table.against != "shape" and table.model == "similarity":
+        moved = scale_influence(registration, mapolas)
+        for entry, change in zip(content["per_mapola"], moved, strict=True):
+            entry["scale_per_m"] = change
+    if source is not None:
+        reference = surface_reference(workspace, table.against)
+        scans = ScanRegistration(source, reference, registration, matched.blur_cells)
+        grids = {name: workspace.mapola(name).grid for name in names}
+        content["per_scan_fit"] = scans.entries(context, grids)
+    return content
+
+
+def _chords(shape: Mesh, matches: list[Match]) -> FloatArray:
+    """What all facets of a shape may do to mapolas (N, 3, 1), metres: lie below a round body.
+
+    Or not, where its maker has put them half above: no match tells that from a scale.
+    """
+    centers = np.array([match.center for match in matches])
+    outward = centers / np.linalg.norm(centers, axis=1, keepdims=True)
+    chords: FloatArray = shape.sagitta * outward[:, :, None]
+    return chords
+
+
+def _by_images(context: StageContext, matched: Matched) -> dict[str, Any]:
+    """Fit the transform to where images show the mapolas, or to both kinds of match."""
+    workspace, table = context.workspace, context.table(RegisterSettings)
+    names = [match.name for match in matched.matches]
+    mapolas, _ = _with_scans(workspace, matched.matches, table)
+    mapolas = replace(mapolas, landmarks=_landmarks(context, names))
+    grids = [workspace.mapola(name).grid for name in names]
+    imaged = imaged_mapolas(context, names, grids)
+    by: Kind = "both" if table.by == "both" else "images"
+    found = register_kinds(by, mapolas, imaged, options=_fit_options(table))
+    return kinds_json(by, found, matched.matches, imaged)
+
+
+def _applied(
+    workspace: Workspace, given: GivenRegistration, matched: Matched, table: RegisterSettings
+) -> dict[str, Any]:
+    """Content of the registration by a transform that is given."""
+    own = [given.referred(match, workspace.mapola(match.name).grid) for match in matched.matches]
+    mapolas, shares = _with_scans(workspace, own, table)
+    content = applied_json(given, mapolas, shares, reject=table.reject_sigmas)
+    return {**content, "applied": {"file": table.apply, "inverse": table.inverse}}
+
+
+def given_path(workspace: Workspace, table: RegisterSettings) -> Path | None:
+    """Return the file whose transform is applied; None where one is fitted.
+
+    What is wrong with it is told of the settings where it is from them, else of the option.
+
+    Raises
+    ------
+    SettingsError
+        If it is not there, is what the stage itself writes, or is named by `inverse` alone.
+    """
+    stated = workspace.settings().registration.apply == table.apply
+    where = f"{workspace.root / SETTINGS_FILE}: [register] apply" if stated else "--apply"
+    if not table.apply:
+        if table.inverse:
+            raise SettingsError("names no file whose inverse is to be taken", where)
+        return None
+    path = workspace.root / table.apply
+    if not path.is_file():
+        raise SettingsError(f"names {path}, which is no file", where, "check the path")
+    if path.resolve() == workspace.registration_path.resolve():
+        raise SettingsError(f"names {path}, which is written anew", where, "name a copy of it")
+    return path
+
+
+def _given(workspace: Workspace, table: RegisterSettings) -> GivenRegistration | None:
+    """Read the transform that is to be applied; None where one is to be fitted."""
+    path = given_path(workspace, table)
+    if path is None:
+        return None
+    return given_registration(workspace.read_json(str(path)), str(path), inverse=table.inverse)
+
+
+def _fit_options(table: RegisterSettings) -> FitOptions:
+    """How the transform is fitted by the settings."""
+    return FitOptions(
+        model=table.model, center_sigma_m=table.center_sigma_m, reject=table.reject_sigmas
+    )
+
+
+def _landmarks(context: StageContext, names: list[str]) -> LandmarkErrors | None:
+    """How the maplets err, by their landmarks' sigmas and the images; None if not to be asked."""
+    workspace, table = context.workspace, context.table(RegisterSettings)
+    if table.landmarks == "ignore" or table.against == "shape" or not workspace.landmark_names():
+        return None
+    landmarks = [workspace.landmark(name) for name in workspace.landmark_names()]
+    network = solve_network(
+        [landmark.name for landmark in landmarks],
+        np.array([landmark.grid.center for landmark in landmarks]),
+        np.array([landmark.sigma for landmark in landmarks]),
+        workspace.images() if table.landmarks == "images" else [],
+        options=NetworkOptions(center_sigma=table.center_sigma_m),
+    )
+    return LandmarkErrors.of_mapolas(network, names, table.center_sigma_m)
+
+
+def _with_scans(
+    workspace: Workspace, matches: list[Match], table: RegisterSettings
+) -> tuple[MatchedMapolas, FloatArray]:
+    """How scan errors reach the mapolas, and the shares (N, S) of the scans in them.
+
+    They are what the adjustment of the scans left, or errors of each scan.
+    """
+    found = [workspace.mapola(match.name).scan_share for match in matches]
+    centers = np.array([match.center for match in matches])
+    adjustment = workspace.adjustment()
+    if adjustment is None:
+        names = sorted({name for share in found for name in share})
+        shares = share_matrix(found, names)
+        scans = ScanEffects.independent(names, table.scan_sigma_m)
+    else:
+        shares = share_matrix(found, adjustment.names)
+        scans = ScanEffects.left_by(adjustment, shares, centers)
+    effects, beside = scans.at(shares, centers), scans.beside(shares, centers)
+    return MatchedMapolas(matches, scans, effects, beside), shares

@@ -1,0 +1,2 @@
+from .rescaling import apply_scale as apply_scale
+from .stage import STAGE as STAGE

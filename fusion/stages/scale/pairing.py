@@ -1,0 +1,308 @@
+"""The pairs of a workspace: which images and scans are compared, and with which maplets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from fusion.pipeline import StageContext
+from fusion.runtime.machine import check_grid
+from fusion.scaling.geometry import (
+    LeftOut,
+    PairFrame,
+    PairOptions,
+    frame_of_image,
+    maplet_shares,
+    pair_size,
+    seen_from,
+)
+from fusion.scaling.pairs import (
+    Pair,
+    Sources,
+    blur_of,
+    cell_means,
+    make_pair,
+    match_response,
+    sharpened,
+)
+from fusion.scene import maplets_around
+from fusion.stages.geolocation.locating import turning
+from fusion.surfacematch import MatchOptions
+from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
+from fusion.workspace.settings import ScaleSettings, SpiceSettings, SpinSettings
+from lidar.formats.native import iter_scan, scan_summary
+from lidar.geolocation import reproject, scan_trajectory
+from lidar.scans import Returns, Scan, join
+from spcola.arrays import FloatArray
+from spcola.bigmap import make_bigmap
+from spcola.errors import InvalidValueError
+from spcola.formats.maplets import write_maplet
+from spcola.grids import Maplet, MapletGrid
+from spcola.navigation import Offset, Trajectory
+from spcola.shape import RayCaster
+
+# The blur is one number for the whole solution; so many pairs tell it.
+_BLUR_SAMPLE = 24
+
+
+@dataclass(frozen=True, eq=False)
+class Pairing:
+    """All pairs of a workspace.
+
+    Attributes
+    ----------
+    options : PairOptions
+    pairs : list of Pair
+    left_out : list of LeftOut
+    blur_cells : float
+        Blur of the SPC bigmaps against those of returns that was applied, cells.
+    maplets : tuple of str
+        The solution's maplets, in the order of the pairs' shares.
+    center_sigma : (M, 3) ndarray
+        Standard deviation of their centres, body-fixed axes, metres.
+    located_within_m : float
+        By how much interpolation puts returns wrong that were located again, metres.
+    without_place : dict of str to int
+        By scan, how many of its returns have no place where they should be located again.
+    """
+
+    options: PairOptions
+    pairs: list[Pair]
+    left_out: list[LeftOut]
+    blur_cells: float
+    maplets: tuple[str, ...]
+    center_sigma: FloatArray
+    located_within_m: float
+    without_place: dict[str, int]
+
+
+def pair_images(context: StageContext, caster: RayCaster, radius: float) -> Pairing:
+    """Pair the bigmaps of all images of a workspace, both brought to one resolution.
+
+    Parameters
+    ----------
+    context : StageContext
+    caster : RayCaster
+        Of the SPC shape.
+    radius : float
+        Mean radius of the body, metres.
+
+    Raises
+    ------
+    WorkspaceError
+        If a grid as large as the settings want does not fit into memory.
+    """
+    table = context.table(ScaleSettings)
+    solution = _Solution.of(context.workspace, table.maplet_sigma_m)
+    options = _options(context.workspace, table, radius, solution)
+    frames, left_out = _frames(context.workspace, caster, options)
+    maker = _PairMaker(context, options, frames, solution)
+    groups = maker.groups()
+    made = context.stream("pair bigmaps", maker.pairs_of_scan, groups.items(), total=len(groups))
+    groups_made = list(made)
+    first = [item for group in groups_made for item in group.items]
+    seen = {item.frame.image if isinstance(item, Pair) else item.image for item in first}
+    left_out += [
+        LeftOut(frame.image, "no scan was taken with the image")
+        for frame in frames
+        if frame.image not in seen
+    ]
+    pairs = [item for item in first if isinstance(item, Pair)]
+    sample = pairs[:: max(1, -(-len(pairs) // _BLUR_SAMPLE))]
+    blurs = np.array(context.map("compare resolutions", blur_of, sample))
+    blur = float(np.nanmedian(blurs)) if np.isfinite(blurs).any() else 0.0
+    again = context.map(
+        "match pairs", lambda pair: sharpened(pair, options, blur_cells=blur), pairs
+    )
+    left_out += [item for item in (*first, *again) if isinstance(item, LeftOut)]
+    kept = [item for item in again if isinstance(item, Pair)]
+    names = tuple(solution.grids)
+    return Pairing(
+        options, kept, left_out, blur, names, solution.center_sigma,
+        located_within_m=max((group.within_m for group in groups_made), default=0.0),
+        without_place={one.scan: one.without_place for one in groups_made if one.without_place},
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _PairsOfScan:
+    """Pairs of one scan, and how its returns were located again."""
+
+    scan: str
+    items: list[Pair | LeftOut]
+    within_m: float
+    without_place: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """The grids of the workspace's maplets, and the sigmas (M, 3) of their centres."""
+
+    grids: dict[str, MapletGrid]
+    center_sigma: FloatArray
+
+    @classmethod
+    def of(cls, workspace: Workspace, sigma_m: float) -> _Solution:
+        """Read all maplets once; a centre whose sigma no file states has `sigma_m`."""
+        grids, stated = {}, []
+        for name in workspace.maplet_names():
+            maplet = workspace.maplet(name)
+            grids[name] = maplet.grid
+            stated.append(maplet.center_sigma)
+        known = np.array(stated).reshape(-1, 3)
+        return cls(grids, np.where(known > 0, known, sigma_m))
+
+
+def _options(
+    workspace: Workspace, table: ScaleSettings, radius: float, solution: _Solution
+) -> PairOptions:
+    """Options of the settings; size and GSD by rule where they say 0."""
+    middling = float(np.median([grid.gsd for grid in solution.grids.values()]))
+    size, gsd = pair_size(radius, middling)
+    size, gsd = table.size_m or size, table.gsd_m or gsd
+    check_grid(
+        (size / 2.0 + table.capture_m) / gsd,
+        f"{workspace.root / SETTINGS_FILE}: [scale]",
+        "check size_m, gsd_m and capture_m",
+    )
+    return PairOptions(
+        size_m=size,
+        gsd_m=gsd,
+        match=MatchOptions(
+            capture_m=table.capture_m,
+            min_coverage=table.min_coverage,
+            min_correlation=table.min_correlation,
+        ),
+        max_emission_deg=table.max_emission_deg,
+        max_incidence_deg=table.max_incidence_deg,
+    )
+
+
+def _frames(
+    workspace: Workspace, caster: RayCaster, options: PairOptions
+) -> tuple[list[PairFrame], list[LeftOut]]:
+    """Where all images look; those that look past the body or obliquely are left out."""
+    found = [frame_of_image(image, caster, options) for image in workspace.images()]
+    frames = [item for item in found if isinstance(item, PairFrame)]
+    return frames, [item for item in found if isinstance(item, LeftOut)]
+
+
+class _PairMaker:
+    """Makes the pairs of one scan at a time, so that no more than that is in memory."""
+
+    def __init__(
+        self,
+        context: StageContext,
+        options: PairOptions,
+        frames: list[PairFrame],
+        solution: _Solution,
+    ) -> None:
+        workspace = context.workspace
+        self._workspace, self._options, self._frames = workspace, options, frames
+        self._grids = solution.grids
+        self._table = context.table(ScaleSettings)
+        self._turn = turning(
+            workspace,
+            context.table(SpinSettings),
+            context.table(SpiceSettings),
+            max_gap_s=self._table.max_gap_s,
+        )
+        self._trajectory = Trajectory.from_images(workspace.images())
+        self._spans = {path: scan_summary(path).time_span for path in workspace.scan_paths()}
+
+    def groups(self) -> dict[Path, list[PairFrame]]:
+        """The images of each scan: those taken during it (with another trajectory, near it)."""
+        near = self._table.max_gap_s if self._table.trajectory == "reference" else 0.0
+        groups: dict[Path, list[PairFrame]] = {}
+        for frame in self._frames:
+            away = {path: _away(frame.time, span) for path, span in self._spans.items()}
+            nearest = min(away, key=lambda path: away[path])
+            if away[nearest] <= near:
+                groups.setdefault(nearest, []).append(frame)
+        return groups
+
+    def pairs_of_scan(self, item: tuple[Path, list[PairFrame]]) -> _PairsOfScan:
+        """Read and locate one scan, and pair the images that were taken with it."""
+        path, frames = item
+        read = join(path.stem, list(iter_scan(path)))
+        scan, within = self._turn.located(read)
+        offset = None
+        if self._table.trajectory == "spc":
+            gap = self._table.max_gap_s
+            try:
+                offset = self._trajectory.offset_from(scan_trajectory(scan), max_gap_s=gap)
+            except InvalidValueError as error:
+                none: list[Pair | LeftOut] = [LeftOut(frame.image, str(error)) for frame in frames]
+                return _PairsOfScan(path.stem, none, within, len(read))
+            scan = reproject(scan, self._trajectory, max_gap_s=gap)
+            within = max(within, offset.widest(gap))
+        items = [self._pair(frame, scan, offset) for frame in frames]
+        return _PairsOfScan(path.stem, items, within, len(read) - len(scan))
+
+    def _pair(self, frame: PairFrame, scan: Scan, offset: Offset | None) -> Pair | LeftOut:
+        around = maplets_around(self._workspace, self._grids, frame.grid)
+        spc = make_bigmap(frame.image, frame.grid, around)
+        x, y, height = frame.grid.project(scan.points)
+        side = frame.grid.half_size + 0.5
+        # Only what lies on the grid: its times say on which states the pair leans.
+        inside = (np.abs(x) <= side) & (np.abs(y) <= side) & (np.abs(height) < frame.grid.radius)
+        chosen = scan.select(inside & (np.abs(scan.time - frame.time) < self._table.max_gap_s))
+        chosen = chosen.select(np.all(np.isfinite(chosen.spacecraft), axis=1))
+        if not len(chosen):
+            return LeftOut(frame.image, "no return of that time and a known station lies there")
+        frame = seen_from(frame, np.mean(chosen.spacecraft, axis=0))
+        place = {name: number for number, name in enumerate(self._grids)}
+        maplets = np.zeros(len(place))
+        shares = maplet_shares(frame.grid, spc.height, around)
+        maplets[[place[maplet.name] for maplet in around]] = shares
+        states, leaning = self._leaning(spc, chosen, offset)
+        sources = Sources(scan.name, states, leaning, maplets)
+        return make_pair(frame, spc, Returns.of_scans([chosen]), sources, self._options)
+
+    def _leaning(
+        self, spc: Maplet, scan: Scan, offset: Offset | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Share (S,) of each image's state (or each scan) in the returns, and what it does.
+
+        The latter (S, 3, 3) is how the match follows a displacement of each.
+        """
+        if offset is None:
+            own = np.array([path.stem == scan.name for path in self._spans], dtype=np.float64)
+            return own, own[:, None, None] * np.eye(3)
+        # Of hundreds of states the returns of a scan lean on a few: dense, millions of returns by
+        # all of them would take gigabytes.
+        shares = state_shares(self._trajectory, offset, scan.time)
+        felt = np.unique(shares.indices)
+        cells = cell_means(spc.grid, scan.points, shares[:, felt].toarray())
+        leaning = np.zeros((shares.shape[1], 3, 3))
+        leaning[felt] = match_response(spc.grid, spc.height, spc.sigma**2, cells)
+        return np.asarray(shares.mean(axis=0)), leaning
+
+
+def state_shares(states: Trajectory, offset: Offset, times: FloatArray) -> csr_array:
+    """Share (M, S), sparse, that each of S states has in what is located at times (M,)."""
+    known = offset.shares(times).tocoo()
+    column = np.searchsorted(states.time, offset.differences.time)[known.col]
+    return csr_array((known.data, (known.row, column)), shape=(len(times), len(states)))
+
+
+def _away(time: float, span: tuple[float, float]) -> float:
+    """How far a time lies outside of a span, s; infinite where the span is not known."""
+    if not np.isfinite(span).all():
+        return float("inf")
+    return max(span[0] - time, time - span[1], 0.0)
+
+
+def write_pairs(workspace: Workspace, pairs: list[Pair]) -> list[Path]:
+    """Write both bigmaps of each pair."""
+    files = []
+    make_folder(workspace.root / "pairs")
+    for pair in pairs:
+        for kind, bigmap in (("maplets", pair.spc), ("returns", pair.lidar)):
+            path = workspace.pair_path(pair.frame.image, kind)
+            write_maplet(path, bigmap)
+            files.append(path)
+    return files

@@ -1,0 +1,292 @@
+"""Kernels of the displacement of one surface against another: spline, slopes, Gauss–Newton."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from spcola.arrays import BoolArray, FloatArray
+from spcola.compilation import compiled, compiled_sums
+from spcola.math.robust import HUBER, MAD_TO_SIGMA, TUKEY
+
+LEAST_POINTS = 30
+"""Fewer points give no displacement."""
+
+# Steps that weigh by Huber before Tukey may, and that take the spread anew: spread and weights
+# that follow each other may go in circles.
+_ROUNDS_OF_HUBER, _ROUNDS_OF_SPREAD = 2, 5
+# Each so many-th residual tells the spread, to some hundredths.
+_THINNED = 4
+# Steps, cells, that are small enough after so many.
+_TO_AND_FRO = 5e-3
+BORDER = 2
+"""Coefficients of a spline beyond each edge of its grid."""
+# Cells over which an edge is felt.
+_FELT = 14
+
+
+def spline_of(height: FloatArray) -> FloatArray:
+    """Coefficients (R + 4, C + 4) of the cubic spline through heights (R, C), as `displaced` uses.
+
+    Beyond its edges a surface goes on as its point reflection in the edge does. A mirrored one
+    would be level there, and a round body is steepest at the edges of its maplets: between points
+    this draws a displacement by up to a tenth of a cell.
+    """
+    wide = np.pad(height, _FELT, mode="reflect", reflect_type="odd")
+    cut = _FELT - BORDER
+    return np.ascontiguousarray(ndimage.spline_filter(wide, order=3)[cut:-cut, cut:-cut])
+
+
+@compiled
+def gauss_newton(
+    layers: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    known: tuple[tuple[BoolArray, BoolArray], BoolArray],
+    told: FloatArray,
+    level: float,
+    start: FloatArray,
+    limits: tuple[int, float],
+) -> tuple[FloatArray, FloatArray, float, int, bool]:
+    """Displace, linearise, re-weight, solve, until the displacement settles.
+
+    `layers` are the spline's coefficients, the fixed surface, sigma, and what tilts do; `known`
+    is where the displaced surface is (as :func:`displaced` takes it) and where the fixed one is.
+    After 0 iterations too few points are common.
+    """
+    coefficients, fixed, sigma, tipping = layers
+    shift, along = start.copy(), told.shape[1]
+    estimate, spread = np.zeros(along + 3), 0.0
+    for iteration in range(1, limits[0] + 1):
+        moved, held = displaced(coefficients, known[0], shift[0], shift[1])
+        compared = (known[1] & held).ravel()
+        if np.count_nonzero(compared) < LEAST_POINTS:
+            return shift, estimate[along:], spread, 0, False
+        grids, apart = partial_layers(moved, (fixed, sigma, tipping), told, level)
+        rows, difference = grids.reshape(along + 3, -1), apart.ravel()
+        estimate[:along] = 0.0
+        if iteration == 1:
+            estimate[along] = np.median(_each(difference / rows[along], compared, 1))
+        for weighing in range(2 if iteration <= _ROUNDS_OF_HUBER else 1):
+            left = np.abs(difference - estimate @ rows)
+            # About 0, where the plane of the step before has put their middle.
+            if iteration == 1 or (weighing == 0 and iteration <= _ROUNDS_OF_SPREAD):
+                each = _each(left, compared, _THINNED if along else 1)
+                spread = float(MAD_TO_SIGMA * np.median(each))
+            weight = _weights(left, compared, spread, iteration > _ROUNDS_OF_HUBER)
+            normal, right = weighed_products(weight, rows, difference)
+            estimate = np.linalg.solve(normal, right)
+        most = 0.0
+        for axis in range(2):
+            offset = 0.0
+            for k in range(along):
+                offset += told[axis, k] * min(max(estimate[k], -1.0), 1.0)
+            shift[axis] += offset
+            most = max(most, abs(offset))
+        # Where a displacement changes which points are compared, it goes to and fro by some
+        # thousandths of a cell.
+        enough = limits[1] if iteration <= _ROUNDS_OF_SPREAD else max(limits[1], _TO_AND_FRO)
+        # A rough answer need not have come to Tukey's weights.
+        fewest = 2 if limits[1] > _TO_AND_FRO else _ROUNDS_OF_HUBER + 2
+        if most < enough and iteration >= fewest:
+            return shift, estimate[along:], spread, iteration, True
+    return shift, estimate[along:], spread, limits[0], False
+
+
+@compiled
+def _each(values: FloatArray, where: BoolArray, step: int) -> FloatArray:
+    """Each so many-th of the values (N,) at the points of a mask."""
+    kept = np.empty(values.shape[0])
+    count, passed = 0, step - 1
+    for n in range(values.shape[0]):
+        if where[n]:
+            passed += 1
+            if passed == step:
+                kept[count], passed = values[n], 0
+                count += 1
+    return kept[:count]
+
+
+@compiled
+def _weights(left: FloatArray, compared: BoolArray, spread: float, redescend: bool) -> FloatArray:
+    """Tukey's or Huber's weights of absolute residuals (N,); 0 where none was compared.
+
+    Of no spread all weigh 1. Boulders that SPC shortens all lie to one side, and any weight left to
+    them would pull the height; but Tukey's need the good start that Huber's lead to.
+    """
+    weight = np.empty(left.shape[0])
+    if spread <= 1e-12:
+        weight[:] = compared
+    elif redescend:
+        for n in range(left.shape[0]):
+            ratio = min(left[n] / (TUKEY * spread), 1.0)
+            weight[n] = compared[n] * (1.0 - ratio * ratio) ** 2
+    else:
+        for n in range(left.shape[0]):
+            weight[n] = compared[n] * min(HUBER * spread / max(left[n], 1e-300), 1.0)
+    return weight
+
+
+@compiled_sums
+def weighed_products(
+    weight: FloatArray, rows: FloatArray, values: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Sums (P, P) of weighed products of layers (P, N), and (P,) of layers by values (N,)."""
+    count = rows.shape[0]
+    square, right = np.empty((count, count)), np.empty(count)
+    for p in range(count):
+        scaled = weight * rows[p]
+        total = 0.0
+        for n in range(values.shape[0]):
+            total += scaled[n] * values[n]
+        right[p] = total
+        for q in range(p + 1):
+            other, total = rows[q], 0.0
+            for n in range(values.shape[0]):
+                total += scaled[n] * other[n]
+            square[p, q] = square[q, p] = total
+    return square, right
+
+
+@compiled
+def partial_layers(
+    moved: FloatArray,
+    others: tuple[FloatArray, FloatArray, FloatArray],
+    told: FloatArray,
+    level: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Partials (K + 3, R, C) and differences (R, C) over sigma.
+
+    `others` are the fixed surface, sigma, and what tilts along x and y do (2, R, C).
+    Slopes are antisymmetric differences of the displaced heights and not the spline's own: its
+    smoothing of noise depends on where between the points it is evaluated, and slopes that see
+    that would draw the displacement to half a cell. By these a noise of the heights is not
+    correlated with its slope.
+    """
+    height, width = moved.shape
+    along = told.shape[1]
+    layers = np.empty((along + 3, height, width))
+    difference = np.empty(moved.shape)
+    fixed, sigma, tipping = others
+    slope_x, slope_y = slopes_of(moved)
+    for r in range(height):
+        for c in range(width):
+            share = 1.0 / sigma[r, c]
+            difference[r, c] = share * (fixed[r, c] - moved[r, c])
+            for k in range(along):
+                slope = told[0, k] * slope_x[r, c] + told[1, k] * slope_y[r, c]
+                layers[k, r, c] = -share * slope
+            layers[along, r, c] = share * level
+            layers[along + 1, r, c] = share * tipping[0, r, c]
+            layers[along + 2, r, c] = share * tipping[1, r, c]
+    return layers, difference
+
+
+@compiled
+def slope_moments(
+    moved: FloatArray, partials: FloatArray, sigma: FloatArray, compared: BoolArray
+) -> FloatArray:
+    """Covariances (4, 4) times their number of slopes over sigma at the points compared.
+
+    Of the displaced surface along x and y, with its sign turned, then of `partials` (2, R, C).
+    """
+    slope_x, slope_y = slopes_of(moved)
+    layers = np.empty((4, *moved.shape))
+    layers[0], layers[1] = -slope_x / sigma, -slope_y / sigma
+    layers[2:] = partials
+    ones = np.ones(moved.size)
+    weight = compared.ravel() * ones
+    square, total = weighed_products(weight, layers.reshape(4, -1), ones)
+    return square - np.outer(total, total) / max(float(weight.sum()), 1.0)
+
+
+@compiled
+def displaced(
+    coefficients: FloatArray,
+    known: tuple[BoolArray, BoolArray],
+    shift_x: float,
+    shift_y: float,
+) -> tuple[FloatArray, BoolArray]:
+    """Cubic spline at ``(x − shift_x, y − shift_y)``, and where it is known.
+
+    `coefficients` are those of :func:`spline_of`. A value is known where the nearest point is known
+    and those around at least near to known ones: `known` are the masks (R, C) of both. A
+    displacement that is alike everywhere needs one set of weights.
+    """
+    rows, columns = known[0].shape
+    i, j = int(np.floor(-shift_y)), int(np.floor(-shift_x))
+    weight_y, weight_x = _spline(-shift_y - i), _spline(-shift_x - j)
+    # Neighbours that a linear interpolation would use.
+    down = 1 if -shift_y - i > 1e-9 else 0
+    right = 1 if -shift_x - j > 1e-9 else 0
+    lower = 1 if -shift_y - i > 0.5 else 0
+    later = 1 if -shift_x - j > 0.5 else 0
+    along = np.empty((coefficients.shape[0], columns))
+    value = np.empty(known[0].shape)
+    held = np.zeros(known[0].shape, dtype=np.bool_)
+    first, past = min(max(-1 - j, 0), columns), max(min(columns - j, columns), 0)
+    for r in range(along.shape[0]):
+        line = coefficients[r]
+        for c in range(columns):
+            if c < first or c >= past:
+                along[r, c] = 0.0
+                for n in range(4):
+                    along[r, c] += weight_x[n] * line[_bordered(c + j + n - 1, columns)]
+        for c in range(first, past):
+            place = c + j + BORDER
+            along[r, c] = (
+                weight_x[0] * line[place - 1]
+                + weight_x[1] * line[place]
+                + weight_x[2] * line[place + 1]
+                + weight_x[3] * line[place + 2]
+            )
+    for r in range(rows):
+        above, here = along[_bordered(r + i - 1, rows)], along[_bordered(r + i, rows)]
+        below, last = along[_bordered(r + i + 1, rows)], along[_bordered(r + i + 2, rows)]
+        for c in range(columns):
+            value[r, c] = (
+                weight_y[0] * above[c]
+                + weight_y[1] * here[c]
+                + weight_y[2] * below[c]
+                + weight_y[3] * last[c]
+            )
+        if r + i < 0 or r + i + down >= rows:
+            continue
+        nearest, near, next_to = known[0][r + i + lower], known[1][r + i], known[1][r + i + down]
+        for c in range(max(0, -j), min(columns, columns - j - right)):
+            held[r, c] = near[c + j] & near[c + j + right] & next_to[c + j] & next_to[c + j + right]
+            held[r, c] &= nearest[c + j + later]
+    return value, held
+
+
+@compiled
+def slopes_of(value: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Slopes of heights along x and along y, per cell."""
+    slope_x, slope_y = np.empty(value.shape), np.empty(value.shape)
+    for r in range(value.shape[0]):
+        for c in range(value.shape[1]):
+            slope_x[r, c] = _slope(value[r], c)
+            slope_y[r, c] = _slope(value[:, c], r)
+    return slope_x, slope_y
+
+
+@compiled
+def _slope(line: FloatArray, at: int) -> float:
+    """Slope of a line of heights, per cell, from two neighbours on either side."""
+    last = line.shape[0] - 1
+    near = line[min(at + 1, last)] - line[max(at - 1, 0)]
+    far = line[min(at + 2, last)] - line[max(at - 2, 0)]
+    if 2 <= at <= last - 2:
+        return (8.0 * near - far) / 12.0
+    return near / (min(at + 1, last) - max(at - 1, 0))
+
+
+@compiled
+def _spline(t: float) -> FloatArray:
+    """Weights (4,) of a cubic B-spline between its second and third coefficient."""
+    u = 1.0 - t
+    return np.array([u**3, 4 - 6 * t**2 + 3 * t**3, 4 - 6 * u**2 + 3 * u**3, t**3]) / 6.0
+
+
+@compiled
+def _bordered(index: int, size: int) -> int:
+    """Place of a grid point's coefficient; those further off than the border are its last."""
+    return min(max(index, -BORDER), size - 1 + BORDER) + BORDER

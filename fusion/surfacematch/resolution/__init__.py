@@ -1,0 +1,5 @@
+"""Blur, noise and transfer function: surfaces brought to one resolution."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,94 @@
+"""What SPC keeps of the relief that the lidar sees, wavelength by wavelength."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from fusion.surfacematch.resolution.noise import bridged
+from fusion.surfacematch.resolution.resolution import trend_of
+from spcola.arrays import FloatArray
+
+_RINGS = 25
+# A surface of which more is missing tells of its gaps, not of its ground.
+_MOST_MISSING = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Transfer:
+    """How two surfaces of the same ground compare at each wavelength.
+
+    Attributes
+    ----------
+    wavenumber : (K,) ndarray
+        Cycles per cell, increasing.
+    gain : (K,) ndarray
+        Share of the first surface's relief that the second one has: Re Σ S₁₂ / Σ S₁₁. Noise of the
+        second does not enter, as it is not coherent with the first.
+    coherence : (K,) ndarray
+        |Σ S₁₂|² / (Σ S₁₁ Σ S₂₂): where it is small the gain is not known.
+    """
+
+    wavenumber: FloatArray
+    gain: FloatArray
+    coherence: FloatArray
+
+    def as_json(self) -> dict[str, list[float]]:
+        """The three lists, as other programs read them."""
+        return {
+            "wavenumber_per_cell": self.wavenumber.tolist(),
+            "gain": self.gain.tolist(),
+            "coherence": self.coherence.tolist(),
+        }
+
+
+def estimate_transfer(pairs: Iterable[tuple[FloatArray, FloatArray]]) -> Transfer | None:
+    """The transfer that many pairs of matched surfaces have in common.
+
+    Parameters
+    ----------
+    pairs : iterable of two (R, C) ndarrays
+        Lidar and SPC heights on one grid, aligned, metres; NaN where unknown. All of one GSD.
+
+    Returns
+    -------
+    Transfer or None
+        None if no pair is nearly whole.
+    """
+    sums = np.zeros((3, _RINGS), dtype=np.complex128)
+    for first, second in pairs:
+        known = np.isfinite(first) & np.isfinite(second)
+        if known.size and np.mean(~known) < _MOST_MISSING:
+            sums += _ring_sums(*(np.where(known, layer, np.nan) for layer in (first, second)))
+    own, other, cross = sums[0].real, sums[1].real, sums[2]
+    held = (own > 0) & (other > 0)
+    if not held.any():
+        return None
+    wavenumber = 0.5 * (np.arange(_RINGS) + 0.5) / _RINGS
+    return Transfer(
+        wavenumber[held],
+        cross.real[held] / own[held],
+        np.abs(cross[held]) ** 2 / (own[held] * other[held]),
+    )
+
+
+def _ring_sums(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Sums (3, K) over rings of wavenumber: power of each surface, and their cross-spectrum."""
+    taper = np.outer(*(np.hanning(n + 2)[1:-1] for n in first.shape))
+    one, two = (fft.fft2(taper * (bridged(layer) - trend_of(layer))) for layer in (first, second))
+    rows, columns = (fft.fftfreq(n) for n in first.shape)
+    wavenumber = np.hypot(rows[:, None], columns[None, :])
+    ring = np.floor(wavenumber * 2 * _RINGS).astype(np.intp).ravel()
+    inside = (ring < _RINGS) & (wavenumber.ravel() > 0)
+    layers = (np.abs(one) ** 2, np.abs(two) ** 2, one.conj() * two)
+    sums: FloatArray = np.array(
+        [
+            np.bincount(ring[inside], layer.real.ravel()[inside], _RINGS)
+            + 1j * np.bincount(ring[inside], layer.imag.ravel()[inside], _RINGS)
+            for layer in layers
+        ]
+    )
+    return sums

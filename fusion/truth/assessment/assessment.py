@@ -1,0 +1,111 @@
+"""Models against the truth of a synthetic mission: the bench's verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from fusion.runtime import Executor, Progress
+from fusion.runtime.machine import one_blas_thread
+from fusion.truth.assessment.formal import FormalUncertainty, formal_uncertainty
+from fusion.truth.assessment.model import Model
+from fusion.truth.assessment.regions import Ground, Light
+from fusion.truth.assessment.score import ModelScore, score_model
+from fusion.truth.assessment.settings import AssessmentSettings
+from fusion.truth.ground import shadow_ground
+from fusion.truth.planted import Planted
+from fusion.truth.recovery import Recovered, compare
+from fusion.truth.solution import light_of
+from fusion.workspace import Workspace
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """Everything that was found.
+
+    Attributes
+    ----------
+    planted : Planted
+    settings : AssessmentSettings
+    models : tuple of ModelScore
+    formal : FormalUncertainty, optional
+        Of the SPC solution in the workspace.
+    recovered : tuple of Recovered
+        Planted parameters and what the workspace's registration and scale found of them.
+    """
+
+    planted: Planted
+    settings: AssessmentSettings
+    models: tuple[ModelScore, ...]
+    formal: FormalUncertainty | None
+    recovered: tuple[Recovered, ...]
+
+
+@one_blas_thread()
+def assess(
+    planted: Planted,
+    models: Sequence[Model],
+    workspace: Workspace | None,
+    executor: Executor,
+    progress: Progress,
+    *,
+    settings: AssessmentSettings | None = None,
+) -> Assessment:
+    """Compare `models` with the truth, and what `workspace` recovered with what was planted.
+
+    Parameters
+    ----------
+    planted : Planted
+        As :func:`fusion.truth.planted.read_truth` returns it.
+    models : sequence of Model
+        Those without any height are left out.
+    workspace : Workspace, optional
+        Where registration, scale, landmarks and images are read from.
+    executor : Executor
+    progress : Progress
+    settings : AssessmentSettings, optional
+    """
+    settings = settings or AssessmentSettings()
+    body = planted.body()
+    with progress.task("light", 1) as task:
+        light = light_on(planted)
+        task.advance()
+    ground = Ground(body, light, settings)
+    scores = []
+    for model in models:
+        score = score_model(model, ground, planted.similarity, executor, progress)
+        if score is not None:
+            scores.append(score)
+        else:
+            progress.note(f"note: {model.name} holds no height and is left out")
+    return Assessment(
+        planted,
+        settings,
+        tuple(scores),
+        None if workspace is None else formal_of(workspace),
+        () if workspace is None else tuple(_recovered(planted, workspace)),
+    )
+
+
+def light_on(planted: Planted) -> Light:
+    """Return how long the ground is lit in the mission: the map that its solution was made by."""
+    return light_of(planted.settings, shadow_ground(planted.settings.body)).at
+
+
+def formal_of(workspace: Workspace) -> FormalUncertainty | None:
+    """Return FormU of the solution in a workspace; None if it has no landmarks or no images."""
+    names, images = workspace.maplet_names(), workspace.image_names()
+    if not names or not images:
+        return None
+    grids = {name: workspace.maplet(name).grid for name in names}
+    return formal_uncertainty(grids, (workspace.image(name) for name in images))
+
+
+def _recovered(planted: Planted, workspace: Workspace) -> list[Recovered]:
+    """Compare what is there of registration and scale."""
+    found = [
+        workspace.read_json(path.name) if path.is_file() else {}
+        for path in (workspace.registration_path, workspace.scale_path)
+    ]
+    rows = compare(planted, *found) if any(found) else []
+    return [row for row in rows if found[0] or not row.name.startswith("registration")]

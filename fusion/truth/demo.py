@@ -1,0 +1,154 @@
+"""The demonstration: a synthetic mission through the whole program, and what it recovers."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from fusion.pipeline import Pipeline, StageRun, opened
+from fusion.report import PLANTED_FILE
+from fusion.runtime import Executor, Progress
+from fusion.stages import load_stages
+from fusion.stages.ingest import Source, Workers, import_files
+from fusion.truth.generation import LIDAR_FOLDER, SPC_FOLDER
+from fusion.truth.mission import make_mission
+from fusion.truth.planted import TRUTH_FILE, Planted, read_truth
+from fusion.truth.presets import MissionSettings
+from fusion.truth.recovery import Recovered, compare
+from fusion.workspace import SETTINGS_FILE, Workspace, make_folder, new_workspace
+from spcola.errors import FormatError, WorkspaceError
+from spcola.truth.body import TruthBody
+
+MISSION_FOLDER, WORKSPACE_FOLDER = "mission", "workspace"
+REPORT = "report"
+
+
+@dataclass(frozen=True)
+class Demonstration:
+    """What the demonstration showed.
+
+    Attributes
+    ----------
+    workspace : Workspace
+    runs : list of StageRun
+    recovered : list of Recovered
+        Planted values beside what the program found of them.
+    """
+
+    workspace: Workspace
+    runs: list[StageRun]
+    recovered: list[Recovered]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all of it in JSON types."""
+        return {
+            "workspace": str(self.workspace.root),
+            "report": str(self.workspace.report_path),
+            "stages": [asdict(run) for run in self.runs],
+            "recovered": [{**asdict(row), "pull": row.pull} for row in self.recovered],
+        }
+
+
+def demonstrate(
+    folder: Path,
+    executor: Executor,
+    progress: Progress,
+    *,
+    settings: MissionSettings | None = None,
+) -> Demonstration:
+    """Make a mission in `folder`, run all stages on it, and compare with what was planted.
+
+    A mission and a workspace that are there from the last time are used again; if the mission
+    has to be made anew, the workspace of the old one is removed.
+
+    Raises
+    ------
+    WorkspaceError
+        If `folder` holds other things, or cannot be written.
+    """
+    known = (MISSION_FOLDER, WORKSPACE_FOLDER)
+    if folder.is_dir() and any(entry.name not in known for entry in folder.iterdir()):
+        raise WorkspaceError("holds other things than a demo", folder, "choose an empty folder")
+    make_folder(folder)
+    mission = folder / MISSION_FOLDER
+    wanted = settings or MissionSettings.mini()
+    planted = _planted(mission, wanted, progress)
+    if planted is None:
+        # What was made of another mission (an earlier version's, say) says nothing of this one.
+        # A workspace without any mission beside it was not made by a demo.
+        if (folder / WORKSPACE_FOLDER).exists() and not (mission / TRUTH_FILE).exists():
+            raise WorkspaceError("holds other things than a demo", folder, "choose an empty folder")
+        _remove(folder / WORKSPACE_FOLDER)
+        planted = make_mission(
+            mission, settings=wanted, executor=executor, progress=progress, replace=True
+        )
+    workspace = _workspace(folder / WORKSPACE_FOLDER, mission)
+    chosen = workspace.settings()
+    sources = [Source(path) for path in sorted((mission / LIDAR_FOLDER).iterdir())]
+    with opened(workspace) as catalog:
+        import_files(workspace, chosen, sources, Workers(executor, progress, catalog.digesting))
+    stages = load_stages()
+    whole = Pipeline(workspace, chosen, stages, executor, progress)
+    # The report comes last, when it is known what was recovered.
+    runs = replace(whole, stages=[stage for stage in stages if stage.name != REPORT]).run()
+    recovered = compare(
+        planted,
+        workspace.read_json(workspace.registration_path.name),
+        workspace.read_json(workspace.scale_path.name),
+    )
+    workspace.write_json(PLANTED_FILE, {"planted": [asdict(row) for row in recovered]})
+    return Demonstration(workspace, [*runs, whole.run_stage(REPORT)], recovered)
+
+
+def recovery_table(rows: Sequence[Recovered]) -> Iterator[str]:
+    """Yield the lines of a table: planted, recovered, sigma, and their difference in sigmas."""
+    yield f"{'':28}{'planted':>12}{'recovered':>12}{'sigma':>11}{'off by':>9}"
+    for row in rows:
+        values = "".join(
+            f"{_figure(value):>{width}}"
+            for value, width in ((row.planted, 12), (row.recovered, 12), (row.sigma, 11))
+        )
+        off = "" if math.isnan(row.pull) else f"{row.pull:+.1f} σ"
+        yield f"{row.name:28}{values}{off:>9}{'  ' + row.unit if row.unit else ''}".rstrip()
+
+
+def _figure(value: float) -> str:
+    """Return a number in at most ten characters; numbers near 1 with seven decimals."""
+    if math.isnan(value):
+        return "unknown"
+    if 0.9 < abs(value) < 1.1:
+        return f"{value:.7f}"
+    return f"{value:.3e}" if 0 < abs(value) < 1e-3 else f"{value:.5f}"
+
+
+def _planted(mission: Path, settings: MissionSettings, progress: Progress) -> Planted | None:
+    """Return what is planted in the mission there; None if it is not whole or another one."""
+    if not (mission / TRUTH_FILE).is_file():
+        return None
+    try:
+        planted = read_truth(mission)
+    except FormatError as error:
+        progress.note(f"note: {error}")
+        return None
+    same = planted.is_of(settings, TruthBody(settings.body).fingerprint)
+    return planted if same else None
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder, if it is there."""
+    try:
+        if folder.exists():
+            shutil.rmtree(folder)
+    except OSError as error:
+        raise WorkspaceError(f"cannot be removed ({error.strerror})", folder) from error
+
+
+def _workspace(root: Path, mission: Path) -> Workspace:
+    """Return the workspace there, made over the mission's SPC folder unless it is there."""
+    if (root / SETTINGS_FILE).is_file():
+        return Workspace.open(root)
+    return new_workspace(root, body="Truth", spc=mission / SPC_FOLDER)

@@ -1,0 +1,123 @@
+"""Making a workspace: out of nothing, out of a shape, or over an SPC working folder."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Literal
+
+from fusion.workspace.settings.settings import Settings
+from fusion.workspace.workspace import (
+    SETTINGS_FILE,
+    SPC_FOLDERS,
+    SPC_LISTS,
+    Workspace,
+)
+from spcola.atomic import replacing, write_error
+from spcola.errors import WorkspaceError
+from spcola.formats.shapes import read_shape
+
+
+def new_workspace(
+    root: Path,
+    *,
+    body: str = "body",
+    spc: Path | None = None,
+    shape: Path | None = None,
+    shape_unit: Literal["km", "m"] = "km",
+    faces_from: Literal[1, 0] = 1,
+) -> Workspace:
+    """Make `root` a workspace; what is there already stays.
+
+    Parameters
+    ----------
+    body : str
+        Name of the body.
+    spc : Path, optional
+        An SPC working folder. Its files are linked (so that a new solution there is seen here),
+        or copied where the file system knows no links. If it is `root`, nothing is done.
+    shape : Path, optional
+        A shape model; it is read once, to be sure of it, and copied.
+    shape_unit : {"km", "m"}
+        Of an OBJ or PLY shape.
+    faces_from : {1, 0}
+        The number by which the faces of an OBJ name its first vertex.
+
+    Raises
+    ------
+    WorkspaceError
+        If `root` is a workspace already, or `spc` is no SPC folder.
+    FormatError
+        If `shape` is no shape model.
+    SettingsError
+        If `body` is no name in ASCII.
+    """
+    if (root / SETTINGS_FILE).exists():
+        raise WorkspaceError("is a workspace already", root, f"edit its {SETTINGS_FILE}")
+    settings = Settings().with_table(
+        "body",
+        name=body,
+        shape="" if shape is None else shape.name,
+        shape_unit=shape_unit,
+        faces_from=faces_from,
+    )
+    if shape is not None:
+        read_shape(shape, unit=shape_unit, faces_from=faces_from)
+    linked = [] if spc is None or _same(spc, root) else spc_files(spc)
+    workspace = Workspace.create(root, settings)
+    for source, place in linked:
+        _link(source, root / place)
+    if shape is not None and not _same(shape.parent, root / "SHAPEFILES"):
+        with replacing(root / "SHAPEFILES" / shape.name) as temporary:
+            shutil.copyfile(shape, temporary)
+    return workspace
+
+
+def spc_files(folder: Path) -> list[tuple[Path, str]]:
+    """Return the files of an SPC working folder, each with its place in a workspace.
+
+    Raises
+    ------
+    WorkspaceError
+        If `folder` is none: it has neither MAPFILES nor SUMFILES nor any of their kin.
+    """
+    try:
+        inside = [
+            (entry, f"{name}/{entry.name}")
+            for name in SPC_FOLDERS
+            if (folder / name).is_dir()
+            for entry in sorted((folder / name).iterdir())
+            if not entry.name.startswith(".") and (entry.is_file() or entry.is_symlink())
+        ]
+    except OSError as error:
+        raise WorkspaceError(f"cannot be listed ({error.strerror})", folder) from error
+    if not any((folder / name).is_dir() for name in SPC_FOLDERS):
+        raise WorkspaceError(
+            "is no SPC working folder", folder, f"it should have some of {', '.join(SPC_FOLDERS)}"
+        )
+    inside += [(folder / name, name) for name in SPC_LISTS if (folder / name).is_file()]
+    for entry, _ in inside:
+        if not entry.exists():
+            raise WorkspaceError(
+                "is a link that leads nowhere", entry, "bring its file back, or remove the link"
+            )
+    return inside
+
+
+def _link(source: Path, target: Path) -> None:
+    """Link `target` to `source`, or copy where links cannot be made; what is there stays."""
+    if target.exists() or target.is_symlink():
+        raise WorkspaceError("is there already", target, "take another folder for the workspace")
+    try:
+        target.symlink_to(source.resolve())
+    except OSError:
+        try:
+            with replacing(target) as temporary:
+                shutil.copyfile(source, temporary)
+        except OSError as error:
+            raise write_error(target, error) from error
+
+
+def _same(one: Path, other: Path) -> bool:
+    """Tell whether two paths name one folder."""
+    return one.exists() and other.exists() and one.samefile(other)

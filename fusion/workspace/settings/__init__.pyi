@@ -1,0 +1,16 @@
+from .settings import Settings as Settings
+from .settings import load_settings as load_settings
+from .settings import write_settings as write_settings
+from .tables import AcceptSettings as AcceptSettings
+from .tables import BigmapSettings as BigmapSettings
+from .tables import BigmapSite as BigmapSite
+from .tables import BodySettings as BodySettings
+from .tables import FuseSettings as FuseSettings
+from .tables import ImportSettings as ImportSettings
+from .tables import MapolaSettings as MapolaSettings
+from .tables import RegisterSettings as RegisterSettings
+from .tables import ReleaseSettings as ReleaseSettings
+from .tables import ScaleSettings as ScaleSettings
+from .tables import SpiceSettings as SpiceSettings
+from .tables import SpinSettings as SpinSettings
+from .tables import Table as Table

@@ -1,0 +1,173 @@
+"""Settings of a workspace: one table for each stage, read from ``spcola.toml``."""
+
+from __future__ import annotations
+
+import reprlib
+import tomllib
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import ErrorDetails
+
+from fusion.workspace.settings.ranges import range_text
+from fusion.workspace.settings.tables import (
+    AcceptSettings,
+    BigmapSettings,
+    BodySettings,
+    FuseSettings,
+    ImportSettings,
+    MapolaSettings,
+    RegisterSettings,
+    ReleaseSettings,
+    ScaleSettings,
+    SpiceSettings,
+    SpinSettings,
+    Table,
+)
+from spcola import atomic
+from spcola.errors import SettingsError
+
+# A key that is longer is cut in messages.
+_NAME_LENGTH = 60
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = _NAME_LENGTH
+
+
+class Settings(BaseModel):
+    """All tables. The attribute ``ingest`` is the file's [import], a word that Python keeps."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    body: BodySettings = BodySettings()
+    ingest: ImportSettings = Field(default=ImportSettings(), alias="import")
+    spin: SpinSettings = SpinSettings()
+    spice: SpiceSettings = SpiceSettings()
+    mapolas: MapolaSettings = MapolaSettings()
+    registration: RegisterSettings = Field(default=RegisterSettings(), alias="register")
+    fuse: FuseSettings = FuseSettings()
+    bigmap: BigmapSettings = BigmapSettings()
+    scale: ScaleSettings = ScaleSettings()
+    release: ReleaseSettings = ReleaseSettings()
+    accept: AcceptSettings = AcceptSettings()
+
+    def with_table(self, table: str, **changed: Any) -> Settings:
+        """Return the settings with some keys of `table` (its name in the file) replaced.
+
+        Raises
+        ------
+        SettingsError
+            If a key is unknown or a value is not allowed.
+        """
+        content = self.model_dump(by_alias=True)
+        content[table].update(changed)
+        return parse_settings(content, "command line")
+
+
+def load_settings(path: str | Path) -> Settings:
+    """Read settings from a TOML file; what it leaves out has its default.
+
+    Raises
+    ------
+    SettingsError
+        If the file is not TOML or cannot be read, a key is unknown, or a value has the wrong type
+        or lies outside its range.
+    """
+    try:
+        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise SettingsError(f"is not TOML: {error}", path) from error
+    except UnicodeDecodeError as error:
+        raise SettingsError("is not UTF-8 text", path) from error
+    except (ValueError, RecursionError) as error:
+        # A number of more digits than Python converts, brackets within brackets without end.
+        raise SettingsError(f"is not TOML that can be read: {error}", path) from error
+    except OSError as error:
+        raise SettingsError(f"cannot be read ({error.strerror})", path) from error
+    return parse_settings(content, path)
+
+
+def parse_settings(content: dict[str, Any], where: str | Path) -> Settings:
+    """Check `content` (nested, as TOML gives it); `where` is named in errors.
+
+    Raises
+    ------
+    SettingsError
+        If a key is unknown, or a value has the wrong type or lies outside its range.
+    """
+    try:
+        return Settings.model_validate(content)
+    except ValidationError as error:
+        raise _refusal(error.errors(include_url=False)[0], where) from error
+
+
+def _refusal(problem: ErrorDetails, where: str | Path) -> SettingsError:
+    """Turn the first complaint of pydantic into one line."""
+    location = [str(part)[:_NAME_LENGTH] for part in problem["loc"]]
+    place = f"{where}: [{location[0]}]" + "".join(f" {part}" for part in location[1:])
+    if problem["type"] != "extra_forbidden":
+        text = problem["msg"].removeprefix("Input ").removeprefix("String ")
+        text = "should be a table" if problem["type"] == "model_type" else text
+        # What is wrong between the keys of a table is not said better by all of them.
+        given = (
+            "" if isinstance(problem["input"], dict) else f", not {_SHORT.repr(problem['input'])}"
+        )
+        return SettingsError(f"{text}{given}", place)
+    if len(location) == 1:
+        known = ", ".join(f"[{name}]" for name in table_models())
+        return SettingsError("is an unknown table", place, f"known are {known}")
+    names = ", ".join(table_models()[location[0]].model_fields)
+    return SettingsError("is an unknown key", place, f"known are {names}")
+
+
+def table_models() -> dict[str, type[Table]]:
+    """Return the model of each table, by its name in the file, in the file's order."""
+    models: dict[str, type[Table]] = {}
+    for name, info in Settings.model_fields.items():
+        model = info.annotation
+        assert isinstance(model, type)
+        assert issubclass(model, Table)
+        models[info.alias or name] = model
+    return models
+
+
+def settings_text(settings: Settings) -> str:
+    """Return `settings` as TOML, every key with a comment that says what it is."""
+    lines = [
+        "# Settings of this SPCOLA workspace: one table for each stage.",
+        "# A unit stands in the name of its key (_m, _deg, _s). Unknown keys are refused.",
+    ]
+    content = settings.model_dump(by_alias=True)
+    for table, model in table_models().items():
+        lines += ["", f"[{table}]"]
+        for key, info in model.model_fields.items():
+            numbers = range_text(info.annotation, info.metadata)
+            about = f"{info.description}{_choices(info.annotation)}{numbers}"
+            lines.append(f"{key} = {_toml(content[table][key])}  # {about}")
+    return "\n".join(lines) + "\n"
+
+
+def write_settings(path: str | Path, settings: Settings) -> None:
+    """Write `settings` with their comments to `path`, whole or not at all."""
+    atomic.write_text(path, settings_text(settings))
+
+
+def _choices(annotation: Any) -> str:
+    """Return the words that a key takes, for its comment; nothing if it takes no words."""
+    if get_origin(annotation) is not Literal:
+        return ""
+    return f" ({' | '.join(map(str, get_args(annotation)))})"
+
+
+def _toml(value: Any) -> str:
+    """Return a TOML literal of a string, number, truth value, or list or table of them."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return '"' + "".join(c if c >= " " else f"\\u{ord(c):04x}" for c in escaped) + '"'
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    return repr(value)

@@ -1,0 +1,394 @@
+"""A workspace: the folder in which an SPC solution and lidar scans meet."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fusion.fusing.maplets import FusedMaplet, read_fused
+from fusion.runtime import json_text
+from fusion.workspace.settings.settings import Settings, load_settings, write_settings
+from lidar.adjustment import ScanAdjustment
+from lidar.formats.native import ADJUSTMENT_HDF5, read_adjustment, read_mapola
+from lidar.gridding import Mapola
+from spcola import atomic
+from spcola.camera import SpcImage
+from spcola.control import Landmark
+from spcola.errors import WorkspaceError
+from spcola.formats.images import read_image_data
+from spcola.formats.maplets import read_maplet, sigma_path
+from spcola.formats.shapes import read_shape
+from spcola.formats.solution import ListKind, read_landmark, read_list, read_summary
+from spcola.grids import Maplet
+from spcola.shape import Mesh
+
+SETTINGS_FILE = "spcola.toml"
+SPC_FOLDERS = ("MAPFILES", "LMKFILES", "SUMFILES", "IMAGEFILES", "SHAPEFILES", "NOMINALS")
+SPC_LISTS = ("PICTLIST.TXT", "LMRKLIST.TXT", "MAPLIST.TXT")
+# No surface point of a body is nearer or further than this from its mean radius; a unit that is
+# mistaken (metres for kilometres) is a factor of a thousand.
+_UNIT_FACTOR = 30.0
+OWN_FOLDERS = ("scans", "mapolas", "fused", "bigmaps", "pairs", "release")
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """Knows where everything lies and reads it into values.
+
+    Parameters
+    ----------
+    root : Path
+        The folder; it holds ``spcola.toml``.
+    left_out : frozenset of str
+        Maplets that count as if they were not there.
+    """
+
+    root: Path
+    left_out: frozenset[str] = frozenset()
+
+    @classmethod
+    def open(cls, root: str | Path) -> Workspace:
+        """Open an existing workspace.
+
+        Raises
+        ------
+        WorkspaceError
+            If there is no such folder, or it is no workspace.
+        """
+        root = Path(root)
+        if not root.is_dir():
+            raise WorkspaceError("is not a folder", root, f"create it: spcola init {root}")
+        if not (root / SETTINGS_FILE).is_file():
+            raise WorkspaceError(
+                f"is not a workspace: it has no {SETTINGS_FILE}", root, f"run: spcola init {root}"
+            )
+        return cls(root)
+
+    @classmethod
+    def create(cls, root: str | Path, settings: Settings) -> Workspace:
+        """Make `root` a workspace: its folders and settings. What is there already stays.
+
+        Raises
+        ------
+        WorkspaceError
+            If it is one already, or cannot be written.
+        """
+        root = Path(root)
+        if (root / SETTINGS_FILE).exists():
+            raise WorkspaceError("is a workspace already", root, f"edit its {SETTINGS_FILE}")
+        for folder in (*SPC_FOLDERS, *OWN_FOLDERS):
+            make_folder(root / folder)
+        write_settings(root / SETTINGS_FILE, settings)
+        return cls(root)
+
+    def settings(self) -> Settings:
+        """Read ``spcola.toml``."""
+        return load_settings(self.root / SETTINGS_FILE)
+
+    def relative(self, path: Path) -> str:
+        """Return `path` as it is named in the catalogue: relative to the root where inside it."""
+        inside = path.is_relative_to(self.root)
+        name = path.relative_to(self.root).as_posix() if inside else str(path.resolve())
+        # A data base keeps UTF-8, and a file's name may be no such text.
+        return name.encode("utf-8", "backslashreplace").decode("utf-8")
+
+    def maplet_names(self) -> list[str]:
+        """Return the maplets: those of MAPLIST.TXT or LMRKLIST.TXT, else all in MAPFILES."""
+        return [name for name in self._all_maplets() if name not in self.left_out]
+
+    def _all_maplets(self) -> list[str]:
+        for listing in ("MAPLIST.TXT", "LMRKLIST.TXT"):
+            if _is_there(self.root / listing):
+                return self._listed(listing, "landmark", "MAPFILES", ".MAP")
+        return self._stems("MAPFILES", ".MAP")
+
+    def maplet_path(self, name: str) -> Path:
+        """Return where the maplet `name` lies."""
+        return self.root / "MAPFILES" / f"{name}.MAP"
+
+    def maplet_files(self) -> list[Path]:
+        """Return the files of all maplets: each .MAP, and its sigma companion where it has one."""
+        paths = []
+        for name in self.maplet_names():
+            path = self.maplet_path(name)
+            companion = sigma_path(path)
+            paths += [path, companion] if _is_there(companion) else [path]
+        return paths
+
+    def maplet(self, name: str) -> Maplet:
+        """Read the maplet `name`."""
+        return read_maplet(self._present(self.maplet_path(name), "maplet"), name=name)
+
+    def landmark_names(self) -> list[str]:
+        """Return the landmarks: those of LMRKLIST.TXT, else all in LMKFILES."""
+        if _is_there(self.root / "LMRKLIST.TXT"):
+            return self._listed("LMRKLIST.TXT", "landmark", "LMKFILES", ".LMK")
+        return self._stems("LMKFILES", ".LMK")
+
+    def landmark_path(self, name: str) -> Path:
+        """Return where the landmark `name` lies."""
+        return self.root / "LMKFILES" / f"{name}.LMK"
+
+    def landmark(self, name: str) -> Landmark:
+        """Read the landmark `name`."""
+        return read_landmark(self._present(self.landmark_path(name), "landmark"))
+
+    def image_names(self) -> list[str]:
+        """Return the images: those of PICTLIST.TXT, else all in SUMFILES."""
+        if _is_there(self.root / "PICTLIST.TXT"):
+            return self._listed("PICTLIST.TXT", "image", "SUMFILES", ".SUM")
+        return self._stems("SUMFILES", ".SUM")
+
+    def image_path(self, name: str) -> Path:
+        """Return where the SUM file of the image `name` lies."""
+        return self.root / "SUMFILES" / f"{name}.SUM"
+
+    def image(self, name: str) -> SpcImage:
+        """Read the state of the image `name` (no pixels)."""
+        return read_summary(self._present(self.image_path(name), "image"))
+
+    def images(self) -> list[SpcImage]:
+        """Read the states of all images (no pixels)."""
+        return [self.image(name) for name in self.image_names()]
+
+    def exposure_path(self, name: str) -> Path:
+        """Return where the pixels of the image `name` would lie."""
+        return self.root / "IMAGEFILES" / f"{name}.DAT"
+
+    def exposed(self, image: SpcImage) -> SpcImage:
+        """Return `image` with its pixels, where IMAGEFILES holds them."""
+        path = self.exposure_path(image.name)
+        if not path.is_file():
+            return image
+        camera = image.camera
+        return replace(image, pixels=read_image_data(path, camera.width, camera.height))
+
+    def image_files(self) -> list[Path]:
+        """Return the files of all images: each .SUM, and its pixels where IMAGEFILES has them."""
+        paths = []
+        for name in self.image_names():
+            exposure = self.exposure_path(name)
+            paths += [self.image_path(name), *([exposure] if _is_there(exposure) else [])]
+        return paths
+
+    def shape_path(self) -> Path:
+        """Return the shape model's file: the setting, SHAPE.TXT, or the only file there is.
+
+        Raises
+        ------
+        WorkspaceError
+            If there is none, or several and none is chosen.
+        """
+        folder = self.root / "SHAPEFILES"
+        chosen = self.settings().body.shape
+        if chosen:
+            return self._present(folder / chosen, "shape")
+        files = self._files(folder)
+        if len(files) == 1:
+            return files[0]
+        if folder / "SHAPE.TXT" in files:
+            return folder / "SHAPE.TXT"
+        if not files:
+            raise WorkspaceError("holds no shape", folder, "put one there, or init with --shape")
+        names = ", ".join(file.name for file in files)
+        raise WorkspaceError(f"holds several shapes ({names})", folder, "set [body] shape")
+
+    def has_shape(self) -> bool:
+        """Tell whether there is any file in SHAPEFILES."""
+        return bool(self._files(self.root / "SHAPEFILES"))
+
+    def shape(self) -> Mesh:
+        """Read the shape model.
+
+        Raises
+        ------
+        WorkspaceError
+            If it cannot be in the unit of the maplets.
+        """
+        path = self.shape_path()
+        body = self.settings().body
+        mesh = read_shape(
+            path, unit=body.shape_unit, faces_from=body.faces_from, icq_edges=body.icq_edges
+        )
+        names = self.maplet_names()
+        if names and self.maplet_path(names[0]).is_file():
+            away = float(np.linalg.norm(self.maplet(names[0]).grid.center))
+            if not mesh.mean_radius / _UNIT_FACTOR < away < mesh.mean_radius * _UNIT_FACTOR:
+                raise WorkspaceError(
+                    f"has a mean radius of {mesh.mean_radius:.4g} m, but the maplet {names[0]} "
+                    f"lies {away:.4g} m from the centre",
+                    path,
+                    "check the units: [body] shape_unit for an OBJ or PLY, km in all SPC files",
+                )
+        return mesh
+
+    def scan_names(self) -> list[str]:
+        """Return the imported scans."""
+        return self._stems("scans", ".h5")
+
+    def scan_path(self, name: str) -> Path:
+        """Return where the scan `name` lies."""
+        return self.root / "scans" / f"{name}.h5"
+
+    def scan_paths(self) -> list[Path]:
+        """Return where the imported scans lie, in the order of their names."""
+        return [self.scan_path(name) for name in self.scan_names()]
+
+    def mapola_names(self) -> list[str]:
+        """Return the mapolas."""
+        return self._stems("mapolas", ".MAP")
+
+    def mapola_paths(self) -> list[Path]:
+        """Return the files of all mapolas: their maps and the HDF5 of what maps cannot hold."""
+        return self._files(self.root / "mapolas")
+
+    def mapola(self, name: str) -> Mapola:
+        """Read the mapola `name`."""
+        self._present(self.root / "mapolas" / f"{name}.MAP", "mapola")
+        return read_mapola(self.root / "mapolas", name)
+
+    @property
+    def adjustment_path(self) -> Path:
+        """Where the displacements of the scans lie that went into the mapolas."""
+        return self.root / "mapolas" / ADJUSTMENT_HDF5
+
+    def adjustment(self) -> ScanAdjustment | None:
+        """Read the displacements of the scans; None where the mapolas were made without."""
+        return read_adjustment(self.adjustment_path) if self.adjustment_path.is_file() else None
+
+    def fused_names(self) -> list[str]:
+        """Return the fused maplets."""
+        return self._stems("fused", ".MAP")
+
+    def fused_paths(self) -> list[Path]:
+        """Return the files of all fused maplets: maps, sigmas and the HDF5 of the rest."""
+        return self._files(self.root / "fused")
+
+    def fused_path(self, name: str) -> Path:
+        """Return where the fused maplet `name` lies."""
+        return self.root / "fused" / f"{name}.MAP"
+
+    def fused(self, name: str) -> FusedMaplet:
+        """Read the fused maplet `name`."""
+        self._present(self.fused_path(name), "fused maplet")
+        return read_fused(self.root / "fused", name)
+
+    def pair_path(self, image: str, kind: str) -> Path:
+        """Return where a bigmap of the pair of `image` lies; `kind` is "maplets" or "returns"."""
+        return self.root / "pairs" / f"{image}-{kind}.MAP"
+
+    @property
+    def registration_path(self) -> Path:
+        """Where the registration lies."""
+        return self.root / "registration.json"
+
+    @property
+    def scale_path(self) -> Path:
+        """Where the scale lies."""
+        return self.root / "scale.json"
+
+    @property
+    def report_path(self) -> Path:
+        """Where the report lies."""
+        return self.root / "report.html"
+
+    def write_json(self, name: str, content: Mapping[str, Any]) -> Path:
+        """Write `content` to the file `name`: atomic, keys sorted, NaN and infinity as null."""
+        path = self.root / name
+        make_folder(path.parent)
+        atomic.write_text(path, json_text(content))
+        return path
+
+    def read_json(self, name: str) -> dict[str, Any]:
+        """Read the file `name`; null stays None.
+
+        Raises
+        ------
+        WorkspaceError
+            If it is missing or holds no JSON object.
+        """
+        path = self.root / name
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise WorkspaceError(f"cannot be read ({error.strerror})", path) from error
+        except (ValueError, RecursionError) as error:
+            raise WorkspaceError(
+                f"is not JSON ({error})", path, "remove it and run again"
+            ) from error
+        if not isinstance(content, dict):
+            raise WorkspaceError("holds no JSON object", path, "remove it and run again")
+        return content
+
+    def _listed(self, listing: str, kind: ListKind, folder: str, suffix: str) -> list[str]:
+        """Return the names in `listing`; an empty list beside a full folder is refused."""
+        names = read_list(self.root / listing, kind=kind)
+        if not names and (there := len(self._stems(folder, suffix))):
+            raise WorkspaceError(
+                f"lists nothing, but {folder} holds {there} files",
+                self.root / listing,
+                "write their names into it, or remove it to take all of them",
+            )
+        return names
+
+    def _stems(self, folder: str, suffix: str) -> list[str]:
+        """Return the names of the files with `suffix` in a folder of the workspace, sorted."""
+        return [p.stem for p in self._files(self.root / folder, suffix) if p.suffix == suffix]
+
+    @staticmethod
+    def _files(folder: Path, suffix: str = "") -> list[Path]:
+        """Return the visible files of a folder, sorted; none where there is no folder.
+
+        A link that leads nowhere, and a folder that bears the `suffix` of a file, are refused:
+        what they stand for would be left out and nobody told.
+        """
+        try:
+            entries = sorted(entry for entry in folder.iterdir() if entry.name[0] != ".")
+            for entry in entries:
+                if entry.is_symlink() and not entry.exists():
+                    raise WorkspaceError(
+                        f"is a link to {entry.readlink()}, which is not there",
+                        entry,
+                        "bring that back, or remove the link",
+                    )
+                if suffix and entry.suffix == suffix and not entry.is_file():
+                    raise WorkspaceError("is no file", entry, "move it elsewhere")
+            return [entry for entry in entries if entry.is_file()]
+        except FileNotFoundError:
+            return []
+        except OSError as error:
+            raise WorkspaceError(
+                f"cannot be listed ({error.strerror})", folder, "check its permissions"
+            ) from error
+
+    def _present(self, path: Path, what: str) -> Path:
+        """Return `path`, refused unless it is a file."""
+        if not path.is_file():
+            raise WorkspaceError(f"the {what} is not there", path, f"see: spcola info {self.root}")
+        return path
+
+
+def _is_there(path: Path) -> bool:
+    """Tell whether anything bears this name, be it a link that leads nowhere."""
+    return path.exists() or path.is_symlink()
+
+
+def make_folder(path: Path) -> None:
+    """Create a folder and those above it.
+
+    Raises
+    ------
+    WorkspaceError
+        If it cannot be created.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WorkspaceError(
+            f"cannot be created ({error.strerror})", path, "check the folder above it"
+        ) from error

@@ -1,0 +1,11 @@
+from .adjustment import AdjustmentOptions as AdjustmentOptions
+from .adjustment import ScanAdjustment as ScanAdjustment
+from .adjustment import adjust_scans as adjust_scans
+from .adjustment import unadjusted as unadjusted
+from .nodes import ErrorSizes as ErrorSizes
+from .nodes import Nodes as Nodes
+from .overlaps import DEGREES as DEGREES
+from .overlaps import OverlapEquations as OverlapEquations
+from .overlaps import displacement_rows as displacement_rows
+from .overlaps import ground_shares as ground_shares
+from .overlaps import overlap_equations as overlap_equations

@@ -1,0 +1,343 @@
+"""Errors of whole scans: rigid displacements solved from all overlaps together.
+
+The position of the spacecraft and the pointing are wrong by much the same during one scan, so that
+a scan is displaced and turned as a whole. Overlaps tell the displacements up to what all scans
+share (:mod:`lidar.adjustment.overlaps`); what they leave open is held by a prior, the size of which
+is estimated too. What is left unknown is a covariance over all scans: small between scans that
+overlap, as large as before between those that do not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lidar.adjustment.nodes import ErrorSizes, Nodes, columns
+from lidar.adjustment.normal_equations import solve_network
+from lidar.adjustment.overlaps import DEGREES, OverlapEquations
+from lidar.scans import Returns
+from spcola.arrays import FloatArray, IntArray
+from spcola.compilation import compiled
+from spcola.errors import SettingsError
+
+# A displacement has six numbers. Fewer cells than twice as many can be met by chance, by strays
+# say, and do not tell whether they were.
+_FEWEST_CELLS = 12
+# Eigenvalues of scaled normal equations below this share of the largest are rounding.
+_ROUNDING = 1e-10
+# An overlap is contradicted when it departs from what is expected by so many standard deviations.
+_CONTRADICTED = 5.0
+# Which of the doubtful overlaps count is settled within a few rounds, or they are as many as they
+# are.
+_MOST_SORTINGS = 10
+# A scan whose misfit exceeds the middling one by this factor does not fit however it is moved.
+_SUSPECT = 3.0
+
+
+@dataclass(frozen=True)
+class AdjustmentOptions:
+    """What is expected of the errors of scans.
+
+    Parameters
+    ----------
+    offset_sigma_m : float
+        First value of the standard deviation of a scan's displacement, each axis, metres.
+    rotation_sigma_rad : float
+        The same of its rotation, radians.
+    wander_sigma_m : float
+        The same of its own displacement on one grid, beside those of the whole scan, metres.
+    day_sigma_m : float
+        The same of what all scans of a day are displaced by along the radius, metres.
+    estimate : bool
+        Whether all are estimated from the overlaps, or kept.
+
+    Raises
+    ------
+    SettingsError
+        If a number is not positive.
+    """
+
+    offset_sigma_m: float = 0.05
+    rotation_sigma_rad: float = 5e-5
+    wander_sigma_m: float = 5e-4
+    day_sigma_m: float = 0.02
+    estimate: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("offset_sigma_m", "rotation_sigma_rad", "wander_sigma_m", "day_sigma_m"):
+            if not getattr(self, name) > 0:
+                raise SettingsError(f"must be positive, not {getattr(self, name)}", name)
+
+    @property
+    def sizes(self) -> ErrorSizes:
+        """First values of the sizes of the errors."""
+        offset = self.offset_sigma_m
+        return ErrorSizes(
+            offset, offset, self.rotation_sigma_rad, self.wander_sigma_m, self.day_sigma_m
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ScanAdjustment:
+    """By how much the points of S scans lie off, as stated.
+
+    Attributes
+    ----------
+    names : tuple of str
+    nodes : Nodes
+        The points about which they are turned, and which of them are arcs of one scan.
+    displacement : (S, 6) ndarray
+        Stated minus adjusted place of the centre (metres), and the rotation vector from adjusted
+        to stated orientation (radians).
+    covariance : (6S, 6S) ndarray
+        Of the displacements that are still unknown.
+    sizes : ErrorSizes
+        Of the displacements.
+    misfit : (S,) ndarray
+        Root mean square of what is left between a scan and the others, in its standard
+        deviations; NaN for a scan that meets none, or in too few cells to tell.
+    cells : (S,) ndarray
+        Cells in which it meets others.
+    step_m : float
+        By how much the last round moved the heights of scans against each other (rms over their
+        overlaps); NaN before any round, 0 without overlaps.
+    """
+
+    names: tuple[str, ...]
+    nodes: Nodes
+    displacement: FloatArray
+    covariance: FloatArray
+    sizes: ErrorSizes
+    misfit: FloatArray
+    cells: FloatArray
+    step_m: float = float("nan")
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def center(self) -> FloatArray:
+        """Body-fixed points (S, 3) about which they are turned, metres."""
+        return self.nodes.center
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard deviations (S, 6) of what is unknown: metres and radians."""
+        return np.sqrt(np.diag(self.covariance)).reshape(-1, DEGREES)
+
+    @property
+    def suspects(self) -> tuple[str, ...]:
+        """Scans that do not fit the others however they are moved."""
+        known = np.isfinite(self.misfit)
+        if not known.any():
+            return ()
+        limit = _SUSPECT * max(float(np.median(self.misfit[known])), 1.0)
+        return tuple(self.names[k] for k in np.flatnonzero(known & (self.misfit > limit)))
+
+    def corrected(self, returns: Returns) -> Returns:
+        """Move `returns` to where their scans belong; those of a scan not in here stay."""
+        own = {name: number for number, name in enumerate(self.names)}
+        which = np.array([own.get(name, len(self)) for name in returns.scan_names], dtype=np.intp)
+        center = np.vstack([self.center, np.zeros(3)])[which]
+        displacement = np.vstack([self.displacement, np.zeros(DEGREES)])[which]
+        points = _taken_back(returns.points, returns.scan, center, displacement)
+        return Returns(points, returns.sigma, returns.scan, returns.scan_names)
+
+    def reach(self, center: FloatArray, radius: float) -> float:
+        """Return by how much points within `radius` of `center` (3,) are moved at most, metres."""
+        arm = np.linalg.norm(self.center - center, axis=1) + radius
+        shift, turn = (np.linalg.norm(self.displacement[:, k : k + 3], axis=1) for k in (0, 3))
+        return float((shift + turn * arm).max(initial=0.0))
+
+
+@compiled
+def _taken_back(
+    points: FloatArray, scan: IntArray, center: FloatArray, displacement: FloatArray
+) -> FloatArray:
+    """Points (N, 3) less the displacement of their scans, metres.
+
+    The angles are of some 1e-4: their squares are nothing.
+    """
+    moved = np.empty(points.shape)
+    for n in range(len(points)):
+        s = scan[n]
+        d = displacement[s]
+        x, y, z = (
+            points[n, 0] - center[s, 0],
+            points[n, 1] - center[s, 1],
+            points[n, 2] - center[s, 2],
+        )
+        moved[n, 0] = points[n, 0] - (d[0] + d[4] * z - d[5] * y)
+        moved[n, 1] = points[n, 1] - (d[1] + d[5] * x - d[3] * z)
+        moved[n, 2] = points[n, 2] - (d[2] + d[3] * y - d[4] * x)
+    return moved
+
+
+def unadjusted(names: Sequence[str], nodes: Nodes, options: AdjustmentOptions) -> ScanAdjustment:
+    """What is known of scans before any overlap is looked at: nothing but the prior."""
+    count = len(names)
+    return ScanAdjustment(
+        tuple(names),
+        nodes,
+        np.zeros((count, DEGREES)),
+        nodes.prior(options.sizes),
+        options.sizes,
+        np.full(count, np.nan),
+        np.zeros(count),
+    )
+
+
+def adjust_scans(
+    before: ScanAdjustment,
+    equations: Sequence[OverlapEquations],
+    *,
+    options: AdjustmentOptions | None = None,
+) -> ScanAdjustment:
+    """Solve the displacements of all scans from their overlaps.
+
+    The equations are those of returns that `before` has corrected; its displacements are added.
+    The sizes of the errors are found with them
+    (:func:`lidar.adjustment.normal_equations.solve_network`). An overlap of a few cells, or one
+    that no displacement makes agree, may be one of strays, and one is enough to turn all scans that
+    nothing else holds: it counts as long as the others do not contradict it. Where the overlaps fit
+    worse than their noise has it, the covariance grows with the misfit.
+
+    Parameters
+    ----------
+    before : ScanAdjustment
+        Of the last round, or :func:`unadjusted`.
+    equations : sequence of OverlapEquations
+    options : AdjustmentOptions, optional
+
+    Returns
+    -------
+    ScanAdjustment
+    """
+    options = options or AdjustmentOptions()
+    sound = [part for part in equations if _stands_alone(part)]
+    doubtful = [part for part in equations if not _stands_alone(part)]
+    believed = np.zeros(len(doubtful), dtype=np.bool_)
+    start = before.sizes if options.estimate else options.sizes
+    for _ in range(_MOST_SORTINGS):
+        heard = [p if b else _silenced(p) for p, b in zip(doubtful, believed, strict=True)]
+        found = _adjusted(before, [*sound, *heard], options, start)
+        start = found.sizes
+        ratio = np.array([_departure(part, before, found) for part in doubtful])
+        # Where no overlap stands alone, as among tracks, they have to judge each other.
+        many = not sound and len(doubtful) >= _FEWEST_CELLS
+        usual = max(float(np.median(ratio)), 1.0) if many else 1.0
+        agreeing = ratio <= _CONTRADICTED**2 * usual
+        if np.array_equal(agreeing, believed):
+            break
+        believed = agreeing
+    return found
+
+
+def _stands_alone(part: OverlapEquations) -> bool:
+    """Whether an overlap shows by itself that its scans saw the same ground.
+
+    It does if they meet in many cells, and some displacement makes them agree there.
+    """
+    if part.cells.max() < _FEWEST_CELLS:
+        return False
+    return _least_energy(part)[0] <= _CONTRADICTED**2 * float(part.freedom.sum())
+
+
+def _least_energy(part: OverlapEquations) -> tuple[float, float]:
+    """Energy of an overlap after the displacement that it likes best, and what is free then."""
+    inverse, rank = _inverse(part.normal)
+    left = float(part.chi2.sum() - part.right @ inverse @ part.right)
+    return left, float(part.freedom.sum()) - rank
+
+
+def _excess(parts: Sequence[OverlapEquations]) -> float:
+    """By what factor variances are too small, at least 1: of the middling overlap.
+
+    One that fits nowhere must not loosen all the others.
+    """
+    energies = [_least_energy(part) for part in parts if part.weight > 0]
+    ratio = [left / free for left, free in energies if free >= _FEWEST_CELLS]
+    return max(float(np.median(ratio)), 1.0) if ratio else 1.0
+
+
+def _silenced(part: OverlapEquations) -> OverlapEquations:
+    """Return an overlap that moves nothing: one of many cells still shows in the misfit."""
+    nothing = np.zeros(len(part.scan))
+    kept = (part.cells, part.chi2, part.freedom)
+    if part.cells.max() < _FEWEST_CELLS:
+        kept = (nothing, nothing, nothing)
+    still, right = np.zeros_like(part.normal), np.zeros_like(part.right)
+    return OverlapEquations(part.scan, still, right, *kept, weight=0.0)
+
+
+def _departure(part: OverlapEquations, before: ScanAdjustment, found: ScanAdjustment) -> float:
+    """Energy of an overlap as `found` leaves it, over what its noise and the unknown have it."""
+    at = columns(part.scan)
+    step = (found.displacement - before.displacement).ravel()[at]
+    energy = float(part.chi2.sum() - 2.0 * part.right @ step + step @ part.normal @ step)
+    unknown = float(np.sum(part.normal * found.covariance[np.ix_(at, at)]))
+    return energy / (float(part.freedom.sum()) + unknown)
+
+
+def _adjusted(
+    before: ScanAdjustment,
+    equations: Sequence[OverlapEquations],
+    options: AdjustmentOptions,
+    start: ErrorSizes,
+) -> ScanAdjustment:
+    """Solve the displacements from overlaps all of which count; sizes are sought from `start`."""
+    count = len(before)
+    cells, chi2, freedom = np.zeros(count), np.zeros(count), np.zeros(count)
+    former = before.displacement.ravel()
+    whole = []
+    for part in equations:
+        cells[part.scan] += part.cells
+        chi2[part.scan] += part.chi2
+        freedom[part.scan] += part.freedom
+        # Departures from the others, in terms of the whole displacement and not of its last step.
+        right = part.right + part.normal @ former[columns(part.scan)]
+        whole.append(replace(part, right=right))
+    few = cells < _FEWEST_CELLS
+    with np.errstate(invalid="ignore", divide="ignore"):
+        misfit = np.sqrt(chi2 / np.where((freedom > 0) & ~few, freedom, np.nan))
+    found = solve_network(
+        whole,
+        before.nodes,
+        options.sizes,
+        start=start,
+        excess=_excess(equations),
+        estimate=options.estimate,
+    )
+    return ScanAdjustment(
+        before.names,
+        before.nodes,
+        found.displacement.reshape(count, DEGREES),
+        found.covariance,
+        found.sizes,
+        misfit,
+        cells,
+        _moved(equations, found.displacement - former),
+    )
+
+
+def _moved(equations: Sequence[OverlapEquations], step: FloatArray) -> float:
+    """By how much a `step` (6S,) moves the heights of scans against each other, rms, metres."""
+    weight = sum(part.weight for part in equations)
+    energy = sum(
+        float(step[at] @ part.normal @ step[at])
+        for part in equations
+        if len(at := columns(part.scan))
+    )
+    return float(np.sqrt(max(energy, 0.0) / weight)) if weight > 0 else 0.0
+
+
+def _inverse(normal: FloatArray) -> tuple[FloatArray, int]:
+    """Pseudo-inverse of normal equations of displacements, and their rank."""
+    # Metres and radians are unlike; the smallest eigenvalues are rounding.
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    values, vectors = np.linalg.eigh(normal * np.outer(unit, unit))
+    told = values > _ROUNDING * max(float(values[-1]), 0.0)
+    root = unit[:, None] * vectors[:, told] / np.sqrt(values[told])
+    return root @ root.T, int(np.count_nonzero(told))

@@ -1,0 +1,162 @@
+"""What may be displaced: scans, arcs of scans and days, and by how much they usually are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from lidar.adjustment.overlaps import DEGREES
+from spcola.arrays import FloatArray, IntArray
+
+# Which of the sizes is that of each of a scan's six numbers.
+KINDS = np.array([0, 1, 1, 2, 2, 2])
+# Share of the variance that the arcs of one scan have in common: a trajectory errs over minutes and
+# over days.
+_ALIKE = 0.5
+
+
+@dataclass(frozen=True)
+class ErrorSizes:
+    """Standard deviations of what errs.
+
+    Parameters
+    ----------
+    up_m : float
+        Displacement of a scan along the radius to its middle, metres.
+    across_m : float
+        The same along either direction across it.
+    rotation_rad : float
+        Its rotation about each axis, radians.
+    wander_m : float
+        Its own displacement on one grid, each axis, metres.
+    day_m : float
+        Displacement along the radius that all scans of a day have beside, metres.
+    """
+
+    up_m: float
+    across_m: float
+    rotation_rad: float
+    wander_m: float
+    day_m: float
+
+    @property
+    def all(self) -> FloatArray:
+        """The five of them, in this order."""
+        return np.array([self.up_m, self.across_m, self.rotation_rad, self.wander_m, self.day_m])
+
+    def local(self, scans: int) -> FloatArray:
+        """Sigmas (6S,) of the displacements of scans, each in its own frame: up comes first."""
+        return np.tile(self.all[KINDS], scans)
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """What can be displaced: S scans, or arcs of scans.
+
+    Parameters
+    ----------
+    center : (S, 3) ndarray
+        Point about which each is turned, body-fixed, metres.
+    scan : (S,) ndarray of int
+        The scan of each: arcs of one scan err alike in part, and count for one scan when sizes are
+        estimated.
+    day : (S,) ndarray of int
+        The day of each; negative where it is not known.
+    """
+
+    center: FloatArray
+    scan: IntArray
+    day: IntArray
+
+    def __len__(self) -> int:
+        return len(self.center)
+
+    @classmethod
+    def whole(cls, center: FloatArray) -> Nodes:
+        """Return scans none of which is cut into arcs, of unknown days."""
+        return cls(center, np.arange(len(center)), np.full(len(center), -1))
+
+    @cached_property
+    def share(self) -> FloatArray:
+        """One over the number of arcs (S,) that the scan of each is cut into."""
+        _, own, count = np.unique(self.scan, return_inverse=True, return_counts=True)
+        share: FloatArray = 1.0 / count[own]
+        return share
+
+    @cached_property
+    def frames(self) -> FloatArray:
+        """Orthonormal rows (S, 3, 3), the first along the radius."""
+        frames = np.tile(np.eye(3), (len(self), 1, 1))
+        for frame, center in zip(frames, self.center, strict=True):
+            if center.any():
+                # The other two directions are any: nothing tells them apart.
+                rows = np.linalg.qr(np.column_stack([center, np.eye(3)]))[0].T
+                frame[:] = np.sign(rows[0] @ center) * rows
+        return frames
+
+    def prior(self, sizes: ErrorSizes) -> FloatArray:
+        """Covariance (6S, 6S), body-fixed, of displacements of the stated sizes."""
+        local = sizes.local(len(self))
+        alike = self._alike(lambda _: (1.0 - _ALIKE, _ALIKE)) * np.outer(local, local)
+        alike += sizes.day_m**2 * self.lifted @ self.lifted.T
+        return turned(alike, self.frames.transpose(0, 2, 1))
+
+    @cached_property
+    def lifted(self) -> FloatArray:
+        """What each of the G days displaces (6S, G), in the frames."""
+        days = np.unique(self.day[self.day >= 0])
+        lifted = np.zeros((len(self), DEGREES, len(days)))
+        lifted[:, 0] = self.day[:, None] == days
+        return lifted.reshape(DEGREES * len(self), len(days))
+
+    @cached_property
+    def precision(self) -> FloatArray:
+        """Inverse (6S, 6S) of the correlations of displacements, in the frames."""
+        return self._alike(
+            lambda count: (
+                1.0 / (1.0 - _ALIKE),
+                -_ALIKE / ((1.0 - _ALIKE) * (1.0 - _ALIKE + _ALIKE * count)),
+            )
+        )
+
+    def _alike(self, shares: Callable[[int], tuple[float, float]]) -> FloatArray:
+        """Matrix (6S, 6S), in the frames, of what arcs have for themselves and together.
+
+        `shares` says how much of the two, for the number of a scan's arcs. What they have together
+        is the same vector in the body-fixed frame.
+        """
+        matrix = np.eye(DEGREES * len(self))
+        for scan in np.unique(self.scan[self.share < 1.0]):
+            arcs = np.flatnonzero(self.scan == scan)
+            own, together = shares(len(arcs))
+            at = columns(arcs)
+            shared = np.tile(np.eye(DEGREES), (len(arcs), len(arcs)))
+            matrix[np.ix_(at, at)] = own * np.eye(len(at)) + together * turned(
+                shared, self.frames[arcs]
+            )
+        return matrix
+
+
+def columns(scan: IntArray) -> IntArray:
+    """Where the unknowns of the scans (K,) are among those of all."""
+    found: IntArray = (DEGREES * scan[:, None] + np.arange(DEGREES)).ravel()
+    return found
+
+
+def turned(matrix: FloatArray, frames: FloatArray) -> FloatArray:
+    """Turn the metres of K scans in a matrix (6K, 6K) by `frames` (K, 3, 3)."""
+    count = len(frames)
+    found = matrix.reshape(count, DEGREES, count, DEGREES).copy()
+    found[:, :3] = np.einsum("kij,kjlm->kilm", frames, found[:, :3])
+    found[..., :3] = np.einsum("lij,kmlj->kmli", frames, found[..., :3])
+    return found.reshape(matrix.shape)
+
+
+def turned_vector(vector: FloatArray, frames: FloatArray) -> FloatArray:
+    """Turn the metres of K scans in a vector (6K,)."""
+    found = vector.reshape(-1, DEGREES).copy()
+    found[:, :3] = np.einsum("kij,kj->ki", frames, found[:, :3])
+    return found.ravel()

@@ -1,0 +1,216 @@
+"""The network of scans and overlaps: displacements, and the sizes of what errs.
+
+Errors are of several kinds, each of a size that the overlaps themselves tell: displacements of
+scans along the radius, and across it, where pointing errs too; their rotations; and what no
+displacement of a whole scan describes: trajectory and pointing wander during a scan, so that it
+lies a little otherwise on each grid on which it is compared. Without the last, thousands of cells
+that share such an error would count as thousands of witnesses. Ranges of one day err alike (at
+Bennu by up to 2.5e-4), which lifts all scans of that day: forty scans of five days do not tell the
+radius of the body as forty independent ones would.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotri
+
+from lidar.adjustment.nodes import (
+    KINDS,
+    ErrorSizes,
+    Nodes,
+    columns,
+    turned,
+    turned_vector,
+)
+from lidar.adjustment.overlaps import DEGREES, OverlapEquations
+from spcola.arrays import FloatArray, IntArray
+from spcola.errors import NotObservableError
+
+# Sizes count as found when a round changes none of them by more than this share.
+_SETTLED = 0.01
+_MAX_ROUNDS = 60
+# Metres and radians: what is smaller is none.
+_LEAST = np.array([1e-6, 1e-6, 1e-9, 1e-6, 1e-6])
+# Which of the sizes is that of what a scan has on one grid, and of a day.
+_WANDER, _DAY = 3, 4
+# Numbers that the first guess of a size counts for: a handful of days does not tell theirs.
+_GUESSED = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class NetworkSolution:
+    """What a network of S scans says.
+
+    Attributes
+    ----------
+    displacement : (6S,) ndarray
+        Metres and radians, body-fixed.
+    covariance : (6S, 6S) ndarray
+    sizes : ErrorSizes
+    """
+
+    displacement: FloatArray
+    covariance: FloatArray
+    sizes: ErrorSizes
+
+
+def solve_network(
+    parts: Sequence[OverlapEquations],
+    nodes: Nodes,
+    sizes: ErrorSizes,
+    *,
+    start: ErrorSizes | None = None,
+    excess: float = 1.0,
+    estimate: bool = True,
+) -> NetworkSolution:
+    """Solve the displacements of all scans, and the sizes of the errors.
+
+    The sizes maximise the marginal likelihood: the fixed point of MacKay (1992, eq. 2.23), squares
+    over the number of well determined unknowns. Against EM it does not dwell where it began because
+    of scans of which nothing is known.
+
+    Parameters
+    ----------
+    parts : sequence of OverlapEquations
+        For whole displacements.
+    nodes : Nodes
+    sizes : ErrorSizes
+        First guesses, which count for a few numbers each; or what holds, with ``estimate=False``.
+    start : ErrorSizes, optional
+        Where the search begins, by default at the first guesses.
+    excess : float
+        The variances of the parts are too small by this factor.
+    """
+    first, sizes = sizes, start or sizes
+    heard = [
+        _LocalEquations.of(part, nodes.frames[part.scan], excess) for part in parts if part.weight
+    ]
+    for _ in range(_MAX_ROUNDS if estimate else 1):
+        solution, parted = _at(heard, nodes, sizes)
+        if not estimate:
+            break
+        found = _renewed(solution, parted, heard, nodes.share, first)
+        change = float(np.abs(np.log(found.all / sizes.all)).max())
+        sizes = found
+        if change < _SETTLED:
+            break
+    back = nodes.frames.transpose(0, 2, 1)
+    return NetworkSolution(
+        turned_vector(solution.displacement, back),
+        turned(solution.covariance, back),
+        solution.sizes,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _LocalEquations:
+    """Equations of one grid in the scans' frames; `moved` are the columns of metres."""
+
+    at: IntArray
+    moved: IntArray
+    normal: FloatArray
+    right: FloatArray
+
+    @classmethod
+    def of(cls, part: OverlapEquations, frames: FloatArray, excess: float) -> _LocalEquations:
+        moved = (DEGREES * np.arange(len(part.scan))[:, None] + np.arange(3)).ravel()
+        normal, right = turned(part.normal, frames), turned_vector(part.right, frames)
+        return cls(columns(part.scan), moved, normal / excess, right / excess)
+
+    def own(self, wander_m: float) -> FloatArray:
+        """Covariance of the scans' own displacements on the grid, all others known."""
+        inner = self.normal[np.ix_(self.moved, self.moved)] * wander_m**2
+        covariance: FloatArray = np.linalg.inv(inner + np.eye(len(inner))) * wander_m**2
+        return covariance
+
+    def without_own(self, wander_m: float) -> tuple[FloatArray, FloatArray]:
+        """Normal matrix and right side with these displacements eliminated."""
+        shared = self.normal[:, self.moved]
+        taken = shared @ self.own(wander_m)
+        return self.normal - taken @ shared.T, self.right - taken @ self.right[self.moved]
+
+
+@dataclass(frozen=True, eq=False)
+class _Parted:
+    """Displacements of scans (6S) and days (G), apart, in the scans' frames, with variances."""
+
+    value: FloatArray
+    variance: FloatArray
+
+
+def _at(
+    parts: Sequence[_LocalEquations], nodes: Nodes, sizes: ErrorSizes
+) -> tuple[NetworkSolution, _Parted]:
+    """Solve at given sizes, in the scans' frames."""
+    count, days = nodes.lifted.shape
+    normal: FloatArray = np.zeros((count, count))
+    right: FloatArray = np.zeros(count)
+    for part in parts:
+        reduced, reduced_right = part.without_own(sizes.wander_m)
+        normal[np.ix_(part.at, part.at)] += reduced
+        right[part.at] += reduced_right
+    # A scan is displaced by itself, and with its day; scaled by the prior, as metres and radians
+    # are unlike.
+    root, lifted = sizes.local(len(nodes)), sizes.day_m * nodes.lifted
+    by_day = normal @ lifted
+    scaled = np.empty((count + days, count + days))
+    scaled[:count, :count] = normal * np.outer(root, root) + nodes.precision
+    scaled[:count, count:] = root[:, None] * by_day
+    scaled[count:, :count] = scaled[:count, count:].T
+    scaled[count:, count:] = lifted.T @ by_day + np.eye(days)
+    inverse = _inverse(scaled)
+    value = inverse @ np.concatenate([root * right, lifted.T @ right])
+    # Of both together.
+    crossed = root[:, None] * inverse[:count, count:] @ lifted.T
+    covariance = inverse[:count, :count] * np.outer(root, root) + crossed + crossed.T
+    covariance += lifted @ inverse[count:, count:] @ lifted.T
+    displacement = root * value[:count] + lifted @ value[count:]
+    solution = NetworkSolution(displacement, covariance, sizes)
+    return solution, _Parted(value, np.diag(inverse).copy())
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    """Inverse of a symmetric positive definite matrix, at half of what a general one costs.
+
+    Raises
+    ------
+    NotObservableError
+        If it is not positive definite in double precision.
+    """
+    lower, failed = dpotrf(matrix, lower=True)
+    inverse, failed_too = dpotri(lower, lower=True)
+    if failed or failed_too:
+        raise NotObservableError(
+            "the displacements of the scans are not determined by their overlaps, as large as they "
+            "may be by the first guess of their errors",
+            do="lower [mapolas] adjust_sigma_m and adjust_sigma_deg, or set adjust = false",
+        )
+    found: FloatArray = np.tril(inverse)
+    return found + np.tril(found, -1).T
+
+
+def _renewed(
+    solution: NetworkSolution,
+    parted: _Parted,
+    parts: Sequence[_LocalEquations],
+    share: FloatArray,
+    first: ErrorSizes,
+) -> ErrorSizes:
+    """Return the sizes that the squares of what was found speak for, and the `first` ones a bit."""
+    sizes, days = solution.sizes, len(parted.value) - len(solution.displacement)
+    kind = np.concatenate([np.tile(KINDS, len(share)), np.full(days, _DAY)])
+    each = np.concatenate([np.repeat(share, DEGREES), np.ones(days)])
+    squares = np.bincount(kind, weights=each * parted.value**2, minlength=5) * sizes.all**2
+    told = np.bincount(kind, weights=each * (1.0 - parted.variance), minlength=5)
+    for local in parts:
+        own = local.own(sizes.wander_m)
+        rest = local.right - local.normal @ solution.displacement[local.at]
+        carried = own @ local.normal[local.moved]
+        spread = own + carried @ solution.covariance[np.ix_(local.at, local.at)] @ carried.T
+        squares[_WANDER] += np.sum((own @ rest[local.moved]) ** 2)
+        told[_WANDER] += np.sum(1.0 - np.diag(spread) / sizes.wander_m**2)
+    new = np.sqrt((squares + _GUESSED * first.all**2) / (told + _GUESSED))
+    return replace(sizes, **dict(zip(vars(sizes), np.maximum(new, _LEAST).tolist(), strict=True)))

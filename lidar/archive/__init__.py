@@ -1,0 +1,5 @@
+"""All returns of a workspace, read by place; memory stays bounded."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,5 @@
+"""Files of missions: OLA, NLR, LOLA, Hayabusa, Hayabusa2, tracks."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

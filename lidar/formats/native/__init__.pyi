@@ -1,0 +1,12 @@
+from .adjustment import ADJUSTMENT_HDF5 as ADJUSTMENT_HDF5
+from .adjustment import read_adjustment as read_adjustment
+from .adjustment import write_adjustment as write_adjustment
+from .blocks import Block as Block
+from .blocks import times_of as times_of
+from .mapola import MAPOLAS_HDF5 as MAPOLAS_HDF5
+from .mapola import read_mapola as read_mapola
+from .mapola import write_mapolas as write_mapolas
+from .scan_file import ScanFile as ScanFile
+from .scan_file import iter_scan as iter_scan
+from .scan_file import scan_summary as scan_summary
+from .scan_file import write_scan as write_scan

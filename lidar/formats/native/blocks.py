@@ -1,0 +1,258 @@
+"""Blocks: some hundred thousand returns of a scan as compact layers, and back.
+
+| layer | type | what |
+|---|---|---|
+| cube, start | i8 (T, 3), i8 (T + 1) | lattice cubes that hold returns, and their rows |
+| place | u8 (N) | where in its cube a return lies, :mod:`lidar.scans.cubes.cubes` |
+| time | u4 (N) | steps of ``time_step`` s after ``time_start`` |
+| range | u4 (N) | steps of ``range_step`` m |
+| sigma, intensity | f4 (N) | metres, instrument units |
+| flag | i4 (N) | as it stood in the file |
+| flight_time, flight_position | f8 (K), f8 (K, 3) | knots of the path,
+:mod:`lidar.formats.native.flight` | | spacecraft | f8 (N, 3) | where that path is too rough for
+knots | | beam | f8 (N, 3) | where it does not point from spacecraft to return |
+
+A layer that is one number throughout, or unknown (NaN), is an attribute instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from lidar.formats.native.flight import Flight, fit_flight
+from lidar.scans import Scan
+from lidar.scans.cubes import QUANTUM_M, CubedPoints, cubed
+from spcola.arrays import AnyArray, FloatArray, IntArray
+from spcola.compilation import compiled
+
+KNOTS = frozenset({"flight_time", "flight_position"})
+"""Layers that have no row for each return or cube."""
+LAYERS: Mapping[str, tuple[str, str, tuple[int, ...]]] = MappingProxyType(
+    {
+        "cube": ("<i8", "cubes", (3,)),
+        "start": ("<i8", "starts", ()),
+        "place": ("<u8", "returns", ()),
+        "time": ("<u4", "returns", ()),
+        "range": ("<u4", "returns", ()),
+        "sigma": ("<f4", "returns", ()),
+        "intensity": ("<f4", "returns", ()),
+        "flag": ("<i4", "returns", ()),
+        "flight_time": ("<f8", "knots", ()),
+        "flight_position": ("<f8", "knots", (3,)),
+        "spacecraft": ("<f8", "returns", (3,)),
+        "beam": ("<f8", "returns", (3,)),
+    }
+)
+"""Of each layer the type on disk, what its rows are, and the shape of one row."""
+_SPECIAL = KNOTS | {"cube", "start", "place"}
+# The largest number means that there is none.
+_UNKNOWN = np.iinfo(np.uint32).max
+_LEAST_TIME_STEP_S = 1e-6
+# The spacecraft moves by centimetres a second around small bodies, by kilometres around planets:
+# a path within this fraction of a quantum leaves the beam where it was.
+_FLIGHT_TOLERANCE_M = 0.2 * QUANTUM_M
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Layers and numbers of a block; what they are called stands in the table above.
+
+    Attributes
+    ----------
+    layers : mapping of str to ndarray
+    numbers : mapping of str to float
+        Steps, starts and constants.
+    """
+
+    layers: Mapping[str, AnyArray]
+    numbers: Mapping[str, float]
+
+    @property
+    def cubes(self) -> CubedPoints:
+        """Where the returns lie."""
+        layers = self.layers
+        return CubedPoints(
+            int(self.numbers["bits"]), layers["cube"], layers["start"], layers["place"]
+        )
+
+    def part(self, begin: int, end: int) -> Block:
+        """Return the rows `begin` to `end` as a block of their own."""
+        cubes = self.cubes.part(begin, end)
+        whole = {name: self.layers[name] for name in KNOTS if name in self.layers}
+        rows = {name: self.layers[name][begin:end] for name in self.layers if name not in _SPECIAL}
+        layers = {**rows, **whole, "cube": cubes.cube, "start": cubes.start, "place": cubes.place}
+        return Block(layers, self.numbers)
+
+
+def encode(scan: Scan) -> Block:
+    """Sort a chunk of a scan into cubes and make its layers small."""
+    cubes, order = cubed(scan.points)
+    layers: dict[str, AnyArray] = {
+        "cube": cubes.cube,
+        "start": cubes.start,
+        "place": cubes.place,
+    }
+    numbers: dict[str, float] = {"bits": cubes.bits}
+    _put_counted(layers, numbers, "time", scan.time, order, _LEAST_TIME_STEP_S)
+    _put_counted(layers, numbers, "range", scan.range, order, QUANTUM_M)
+    _put(layers, numbers, "sigma", scan.sigma.astype(np.float32), order)
+    _put(layers, numbers, "intensity", scan.intensity.astype(np.float32), order)
+    _put(layers, numbers, "flag", scan.flag.astype(np.int32), order)
+    _put_flight(layers, scan, order)
+    if np.isfinite(scan.beam).any() and not _beam_follows(scan):
+        layers["beam"] = scan.beam[order]
+    return Block(layers, numbers)
+
+
+def decode(block: Block, name: str, *, trajectory: str, body: str) -> Scan:
+    """Return the scan that a block holds, its returns sorted by cube."""
+    layers, numbers = block.layers, block.numbers
+    points = block.cubes.points()
+    count = len(points)
+    time = times_of(block)
+    if "flight_time" in layers:
+        flight = Flight(layers["flight_time"], layers["flight_position"])
+        # A time is rounded, and may lie half a step beyond the last knot.
+        spacecraft = flight.at(np.clip(time, flight.time[0], flight.time[-1]))
+    else:
+        spacecraft = layers.get("spacecraft", np.full((count, 3), np.nan))
+
+    def plain(layer: str) -> FloatArray:
+        constant = np.full(count, numbers.get(layer, np.nan))
+        return np.asarray(layers.get(layer, constant), dtype=np.float64)
+
+    return Scan(
+        name=name,
+        time=time,
+        range=_counted(block, "range"),
+        spacecraft=np.asarray(spacecraft),
+        beam=np.asarray(layers.get("beam", _directions(points - spacecraft))),
+        points=points,
+        intensity=plain("intensity"),
+        flag=plain("flag").astype(np.int64),
+        sigma=plain("sigma"),
+        trajectory=trajectory,
+        body=body,
+    )
+
+
+def spacecraft_knots(block: Block) -> tuple[FloatArray, FloatArray]:
+    """Return times (K,), s, and positions (K, 3), m, that tell the spacecraft's path in a block."""
+    layers = block.layers
+    if "flight_time" in layers:
+        return np.asarray(layers["flight_time"]), np.asarray(layers["flight_position"])
+    if "spacecraft" not in layers:
+        return np.empty(0), np.empty((0, 3))
+    time, position = times_of(block), np.asarray(layers["spacecraft"])
+    known = np.isfinite(time) & np.isfinite(position).all(axis=1)
+    return time[known], position[known]
+
+
+def times_of(block: Block, rows: IntArray | slice = slice(None)) -> FloatArray:
+    """Return the ephemeris times (N,), s, of the returns, or of some; NaN where unknown."""
+    return _counted(block, "time", rows)
+
+
+def _put(
+    layers: dict[str, AnyArray],
+    numbers: dict[str, float],
+    name: str,
+    values: AnyArray,
+    order: IntArray,
+) -> None:
+    """Keep a layer in another order, or the one number that it is throughout."""
+    if len(values) == 0 or (values == values[0]).all():
+        numbers[name] = float(values[0]) if len(values) else 0.0
+    elif not np.isnan(values).all():
+        layers[name] = values[order]
+
+
+def _put_counted(
+    layers: dict[str, AnyArray],
+    numbers: dict[str, float],
+    name: str,
+    values: FloatArray,
+    order: IntArray,
+    step: float,
+) -> None:
+    """Keep a layer as whole steps from its least value; nothing of one that is unknown."""
+    start, last = _known_span(values)
+    if not start <= last:
+        return
+    while (last - start) / step >= _UNKNOWN - 1:
+        step *= 10.0
+    layers[name] = _counted_steps(values, order, start, step)
+    numbers[f"{name}_start"], numbers[f"{name}_step"] = start, step
+
+
+@compiled
+def _known_span(values: FloatArray) -> tuple[float, float]:
+    """Least and greatest finite value; inf and −inf if there is none."""
+    least, greatest = np.inf, -np.inf
+    for value in values:
+        if np.isfinite(value):
+            least, greatest = min(least, value), max(greatest, value)
+    return least, greatest
+
+
+@compiled
+def _counted_steps(values: FloatArray, order: IntArray, start: float, step: float) -> IntArray:
+    """Whole steps (N,) from `start`, in the given order."""
+    steps = np.empty(len(order), dtype=np.uint32)
+    for n in range(len(order)):
+        value = values[order[n]]
+        known = np.isfinite(value)
+        steps[n] = np.uint32(np.rint((value - start) / step)) if known else np.uint32(_UNKNOWN)
+    return steps
+
+
+def _counted(block: Block, name: str, rows: IntArray | slice = slice(None)) -> FloatArray:
+    """Return what :func:`_put_counted` kept."""
+    if name not in block.layers:
+        return np.full(len(block.layers["place"][rows]), np.nan)
+    steps = block.layers[name][rows]
+    values = block.numbers[f"{name}_start"] + steps * block.numbers[f"{name}_step"]
+    values[steps == _UNKNOWN] = np.nan
+    return values
+
+
+def _put_flight(layers: dict[str, AnyArray], scan: Scan, order: AnyArray) -> None:
+    """Keep the spacecraft's positions, by knots where these meet them."""
+    if np.isnan(scan.spacecraft).all():
+        return
+    flight = fit_flight(scan.time, scan.spacecraft, _FLIGHT_TOLERANCE_M)
+    if flight is None:
+        layers["spacecraft"] = scan.spacecraft[order]
+    else:
+        layers["flight_time"], layers["flight_position"] = flight.time, flight.position
+
+
+def _beam_follows(scan: Scan) -> bool:
+    """Whether the beam points from spacecraft to return, as far as quanta of the return tell."""
+    return bool(_directed(scan.points, scan.spacecraft, scan.beam))
+
+
+@compiled
+def _directed(points: FloatArray, spacecraft: FloatArray, beam: FloatArray) -> bool:
+    """Whether every beam, from the spacecraft on, meets its point within a quantum."""
+    for n in range(len(points)):
+        square = 0.0
+        for axis in range(3):
+            square += (points[n, axis] - spacecraft[n, axis]) ** 2
+        distance = np.sqrt(square)
+        for axis in range(3):
+            away = points[n, axis] - spacecraft[n, axis]
+            if not abs(beam[n, axis] * distance - away) <= QUANTUM_M:
+                return False
+    return True
+
+
+def _directions(away: FloatArray) -> FloatArray:
+    """Unit vectors (N, 3); NaN where there is no direction."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ahead: FloatArray = away / np.linalg.norm(away, axis=1, keepdims=True)
+    return ahead

@@ -1,0 +1,12 @@
+from .mirror import MirrorAngles as MirrorAngles
+from .placement import NO_TIME as NO_TIME
+from .placement import OUTSIDE as OUTSIDE
+from .placement import OUTSIDE_KERNELS as OUTSIDE_KERNELS
+from .placement import Relocation as Relocation
+from .placement import relocated as relocated
+from .placement import relocation as relocation
+from .placement import turn_of as turn_of
+from .range_shift import RangeShift as RangeShift
+from .reprojection import reproject as reproject
+from .reprojection import scan_trajectory as scan_trajectory
+from .spice_trajectory import KernelPlace as KernelPlace

@@ -1,0 +1,288 @@
+"""Returns of a scan located again: by another trajectory, pole, spin or prime meridian.
+
+A return is where the spacecraft was plus the way that the beam went. Body-fixed coordinates turn
+with the statement of the body's rotation, ``p → R(t) p``, and move as the spacecraft does:
+
+    p' = R(t) p + d(t),    d(t) = s'(t) − R(t) s(t)
+
+with s and s' the old and the new trajectory. Both are smooth: R is kept as a rotation vector and d
+as it is, at some times, in straight lines between them. Pointing and range stay what they were.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lidar.geolocation.mirror import MirrorMotion
+from lidar.geolocation.range_shift import RangeShift
+from lidar.scans import Scan
+from lidar.scans.cubes import QUANTUM_M
+from spcola.arrays import BoolArray, FloatArray
+from spcola.compilation import compiled, compiled_inline
+from spcola.navigation import Spin, Trajectory, turned
+
+NO_TIME = "no time"
+OUTSIDE = "outside trajectory"
+OUTSIDE_KERNELS = "outside kernels"
+"""Reasons under which returns that cannot be located again are counted."""
+
+# Rotation vectors are interpolated this well where they act: a tenth of what is rounded anyway.
+_TOLERANCE_M = 0.1 * QUANTUM_M
+# As many times as a scan may need for that; beyond, steps of a body that turns in minutes.
+_MOST_TIMES = 100_000
+
+
+@dataclass(frozen=True, eq=False)
+class Relocation:
+    """How the returns of one scan move with time.
+
+    Attributes
+    ----------
+    turn_time, turn : (K,), (K, 3) ndarrays
+        Seconds, and rotation vectors about the origin, radians; empty where nothing turns.
+    shift_time, shift : (M,), (M, 3) ndarrays
+        Seconds, and displacements, metres, added after the rotation; empty for the trajectory
+        that the scan has, if `moves` is False. At a time whose displacement is NaN, and up to the
+        next, nothing has a place.
+    moves : bool
+        Whether there is another trajectory: returns at times that it does not cover have no place.
+    max_gap_s : float
+        Displacements further apart than this are not interpolated between.
+    error_m : float
+        By how much what is interpolated may be off, metres: of kernels at most, between states of
+        images one standard deviation where they lie furthest apart.
+    mirror : MirrorMotion, optional
+        What an error of the lidar's mirror did, undone before anything else.
+    ranges : RangeShift, optional
+        What is added to the ranges, before anything else.
+    outside : str
+        The reason under which returns at times that are not covered are counted.
+    """
+
+    turn_time: FloatArray = field(default_factory=lambda: np.empty(0))
+    turn: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    shift_time: FloatArray = field(default_factory=lambda: np.empty(0))
+    shift: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    moves: bool = False
+    max_gap_s: float = np.inf
+    error_m: float = 0.0
+    mirror: MirrorMotion | None = None
+    ranges: RangeShift | None = None
+    outside: str = OUTSIDE
+
+    def apply(self, points: FloatArray, time: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Return the points (N, 3), metres, at their new places, and which have one (N,).
+
+        Those without one are NaN: at times that are unknown, or not covered.
+        """
+        if self.ranges is not None:
+            points = self.ranges.apply(points, time)
+        if self.mirror is not None:
+            points = self.mirror.apply(points, time)
+        gap = self.max_gap_s if self.moves else np.nan
+        moved, kept = _relocated(
+            points, time, self.turn_time, self.turn, self.shift_time, self.shift, gap
+        )
+        return moved, kept
+
+    def covers(self, time: FloatArray) -> BoolArray:
+        """Return at which times (N,) returns have a place."""
+        if not self.moves:
+            return np.isfinite(time)
+        return self.apply(np.zeros((len(time), 3)), time)[1]
+
+    def reach(self, radius: float) -> float:
+        """Return by how much a point within `radius` of the origin moves at most, metres."""
+        angle = np.linalg.norm(self.turn, axis=1).max(initial=0.0)
+        shift = np.fmax.reduce(np.linalg.norm(self.shift, axis=1), initial=0.0)
+        along = 0.0 if self.ranges is None else abs(self.ranges.shift_m)
+        mirror = 0.0 if self.mirror is None else self.mirror.reach(radius + along)
+        turned = 2.0 * np.sin(min(angle, np.pi) / 2.0) * (radius + along)
+        return float(turned + shift + mirror + along)
+
+
+def relocation(
+    old: Trajectory,
+    radius: float,
+    *,
+    spin: tuple[Spin, Spin] | None = None,
+    trajectory: Trajectory | None = None,
+    max_gap_s: float = np.inf,
+) -> Relocation:
+    """Find how the returns of a scan move.
+
+    Parameters
+    ----------
+    old : Trajectory
+        By which the scan was located, over its whole span.
+    radius : float
+        Largest distance of its returns from the origin, metres.
+    spin : (Spin, Spin), optional
+        The body's rotation by which the scan was located, and the corrected one.
+    trajectory : Trajectory, optional
+        The new one, in the body-fixed frame of the corrected rotation.
+    max_gap_s : float
+        Returns between two times of `trajectory` further apart than this, seconds, get no place.
+
+    Raises
+    ------
+    InvalidValueError
+        If the trajectories have no time in common.
+    """
+    turns = Relocation() if spin is None else turn_of(old.span, radius, *spin)
+    if trajectory is None:
+        return turns
+    times = trajectory.time[old.covers(trajectory.time)]
+    reference = old
+    if spin is not None and len(times):
+        there = turned(spin[0].change_to(spin[1], times), old.at(times))
+        reference = Trajectory(old.name, times, there)
+    offset = trajectory.offset_from(reference)
+    shifts = offset.differences
+    return replace(
+        turns,
+        shift_time=shifts.time,
+        shift=shifts.position,
+        moves=True,
+        max_gap_s=max_gap_s,
+        error_m=offset.widest(max_gap_s),
+    )
+
+
+def turn_of(span: tuple[float, float], radius: float, old: Spin, new: Spin) -> Relocation:
+    """Find how returns within `radius` (m) of the origin turn over a `span` of times (s)."""
+    times = _turn_times(span, radius, old, new)
+    return Relocation(times, old.change_to(new, times))
+
+
+def relocated(scan: Scan, move: Relocation) -> Scan:
+    """Return a scan with points, stations and beams where they are now.
+
+    Returns that have no place are counted as rejected, by what they lack.
+    """
+    points, kept = move.apply(scan.points, scan.time)
+    # No mirror aims at the lidar itself, and no range leads to it.
+    station, _ = replace(move, mirror=None, ranges=None).apply(scan.spacecraft, scan.time)
+    ahead, _ = replace(move, ranges=None).apply(scan.spacecraft + scan.beam, scan.time)
+    longer = 0.0 if move.ranges is None else move.ranges.shift_m
+    timeless = int(np.count_nonzero(np.isnan(scan.time)))
+    counts = {NO_TIME: timeless, move.outside: int(np.count_nonzero(~kept)) - timeless}
+    chosen = scan.select(kept)
+    return replace(
+        chosen,
+        points=points[kept],
+        spacecraft=station[kept],
+        beam=(ahead - station)[kept],
+        range=chosen.range + longer,
+        rejected=counted(scan.rejected, counts),
+    )
+
+
+def counted(before: Mapping[str, int], more: Mapping[str, int]) -> dict[str, int]:
+    """Add counts to those that a scan carries; a reason that did not occur is not named."""
+    counts = dict(before)
+    for reason, count in more.items():
+        if count:
+            counts[reason] = counts.get(reason, 0) + count
+    return counts
+
+
+def _turn_times(span: tuple[float, float], radius: float, old: Spin, new: Spin) -> FloatArray:
+    """Times between which straight lines of the rotation vector are good enough."""
+    size = float(np.linalg.norm(old.change_to(new, np.array(span)), axis=1).max())
+    # A sine of the spin's period and of that size departs from its chord by size·(rate·step)²/8.
+    rate = max([1e-12, *(abs(spin.rate(time)) for spin in (old, new) for time in span)])
+    step = np.sqrt(8.0 * _TOLERANCE_M / max(size * radius, 1e-12)) / rate
+    begin, end = span[0], max(span[1], span[0] + 1.0)
+    count = int(np.clip(np.ceil((end - begin) / step), 1, _MOST_TIMES))
+    return np.linspace(begin, end, count + 1)
+
+
+@compiled_inline
+def _before(times: FloatArray, time: float, last: int) -> int:
+    """Number of the piece between two of `times` that `time` lies in, looked for from the last."""
+    if times[last] <= time and (last + 2 >= len(times) or time < times[last + 1]):
+        return last
+    return max(0, min(int(np.searchsorted(times, time, side="right")) - 1, len(times) - 2))
+
+
+@compiled
+def _relocated(
+    points: FloatArray,
+    time: FloatArray,
+    turn_time: FloatArray,
+    turn: FloatArray,
+    shift_time: FloatArray,
+    shift: FloatArray,
+    max_gap: float,
+) -> tuple[FloatArray, BoolArray]:
+    """New places of points, NaN and False for those that have none.
+
+    `max_gap` is NaN where the trajectory stays what it was.
+    """
+    moved = np.empty(points.shape)
+    kept = np.empty(len(points), dtype=np.bool_)
+    at_turn = at_shift = 0
+    w = np.zeros(3)
+    d = np.zeros(3)
+    for n in range(len(points)):
+        t = time[n]
+        kept[n] = np.isfinite(t)
+        if kept[n] and not np.isnan(max_gap):
+            at_shift, kept[n] = _shift_at(shift_time, shift, t, max_gap, at_shift, d)
+        if not kept[n]:
+            moved[n, 0] = moved[n, 1] = moved[n, 2] = np.nan
+            continue
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        if len(turn_time):
+            at_turn = _turn_at(turn_time, turn, t, at_turn, w)
+            square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
+            angle = np.sqrt(square)
+            # Rodrigues: p + (sin θ / θ) ω × p + ((1 − cos θ) / θ²) ω × (ω × p).
+            if angle > 1e-3:
+                s, c = np.sin(angle) / angle, (1.0 - np.cos(angle)) / square
+            else:
+                s, c = 1.0 - square / 6.0, 0.5 - square / 24.0
+            u0 = w[1] * z - w[2] * y
+            u1 = w[2] * x - w[0] * z
+            u2 = w[0] * y - w[1] * x
+            x += s * u0 + c * (w[1] * u2 - w[2] * u1)
+            y += s * u1 + c * (w[2] * u0 - w[0] * u2)
+            z += s * u2 + c * (w[0] * u1 - w[1] * u0)
+        moved[n, 0], moved[n, 1], moved[n, 2] = x + d[0], y + d[1], z + d[2]
+    return moved, kept
+
+
+@compiled_inline
+def _turn_at(times: FloatArray, turn: FloatArray, time: float, last: int, out: FloatArray) -> int:
+    """Write the rotation vector at a time into `out`; it stays what it was beyond the ends."""
+    low = _before(times, time, last)
+    share = min(max((time - times[low]) / (times[low + 1] - times[low]), 0.0), 1.0)
+    for axis in range(3):
+        out[axis] = turn[low, axis] + share * (turn[low + 1, axis] - turn[low, axis])
+    return low
+
+
+@compiled_inline
+def _shift_at(
+    times: FloatArray, shift: FloatArray, time: float, max_gap: float, last: int, out: FloatArray
+) -> tuple[int, bool]:
+    """Write the displacement at a time into `out`; say whether it is covered."""
+    if len(times) < 2:
+        covered = len(times) == 1 and time == times[0]
+        if covered:
+            out[:] = shift[0]
+        return 0, covered and np.isfinite(out.sum())
+    low = _before(times, time, last)
+    gap = times[low + 1] - times[low]
+    share = (time - times[low]) / gap
+    # On a state itself neither the gap beside it matters, nor that nothing is known beyond it.
+    if share * (1.0 - share) == 0.0:
+        out[:] = shift[low + int(share)]
+        return low, np.isfinite(out.sum())
+    for axis in range(3):
+        out[axis] = shift[low, axis] + share * (shift[low + 1, axis] - shift[low, axis])
+    return low, 0.0 <= share <= 1.0 and gap <= max_gap and np.isfinite(out.sum())

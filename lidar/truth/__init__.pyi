@@ -1,0 +1,13 @@
+from .files import FORMATS as FORMATS
+from .files import scan_size as scan_size
+from .files import write_scans as write_scans
+from .scan import scan_chunks as scan_chunks
+from .scan import scan_name as scan_name
+from .scan import track_chunks as track_chunks
+from .scan import track_name as track_name
+from .settings import LidarSettings as LidarSettings
+from .settings import ScanErrors as ScanErrors
+from .settings import draw_errors as draw_errors
+from .track import Track as Track
+from .track import TrackSettings as TrackSettings
+from .track import plan_tracks as plan_tracks

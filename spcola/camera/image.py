@@ -1,0 +1,107 @@
+"""An SPC image: its pixels, its camera, and where the spacecraft was."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from spcola.arrays import (
+    AnyArray,
+    FloatArray,
+    check_axes,
+    check_finite,
+    check_shape,
+    frozen,
+)
+from spcola.camera.camera import Camera
+from spcola.errors import InvalidValueError
+
+
+@dataclass(frozen=True)
+class ImagePoint:
+    """Where a landmark (or a limb point) was found in an image.
+
+    Pixel and line start at (1, 1) in the centre of the first pixel. `deweighted` is the ``*``
+    that SPC puts behind an observation which is kept but must not pull. `extra` holds the
+    numbers that a limb line carries beyond pixel and line, as they stand in the file.
+    """
+
+    name: str
+    pixel: float
+    line: float
+    deweighted: bool = False
+    extra: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class SpcImage:
+    """An image with the spacecraft state at which it was taken.
+
+    Parameters
+    ----------
+    name : str
+        At most 12 characters in SPC.
+    utc : str
+        Time of the exposure as the file writes it; :func:`spcola.navigation.et_from_utc` reads it.
+    camera : Camera
+        Interior orientation.
+    scobj : (3,) array_like
+        V0: from the spacecraft (camera pupil) to the body's origin, body-fixed, metres.
+        The spacecraft is at −V0.
+    axes : (3, 3) array_like
+        Rows Cx, Cy, Cz in the body-fixed frame; Cz is the boresight.
+    sun : (3,) array_like
+        S: unit vector from the surface to the Sun, body-fixed.
+    thresholds : (2,) of int
+        Lowest and highest brightness that counts.
+    scobj_sigma : (3,) array_like
+        One standard deviation of V0, metres.
+    pointing_sigma : (3,) array_like
+        One standard deviation of the rotations about Cx, Cy, Cz, radians.
+    landmarks, limbs : tuple of ImagePoint
+        Landmarks and limb points seen in the image.
+    pixels : (NLN, NPX) ndarray, optional
+        Brightness; ``None`` where only the state is known.
+
+    Raises
+    ------
+    InvalidValueError
+        If a vector has another shape, is not finite, or the axes are not orthonormal.
+    """
+
+    name: str
+    utc: str
+    camera: Camera
+    scobj: FloatArray
+    axes: FloatArray
+    sun: FloatArray
+    thresholds: tuple[int, int] = (0, 65535)
+    scobj_sigma: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    pointing_sigma: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    landmarks: tuple[ImagePoint, ...] = ()
+    limbs: tuple[ImagePoint, ...] = ()
+    pixels: AnyArray | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("scobj", "sun", "scobj_sigma", "pointing_sigma"):
+            object.__setattr__(self, name, frozen(getattr(self, name), (3,), f"{self.name}.{name}"))
+        object.__setattr__(self, "axes", frozen(self.axes, (3, 3), f"{self.name}.axes"))
+        check_finite(self.scobj, f"{self.name}.scobj")
+        check_finite(self.sun, f"{self.name}.sun")
+        check_axes(self.axes, f"{self.name}.axes")
+        if abs(float(np.linalg.norm(self.sun)) - 1.0) > 1e-5:
+            raise InvalidValueError("is not a unit vector", f"{self.name}.sun")
+        if self.pixels is not None:
+            shape = (self.camera.height, self.camera.width)
+            check_shape(self.pixels, shape, f"{self.name}.pixels")
+
+    @property
+    def position(self) -> FloatArray:
+        """Position of the spacecraft (camera pupil), body-fixed, metres: −V0."""
+        return -self.scobj
+
+    @property
+    def boresight(self) -> FloatArray:
+        """Cz (3,), unit, body-fixed."""
+        return self.axes[2]

@@ -1,0 +1,5 @@
+"""How numerical functions are compiled (Numba), kept on disk, and shared out over threads."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

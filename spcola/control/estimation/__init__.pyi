@@ -1,0 +1,11 @@
+from .bundle_adjustment import Network as Network
+from .bundle_adjustment import NetworkOptions as NetworkOptions
+from .bundle_adjustment import solve_network as solve_network
+from .bundle_adjustment import strongest as strongest
+from .landmark_fit import LandmarkSolution as LandmarkSolution
+from .landmark_fit import solve_landmark as solve_landmark
+from .landmark_fit import state_partials as state_partials
+from .state_errors import Fixes as Fixes
+from .state_errors import by_position_and_pointing as by_position_and_pointing
+from .state_errors import measured_sigma as measured_sigma
+from .state_errors import state_covariance as state_covariance

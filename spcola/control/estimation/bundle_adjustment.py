@@ -1,0 +1,325 @@
+"""The control network of a solution: how its landmarks and states err together.
+
+The places of landmarks in images tie landmarks and states to one another better than either is
+known by itself. What is left is mostly what the whole network shares: how it lies, how it is
+turned, how large it is. A fit that takes the landmarks' sigmas for independent errors misjudges
+both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy import linalg
+
+from spcola.arrays import FloatArray, IntArray, check_shape
+from spcola.camera import SpcImage, partials_position, partials_rotation, project_image
+from spcola.errors import InvalidValueError
+from spcola.math.robust import huber_weight, mad
+
+# Turns of a camera that nothing but its landmarks tells, radians: of a solution that turned its
+# cameras until the landmarks fitted, what a state states of its pointing is not known beside its
+# place.
+_FREE_TURN = 0.1
+# Rounds in which residuals are weighed by their size, and the size is taken from them.
+_ROUNDS = 3
+# Places in images are written to so many pixels: no residual tells a smaller error than this.
+_ROUNDED = 0.005
+# A smaller share of residuals that landmarks and states leave tells no error of a place.
+_LEAST_FREE = 0.1
+# Fewer landmarks than these do not tell how a camera is turned.
+_LEAST_SEEN = 3
+
+
+@dataclass(frozen=True)
+class NetworkOptions:
+    """What is believed beforehand.
+
+    Parameters
+    ----------
+    pixel_sigma : float
+        Of a landmark's place in an image, pixels, before the residuals have told.
+    center_sigma : float
+        Of a landmark whose file states none, metres, each axis.
+    position_sigma : float
+        Of a spacecraft position whose file states none, metres, each axis.
+    most_images : int
+        More are thinned evenly: memory and time grow with their square and cube.
+    """
+
+    pixel_sigma: float = 0.3
+    center_sigma: float = 0.05
+    position_sigma: float = 1.0
+    most_images: int = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """How N landmarks err, given where images see them.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the landmarks.
+    offset : (N, 3) ndarray
+        Estimated error of each V, body-fixed, metres: what is to be taken from V.
+    own : (N, 3, 3) ndarray
+        Covariance of what is left, where landmarks err by themselves, square metres.
+    shared : (N, 3, M) ndarray
+        Patterns in which they err together, of standard deviation 1 each, metres: the covariance of
+        landmarks i and j is ``shared_i shared_jᵀ``, plus `own` where i = j.
+    pixel_sigma : float
+        Robust standard deviation of the residuals, pixels; NaN if there are none.
+    images, seen : int
+        Images that took part, and places of landmarks in them.
+    """
+
+    names: tuple[str, ...]
+    offset: FloatArray
+    own: FloatArray
+    shared: FloatArray
+    pixel_sigma: float
+    images: int
+    seen: int
+
+
+def solve_network(
+    names: Sequence[str],
+    centers: FloatArray,
+    sigma: FloatArray,
+    images: Sequence[SpcImage],
+    *,
+    options: NetworkOptions | None = None,
+) -> Network:
+    """Adjust landmarks and states to the landmarks' places in the images (eqs. 4–14, all at once).
+
+    Normal equations of all landmark vectors and states with their priors; the landmarks, of which
+    each has three components of its own, are eliminated. States have the prior of their place;
+    their pointing is free, since a solution's place and pointing err together.
+
+    Parameters
+    ----------
+    names : sequence of N str
+    centers : (N, 3) ndarray
+        V of the solution, body-fixed, metres.
+    sigma : (N, 3) ndarray
+        One standard deviation of each; NaN or 0 where none is stated.
+    images : sequence of SpcImage
+        States of the solution with the landmarks seen. Places that are marked as deweighted, or of
+        landmarks not named, do not count, nor do images that see fewer than three.
+    options : NetworkOptions, optional
+
+    Returns
+    -------
+    Network
+        Without images the landmarks' own sigmas.
+
+    Raises
+    ------
+    InvalidValueError
+        If shapes disagree, a centre is not finite, or a landmark lies behind a camera that sees it.
+    """
+    options = options or NetworkOptions()
+    check_shape(centers, (len(names), 3), "centers")
+    check_shape(sigma, centers.shape, "sigma")
+    stated = np.where(sigma > 0, sigma, options.center_sigma)
+    sightings = _sightings(names, centers, images, options)
+    if not sightings:
+        own = np.einsum("ni,ij->nij", stated**2, np.eye(3))
+        none = np.zeros((len(names), 3, 0))
+        return Network(tuple(names), np.zeros(centers.shape), own, none, float("nan"), 0, 0)
+    residual = np.concatenate([one.residual for one in sightings])
+    spread, weight = options.pixel_sigma, huber_weight(np.zeros(len(residual)))
+    for _ in range(_ROUNDS):
+        normal = _Normal.of(sightings, weight / spread**2, stated)
+        left = residual - normal.predicted(sightings)
+        # Each camera takes three numbers out of its residuals at least, each landmark some.
+        free, least = normal.freedom(residual.size), _LEAST_FREE * residual.size
+        spread = float(mad(left)) * float(np.sqrt(residual.size / max(free, least)))
+        # Residuals that can all be explained are 0 however wrong the places are.
+        spread = max(spread, options.pixel_sigma if free < least else _ROUNDED)
+        weight = huber_weight(np.linalg.norm(left, axis=1) / spread, k=2.5)
+    return Network(
+        names=tuple(names),
+        offset=-normal.landmarks,
+        own=normal.own,
+        shared=normal.patterns(),
+        pixel_sigma=spread,
+        images=len(sightings),
+        seen=len(residual),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Sighting:
+    """What one image sees: K landmarks."""
+
+    landmark: IntArray  # (K,)
+    residual: FloatArray  # (K, 2) observed less predicted, pixels
+    by_landmark: FloatArray  # (K, 2, 3) per metre
+    by_state: FloatArray  # (K, 2, 6) per radian, metre
+    state_sigma: FloatArray  # (6,)
+
+
+def _sightings(
+    names: Sequence[str],
+    centers: FloatArray,
+    images: Sequence[SpcImage],
+    options: NetworkOptions,
+) -> list[_Sighting]:
+    """Linearise each image about the solution."""
+    number = {name: index for index, name in enumerate(names)}
+    step = max(1, -(-len(images) // options.most_images))
+    found = []
+    for image in images[::step]:
+        points = [p for p in image.landmarks if p.name in number and not p.deweighted]
+        if len(points) < _LEAST_SEEN:
+            continue
+        landmark = np.array([number[point.name] for point in points])
+        place = centers[landmark]
+        state = (image.camera, image.axes, image.scobj, place)
+        observed = np.array([[point.pixel, point.line] for point in points])
+        residual = observed - np.stack(project_image(image, place), axis=1)
+        if not np.isfinite(residual).all():
+            raise InvalidValueError("a landmark lies behind the camera that sees it", image.name)
+        by_place = partials_position(*state)
+        by_state = np.concatenate([partials_rotation(*state), by_place], axis=2)
+        known = image.scobj_sigma > 0
+        position = np.where(known, image.scobj_sigma, options.position_sigma)
+        sigma = np.concatenate([np.full(3, _FREE_TURN), position])
+        found.append(_Sighting(landmark, residual, by_place, by_state, sigma))
+    return found
+
+
+class _Tie(NamedTuple):
+    """The images (K,) that see a landmark, and the normal matrix (K, 3, 6) between it and them."""
+
+    images: IntArray
+    blocks: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Normal:
+    """The normal equations with the landmarks eliminated, and their solution."""
+
+    landmarks: FloatArray  # (N, 3) corrections
+    states: FloatArray  # (S, 6)
+    own: FloatArray  # (N, 3, 3) covariance at known states
+    ties: list[_Tie]
+    root: FloatArray  # (6S, 6S) lower triangular, its product with its transpose the inverse
+
+    @classmethod
+    def of(cls, sightings: list[_Sighting], weight: FloatArray, sigma: FloatArray) -> _Normal:
+        """Build and solve at the weights (R,), 1/pixels², of the sightings' residuals in turn."""
+        count, states = len(sigma), len(sightings)
+        block = np.einsum("ni,ij->nij", sigma**-2, np.eye(3))
+        right = np.zeros((count, 3))
+        matrix, pull = np.zeros((states, 6, states, 6)), np.zeros((states, 6))
+        seen_by: list[list[int]] = [[] for _ in range(count)]
+        blocks: list[list[FloatArray]] = [[] for _ in range(count)]
+        start = 0
+        for number, one in enumerate(sightings):
+            share = weight[start : start + len(one.landmark), None, None]
+            start += len(one.landmark)
+            scaled = share * one.by_landmark
+            block[one.landmark] += np.einsum("kai,kaj->kij", scaled, one.by_landmark)
+            right[one.landmark] += np.einsum("kai,ka->ki", scaled, one.residual)
+            matrix[number, :, number] += np.diag(one.state_sigma**-2)
+            matrix[number, :, number] += np.einsum(
+                "kai,kaj->ij", share * one.by_state, one.by_state
+            )
+            pull[number] += np.einsum("kai,ka->i", share * one.by_state, one.residual)
+            tie = np.einsum("kai,kaj->kij", scaled, one.by_state)
+            for place, other in zip(one.landmark.tolist(), tie, strict=True):
+                seen_by[place].append(number)
+                blocks[place].append(other)
+        own = np.linalg.inv(block)
+        ties = [
+            _Tie(np.array(seen, dtype=np.int64), np.array(parts).reshape(-1, 3, 6))
+            for seen, parts in zip(seen_by, blocks, strict=True)
+        ]
+        for place, (seen, parts) in enumerate(ties):
+            held = np.einsum("kia,ij,ljb->kalb", parts, own[place], parts)
+            matrix[seen[:, None], :, seen[None, :], :] -= held.transpose(0, 2, 1, 3)
+            pull[seen] -= np.einsum("kia,ij,j->ka", parts, own[place], right[place])
+        root = _inverse_root(matrix.reshape(6 * states, 6 * states))
+        moved = (root @ (root.T @ pull.ravel())).reshape(states, 6)
+        landmarks = np.array(
+            [
+                own[place] @ (right[place] - np.einsum("kia,ka->i", parts, moved[seen]))
+                for place, (seen, parts) in enumerate(ties)
+            ]
+        )
+        return cls(landmarks, moved, own, ties, root)
+
+    def predicted(self, sightings: list[_Sighting]) -> FloatArray:
+        """Residuals (R, 2) that the corrections explain."""
+        return np.concatenate(
+            [
+                np.einsum("kai,ki->ka", one.by_landmark, self.landmarks[one.landmark])
+                + one.by_state @ self.states[number]
+                for number, one in enumerate(sightings)
+            ]
+        )
+
+    def freedom(self, size: int) -> float:
+        """How many of `size` residuals landmarks and states leave; below 0 if there are too few."""
+        seen = np.array([len(images) for images, _ in self.ties])
+        # A landmark or state has no more of its own than it is seen by.
+        taken = float(np.sum(np.minimum(3, 2 * seen))) + 3.0 * len(self.states)
+        return size - taken
+
+    def patterns(self) -> FloatArray:
+        """How landmarks err with the states (N, 3, M)."""
+        count = self.root.shape[0]
+        blocks = self.root.reshape(-1, 6, count)
+        patterns = np.zeros((len(self.own), 3, count))
+        for place, (seen, parts) in enumerate(self.ties):
+            patterns[place] = -self.own[place] @ np.einsum("kia,kam->im", parts, blocks[seen])
+        return patterns
+
+
+def _inverse_root(matrix: FloatArray) -> FloatArray:
+    """Return R with R Rᵀ the inverse of a positive definite `matrix` of metres and radians."""
+    unit = 1.0 / np.sqrt(np.diag(matrix))
+    lower = linalg.cholesky(matrix * np.outer(unit, unit), lower=True)
+    inverse = linalg.solve_triangular(lower, np.eye(len(lower)), lower=True)
+    root: FloatArray = unit[:, None] * inverse.T
+    return root
+
+
+def strongest(patterns: FloatArray, *, least: float) -> tuple[FloatArray, FloatArray]:
+    """Patterns (N, 3, K) that displace the N places by `least` metres at least, and the rest.
+
+    Parameters
+    ----------
+    patterns : (N, 3, M) ndarray
+        Of standard deviation 1 each, metres.
+    least : float
+        Root of the sum of squares over all places, metres.
+
+    Returns
+    -------
+    kept : (N, 3, K) ndarray
+        The same errors in patterns that have nothing to do with one another, strongest first.
+    rest : (N, 3, 3) ndarray
+        Covariance of each place by what is not kept, square metres.
+    """
+    count = len(patterns)
+    # Spelled out: NumPy cannot tell the length of an axis from an array of size 0.
+    flat = patterns.reshape(3 * count, patterns.shape[2])
+    if not flat.size:
+        return np.zeros((count, 3, 0)), np.zeros((count, 3, 3))
+    short = flat.shape[0] < flat.shape[1]
+    square, directions = linalg.eigh(flat @ flat.T if short else flat.T @ flat)
+    chosen = np.flatnonzero(square > least**2)[::-1]
+    if short:
+        kept = directions[:, chosen] * np.sqrt(square[chosen])
+    else:
+        kept = flat @ directions[:, chosen]
+    kept = kept.reshape(count, 3, len(chosen))
+    whole = np.einsum("nim,njm->nij", patterns, patterns)
+    return kept, whole - np.einsum("nik,njk->nij", kept, kept)

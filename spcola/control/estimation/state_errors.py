@@ -1,0 +1,117 @@
+"""How well the state of an image is known: position and pointing together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from spcola.arrays import FloatArray
+from spcola.camera import SpcImage, partials_position, project_image
+from spcola.control.estimation.landmark_fit import solve_state
+from spcola.errors import NotObservableError
+from spcola.math.robust import mad
+
+# Landmarks of one SPC solution fit no better than this, pixels, however few tell.
+_LEAST_PX = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Fixes:
+    """Landmarks by which the state of an image was solved.
+
+    Parameters
+    ----------
+    points : (N, 3) ndarray
+        V of each, body-fixed, metres.
+    observed : (N, 2) ndarray
+        Pixel and line.
+    sigma : (N, 3) ndarray
+        One standard deviation of V, metres; NaN if not known.
+    """
+
+    points: FloatArray
+    observed: FloatArray
+    sigma: FloatArray
+
+    def residuals(self, image: SpcImage) -> FloatArray:
+        """Observed less predicted pixel and line (N, 2)."""
+        return self.observed - np.stack(project_image(image, self.points), axis=1)
+
+    def landmark_variance(self, image: SpcImage) -> FloatArray:
+        """Variance (N, 2) of pixel and line by the errors of the landmarks, pixels²."""
+        partials = partials_position(image.camera, image.axes, image.scobj, self.points)
+        return np.sum((partials * np.nan_to_num(self.sigma)[:, None, :]) ** 2, axis=2)
+
+
+def measured_sigma(images: list[tuple[SpcImage, Fixes]]) -> float:
+    """Return one standard deviation, pixels, of measured landmarks: what their errors leave.
+
+    By the median deviation of all residuals; a tenth of a pixel at least.
+    """
+    if not sum(len(fixes.points) for _, fixes in images):
+        return _LEAST_PX
+    residuals = np.concatenate([fixes.residuals(image).ravel() for image, fixes in images])
+    known = np.concatenate([fixes.landmark_variance(image).ravel() for image, fixes in images])
+    left = float(mad(residuals)) ** 2 - float(np.median(known))
+    return float(np.sqrt(max(left, _LEAST_PX**2)))
+
+
+def state_covariance(
+    image: SpcImage, anchor: ArrayLike, fixes: Fixes, *, sigma_px: float
+) -> FloatArray:
+    """Return the covariance (6, 6) of (τ1, τ2, τ3, V0), radians and metres [13, 14].
+
+    The solution has turned the camera until its ground fits: the position is known to its
+    stated sigma, the ground in the middle of the image and the roll to the stated sigma of
+    pointing, and the landmarks in the image tell the rest. Independent sigmas of position and
+    pointing would have the ground err by both.
+
+    Parameters
+    ----------
+    image : SpcImage
+        Its stated sigmas are used.
+    anchor : (3,) array_like
+        Ground in the middle of what the image shows, body-fixed, metres.
+    fixes : Fixes
+        May be empty.
+    sigma_px : float
+        One standard deviation of a measured landmark, pixels.
+
+    Raises
+    ------
+    NotObservableError
+        If the image states no sigmas and has too few landmarks.
+    """
+    turns = image.pointing_sigma
+    held = float(np.sqrt(np.mean(turns[:2] ** 2))) / image.camera.pixel_angle
+    points, observed, spread = fixes.points, fixes.observed, fixes.sigma
+    noise = np.full(len(points), sigma_px)
+    middle = np.array(project_image(image, anchor))
+    if np.isfinite(held) and held > 0 and np.isfinite(middle).all():
+        points = np.concatenate([points, np.reshape(anchor, (1, 3))])
+        observed = np.concatenate([observed, middle[None]])
+        noise = np.append(noise, held)
+        spread = np.concatenate([spread, np.zeros((1, 3))])
+    if not len(points):
+        raise NotObservableError("states no sigma, and has no landmarks", (), where=image.name)
+    stated = replace(image, pointing_sigma=np.array([np.nan, np.nan, turns[2]]))
+    return solve_state(stated, points, observed, noise, landmark_sigma=spread).covariance
+
+
+def by_position_and_pointing(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Part covariances (…, 6, 6) of states into errors of position, and of pointing.
+
+    Returns
+    -------
+    position, pointing : (…, 6, 6) ndarrays
+        Errors of the position with the turn of the camera that goes along with them, and what is
+        left of the pointing at a known position. Their sum is `covariance`.
+    """
+    crossed, placed = covariance[..., :3, 3:], covariance[..., 3:, 3:]
+    along = crossed @ np.linalg.inv(placed) @ np.swapaxes(crossed, -1, -2)
+    position, pointing = covariance.copy(), np.zeros_like(covariance)
+    position[..., :3, :3] = along
+    pointing[..., :3, :3] = covariance[..., :3, :3] - along
+    return position, pointing

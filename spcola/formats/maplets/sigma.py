@@ -1,0 +1,79 @@
+"""Sigma companions of .MAP files: one 4-byte float for each grid point."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from spcola import atomic
+from spcola.arrays import AnyArray, FloatArray
+from spcola.errors import FormatError
+from spcola.formats.text.source import KM, read_bytes
+
+
+def sigma_path(path: str | Path) -> Path:
+    """Return the sigma companion's path: ``NAME.SIG`` beside ``NAME.MAP``."""
+    return Path(path).with_suffix(".SIG")
+
+
+def read_sigma(
+    path: str | Path, half_size: int, *, byte_order: Literal[">", "<"] | None = None
+) -> FloatArray:
+    """Read a sigma companion: one 4-byte float for each point, in the order of the .MAP file.
+
+    Parameters
+    ----------
+    path : str or Path
+        Kilometres inside.
+    half_size : int
+        q of the maplet.
+    byte_order : {">", "<"}, optional
+        Big-endian is the rule, but some builds write little-endian; if not given, the order in
+        which every value is NaN, 0, or between 1e-12 and 1e5 km is taken, big-endian first.
+
+    Returns
+    -------
+    (2q+1, 2q+1) ndarray
+        Metres, indexed ``[m + q, n + q]``; NaN where not known (stored NaN).
+
+    Raises
+    ------
+    FormatError
+        If the length contradicts q, or the values are absurd in either byte order.
+    """
+    content = read_bytes(path)
+    size = 2 * half_size + 1
+    if len(content) != 4 * size**2:
+        raise FormatError(
+            f"has {len(content)} bytes, {4 * size**2} belong to q = {half_size}", path
+        )
+    orders: tuple[Literal[">", "<"], ...] = (byte_order,) if byte_order else (">", "<")
+    for order in orders:
+        sigma_km = np.frombuffer(content, np.dtype("f4").newbyteorder(order))
+        if _is_sigma_km(sigma_km):
+            return sigma_km.astype(np.float64).reshape(size, size).T * KM
+    raise FormatError("holds values that are no sigma in kilometres", path, "check its byte order")
+
+
+def write_sigma(path: str | Path, sigma: FloatArray) -> None:
+    """Write heights' sigma (2q+1, 2q+1), metres, as a big-endian companion in kilometres.
+
+    Raises
+    ------
+    WorkspaceError
+        If the file cannot be written.
+    """
+    atomic.write_bytes(path, sigma_content(sigma))
+
+
+def sigma_content(sigma: FloatArray) -> bytes:
+    """Return what :func:`write_sigma` writes."""
+    return (np.asarray(sigma).T / KM).astype(">f4").tobytes()
+
+
+def _is_sigma_km(values: AnyArray) -> bool:
+    """Whether every value is NaN (unknown), 0, or between 1e-12 and 1e5 km."""
+    known = values[~np.isnan(values)].astype(np.float64)
+    return bool(np.all((known == 0) | ((known >= 1e-12) & (known <= 1e5))))

@@ -1,0 +1,12 @@
+from .hdf5 import NUMBERS as NUMBERS
+from .hdf5 import read_layer as read_layer
+from .hdf5 import read_names as read_names
+from .hdf5 import read_number as read_number
+from .hdf5 import read_text as read_text
+from .hdf5 import reading_hdf5 as reading_hdf5
+from .hdf5 import replacing_hdf5 as replacing_hdf5
+from .hdf5 import seal as seal
+from .hdf5 import sealed as sealed
+from .hdf5 import stored as stored
+from .hdf5 import stored_names as stored_names
+from .map_store import MapStore as MapStore

@@ -1,0 +1,5 @@
+"""What text formats share: numbers, lines, columns, and errors with their place."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,5 @@
+"""Maplets and their grids: sampling, projection onto another grid, gaps."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

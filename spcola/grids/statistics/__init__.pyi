@@ -1,0 +1,11 @@
+from .bending_errors import BENDING_NOISE as BENDING_NOISE
+from .bending_errors import BENDING_RANGE_NOISE as BENDING_RANGE_NOISE
+from .bending_errors import CELL_SHARE as CELL_SHARE
+from .bending_errors import bending as bending
+from .bending_errors import bending_range as bending_range
+from .correlation import RobustCovariance as RobustCovariance
+from .correlation import autocovariance as autocovariance
+from .correlation import independent_patches as independent_patches
+from .correlation import robust_covariance as robust_covariance
+from .correlation import shift_correlations as shift_correlations
+from .correlation import shift_variances as shift_variances

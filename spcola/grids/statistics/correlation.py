@@ -1,0 +1,245 @@
+"""Correlations of gridded surfaces with gaps, by FFT."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import fft
+
+from spcola.arrays import AnyArray, BoolArray, FloatArray
+from spcola.math.robust import Scores
+
+# Fewer points tell no variance.
+_LEAST_POINTS = 30
+
+
+def shift_variances(
+    moving: FloatArray,
+    moving_mask: BoolArray,
+    fixed: FloatArray,
+    fixed_weight: FloatArray,
+    *,
+    reach: int,
+) -> FloatArray:
+    """Variance of ``fixed(x) − moving(x − shift)`` for every whole-cell shift up to `reach`.
+
+    Only points that both surfaces hold count, by their weights; the mean difference is removed for
+    each shift.
+
+    Parameters
+    ----------
+    moving, fixed : (N, N) ndarrays
+        Heights, metres; any finite value where they are not known.
+    moving_mask : (N, N) bool ndarray
+        Where `moving` is known.
+    fixed_weight : (N, N) ndarray
+        From 0, where `fixed` is not known, to 1.
+    reach : int
+        Largest shift, cells.
+
+    Returns
+    -------
+    (2·reach + 1, 2·reach + 1) ndarray
+        Index ``[dy + reach, dx + reach]``; square metres; NaN where points of less than 30
+        in weight meet.
+    """
+    base = float(np.mean(fixed[fixed_weight > 0]))
+    a, b = moving - base, fixed - base
+    size = _padded(fixed.shape, reach)
+    one, first, second = _spectra(a, moving_mask, size).conj()
+    two, third, fourth = _spectra(b, fixed_weight, size)
+    square = one * fourth + second * two - 2.0 * first * third
+    sums = np.stack([one * two, one * third - first * two, square])
+    total, mean, square = _lags(sums, size, reach)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        variance = square / total - (mean / total) ** 2
+    # Half a point for the rounding of the transforms.
+    variance[total < _LEAST_POINTS - 0.5] = np.nan
+    return np.maximum(variance, 0.0)
+
+
+def shift_correlations(
+    moving: FloatArray,
+    moving_mask: BoolArray,
+    fixed: FloatArray,
+    fixed_mask: BoolArray,
+    *,
+    reach: int,
+) -> FloatArray:
+    """Correlation of ``fixed(x)`` with ``moving(x − shift)`` for every whole-cell shift.
+
+    Parameters
+    ----------
+    moving, fixed : (N, N) ndarrays
+        Of any unit, with means near 0; any finite value where they are not known.
+    moving_mask, fixed_mask : (N, N) bool ndarrays
+        Where they are known.
+    reach : int
+        Largest shift, cells.
+
+    Returns
+    -------
+    (2·reach + 1, 2·reach + 1) ndarray
+        Index ``[dy + reach, dx + reach]``, −1 … 1; NaN where fewer than 30 points meet, or one
+        side has no texture there.
+    """
+    size = _padded(fixed.shape, reach)
+    one = _spectra(moving, moving_mask, size).conj()
+    two = _spectra(fixed, fixed_mask, size)
+    total = _lags(one[0] * two[0], size, reach)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean_a = _lags(one[1] * two[0], size, reach) / total
+        mean_b = _lags(one[0] * two[1], size, reach) / total
+        cross = _lags(one[1] * two[1], size, reach) / total - mean_a * mean_b
+        spread_a = _lags(one[2] * two[0], size, reach) / total - mean_a**2
+        spread_b = _lags(one[0] * two[2], size, reach) / total - mean_b**2
+        correlation: FloatArray = cross / np.sqrt(spread_a * spread_b)
+    correlation[(total < _LEAST_POINTS - 0.5) | ~np.isfinite(correlation)] = np.nan
+    return correlation
+
+
+def _padded(shape: tuple[int, ...], reach: int) -> tuple[int, int]:
+    """Size of a transform in which lags up to `reach` do not meet the other edge."""
+    rows, columns = (fft.next_fast_len(n + reach, real=True) for n in shape)
+    return rows, columns
+
+
+def _spectra(values: FloatArray, weight: AnyArray, size: tuple[int, int]) -> AnyArray:
+    """Transforms (3, …) of the weights of values, of the weighed values, and of their squares."""
+    first = values * weight
+    spectra: AnyArray = fft.rfft2(np.stack([weight, first, values * first]), size)
+    return spectra
+
+
+def _lags(spectra: AnyArray, size: tuple[int, int], reach: int) -> FloatArray:
+    """Lags −reach … reach on the last two axes of correlations given by their spectra (…)."""
+    full = fft.irfft2(spectra, size)
+    index = np.arange(-reach, reach + 1)
+    lags: FloatArray = full[..., index[:, None], index]
+    return lags
+
+
+def autocovariance(residual: FloatArray, reach: int) -> FloatArray:
+    """Autocovariance of a residual field with gaps, for lags up to `reach` cells.
+
+    Parameters
+    ----------
+    residual : (N, N) ndarray
+        Metres; NaN where there is none.
+    reach : int
+        Largest lag, cells.
+
+    Returns
+    -------
+    (2·reach + 1, 2·reach + 1) ndarray
+        Square metres. Symmetric; the centre is the variance. A Hann window takes it to 0 at the
+        edge, and the lags that hold most of it are left nearly as they are.
+    """
+    known = np.isfinite(residual)
+    size = _padded(residual.shape, reach)
+    spectra = fft.rfft2(np.stack([known, np.where(known, residual, 0.0)]), size)
+    count, product = _lags(spectra.real**2 + spectra.imag**2, size, reach)
+    raw = product / np.maximum(count, 1.0)
+    taper = 0.5 + 0.5 * np.cos(np.pi * np.arange(-reach, reach + 1) / (reach + 1.0))
+    return raw * np.outer(taper, taper)
+
+
+def independent_patches(residual: FloatArray, *, reach: int = 20) -> float:
+    """Number of patches of a residual field whose errors are about independent.
+
+    The number of known points over the area, in cells, that the autocorrelation covers.
+
+    Parameters
+    ----------
+    residual : (N, N) ndarray
+        NaN where there is none.
+    reach : int
+        Largest lag, cells; at most a quarter of the grid is used.
+    """
+    covariance = autocovariance(residual, _usable(reach, residual))
+    return float(np.count_nonzero(np.isfinite(residual))) / _area(covariance)
+
+
+def _area(covariance: FloatArray) -> float:
+    """Cells that an autocovariance covers, at least one."""
+    variance = float(covariance[covariance.shape[0] // 2, covariance.shape[1] // 2])
+    return max(float(np.sum(covariance)) / variance, 1.0) if variance > 0 else 1.0
+
+
+def _usable(reach: int, residual: FloatArray) -> int:
+    """Largest lag that a field can tell about."""
+    return max(1, min(reach, residual.shape[0] // 4))
+
+
+class RobustCovariance(NamedTuple):
+    """Covariance (P, P) of an estimate, and how many independent patches its residual has."""
+
+    matrix: FloatArray
+    patches: float
+
+
+def robust_covariance(
+    design: FloatArray,
+    scores: Scores,
+    *,
+    rise: FloatArray | None = None,
+    reach: int = 20,
+) -> RobustCovariance:
+    """Covariance of a robust least-squares estimate under the errors that the residual shows.
+
+    A robust estimate solves ``Σ ψ(e_i) g_i = 0``. With C the autocovariance of ψ(e) and
+    ``H = Σ ψ′(e_i) g_i r_iᵀ`` its covariance is ``H⁻¹ (Σ_ij g_i C(i − j) g_jᵀ) H⁻ᵀ``: errors that
+    neighbours share count as shared (the "sandwich" estimate). What P parameters have taken out of
+    the residuals is put back by n / (n − P), n the independent patches.
+
+    Parameters
+    ----------
+    design : (P, N, N) ndarray
+        Partial derivatives g at each grid point; 0 where nothing was compared.
+    scores : Scores
+        Of residuals (N, N) that are of one standard deviation throughout (metres, or over the
+        points' own sigma, as the design is then too); NaN where nothing was compared.
+    rise : (P, N, N) ndarray, optional
+        r: by how much the residual changes with the estimate, where that is known better than by g,
+        whose own noise would pass for information; g by default.
+    reach : int
+        Largest lag, cells; at most a quarter of the grid is used.
+
+    Returns
+    -------
+    RobustCovariance
+        In the units of the estimate squared; infinite where there are no more patches than
+        parameters. Source: Huber (1967); docs: mathematics §13.
+    """
+    size = len(design)
+    covariance = autocovariance(scores.pull, _usable(reach, scores.pull))
+    compared = np.isfinite(scores.pull)
+    patches = float(np.count_nonzero(compared) / _area(covariance))
+    if patches <= size:
+        return RobustCovariance(np.full((size, size), np.inf), patches)
+    covariance *= patches / (patches - size)
+    slope = np.where(compared, scores.slope, 0.0)
+    rise = design if rise is None else rise
+    inverse = np.linalg.inv((design * slope).reshape(size, -1) @ rise.reshape(size, -1).T)
+    sandwich: FloatArray = inverse @ _smeared(design, covariance) @ inverse.T
+    return RobustCovariance((sandwich + sandwich.T) / 2.0, patches)
+
+
+def _smeared(design: FloatArray, covariance: FloatArray) -> FloatArray:
+    """``Σ_ij g_i C(i − j) g_jᵀ`` (P, P) over a grid, by FFT; C is held positive."""
+    reach = covariance.shape[0] // 2
+    size = _padded(design.shape[1:], reach)
+    kernel = np.zeros(size)
+    index = np.arange(-reach, reach + 1)
+    kernel[np.ix_(index, index)] = covariance
+    power = np.maximum(fft.rfft2(kernel).real, 0.0)
+    spectra = fft.rfft2(design, size).reshape(len(design), -1)
+    # Columns of a real transform that stand for their mirror images too.
+    twice = np.full(power.shape, 2.0)
+    twice[:, 0] = 1.0
+    if size[1] % 2 == 0:
+        twice[:, -1] = 1.0
+    weighted = spectra * (power * twice).ravel()
+    middle: FloatArray = (weighted @ spectra.conj().T).real / (size[0] * size[1])
+    return middle

@@ -1,0 +1,10 @@
+from .means import MeanConstraints as MeanConstraints
+from .posterior import posterior_sigma as posterior_sigma
+from .problem import HeightProblem as HeightProblem
+from .slopes import STEPS_ALIKE as STEPS_ALIKE
+from .slopes import slopes_of as slopes_of
+from .slopes import steps_from_slopes as steps_from_slopes
+from .solver import HeightSolution as HeightSolution
+from .solver import HeightSystem as HeightSystem
+from .solver import SolverOptions as SolverOptions
+from .solver import solve_heights as solve_heights

@@ -1,0 +1,102 @@
+"""Which images of a solution show a grid well enough, and from sides that tell its place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from spcola.arrays import FloatArray
+from spcola.camera import SpcImage, partials_position, project_image
+from spcola.grids import MapletGrid
+from spcola.photometry import MOST_INCIDENCE
+
+# Points across a grid that are looked for in the frame.
+_LATTICE = 9
+# Information of a direction, pixels² a square metre, below that of any image.
+_NONE = 1e-9
+
+
+@dataclass(frozen=True)
+class ChoiceOptions:
+    """Which images are looked at.
+
+    Parameters
+    ----------
+    most : int
+        Images of one grid.
+    coarsest : float
+        Longest extent of a pixel on the grid, grid steps.
+    most_emission, most_incidence : float
+        From the grid's normal, radians.
+    least_share : float
+        Of the grid that has to lie in the frame.
+    """
+
+    most: int = 20
+    coarsest: float = 4.0
+    most_emission: float = 1.2217304763960306
+    most_incidence: float = float(MOST_INCIDENCE)
+    least_share: float = 0.05
+
+
+def choose_images(
+    grid: MapletGrid, images: Sequence[SpcImage], *, options: ChoiceOptions | None = None
+) -> list[SpcImage]:
+    """Return the images that show `grid`, at most so many, the one that tells most first.
+
+    Each next one adds most to the determinant of the normal matrix of the grid's place [9]: fine
+    pixels, much of the grid, and another direction of view.
+
+    Parameters
+    ----------
+    grid : MapletGrid
+        In the frame of the images.
+    images : sequence of SpcImage
+        States; pixels are not needed.
+    options : ChoiceOptions, optional
+    """
+    options = options or ChoiceOptions()
+    told = [
+        (image, matrix)
+        for image in images
+        if (matrix := _information(grid, image, options)) is not None
+    ]
+    chosen: list[SpcImage] = []
+    total = _NONE * np.eye(3)
+    while told and len(chosen) < options.most:
+        gains = [np.linalg.slogdet(total + matrix)[1] for _, matrix in told]
+        image, matrix = told.pop(int(np.argmax(gains)))
+        total = total + matrix
+        chosen.append(image)
+    return chosen
+
+
+def _information(grid: MapletGrid, image: SpcImage, options: ChoiceOptions) -> FloatArray | None:
+    """Return what an image tells of the grid's place (3, 3); None if it shows too little."""
+    away = image.position - grid.center
+    distance = float(np.linalg.norm(away))
+    if away @ grid.uz < distance * np.cos(options.most_emission):
+        return None
+    if image.sun @ grid.uz < np.cos(options.most_incidence):
+        return None
+    partials = partials_position(image.camera, image.axes, image.scobj, grid.center)
+    if not np.isfinite(partials).all():
+        return None
+    # Of a pixel on the ground, grid steps: the longest extent, and the shortest.
+    extent = 1.0 / np.linalg.svd(grid.gsd * partials @ grid.axes[:2].T, compute_uv=False)
+    if not extent[-1] <= options.coarsest:
+        return None
+    steps = np.linspace(-grid.half_size, grid.half_size, _LATTICE) * grid.gsd
+    lattice = grid.center + (steps[:, None, None] * grid.uy + steps[None, :, None] * grid.ux)
+    pixel, line = project_image(image, lattice)
+    inside = (pixel >= 0.5) & (pixel < image.camera.width + 0.5)
+    inside &= (line >= 0.5) & (line < image.camera.height + 0.5)
+    share = float(np.mean(inside))
+    if share < options.least_share:
+        return None
+    # What is finer than the grid's cells tells no more than these.
+    finer = max(1.0, 1.0 / extent[-1])
+    told: FloatArray = share * partials.T @ partials / finer**2
+    return told

@@ -1,0 +1,277 @@
+"""Where images show ground of known form: matches in all of them, and the place that they give."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from spcola.arrays import FloatArray
+from spcola.camera import SpcImage, project_image
+from spcola.control.estimation import (
+    LandmarkSolution,
+    by_position_and_pointing,
+    solve_landmark,
+    state_partials,
+)
+from spcola.errors import NotObservableError
+from spcola.grids import Maplet
+from spcola.imagematching.image_match import ImageMatch, ImageMatchOptions, match_image
+from spcola.photometry import PhotometricFunction, lunar_lambert, ortho_rectify, render, view_of
+from spcola.shape import RayCaster
+
+# Once the place is known, a match is sought so many cells around.
+_NEAR = 3.0
+# Images that are further off than so many standard deviations contradict the others.
+_REJECT = 4.0
+
+
+@dataclass(frozen=True)
+class SightOptions:
+    """How ground is found in images.
+
+    Parameters
+    ----------
+    capture_m : float
+        Largest displacement that is searched, metres.
+    function : callable
+        Photometric function Φ.
+    psf_px : float
+        Standard deviation of the optics' point spread, pixels.
+    min_correlation : float
+        Of ortho-image and rendering.
+    rounds : int
+        How often the images are brought onto the ground where the last solution put it.
+    settled : float
+        Rounds end when the place moves by less, grid steps.
+    """
+
+    capture_m: float = 2.0
+    function: PhotometricFunction = lunar_lambert
+    psf_px: float = 0.0
+    min_correlation: float = 0.5
+    rounds: int = 4
+    settled: float = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """Where N images show the centre of ground that lies at `start` before it is solved.
+
+    Attributes
+    ----------
+    name : str
+    start : (3,) ndarray
+        V as it was stated, body-fixed, metres.
+    images : tuple of SpcImage
+        States, without pixels.
+    observed : (N, 2) ndarray
+        Pixel and line of V.
+    covariance : (N, 2, 2) ndarray
+        Of each from its match, pixels².
+    states : (N, 6, 6) ndarray
+        Covariances of the images' states, as :func:`spcola.control.estimation.state_covariance`.
+    correlation, share : (N,) ndarrays
+        Of ortho-images and renderings; of the grid that was compared.
+    left_out : mapping of str to str
+        Images that were looked at and did not enter, and why.
+    """
+
+    name: str
+    start: FloatArray
+    images: tuple[SpcImage, ...]
+    observed: FloatArray
+    covariance: FloatArray
+    states: FloatArray
+    correlation: FloatArray
+    share: FloatArray
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    def scaled(self, match: float, position: float, pointing: float) -> Sighting:
+        """Return it with sigmas of matches, and of positions and pointing, times these factors."""
+        by_position, by_pointing = by_position_and_pointing(self.states)
+        states = position**2 * by_position + pointing**2 * by_pointing
+        return replace(self, covariance=match**2 * self.covariance, states=states)
+
+    def solve(self, start: FloatArray | None = None) -> LandmarkSolution:
+        """Return the place that the images give [9, 10].
+
+        Raises
+        ------
+        NotObservableError
+            If they leave a direction free.
+        """
+        return solve_landmark(
+            self.start if start is None else start,
+            self.images,
+            self.observed,
+            self.covariance,
+            state_covariance=self.states,
+        )
+
+    def of(self, keep: Sequence[int], left_out: Mapping[str, str]) -> Sighting:
+        """Return it with some of its images; the others are among those left out."""
+        chosen = list(keep)
+        return replace(
+            self,
+            images=tuple(self.images[k] for k in chosen),
+            observed=self.observed[chosen],
+            covariance=self.covariance[chosen],
+            states=self.states[chosen],
+            correlation=self.correlation[chosen],
+            share=self.share[chosen],
+            left_out={**self.left_out, **left_out},
+        )
+
+    def spread_by(self, states: FloatArray, point: FloatArray) -> FloatArray:
+        """Covariances (N, 2, 2), pixels², of where a point is seen, by `states` (N, 6, 6)."""
+        rows = np.array([state_partials(image, point) for image in self.images])
+        spread: FloatArray = rows @ states @ np.swapaxes(rows, 1, 2)
+        return spread
+
+
+def find_ground(
+    ground: Maplet,
+    images: Sequence[SpcImage],
+    states: Mapping[str, FloatArray],
+    *,
+    exposed: Callable[[SpcImage], SpcImage],
+    beyond: RayCaster | None = None,
+    options: SightOptions | None = None,
+) -> Sighting:
+    """Find ground of known form in images.
+
+    Each image is brought onto the ground, the ground is rendered as the image should show it, and
+    both are matched; the place that all give is where the images are brought the next time.
+
+    Parameters
+    ----------
+    ground : Maplet
+        Heights, in a frame that is off by no more than the capture range.
+    images : sequence of SpcImage
+        That may show it.
+    states : mapping of str to (6, 6) ndarray
+        Covariances of the states, by the images' names.
+    exposed : callable
+        Returns an image with its pixels, if it has any.
+    beyond : RayCaster, optional
+        The whole body, for what stands in the way beyond the ground.
+    options : SightOptions, optional
+
+    Returns
+    -------
+    Sighting
+        With no image where none shows it, or all contradict one another.
+    """
+    options = options or SightOptions()
+    place, found = ground.grid.center, _none(ground, {})
+    for round_number in range(options.rounds):
+        reach = options.capture_m / ground.grid.gsd if round_number == 0 else _NEAR
+        there = replace(ground, grid=replace(ground.grid, center=place))
+        seen = [_match(there, exposed(image), beyond, reach, options) for image in images]
+        found = agreeing(_sighted(ground, there, images, states, seen))
+        if not len(found):
+            return found
+        before, place = place, found.solve(place).estimate
+        if float(np.linalg.norm(place - before)) < options.settled * ground.grid.gsd:
+            break
+    return found
+
+
+def agreeing(sighting: Sighting) -> Sighting:
+    """Return a sighting without the images that contradict the others.
+
+    The worst one goes first, as long as it is off from where the others put the ground by more than
+    four standard deviations, or four times what these are off by in the median, whichever is more.
+    Without images, and the reason beside each, where too few are left to tell the place.
+    """
+    left_out: dict[str, str] = {}
+    keep = list(range(len(sighting)))
+    while keep:
+        some = sighting.of(keep, left_out)
+        try:
+            off = _off(some, some.solve())
+            if len(keep) < 3:
+                return some
+            worst = int(np.argmax(off))
+            rest = sighting.of([k for k in keep if k != keep[worst]], left_out)
+            others = rest.solve()
+        except NotObservableError:
+            if len(keep) > 2:
+                return some
+            alone = "no other image is there to tell the place with it"
+            return sighting.of([], left_out | {image.name: alone for image in some.images})
+        usual = max(1.0, float(np.median(_off(rest, others))))
+        if _off(sighting.of([keep[worst]], {}), others)[0] <= _REJECT * usual:
+            return some
+        left_out[some.images[worst].name] = "contradicts the other images"
+        keep.remove(keep[worst])
+    return sighting
+
+
+def _off(sighting: Sighting, solution: LandmarkSolution) -> FloatArray:
+    """How far (N,) each image shows the ground from a solved place, standard deviations."""
+    place = solution.estimate
+    seen = np.array([project_image(image, place) for image in sighting.images])
+    variance = sighting.covariance + sighting.spread_by(sighting.states, place)
+    residual = sighting.observed - seen
+    weighed = np.linalg.solve(variance, residual[..., None])[..., 0]
+    off: FloatArray = np.sqrt(np.sum(weighed * residual, axis=1) / 2.0)
+    return off
+
+
+def _match(
+    ground: Maplet,
+    image: SpcImage,
+    beyond: RayCaster | None,
+    reach: float,
+    options: SightOptions,
+) -> tuple[ImageMatch, FloatArray]:
+    """Match one image; with it the footprint (2, 2), pixels a grid step."""
+    view = view_of(image, ground.grid, ground.height, beyond=beyond)
+    rendered = render(view, function=options.function, psf_px=options.psf_px)
+    matching = ImageMatchOptions(capture_cells=reach, min_correlation=options.min_correlation)
+    return match_image(ortho_rectify(image, view), rendered, options=matching), view.footprint
+
+
+def _sighted(
+    ground: Maplet,
+    there: Maplet,
+    images: Sequence[SpcImage],
+    states: Mapping[str, FloatArray],
+    seen: Sequence[tuple[ImageMatch, FloatArray]],
+) -> Sighting:
+    """Turn shifts on the grid into pixel and line of its centre."""
+    left_out = {match.image: match.reason for match, _ in seen if not match.usable}
+    good = [item for item in zip(images, seen, strict=True) if item[1][0].usable]
+    if not good:
+        return _none(ground, left_out)
+    center, size = there.grid.center, float(np.prod(there.grid.shape))
+    return Sighting(
+        ground.name,
+        ground.grid.center,
+        tuple(image for image, _ in good),
+        np.array(
+            [
+                np.array(project_image(image, center)) + footprint @ match.shift
+                for image, (match, footprint) in good
+            ]
+        ),
+        np.array([footprint @ match.covariance @ footprint.T for _, (match, footprint) in good]),
+        np.array([states[image.name] for image, _ in good]),
+        np.array([match.correlation for _, (match, _) in good]),
+        np.array([match.points / size for _, (match, _) in good]),
+        left_out,
+    )
+
+
+def _none(ground: Maplet, left_out: Mapping[str, str]) -> Sighting:
+    """Return a sighting in no image."""
+    return Sighting(
+        ground.name, ground.grid.center, (), np.zeros((0, 2)), np.zeros((0, 2, 2)),
+        np.zeros((0, 6, 6)), np.zeros(0), np.zeros(0), left_out,
+    )  # fmt: skip

@@ -1,0 +1,11 @@
+from .weights import HUBER as HUBER
+from .weights import MAD_TO_SIGMA as MAD_TO_SIGMA
+from .weights import TUKEY as TUKEY
+from .weights import Scores as Scores
+from .weights import biweight as biweight
+from .weights import biweight_scores as biweight_scores
+from .weights import cauchy_weight as cauchy_weight
+from .weights import huber_scores as huber_scores
+from .weights import huber_solution as huber_solution
+from .weights import huber_weight as huber_weight
+from .weights import mad as mad

@@ -1,0 +1,11 @@
+from .nominal import NominalState as NominalState
+from .spin import DAYS_PER_CENTURY as DAYS_PER_CENTURY
+from .spin import SECONDS_PER_DAY as SECONDS_PER_DAY
+from .spin import Spin as Spin
+from .spin import turned as turned
+from .time import SPICE_LOCK as SPICE_LOCK
+from .time import et_from_utc as et_from_utc
+from .time import et_from_utcs as et_from_utcs
+from .time import utc_from_et as utc_from_et
+from .trajectory import Offset as Offset
+from .trajectory import Trajectory as Trajectory

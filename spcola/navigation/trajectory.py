@@ -1,0 +1,231 @@
+"""Trajectories: where the spacecraft was, body-fixed, and how well that is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
+from scipy.sparse import csr_array
+
+from spcola.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    check_finite,
+    frozen,
+)
+from spcola.camera import SpcImage
+from spcola.errors import InvalidValueError
+from spcola.navigation.time import et_from_utcs
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Positions of the spacecraft at N times.
+
+    Parameters
+    ----------
+    name : str
+        What it is called in scans and manifests.
+    time : (N,) array_like
+        Ephemeris time (TDB seconds past J2000), strictly increasing.
+    position : (N, 3) array_like
+        Body-fixed, metres.
+    sigma : (N, 3) array_like, optional
+        One standard deviation along the body-fixed axes, metres; NaN if not known.
+
+    Raises
+    ------
+    InvalidValueError
+        If there is no time, the times do not increase, or a value is not finite.
+    """
+
+    name: str
+    time: FloatArray
+    position: FloatArray
+    sigma: FloatArray = None  # type: ignore[assignment]  # filled in __post_init__
+
+    def __post_init__(self) -> None:
+        time = frozen(self.time, (None,), f"{self.name}.time")
+        count = len(time)
+        sigma = np.full((count, 3), np.nan) if self.sigma is None else self.sigma
+        object.__setattr__(self, "time", time)
+        object.__setattr__(
+            self, "position", frozen(self.position, (count, 3), f"{self.name}.position")
+        )
+        object.__setattr__(self, "sigma", frozen(sigma, (count, 3), f"{self.name}.sigma"))
+        check_finite(time, f"{self.name}.time")
+        check_finite(self.position, f"{self.name}.position")
+        if count == 0:
+            raise InvalidValueError("has no position", self.name)
+        if np.any(np.diff(time) <= 0):
+            place = int(np.argmax(np.diff(time) <= 0)) + 2
+            raise InvalidValueError(
+                f"time {place} does not follow the one before", self.name, "sort, drop doubles"
+            )
+
+    @classmethod
+    def from_images(cls, images: Sequence[SpcImage], *, name: str = "spc") -> Trajectory:
+        """Build from the solved states of images, in any order.
+
+        Raises
+        ------
+        InvalidValueError
+            If two images have one time, or there is none.
+        FormatError
+            If the time of an image cannot be read.
+        """
+        times = et_from_utcs([image.utc for image in images])
+        order = np.argsort(times, kind="stable")
+        positions = np.array([images[i].position for i in order]).reshape(-1, 3)
+        sigma = np.array([images[i].scobj_sigma for i in order]).reshape(-1, 3)
+        return cls(name, times[order], positions, sigma)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last time, s."""
+        return float(self.time[0]), float(self.time[-1])
+
+    def covers(self, times: ArrayLike, *, max_gap_s: float = np.inf) -> BoolArray:
+        """Return whether times (N,) lie between two of the trajectory's no more than a gap apart.
+
+        A time that the trajectory holds itself is covered whatever the gaps beside it.
+        """
+        wanted = np.asarray(times, dtype=np.float64)
+        low, share = bracket(self.time, wanted)
+        high = np.minimum(low + 1, len(self.time) - 1)
+        inside = (wanted >= self.time[0]) & (wanted <= self.time[-1])
+        short = self.time[high] - self.time[low] <= max_gap_s
+        covered: BoolArray = inside & (short | (share == 0) | (share == 1))
+        return covered
+
+    def at(self, times: ArrayLike, *, max_gap_s: float = np.inf) -> FloatArray:
+        """Return positions (N, 3), metres, at times (N,); NaN where not covered.
+
+        A cubic spline from four positions on, straight lines with fewer. Far apart, positions
+        of a body-fixed trajectory turn with the body: differences to another trajectory are
+        the better thing to interpolate (`offset_from`).
+        """
+        wanted = np.asarray(times, dtype=np.float64)
+        covered = self.covers(wanted, max_gap_s=max_gap_s)
+        positions = np.full((len(wanted), 3), np.nan)
+        if len(self.time) >= 4:
+            positions[covered] = CubicSpline(self.time, self.position)(wanted[covered])
+        else:
+            positions[covered] = straight_lines(self.time, self.position, wanted[covered])
+        return positions
+
+    def offset_from(self, reference: Trajectory, *, max_gap_s: float = np.inf) -> Offset:
+        """Return this trajectory less `reference`, at those of its times that `reference` covers.
+
+        A gap in `reference` longer than `max_gap_s` (seconds) covers nothing.
+
+        Raises
+        ------
+        InvalidValueError
+            If `reference` covers none of the times.
+        """
+        there = reference.at(self.time, max_gap_s=max_gap_s)
+        known = np.isfinite(there).all(axis=1)
+        if not known.any():
+            raise InvalidValueError(
+                f"covers no time of {self.name!r}", reference.name, "use scans of the same days"
+            )
+        return Offset(
+            Trajectory(
+                self.name, self.time[known], (self.position - there)[known], self.sigma[known]
+            )
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Offset:
+    """The difference of two trajectories, smooth enough for straight lines between its times.
+
+    Parameters
+    ----------
+    differences : Trajectory
+        Its positions are differences, metres; its sigma is that of the newer trajectory.
+    """
+
+    differences: Trajectory
+
+    def at(self, times: ArrayLike, *, max_gap_s: float) -> tuple[FloatArray, FloatArray]:
+        """Return the difference and its sigma, both (N, 3), metres; NaN where not covered.
+
+        The sigma is that of the two states, weighted as the difference is, and the error of the
+        straight line: the standard deviation of a Brownian bridge whose increments are those of
+        the differences (`drift`), largest in the middle of a gap.
+        """
+        wanted = np.asarray(times, dtype=np.float64)
+        track = self.differences
+        covered = track.covers(wanted, max_gap_s=max_gap_s)
+        inside = wanted[covered]
+        value, sigma = (np.full((len(wanted), 3), np.nan) for _ in range(2))
+        value[covered] = straight_lines(track.time, track.position, inside)
+        low, share = bracket(track.time, inside)
+        high = np.minimum(low + 1, len(track) - 1)
+        share = share[:, None]
+        # a time of the trajectory itself does not use its neighbour: 0 · NaN would be NaN
+        states = np.where(share < 1, ((1 - share) * track.sigma[low]) ** 2, 0.0) + np.where(
+            share > 0, (share * track.sigma[high]) ** 2, 0.0
+        )
+        gap = (track.time[high] - track.time[low])[:, None]
+        bridge = np.where((share > 0) & (share < 1), self.drift * gap * share * (1 - share), 0.0)
+        sigma[covered] = np.sqrt(states + bridge)
+        return value, sigma
+
+    def widest(self, max_gap_s: float) -> float:
+        """Return the sigma of the straight line in the middle of the longest gap, metres.
+
+        Of the gaps that are not longer than `max_gap_s`, seconds; 0 where nothing is interpolated.
+        """
+        gaps = np.diff(self.differences.time)
+        gaps = gaps[gaps <= max_gap_s]
+        return float(np.sqrt(self.drift.sum() * gaps.max() / 4.0)) if gaps.size else 0.0
+
+    def shares(self, times: ArrayLike) -> csr_array:
+        """Return the share (M, K), sparse, that each of the K differences has at times (M,).
+
+        What is interpolated between two states errs as they do: these are the weights. A row is
+        zero where its time is not covered.
+        """
+        track = self.differences
+        wanted = np.asarray(times, dtype=np.float64)
+        covered = np.flatnonzero(track.covers(wanted))
+        low, share = bracket(track.time, wanted[covered])
+        high = np.minimum(low + 1, len(track) - 1)
+        weights = np.concatenate([1.0 - share, share])
+        places = (np.tile(covered, 2), np.concatenate([low, high]))
+        return csr_array((weights, places), shape=(len(wanted), len(track)))
+
+    @property
+    def drift(self) -> FloatArray:
+        """Variance that the difference gathers per second (3,), m²/s; NaN from one time only."""
+        if len(self.differences) < 2:
+            return np.full(3, np.nan)
+        steps = np.diff(self.differences.position, axis=0)
+        rate: FloatArray = np.mean(steps**2 / np.diff(self.differences.time)[:, None], axis=0)
+        return rate
+
+
+def bracket(time: FloatArray, wanted: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return the index (M,) of the time before each wanted one, and the share of the way on."""
+    low = np.clip(np.searchsorted(time, wanted, side="right") - 1, 0, max(len(time) - 2, 0))
+    high = np.minimum(low + 1, len(time) - 1)
+    step = np.where(high > low, time[high] - time[low], 1.0)
+    return low, np.clip((wanted - time[low]) / step, 0.0, 1.0)
+
+
+def straight_lines(time: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Interpolate values (N, 3) at wanted times (M,) in straight lines: (M, 3)."""
+    low, share = bracket(time, wanted)
+    high = np.minimum(low + 1, len(time) - 1)
+    line: FloatArray = values[low] + share[:, None] * (values[high] - values[low])
+    return line

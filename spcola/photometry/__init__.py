@@ -1,0 +1,5 @@
+"""Light on a surface: photometric functions, shadows, rendering, slopes from images."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

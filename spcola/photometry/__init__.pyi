@@ -1,0 +1,10 @@
+from .functions import PhotometricFunction as PhotometricFunction
+from .functions import lunar_lambert as lunar_lambert
+from .functions import photometric_function as photometric_function
+from .ortho_image import OrthoImage as OrthoImage
+from .ortho_image import ortho_rectify as ortho_rectify
+from .ortho_image import view_of as view_of
+from .photoclinometry import MOST_INCIDENCE as MOST_INCIDENCE
+from .photoclinometry import SlopeVariance as SlopeVariance
+from .photoclinometry import slope_variance as slope_variance
+from .rendering import render as render

@@ -1,0 +1,141 @@
+"""What the pixels of an image should hold: the brightness of ground gathered by its footprints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from spcola.arrays import BoolArray, FloatArray
+from spcola.compilation import compiled
+from spcola.grids import carried_on
+from spcola.photometry.ortho_image import View
+
+# Rows and columns of pixels around the ground that are filled too.
+_MARGIN = 2
+# Parts of a pixel's width, at least, and of a cell's, into which a cell is cut; and at most.
+_PER_PIXEL, _LEAST, _MOST = 4.0, 3, 64
+# Share of a pixel that the grid has to fill; parts of cells fill some by less than they do.
+_COVERED = 0.6
+# Share of what fills it that has to be known: gaps lie anywhere, the grid's edge to one side.
+_KNOWN = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedPixels:
+    """A window of an image.
+
+    Attributes
+    ----------
+    value : (H, W) ndarray
+        Mean brightness over each pixel; that of the nearest known one where `known` is not set.
+    known : (H, W) ndarray of bool
+        Ground of known brightness fills it.
+    first : (2,) ndarray of int
+        Row and column, from 0, of the window's first pixel in the image.
+    """
+
+    value: FloatArray
+    known: BoolArray
+    first: FloatArray
+
+
+def expected_pixels(view: View, brightness: FloatArray, *, psf_px: float = 0.0) -> ExpectedPixels:
+    """Return what an image should show of ground.
+
+    Each cell between four points of the grid is cut into parts, their places bilinear. A part
+    enters the pixel that it is projected into by its area *in the image*: ground that faces the
+    camera fills more pixels than ground that turns away from it.
+
+    Parameters
+    ----------
+    view : View
+        Where the points of the grid are seen.
+    brightness : (R − 1, C − 1) ndarray
+        Of each cell; NaN where unknown.
+    psf_px : float
+        Standard deviation of the optics' point spread, pixels.
+    """
+    if not view.seen.any():
+        nothing = np.full((1, 1), np.nan)
+        return ExpectedPixels(nothing, np.zeros((1, 1), dtype=np.bool_), np.zeros(2))
+    row, column, seen = _without_gaps(view)
+    lines, pixels = row[seen > 0.0], column[seen > 0.0]
+    first = np.floor([lines.min(), pixels.min()]) - _MARGIN
+    size = np.ceil([lines.max(), pixels.max()]) + _MARGIN + 1.0 - first
+    light, area, whole = np.zeros((3, *size.astype(np.int64)))
+    # Lines run down, pixels aside: a cell that faces the camera has the sign of −∂(pixel, line).
+    facing = -float(np.sign(np.linalg.det(view.footprint)))
+    places = row - first[0], column - first[1], seen
+    _gather(places, brightness, facing, (light, area, whole))
+    if psf_px > 0.0:
+        light, area, whole = (
+            ndimage.gaussian_filter(sums, psf_px) for sums in (light, area, whole)
+        )
+    known: BoolArray = (whole >= _COVERED) & (area >= _KNOWN * whole)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        value = carried_on(np.where(known, light / area, np.nan))
+    return ExpectedPixels(value, known, first)
+
+
+def _without_gaps(view: View) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Rows, columns (from 0) and whether they are seen of all points (R, C) of a grid.
+
+    Points of unknown height lie beside the nearest known one as on the plane of the grid.
+    """
+    y, x = np.indices(view.seen.shape).astype(np.float64)
+    plane = np.einsum("ab,brc->arc", view.footprint, np.stack([x, y]))
+    column, row = (
+        carried_on(place - flat) + flat - 1.0
+        for place, flat in zip((view.pixel, view.line), plane, strict=True)
+    )
+    seen = carried_on(np.where(np.isfinite(view.pixel), view.seen, np.nan))
+    return row, column, seen
+
+
+@compiled
+def _gather(
+    places: tuple[FloatArray, FloatArray, FloatArray],
+    brightness: FloatArray,
+    facing: float,
+    sums: tuple[FloatArray, FloatArray, FloatArray],
+) -> None:
+    """Add up what lies in each pixel of a window.
+
+    `places` (R, C) are rows and columns of points of the grid, and whether they are seen; `facing`
+    is the sign that the area of a cell which faces the camera has there; `sums` are those of
+    brightness times area, of area, and of area whether brightness is known or not.
+    """
+    row, column, seen = places
+    light, area, whole = sums
+    for i in range(brightness.shape[0]):
+        for j in range(brightness.shape[1]):
+            a, b, c, d = _bilinear(row, i, j)
+            e, f, g, h = _bilinear(column, i, j)
+            p, q, r, s = _bilinear(seen, i, j)
+            if max(p, p + q, p + r, p + q + r + s) <= 0.0:
+                continue
+            wide = max(
+                np.hypot(b, f), np.hypot(c, g), np.hypot(b + d, f + h), np.hypot(c + d, g + h)
+            )
+            parts = min(max(int(np.ceil(_PER_PIXEL * wide)), _LEAST), _MOST)
+            for part in range(parts**2):
+                x, y = (part % parts + 0.5) / parts, (part // parts + 0.5) / parts
+                turned = (b + d * y) * (g + h * x) - (c + d * x) * (f + h * y)
+                share = facing * turned / parts**2
+                down = int(np.rint(a + b * x + c * y + d * x * y))
+                aside = int(np.rint(e + f * x + g * y + h * x * y))
+                inside = 0 <= down < light.shape[0] and 0 <= aside < light.shape[1]
+                if inside and share > 0.0 and p + q * x + r * y + s * x * y >= 0.5:
+                    whole[down, aside] += share
+                    if np.isfinite(brightness[i, j]):
+                        area[down, aside] += share
+                        light[down, aside] += share * brightness[i, j]
+
+
+@compiled
+def _bilinear(layer: FloatArray, i: int, j: int) -> tuple[float, float, float, float]:
+    """Coefficients of 1, x, y and xy of a layer in the cell above row i, right of column j."""
+    start, ahead, above = layer[i, j], layer[i, j + 1], layer[i + 1, j]
+    return start, ahead - start, above - start, layer[i + 1, j + 1] - ahead - above + start

@@ -1,0 +1,222 @@
+"""Ortho-rectification: what an image shows of the points of a grid, and in which light."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from spcola.arrays import AnyArray, BoolArray, FloatArray
+from spcola.camera import SpcImage, partials_position, project_image
+from spcola.errors import InvalidValueError
+from spcola.grids import MapletGrid
+from spcola.photometry.ground import Facets, Ground
+from spcola.photometry.shadows import cast_shadow, hidden
+from spcola.shape import RayCaster
+
+# Grid steps by which a ray has to be clear of its own grid before other ground may stop it.
+_CLEAR = 2.0
+# Samples across a cell, at most: a pixel sixteen times smaller than a cell.
+_MOST_SAMPLES = 16
+# Pixels around those that are looked at, so that a spline does not feel the edge of the window.
+_MARGIN = 8
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """Ground as an image's camera and Sun meet it.
+
+    Attributes
+    ----------
+    image : str
+        Name.
+    pixel, line : (R, C) ndarrays
+        Where each point of the grid is projected; NaN at unknown heights.
+    seen : (R, C) ndarray of bool
+        In the frame, turned to the camera, and nothing stands before it.
+    lit : (R, C) ndarray of bool
+        Turned to the Sun, and in no cast shadow.
+    cos_incidence, cos_emission : (R − 1, C − 1) ndarrays
+        Of the angles between the normal of each cell and Sun, camera; NaN where it has no slope.
+    phase : (R − 1, C − 1) ndarray
+        Angle between Sun and camera, radians.
+    footprint : (2, 2) ndarray
+        ∂(pixel, line)/∂(x, y) on the grid's plane at its centre, pixels a grid step.
+    """
+
+    image: str
+    pixel: FloatArray
+    line: FloatArray
+    seen: BoolArray
+    lit: BoolArray
+    cos_incidence: FloatArray
+    cos_emission: FloatArray
+    phase: FloatArray
+    footprint: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class OrthoImage:
+    """An image brought onto a grid.
+
+    Attributes
+    ----------
+    view : View
+    brightness : (R, C) ndarray
+        Mean over each cell where pixels are smaller than cells, interpolated where they are
+        larger; in the image's numbers. NaN where the image does not see the ground.
+    exposed : (R, C) ndarray of bool
+        Between the image's thresholds: neither as dark as shadow nor saturated.
+    saturated : (R, C) ndarray of bool
+    """
+
+    view: View
+    brightness: FloatArray
+    exposed: BoolArray
+    saturated: BoolArray
+
+
+def view_of(
+    image: SpcImage, grid: MapletGrid, height: FloatArray, *, beyond: RayCaster | None = None
+) -> View:
+    """Return how the camera and the Sun of an image meet ground.
+
+    Occlusion and shadow by the ground itself follow the ray over its bilinear heights; those by
+    other ground are cast at `beyond` from where a ray leaves the grid. A ray that leaves it
+    inside that body, whose surface may be coarser, is not stopped there.
+
+    Parameters
+    ----------
+    image : SpcImage
+        State; pixels are not needed.
+    grid : MapletGrid
+        In the frame of the image.
+    height : (R, C) ndarray
+        Metres along the grid's Uz; NaN where unknown.
+    beyond : RayCaster, optional
+        The whole body.
+
+    Raises
+    ------
+    InvalidValueError
+        If the grid's centre is behind the camera.
+    """
+    ground = Ground.of(grid, np.asarray(height, dtype=np.float64))
+    footprint = footprint_of(image, grid)
+    sun, eye = ground.sun(image), ground.eye(image)
+    incidence, emission = ground.cosine(sun), ground.cosine(eye)
+    pixel, line = project_image(image, ground.points)
+    camera = image.camera
+    with np.errstate(invalid="ignore"):
+        seen: BoolArray = (pixel >= 0.5) & (pixel < camera.width + 0.5) & (emission > 0.0)
+        seen &= (line >= 0.5) & (line < camera.height + 0.5)
+        lit: BoolArray = incidence > 0.0
+    step = [1.0, 1.0, grid.gsd]
+    first = np.array([grid.half_size, grid.half_size, 0.0])
+    place = first + grid.axes @ (image.position - grid.center) / [grid.gsd, grid.gsd, 1.0]
+    if seen.any():
+        seen &= ~hidden(ground.height, place)
+        lit &= ~cast_shadow(ground.height, sun * step)
+    if beyond is not None:
+        _stop(seen, beyond, ground, eye)
+        _stop(lit, beyond, ground, np.broadcast_to(sun, eye.shape))
+    cells = Facets.of(ground, image)
+    phase = np.arccos(np.clip(cells.eye @ sun, -1.0, 1.0))
+    cosines = cells.cosine(sun), cells.cosine(cells.eye)
+    return View(image.name, pixel, line, seen, lit, *cosines, phase, footprint)
+
+
+def footprint_of(image: SpcImage, grid: MapletGrid) -> FloatArray:
+    """Return ∂(pixel, line)/∂(x, y) (2, 2) on the plane of a grid, pixels a grid step.
+
+    Raises
+    ------
+    InvalidValueError
+        If its centre is behind the camera.
+    """
+    partials = partials_position(image.camera, image.axes, image.scobj, grid.center)
+    footprint: FloatArray = grid.gsd * partials @ grid.axes[:2].T
+    if not np.isfinite(footprint).all():
+        raise InvalidValueError("lies behind the camera", f"grid in {image.name}")
+    return footprint
+
+
+def _stop(reached: BoolArray, beyond: RayCaster, ground: Ground, direction: FloatArray) -> None:
+    """Clear `reached` (R, C) where other ground stands in the way along directions (R, C, 3)."""
+    chosen = np.nonzero(reached)
+    if not chosen[0].size:
+        return
+    grid, along = ground.grid, direction[chosen]
+    steps = np.stack([grid.offsets[chosen[1]], grid.offsets[chosen[0]]], axis=1)
+    with np.errstate(divide="ignore"):
+        # To the border of the square that the ray heads for, grid steps along the ray.
+        border = (np.sign(along[:, :2]) * grid.half_size - steps) / along[:, :2]
+    way = grid.gsd * (np.nanmin(np.maximum(border, 0.0), axis=1) + _CLEAR)
+    # A ray that stays over its grid until it is above all of the body meets nothing beyond.
+    far = np.flatnonzero(np.isfinite(way) & (way < 2.0 * beyond.radius))
+    body_fixed = along[far] @ grid.axes
+    hits = beyond.cast(ground.points[chosen][far] + way[far, None] * body_fixed, body_fixed)
+    from_outside = np.sum(hits.normals * body_fixed, axis=1) < 0.0
+    stopped = far[hits.hit & from_outside]
+    reached[chosen[0][stopped], chosen[1][stopped]] = False
+
+
+def ortho_rectify(image: SpcImage, view: View) -> OrthoImage:
+    """Return the image on the grid of a view of it.
+
+    Parameters
+    ----------
+    image : SpcImage
+        With pixels.
+    view : View
+        Of this image.
+
+    Raises
+    ------
+    InvalidValueError
+        If the image has no pixels.
+    """
+    if image.pixels is None:
+        raise InvalidValueError("has no pixels", image.name, "put its .DAT into IMAGEFILES")
+    shape = view.pixel.shape
+    brightness, nearest = np.full(shape, np.nan), np.zeros(shape)
+    if view.seen.any():
+        place = np.stack([view.line[view.seen], view.pixel[view.seen]]) - 1.0
+        rows, columns = np.rint(place).astype(np.int64)
+        nearest[view.seen] = image.pixels[rows, columns]
+        brightness[view.seen] = resampled(image.pixels, place, view.footprint)
+    low, high = image.thresholds
+    exposed = view.seen & (nearest > low) & (nearest < high)
+    return OrthoImage(view, brightness, exposed, view.seen & (nearest >= high))
+
+
+def resampled(pixels: AnyArray, place: FloatArray, footprint: FloatArray) -> FloatArray:
+    """Return brightness (N,) of cells at places of an image.
+
+    Cells that are larger than pixels are means of samples a pixel apart; else a cubic spline.
+
+    Parameters
+    ----------
+    pixels : (H, W) ndarray
+    place : (2, N) ndarray
+        Rows and columns, from 0.
+    footprint : (2, 2) ndarray
+        Of a cell, as that of a :class:`View`.
+    """
+    low = np.maximum(np.floor(place.min(axis=1)).astype(int) - _MARGIN, 0)
+    high = np.ceil(place.max(axis=1)).astype(int) + _MARGIN + 1
+    window = pixels[low[0] : high[0], low[1] : high[1]].astype(np.float64)
+    local = place - low[:, None]
+    # The longest extent of a cell in the image, pixels.
+    count = min(int(np.ceil(np.linalg.norm(footprint, ord=2))), _MOST_SAMPLES)
+    if count <= 1:
+        return np.asarray(ndimage.map_coordinates(window, local, order=3, mode="nearest"))
+    total = np.zeros(place.shape[1])
+    steps = (np.arange(count) + 0.5) / count - 0.5
+    for x in steps:
+        for y in steps:
+            aside, down = footprint @ [x, y]
+            there = local + np.array([[down], [aside]])
+            total += ndimage.map_coordinates(window, there, order=1, mode="nearest")
+    return total / count**2

@@ -1,0 +1,175 @@
+"""What images tell of slopes: the normal equations of photoclinometry, from their geometry.
+
+A brightness ``I = λ (1 + tz) Φ(cos i, cos e, phase)`` [16] changes with both slopes and the albedo
+of its ground. Over all images that show a point lit these partials make a 3 × 3 normal matrix for
+(tx, ty, tz); its inverse says how well the slopes are known, whatever the brightnesses are
+(Gaskell et al., eqs. 16 to 21). A point that too few images show lit has no slope from images.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from spcola.arrays import BoolArray, FloatArray, IntArray
+from spcola.camera import SpcImage, project_image
+from spcola.grids import Maplet
+from spcola.photometry.functions import PhotometricFunction, lunar_lambert
+from spcola.photometry.ground import Ground
+from spcola.photometry.shadows import cast_shadow
+
+MOST_INCIDENCE = np.radians(80.0)
+"""Ground on which the Sun stands lower than 10° does not enter, radians: what lies in the shadow of
+roughness below the grid is not modelled."""
+# Unknowns of a point: two slopes and the albedo.
+_UNKNOWNS = 3
+# Below this share of what independent images would tell, the slopes are not separable: rounding.
+_SEPARABLE = 1e-9
+# An image whose pixels are wider than this, grid steps, shows none of the grid's detail.
+_COARSEST = 5.0
+# Change of a cosine over which a photometric function is differenced.
+_COSINE = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class SlopeVariance:
+    """How well images tell the slopes at each point of a grid.
+
+    Parameters
+    ----------
+    along_x, along_y : (R, C) ndarrays
+        Variance of the slopes ∂h/∂x and ∂h/∂y for brightnesses that err independently by their
+        image's mean brightness; infinite where the images do not determine the slopes.
+    images : (R, C) ndarray of int
+        How many images show the point lit.
+    """
+
+    along_x: FloatArray
+    along_y: FloatArray
+    images: IntArray
+
+    @property
+    def defined(self) -> BoolArray:
+        """Where images determine both slopes (R, C)."""
+        return np.isfinite(self.along_x)
+
+
+def slope_variance(
+    maplet: Maplet,
+    images: Iterable[SpcImage],
+    *,
+    function: PhotometricFunction = lunar_lambert,
+    framed: bool = True,
+) -> SlopeVariance:
+    """Return how well `images` tell the slopes of `maplet` [16 – 21].
+
+    An image counts at a point that it shows: in front of the camera and on its detector, turned
+    towards it, lit at an incidence below :data:`MOST_INCIDENCE` and in no shadow that the maplet
+    itself casts; and, where the image has pixels, neither as dark as shadow nor saturated there.
+    A pixel that covers n points gives each of them an n-th of what it tells.
+
+    Parameters
+    ----------
+    maplet : Maplet
+        Its slopes are those of its heights.
+    images : iterable of SpcImage
+        With or without pixels; taken one by one.
+    function : callable
+        Photometric function Φ.
+    framed : bool
+        Whether a point has to lie on the detector: not if `images` stand for others that were
+        taken in the same light.
+
+    Returns
+    -------
+    SlopeVariance
+        No slope is defined where the maplet has none.
+    """
+    ground = Ground.of(maplet.grid, maplet.height)
+    matrix = np.zeros((6, *maplet.grid.shape))
+    count = np.zeros(maplet.grid.shape, dtype=np.int64)
+    for image in images:
+        if ground.pixel(image) > _COARSEST:
+            continue
+        lit = _lit(ground, image, framed)
+        if lit.any():
+            count += lit
+            _add_image(matrix, ground, image, lit, function)
+    return _reduced(matrix, count)
+
+
+def _lit(ground: Ground, image: SpcImage, framed: bool) -> BoolArray:
+    """Where (R, C) the image shows lit ground."""
+    sun = ground.sun(image)
+    lit: BoolArray = ground.cosine(sun) > np.cos(MOST_INCIDENCE)
+    lit &= ground.cosine(ground.eye(image)) > 0.0
+    if framed and lit.any():
+        lit &= _well_exposed(ground, image)
+    if lit.any():
+        grid = ground.grid
+        lit &= ~cast_shadow(ground.height, sun * [1.0, 1.0, grid.gsd])
+    return lit
+
+
+def _well_exposed(ground: Ground, image: SpcImage) -> BoolArray:
+    """Where (R, C) a point lies on the detector, and its pixel is neither shadow nor saturated."""
+    pixel, line = project_image(image, ground.points)
+    width, height = image.camera.width, image.camera.height
+    inside: BoolArray = (pixel >= 0.5) & (pixel < width + 0.5)
+    inside &= (line >= 0.5) & (line < height + 0.5)
+    if image.pixels is None:
+        return inside
+    columns, rows = (
+        np.rint(np.where(inside, place, 1.0)).astype(int) - 1 for place in (pixel, line)
+    )
+    brightness = image.pixels[np.minimum(rows, height - 1), np.minimum(columns, width - 1)]
+    low, high = image.thresholds
+    exposed: BoolArray = inside & (brightness > low) & (brightness < high)
+    return exposed
+
+
+def _add_image(
+    matrix: FloatArray,
+    ground: Ground,
+    image: SpcImage,
+    lit: BoolArray,
+    function: PhotometricFunction,
+) -> None:
+    """Add what an image tells where it is `lit`: xx, xy, yy, xa, ya, aa of the normal matrix."""
+    sun, eye = ground.sun(image), ground.eye(image)
+    incidence, emission = ground.cosine(sun), ground.cosine(eye)
+    phase = np.arccos(np.clip(eye @ sun, -1.0, 1.0))
+    with np.errstate(invalid="ignore"):
+        value = function(incidence, emission, phase)
+        by_sun = function(incidence + _COSINE, emission, phase) - function(
+            incidence - _COSINE, emission, phase
+        )
+        by_eye = function(incidence, emission + _COSINE, phase) - function(
+            incidence, emission - _COSINE, phase
+        )
+    # λ makes the means equal: an image is exposed so that its ground is neither dark nor cut.
+    scale = 1.0 / (float(np.mean(value[lit])) * max(ground.pixel(image), 1.0))
+    rows = [
+        scale * (by_sun * sun_part + by_eye * eye_part) / (2.0 * _COSINE)
+        for sun_part, eye_part in zip(
+            ground.partials(sun, incidence), ground.partials(eye, emission), strict=True
+        )
+    ]
+    x, y, albedo = (np.where(lit, row, 0.0) for row in (*rows, scale * value))
+    matrix += [x * x, x * y, y * y, x * albedo, y * albedo, albedo * albedo]
+
+
+def _reduced(matrix: FloatArray, count: IntArray) -> SlopeVariance:
+    """Take the albedo out of the normal matrices and invert what is left for the slopes."""
+    xx, xy, yy, xa, ya, aa = matrix
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left_xx, left_xy, left_yy = xx - xa * xa / aa, xy - xa * ya / aa, yy - ya * ya / aa
+        determinant = left_xx * left_yy - left_xy**2
+        known = (count >= _UNKNOWNS) & (determinant > _SEPARABLE * xx * yy)
+        return SlopeVariance(
+            np.where(known, left_yy / determinant, np.inf),
+            np.where(known, left_xx / determinant, np.inf),
+            count,
+        )

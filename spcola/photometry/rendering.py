@@ -1,0 +1,65 @@
+"""Rendering: the brightness that an image should show of ground, brought onto its grid alike."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from spcola.arrays import FloatArray
+from spcola.photometry.expected_pixels import expected_pixels
+from spcola.photometry.functions import PhotometricFunction, lunar_lambert
+from spcola.photometry.ground import at_cells
+from spcola.photometry.ortho_image import View, resampled
+
+# Share of what a point is read from that may lie next to pixels which the ground does not fill.
+_UNFILLED = 0.25
+
+
+def render(
+    view: View,
+    *,
+    function: PhotometricFunction = lunar_lambert,
+    albedo: FloatArray | None = None,
+    psf_px: float = 0.0,
+) -> FloatArray:
+    """Return the relative brightness (R, C) of the ground of a view [16, 17].
+
+    ``(1 + tz) Φ(cos i, cos e, phase)`` of each cell, less what of it is in shadow, is gathered in
+    the pixels of the image (:func:`spcola.photometry.expected_pixels.expected_pixels`), which are
+    then brought onto the grid as :func:`spcola.photometry.ortho_rectify` brings those of the image:
+    what pixels, their foreshortening and their interpolation do to the one they do to the other.
+
+    Parameters
+    ----------
+    view : View
+    function : callable
+        Photometric function Φ.
+    albedo : (R, C) ndarray, optional
+        Relative albedo 1 + tz; 1 if not given.
+    psf_px : float
+        Standard deviation of the optics' point spread, pixels.
+
+    Returns
+    -------
+    (R, C) ndarray
+        NaN where the ground is not seen, and where it does not fill the pixels that show it: at the
+        edges of the grid and around unknown heights.
+    """
+    with np.errstate(invalid="ignore"):
+        value = function(view.cos_incidence, view.cos_emission, view.phase)
+    if albedo is not None:
+        value = value * at_cells(albedo)
+    lit = at_cells(np.where(np.isfinite(view.pixel), view.lit, np.nan))
+    value = np.where(np.isfinite(view.cos_incidence), value * lit, np.nan)
+    rendered = np.full(view.seen.shape, np.nan)
+    expected = expected_pixels(view, value, psf_px=psf_px)
+    if not expected.known.any():
+        return rendered
+    place = np.stack([view.line[view.seen], view.pixel[view.seen]]) - 1.0 - expected.first[:, None]
+    beside = ndimage.binary_dilation(~expected.known, np.ones((3, 3), dtype=np.bool_)).astype(
+        np.float64
+    )
+    unfilled = ndimage.map_coordinates(beside, place, order=1, mode="nearest")
+    brightness = resampled(expected.value, place, view.footprint)
+    rendered[view.seen] = np.where(unfilled <= _UNFILLED, brightness, np.nan)
+    return rendered

@@ -1,0 +1,97 @@
+"""Triangle meshes: the shape of a body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from spcola.arrays import (
+    FloatArray,
+    IntArray,
+    check_finite,
+    frozen,
+    read_only,
+)
+from spcola.errors import InvalidValueError
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A triangle mesh in the body-fixed frame.
+
+    Parameters
+    ----------
+    vertices : (V, 3) array_like
+        Metres.
+    facets : (F, 3) array_like of int
+        Vertex indices (from 0), counter-clockwise seen from outside.
+    name : str
+        What it is a shape of, or the file that it came from.
+    remark : str
+        What of the file had to be decided, in one line; empty if nothing had.
+
+    Raises
+    ------
+    InvalidValueError
+        If a vertex is not finite or a facet names a vertex that does not exist.
+    """
+
+    vertices: FloatArray
+    facets: IntArray
+    name: str = "shape"
+    remark: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vertices", frozen(self.vertices, (None, 3), "vertices"))
+        check_finite(self.vertices, f"{self.name}: vertices")
+        facets = np.array(self.facets, dtype=np.int64)
+        if facets.ndim != 2 or facets.shape[1] != 3:
+            raise InvalidValueError(
+                f"facets have shape {facets.shape}, (F, 3) is needed", self.name
+            )
+        if facets.size and (facets.min() < 0 or facets.max() >= len(self.vertices)):
+            raise InvalidValueError("a facet names a vertex that does not exist", self.name)
+        object.__setattr__(self, "facets", read_only(facets))
+
+    @cached_property
+    def corners(self) -> FloatArray:
+        """Vertex positions of each facet (F, 3, 3), metres: [facet, corner, component]."""
+        return self.vertices[self.facets]
+
+    @cached_property
+    def area_vectors(self) -> FloatArray:
+        """Outward normals of the facets times their areas (F, 3), square metres."""
+        a, b, c = self.corners.transpose(1, 0, 2)
+        vectors: FloatArray = np.cross(b - a, c - a) / 2.0
+        return vectors
+
+    @cached_property
+    def normals(self) -> FloatArray:
+        """Outward unit normals of the facets (F, 3); NaN for a facet without area."""
+        lengths = np.linalg.norm(self.area_vectors, axis=1, keepdims=True)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            normals: FloatArray = self.area_vectors / lengths
+        return normals
+
+    @cached_property
+    def volume(self) -> float:
+        """Enclosed volume, cubic metres (positive if the facets face outward)."""
+        a, b, c = self.corners.transpose(1, 0, 2)
+        return float(np.sum(np.cross(a, b) * c) / 6.0)
+
+    @property
+    def mean_radius(self) -> float:
+        """Radius of the sphere of equal volume, metres."""
+        return float(np.cbrt(3.0 * abs(self.volume) / (4.0 * np.pi)))
+
+    @property
+    def sagitta(self) -> float:
+        """How far the middle of an edge lies below the round body it is a chord of, metres.
+
+        l²/(8 R), with the facets' typical edge l and the mean radius R.
+        """
+        area = float(np.median(np.linalg.norm(self.area_vectors, axis=1)))
+        # Of two facets that make a square: its side.
+        return 2.0 * area / (8.0 * self.mean_radius)

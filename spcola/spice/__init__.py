@@ -1,0 +1,5 @@
+"""SPICE kernels: states, pointing, coverage, and checks of the rotation."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

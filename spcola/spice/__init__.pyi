@@ -1,0 +1,10 @@
+from .coverage_windows import Coverage as Coverage
+from .coverage_windows import Track as Track
+from .kernels import POINTING_TOLERANCE_S as POINTING_TOLERANCE_S
+from .kernels import KernelSet as KernelSet
+from .kernels import body_fixed_states as body_fixed_states
+from .kernels import coverage as coverage
+from .pck import constant as constant
+from .pck import orientation_of as orientation_of
+from .rotation_check import KernelUse as KernelUse
+from .transfer import read_transfer as read_transfer

@@ -1,0 +1,333 @@
+"""SPICE kernels as one set: expanded, checked for contradictions, loaded and given back.
+
+CSPICE keeps one pool for the whole process; a set holds `SPICE_LOCK` while it is loaded, so
+other threads wait, and gives the pool back as it found it.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+import spiceypy
+from numpy.typing import ArrayLike
+
+from spcola.arrays import FloatArray
+from spcola.errors import KernelError
+from spcola.navigation import SPICE_LOCK, Trajectory
+from spcola.spice.coverage_windows import (
+    Coverage,
+    Track,
+    pointing_tracks,
+    position_track,
+    segment_epochs,
+    segments_of,
+)
+from spcola.spice.daf import check_daf, is_daf
+from spcola.spice.rotation_check import KernelUse, settle_rotation
+from spcola.spice.text_kernel import expand_meta_kernels
+from spcola.spice.transfer import convert_transfer, is_transfer
+
+M_PER_KM = 1000.0
+
+POINTING_TOLERANCE_S = 1e-3
+"""Default for how far a time may lie from the pointing that a CK tells, seconds."""
+
+# The end of what a CK tells is found this well, seconds.
+_NEAREST_S = 1e-6
+_NOT_COVERED = (
+    spiceypy.utils.exceptions.SpiceSPKINSUFFDATA,
+    spiceypy.utils.exceptions.SpiceNOFRAMECONNECT,
+    spiceypy.utils.exceptions.SpiceCKINSUFFDATA,
+)
+
+
+class KernelSet:
+    """Kernels that are loaded together.
+
+    Parameters
+    ----------
+    paths : path or sequence of paths
+        Kernels in the order of loading; meta-kernels are replaced by what they list, DAF
+        transfer text (.xsp, .xc) is converted on loading.
+    prime_meridian : str, optional
+        Name (or path) of the kernel that counts where several disagree about the rotation of a
+        body: pole, prime meridian, their rates and periodic terms. It is loaded last, and terms
+        of others that it does not have are taken out.
+    use : KernelUse, optional
+        The body that matters, and when. By default kernels may disagree about none.
+
+    Raises
+    ------
+    KernelError
+        If a kernel is missing, two disagree about a body's rotation and none was chosen, or the
+        chosen one is not among those that state it.
+    """
+
+    def __init__(
+        self,
+        paths: str | Path | Sequence[str | Path],
+        *,
+        prime_meridian: str | Path | None = None,
+        use: KernelUse | None = None,
+    ) -> None:
+        given = [paths] if isinstance(paths, (str, Path)) else list(paths)
+        expanded = expand_meta_kernels([Path(path) for path in given])
+        self.paths, self._dropped = settle_rotation(expanded, prime_meridian, use)
+
+    @contextmanager
+    def load(self) -> Iterator[None]:
+        """Hold the kernels loaded (and the SPICE lock) for the length of a ``with`` block.
+
+        Raises
+        ------
+        KernelError
+            If SPICE refuses a kernel; those loaded before it are unloaded again.
+        """
+        with SPICE_LOCK, tempfile.TemporaryDirectory(prefix="spcola-kernels-") as folder:
+            loaded: list[str] = []
+            before = _held()
+            try:
+                for index, path in enumerate(self.paths):
+                    ready = _ready(path, Path(folder) / str(index))
+                    # SPICE keeps the name of a kernel that it refused, and reads it again later.
+                    loaded.append(str(ready))
+                    with _kernel_errors(path):
+                        spiceypy.furnsh(str(ready))
+                for name in self._dropped:
+                    spiceypy.dvpool(name)
+                yield
+            finally:
+                _give_back(loaded, before)
+
+
+def body_fixed_trajectory(
+    name: str, spacecraft: str | int, body: int, times: ArrayLike
+) -> Trajectory:
+    """Return the spacecraft's geometric positions, body-fixed, at ephemeris times (N,), s.
+
+    To be called inside ``KernelSet.load()``. The body's rotation is that of the loaded PCK
+    (SPICE's ``tipbod``), so no frame kernel is needed.
+
+    Raises
+    ------
+    KernelError
+        If the kernels do not cover a time or do not know the body's rotation.
+    """
+    wanted = np.asarray(times, dtype=np.float64)
+    positions = np.empty((len(wanted), 3))
+    with SPICE_LOCK, _kernel_errors(f"position of {spacecraft} at {body}"):
+        for index, et in enumerate(wanted):
+            inertial, _ = spiceypy.spkpos(str(spacecraft), et, "J2000", "NONE", str(body))
+            positions[index] = spiceypy.tipbod("J2000", body, et) @ inertial
+    return Trajectory(name, wanted, M_PER_KM * positions)
+
+
+def body_fixed_axes(
+    frame: str, body: int, times: ArrayLike, *, tolerance_s: float = POINTING_TOLERANCE_S
+) -> FloatArray:
+    """Return the axes (N, 3, 3) of a spacecraft or instrument frame at ephemeris times (N,), s.
+
+    Rows are the frame's x, y, z as unit vectors, body-fixed. To be called inside
+    ``KernelSet.load()``. A CK made from images ends at its first and last image by the clock
+    kernel of its day (0.12 s off by a later one, seen in real files): where it does not cover a
+    time, the nearest time within `tolerance_s`, seconds, is asked. That costs what the spacecraft
+    turns by meanwhile: at most its rate of rotation times the tolerance.
+
+    Raises
+    ------
+    KernelError
+        If the kernels do not give the frame or the body's rotation at a time.
+    """
+    wanted = np.asarray(times, dtype=np.float64)
+    axes = np.empty((len(wanted), 3, 3))
+    with SPICE_LOCK, _kernel_errors(f"pointing of {frame}"):
+        for index, et in enumerate(wanted):
+            to_inertial = _rotation_near(frame, et, tolerance_s)
+            axes[index] = (spiceypy.tipbod("J2000", body, et) @ to_inertial).T
+    return axes
+
+
+def body_fixed_states(
+    spacecraft: str | int,
+    body: int,
+    times: ArrayLike,
+    *,
+    frame: str = "",
+    tolerance_s: float = POINTING_TOLERANCE_S,
+) -> tuple[FloatArray, FloatArray]:
+    """Return positions (N, 3), m, and a frame's axes (N, 3, 3), as far as kernels cover the times.
+
+    What :func:`body_fixed_trajectory` and :func:`body_fixed_axes` return, with NaN at ephemeris
+    times (N,), s, that the kernels do not cover; axes are those of the body without a `frame`,
+    and positions are NaN without a `spacecraft`. To be called inside ``KernelSet.load()``.
+
+    Raises
+    ------
+    KernelError
+        If a name is unknown, or the kernels do not know the body's rotation.
+    """
+    wanted = np.asarray(times, dtype=np.float64)
+    positions = np.full((len(wanted), 3), np.nan)
+    axes = np.full((len(wanted), 3, 3), np.nan)
+    with SPICE_LOCK, _kernel_errors(f"{spacecraft} at {body} in {frame or 'the body frame'}"):
+        for index, et in enumerate(wanted):
+            turn = spiceypy.tipbod("J2000", body, et)
+            try:
+                inertial = np.full(3, np.nan)
+                if spacecraft:
+                    inertial, _ = spiceypy.spkpos(str(spacecraft), et, "J2000", "NONE", str(body))
+                to_inertial = _rotation_near(frame, et, tolerance_s) if frame else turn.T
+            except _NOT_COVERED:
+                continue
+            positions[index], axes[index] = M_PER_KM * (turn @ inertial), (turn @ to_inertial).T
+    return positions, axes
+
+
+def coverage(
+    spacecraft: str | int,
+    *,
+    frame: str = "",
+    max_gap_s: float = np.inf,
+    tolerance_s: float = POINTING_TOLERANCE_S,
+) -> Coverage:
+    """Return when the loaded kernels tell where a spacecraft was, and where a frame pointed.
+
+    To be called inside ``KernelSet.load()``. States and attitudes further apart than `max_gap_s`,
+    seconds, are not interpolated between; see :func:`spcola.spice.coverage_windows.position_track`.
+
+    Parameters
+    ----------
+    spacecraft : str or int
+        Name or NAIF number; empty where only the pointing matters.
+    frame : str
+        Of an instrument or the spacecraft; without one only the position matters.
+    max_gap_s, tolerance_s : float
+        Longest gap; and how close to a time that a CK knows another counts as known.
+
+    Raises
+    ------
+    KernelError
+        If a name is unknown, or a kernel cannot be read.
+    """
+    tracks: tuple[Track, ...] = ()
+    where = f"coverage of {spacecraft or frame}"
+    with SPICE_LOCK, _kernel_errors(where):
+        if spacecraft:
+            try:
+                target = spiceypy.bods2c(str(spacecraft))
+            except spiceypy.utils.exceptions.NotFoundError:
+                raise KernelError(
+                    "neither SPICE nor a kernel knows this name", str(spacecraft), "give its number"
+                ) from None
+            tracks = (position_track(target, max_gap_s),)
+        if frame:
+            tracks += pointing_tracks(frame, max_gap_s, tolerance_s)
+    return Coverage(tracks)
+
+
+def _rotation_near(frame: str, et: float, tolerance_s: float) -> FloatArray:
+    """Return the rotation (3, 3) from a frame to J2000 at a time, or at the nearest known one.
+
+    It is looked for within a tolerance, and found to a microsecond.
+    """
+    try:
+        return np.asarray(spiceypy.pxform(frame, "J2000", et))
+    except spiceypy.utils.exceptions.SpiceNOFRAMECONNECT:
+        found = _rotation_aside(frame, et, tolerance_s)
+        if found is None:
+            raise
+    unknown, known = 0.0, tolerance_s
+    while known - unknown > _NEAREST_S:
+        middle = (unknown + known) / 2.0
+        nearer = _rotation_aside(frame, et, middle)
+        if nearer is None:
+            unknown = middle
+        else:
+            found, known = nearer, middle
+    return found
+
+
+def _rotation_aside(frame: str, et: float, by: float) -> FloatArray | None:
+    """Return the rotation from a frame to J2000 so many seconds before a time or after it."""
+    for time in (et + by, et - by):
+        try:
+            return np.asarray(spiceypy.pxform(frame, "J2000", time))
+        except spiceypy.utils.exceptions.SpiceNOFRAMECONNECT:
+            continue
+    return None
+
+
+def state_times(path: str | Path) -> FloatArray:
+    """Return the times (N,), s, of the discrete states in an SPK file.
+
+    An SPK made from images (types 9 and 13: Lagrange or Hermite on unequal steps) holds one
+    state per image; its times are the image times. Types without states are left out.
+
+    Raises
+    ------
+    KernelError
+        If the file is no SPK or holds no such segment.
+    """
+    times: list[FloatArray] = []
+    # CSPICE follows what a damaged file says of itself, and dies of it.
+    check_daf(Path(path))
+    with SPICE_LOCK, _kernel_errors(path):
+        handle = spiceypy.dafopr(str(path))
+        try:
+            times = [segment_epochs(handle, integers) for _, _, integers in segments_of(handle)]
+        finally:
+            spiceypy.dafcls(handle)
+    found = np.unique(np.concatenate([np.empty(0), *times]))
+    if not len(found):
+        raise KernelError("holds no discrete states", path, "state the times")
+    return found
+
+
+def _ready(path: Path, target: Path) -> Path:
+    """Return a kernel that SPICE can load: `path` itself, or its conversion at `target`."""
+    if not is_transfer(path):
+        if is_daf(path):
+            check_daf(path)
+        return path
+    convert_transfer(path, target)
+    return target
+
+
+def _held() -> list[str]:
+    """Return the names of the kernels that SPICE holds."""
+    return [spiceypy.kdata(index, "ALL")[0] for index in range(spiceypy.ktotal("ALL"))]
+
+
+def _give_back(loaded: Sequence[str], before: Sequence[str]) -> None:
+    """Unload kernels, so that SPICE holds those of before again.
+
+    It reads all text kernels anew whenever one goes, and stops at one that is wrong or gone.
+    """
+    try:
+        for name in reversed(loaded):
+            spiceypy.unload(name)
+    except (spiceypy.utils.exceptions.SpiceyError, UnicodeEncodeError):
+        spiceypy.kclear()
+        for name in before:
+            with suppress(spiceypy.utils.exceptions.SpiceyError):
+                spiceypy.furnsh(name)
+
+
+@contextmanager
+def _kernel_errors(where: str | Path) -> Iterator[None]:
+    """Turn what SPICE signals into one line."""
+    try:
+        yield
+    except spiceypy.utils.exceptions.SpiceyError as error:
+        # What is not found has no long message.
+        said = getattr(error, "long", "") or getattr(error, "short", "") or error
+        first = str(said).split(". ")[0]
+        what = f"SPICE says: {first.rstrip('.')}"
+        raise KernelError(what, where, "check kernels and times") from error
+    except UnicodeEncodeError as error:
+        what = "has a name that is not UTF-8, which SPICE cannot open"
+        raise KernelError(what, where, "rename it") from error

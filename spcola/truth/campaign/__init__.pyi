@@ -1,0 +1,10 @@
+from .campaign import CampaignSettings as CampaignSettings
+from .passes import Pass as Pass
+from .passes import PassSettings as PassSettings
+from .passes import day_of as day_of
+from .passes import plan_passes as plan_passes
+from .states import SolvedState as SolvedState
+from .states import StateSettings as StateSettings
+from .states import make_state as make_state
+from .stations import plan_stations as plan_stations
+from .stations import stations_of_pass as stations_of_pass

@@ -1,0 +1,5 @@
+"""Maplets, landmarks and shape as SPC would find them, errors included."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,180 @@
+"""Landmarks of the synthetic solution: which images see them, where, and what overlaps what."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from spcola.arrays import BoolArray, FloatArray
+from spcola.camera import ImagePoint, SpcImage, project_image
+from spcola.control import Landmark, MapOverlap
+from spcola.grids import MapletGrid
+from spcola.truth.campaign.states import SolvedState, StateSettings
+from spcola.truth.sampled.sampled_surface import SampledSurface
+
+_PRIOR_SIGMA = 5.0
+# The neighbours of a maplet: centres within its square, or not far outside, that face its way.
+_NEAR, _FACING = 1.5, 0.5
+
+
+class PlacedMaplet(Protocol):
+    """Of a maplet, what a landmark is made of: its heights are not needed."""
+
+    @property
+    def name(self) -> str:
+        """Name of the landmark."""
+
+    @property
+    def grid(self) -> MapletGrid:
+        """In the frame of the solution."""
+
+    @property
+    def center_sigma(self) -> FloatArray:
+        """One standard deviation of the centre (3,), metres."""
+
+
+class SolvedCenter(Protocol):
+    """A maplet of the solution that knows where its centre truly is."""
+
+    @property
+    def maplet(self) -> PlacedMaplet:
+        """In the frame of the solution."""
+
+    @property
+    def true_center(self) -> FloatArray:
+        """Centre (3,), metres, in the body frame, without the error of the solution."""
+
+
+def measure_landmarks(
+    state: SolvedState,
+    solved_maplets: Sequence[SolvedCenter],
+    surface: SampledSurface,
+    *,
+    settings: StateSettings,
+    generator: np.random.Generator,
+) -> tuple[ImagePoint, ...]:
+    """Return the landmarks that an image sees, where it sees them.
+
+    Measured is the true centre through the true state, with noise: what the solution predicts
+    from its own centres and states differs by its errors. Seen is what lies in the frame, is not
+    too small, faces camera and Sun, and has no other ground before it or between it and the Sun.
+
+    Parameters
+    ----------
+    state : SolvedState
+    solved_maplets : sequence of SolvedCenter
+    surface : SampledSurface
+        Of the true body.
+    settings : StateSettings
+    generator : numpy.random.Generator
+        As many numbers are drawn whatever is seen.
+
+    Returns
+    -------
+    tuple of ImagePoint
+        In the order of the maplets; pixel and line with two decimals, as the files hold them.
+    """
+    image = state.truth
+    centers = np.array([solved.true_center for solved in solved_maplets]).reshape(-1, 3)
+    noise = settings.pixel_sigma * generator.normal(size=(2, len(centers)))
+    # Two decimals, so that .LMK and .SUM say the same.
+    measured = np.round(np.stack(project_image(image, centers)) + noise, 2)
+    seen = _in_frame(image, measured) & _facing(state, solved_maplets, settings)
+    seen &= _resolved(image, centers, solved_maplets, settings)
+    for way in (image.position - centers, np.broadcast_to(image.sun, centers.shape)):
+        candidates = np.flatnonzero(seen)
+        hidden = surface.occluded(centers[candidates], way[candidates])
+        seen[candidates[hidden]] = False
+    return tuple(
+        ImagePoint(solved_maplets[k].maplet.name, float(measured[0, k]), float(measured[1, k]))
+        for k in np.flatnonzero(seen).tolist()
+    )
+
+
+def landmarks_of(
+    maplets: Sequence[PlacedMaplet], images: Sequence[SpcImage], *, rms: float
+) -> list[Landmark]:
+    """Return the landmarks of all maplets: pictures as the images list them, and overlaps.
+
+    Parameters
+    ----------
+    maplets : sequence of PlacedMaplet
+        Such as :class:`~spcola.grids.Maplet`.
+    images : sequence of SpcImage
+        With their landmarks; each landmark's pictures follow their order.
+    rms : float
+        RMSLMK of all.
+    """
+    pictures: dict[str, list[ImagePoint]] = defaultdict(list)
+    for image in images:
+        for point in image.landmarks:
+            pictures[point.name].append(ImagePoint(image.name, point.pixel, point.line))
+    return [
+        Landmark(
+            maplet.name,
+            maplet.grid,
+            sigma=maplet.center_sigma,
+            prior_sigma=_PRIOR_SIGMA,
+            rms=rms,
+            pictures=tuple(pictures[maplet.name]),
+            overlaps=overlaps,
+        )
+        for maplet, overlaps in zip(maplets, overlaps_of(maplets), strict=True)
+    ]
+
+
+def overlaps_of(maplets: Sequence[PlacedMaplet]) -> list[tuple[MapOverlap, ...]]:
+    """Return, for each maplet, those whose centre lies within its square or not far outside."""
+    centers = np.array([maplet.grid.center for maplet in maplets]).reshape(-1, 3)
+    normals = np.array([maplet.grid.uz for maplet in maplets]).reshape(-1, 3)
+    tree = cKDTree(centers)
+    found = []
+    for number, maplet in enumerate(maplets):
+        reach = _NEAR * maplet.grid.half_size
+        # A neighbour that faces this way at all is no higher than it is far.
+        near = np.array(tree.query_ball_point(centers[number], 2.0 * reach * maplet.grid.gsd))
+        near = np.sort(near[near != number])
+        x, y, height = maplet.grid.project(centers[near])
+        facing = normals[near] @ maplet.grid.uz > _FACING
+        taken = np.flatnonzero(facing & (np.maximum(np.abs(x), np.abs(y)) < reach))
+        numbers = np.round(np.stack([x, y, height / maplet.grid.gsd], axis=1), 2)
+        found.append(tuple(MapOverlap(maplets[near[k]].name, *numbers[k].tolist()) for k in taken))
+    return found
+
+
+def _in_frame(image: SpcImage, measured: FloatArray) -> BoolArray:
+    """Tell which measured pixels and lines (2, N) lie in the frame; NaN do not."""
+    size = np.array([[image.camera.width], [image.camera.height]])
+    inside: BoolArray = np.all((measured > 1.0) & (measured < size), axis=0)
+    return inside
+
+
+def _facing(
+    state: SolvedState, solved_maplets: Sequence[SolvedCenter], settings: StateSettings
+) -> BoolArray:
+    """Tell which maplets (N,) face the camera and the Sun, by the solution's own geometry."""
+    grids = [solved.maplet.grid for solved in solved_maplets]
+    normals = np.array([grid.uz for grid in grids]).reshape(-1, 3)
+    toward = state.solved.position - np.array([grid.center for grid in grids]).reshape(-1, 3)
+    toward /= np.linalg.norm(toward, axis=1, keepdims=True)
+    facing = np.sum(normals * toward, axis=1) > np.cos(np.radians(settings.most_emission_deg))
+    lit = normals @ state.solved.sun > np.cos(np.radians(settings.most_incidence_deg))
+    both: BoolArray = facing & lit
+    return both
+
+
+def _resolved(
+    image: SpcImage,
+    centers: FloatArray,
+    solved_maplets: Sequence[SolvedCenter],
+    settings: StateSettings,
+) -> BoolArray:
+    """Tell for which maplets (N,) the pixels are fine enough."""
+    gsd = np.array([solved.maplet.grid.gsd for solved in solved_maplets])
+    pixel = image.camera.pixel_angle * np.linalg.norm(image.position - centers, axis=1)
+    fine: BoolArray = pixel <= settings.coarsest * gsd
+    return fine
