@@ -53,7 +53,7 @@ def gather_report(workspace: Workspace, *, body: str, accepted: Sequence[str] = 
     return ReportData(
         body=body,
         surfaces=() if refused else _places(workspace, registration),
-        coverage=_coverage(workspace),
+        coverage=gather_coverage(workspace),
         registration=registration,
         scale=scale,
         planted=_planted(workspace),
@@ -128,7 +128,7 @@ def _surfaces(workspace: Workspace, fused: FusedMaplet, transform: Affine | None
     return Surfaces(fused, spc, lidar)
 
 
-def _coverage(workspace: Workspace) -> Coverage | None:
+def gather_coverage(workspace: Workspace) -> Coverage | None:
     """Centres of maplets and mapolas, and what the lidar covers of each."""
     centers: dict[str, FloatArray] = {}
     share: dict[str, float] = {}

@@ -43,7 +43,7 @@ from fusion.truth.work import Work
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import write_settings
 from lidar.archive import ScanStore
-from lidar.formats.reader import read_scan
+from lidar.formats import read_scan
 from lidar.gridding import grid_returns, sort_into_cells
 from lidar.scans import Returns
 from lidar.truth import Track

@@ -24,9 +24,8 @@ from importlib.util import find_spec
 import numpy as np
 from scipy import ndimage
 
-from fusion.registration.clouds.clouds import CloudOptions, register_clouds
-from fusion.registration.returns import CloudOfReturns, FixedSurface
-from fusion.registration.returns.by_returns import register_returns
+from fusion.registration.clouds import CloudOptions, register_clouds
+from fusion.registration.returns import CloudOfReturns, FixedSurface, register_returns
 from fusion.runtime import ThreadExecutor
 from fusion.surfacematch import Match, Surface, match_surfaces
 from fusion.surfacematch.resolution import NoiseSpectrum, estimate_spectrum

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from lidar.formats.reader import read_scan
+from lidar.formats import read_scan
 from lidar.gridding import GriddingOptions, RejectionOptions, grid_returns, sort_into_cells
 from lidar.gridding.gridding import Returns
 from spcola.formats.maplets import read_map

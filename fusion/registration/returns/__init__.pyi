@@ -1,7 +1,11 @@
+from .by_returns import ReturnsOptions as ReturnsOptions
 from .by_returns import SurfaceSays as SurfaceSays
+from .by_returns import register_returns as register_returns
 from .by_returns import surface_equations as surface_equations
+from .direct import DirectRegistration as DirectRegistration
 from .equations import Equations as Equations
 from .equations import modelled_covariance as modelled_covariance
 from .return_heights import CloudOfReturns as CloudOfReturns
 from .return_heights import FixedSurface as FixedSurface
+from .return_heights import height_of_returns as height_of_returns
 from .returns_match import match_returns as match_returns

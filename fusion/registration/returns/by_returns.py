@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from fusion.registration.fit.fit import (
     LIDAR_FRAME,
@@ -26,7 +27,7 @@ from fusion.registration.returns.return_heights import (
 )
 from fusion.registration.returns.returns_match import match_returns
 from fusion.surfacematch import MatchOptions
-from spcola.arrays import BoolArray, FloatArray
+from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
 from spcola.grids.statistics import independent_patches
 from spcola.math import Affine
@@ -95,8 +96,7 @@ def register_returns(
         If no surface is matched, or the ground leaves a parameter free.
     """
     options = options or ReturnsOptions()
-    near = [(_about(returns, fixed, options.capture_m), fixed) for fixed in surfaces]
-    near = [(some, fixed) for some, fixed in near if len(some)]
+    near = _near(returns, surfaces, options.capture_m)
     transform = start or _started(near, options)
     names = PARAMETERS[options.model]
     middles = np.array([fixed.grid.center for _, fixed in near])
@@ -221,18 +221,25 @@ class _Round:
         return Equations.joined(parts)
 
 
-def _about(returns: CloudOfReturns, fixed: FixedSurface, margin: float) -> CloudOfReturns:
-    """Returns that may fall on a surface after a move by no more than `margin`, metres."""
-    inside = _inside(returns.points, fixed, margin)
-    return CloudOfReturns(returns.points[inside], returns.sigma[inside])
+def _near(
+    returns: CloudOfReturns, surfaces: Sequence[FixedSurface], margin: float
+) -> list[tuple[CloudOfReturns, FixedSurface]]:
+    """Return each surface with the returns that a move by `margin`, metres, may put on it.
 
-
-def _inside(points: FloatArray, fixed: FixedSurface, margin: float) -> BoolArray:
-    grid = fixed.grid
-    side = (grid.half_size + 0.5) * grid.gsd + margin
-    along = (points - grid.center) @ grid.axes.T
-    inside: BoolArray = np.all(np.abs(along) <= side, axis=1)
-    return inside
+    Surfaces without any are left out.
+    """
+    tree = cKDTree(returns.points)
+    found = []
+    for fixed in surfaces:
+        grid = fixed.grid
+        side = (grid.half_size + 0.5) * grid.gsd + margin
+        ball = tree.query_ball_point(grid.center, np.sqrt(3.0) * side, return_sorted=True)
+        rows = np.array(ball, dtype=np.int64)
+        along = (returns.points[rows] - grid.center) @ grid.axes.T
+        rows = rows[np.all(np.abs(along) <= side, axis=1)]
+        if len(rows):
+            found.append((CloudOfReturns(returns.points[rows], returns.sigma[rows]), fixed))
+    return found
 
 
 def _reach(near: list[tuple[CloudOfReturns, FixedSurface]], middles: FloatArray) -> float:

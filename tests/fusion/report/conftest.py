@@ -7,7 +7,8 @@ import pytest
 from scipy import ndimage
 
 from fusion.fusing.maplets import FusedMaplet, Source
-from fusion.report.data import Coverage, ReportData, Surfaces
+from fusion.report import Coverage
+from fusion.report.data import ReportData, Surfaces
 from fusion.truth import Recovered
 from spcola.grids import MapletGrid
 

@@ -22,7 +22,7 @@ from fusion.scaling.judging.findings import CROSSING, TOO_LARGE
 from fusion.scaling.places import check_place, check_scans, compare_crossings
 from fusion.scaling.places.chance import FEWEST_SHOTS, chance_of_larger, independent
 from fusion.scaling.shots import compare_shots, settle_shots
-from lidar.formats.reader import read_scan
+from lidar.formats import read_scan
 from lidar.scans import Scan, join
 from spcola.errors import NotObservableError
 from spcola.formats.shapes import read_shape

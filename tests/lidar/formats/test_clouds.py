@@ -9,8 +9,7 @@ import laspy
 import numpy as np
 import pytest
 
-from lidar.formats import LidarOptions, open_lidar, recognise
-from lidar.formats.reader import read_scan
+from lidar.formats import LidarOptions, open_lidar, read_scan, recognise
 from spcola.errors import FormatError
 
 POINTS = np.random.default_rng(5).normal(size=(20, 3)) * 250

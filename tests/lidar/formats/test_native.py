@@ -9,9 +9,8 @@ import h5py
 import numpy as np
 import pytest
 
-from lidar.formats import LidarOptions, recognise
+from lidar.formats import LidarOptions, read_scan, recognise
 from lidar.formats.native import iter_scan, scan_summary, write_scan
-from lidar.formats.reader import read_scan
 from lidar.scans import Scan
 from lidar.scans.cubes import QUANTUM_M
 from lidar.scans.scan import MEASURES

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidar.formats import LidarOptions, open_lidar, recognise
+from lidar.formats import LidarOptions, open_lidar, read_scan, recognise
 from lidar.formats.missions import RECORD, write_ola
-from lidar.formats.reader import read_scan
 from lidar.scans import Scan
 from spcola.errors import FormatError
 
