@@ -1,3 +1,4 @@
+from .fit import PARAMETERS as PARAMETERS
 from .fit import FitOptions as FitOptions
 from .fit import Model as Model
 from .fit import Registration as Registration
@@ -6,4 +7,5 @@ from .fit import natural_sizes as natural_sizes
 from .fit import similarity_numbers as similarity_numbers
 from .fit import transform_partials as transform_partials
 from .fit import updated_transform as updated_transform
+from .known import KnownTransform as KnownTransform
 from .landmarks import LandmarkErrors as LandmarkErrors

@@ -1,7 +1,11 @@
 from .by_returns import SurfaceNormalEquations as SurfaceNormalEquations
 from .by_returns import surface_equations as surface_equations
+from .direct import DirectRegistration as DirectRegistration
 from .equations import Equations as Equations
 from .equations import modelled_covariance as modelled_covariance
+from .many_surfaces import ReturnsOptions as ReturnsOptions
+from .many_surfaces import register_returns as register_returns
 from .return_heights import CloudOfReturns as CloudOfReturns
 from .return_heights import FixedSurface as FixedSurface
+from .return_heights import height_of_returns as height_of_returns
 from .returns_match import match_returns as match_returns

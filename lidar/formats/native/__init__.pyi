@@ -4,6 +4,7 @@ from .adjustment import write_adjustment as write_adjustment
 from .blocks import Block as Block
 from .blocks import times_of as times_of
 from .mapola import MAPOLAS_HDF5 as MAPOLAS_HDF5
+from .mapola import mapola_names as mapola_names
 from .mapola import read_mapola as read_mapola
 from .mapola import write_mapolas as write_mapolas
 from .scan_file import ScanFile as ScanFile

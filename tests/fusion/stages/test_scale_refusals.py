@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
-from lidar.formats.reader import read_scan
+from lidar.formats import read_scan
 
 PLANTED = 2.5e-4
 SMOOTH = ("shape=0", "roughness=0", "craters.density_per_km2=0", "boulders.density_per_km2=0")

@@ -14,7 +14,7 @@ from fusion.truth import make_mission, read_truth
 from fusion.truth.planted import Planted
 from fusion.truth.presets import MissionSettings
 from fusion.truth.recovery import compare
-from lidar.formats.reader import read_scan
+from lidar.formats import read_scan
 from spcola.camera import project_image
 from spcola.errors import FormatError, WorkspaceError
 from spcola.formats.maplets import read_maplet

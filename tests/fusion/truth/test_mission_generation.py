@@ -29,12 +29,11 @@ from fusion.truth import (
 from fusion.truth import size as size_module
 from fusion.truth.generation import MAKING_FOLDER
 from fusion.truth.presets import MissionSettings
-from lidar.formats.reader import read_scan
+from lidar.formats import read_scan
 from lidar.truth import TrackSettings
 from spcola.camera import project_image, ray
 from spcola.errors import FormatError, WorkspaceError
-from spcola.formats.images import read_image_data
-from spcola.formats.images.fits import read_fits_image
+from spcola.formats.images import read_fits_image, read_image_data
 from spcola.formats.solution import read_nominal
 from spcola.math import lattice
 from spcola.truth.campaign import CampaignSettings

@@ -1,0 +1,5 @@
+"""Files of any kind as points of a surface, and such files moved."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
