@@ -102,7 +102,7 @@ def test_a_second_run_on_the_copy_finds_no_scale_left(applied):
 def test_what_exists_is_not_written_over(applied):
     root, _, _ = applied
     result = run("scale", root / "WS", root / "C", "--apply", code=1)
-    assert "is there already" in result.stderr
+    assert "exists already" in result.stderr
 
 
 def test_without_a_usable_epsilon_nothing_is_written(applied, tmp_path):
