@@ -88,7 +88,7 @@ def test_planted_that_is_not_recovered_stands_out(page) -> None:
     assert '<td class="off">5.45' in page
 
 
-def test_missing_parts_are_said_to_be_missing() -> None:
+def test_missing_parts_are_stated_as_missing() -> None:
     text = " ".join(outline(make_report(ReportData())).text)
     for wanted in ("no fused maplets", "no maplets or mapolas", "no registration", "no scale"):
         assert wanted in text

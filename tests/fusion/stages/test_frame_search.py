@@ -189,7 +189,7 @@ def test_files_of_a_mission_made_wrong(
         pytest.param("mirror x", "the lidar fits when mirrored in X", marks=pytest.mark.slow),
     ],
 )
-def test_register_refuses_lidar_of_another_frame_and_says_which(
+def test_register_refuses_lidar_of_another_frame_and_names_it(
     imported: Callable[[str], Workspace], how: str, text: str
 ) -> None:
     root = imported(how).root
