@@ -124,7 +124,10 @@ class Case:
             matrix = share_matrix(shares, names)
             effects = ScanEffects.independent(names, 0.0)
         return MatchedMapolas(
-            matches, effects, effects.at(matrix, centers), effects.beside(matrix, centers)
+            matches,
+            effects,
+            effects.at(matrix, centers),
+            effects.residual_covariance(matrix, centers),
         )
 
     def landmarks(self) -> LandmarkErrors:

@@ -22,7 +22,7 @@ from fusion.registration.returns import (
     CloudOfReturns,
     Equations,
     FixedSurface,
-    SurfaceSays,
+    SurfaceNormalEquations,
     modelled_covariance,
     surface_equations,
 )
@@ -73,7 +73,7 @@ class ScanFit:
         return self.transform.nearest_similarity()
 
     def stepped(
-        self, parts: list[SurfaceSays], names: tuple[str, ...], maplet_sigma_m: float
+        self, parts: list[SurfaceNormalEquations], names: tuple[str, ...], maplet_sigma_m: float
     ) -> ScanFit:
         """Return the fit after one Gauss–Newton step with the equations of the surfaces.
 
@@ -195,13 +195,13 @@ class _Pass:
     of: ScanRegistration
     fits: Mapping[str, ScanFit]
 
-    def on_surface(self, item: tuple[str, MapletGrid]) -> dict[str, SurfaceSays]:
+    def on_surface(self, item: tuple[str, MapletGrid]) -> dict[str, SurfaceNormalEquations]:
         """Return the normal equations of one surface for each scan that crosses it."""
         name, grid = item
         fixed = FixedSurface(grid, self.of.reference(name, grid), self.of.blur_cells)
         around = self.of.source.around(grid)
         counts = np.bincount(around.scan, minlength=len(around.scan_names))
-        found: dict[str, SurfaceSays] = {}
+        found: dict[str, SurfaceNormalEquations] = {}
         for scan in np.flatnonzero(counts >= _FEWEST).tolist():
             fit, chosen = self.fits[around.scan_names[scan]], around.scan == scan
             says = surface_equations(

@@ -13,7 +13,12 @@ from fusion.estimation.verdict import Verdict
 from fusion.pipeline import StageContext, StageResult
 from fusion.registration.fit import FitOptions, LandmarkErrors
 from fusion.registration.judging import Limits, judge_registration
-from fusion.registration.observations import Kind, fit_mapolas, kinds_json, register_kinds
+from fusion.registration.observations import (
+    ObservationTypes,
+    fit_mapolas,
+    image_registration_json,
+    register_with_images,
+)
 from fusion.registration.results import (
     GivenRegistration,
     MatchedMapolas,
@@ -233,7 +238,7 @@ def _by_topography(
     mapolas = replace(mapolas, landmarks=_landmarks(context, names))
     options, further = _fit_options(table), []
     if table.against == "shape":
-        options = replace(options, stated=(1,))
+        options = replace(options, fixed_groups=(1,))
         further = [_chords(workspace.shape(), matched.matches)]
     registration = fit_mapolas(mapolas, further, options=options)
     content = {**registration_json(registration, mapolas), "by": table.by}
@@ -268,9 +273,9 @@ def _by_images(context: StageContext, matched: Matched) -> dict[str, Any]:
     mapolas = replace(mapolas, landmarks=_landmarks(context, names))
     grids = [workspace.mapola(name).grid for name in names]
     imaged = imaged_mapolas(context, names, grids)
-    by: Kind = "both" if table.by == "both" else "images"
-    found = register_kinds(by, mapolas, imaged, options=_fit_options(table))
-    return kinds_json(by, found, matched.matches, imaged)
+    by: ObservationTypes = "both" if table.by == "both" else "images"
+    found = register_with_images(by, mapolas, imaged, options=_fit_options(table))
+    return image_registration_json(by, found, matched.matches, imaged)
 
 
 def _applied(
@@ -355,5 +360,6 @@ def _with_scans(
     else:
         shares = share_matrix(found, adjustment.names)
         scans = ScanEffects.left_by(adjustment, shares, centers)
-    effects, beside = scans.at(shares, centers), scans.beside(shares, centers)
-    return MatchedMapolas(matches, scans, effects, beside), shares
+    effects = scans.at(shares, centers)
+    residual = scans.residual_covariance(shares, centers)
+    return MatchedMapolas(matches, scans, effects, residual), shares

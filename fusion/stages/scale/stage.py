@@ -14,7 +14,7 @@ from fusion.estimation.verdict import Finding, Severity, Verdict
 from fusion.pipeline import StageContext, StageResult
 from fusion.scaling.fit import ScaleEstimate, ScaleOptions, estimate_scale
 from fusion.scaling.fit import Trajectory as Located
-from fusion.scaling.geometry import KnownPlace
+from fusion.scaling.geometry import LidarPlacement
 from fusion.scaling.judging import (
     consistency,
     consistency_findings,
@@ -42,15 +42,15 @@ from fusion.scaling.results import (
     place_json,
     scale_json,
     scan_places_json,
-    silent_pairs,
     unobserved_json,
+    unused_pairs,
 )
 from fusion.scaling.shots import (
     ShotComparison,
     SpotOptions,
     compare_shots,
+    iterate_shots,
     join_shots,
-    settle_shots,
 )
 from fusion.stages.geolocation.located import LocatedShots, located_shots
 from fusion.stages.geolocation.locating import geolocator, kernel_paths
@@ -182,30 +182,30 @@ def _shots(
     if located == "spc":
         taken, placed = _located_by_states(taken, workspace, table.max_gap_s)
 
-    def one(placed: _PlacedScan, known: KnownPlace) -> ShotComparison:
+    def one(placed: _PlacedScan, known: LidarPlacement) -> ShotComparison:
         scan, shares = placed
         return compare_shots(
             scan, caster, trajectory=located, shares=shares, spots=spots, known=known
         )
 
-    def each(known: KnownPlace) -> list[ShotComparison]:
+    def each(known: LidarPlacement) -> list[ShotComparison]:
         return context.map("cast shots", partial(one, known=known), placed)
 
-    def at(known: KnownPlace) -> ShotComparison:
+    def at(known: LidarPlacement) -> ShotComparison:
         return join_shots(each(known))
 
-    compared = at(KnownPlace())
+    compared = at(LidarPlacement())
     if len(compared.observations) < 2:
         content, findings = _unobserved("shots", located, taken.unplaced(compared.missed, located))
         content |= taken.as_json() | {"missed": compared.missed}
         return content, [*findings, *taken.findings()]
     options = _scale_options(table)
     try:
-        compared, estimate = settle_shots(compared, at, options=options)
+        compared, estimate = iterate_shots(compared, at, options=options)
     except NotObservableError as error:
         content, findings = _unobserved("shots", located, str(error))
         return content | taken.as_json(), [*findings, *taken.findings()]
-    known = KnownPlace.of(estimate.fit.estimate)
+    known = LidarPlacement.of(estimate.fit.estimate)
     check, by_scan = _placed(
         [scan for scan, _ in placed], caster, options=options, known=known, located=located
     )
@@ -255,7 +255,7 @@ def _placed(
     caster: RayCaster,
     *,
     options: ScaleOptions,
-    known: KnownPlace,
+    known: LidarPlacement,
     located: Located,
 ) -> tuple[PlaceCheck, ScanPlaces]:
     """Search where all shots fit the shape and, if that is not elsewhere, where single scans do."""
@@ -302,7 +302,7 @@ def _pairs(
             f"{len(pairs)} of {len(pairs) + len(left_out)} images give a pair ({why}); add scans "
             "taken with the images, or widen [scale] capture_m",
         )
-        content |= {"per_pair": silent_pairs(left_out), **_located(context, made)}
+        content |= {"per_pair": unused_pairs(left_out), **_located(context, made)}
         return content, findings, files
     per_axis = np.sqrt(np.mean(made.center_sigma**2, axis=1))
     observations = pair_observations(pairs, table.trajectory, center_sigma=per_axis)
@@ -311,7 +311,7 @@ def _pairs(
         estimate = estimate_scale(observations, options=options)
     except NotObservableError as error:
         content, findings = _unobserved("pairs", table.trajectory, str(error))
-        return content | {"per_pair": silent_pairs(left_out)}, findings, files
+        return content | {"per_pair": unused_pairs(left_out)}, findings, files
     content = scale_json(observations, estimate, mean_radius=radius)
     content |= {
         "size_m": made.options.size_m,

@@ -192,7 +192,7 @@ def test_corrections_of_scans_are_chained(folder: Path, tmp_path: Path) -> None:
         whole = np.array([0.1, 0, 0]) + np.cross([0, 0, np.radians(0.1)], arm)
         share = 0.75 if number % 2 else 0.0
         np.testing.assert_allclose(mapola["scan_shift_m"], share * whole, atol=1e-12)
-    assert "says nothing of 1 of 2" in " ".join(content["reasons"])
+    assert "1 of 2 are not in the file" in " ".join(content["reasons"])
 
 
 @pytest.mark.parametrize(
@@ -366,7 +366,7 @@ def assert_refused(folder: Path, code: str) -> None:
     elsewhere = folder.parent / "elsewhere.json"
     shutil.copy(folder / "registration.json", elsewhere)
     line = call("register", folder, "--apply", elsewhere, code=1)
-    assert "is of a registration that was refused" in line
+    assert "is from a registration that was refused" in line
 
 
 def test_a_stage_reports_how_it_closes_the_edges_of_its_shape(tmp_path: Path) -> None:
