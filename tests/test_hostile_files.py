@@ -136,7 +136,7 @@ LAZ = {
 
 
 @pytest.mark.parametrize("case", LAZ)
-def test_sizes_in_laz_are_compared_with_the_file_before_they_are_believed(
+def test_sizes_in_laz_are_compared_with_the_file_before_they_are_used(
     tmp_path: Path, case: str
 ) -> None:
     header = laspy.LasHeader(point_format=6, version="1.4")

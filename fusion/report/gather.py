@@ -193,7 +193,7 @@ def gather_coverage(workspace: Workspace) -> Coverage | None:
 
 
 def _optional_json(workspace: Workspace, path: Path) -> dict[str, Any] | None:
-    """Read a JSON artefact if it is there."""
+    """Read a JSON artefact if it exists."""
     return workspace.read_json(path.name) if path.is_file() else None
 
 

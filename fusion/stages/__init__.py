@@ -1,4 +1,4 @@
-"""The stages of the pipeline, in the order in which the data walk through them."""
+"""The stages of the pipeline, in the order in which data pass through them."""
 
 import lazy_loader
 

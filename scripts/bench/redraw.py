@@ -126,9 +126,9 @@ class Redraws:
 
     def _state_partials(self) -> FloatArray:
         """Return the partials (N, 3, 3 S) of observations by displacements of the states."""
-        leaning = self.observations.leaning
-        assert leaning is not None
-        return leaning
+        response = self.observations.response
+        assert response is not None
+        return response
 
     def _state_errors(self, workspace: Workspace) -> FloatArray:
         """Errors (S, 3) of the positions of a workspace's images, in order of time, metres."""

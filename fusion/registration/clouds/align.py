@@ -140,8 +140,7 @@ def align_clouds(
     Clouds over one plane are gridded and compared on three grids, each finer than the one before
     (:func:`fusion.registration.clouds.register_clouds`); clouds around a body in patches of its
     surface (:func:`fusion.registration.clouds.bodies.align_bodies`). Neither needs points that
-    correspond to each other. The covariance follows from the differences that are left, and from how far errors of
-    neighbouring cells are alike.
+    correspond to each other. The covariance follows from the residuals and their correlation.
 
     Parameters
     ----------

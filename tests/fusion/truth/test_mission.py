@@ -77,7 +77,7 @@ def test_lists_name_every_file(mission) -> None:
         assert sorted(listed) == sorted(p.stem for p in (spc / folder).glob(f"*{suffix}"))
 
 
-def test_landmarks_and_images_say_the_same(mission) -> None:
+def test_landmarks_and_images_agree(mission) -> None:
     folder, planted = mission
     spc = folder / "spc"
     images = {p.stem: read_summary(p) for p in (spc / "SUMFILES").glob("*.SUM")}
