@@ -99,7 +99,7 @@ def align_bodies(
     some = moving[:: max(1, len(moving) // _FIRST_POINTS)]
     at, misfit, _ = fit_placement(coarse, some, here, steps=_FIRST_STEPS)
     first = pair.registered(at) if np.isfinite(misfit) else None
-    if first is not None and first.verdict is not None and first.verdict.judgement == "accepted":
+    if first is not None and first.verdict is not None and first.verdict.judgement != "refused":
         return first
     return _searched(pair, first)
 

@@ -33,7 +33,7 @@ from fusion.registration.returns.equations import (
     SurfacePair,
     pair_equations,
 )
-from spcola.arrays import FloatArray, check_finite, check_shape
+from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.grids import MapletGrid
 from spcola.grids.gaps import filled
@@ -53,6 +53,8 @@ _STILL = 2e-4
 _SMALL = 0.05
 # Share of the ground around a point that must be there where one surface is smoothed.
 _WHOLE = 0.98
+# Cells at the rim of the ground that both have which do not count.
+_RIM = 2
 # Gaussian, steps, under which half of the points leave hardly a gap.
 _HALF_SMOOTH = 0.7
 # Cells along a side on which the relief of two clouds is compared, and how far around.
@@ -333,6 +335,7 @@ class _Level:
                 np.isfinite(difference).astype(np.float64), abs(blur), mode="constant"
             )
             weight = np.where(rim > _WHOLE, weight, 0.0)
+        weight = np.where(_inside_rim(np.isfinite(difference)), weight, 0.0)
         robust = huber_weight(standard / max(float(mad(standard[::3, ::3])), 1e-12), k=2.0)
         return SurfacePair(fixed, moving, weight, robust), difference
 
@@ -346,6 +349,17 @@ class _Level:
         flat = np.zeros(self.grid.shape)
         one, two = (self._gridded(points[part::2], frame) for part in range(2))
         return one.surface(flat, flat, _HALF_SMOOTH)[0], two.surface(flat, flat, _HALF_SMOOTH)[0]
+
+
+def _inside_rim(known: BoolArray) -> BoolArray:
+    """Mask (N, N) of known cells away from the rim, where cells are filled in part.
+
+    That bends heights on slopes, and the scale with them. Tracks a few cells wide are all rim: they
+    are kept whole.
+    """
+    whole = ndimage.binary_fill_holes(known)
+    inner: BoolArray = known & ndimage.binary_erosion(whole, iterations=_RIM)
+    return inner if 2 * np.count_nonzero(inner) > np.count_nonzero(known) else known
 
 
 def _scatter(points: FloatArray, grid: MapletGrid, height: FloatArray) -> float:
