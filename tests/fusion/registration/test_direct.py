@@ -186,7 +186,7 @@ def test_a_plane_leaves_what_slides_along_it_free() -> None:
     generator = np.random.default_rng(0)
     clouds = generator.uniform(-15, 15, (2, 40_000, 3))
     clouds[..., 2] = 0.01 * generator.normal(size=(2, 40_000))
-    with pytest.raises(NotObservableError, match="does not determine") as caught:
+    with pytest.raises(NotObservableError, match="determine") as caught:
         register_clouds(clouds[0], clouds[1])
     assert {"tx_m", "ty_m", "rz_rad"} <= set(caught.value.parameters)
 
