@@ -1,1 +1,5 @@
 """Altimetry alone: scans, trajectories, and the gridding of returns into mapolas."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

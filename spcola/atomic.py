@@ -1,10 +1,10 @@
-"""Writing a file so that it is either whole or not there."""
+"""Atomic writing of files: a file is either complete or absent."""
 
 from __future__ import annotations
 
 import errno
 import os
-import tempfile
+import secrets
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,10 +22,10 @@ _ADVICE = {
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path`; on success it is flushed and renamed to `path`.
+    """Yield a temporary path next to `path`; on success it is flushed and renamed to `path`.
 
-    Whatever happens inside, `path` afterwards holds either what it held before or the whole
-    new content: a crash, Ctrl-C or a full disk cannot leave half a file under the final name.
+    Afterwards `path` has either its old content or the complete new one: a crash, Ctrl-C or a
+    full disk cannot leave half a file under the final name.
 
     Raises
     ------
@@ -33,21 +33,15 @@ def replacing(path: str | Path) -> Iterator[Path]:
         If the file cannot be written (full disk, permissions …); the temporary file is removed.
     """
     target = Path(path)
+    temporary = target.parent / f".{target.name}.{secrets.token_hex(4)}.part"
     try:
-        handle, name = tempfile.mkstemp(
-            prefix=f".{target.name}.", suffix=".part", dir=target.parent
-        )
-        os.close(handle)
+        # A new file: its permissions are those that the process gives to any other.
+        temporary.touch(exist_ok=False)
     except OSError as error:
         raise write_error(target, error) from error
-    temporary = Path(name)
     try:
         yield temporary
         flush([temporary])
-        # mkstemp makes private files; what is kept has the permissions of any new file.
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)
         temporary.replace(target)
     except OSError as error:
         raise write_error(target, error) from error
@@ -56,7 +50,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 
 def flush(paths: Iterable[Path]) -> None:
-    """Have files on the disk, not only on their way to it.
+    """Write files to the disk (fsync).
 
     Raises
     ------
@@ -92,7 +86,7 @@ def write_text(path: str | Path, content: str) -> None:
 
 
 def write_error(path: Path, error: OSError) -> WorkspaceError:
-    """Turn an operating-system error met while writing `path` into one line for the user."""
+    """Return a one-line error for an operating-system error while writing `path`."""
     reason = os.strerror(error.errno) if error.errno else str(error)
     advice = _ADVICE.get(error.errno or 0, "check the disk and the folder")
     return WorkspaceError(f"cannot be written ({reason})", path, advice)

@@ -17,7 +17,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.optimize import minimize
 
 from fusion.estimation.error_sizes import ErrorSizes
 from fusion.estimation.rank import check_rank
@@ -31,6 +30,7 @@ from spcola.arrays import (
 )
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.math.robust import huber_weight
+from spcola.math.statistics import most_likely_sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -370,29 +370,27 @@ def _estimate_sizes(
     free = np.flatnonzero((prior > 0) & ~fixed)
     if options.sizes.width <= 0 or not free.size:
         return start
-    center = np.log(prior[free])
 
-    def cost(logs: FloatArray) -> float:
-        sizes = _sized(start, free, logs, center)
-        solution = _solve(observations, weight, options, sizes)
-        return solution.deviance + float(np.sum(((logs - center) / options.sizes.width) ** 2))
+    def deviance(values: FloatArray) -> float:
+        return _solve(observations, weight, options, _sized(start, free, values)).deviance
 
-    begin = np.log(np.maximum(start.all[free], 1e-12))
-    simplex = np.vstack([begin, begin + 0.4 * np.eye(len(free))])
-    found = minimize(
-        cost,
-        begin,
-        method="Nelder-Mead",
-        options={"xatol": 1e-2, "fatol": 1e-3, "maxiter": 200, "initial_simplex": simplex},
+    found = most_likely_sizes(
+        deviance,
+        prior[free],
+        width=options.sizes.width,
+        start=start.all[free],
+        steps=np.full(len(free), 0.4),
+        reach=10.0,
+        tolerance=(1e-2, 1e-3),
     )
-    return _sized(start, free, found.x, center)
+    return _sized(start, free, found)
 
 
-def _sized(sizes: ErrorSizes, free: AnyArray, logs: FloatArray, center: FloatArray) -> ErrorSizes:
-    """`sizes` with the `free` ones set, within a factor e^±10 of the prior median."""
-    values = sizes.all
-    values[free] = np.exp(np.clip(logs, center - 10.0, center + 10.0))
-    return replace(sizes, independent=float(values[0]), shared=tuple(values[1:].tolist()))
+def _sized(sizes: ErrorSizes, free: AnyArray, values: FloatArray) -> ErrorSizes:
+    """`sizes` with the `free` ones set."""
+    every = sizes.all
+    every[free] = values
+    return replace(sizes, independent=float(every[0]), shared=tuple(every[1:].tolist()))
 
 
 def _robust_weights(

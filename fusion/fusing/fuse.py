@@ -12,9 +12,9 @@ from fusion.fusing.constraints import Constraints
 from fusion.fusing.information import SlopeInformation, along_edges, light_along_edges
 from fusion.fusing.maplets.maplet import FusedMaplet, Source
 from fusion.fusing.shape import ShapeInformation
-from fusion.surfacematch.resolution import filled, plane_of
 from spcola.arrays import BoolArray, FloatArray
-from spcola.grids import Maplet, MapletGrid, carried_on
+from spcola.grids import Maplet, MapletGrid
+from spcola.grids.gaps import carried_on, filled, plane_of
 from spcola.grids.statistics import bending
 from spcola.heights import (
     STEPS_ALIKE,

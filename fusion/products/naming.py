@@ -9,20 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spcola.arrays import FloatArray
-from spcola.errors import FormatError, InvalidValueError
+from spcola.errors import InvalidValueError
 from spcola.grids import MapletGrid
 
 SOURCES: Mapping[str, str] = {"SPC": "spc", "OLA": "alt", "SPO": "spo", "SFM": "sfm"}
 """DATASRC of a product → its three letters in a name; SPO is SPC and lidar together."""
 
-_NAME = re.compile(
-    r"(?P<extent>[gl])_(?P<gsd>\d{5,})mm_(?P<source>[a-z]{3})_(?P<product>[a-z0-9]+)_"
-    r"(?P<latitude>\d{4})(?P<hemisphere>[ns])(?P<longitude>\d{5})_v(?P<version>\d{3})"
-)
-
 
 def lon_lat_deg(points: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Planetocentric east longitude (0 … 360) and latitude of points (…, 3), degrees.
+    """Return planetocentric east longitude (0 … 360) and latitude of points (…, 3), degrees.
 
     NaN points have NaN directions; the longitude of a pole is 0.
     """
@@ -35,7 +30,7 @@ def lon_lat_deg(points: ArrayLike) -> tuple[FloatArray, FloatArray]:
 def product_stem(
     grid: MapletGrid, *, version: int, source: str = "SPO", product: str = "dtm"
 ) -> str:
-    """Name a local product: ``l_{GSD}mm_{src}_{product}_{lat}{n|s}{lon}_v{NNN}``.
+    """Return the name of a local product: ``l_{GSD}mm_{src}_{product}_{lat}{n|s}{lon}_v{NNN}``.
 
     The GSD is in whole millimetres (five digits or more), latitude and longitude of V are in
     hundredths of a degree, so ``5595n04217`` is 55.95° N 42.17° E.
@@ -43,8 +38,8 @@ def product_stem(
     Raises
     ------
     InvalidValueError
-        If the source or the version is none, or the product is not of lower-case letters and
-        digits.
+        If the source or the version is invalid, or the product has other characters than
+        lower-case letters and digits.
     """
     if source not in SOURCES:
         raise InvalidValueError(f"is none of {', '.join(SOURCES)}", f"source {source}")
@@ -63,10 +58,10 @@ def product_stem(
 def product_stems(
     grids: Sequence[MapletGrid], *, version: int, source: str = "SPO", product: str = "dtm"
 ) -> list[str]:
-    """Name several products so that no two have one name.
+    """Return names of several products, no two of them equal.
 
-    Where centres agree to 0.01° and GSDs to 1 mm, the second is called ``dtm2`` and so on, in
-    the order given.
+    If centres agree to 0.01° and GSDs to 1 mm, the second is called ``dtm2`` and so on, in the
+    given order.
     """
     seen: dict[str, int] = {}
     stems = []
@@ -76,17 +71,3 @@ def product_stems(
         again = product if seen[first] == 1 else f"{product}{seen[first]}"
         stems.append(product_stem(grid, version=version, source=source, product=again))
     return stems
-
-
-def parse_stem(stem: str) -> dict[str, str]:
-    """Take a product's name apart; keys as in the pattern of :func:`product_stem`.
-
-    Raises
-    ------
-    FormatError
-        If it does not follow the convention.
-    """
-    match = _NAME.fullmatch(stem)
-    if match is None:
-        raise FormatError("does not follow the ALTWG convention for names", stem)
-    return match.groupdict()

@@ -1,11 +1,13 @@
 from .gather import PLANTED_FILE as PLANTED_FILE
 from .gather import gather_report as gather_report
+from .gather import places_of as places_of
 from .page import make_report as make_report
 from .recovered import Recovered as Recovered
+from .recovered import SurfaceErrors as SurfaceErrors
 from .style import INK as INK
 from .style import MUTED as MUTED
-from .style import data_uri as data_uri
 from .style import drawing as drawing
+from .style import html_figure as html_figure
 from .surfaces import hillshade as hillshade
 from .tables import number as number
 from .tables import planted_table as planted_table

@@ -1,4 +1,4 @@
-"""How all figures of the report look, and how they get into the page."""
+"""Style of all figures of the report, and their embedding into the page."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import base64
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager
+from html import escape
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
@@ -14,6 +15,11 @@ if TYPE_CHECKING:
 SPC, LIDAR, FUSED, REJECTED = "#0072b2", "#e69f00", "#009e73", "#cc3311"
 """Colours (Okabe and Ito; Tol) that remain distinct for colour-blind readers."""
 INK, MUTED = "#222222", "#8a8a8a"
+
+SOURCES = ("none", "image", "lidar", "both", "filled")
+"""Words for each :class:`fusion.fusing.maplets.Source`, in its order."""
+SOURCE_COLOURS = ("#ffffff", SPC, LIDAR, FUSED, "#bbbbbb")
+"""Colours of them."""
 
 _SETTINGS: dict[str, Any] = {
     "font.size": 9,
@@ -41,7 +47,7 @@ _SETTINGS: dict[str, Any] = {
 
 @contextmanager
 def drawing(width: float, height: float) -> Iterator[Figure]:
-    """Yield an empty figure (inches) in the report's style, without any global state left."""
+    """Yield an empty figure (size in inches) in the report's style; global state is restored."""
     import matplotlib as mpl  # noqa: PLC0415  (0.4 s at start-up)
     from matplotlib.figure import Figure  # noqa: PLC0415
 
@@ -61,3 +67,13 @@ def data_uri(figure: Figure, kind: Literal["png", "svg"] = "svg", *, dpi: int = 
             figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
     mime = "image/svg+xml" if kind == "svg" else "image/png"
     return f"data:{mime};base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
+
+
+def html_figure(
+    figure: Figure, caption: str, alternative: str, kind: Literal["png", "svg"] = "svg"
+) -> str:
+    """Return the element of a page that shows a figure above its caption (HTML)."""
+    return (
+        f'<figure><img alt="{escape(alternative)}" src="{data_uri(figure, kind)}">'
+        f"<figcaption>{caption}</figcaption></figure>"
+    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -13,6 +13,8 @@ from fusion.fusing import (
     Comparison,
     FuseInput,
     Illumination,
+    SlopeInformation,
+    estimate_information,
     lidar_constraints,
 )
 from fusion.registration.results import Placement, placements_of, transform_of
@@ -29,8 +31,11 @@ from spcola.shape import RayCaster, shape_heights
 
 # A mapola whose grid points lie within this many cells of the maplet's: the result has its grid.
 _SAME_PLACE = 2.0
+# The information is one for the whole solution; at most this many maplets are compared for it.
+_SAMPLE = 24
 
 LightSource = Literal["auto", "images", "sun", "none"]
+Run = Callable[[Callable[[str], Comparison | None], list[str]], Iterable[Comparison | None]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +111,18 @@ class Scene:
             return None
         known, shape = _where_lit(spc, light), self._shape(spc)
         return Comparison(lidar.height, known.height, lidar.sigma, spc.grid.gsd, light, shape)
+
+    def information(self, run: Run = map) -> SlopeInformation:
+        """Estimate how much slopes and heights contribute, from a sample of maplets.
+
+        Parameters
+        ----------
+        run : callable, optional
+            Does what `map` does; the program runs it on all cores.
+        """
+        sample = self.targets[:: max(1, -(-len(self.targets) // _SAMPLE))]
+        compared = run(self.comparison, sample)
+        return estimate_information([pair for pair in compared if pair is not None])
 
     def _shape(self, spc: Maplet) -> FloatArray:
         """Heights of the shape on a maplet's grid; without a shape, the maplet's own heights."""

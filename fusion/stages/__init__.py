@@ -1,20 +1,5 @@
 """The stages of the pipeline, in the order in which the data walk through them."""
 
-from __future__ import annotations
+import lazy_loader
 
-from importlib import import_module
-
-from fusion.pipeline import Stage
-
-ORDER = ("ingest", "mapolas", "register", "fuse", "bigmap", "scale", "release", "report")
-
-
-def load_stage(name: str) -> Stage:
-    """Return the stage `name`; its module is imported now, not when the program starts."""
-    stage: Stage = import_module(f"fusion.stages.{name}").STAGE
-    return stage
-
-
-def load_stages() -> list[Stage]:
-    """Return all stages in their order."""
-    return [load_stage(name) for name in ORDER]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,8 +1,10 @@
 from .displacing import BORDER as BORDER
+from .displacing import gauss_newton as gauss_newton
 from .displacing import spline_of as spline_of
-from .match import Match as Match
-from .match import MatchOptions as MatchOptions
-from .match import Surface as Surface
 from .match import match_surfaces as match_surfaces
-from .match import unmatched as unmatched
+from .values import Match as Match
+from .values import MatchOptions as MatchOptions
+from .values import Surface as Surface
+from .values import judged_match as judged_match
+from .values import unmatched as unmatched
 from .weights import BEST_SHARE as BEST_SHARE

@@ -194,13 +194,22 @@ def slope_moments(
     of `partials` (2, R, C).
     """
     slope_x, slope_y = slopes_of(moved)
-    layers = np.empty((4, *moved.shape))
-    layers[0], layers[1] = -slope_x / sigma, -slope_y / sigma
-    layers[2:] = partials
-    ones = np.ones(moved.size)
-    weight = compared.ravel() * ones
-    square, total = weighted_products(weight, layers.reshape(4, -1), ones)
-    return square - np.outer(total, total) / max(float(weight.sum()), 1.0)
+    height, width = moved.shape
+    layers, weight = np.empty((4, moved.size)), np.empty(moved.size)
+    common = 0
+    for r in range(height):
+        for c in range(width):
+            n = r * width + c
+            layers[0, n] = -slope_x[r, c] / sigma[r, c]
+            layers[1, n] = -slope_y[r, c] / sigma[r, c]
+            layers[2, n], layers[3, n] = partials[0, r, c], partials[1, r, c]
+            weight[n] = 1.0 if compared[r, c] else 0.0
+            common += 1 if compared[r, c] else 0
+    square, total = weighted_products(weight, layers, np.ones(moved.size))
+    for p in range(4):
+        for q in range(4):
+            square[p, q] -= total[p] * total[q] / max(common, 1)
+    return square
 
 
 @compiled

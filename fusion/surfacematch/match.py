@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fusion.estimation.verdict import Cause
 from fusion.surfacematch.alignment import (
     Aligner,
     Alignment,
@@ -16,14 +17,14 @@ from fusion.surfacematch.alignment import (
     tilts,
 )
 from fusion.surfacematch.coarse import APART, AREA, coarse_shift
-from fusion.surfacematch.resolution.noise import NoiseSpectrum, bridged, supported
-from fusion.surfacematch.resolution.resolution import blurred_over_gaps, plane_of
+from fusion.surfacematch.resolution.noise import NoiseSpectrum, supported
+from fusion.surfacematch.resolution.resolution import blurred_over_gaps
+from fusion.surfacematch.values import Match, MatchOptions, Surface, judged_match, unmatched
 from fusion.surfacematch.weights import BEST_SHARE
 from spcola.arrays import BoolArray, FloatArray
-from spcola.grids import MapletGrid, closable
+from spcola.grids import MapletGrid
+from spcola.grids.gaps import bridged, closable, plane_of
 
-# Fewer independent differences than this (twice the parameters of a match) give no covariance.
-_MIN_PATCHES = 10.0
 # Surfaces that differ by no more than this many stated sigmas show the same ground, however little
 # relief there is to correlate.
 _WITHIN_STATED = 2.0
@@ -36,119 +37,6 @@ _FEW = 0.03
 _FINE, _ROUGH = 1e-3, 0.03
 # Smallest sigma of a displacement, cells.
 _ROUNDING = 1e-6
-
-
-@dataclass(frozen=True)
-class MatchOptions:
-    """Options of the matching of mapolas.
-
-    Parameters
-    ----------
-    capture_m : float
-        Largest horizontal displacement that is searched, metres.
-    min_coverage : float
-        Smallest share of the grid on which both surfaces must have heights.
-    min_correlation : float
-        Smallest correlation of the two surfaces, planes removed, after the match.
-    ambiguity : float
-        The match is ambiguous if another displacement leaves less than this multiple of the
-        smallest variance of the difference.
-    max_iterations : int
-        Largest number of Gauss–Newton steps.
-    """
-
-    capture_m: float = 2.0
-    min_coverage: float = 0.3
-    min_correlation: float = 0.5
-    ambiguity: float = 1.2
-    max_iterations: int = 50
-
-
-@dataclass(frozen=True, eq=False)
-class Surface:
-    """Heights on a grid with their sigmas.
-
-    Parameters
-    ----------
-    height : (N, N) ndarray
-        Metres along the grid's Uz; NaN where unknown.
-    sigma : (N, N) ndarray, optional
-        One standard deviation, metres; NaN or 0 where it is not known. A match uses only their
-        ratios: their absolute size is estimated from the residuals.
-    of_slopes : bool
-        True if the slopes were smoothed (maplets), False if the heights were (facets of a shape: a
-        chord lies below a round body).
-    """
-
-    height: FloatArray
-    sigma: FloatArray | None = None
-    of_slopes: bool = True
-
-    @property
-    def variance(self) -> FloatArray:
-        """Squared sigma (N, N), m²; the median sigma where it is not known; 0 if known nowhere."""
-        if self.sigma is None:
-            return np.zeros(self.height.shape)
-        known = np.isfinite(self.height) & (self.sigma > 0)
-        if known.all():
-            return self.sigma**2
-        usual = float(np.median(self.sigma[known])) if known.any() else 0.0
-        variance: FloatArray = np.where(known, self.sigma, usual) ** 2
-        return variance
-
-
-@dataclass(frozen=True, eq=False)
-class Match:
-    """Displacement of the lidar surface onto the SPC surface.
-
-    Attributes
-    ----------
-    name : str
-    center : (3,) ndarray
-        V of the mapola before the move, body-fixed, metres.
-    displacement : (3,) ndarray
-        d, body-fixed, metres: ``V + d`` is the centre in SPC coordinates. NaN if not matched.
-    covariance : (3, 3) ndarray
-        Of d, square metres, from the match itself: the curvature of the misfit, given the spatial
-        correlation of the residuals.
-    local : (3,) ndarray
-        d along Ux, Uy, Uz.
-    residual : (2q+1, 2q+1) ndarray
-        SPC minus moved lidar height minus a plane, metres; NaN where not compared.
-    correlation, coverage : float
-        Of the surfaces (planes removed) after the match; share of the grid compared.
-    iterations : int
-    reason : str
-        Empty if the match is good, else why it must not be used.
-    at_lidar : bool
-        Whether the SPC surface was displaced (the lidar has many gaps), so that `residual` refers
-        to the grid points of the lidar; otherwise it refers to those of the SPC surface.
-    """
-
-    name: str
-    center: FloatArray
-    displacement: FloatArray
-    covariance: FloatArray
-    local: FloatArray
-    residual: FloatArray
-    correlation: float
-    coverage: float
-    iterations: int
-    reason: str
-    at_lidar: bool = False
-
-    @property
-    def usable(self) -> bool:
-        """Whether the match may enter a fit."""
-        return not self.reason
-
-    def on_one_grid(self, lidar: FloatArray, spc: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return heights (N, N) of lidar and SPC at the same ground, metres.
-
-        `lidar` and `spc` are the surfaces that were matched. The one that was not displaced is
-        returned unchanged; the other is NaN where nothing was compared.
-        """
-        return (lidar, lidar + self.residual) if self.at_lidar else (spc - self.residual, spc)
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,17 +116,19 @@ def match_surfaces(
     pair = _prepare(grid, moving, fixed, blur_cells).with_few_gaps_moving()
     both = float(np.mean(pair.moving_known & pair.fixed_known))
     if both < options.min_coverage:
-        return unmatched(name, grid, both, f"only {both:.0%} of the grid has both surfaces")
+        few = f"only {both:.0%} of the grid has both surfaces"
+        return unmatched(name, grid, both, Cause.NOT_COVERED, few)
     fields, reach = _plain(pair), max(1, int(np.ceil(options.capture_m / grid.gsd)))
     start, starts = coarse_shift(fields, reach=reach, ambiguity=options.ambiguity)
     if max(abs(start)) == reach > 1:
         edge = f"the best match lies at the edge of the capture range ({options.capture_m:g} m)"
-        return unmatched(name, grid, both, edge)
+        return unmatched(name, grid, both, Cause.CAPTURE_RANGE, edge)
     aligner = Aligner.of(fields)
     rough = Search(options.capture_m / grid.gsd, options.max_iterations, _ROUGH, AREA)
     plain = aligner.align(start, rough)
     if plain is None:
-        return unmatched(name, grid, both, "too few points are common to both surfaces")
+        few = "too few points are common to both surfaces"
+        return unmatched(name, grid, both, Cause.NOT_COVERED, few)
     others = [aligner.align(other, rough) for other in starts]
     rivals = [other for other in others if other and _as_good(other, plain, options)]
     sharp = None if spectrum is None or rivals else _whitened(fields, spectrum, plain, rough)
@@ -355,21 +245,25 @@ def _judged(
     """Convert an alignment to a match, with the reason if it must not be used."""
     local, covariance = _in_metres(pair, found, options)
     residual = found.residual
-    correlation = _correlation(pair, residual)
-    coverage = float(np.mean(residual.compared))
-    return Match(
+    match = Match(
         name=name,
         center=grid.center,
         displacement=grid.axes.T @ local,
         covariance=grid.axes.T @ covariance @ grid.axes,
         local=local,
         residual=residual.standardised * pair.sigma * (-1.0 if pair.swapped else 1.0),
-        correlation=correlation,
-        coverage=coverage,
+        correlation=_correlation(pair, residual),
+        coverage=float(np.mean(residual.compared)),
         iterations=found.best.iterations,
-        reason=_objection(pair, found, options, correlation, local),
+        reason="",
         at_lidar=pair.swapped,
     )
+    best = found.best
+    judged = judged_match(match, options, converged=best.converged, patches=best.patches)
+    if judged.cause is Cause.UNCORRELATED and _within_stated(pair, residual):
+        flat = replace(options, min_correlation=-1.0)
+        return judged_match(match, flat, converged=best.converged, patches=best.patches)
+    return judged
 
 
 def _in_metres(pair: _Pair, found: _Found, options: MatchOptions) -> tuple[FloatArray, FloatArray]:
@@ -406,25 +300,6 @@ def _positive(covariance: FloatArray, least: float) -> FloatArray:
     return positive
 
 
-def _objection(
-    pair: _Pair, found: _Found, options: MatchOptions, correlation: float, local: FloatArray
-) -> str:
-    """Return why a match must not be used; empty if it may."""
-    best, residual = found.best, found.residual
-    coverage, patches = float(np.mean(residual.compared)), best.patches
-    if coverage < options.min_coverage:
-        return f"only {coverage:.0%} of the grid could be compared"
-    if not best.converged:
-        return f"the displacement did not converge in {best.iterations} steps"
-    if patches < _MIN_PATCHES:
-        return f"the differences are so correlated that only {patches:.0f} are independent"
-    if correlation < options.min_correlation and not _within_stated(pair, residual):
-        return f"the surfaces correlate by {correlation:.2f} only"
-    if np.hypot(local[0], local[1]) > options.capture_m:
-        return f"the displacement left the capture range ({options.capture_m} m)"
-    return ""
-
-
 def _within_stated(pair: _Pair, residual: Residual) -> bool:
     """Return whether the residual is as small as the stated sigmas."""
     return float(np.nanstd(residual.standardised)) <= _WITHIN_STATED * pair.stated
@@ -442,20 +317,3 @@ def _correlation(pair: _Pair, residual: Residual) -> float:
     product = both[3:, 3:] - both[3:, :3] @ np.linalg.solve(both[:3, :3], both[:3, 3:])
     scale = np.sqrt(product[0, 0] * product[1, 1])
     return float(product[0, 1] / scale) if scale > 0 else 0.0
-
-
-def unmatched(name: str, grid: MapletGrid, coverage: float, reason: str) -> Match:
-    """Return the result of a failed match on `grid`: NaN except the share compared, a `reason`."""
-    unknown = np.full(3, np.nan)
-    return Match(
-        name=name,
-        center=grid.center,
-        displacement=unknown,
-        covariance=np.full((3, 3), np.nan),
-        local=unknown,
-        residual=np.full(grid.shape, np.nan),
-        correlation=float("nan"),
-        coverage=coverage,
-        iterations=0,
-        reason=reason,
-    )

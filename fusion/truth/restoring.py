@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
-import math
 import tomllib
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields, is_dataclass
-from types import NoneType, UnionType
-from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from functools import cache
+from typing import Any, TypeVar, cast
 
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from fusion.workspace.settings import complaint
 from spcola.errors import SettingsError
 
 Kind = TypeVar("Kind")
@@ -18,7 +20,7 @@ Kind = TypeVar("Kind")
 def restored(kind: type[Kind], values: Any, where: str = "settings") -> Kind:
     """Return the dataclass `kind` from what :func:`dataclasses.asdict` and JSON made of it.
 
-    Lists become tuples, inner mappings dataclasses, as the annotations say. The dataclasses check
+    Lists become tuples and inner tables dataclasses, by the annotations. The dataclasses check
     their values themselves.
 
     Parameters
@@ -35,55 +37,33 @@ def restored(kind: type[Kind], values: Any, where: str = "settings") -> Kind:
     SettingsError
         If an entry is missing, unknown, or not of its type.
     """
-    if not isinstance(values, Mapping):
-        raise SettingsError("is not a table of entries", where)
-    plain: Any = kind  # that it is a dataclass, annotations cannot say
-    hints = get_type_hints(kind)
-    names = [field.name for field in fields(plain) if field.init]
-    for name in names:
-        if name not in values:
-            raise SettingsError(f"lacks the entry {name}", where)
-    for name in values:
-        if name not in names:
-            raise SettingsError(f"has the unknown entry {name}", where)
-    return kind(**{name: _value(hints[name], values[name], f"{where}.{name}") for name in names})
+    try:
+        (found,) = _adapter(cast(Any, kind)).validate_json(json.dumps([values]))
+    except ValidationError as error:
+        problem = error.errors(include_url=False)[0]
+        place = ".".join([where, *map(str, problem["loc"][1:])])
+        raise SettingsError(complaint(problem), place) from error
+    for name in _lacking(asdict(found), values):
+        raise SettingsError(f"lacks the entry {name}", where)
+    return cast(Kind, found)
 
 
-def _value(hint: Any, value: Any, where: str) -> Any:
-    """Return one entry in the type that its annotation names."""
-    origin, inner = get_origin(hint), get_args(hint)
-    if origin in (Union, UnionType):
-        if value is None and NoneType in inner:
-            return None
-        (hint,) = (kind for kind in inner if kind is not NoneType)
-        return _value(hint, value, where)
-    if origin is Literal:
-        if value not in inner:
-            raise SettingsError(f"must be one of {', '.join(map(str, inner))}", where)
-        return value
-    if is_dataclass(hint) and isinstance(hint, type):
-        return restored(hint, value, where)
-    if origin is tuple:
-        if not isinstance(value, list | tuple):
-            raise SettingsError("is not a list", where)
-        kinds = [inner[0]] * len(value) if inner[-1:] == (Ellipsis,) else inner
-        if len(kinds) != len(value):
-            raise SettingsError(f"needs {len(kinds)} values, not {len(value)}", where)
-        return tuple(_value(kind, x, where) for kind, x in zip(kinds, value, strict=True))
-    return _number(hint, value, where)
+@cache
+def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
+    """Return the adapter that checks entries of `kind`; a tuple around it has the options."""
+    options = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+    return TypeAdapter(cast(Any, tuple)[kind], config=options)
 
 
-def _number(hint: Any, value: Any, where: str) -> Any:
-    """Check a plain value: a number, a truth value or a word."""
-    wanted = {float: (int, float), int: (int,), bool: (bool,), str: (str,)}.get(hint)
-    # True is an int to Python, but no number to anybody else.
-    mistaken = isinstance(value, bool) and hint is not bool
-    if wanted is not None and (mistaken or not isinstance(value, wanted)):
-        raise SettingsError(f"must be a {hint.__name__}, not {value!r}", where)
-    # Comparisons with NaN are false: the dataclasses would let many through.
-    if isinstance(value, float) and math.isnan(value):
-        raise SettingsError("must be a number, not nan", where)
-    return float(value) if hint is float else value
+def _lacking(whole: Any, given: Any) -> Iterator[str]:
+    """Yield the entries, names joined by dots, that are missing in `given`."""
+    if isinstance(whole, dict):
+        for name, value in whole.items():
+            inner = _lacking(value, given[name]) if name in given else iter([""])
+            yield from (f"{name}.{rest}".rstrip(".") for rest in inner)
+    elif isinstance(whole, list | tuple):
+        for k, (value, item) in enumerate(zip(whole, given, strict=True)):
+            yield from (f"{k}.{rest}" for rest in _lacking(value, item))
 
 
 def changed(settings: Kind, texts: Sequence[str]) -> Kind:

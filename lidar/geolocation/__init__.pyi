@@ -2,11 +2,11 @@ from .mirror import MirrorAngles as MirrorAngles
 from .placement import NO_TIME as NO_TIME
 from .placement import OUTSIDE as OUTSIDE
 from .placement import OUTSIDE_KERNELS as OUTSIDE_KERNELS
-from .placement import Relocation as Relocation
-from .placement import relocated as relocated
-from .placement import relocation as relocation
+from .placement import Geolocation as Geolocation
+from .placement import find_geolocation as find_geolocation
+from .placement import geolocated as geolocated
+from .placement import geolocated_by as geolocated_by
+from .placement import scan_trajectory as scan_trajectory
 from .placement import turn_of as turn_of
 from .range_shift import RangeShift as RangeShift
-from .reprojection import reproject as reproject
-from .reprojection import scan_trajectory as scan_trajectory
 from .spice_trajectory import KernelPlace as KernelPlace

@@ -1,12 +1,9 @@
 from .bigmap import LidarBigmapOptions as LidarBigmapOptions
 from .bigmap import bigmap_from_returns as bigmap_from_returns
-from .cells import CellReturns as CellReturns
-from .cells import sort_into_cells as sort_into_cells
 from .gridding import Gridding as Gridding
 from .gridding import GriddingOptions as GriddingOptions
-from .gridding import RejectionOptions as RejectionOptions
 from .gridding import grid_returns as grid_returns
+from .gridding import make_mapola as make_mapola
 from .mapola import Mapola as Mapola
-from .planes import PlaneFit as PlaneFit
-from .planes import fit_planes as fit_planes
+from .outliers import RejectionOptions as RejectionOptions
 from .point_heights import at_grid_points as at_grid_points

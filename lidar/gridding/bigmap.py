@@ -1,10 +1,10 @@
-"""Returns to a bigmap: one surface by integration, bridged where returns are missing.
+"""Returns to a bigmap: one surface by integration, which bridges gaps without returns.
 
-The walk is that of Gaskell et al., eqs. 35, 36 and 22: heights of the cells are constraints of
-energy (A), at first with slopes of zero; the surface so integrated has slopes; these correct the
+The iteration is that of Gaskell et al., eqs. 35, 36 and 22: heights of the cells are constraints of
+energy (A), at first with slopes of zero; the integrated surface has slopes; these correct the
 heights of the returns for their places in their cells and are the steps of the next integration;
-and so on until nothing changes. Where the surface is known the constraints rule, in so far as
-their sigma allows; across a gap the slopes of both sides are carried on.
+and so on until nothing changes. Where there are returns the constraints dominate, as far as their
+sigma allows; across a gap the slopes of both sides are extrapolated.
 """
 
 from __future__ import annotations
@@ -12,22 +12,17 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.ndimage import binary_dilation, binary_erosion, distance_transform_edt
+from scipy.ndimage import distance_transform_edt
 
-from lidar.gridding.cells import CellReturns, CorrectedMedians, sort_into_cells
+from lidar.gridding.cells.cells import CellReturns, CorrectedMedians, sort_into_cells
 from lidar.gridding.gridding import GriddingOptions, GriddingReport, grid_returns
-from lidar.gridding.mapola import Mapola
+from lidar.gridding.mapola import LidarBigmap, Mapola
 from lidar.gridding.point_heights import at_grid_points
 from lidar.scans import Returns
-from spcola.arrays import (
-    AnyArray,
-    BoolArray,
-    FloatArray,
-    frozen,
-    read_only,
-)
+from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import SettingsError
-from spcola.grids import Maplet, MapletGrid, check_layer
+from spcola.grids import MapletGrid
+from spcola.grids.gaps import bridged_mask
 from spcola.heights import (
     STEPS_ALIKE,
     HeightProblem,
@@ -41,60 +36,21 @@ from spcola.math.robust import mad
 # Noise variance of a step less the mean of the central slopes at its ends, in units of the
 # variance of one height: 2 (3/4)² + 2 (1/4)².
 _STEP_NOISE = 1.25
-# A median is kept where new slopes would move it by less than this share of the tolerance.
+# A median is unchanged where new slopes would move it by less than this share of the tolerance.
 _NEGLECTED = 0.05
-# Least standard deviation of a step beside that of a height. Steps are read from the surface
-# that they then hold, so that stiffer ones would only make the iteration slow.
+# Least standard deviation of a step, relative to that of a height. Steps are read from the surface
+# that they then constrain: stiffer ones would only slow the iteration down.
 _STIFFEST = 1.0
-
-
-@dataclass(frozen=True, eq=False)
-class LidarBigmap(Maplet):
-    """A bigmap made of lidar returns; unlike a mapola it has heights where no return fell.
-
-    Parameters
-    ----------
-    count : (2q+1, 2q+1) integer ndarray
-        Returns in each cell; 0 where the height bridges a gap.
-    spread : (2q+1, 2q+1) array_like
-        Robust standard deviation in the cell, metres; NaN with fewer than three returns.
-    scan_share : mapping of str to float
-        Share of the returns that came from each scan.
-
-    Raises
-    ------
-    InvalidValueError
-        If a layer has another shape.
-    """
-
-    count: AnyArray = None  # type: ignore[assignment]  # filled in __post_init__
-    spread: FloatArray = None  # type: ignore[assignment]  # filled in __post_init__
-    scan_share: dict[str, float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        count = np.zeros(self.grid.shape) if self.count is None else self.count
-        count = np.array(count, dtype=np.int32)
-        check_layer(count, self.grid, f"{self.name}.count")
-        object.__setattr__(self, "count", read_only(count))
-        spread = np.full(self.grid.shape, np.nan) if self.spread is None else self.spread
-        object.__setattr__(self, "spread", frozen(spread, self.grid.shape, f"{self.name}.spread"))
-
-    @property
-    def bridged(self) -> BoolArray:
-        """Mask of heights that no return supports."""
-        mask: BoolArray = self.valid & (self.count == 0)
-        return mask
 
 
 @dataclass(frozen=True)
 class LidarBigmapOptions:
-    """How returns become a bigmap.
+    """Settings of the integration of returns to a bigmap.
 
     Parameters
     ----------
     gridding : GriddingOptions
-        Which returns count, and how the cells' first heights and sigmas are found.
+        Rejection of returns, and first heights and sigmas of the cells.
     max_gap : int
         Widest gap that is bridged, in cells; 0: none. Nothing is added outside of the returns.
     tolerance : float
@@ -123,18 +79,18 @@ class LidarBigmapOptions:
 
 @dataclass(frozen=True, eq=False)
 class BigmapGridding:
-    """A bigmap of returns and how it came about.
+    """A bigmap of returns and the state of its integration.
 
     Attributes
     ----------
     bigmap : LidarBigmap
     returns : GriddingReport
-        What happened to the returns.
+        Counts of used and rejected returns.
     step_sigma_m : float
-        Standard deviation that a height step about the mean slope of its ends was given,
-        metres: the roughness by which gaps grow uncertain.
+        Standard deviation assumed for a height step about the mean slope of its ends, metres:
+        the roughness by which uncertainty grows in gaps.
     rounds : int
-        Integrations.
+        Number of integrations.
     largest_change_m : float
         Largest change of a height in the last round, metres.
     converged : bool
@@ -163,9 +119,9 @@ def integrate_returns(
 ) -> BigmapGridding:
     """Integrate `returns` to a surface on `grid` ([35, 36], then energy (A), iterated).
 
-    The weights of (A) are inverse variances: of each cell's height (its sigma), and of the
-    steps (their robust scatter about the slopes of the gridded heights, freed of noise). Heights
-    are those at grid points (:func:`lidar.gridding.at_grid_points`).
+    The weights of (A) are inverse variances: of each cell's height (its sigma), and of the steps
+    (their robust scatter about the slopes of the gridded heights, less noise). Heights are those
+    at grid points (:func:`lidar.gridding.at_grid_points`).
 
     Returns
     -------
@@ -202,19 +158,6 @@ def integrate_returns(
     )
 
 
-def bridged_mask(known: BoolArray, max_gap: int) -> BoolArray:
-    """Return `known` (R, C) with the gaps that are no wider than `max_gap` cells closed.
-
-    A gap is what a square of max_gap + 1 cells cannot enter (a morphological closing): the
-    outline of the known area is not moved outward.
-    """
-    width = max_gap + 1
-    square = np.ones((width, width), dtype=bool)
-    padded = np.pad(known, width)
-    closed: BoolArray = binary_erosion(binary_dilation(padded, square), square)
-    return closed[width:-width, width:-width] | known
-
-
 def _integrate(
     cells: CellReturns,
     mapola: Mapola,
@@ -225,7 +168,7 @@ def _integrate(
 ) -> tuple[FloatArray, int, float]:
     """Iterate integrations and slope corrections: heights, rounds, last change (metres).
 
-    `bend` is what has to be added to the mean heights of cells.
+    `bend` is added to the mean heights of cells.
     """
     gsd = mapola.grid.gsd
     with np.errstate(divide="ignore"):
@@ -245,7 +188,7 @@ def _integrate(
         problem = problem.with_data(step_x=step_x, step_y=step_y, height=constraint)
         found = system.solve(problem, options=solver, start=surface)
         previous, surface = surface, found.height
-        # A slope is not known at a point without neighbours; it then corrects nothing.
+        # The slope of a point without neighbours is unknown; it then corrects nothing.
         steep_x, steep_y = slopes_of(surface, gsd)
         slope_x, slope_y = np.nan_to_num(steep_x), np.nan_to_num(steep_y)
         constraint = medians.at(slope_x * gsd, slope_y * gsd) + bend
@@ -272,12 +215,12 @@ def _step_sigma(mapola: Mapola) -> float:
 
 
 def _sigma(mapola: Mapola, mask: BoolArray, step_sigma: float) -> FloatArray:
-    """Sigma of the surface: that of the cells, and growing with the distance from them.
+    """Sigma of the surface: that of the cells, increasing with the distance from them.
 
-    The cells' own sigma is kept although the integration smooths their noise: by how much
-    depends on the ground. Across a gap, steps err alike (a slope carried on misses the same bend
-    at each step): their error grows with the distance to the nearest known cell, not with its
-    root. That a gap has other sides too only makes it better than that.
+    The cells' own sigma is kept although the integration smooths their noise: by how much depends
+    on the ground. Across a gap, errors of steps are correlated (an extrapolated slope misses the
+    same bend at each step): their sum grows with the distance to the nearest known cell, not with
+    its root. Other sides of the gap only reduce it.
     """
     if not mapola.valid.any():
         return np.full(mask.shape, np.nan)

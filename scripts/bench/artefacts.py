@@ -1,12 +1,12 @@
-"""Digests of every file that missions `tiny` and `mini` leave: has a change moved a number?
+"""Digests of every file of missions `tiny` and `mini`: whether a change of code changed a number.
 
-The real commands make each mission and run all stages and one release. What is written down is a
-digest of each file of the mission and of the workspace. Two programs that print the same digests
-gave the same numbers to the bit. Left out are the catalogue (times of runs) and the pictures.
+The real commands make each mission and run all stages and one release. A digest of each file of the
+mission and of the workspace is written. Equal digests mean bit-identical numbers. Left out are
+records of runs (times, folders) and the pictures.
 Text of reports and messages may change while numbers do not: `--numbers` digests JSON files by
-their numbers alone.
+their numbers alone; `--made` digests what an earlier run left in DIR.
 
-    python scripts/bench/artefacts.py digests.json [--presets tiny mini] [--work DIR] [--numbers]
+    python scripts/bench/artefacts.py digests.json [--presets tiny] [--work DIR] [--made]
     python scripts/bench/artefacts.py --compare before.json after.json
 """
 
@@ -22,8 +22,19 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-# Times of runs; pictures and words of the report.
-LEFT_OUT = {"catalog.sqlite", "catalog.sqlite-wal", "catalog.sqlite-shm", "report.html"}
+import h5py
+import numpy as np
+
+# Times of runs; pictures and text of the report; a digest of digests.
+LEFT_OUT = (
+    "catalog.sqlite*",
+    "report.html",
+    "provenance/*.json",
+    "*.lock",
+    "release/manifest.json",
+)
+# Keys with the folder in which a mission was made.
+FOLDERS = {"made_by", "parameters", "seal"}
 
 
 def main() -> int:
@@ -34,6 +45,7 @@ def main() -> int:
     parser.add_argument("--presets", nargs="+", default=["tiny", "mini"])
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--work", type=Path)
+    parser.add_argument("--made", action="store_true")
     parser.add_argument("--numbers", action="store_true")
     asked = parser.parse_args()
     if asked.compare:
@@ -43,7 +55,8 @@ def main() -> int:
         found = {}
         for preset in asked.presets:
             folder = work / preset
-            run_mission(folder, preset, asked.seed)
+            if not asked.made:
+                run_mission(folder, preset, asked.seed)
             found |= {
                 f"{preset}/{path.relative_to(folder)}": digest(path, numbers=asked.numbers)
                 for path in artefacts(folder)
@@ -71,18 +84,39 @@ def spcola(*arguments: object) -> None:
 
 
 def artefacts(folder: Path) -> Iterator[Path]:
-    """Yield what is compared."""
+    """Yield the files that are compared."""
     for path in sorted(folder.rglob("*")):
-        if path.is_file() and path.name not in LEFT_OUT and path.suffix != ".lock":
+        if path.is_file() and not any(path.match(pattern) for pattern in LEFT_OUT):
             yield path
 
 
 def digest(path: Path, *, numbers: bool) -> str:
-    """Return the digest of a file; of a JSON file's numbers alone where that is asked."""
-    if numbers and path.suffix == ".json":
-        found = list(numbers_of(json.loads(path.read_text(encoding="utf-8"))))
-        return hashlib.sha256(json.dumps(found).encode()).hexdigest()
+    """Return the digest of a file; with `numbers`, of a JSON file's numbers alone."""
+    if path.suffix == ".h5":
+        return digest_of_hdf5(path)
+    if path.suffix == ".json" and path.parent.name != "mission":
+        content = json.loads(path.read_text(encoding="utf-8"))
+        content = {key: value for key, value in content.items() if key not in FOLDERS}
+        found = list(numbers_of(content)) if numbers else content
+        return hashlib.sha256(json.dumps(found, sort_keys=True).encode()).hexdigest()
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def digest_of_hdf5(path: Path) -> str:
+    """Return the digest of all data sets and attributes but those that name a folder."""
+    found = hashlib.sha256()
+
+    def add(name: str, node: h5py.Dataset | h5py.Group) -> None:
+        found.update(name.encode())
+        for key in sorted(node.attrs.keys() - FOLDERS):
+            found.update(key.encode() + np.asarray(node.attrs[key]).tobytes())
+        if isinstance(node, h5py.Dataset):
+            found.update(str(node.dtype).encode() + np.asarray(node[()]).tobytes())
+
+    with h5py.File(path) as file:
+        add("/", file)
+        file.visititems(add)
+    return found.hexdigest()
 
 
 def numbers_of(value: Any) -> Iterator[Any]:

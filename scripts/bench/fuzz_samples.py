@@ -1,6 +1,6 @@
-"""A small good file of each kind that the program reads, and who reads it.
+"""A small good file of each format that the program reads, and its reader.
 
-All are made here or by the program's own writers, so that nothing else is needed.
+All are made here or by the program's own writers.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from fusion.fusing.maplets import FusedMaplet, Source, read_fused, write_fused
 from fusion.products import Provenance
 from fusion.products.formats import read_fits_dtm, write_fits_dtm
 from fusion.registration.results import ScanEffects, given_registration, placements_of
-from fusion.stages.ingest.stage import recorded_source
+from fusion.stages.ingest.sources import recorded_source
 from fusion.truth import read_truth
 from fusion.truth.planted import (
     PlacedCenter,
@@ -52,7 +52,8 @@ from spcola.control import Landmark
 from spcola.formats.images import read_image_data, write_fits_image, write_image_data
 from spcola.formats.images.fits import read_fits_image
 from spcola.formats.maplets import read_maplet, write_maplet
-from spcola.formats.shapes import read_shape, recognise_shape, write_icq, write_obj, write_ply_mesh
+from spcola.formats.shapes import read_shape, recognise_shape, write_icq, write_obj
+from spcola.formats.shapes.ply import write_ply_mesh
 from spcola.formats.solution import (
     read_landmark,
     read_list,
@@ -77,13 +78,13 @@ GRID = MapletGrid.facing([230.0, 30.0, -50.0], [1.0, 0.1, -0.2], 0.5, 4)
 
 @dataclass(frozen=True)
 class Sample:
-    """A kind of file: how one is made in a folder (its path comes back), and who reads it."""
+    """A file format: a function that makes a file in a folder (returns its path), and a reader."""
 
     make: Callable[[Path], Path]
     read: Callable[[Path], Any]
     form: Form
     threads: bool = False
-    """Whether its library starts threads of its own, which a process loses when it forks."""
+    """Whether its library starts threads, which a process loses when it forks."""
 
 
 def _maplet() -> Maplet:
@@ -261,7 +262,7 @@ def _daf() -> Daf:
 
 
 def _hexadecimal(value: float) -> str:
-    """Return a number as a transfer file has it."""
+    """Return a number in the notation of transfer files."""
     if value == 0:
         return "0^0"
     exponent, whole = 0, abs(value)

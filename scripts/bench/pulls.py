@@ -1,9 +1,9 @@
-"""Whether the sigmas are true: missions of many seeds through the whole program.
+"""Whether the sigmas are correct: missions of many seeds through the whole program.
 
-For each parameter that is planted: mean and standard deviation of the pulls (recovered −
-planted) / sigma; their root mean square about zero, which a bias raises too, with the interval of
-95 %, and beside it the limit, 1; the rms error beside the rms of the stated sigmas. `--lines FILE`
-keeps a line for each mission and goes on from there.
+For each planted parameter: mean and standard deviation of the pulls (recovered − planted) / sigma;
+their root mean square about zero, which includes a bias, with the interval of 95 % and the limit,
+1; their excess kurtosis (0 for normal pulls) and its standard error; the rms error and the rms of
+the stated sigmas. `--lines FILE` keeps a line for each mission and resumes from there.
 
     python scripts/bench/pulls.py [--seeds 20] [--preset tiny|mini] [--lines pulls.jsonl]
 """
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import tempfile
 import time
 from collections.abc import Iterator
@@ -21,14 +22,14 @@ from pathlib import Path
 from fusion.report import Recovered
 from fusion.runtime import Progress, ThreadExecutor, usable_cores
 from fusion.truth import demonstrate
-from fusion.truth.planted import MissionSettings
+from fusion.truth.presets import MissionSettings
 from fusion.truth.pulls import PullStatistics, pull_statistics
 
 PRESETS = {"tiny": MissionSettings.tiny, "mini": MissionSettings.mini}
 
 
 def recovered(preset: str, seed: int) -> list[Recovered]:
-    """Make a mission, run all stages on it, and return what was found of the planted values."""
+    """Make a mission, run all stages on it, and return the recovered values."""
     settings = PRESETS[preset](seed)
     with tempfile.TemporaryDirectory() as folder:
         shown = demonstrate(
@@ -41,7 +42,7 @@ def recovered(preset: str, seed: int) -> list[Recovered]:
 
 
 def missions(preset: str, seeds: range, lines: Path | None) -> Iterator[list[Recovered]]:
-    """Yield the table of each seed: from `lines` where it is there, else made now."""
+    """Yield the table of each seed: from `lines` if it is there, else made now."""
     known = {}
     if lines and lines.exists():
         for text in lines.read_text(encoding="utf-8").splitlines():
@@ -64,14 +65,15 @@ def table(found: list[PullStatistics]) -> Iterator[str]:
     """Yield the lines of the table."""
     yield (
         f"{'parameter':28}{'n':>4}{'mean pull':>16}{'std':>6}{'rms pull':>10}{'95 %':>14}"
-        f"{'limit':>7}{'rms error':>12}{'rms sigma':>12}"
+        f"{'limit':>7}{'kurtosis':>15}{'rms error':>12}{'rms sigma':>12}"
     )
     for row in found:
         mean = f"{row.mean:+.2f} ± {row.mean_sigma:.2f}"
         interval = f"{row.lowest:.2f} – {row.highest:.2f}"
+        tails = f"{row.kurtosis:+.2f} ± {math.sqrt(24 / max(row.count, 1)):.2f}"
         yield (
             f"{row.name:28}{row.count:>4}{mean:>16}{row.scatter:>6.2f}"
-            f"{row.deviation:>10.2f}{interval:>14}{1:>7}"
+            f"{row.deviation:>10.2f}{interval:>14}{1:>7}{tails:>15}"
             f"{row.error:>12.2e}{row.sigma:>12.2e}  {row.unit}".rstrip()
         )
     for row in found:

@@ -1,6 +1,3 @@
-from .gaps import carried_on as carried_on
-from .gaps import closable as closable
-from .gaps import closed as closed
 from .maplet import Maplet as Maplet
 from .maplet import MapletGrid as MapletGrid
 from .maplet import check_layer as check_layer

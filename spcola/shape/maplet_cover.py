@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import InvalidValueError
 from spcola.grids import MapletGrid
 from spcola.shape.mesh import Mesh
 from spcola.shape.rays import RayCaster
 from spcola.shape.samples import sample_surface
-from spcola.shape.uncovered import FACING, Uncovered
+from spcola.shape.uncovered import Uncovered
 
 SAMPLES_PER_HALF = 10
 """Surface samples along half a side of a grid; finer costs time and saves few grids."""
@@ -21,22 +18,22 @@ def covering(
 ) -> list[MapletGrid]:
     """Return grids such that every surface point of a shape lies in at least one.
 
-    A point lies in a grid if it projects into its square, no further from the plane than half
-    a side, on a facet that faces Uz (at 78° or less). Each next grid stands on the point
-    not yet covered that is furthest from all centres, facing the mean normal around it: centres
-    come out evenly spaced without any assumption about the shape.
+    A point lies in a grid if it projects into its square, no further from the plane than half a
+    side, on a facet that faces Uz (at 78° or less). Each next grid is centred on the uncovered
+    point that is furthest from all centres, facing the mean normal around it: centres are evenly
+    spaced without any assumption about the shape.
 
     Parameters
     ----------
     shape : RayCaster or Mesh
         Body-fixed.
     gsd : float
-        Of the grids, metres.
+        GSD of the grids, metres.
     half_size : int
         q of the grids.
     overlap : float
         Share of the half-side, 0 … 0.8: every surface point lies at least this far inside the
-        rim of a grid that covers it.
+        rim of some grid.
 
     Raises
     ------
@@ -59,18 +56,3 @@ def covering(
         grids.append(grid)
         index = uncovered.cover(grid, index)
     return grids
-
-
-def inside(
-    grid: MapletGrid, points: FloatArray, normals: FloatArray, *, side: float, depth: float
-) -> BoolArray:
-    """Return which points (N, 3) lie within `side` of the centre along Ux and Uy and face Uz.
-
-    `depth` limits the distance from the reference plane; both in metres.
-    """
-    x, y, height = grid.project(points)
-    return (
-        (np.maximum(np.abs(x), np.abs(y)) * grid.gsd <= side)
-        & (np.abs(height) <= depth)
-        & (normals @ grid.uz >= FACING)
-    )

@@ -1,4 +1,5 @@
 from .verdict import JUDGEMENTS as JUDGEMENTS
+from .verdict import Cause as Cause
 from .verdict import Code as Code
 from .verdict import Finding as Finding
 from .verdict import Severity as Severity

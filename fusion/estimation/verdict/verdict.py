@@ -20,96 +20,139 @@ class Severity(StrEnum):
     REFUSED = "refused"
 
 
-class Code(StrEnum):
-    """Codes of findings, as other programs read them; :data:`MEANINGS` has a text for each."""
+class CodedText(StrEnum):
+    """A code, as other programs read it, with what it means."""
 
-    CHANGED_INPUT = "changed-input"
-    NO_MATCH = "no-match"
-    NO_RELIEF = "no-relief"
-    RELIEF_UNRELATED = "relief-unrelated"
-    FEW_AGREE = "few-agree"
-    IMAGES_NOT_MATCHED = "images-not-matched"
-    IMAGES_DISAGREE = "images-disagree"
-    HEIGHTS_DISAGREE = "heights-disagree"
-    CENTERS_DISAGREE = "centers-disagree"
-    LARGE_SCALE = "large-scale"
-    LARGE_ROTATION = "large-rotation"
-    STRAIN = "strain"
-    NOT_CONVERGED = "not-converged"
-    NOT_DETERMINED = "not-determined"
-    WEAKLY_DETERMINED = "weakly-determined"
-    FITS_OTHERWISE = "fits-otherwise"
-    MAPLET_CONTRADICTED = "maplet-contradicted"
-    OUTSIDE_KERNELS = "outside-kernels"
-    SCALE_NOT_OBSERVED = "scale-not-observed"
-    SCALE_NOT_CONVERGED = "scale-not-converged"
-    SHOTS_FIT_ELSEWHERE = "shots-fit-elsewhere"
-    SHOTS_FIT_BY_CHANCE = "shots-fit-by-chance"
-    SCANS_FIT_ELSEWHERE = "scans-fit-elsewhere"
-    SCANS_DISAGREE = "scans-disagree"
-    SHOTS_MISS_SHAPE = "shots-miss-shape"
-    SCATTER_TOO_LARGE = "scatter-too-large"
-    PAIRS_NOT_MATCHED = "pairs-not-matched"
-    MANY_REJECTED = "many-rejected"
-    EPSILON_BEYOND_PRIOR = "epsilon-beyond-prior"
-    CENTRE_BEYOND_PRIOR = "centre-beyond-prior"
-    POLE_BEYOND_PRIOR = "pole-beyond-prior"
-    MERIDIAN_BEYOND_PRIOR = "meridian-beyond-prior"
-    RANGE_BIAS_BEYOND_PRIOR = "range-bias-beyond-prior"
-    DAYS_DISAGREE = "days-disagree"
-    SCALES_INCONSISTENT = "scales-inconsistent"
-    EPSILON_NOT_DETERMINED = "epsilon-not-determined"
-    EPSILON_NOT_SEPARABLE = "epsilon-not-separable"
-    EPSILON_NOT_SIGNIFICANT = "epsilon-not-significant"
-    TERMS_FROM_PRIOR = "terms-from-prior"
-    UNSOUND_MAPLET = "unsound-maplet"
-    REJECTED_MAPLET = "rejected-maplet"
+    meaning: str
+
+    def __new__(cls, code: str, meaning: str = "") -> Self:
+        """Make the member whose value is `code`."""
+        member = str.__new__(cls, code)
+        member._value_, member.meaning = code, meaning
+        return member
 
 
-MEANINGS: Mapping[Code, str] = {
-    Code.CHANGED_INPUT: "a file differs from what the stage that wrote it recorded",
-    Code.NO_MATCH: "no mapola matches the SPC surface",
-    Code.NO_RELIEF: "there is too little relief to verify that lidar and SPC show the same ground",
-    Code.RELIEF_UNRELATED: "lidar and SPC do not show the same relief after registration",
-    Code.FEW_AGREE: "few mapolas agree with the common transform",
-    Code.IMAGES_NOT_MATCHED: "many images do not show the relief that the lidar measured there",
-    Code.IMAGES_DISAGREE: "images place the lidar's ground elsewhere than its heights do",
-    Code.HEIGHTS_DISAGREE: "heights differ by more than their stated sigmas",
-    Code.CENTERS_DISAGREE: "centres of maplets are off by more than their stated sigmas",
-    Code.LARGE_SCALE: "the scale lies beyond what two solutions of one body differ by",
-    Code.LARGE_ROTATION: "the rotation lies beyond what two solutions of one body differ by",
-    Code.STRAIN: "lidar and SPC differ by a shear or a non-uniform scale",
-    Code.NOT_CONVERGED: "the fit did not converge",
-    Code.NOT_DETERMINED: "the data do not determine a parameter",
-    Code.WEAKLY_DETERMINED: "a parameter is weakly determined, or not separable from another",
-    Code.FITS_OTHERWISE: "the lidar fits the SPC surface in another frame or unit",
-    Code.MAPLET_CONTRADICTED: "the lidar contradicts the heights of a maplet",
-    Code.OUTSIDE_KERNELS: "returns lie at times that the SPICE kernels do not cover",
-    Code.SCALE_NOT_OBSERVED: "fewer than two pairs or shots agree: there is no scale",
-    Code.SCALE_NOT_CONVERGED: "the fit of the scale did not converge",
-    Code.SHOTS_FIT_ELSEWHERE: "shots fit the shape better turned or mirrored than as they are",
-    Code.SHOTS_FIT_BY_CHANCE: "shots fit the shape as well at a place that is a wrong one",
-    Code.SCANS_FIT_ELSEWHERE: "scans fit the shape better turned or mirrored, each on its own",
-    Code.SCANS_DISAGREE: "scans over the same ground differ by more than shots of one scan do",
-    Code.SHOTS_MISS_SHAPE: "many shots do not meet the shape",
-    Code.SCATTER_TOO_LARGE: "residuals scatter far more than their stated sigmas",
-    Code.PAIRS_NOT_MATCHED: "the surfaces of many pairs could not be matched",
-    Code.MANY_REJECTED: "many pairs or shots disagree with the rest",
-    Code.EPSILON_BEYOND_PRIOR: "epsilon is far larger than its prior",
-    Code.CENTRE_BEYOND_PRIOR: "the centre is far beyond its prior",
-    Code.POLE_BEYOND_PRIOR: "the pole is far beyond its prior",
-    Code.MERIDIAN_BEYOND_PRIOR: "the prime meridian is far beyond its prior",
-    Code.RANGE_BIAS_BEYOND_PRIOR: "the range bias is far beyond its prior",
-    Code.DAYS_DISAGREE: "epsilons of single days disagree beyond their sigmas",
-    Code.SCALES_INCONSISTENT: "epsilon and the scale of the registration disagree",
-    Code.EPSILON_NOT_DETERMINED: "epsilon is determined by its prior, not by the data",
-    Code.EPSILON_NOT_SEPARABLE: "the data do not separate epsilon from another parameter",
-    Code.EPSILON_NOT_SIGNIFICANT: "epsilon is too small, compared with its sigma, to be applied",
-    Code.TERMS_FROM_PRIOR: "parameters other than epsilon are determined by their priors",
-    Code.UNSOUND_MAPLET: "a maplet contradicts its landmark, the shape or the other maplets",
-    Code.REJECTED_MAPLET: "the registration did not use a maplet that is used here",
-}
-"""What each code means, for people."""
+class Code(CodedText):
+    """Codes of findings."""
+
+    CHANGED_INPUT = "changed-input", "a file differs from what the stage that wrote it recorded"
+    NO_MATCH = "no-match", "no mapola matches the SPC surface"
+    NO_RELIEF = (
+        "no-relief",
+        "there is too little relief to verify that lidar and SPC show the same ground",
+    )
+    RELIEF_UNRELATED = (
+        "relief-unrelated",
+        "lidar and SPC do not show the same relief after registration",
+    )
+    FEW_AGREE = "few-agree", "few mapolas agree with the common transform"
+    IMAGES_NOT_MATCHED = (
+        "images-not-matched",
+        "many images do not show the relief that the lidar measured there",
+    )
+    IMAGES_DISAGREE = (
+        "images-disagree",
+        "images place the lidar's ground elsewhere than its heights do",
+    )
+    HEIGHTS_DISAGREE = "heights-disagree", "heights differ by more than their stated sigmas"
+    CENTERS_DISAGREE = (
+        "centers-disagree",
+        "centres of maplets are off by more than their stated sigmas",
+    )
+    LARGE_SCALE = "large-scale", "the scale lies beyond what two solutions of one body differ by"
+    LARGE_ROTATION = (
+        "large-rotation",
+        "the rotation lies beyond what two solutions of one body differ by",
+    )
+    STRAIN = "strain", "lidar and SPC differ by a shear or a non-uniform scale"
+    NOT_CONVERGED = "not-converged", "the fit did not converge"
+    NOT_DETERMINED = "not-determined", "the data do not determine a parameter"
+    WEAKLY_DETERMINED = (
+        "weakly-determined",
+        "a parameter is weakly determined, or not separable from another",
+    )
+    FITS_OTHERWISE = "fits-otherwise", "the lidar fits the SPC surface in another frame or unit"
+    MAPLET_CONTRADICTED = "maplet-contradicted", "the lidar contradicts the heights of a maplet"
+    OUTSIDE_KERNELS = "outside-kernels", "returns lie at times that the SPICE kernels do not cover"
+    SCALE_NOT_OBSERVED = (
+        "scale-not-observed",
+        "fewer than two pairs or shots agree: there is no scale",
+    )
+    SCALE_NOT_CONVERGED = "scale-not-converged", "the fit of the scale did not converge"
+    SHOTS_FIT_ELSEWHERE = (
+        "shots-fit-elsewhere",
+        "shots fit the shape better turned or mirrored than as they are",
+    )
+    SHOTS_FIT_BY_CHANCE = (
+        "shots-fit-by-chance",
+        "shots fit the shape as well at a place that is a wrong one",
+    )
+    SCANS_FIT_ELSEWHERE = (
+        "scans-fit-elsewhere",
+        "scans fit the shape better turned or mirrored, each on its own",
+    )
+    SCANS_DISAGREE = (
+        "scans-disagree",
+        "scans over the same ground differ by more than shots of one scan do",
+    )
+    SHOTS_MISS_SHAPE = "shots-miss-shape", "many shots do not meet the shape"
+    SCATTER_TOO_LARGE = "scatter-too-large", "residuals scatter far more than their stated sigmas"
+    PAIRS_NOT_MATCHED = "pairs-not-matched", "the surfaces of many pairs could not be matched"
+    MANY_REJECTED = "many-rejected", "many pairs or shots disagree with the rest"
+    EPSILON_BEYOND_PRIOR = "epsilon-beyond-prior", "epsilon is far larger than its prior"
+    CENTRE_BEYOND_PRIOR = "centre-beyond-prior", "the centre is far beyond its prior"
+    POLE_BEYOND_PRIOR = "pole-beyond-prior", "the pole is far beyond its prior"
+    MERIDIAN_BEYOND_PRIOR = "meridian-beyond-prior", "the prime meridian is far beyond its prior"
+    RANGE_BIAS_BEYOND_PRIOR = "range-bias-beyond-prior", "the range bias is far beyond its prior"
+    DAYS_DISAGREE = "days-disagree", "epsilons of single days disagree beyond their sigmas"
+    SCALES_INCONSISTENT = (
+        "scales-inconsistent",
+        "epsilon and the scale of the registration disagree",
+    )
+    EPSILON_NOT_DETERMINED = (
+        "epsilon-not-determined",
+        "epsilon is determined by its prior, not by the data",
+    )
+    EPSILON_NOT_SEPARABLE = (
+        "epsilon-not-separable",
+        "the data do not separate epsilon from another parameter",
+    )
+    EPSILON_NOT_SIGNIFICANT = (
+        "epsilon-not-significant",
+        "epsilon is too small, compared with its sigma, to be applied",
+    )
+    TERMS_FROM_PRIOR = (
+        "terms-from-prior",
+        "parameters other than epsilon are determined by their priors",
+    )
+    UNSOUND_MAPLET = (
+        "unsound-maplet",
+        "a maplet contradicts its landmark, the shape or the other maplets",
+    )
+    REJECTED_MAPLET = "rejected-maplet", "the registration did not use a maplet that is used here"
+
+
+class Cause(CodedText):
+    """Codes of why a mapola or the pair of an image is not used."""
+
+    NOT_COVERED = "not-covered", "both surfaces share too little of the grid"
+    CAPTURE_RANGE = (
+        "capture-range",
+        "the best match lies at the edge of the capture range",
+    )
+    NO_RELIEF = "no-relief", "the terrain has too little relief for a match"
+    AMBIGUOUS = "ambiguous", "two displacements fit alike"
+    NOT_CONVERGED = "not-converged", "the displacement did not converge"
+    FEW_INDEPENDENT = "few-independent", "too few of the differences are independent"
+    UNCORRELATED = "uncorrelated", "the surfaces hardly correlate"
+    NOT_IN_IMAGES = "not-in-images", "images do not give the place"
+    TYPES_DISAGREE = "types-disagree", "topography and images contradict each other"
+    OUTLIER = "outlier", "disagrees with the others"
+    NO_TRANSFORM = "no-transform", "there is no transform"
+    NO_DATA = "no-data", "no scan, return or maplet is there"
+    OUTSIDE_STATES = "outside-states", "the states of the images do not locate the scan"
+    OFF_BODY = "off-body", "the central pixel misses the body"
+    OBLIQUE = "oblique", "emission or incidence is too large"
 
 
 @dataclass(frozen=True)

@@ -33,10 +33,10 @@ from fusion.registration.returns.equations import (
     SurfacePair,
     pair_equations,
 )
-from fusion.surfacematch.resolution import filled
 from spcola.arrays import FloatArray, check_finite, check_shape
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.grids import MapletGrid
+from spcola.grids.gaps import filled
 from spcola.grids.statistics import independent_patches, shift_variances
 from spcola.math import Affine
 from spcola.math.robust import huber_weight, mad

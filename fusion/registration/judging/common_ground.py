@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from fusion.surfacematch.resolution import bridged, trend_of
 from spcola.arrays import BoolArray, FloatArray
+from spcola.grids.gaps import bridged, trend_of
 from spcola.grids.statistics import shift_correlations
 
 SHOWN = 4.0

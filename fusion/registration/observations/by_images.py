@@ -8,12 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fusion.estimation.verdict import Cause
 from fusion.surfacematch import Match
 from spcola.arrays import FloatArray
 from spcola.control.estimation import LandmarkSolution, state_partials
 from spcola.errors import NotObservableError
 from spcola.grids import MapletGrid
 from spcola.imagematching import Sighting, SizeFactors, agreeing, estimate_factors
+from spcola.math.statistics import covariance_root
 
 # An error pattern of an image's state that displaces the mapolas by less (root of the sum of
 # squares, metres) counts as an independent error of each mapola; so do those beyond the maximum
@@ -126,7 +128,7 @@ def _shared(
             continue
         for k, image in enumerate(sighting.images):
             rows = solution.gain[k] @ state_partials(image, solution.estimate)
-            displaced.setdefault(image.name, {})[row] = rows @ _root(sighting.states[k])
+            displaced.setdefault(image.name, {})[row] = rows @ covariance_root(sighting.states[k])
     patterns: list[tuple[float, tuple[int, ...], FloatArray]] = []
     residual_covariance = np.zeros((len(sightings), 3, 3))
     for by_row in displaced.values():
@@ -142,14 +144,6 @@ def _shared(
     for _, rows, moved in patterns[len(kept) :]:
         residual_covariance[list(rows)] += moved[:, :, None] * moved[:, None, :]
     return effects, residual_covariance
-
-
-def _root(covariance: FloatArray) -> FloatArray:
-    """Return R (6, 6) with R Rᵀ = `covariance`, of radians and metres."""
-    unit = np.sqrt(np.diag(covariance))
-    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
-    root: FloatArray = unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    return root
 
 
 def _match(
@@ -178,6 +172,7 @@ def _match(
         coverage=float(np.max(sighting.share)) if len(sighting) else 0.0,
         iterations=iterations,
         reason="" if solution is not None else _why(sighting),
+        cause=None if solution is not None else Cause.NOT_IN_IMAGES,
     )
 
 

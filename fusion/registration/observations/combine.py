@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fusion.estimation.verdict import Cause
+from fusion.registration.fit.landmarks import LandmarkErrors
 from fusion.registration.observations.by_images import ImagedMapolas
-from fusion.registration.observations.landmarks import LandmarkErrors
 from fusion.registration.results.summary import MatchedMapolas
 from fusion.surfacematch import Match
 from spcola.arrays import FloatArray
@@ -85,11 +86,12 @@ def joint_matches(
         if not (ground[row].usable and imaged[row].usable):
             continue
         chi2[row] = _difference(ground[row], imaged[row], _shared(topography, images, row))
-        reason = ""
+        ground[row] = _with_covariance(ground[row], own)
+        imaged[row] = _with_covariance(imaged[row], own)
         if chi2[row] > 3.0 * reject**2:
-            reason = f"topography and images differ by {np.sqrt(chi2[row] / 3.0):.1f} sigma"
-        ground[row] = replace(_with_covariance(ground[row], own), reason=reason)
-        imaged[row] = replace(_with_covariance(imaged[row], own), reason=reason)
+            far = f"topography and images differ by {np.sqrt(chi2[row] / 3.0):.1f} sigma"
+            ground[row] = ground[row].refused(Cause.TYPES_DISAGREE, far)
+            imaged[row] = imaged[row].refused(Cause.TYPES_DISAGREE, far)
     rows = replace(
         topography,
         matches=[*ground, *imaged],

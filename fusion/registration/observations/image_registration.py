@@ -28,8 +28,8 @@ ObservationTypes = Literal["images", "both"]
 # If the errors of landmarks are modelled, the prior of the remaining independent error is this
 # share of the error of a maplet's centre.
 _LEFT = 0.1
-# Numbers reported for each observation type.
-_OF_A_TYPE = ("displacement_m", "sigma_m", "residual_m", "used", "reason", "correlation")
+# Reported for each observation type.
+_OF_A_TYPE = ("displacement_m", "sigma_m", "residual_m", "used", "reason", "cause", "correlation")
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ import numpy as np
 
 from lidar.adjustment import ScanAdjustment, displacement_rows
 from spcola.arrays import FloatArray
+from spcola.math.statistics import covariance_root
 
 # A pattern that displaces the mapolas by less than this (root of the sum of squares, metres) is far
 # below the error of a match, and counts as an independent error of each mapola.
@@ -64,7 +65,7 @@ class ScanEffects:
         points : (N, 3) ndarray
             The mapolas' centres, body-fixed, metres.
         """
-        root = _root(adjustment.covariance)
+        root = covariance_root(adjustment.covariance)
         products = np.zeros((root.shape[1], root.shape[1]))
         for displaced in _displaced(adjustment.center, shares, points):
             moved = displaced.reshape(-1, len(root)) @ root
@@ -132,14 +133,6 @@ def _displaced(center: FloatArray, shares: FloatArray, points: FloatArray) -> It
         some = slice(first, first + _CHUNK)
         rows = shares[some, :, None, None] * displacement_rows(points[some, None], center)
         yield rows.transpose(0, 2, 1, 3).reshape(len(rows), 3, -1)
-
-
-def _root(covariance: FloatArray) -> FloatArray:
-    """Return R (K, K) with R Rᵀ = `covariance`, of metres and radians."""
-    unit = np.sqrt(np.diag(covariance))
-    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
-    root: FloatArray = unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    return root
 
 
 def share_matrix(shares: Sequence[dict[str, float]], names: Sequence[str]) -> FloatArray:

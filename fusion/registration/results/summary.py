@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from fusion.estimation import influence
+from fusion.estimation.verdict import Cause
 from fusion.registration.fit.fit import LIDAR_FRAME, SPC_FRAME, Registration
 from fusion.registration.fit.known import KnownTransform
+from fusion.registration.fit.landmarks import LandmarkErrors
 from fusion.registration.fit.reasons import registration_reasons
 from fusion.registration.fit.significance import departures_json
 from fusion.registration.fit.stability import stability_json
-from fusion.registration.observations.landmarks import LandmarkErrors
 from fusion.registration.results.scans import ScanEffects
 from fusion.surfacematch import Match
 from spcola.arrays import BoolArray, FloatArray
@@ -182,12 +183,19 @@ def per_mapola_json(mapolas: MatchedMapolas, placed: Placed) -> list[dict[str, A
             "surface_residual_m": placed.surface[number],
             "position_covariance_m2": placed.covariance[number],
             "used": bool(placed.used[number]),
-            "reason": match.reason or ("" if placed.used[number] else DISAGREES),
+            **_left_out(match, bool(placed.used[number])),
             "coverage": match.coverage,
             "correlation": match.correlation,
         }
         for number, match in enumerate(mapolas.matches)
     ]
+
+
+def _left_out(match: Match, used: bool) -> dict[str, Any]:
+    """Return why a match is not used, in words and as a code: empty and null if it is."""
+    if used or match.reason:
+        return {"reason": match.reason, "cause": match.cause}
+    return {"reason": DISAGREES, "cause": Cause.OUTLIER}
 
 
 _AGAIN = "remove it and register again"

@@ -14,10 +14,11 @@ import numpy as np
 
 from fusion.registration.returns.equations import SurfacePair
 from fusion.surfacematch import BEST_SHARE, BORDER, Surface, spline_of
-from fusion.surfacematch.resolution import blur, filled
+from fusion.surfacematch.resolution import blur
 from spcola.arrays import BoolArray, FloatArray
 from spcola.compilation import compiled
 from spcola.grids import MapletGrid
+from spcola.grids.gaps import filled
 from spcola.math import Affine
 from spcola.math.robust import huber_weight, mad
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from fusion.estimation.verdict import Cause
 from fusion.registration.returns.equations import SurfacePair, both_slopes
 from fusion.registration.returns.return_heights import (
     CloudOfReturns,
@@ -15,19 +16,22 @@ from fusion.registration.returns.return_heights import (
     height_of_returns,
     relative_weight,
 )
-from fusion.surfacematch import Match, MatchOptions, unmatched
-from fusion.surfacematch.resolution import filled
+from fusion.surfacematch import (
+    Match,
+    MatchOptions,
+    judged_match,
+    unmatched,
+)
 from spcola.arrays import BoolArray, FloatArray
+from spcola.grids.gaps import filled
 from spcola.grids.statistics import independent_patches, robust_covariance, shift_variances
 from spcola.math import Affine
 from spcola.math.robust import huber_scores, huber_weight, mad
 
 # Displacements further apart than this, cells, count as different solutions.
 _APART = 3.0
-# Fewer independent differences than this (twice the parameters) give no covariance.
-_MIN_PATCHES = 10.0
-# Convergence: a step shorter than this, cells, or than this share of its sigma. Returns that change
-# cells with every step make the last digits vary.
+# A displacement is found when a step is shorter than this, cells, or than that share of its sigma:
+# returns that change cells with every step keep the last digits moving.
 _STILL, _STILL_SIGMAS = 1e-3, 0.05
 # Smallest share of common relief in the squared slopes; below it noise dominates the match.
 _LEAST_COMMON = 0.1
@@ -62,20 +66,20 @@ def match_returns(
     here = height_of_returns(returns, fixed, _shift(fixed, np.zeros(3)))
     both = float(np.mean(np.isfinite(here.height)))
     if both < options.min_coverage:
-        few = f"the returns cover only {both:.0%} of the surface"
-        return unmatched(name, fixed.grid, both, few)
+        few = f"returns and surface share only {both:.0%} of it"
+        return unmatched(name, fixed.grid, both, Cause.NOT_COVERED, few)
     starts = _searched(here.height, fixed, relative_weight(here, fixed.surface), options)
     if not starts:
         edge = f"the best match lies at the edge of the capture range ({options.capture_m:g} m)"
-        return unmatched(name, fixed.grid, both, edge)
+        return unmatched(name, fixed.grid, both, Cause.CAPTURE_RANGE, edge)
     found = [_refined(returns, fixed, start, options) for start in starts]
     best = found[0]
     if best is None:
-        return unmatched(name, fixed.grid, both, "the relief does not determine the match")
+        return unmatched(name, fixed.grid, both, Cause.NO_RELIEF, Cause.NO_RELIEF.meaning)
     for other in found[1:]:
         if other is not None and _rivals(other, best, fixed.grid.gsd, options):
-            ambiguous = "two displacements fit equally well (flat or periodic terrain)"
-            return unmatched(name, fixed.grid, both, ambiguous)
+            alike = "two displacements fit alike (flat or periodic terrain)"
+            return unmatched(name, fixed.grid, both, Cause.AMBIGUOUS, alike)
     return _judged(name, fixed, best, options)
 
 
@@ -218,32 +222,20 @@ def _judged(name: str, fixed: FixedSurface, fine: _Fine, options: MatchOptions) 
     """Convert a refined displacement to a match, with the reason if it must not be used."""
     grid, pair = fixed.grid, fine.pair
     known = np.isfinite(fine.standardised)
-    correlation = _correlation(pair, known)
-    coverage = float(np.mean(known))
-    patches = independent_patches(fine.standardised)
-    reason = ""
-    if coverage < options.min_coverage:
-        reason = f"only {coverage:.0%} of the grid could be compared"
-    elif not fine.converged:
-        reason = f"the displacement did not converge in {fine.iterations} steps"
-    elif patches < _MIN_PATCHES:
-        reason = f"the differences are so correlated that only {patches:.0f} are independent"
-    elif correlation < options.min_correlation:
-        reason = f"the surfaces correlate by {correlation:.2f} only"
-    elif np.hypot(fine.local[0], fine.local[1]) > options.capture_m:
-        reason = f"the displacement left the capture range ({options.capture_m} m)"
-    return Match(
+    match = Match(
         name=name,
         center=grid.center,
         displacement=grid.axes.T @ fine.local,
         covariance=grid.axes.T @ fine.covariance @ grid.axes,
         local=fine.local,
         residual=np.where(known, pair.fixed - pair.moving, np.nan),
-        correlation=correlation,
-        coverage=coverage,
+        correlation=_correlation(pair, known),
+        coverage=float(np.mean(known)),
         iterations=fine.iterations,
-        reason=reason,
+        reason="",
     )
+    patches = independent_patches(fine.standardised)
+    return judged_match(match, options, converged=fine.converged, patches=patches)
 
 
 def _correlation(pair: SurfacePair, known: BoolArray) -> float:

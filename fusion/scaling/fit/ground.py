@@ -11,9 +11,9 @@ from scipy.spatial.distance import cdist
 
 from fusion.estimation import MixedFit, Observations
 from fusion.scaling.fit.observation import ScaleObservations
-from fusion.scaling.geometry.sharing import SHARED
 from spcola.arrays import FloatArray, IntArray
 from spcola.math.robust import mad
+from spcola.math.statistics import SHARED, own_share
 
 # Ratio of successive correlation lengths tried; number of pairs within the first.
 _LONGER = 1.25
@@ -110,8 +110,7 @@ def shared_ground(
     if not shared.shape[1]:
         return None
     sigma = size * min(share, 1.0) ** 0.5
-    own = sigma**2 * np.clip(1.0 - np.sum(shared**2, axis=1), 0.0, 1.0)
-    return SharedGround(reach, sigma, sigma * shared, own)
+    return SharedGround(reach, sigma, sigma * shared, sigma**2 * own_share(shared))
 
 
 def common_reach(

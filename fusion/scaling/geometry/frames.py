@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fusion.estimation.verdict import Cause
 from fusion.surfacematch import MatchOptions
 from spcola.arrays import FloatArray
 from spcola.camera import SpcImage, ray
@@ -91,6 +92,7 @@ class LeftOut:
     """An image without a pair, and the reason; `unmatched` if its two surfaces do not match."""
 
     image: str
+    cause: Cause
     reason: str
     unmatched: bool = False
 
@@ -142,14 +144,14 @@ def frame_of_image(image: SpcImage, caster: RayCaster, options: PairOptions) -> 
     beam = ray(image, (camera.width + 1) / 2.0, (camera.height + 1) / 2.0)
     hit = caster.cast(image.position[None], beam[None])
     if not np.isfinite(hit.distance[0]):
-        return LeftOut(image.name, "the central pixel misses the body")
+        return LeftOut(image.name, Cause.OFF_BODY, Cause.OFF_BODY.meaning)
     point = hit.points[0]
     normal = mean_normal(caster, image.position, point, options.size_m)
     emission, incidence = _angle(normal, -beam), _angle(normal, image.sun)
     if emission > options.max_emission_deg:
-        return LeftOut(image.name, _oblique("emission", emission, options.max_emission_deg))
+        return _oblique(image.name, "emission", emission, options.max_emission_deg)
     if incidence > options.max_incidence_deg:
-        return LeftOut(image.name, _oblique("incidence", incidence, options.max_incidence_deg))
+        return _oblique(image.name, "incidence", incidence, options.max_incidence_deg)
     return PairFrame(
         image=image.name,
         time=et_from_utc(image.utc),
@@ -185,8 +187,9 @@ def _angle(normal: FloatArray, direction: FloatArray) -> float:
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
-def _oblique(what: str, angle_deg: float, most_deg: float) -> str:
-    return f"the {what} at the central pixel is {angle_deg:.0f} deg, more than {most_deg:g}"
+def _oblique(image: str, what: str, angle_deg: float, most_deg: float) -> LeftOut:
+    over = f"the {what} at the central pixel is {angle_deg:.0f} deg, more than {most_deg:g}"
+    return LeftOut(image, Cause.OBLIQUE, over)
 
 
 def seen_from(frame: PairFrame, station: FloatArray) -> PairFrame:

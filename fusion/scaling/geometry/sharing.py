@@ -8,12 +8,11 @@ import numpy as np
 
 from spcola.arrays import FloatArray
 from spcola.grids import Maplet, MapletGrid
+from spcola.math.statistics import own_share, patterns_of, strongest
 
 # Patterns that displace the observations by less than this (root of the sum of squares, metres) are
 # negligible compared with the error of one pair.
 _LEAST_M = 5e-3
-SHARED = 1.2
-"""Smallest eigenvalue of a shared error pattern; that of an error of one observation is 1."""
 
 
 def maplet_shares(grid: MapletGrid, height: FloatArray, maplets: Sequence[Maplet]) -> FloatArray:
@@ -84,10 +83,8 @@ def patterns(displaced: FloatArray, size: float = 1.0) -> FloatArray:
     (N, 3, K) ndarray
         Displacements by K ≤ R patterns, negligible ones left out.
     """
-    rows = displaced.reshape(3 * len(displaced), -1)
-    left, strength, _ = np.linalg.svd(rows, full_matrices=False)
-    kept = strength * size > _LEAST_M
-    return (left[:, kept] * strength[kept]).reshape(len(displaced), 3, -1)
+    least = _LEAST_M / size if size > 0 else np.inf
+    return strongest(displaced, least=least)[0]
 
 
 def shared_matches(common: FloatArray, covariances: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -109,11 +106,8 @@ def shared_matches(common: FloatArray, covariances: FloatArray) -> tuple[FloatAr
     (N, 3, K) ndarray, (N, 3, 3) ndarray
         Displacements by patterns of standard deviation 1, metres; covariances of the rest, m².
     """
-    size, vectors = np.linalg.eigh(common)
-    kept = size > SHARED
-    strength = vectors[:, kept] * np.sqrt(size[kept])
+    strength = patterns_of(common)
     values, axes = np.linalg.eigh(covariances)
     root = np.einsum("nij,nj,nkj->nik", axes, np.sqrt(np.maximum(values, 0.0)), axes)
     displaced = np.einsum("nk,nij->nikj", strength, root).reshape(len(root), 3, -1)
-    own = np.clip(1.0 - np.sum(strength**2, axis=1), 0.0, 1.0)
-    return displaced, own[:, None, None] * covariances
+    return displaced, own_share(strength)[:, None, None] * covariances

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from fusion.estimation.verdict import Cause
 from fusion.scaling.fit.observation import ScaleObservations, Trajectory, uniform_displacements
 from fusion.scaling.geometry.frames import LeftOut, PairFrame, PairOptions
 from fusion.scaling.geometry.sharing import ground_in_common, patterns, shared_matches
@@ -87,13 +88,14 @@ def make_pair(
         The latter with the reason if there is nothing to match, or no match.
     """
     if not spc.valid.any():
-        return LeftOut(frame.image, "no maplet lies there")
+        return LeftOut(frame.image, Cause.NO_DATA, "no maplet lies there")
     lidar = bigmap_from_returns(frame.image, frame.grid, returns, options=_BRIDGING)
     if not lidar.valid.any():
-        return LeftOut(frame.image, "no return of that time lies there")
+        return LeftOut(frame.image, Cause.NO_DATA, "no return of that time lies there")
     for what, valid in (("maplets", spc.valid), ("returns", lidar.valid)):
         if (share := float(np.mean(valid))) < options.match.min_coverage:
-            return LeftOut(frame.image, f"{what} cover only {share:.0%} of the square")
+            few = f"{what} cover only {share:.0%} of the square"
+            return LeftOut(frame.image, Cause.NOT_COVERED, few)
     return _judged(frame, spc, lidar, sources, options, 0.0)
 
 
@@ -119,8 +121,8 @@ def _judged(
         blur_cells=blur_cells,
         options=options.match,
     )
-    if not match.usable:
-        return LeftOut(frame.image, match.reason, unmatched=True)
+    if match.cause is not None:
+        return LeftOut(frame.image, match.cause, match.reason, unmatched=True)
     return Pair(frame, spc, lidar, match, sources)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fusion.estimation.verdict import Cause
 from fusion.scaling.fit.joint import ScaleEstimate
 from fusion.scaling.fit.observation import PARAMETERS, ScaleObservations
 from fusion.scaling.fit.residuals import residuals_json
@@ -162,6 +163,7 @@ def per_pair(
                 "incidence_deg": frame.incidence_deg,
                 "used": bool(used[row]),
                 "reason": "" if used[row] else "disagrees with the other pairs",
+                "cause": None if used[row] else Cause.OUTLIER,
             }
         )
     return sorted([*rows, *unused_pairs(left_out)], key=lambda entry: str(entry["image"]))
@@ -169,7 +171,10 @@ def per_pair(
 
 def unused_pairs(left_out: Sequence[LeftOut]) -> list[dict[str, Any]]:
     """Entries of ``per_pair`` for the images without a pair, with the reason."""
-    return [{"image": item.image, "used": False, "reason": item.reason} for item in left_out]
+    return [
+        {"image": item.image, "used": False, "reason": item.reason, "cause": item.cause}
+        for item in left_out
+    ]
 
 
 def per_shot(comparison: ShotComparison, estimate: ScaleEstimate) -> list[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""Where the returns of a workspace are: as their files say, or located again by its settings."""
+"""Geolocation of the returns of a workspace: as in their files, or by its settings."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from fusion.workspace.settings import MapolaSettings, Settings, SpiceSettings, S
 from lidar.archive import ScanStore
 from lidar.formats.native import ScanFile, scan_summary, times_of
 from lidar.geolocation import (
+    Geolocation,
     KernelPlace,
     MirrorAngles,
     RangeShift,
-    Relocation,
-    relocated,
-    relocation,
+    find_geolocation,
+    geolocated,
     scan_trajectory,
     turn_of,
 )
@@ -29,9 +29,7 @@ from spcola.errors import InvalidValueError, SettingsError
 from spcola.navigation import Spin, Trajectory
 from spcola.spice import KernelSet, KernelUse
 
-Locator = Callable[[ScanFile], Relocation]
-
-# The rotation is compared at so many times of each scan, and so many in all, or a few more.
+# Times of each scan at which the rotation is compared, and about the most of all scans.
 _TIMES_A_SCAN, _MOST_TIMES = 5, 500
 _SPIN = tuple(field.name for field in fields(Spin))
 
@@ -44,35 +42,28 @@ def located_store(
     *,
     arc_s: float = np.inf,
 ) -> ScanStore:
-    """Open the returns of all scans where `[mapolas]`, `[spin]` and `[spice]` say that they are.
+    """Open the returns of all scans, geolocated by `[mapolas]`, `[spin]` and `[spice]`.
 
     Scans that last longer than `arc_s` seconds are cut into arcs.
 
     Raises
     ------
     SettingsError
-        If the rotation is corrected, but is not stated, or kernels are to locate what states of
-        images locate.
+        If the rotation is corrected but not stated, or both kernels and states of images are to
+        geolocate the returns.
     KernelError
         If a kernel is missing or refused.
     """
-    change = spin_change(workspace, spin)
-    place = kernel_place(workspace, spice, change, max_gap_s=table.max_gap_s)
-    if table.trajectory == "spc" and place is not None:
-        raise SettingsError(
-            "kernels and the states of images cannot both locate returns",
-            f"{workspace.root / SETTINGS_FILE}: [mapolas] trajectory",
-            "choose reference, or empty [spice] kernels",
-        )
-    locate: Locator | None
-    if place is not None:
-        locate = partial(_by_kernels, place)
-    else:
-        images = workspace.images() if table.trajectory == "spc" else None
-        trajectory = None if images is None else Trajectory.from_images(images)
-        locate = locator(change, trajectory, table.max_gap_s)
-    if spice.range_m:
-        locate = partial(_by_ranges, spice.range_m, locate)
+    locator = geolocator(workspace, spin, spice, max_gap_s=table.max_gap_s)
+    if table.trajectory == "spc":
+        if locator.place is not None:
+            raise SettingsError(
+                "kernels and the states of images cannot both geolocate returns",
+                f"{workspace.root / SETTINGS_FILE}: [mapolas] trajectory",
+                "choose reference, or empty [spice] kernels",
+            )
+        locator = replace(locator, trajectory=Trajectory.from_images(workspace.images()))
+    locate = locator.of_file if locator.moves else None
     return ScanStore(workspace.scan_paths(), locate=locate, arc_s=arc_s)
 
 
@@ -83,14 +74,14 @@ def kernel_place(
     *,
     max_gap_s: float,
 ) -> KernelPlace | None:
-    """Return where the kernels of `[spice]` put the lidar; None without kernels.
+    """Return the geolocation by the kernels of `[spice]`; None without kernels.
 
     States and attitudes further apart than `max_gap_s`, seconds, are not interpolated between.
 
     Raises
     ------
     SettingsError
-        If something is missing beside the kernels, or the rotation is corrected (`change`) too.
+        If a setting that kernels need is missing, or the rotation is corrected (`change`) too.
     KernelError
         If a kernel is missing, or they disagree about the rotation.
     """
@@ -106,7 +97,7 @@ def kernel_place(
         )
     if table.frame and not table.reference and not any(table.mounting):
         raise SettingsError(
-            "must be given with a frame: the pointing by which the files were located",
+            "must be given with a frame: the pointing with which the files were geolocated",
             f"{where} reference",
         )
     if change is not None:
@@ -144,9 +135,9 @@ def kernel_place(
 
 
 def _extent(workspace: Workspace) -> tuple[FloatArray, float]:
-    """Times, s, at which the rotation is used, some of each scan; and how far returns reach, m.
+    """Return some times of each scan, s, and the largest coordinate of returns, metres.
 
-    The latter is along one axis. Without scans both are empty or 0.
+    Without scans they are empty and 0.
     """
     summaries = [scan_summary(path) for path in workspace.scan_paths()]
     spans = [one.time_span for one in summaries if np.isfinite(one.time_span).all()]
@@ -156,7 +147,7 @@ def _extent(workspace: Workspace) -> tuple[FloatArray, float]:
 
 
 def kernel_paths(workspace: Workspace, table: SpiceSettings) -> list[Path]:
-    """Return the kernels of `[spice]`, meta-kernels replaced by what they list."""
+    """Return the kernels of `[spice]`, with the kernels that meta-kernels list."""
     place = kernel_place(workspace, table, None, max_gap_s=np.inf)
     if place is None:
         return []
@@ -165,71 +156,21 @@ def kernel_paths(workspace: Workspace, table: SpiceSettings) -> list[Path]:
 
 
 def return_paths(workspace: Workspace, settings: Settings) -> list[Path]:
-    """Return every file that says where the returns are: scans, states of images, kernels."""
+    """Return every file on which places of returns depend: scans, states of images, kernels."""
     paths = [*workspace.scan_paths(), *kernel_paths(workspace, settings.spice)]
     if settings.mapolas.trajectory == "spc":
         paths += [workspace.image_path(name) for name in workspace.image_names()]
     return paths
 
 
-def _by_kernels(place: KernelPlace, file: ScanFile) -> Relocation:
-    """How a scan moves; one that knows no times or positions has no place."""
-    try:
-        times = [np.unique(times_of(block)) for block in file.blocks]
-        return place.relocation(file.trajectory(), _radius_of(file.summary), _known(times))
-    except InvalidValueError:
-        return Relocation(moves=True)
-
-
-def _known(times: Sequence[FloatArray]) -> FloatArray:
-    """Return the times (N,), s, that are known, sorted and single."""
-    found = np.unique(np.concatenate([np.empty(0), *times]))
-    return found[np.isfinite(found)]
-
-
-def _by_ranges(range_m: float, locate: Locator | None, file: ScanFile) -> Relocation:
-    """How a scan moves whose ranges are corrected, and which `locate` locates again."""
-    try:
-        path = file.trajectory()
-    except InvalidValueError:
-        return Relocation(moves=True)
-    move = Relocation() if locate is None else locate(file)
-    return replace(move, ranges=RangeShift(range_m, path.time, path.position))
-
-
 def _radius_of(summary: ScanSummary) -> float:
-    """Largest distance of a scan's returns from the origin, metres, or somewhat more."""
+    """Return an upper limit of the distance of a scan's returns from the origin, metres."""
     return float(np.linalg.norm(np.nan_to_num(np.abs(summary.bounds)).max(axis=0)))
 
 
-def locator(
-    spin: tuple[Spin, Spin] | None, trajectory: Trajectory | None, max_gap_s: float = np.inf
-) -> Locator | None:
-    """Return what says how a scan is located again; None where all stay where they are.
-
-    A scan that knows no times or positions, or shares no time with the trajectory, has no place.
-    """
-    if spin is None and trajectory is None:
-        return None
-
-    def locate(file: ScanFile) -> Relocation:
-        try:
-            return relocation(
-                file.trajectory(),
-                _radius_of(file.summary),
-                spin=spin,
-                trajectory=trajectory,
-                max_gap_s=max_gap_s,
-            )
-        except InvalidValueError:
-            return Relocation(moves=True)
-
-    return locate
-
-
 @dataclass(frozen=True, eq=False)
-class Turning:
-    """What brings a scan to where corrected ranges and rotation, or kernels, put it.
+class Geolocator:
+    """Geolocates returns by the settings of a workspace.
 
     Parameters
     ----------
@@ -238,75 +179,111 @@ class Turning:
     change : (Spin, Spin), optional
         The stated and the corrected rotation.
     place : KernelPlace, optional
-        Where kernels put the lidar.
+        Geolocation by kernels.
+    trajectory : Trajectory, optional
+        Trajectory of the states of images, instead of kernels.
+    max_gap_s : float
+        States of images further apart, seconds, are not interpolated between.
     """
 
-    range_m: float
-    change: tuple[Spin, Spin] | None
-    place: KernelPlace | None
+    range_m: float = 0.0
+    change: tuple[Spin, Spin] | None = None
+    place: KernelPlace | None = None
+    trajectory: Trajectory | None = None
+    max_gap_s: float = np.inf
 
-    def __call__(self, scan: Scan) -> Scan:
-        """Return the scan; returns without a place are left out, and counted as rejected."""
-        return self.located(scan)[0]
+    @property
+    def moves(self) -> bool:
+        """Whether returns are moved from their places in the files."""
+        return bool(self.range_m) or any(
+            part is not None for part in (self.change, self.place, self.trajectory)
+        )
+
+    def of_file(self, file: ScanFile) -> Geolocation:
+        """Return how the returns of a file move; without times or positions none has a place."""
+
+        def times() -> list[FloatArray]:
+            if self.place is None:  # a rotation needs the span only
+                return [np.array(file.summary.time_span)]
+            return [np.unique(times_of(block)) for block in file.blocks]
+
+        return self._find(file.trajectory, _radius_of(file.summary), times)
 
     def located(self, scan: Scan) -> tuple[Scan, float]:
-        """Return the scan, and by how much interpolation puts its returns wrong, metres."""
-        if not len(scan):
-            return scan, 0.0
-        if self.range_m:
-            scan = _with_ranges(scan, self.range_m)
-        if self.change is None and self.place is None:
-            return scan, 0.0
-        move = self._move(scan)
-        return relocated(scan, move), move.error_m
+        """Return the geolocated scan, and the error of places by interpolation, metres.
 
-    def _move(self, scan: Scan) -> Relocation:
+        Returns without a place are left out, and counted as rejected.
+        """
+        if not (self.moves and len(scan)):
+            return scan, 0.0
         radius = float(np.linalg.norm(scan.points, axis=1).max(initial=0.0))
-        times = _known([scan.time])
-        if self.place is not None:
-            try:
-                return self.place.relocation(scan_trajectory(scan), radius, times)
-            except InvalidValueError:
-                return Relocation(moves=True)
-        if self.change is None or not len(times):
-            return Relocation(moves=True)
-        return turn_of((float(times[0]), float(times[-1])), radius, *self.change)
+        move = self._find(lambda: scan_trajectory(scan), radius, lambda: [scan.time])
+        return geolocated(scan, move), move.error_m
+
+    def _find(
+        self,
+        path: Callable[[], Trajectory],
+        radius: float,
+        times: Callable[[], Sequence[FloatArray]],
+    ) -> Geolocation:
+        """Return how returns within `radius`, metres, move that were geolocated by a `path`."""
+        try:
+            if self.place is not None:
+                move = self.place.geolocation(path(), radius, _known(times()))
+            elif self.trajectory is not None:
+                move = find_geolocation(
+                    path(),
+                    radius,
+                    spin=self.change,
+                    trajectory=self.trajectory,
+                    max_gap_s=self.max_gap_s,
+                )
+            elif self.change is not None:
+                known = _known(times())
+                if not len(known):
+                    return Geolocation(moves=True)
+                move = turn_of((float(known[0]), float(known[-1])), radius, *self.change)
+            else:
+                move = Geolocation()
+            if self.range_m:
+                there = path()
+                move = replace(move, ranges=RangeShift(self.range_m, there.time, there.position))
+        except InvalidValueError:
+            return Geolocation(moves=True)
+        return move
 
 
-def turning(
+def geolocator(
     workspace: Workspace, spin: SpinSettings, spice: SpiceSettings, *, max_gap_s: float
-) -> Turning:
-    """Return what brings a scan to where corrected ranges and rotation, or kernels, put it.
+) -> Geolocator:
+    """Return the geolocation by `[spin]` and `[spice]`.
 
-    Returns that have no place there are left out, and counted as rejected: so are those between
-    states of kernels further apart than `max_gap_s`, seconds.
+    States of kernels or images further apart than `max_gap_s`, seconds, are not interpolated
+    between.
 
     Raises
     ------
     SettingsError, KernelError
-        As :func:`located_store` does.
+        As for :func:`located_store`.
     """
     change = spin_change(workspace, spin)
     place = kernel_place(workspace, spice, change, max_gap_s=max_gap_s)
-    return Turning(spice.range_m, change, place)
+    return Geolocator(spice.range_m, change, place, max_gap_s=max_gap_s)
 
 
-def _with_ranges(scan: Scan, range_m: float) -> Scan:
-    """Return a scan whose ranges are longer by `range_m`, metres."""
-    try:
-        path = scan_trajectory(scan)
-    except InvalidValueError:
-        return relocated(scan, Relocation(moves=True))
-    return relocated(scan, Relocation(ranges=RangeShift(range_m, path.time, path.position)))
+def _known(times: Sequence[FloatArray]) -> FloatArray:
+    """Return the finite times (N,), s, sorted and without duplicates."""
+    found = np.unique(np.concatenate([np.empty(0), *times]))
+    return found[np.isfinite(found)]
 
 
 def spin_change(workspace: Workspace, table: SpinSettings) -> tuple[Spin, Spin] | None:
-    """Return the stated and the corrected rotation; None where nothing is corrected.
+    """Return the stated and the corrected rotation; None without a correction.
 
     Raises
     ------
     SettingsError
-        If the rotation is corrected, but is not stated.
+        If the rotation is corrected but not stated.
     """
     before = {name: getattr(table, name) for name in _SPIN}
     after = {name: value + getattr(table, f"shift_{name}") for name, value in before.items()}
@@ -315,8 +292,8 @@ def spin_change(workspace: Workspace, table: SpinSettings) -> tuple[Spin, Spin] 
         return None
     if table.rate_deg_per_day == 0.0:
         raise SettingsError(
-            "must be stated where the rotation is corrected",
+            "must be stated if the rotation is corrected",
             f"{workspace.root / SETTINGS_FILE}: [spin] rate_deg_per_day",
-            "state pole, meridian and rate by which the lidar files were located",
+            "state pole, meridian and rate with which the lidar files were geolocated",
         )
     return stated, corrected

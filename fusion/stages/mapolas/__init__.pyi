@@ -1,5 +1,3 @@
-from .adjusting import ScanSource as ScanSource
 from .adjusting import compared_grids as compared_grids
 from .stage import STAGE as STAGE
-from .stage import gridding_options as gridding_options
 from .stage import mapola_grids as mapola_grids

@@ -53,7 +53,7 @@ from fusion.scaling.shots import (
     join_shots,
 )
 from fusion.stages.geolocation.located import LocatedShots, located_shots
-from fusion.stages.geolocation.locating import kernel_paths, turning
+from fusion.stages.geolocation.locating import geolocator, kernel_paths
 from fusion.stages.ingest.sources import check_doubles, whole_scans
 from fusion.stages.scale.pairing import (
     Pairing,
@@ -70,7 +70,7 @@ from fusion.workspace.settings import (
     SpinSettings,
     Table,
 )
-from lidar.geolocation import reproject, scan_trajectory
+from lidar.geolocation import geolocated_by
 from lidar.scans import Scan, join
 from spcola.arrays import FloatArray
 from spcola.errors import InvalidValueError, NotObservableError
@@ -94,7 +94,7 @@ class ScaleStage:
     )
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
-        """Return why there is no scale to be found."""
+        """Return why no scale can be estimated; empty if it can."""
         if not workspace.scan_names():
             return f"there are no scans; run: spcola import {workspace.root} FILE"
         if not workspace.has_shape():
@@ -107,7 +107,7 @@ class ScaleStage:
         return ""
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return scans, shape, images, the registration if there is one; for pairs maplets."""
+        """Return scans, shape, images, the registration if there is one, and maplets for pairs."""
         paths = [*workspace.scan_paths(), workspace.shape_path()]
         paths += kernel_paths(workspace, settings.spice)
         if workspace.registration_path.is_file():
@@ -118,7 +118,7 @@ class ScaleStage:
         return paths
 
     def run(self, context: StageContext) -> StageResult:
-        """Compare, estimate jointly, write; that nothing can be compared is written too."""
+        """Compare, estimate jointly, write; also if nothing can be compared."""
         workspace, table = context.workspace, context.table(ScaleSettings)
         check_doubles(workspace, whole_scans(workspace).items())
         shape = workspace.shape()
@@ -160,27 +160,27 @@ def _scale_options(table: ScaleSettings) -> ScaleOptions:
     )
 
 
-# A scan, and what the errors of the states by which it is located do to its shots.
+# A scan, and the shares of states in the places of its shots.
 _PlacedScan = tuple[Scan, FloatArray | None]
 
 
 def _shots(
     context: StageContext, caster: RayCaster, radius: float
 ) -> tuple[dict[str, Any], list[Finding]]:
-    """Single shots of all scans against the shape."""
+    """Estimate the scale from single shots of all scans against the shape."""
     workspace, table = context.workspace, context.table(ScaleSettings)
-    turn = turning(
+    locator = geolocator(
         workspace,
         context.table(SpinSettings),
         context.table(SpiceSettings),
         max_gap_s=table.max_gap_s,
     )
-    taken = located_shots(workspace, turn, table.max_shots)
+    taken = located_shots(workspace, locator, table.max_shots)
     located = table.trajectory if workspace.image_names() else "reference"
     spots = SpotOptions(table.footprint_mrad / 1e3, table.pointing_sigma_mrad / 1e3)
     placed: list[_PlacedScan] = [(scan, None) for scan in taken.scans]
     if located == "spc":
-        taken, placed = _relocated_scans(taken, workspace, table.max_gap_s)
+        taken, placed = _located_by_states(taken, workspace, table.max_gap_s)
 
     def one(placed: _PlacedScan, known: LidarPlacement) -> ShotComparison:
         scan, shares = placed
@@ -214,7 +214,7 @@ def _shots(
     if located != table.trajectory:
         content["reasons"].append(
             "trajectory: there are no images with SPC states, so the shots are located by "
-            f"{'the kernels of [spice]' if turn.place else 'their own reference trajectory'}: "
+            f"{'the kernels of [spice]' if locator.place else 'their own reference trajectory'}: "
             "epsilon is that of the shape alone"
         )
     at_place = [
@@ -231,7 +231,7 @@ def _shots(
         "missed": compared.missed,
         **taken.as_json(),
     }
-    if turn.place is not None or located == "spc":
+    if locator.place is not None or located == "spc":
         content["located_within_m"] = taken.within_m
     content["per_shot"] = per_shot(compared, estimate)
     findings = scale_findings(compared.observations, estimate, options)
@@ -239,12 +239,12 @@ def _shots(
     return content, [*findings, *at_place, *taken.findings()]
 
 
-def _relocated_scans(
+def _located_by_states(
     taken: LocatedShots, workspace: Workspace, max_gap_s: float
 ) -> tuple[LocatedShots, list[_PlacedScan]]:
-    """Shots located by the SPC states of images, with what the states' errors do to them."""
+    """Return shots geolocated by SPC states of images, with the shares of states in them."""
     states = Trajectory.from_images(workspace.images())
-    moved = [_relocated(scan, states, max_gap_s) for scan in taken.scans]
+    moved = [_by_states(scan, states, max_gap_s) for scan in taken.scans]
     widest = max((within for _, _, within in moved), default=0.0)
     placed: list[_PlacedScan] = [(scan, shares) for scan, shares, _ in moved]
     return taken.moved(tuple(scan for scan, _ in placed), widest), placed
@@ -258,7 +258,7 @@ def _placed(
     known: LidarPlacement,
     located: Located,
 ) -> tuple[PlaceCheck, ScanPlaces]:
-    """Where the shots fit together, and where scans do one by one if not together elsewhere."""
+    """Search where all shots fit the shape and, if that is not elsewhere, where single scans do."""
     check = check_place(
         join("shots", scans), caster, prior=options.prior, known=known, trajectory=located
     )
@@ -268,21 +268,20 @@ def _placed(
 
 
 def _unobserved(kind: str, located: str, reason: str) -> tuple[dict[str, Any], list[Finding]]:
-    """Content and findings where nothing is observed."""
+    """Return content and findings if nothing is observed."""
     return unobserved_json(kind, located, reason), unobserved_findings(reason)
 
 
-def _relocated(scan: Scan, states: Trajectory, max_gap_s: float) -> tuple[Scan, FloatArray, float]:
-    """Locate shots by SPC states, and tell on which of these (N, S) each leans.
+def _by_states(scan: Scan, states: Trajectory, max_gap_s: float) -> tuple[Scan, FloatArray, float]:
+    """Geolocate shots by SPC states; return the share (N, S) of each state in each shot too.
 
-    No shot is left where no state falls into the scan. The last is one standard deviation of what
-    is interpolated between states, where they lie furthest apart, metres.
+    Without a state during the scan no shot is left. The last value is one standard deviation of
+    interpolated places between the two states that are furthest apart, metres.
     """
     try:
-        offset = states.offset_from(scan_trajectory(scan), max_gap_s=max_gap_s)
+        again, offset = geolocated_by(scan, states, max_gap_s=max_gap_s)
     except InvalidValueError:
         return scan.select(np.zeros(len(scan), dtype=bool)), np.zeros((0, len(states))), 0.0
-    again = reproject(scan, states, max_gap_s=max_gap_s)
     shares = state_shares(states, offset, again.time).toarray()
     return again, shares, offset.widest(max_gap_s)
 
@@ -290,7 +289,7 @@ def _relocated(scan: Scan, states: Trajectory, max_gap_s: float) -> tuple[Scan, 
 def _pairs(
     context: StageContext, caster: RayCaster, radius: float
 ) -> tuple[dict[str, Any], list[Finding], list[Path]]:
-    """Paired bigmaps of all images."""
+    """Estimate the scale from paired bigmaps of all images."""
     workspace, table = context.workspace, context.table(ScaleSettings)
     made = pair_images(context, caster, radius)
     pairs, left_out = made.pairs, made.left_out
@@ -330,7 +329,7 @@ def _pairs(
 
 
 def _located(context: StageContext, made: Pairing) -> dict[str, Any]:
-    """Return what is known of how the returns of pairs were located again; nothing if not."""
+    """Return entries on the geolocation of the returns of pairs; empty without one."""
     kernels = context.table(SpiceSettings).kernels
     content: dict[str, Any] = {}
     if kernels or context.table(ScaleSettings).trajectory == "spc":
@@ -343,10 +342,10 @@ def _located(context: StageContext, made: Pairing) -> dict[str, Any]:
 def _shared_with_registration(
     workspace: Workspace, made: Pairing, estimate: ScaleEstimate
 ) -> float | None:
-    """Covariance of ε and the registration's scale by the maplets under both; None if not known.
+    """Return the covariance of ε and the registration's scale by shared maplets; None if unknown.
 
-    Where states locate the returns of pairs, trajectories of scans are no part of ε. A registration
-    by images leans on these states too, and does not say how.
+    If states geolocate the returns of pairs, ε does not depend on trajectories of scans. A
+    registration by images depends on these states too; that covariance is not known.
     """
     registration = workspace.read_json(workspace.registration_path.name)
     moved = {
@@ -357,6 +356,6 @@ def _shared_with_registration(
     if not moved:
         return None
     of_scale = np.array([moved.get(name, np.zeros(3)) for name in made.maplets]).reshape(-1, 3)
-    # What moves a maplet moves SPC against the lidar in a pair, and its mapola with it.
+    # A displaced maplet displaces SPC against the lidar in a pair, and its mapola.
     of_epsilon = -maplets_under(made.pairs).T @ influence(estimate.equations, estimate.fit)[0]
     return shared_by_maplets(of_epsilon, of_scale, made.center_sigma)

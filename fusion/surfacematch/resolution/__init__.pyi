@@ -1,10 +1,6 @@
 from .noise import NoiseSpectrum as NoiseSpectrum
-from .noise import bridged as bridged
 from .noise import estimate_spectrum as estimate_spectrum
 from .resolution import blur as blur
 from .resolution import estimate_blur as estimate_blur
-from .resolution import filled as filled
-from .resolution import plane_of as plane_of
-from .resolution import trend_of as trend_of
 from .transfer import Transfer as Transfer
 from .transfer import estimate_transfer as estimate_transfer

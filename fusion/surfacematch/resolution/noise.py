@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, ndimage
 
-from fusion.surfacematch.resolution.resolution import trend_of
 from spcola.arrays import (
     BoolArray,
     FloatArray,
@@ -24,7 +23,7 @@ from spcola.arrays import (
     frozen,
 )
 from spcola.errors import InvalidValueError
-from spcola.grids import carried_on, closable, closed
+from spcola.grids.gaps import closable, trend_of
 from spcola.grids.statistics import autocovariance
 from spcola.math.robust import mad
 
@@ -155,25 +154,10 @@ def estimate_spectrum(residuals: Iterable[FloatArray]) -> NoiseSpectrum | None:
     return NoiseSpectrum(mean[0][filled], mean[1][filled] / mean[1].max())
 
 
-def bridged(height: FloatArray) -> FloatArray:
-    """Return heights (R, C), metres, with gaps filled from around, smoothly where they are narrow.
-
-    Wide gaps, and gaps at the edge, follow the surface's paraboloid: a constant height would have a
-    kink, which a filter spreads. 0 everywhere if nothing is known.
-    """
-    known = np.isfinite(height)
-    if known.all():
-        return height
-    if not known.any():
-        return np.zeros(height.shape)
-    trend = trend_of(height)
-    return carried_on(closed(height - trend)) + trend
-
-
 def supported(known: BoolArray) -> BoolArray:
     """Mask (R, C) of known points whose neighbourhood is known but for narrow gaps.
 
-    Narrow gaps count as known: :func:`bridged` fills them from the points around.
+    :func:`spcola.grids.bridged` closes narrow gaps by the points around them.
     """
     share = ndimage.gaussian_filter(closable(known).astype(np.float64), _SUPPORT, mode="constant")
     enough: BoolArray = known & (share > _KNOWN)

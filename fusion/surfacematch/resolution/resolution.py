@@ -15,63 +15,13 @@ from scipy import ndimage
 from scipy.optimize import minimize_scalar
 
 from spcola.arrays import BoolArray, FloatArray
-from spcola.grids import carried_on, closed
+from spcola.grids.gaps import closed, plane_of, trend_of
 from spcola.math.robust import mad
 
 # A smoothed value needs at least this share of the (weighted) grid points around it.
 _MIN_SUPPORT = 0.5
 # Robust standard deviations beyond which a difference is not noise.
 _OUTLYING = 3.0
-
-
-def plane_of(height: FloatArray) -> FloatArray:
-    """Least-squares plane (R, C) through the known points of `height` (R, C), metres.
-
-    0 if fewer than three points are known.
-    """
-    return _fitted(height, 3) if np.isfinite(height).sum() >= 3 else np.zeros(height.shape)
-
-
-def trend_of(height: FloatArray) -> FloatArray:
-    """Least-squares paraboloid (R, C) through the known points of `height` (R, C), metres.
-
-    That of :func:`plane_of` if fewer than twelve points are known.
-    """
-    return _fitted(height, 6) if np.isfinite(height).sum() >= 12 else plane_of(height)
-
-
-def _fitted(height: FloatArray, terms: int) -> FloatArray:
-    """Least-squares polynomial (R, C) of the first `terms` of 1, x, y, x², xy, y²."""
-    rows, columns = height.shape
-    design = _polynomial((rows, columns))[:terms]
-    known = np.isfinite(height)
-    rows_known = design * known.ravel()
-    right = rows_known @ np.where(known, height, 0.0).ravel()
-    solution = np.linalg.lstsq(rows_known @ design.T, right, rcond=1e-12)[0]
-    fitted: FloatArray = (solution @ design).reshape(height.shape)
-    return fitted
-
-
-@lru_cache(4)
-def _polynomial(shape: tuple[int, int]) -> FloatArray:
-    """1, x, y, x², xy, y² (6, R·C) with x and y from −1 to 1 over a grid."""
-    y, x = np.meshgrid(*(np.linspace(-1.0, 1.0, n) for n in shape), indexing="ij")
-    design = np.stack([np.ones(shape), x, y, x * x, x * y, y * y]).reshape(6, -1)
-    design.flags.writeable = False
-    return design
-
-
-def filled(height: FloatArray) -> FloatArray:
-    """Return `height` (R, C), metres, with gaps filled by the nearest known departure from a trend.
-
-    For splines, which need whole grids; gaps must remain excluded from comparisons.
-    """
-    known = np.isfinite(height)
-    if known.all() or not known.any():
-        return np.where(known, height, 0.0)
-    trend = trend_of(height)
-    result: FloatArray = np.where(known, height, carried_on(height - trend) + trend)
-    return result
 
 
 def blur(height: FloatArray, sigma_cells: float, *, of_slopes: bool = True) -> FloatArray:

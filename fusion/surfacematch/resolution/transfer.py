@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from fusion.surfacematch.resolution.noise import bridged
-from fusion.surfacematch.resolution.resolution import trend_of
 from spcola.arrays import FloatArray
+from spcola.grids.gaps import bridged, trend_of
 
 _RINGS = 25
 # Spectra of surfaces with a larger share of gaps are dominated by the gaps.

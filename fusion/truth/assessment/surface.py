@@ -1,4 +1,4 @@
-"""What the assessment asks of a truth: the questions that a known surface answers."""
+"""Interface of a truth surface, as the assessment uses it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Protocol
 
 from spcola.arrays import AnyArray, FloatArray
 from spcola.grids import MapletGrid
-from spcola.truth.body import Nearest
+from spcola.truth.body import SurfacePoints
 
 
 class TruthSurface(Protocol):
@@ -15,11 +15,11 @@ class TruthSurface(Protocol):
     def radius(self, directions: FloatArray) -> FloatArray:
         """Return the radius (N,), metres, in `directions` (N, 3)."""
 
-    def nearest(self, points: FloatArray) -> Nearest:
+    def nearest(self, points: FloatArray) -> SurfacePoints:
         """Return the points of the surface that are nearest to `points` (N, 3), metres."""
 
     def heights(self, grid: MapletGrid) -> FloatArray:
         """Return the heights (2q+1, 2q+1), metres, along Uz."""
 
     def terrain(self, directions: FloatArray, *, smallest: float) -> AnyArray:
-        """Return flags (N,) of the ground, of features from `smallest` metres on."""
+        """Return terrain flags (N,), for features of at least `smallest` metres."""

@@ -1,4 +1,5 @@
 from .settings import Settings as Settings
+from .settings import complaint as complaint
 from .settings import load_settings as load_settings
 from .settings import write_settings as write_settings
 from .tables import AcceptSettings as AcceptSettings

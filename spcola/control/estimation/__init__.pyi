@@ -1,7 +1,6 @@
 from .bundle_adjustment import Network as Network
 from .bundle_adjustment import NetworkOptions as NetworkOptions
 from .bundle_adjustment import solve_network as solve_network
-from .bundle_adjustment import strongest as strongest
 from .landmark_fit import LandmarkSolution as LandmarkSolution
 from .landmark_fit import solve_landmark as solve_landmark
 from .landmark_fit import state_partials as state_partials

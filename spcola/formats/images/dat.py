@@ -19,7 +19,7 @@ ByteOrder = Literal[">", "<"]
 def read_image_data(
     path: str | Path, width: int, height: int, *, byte_order: ByteOrder | None = None
 ) -> AnyArray:
-    """Read the pixels of an image whose size its .SUM file tells.
+    """Read the pixels of an image whose size is in its .SUM file.
 
     Parameters
     ----------
@@ -28,7 +28,10 @@ def read_image_data(
     width, height : int
         NPX and NLN.
     byte_order : {">", "<"}, optional
-        Of 16-bit data; recognised if not given (:func:`recognise_byte_order`).
+        Byte order of 16-bit data. If not given, the one in which neighbours are similar: in the
+        wrong order the least significant byte leads, and neighbours differ like noise. SPC's own,
+        most significant byte first, unless the other makes the sum of differences between
+        neighbours less than half as large.
 
     Returns
     -------
@@ -47,24 +50,6 @@ def read_image_data(
     order = byte_order or _order_of(content, width, height)
     raw = np.frombuffer(content, np.dtype(np.uint16).newbyteorder(order))
     return raw.reshape(height, width).astype(np.uint16)
-
-
-def recognise_byte_order(path: str | Path, width: int, height: int) -> ByteOrder:
-    """Return the byte order of 16-bit image data: the one in which neighbours are alike.
-
-    In the wrong order the least significant byte leads, and neighbours differ as noise does.
-    Most significant byte first, SPC's own order, unless the other makes the sum of differences
-    between neighbours less than half as large.
-
-    Raises
-    ------
-    FormatError
-        If the length fits neither one nor two bytes a pixel.
-    """
-    content = read_bytes(path)
-    if _bytes_per_pixel(content, width, height, path) == 1:
-        return ">"
-    return _order_of(content, width, height)
 
 
 def write_image_data(path: str | Path, pixels: AnyArray, *, byte_order: ByteOrder = ">") -> None:
@@ -110,8 +95,8 @@ def _order_of(content: bytes, width: int, height: int) -> ByteOrder:
 def _roughness(pixels: AnyArray) -> tuple[np.int64, np.int64]:
     """Sums of absolute differences between neighbours along lines and columns of pixels (R, C).
 
-    As they are, and with the two bytes of each exchanged. Compiled, and row by row so that several
-    pixels are taken at once: images are read by the thousand, and this looks at all of them.
+    With the bytes of each pixel unchanged and exchanged. Compiled, and row by row so that it is
+    vectorised: images are read by the thousand, and this reads all pixels.
     """
     rows, columns = pixels.shape
     kept, swapped = np.int64(0), np.int64(0)

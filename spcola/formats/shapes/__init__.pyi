@@ -3,10 +3,5 @@ from .icq import write_icq as write_icq
 from .obj import FacesFrom as FacesFrom
 from .obj import read_obj as read_obj
 from .obj import write_obj as write_obj
-from .ply import read_ply_mesh as read_ply_mesh
-from .ply import write_ply_mesh as write_ply_mesh
-from .ply_header import PlyElement as PlyElement
-from .ply_header import PlyHeader as PlyHeader
-from .ply_header import parse_header as parse_header
 from .shape import read_shape as read_shape
 from .shape import recognise_shape as recognise_shape

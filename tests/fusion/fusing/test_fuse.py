@@ -5,8 +5,10 @@ import pytest
 from scipy import ndimage
 
 from fusion.fusing import (
+    DEFAULT_INFORMATION,
     Candidate,
     Comparison,
+    Constraints,
     FuseInput,
     FuseOptions,
     SlopeInformation,
@@ -14,8 +16,6 @@ from fusion.fusing import (
     fuse_maplet,
     lidar_constraints,
 )
-from fusion.fusing.constraints import Constraints
-from fusion.fusing.information import DEFAULT_INFORMATION
 from fusion.fusing.maplets import Source
 from lidar.gridding import Mapola
 from spcola.grids import Maplet, MapletGrid

@@ -7,15 +7,15 @@ import pytest
 from scipy import ndimage
 
 from fusion.fusing import (
+    DEFAULT_INFORMATION,
     Comparison,
+    Constraints,
     FuseInput,
     FuseOptions,
     SlopeInformation,
     estimate_information,
     fuse_maplet,
 )
-from fusion.fusing.constraints import Constraints
-from fusion.fusing.information import DEFAULT_INFORMATION
 from fusion.fusing.maplets import FusedMaplet, Source
 from fusion.fusing.shape import ShapeInformation, estimate_shape
 from fusion.fusing.variogram import mean_square

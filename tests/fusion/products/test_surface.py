@@ -107,7 +107,7 @@ def test_cut_off_anywhere(written) -> None:
         (b'"half_size":24', b'"half_size":10', "outside its grid"),
         (b"element vertex", b"element vertix", "vertices that are not"),
         (b"property double sigma", b"property double sugma", "vertices that are not"),
-        (b"end_header", b"and_header", "no end_header"),
+        (b"end_header", b"and_header", "is no line of a PLY header"),
     ],
 )
 def test_ply_each_part_corrupted_once(tmp_path, fused, provenance, old, new, message) -> None:

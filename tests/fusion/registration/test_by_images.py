@@ -5,13 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fusion.registration.fit import FitOptions
-from fusion.registration.observations import (
-    ImagedMapolas,
-    LandmarkErrors,
-    fit_mapolas,
-    place_mapolas,
-)
+from fusion.registration.fit import FitOptions, LandmarkErrors
+from fusion.registration.observations import ImagedMapolas, fit_mapolas, place_mapolas
 from fusion.registration.observations.combine import ObservationTypeSizes, joint_matches
 from fusion.registration.results import MatchedMapolas, ScanEffects
 from fusion.surfacematch import Match
@@ -155,6 +150,8 @@ def test_contradicting_types_are_not_used_and_one_type_is_enough():
     reasons = [match.reason for match in found.rows.matches]
     assert "topography and images differ by" in reasons[0]
     assert reasons == [reasons[0], "", reasons[0], "no image shows it"]
+    causes = [match.cause for match in found.rows.matches]
+    assert causes[:3] == ["types-disagree", None, "types-disagree"]
     assert np.isnan(found.chi2[1])
 
 

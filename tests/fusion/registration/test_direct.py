@@ -13,9 +13,16 @@ from scipy import ndimage
 from fusion.estimation.verdict import Code, Verdict
 from fusion.registration.clouds.clouds import CloudOptions, register_clouds
 from fusion.registration.clouds.softness import relative_blur, significant_blur
-from fusion.registration.returns import CloudOfReturns, FixedSurface, match_returns
-from fusion.registration.returns.by_returns import ReturnsOptions, register_returns
+from fusion.registration.fit.fit import LIDAR_FRAME, PARAMETERS, SPC_FRAME
+from fusion.registration.returns import (
+    CloudOfReturns,
+    FixedSurface,
+    SurfaceSays,
+    match_returns,
+    surface_equations,
+)
 from fusion.registration.returns.direct import DirectRegistration
+from fusion.stages.register.scan_fits import ScanFit
 from fusion.surfacematch import Match, Surface
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.grids import MapletGrid
@@ -98,7 +105,7 @@ def errors(found: Similarity, planted: Similarity = PLANTED) -> Array:
     )
 
 
-def sigmas(found: DirectRegistration) -> Array:
+def sigmas(found: DirectRegistration | ScanFit) -> Array:
     return np.sqrt(np.diag(found.covariance))
 
 
@@ -243,16 +250,31 @@ def returns_of(cloud: Array, transform: Similarity | Affine = PLANTED) -> CloudO
     return CloudOfReturns(moved_back(cloud, transform), np.full(len(cloud), NOISE_M))
 
 
-def registered(cloud: Array, height: Array, blur_cells: float = 0.0) -> DirectRegistration:
-    fixed = FixedSurface(SURFACE, Surface(height), blur_cells)
-    return register_returns(returns_of(cloud), [fixed])
+def fitted(
+    parts: list[tuple[CloudOfReturns, FixedSurface]], maplet_sigma_m: float = 0.0
+) -> ScanFit:
+    """The transform of the returns on some surfaces, as that of a scan is found."""
+    begin = Affine(np.eye(3), np.zeros(3), SPC_FRAME, LIDAR_FRAME)
+    center = np.mean([fixed.grid.center for _, fixed in parts], axis=0)
+    fit = ScanFit(begin, "similarity", np.full((7, 7), np.inf), center)
+    for _ in range(4):
+        found = [
+            surface_equations(cloud, fixed, fit.transform, center, size=7, min_coverage=0.0)
+            for cloud, fixed in parts
+        ]
+        known: list[SurfaceSays] = [each for each in found if each is not None]
+        fit = fit.stepped(known, PARAMETERS["similarity"], maplet_sigma_m)
+    return fit
+
+
+def registered(cloud: Array, height: Array, blur_cells: float = 0.0) -> ScanFit:
+    return fitted([(returns_of(cloud), FixedSurface(SURFACE, Surface(height), blur_cells))])
 
 
 def test_returns_are_registered_to_a_surface_with_true_sigmas() -> None:
     pulls = []
     for seed in range(10):
         found = registered(Terrain(seed).cloud(0, 40_000, NOISE_M), spc_surface(seed))
-        assert found.converged
         pulls.append(errors(found.similarity) / sigmas(found))
     assert 0.75 < np.sqrt(np.mean(np.square(pulls))) < 1.25
 
@@ -290,7 +312,7 @@ def test_many_surfaces_around_a_body_are_fitted_together() -> None:
     generator, pulls = np.random.default_rng(0), []
     normals = generator.normal(size=(30, 3))
     for _ in range(3):
-        surfaces, clouds = [], []
+        parts = []
         for k, normal in enumerate(normals / np.linalg.norm(normals, axis=1)[:, None]):
             grid = MapletGrid.facing(40.0 * normal, normal, 0.5, 12)
             ground = Terrain(k, nodes=128)
@@ -298,25 +320,17 @@ def test_many_surfaces_around_a_body_are_fitted_together() -> None:
             x, y = generator.uniform(-7, 7, (2, 2500))
             local = np.stack([x, y, ground.heights(x, y)], axis=1)
             shifted = local + 0.03 * generator.normal(size=3)
-            clouds.append(grid.center + shifted @ grid.axes)
-            surfaces.append(FixedSurface(grid, Surface(height)))
-        found = register_returns(returns_of(np.concatenate(clouds), planted), surfaces)
-        assert found.clusters == 30
+            cloud = returns_of(grid.center + shifted @ grid.axes, planted)
+            parts.append((cloud, FixedSurface(grid, Surface(height))))
+        found = fitted(parts, maplet_sigma_m=0.03)
+        assert found.surfaces == 30
         pulls.append(errors(found.similarity, planted) / sigmas(found))
     assert 0.6 < np.sqrt(np.mean(np.square(pulls))) < 1.5
 
 
-def test_returns_outside_all_surfaces_match_nothing() -> None:
+def test_returns_beside_all_surfaces_fit_nothing() -> None:
     far = Terrain(0).cloud(0, 5000, NOISE_M) + np.array([500.0, 0.0, 0.0])
-    with pytest.raises(NotObservableError, match="no return falls on them"):
-        registered(far, spc_surface(0))
-
-
-def test_a_displacement_beyond_the_capture_range_is_reported() -> None:
-    cloud = returns_of(Terrain(0).cloud(0, 40_000, NOISE_M) + np.array([1.5, 0.0, 0.0]))
-    fixed = FixedSurface(SURFACE, Surface(spc_surface(0)))
-    with pytest.raises(NotObservableError, match="edge of the capture range"):
-        register_returns(cloud, [fixed], options=ReturnsOptions(capture_m=0.9))
+    assert registered(far, spc_surface(0)).reason.startswith("no maplet is covered")
 
 
 def matched(seed: int, moved: tuple[float, float, float]) -> Match:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.registration.fit import FitOptions
-from fusion.registration.observations import LandmarkErrors, fit_mapolas
+from fusion.registration.fit import FitOptions, LandmarkErrors
+from fusion.registration.observations import fit_mapolas
 from fusion.registration.results import MatchedMapolas, ScanEffects
 from fusion.surfacematch import Match
 from spcola.control.estimation import Network

@@ -5,8 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fusion.estimation.verdict import Code, Severity, Verdict
-from fusion.estimation.verdict.verdict import MEANINGS
+from fusion.estimation.verdict import (
+    Cause,
+    Code,
+    Severity,
+    Verdict,
+)
 from fusion.scaling.fit import ScaleOptions, estimate_scale
 from fusion.scaling.fit.observation import ScaleObservations
 from fusion.scaling.fit.residuals import residuals_json
@@ -158,4 +162,4 @@ def test_mean_and_scatter_of_residuals(kind):
 
 
 def test_every_code_has_a_meaning():
-    assert set(MEANINGS) == set(Code)
+    assert all(one.meaning and one == one.value for kind in (Code, Cause) for one in kind)

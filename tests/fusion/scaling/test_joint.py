@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import kurtosis
 
+from fusion.estimation import influence
 from fusion.scaling.fit import ScaleOptions, estimate_scale
 from fusion.scaling.fit.observation import PARAMETERS, ScaleObservations
 from fusion.scaling.judging import consistency
@@ -133,6 +135,32 @@ def test_pulls_are_of_unit_width_where_pairs_lean_on_the_same_states():
         days += [(day.epsilon - 2e-4) / day.epsilon_sigma for day in estimate.days]
     assert 0.6 < np.sqrt(np.mean(np.square(pulls))) < 1.4
     assert 0.8 < np.sqrt(np.mean(np.square(days))) < 1.25
+
+
+def test_pulls_have_no_long_tails_where_a_third_of_the_states_carries_the_weight():
+    # As the scans of a mission lie: the returns of all three images lean on the middle one.
+    shares = np.kron(np.eye(8), np.tile([0.12, 0.76, 0.12], (3, 1)))
+    planted = [0.0, 0.0, 0.0, *np.radians([0.0, 0.0, 0.01])]
+    pulls, carried = [], []
+    for seed in range(20):
+        data = mission(
+            np.random.default_rng(seed),
+            count=24,
+            noise=0.02,
+            turn_deg=(0.0, 0.0, 0.01),
+            shares=shares,
+            state_noise=0.2,
+        )
+        estimate = estimate_scale(data)
+        fit = estimate.fit
+        pulls.append((fit.estimate[1:7] - planted) / fit.sigma[1:7])
+        moved = np.einsum("pnd,ns->ps", influence(estimate.equations, fit)[1:4], shares) ** 2
+        carried.append(np.sum(moved[:, 1::3]) / np.sum(moved))
+    assert np.min(carried) > 0.9
+    assert 0.8 < np.sqrt(np.mean(np.square(pulls))) < 1.25
+    # Student's t with the 17 degrees of freedom of eight passes has 0.5; its error here is 0.45.
+    assert kurtosis(np.ravel(pulls)) < 1.5
+    assert np.max(np.abs(pulls)) < 4.0
 
 
 def test_states_on_which_nothing_leans_change_nothing():

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fusion.estimation.verdict import Cause
 from fusion.scaling.geometry import (
     LeftOut,
     PairOptions,
@@ -86,7 +87,7 @@ def test_the_frame_lies_where_the_central_pixel_looks():
 
 def test_images_past_the_body_are_left_out():
     past = frame_of_image(image([2000.0, 0.0, 0.0], [0.0, 300.0, 0.0]), RayCaster(CUBE), OPTIONS)
-    assert past == LeftOut("I1", "the central pixel misses the body")
+    assert past == LeftOut("I1", Cause.OFF_BODY, "the central pixel misses the body")
 
 
 @pytest.mark.parametrize(
@@ -100,7 +101,7 @@ def test_images_past_the_body_are_left_out():
 def test_oblique_ground_is_left_out_and_the_angle_reported(position, sun, reason):
     seen = image(position, [50.0, 0.0, 0.0], sun=sun)
     left_out = frame_of_image(seen, RayCaster(CUBE), OPTIONS)
-    assert left_out == LeftOut("I1", left_out.reason)
+    assert left_out == LeftOut("I1", Cause.OBLIQUE, left_out.reason)
     assert left_out.reason.startswith(reason)
 
 
@@ -147,6 +148,7 @@ def test_without_maplet_or_returns_there_is_no_pair():
     flat = Maplet("I1", frame.grid, np.zeros(frame.grid.shape))
     left_out = make_pair(frame, flat, none, SOURCES, OPTIONS)
     assert left_out.reason == "no return of that time lies there"
+    assert left_out.cause == "no-data"
 
 
 @pytest.mark.parametrize(

@@ -57,3 +57,22 @@ def test_what_was_not_recovered_is_counted_not_averaged() -> None:
     (none,) = pull_statistics([lost])
     assert none.count == 0
     assert np.isnan(none.deviation)
+
+
+def test_few_large_errors_raise_the_kurtosis_and_not_the_deviation() -> None:
+    """Sigmas that are right on average: a tenth of the missions errs by three times the rest."""
+    rng = np.random.default_rng(5)
+    size = np.where(rng.random(400) < 0.1, 3.0, 1.0) / np.sqrt(0.1 * 9.0 + 0.9)
+    (heavy,) = pull_statistics(
+        [[Recovered("x", 0.0, float(e), 1.0, "m")] for e in size * rng.normal(size=400)]
+    )
+    (normal,) = pull_statistics(missions(400))
+    error = np.sqrt(24 / 400)
+    assert heavy.lowest < 1.0 < heavy.highest
+    assert heavy.kurtosis > 5 * error
+    assert abs(normal.kurtosis) < 3 * error
+
+
+def test_three_missions_have_no_kurtosis() -> None:
+    (found,) = pull_statistics(missions(3))
+    assert np.isnan(found.kurtosis)

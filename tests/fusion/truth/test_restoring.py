@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
+from typing import Any
+
 import pytest
 
 from fusion.truth import changed
 from fusion.truth.presets import MissionSettings
+from fusion.truth.restoring import restored
 from spcola.errors import SettingsError
 
 
@@ -41,15 +46,35 @@ def test_entries_are_replaced_at_any_depth() -> None:
         ("body.size=3", "there is no entry size; known: seed, radius"),
         ("epsilon.x=3", "there is no entry x"),
         ("campaign.legs.99.images=3", "99 is no position in a list"),
-        ("body.radius=wide", "body.radius: must be a float, not 'wide'"),
+        ("body.radius=wide", "body.radius: should be a valid number, not 'wide'"),
         ("body.radius=-3", "must be positive"),
-        ("epsilon=none", "must be a float, not None"),
-        ("solution.maplets=2.5", "must be a int"),
-        ("solution.noise=nan", "solution.noise: must be a number, not nan"),
-        ("day_scale_bias=[0.0, nan]", "day_scale_bias: must be a number, not nan"),
+        ("epsilon=none", "settings.epsilon: should be a valid number, not None"),
+        ("solution.maplets=2.5", "solution.maplets: should be a valid integer.*not 2.5"),
+        ("solution.noise=nan", "solution.noise: should be a finite number, not nan"),
+        ("day_scale_bias=[0.0, nan]", "day_scale_bias.1: should be a finite number, not nan"),
         ("body.seed=-1", "seed: must be at least 0, not -1"),
     ],
 )
-def test_what_cannot_be_is_told(text: str, message: str) -> None:
+def test_a_value_that_cannot_be_is_refused(text: str, message: str) -> None:
     with pytest.raises(SettingsError, match=message):
         changed(MissionSettings.mini(), [text])
+
+
+def test_entries_that_are_missing_unknown_or_no_table_are_named() -> None:
+    def entries() -> Any:
+        return json.loads(json.dumps(asdict(MissionSettings.mini())))
+
+    lacking, more, wrong = entries(), entries(), entries()
+    del lacking["campaign"]["legs"][1]["images"], lacking["passes"]
+    with pytest.raises(SettingsError, match=r"is missing|lacks the entry passes"):
+        restored(MissionSettings, lacking)
+    more["body"]["size"] = 3
+    with pytest.raises(SettingsError, match=r"settings\.body\.size: is an unknown entry"):
+        restored(MissionSettings, more)
+    wrong["body"] = [1, 2]
+    with pytest.raises(SettingsError, match=r"settings.body: should be a table"):
+        restored(MissionSettings, wrong)
+    lacking = entries()
+    del lacking["body"]["craters"]
+    with pytest.raises(SettingsError, match=r"settings: lacks the entry body.craters"):
+        restored(MissionSettings, lacking)

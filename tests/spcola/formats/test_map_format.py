@@ -18,7 +18,8 @@ from spcola.formats.maplets import (
     sigma_path,
     write_maplet,
 )
-from spcola.formats.maplets.map import MapHeader, map_length, write_sigma
+from spcola.formats.maplets.map_header import MapHeader, map_length
+from spcola.formats.maplets.sigma import write_sigma
 from spcola.grids import Maplet, MapletGrid
 
 Q = 2

@@ -13,15 +13,14 @@ from spcola.errors import FormatError, InvalidValueError
 from spcola.formats.shapes import (
     read_icq,
     read_obj,
-    read_ply_mesh,
     read_shape,
     recognise_shape,
     write_icq,
     write_obj,
-    write_ply_mesh,
 )
 from spcola.formats.shapes.obj import divided
-from spcola.formats.shapes.ply import read_ply
+from spcola.formats.shapes.ply import read_ply_mesh, write_ply_mesh
+from spcola.formats.shapes.ply.mesh import read_ply
 from spcola.shape import Mesh
 from spcola.shape.icq import IcqShape, icq_directions
 
@@ -315,8 +314,8 @@ def test_every_corrupted_line_of_a_ply_is_seen(every_corruption_is_seen, tmp_pat
         ("ply\n", "plx\n", r"line 1: does not begin with 'ply'"),
         ("ascii 1.0", "ascii 2.0", r"line 2: .*no format of PLY"),
         ("float y", "floot y", r"line 6: .*no property"),
-        ("float y", "float x", r"line 6: .*stands twice"),
-        ("element face", "element vertex", r"line 9: .*stands twice"),
+        ("float y", "float x", r"line 6: .*appears twice"),
+        ("element face", "element vertex", r"line 9: .*appears twice"),
         ("end_header\n", "", r"line 11: .*no line of a PLY header"),
         ("vertex 4", "vertex 5", r"promises 8 elements, the file has 7"),
         ("float z", "float w", r"x, y and z"),

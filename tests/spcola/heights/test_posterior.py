@@ -6,14 +6,9 @@ import numpy as np
 import pytest
 
 from spcola.errors import SettingsError
-from spcola.heights import (
-    HeightProblem,
-    PosteriorOptions,
-    SolverOptions,
-    posterior_sigma,
-    solve_heights,
-)
+from spcola.heights import HeightProblem, SolverOptions, posterior_sigma, solve_heights
 from spcola.heights.components import find_components
+from spcola.heights.posterior import PosteriorOptions
 
 
 def random_problem(rng, shape, *, holes=0.0, cuts=0.0, sparse=0.1, weight=1.0, decades=0.0):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spcola.grids import MapletGrid
-from spcola.truth.body import Nearest
+from spcola.truth.body import SurfacePoints
 
 
 class Ellipsoid:
@@ -21,7 +21,7 @@ class Ellipsoid:
     def points(self, directions):
         return self.radius(directions)[:, None] * directions
 
-    def nearest(self, points) -> Nearest:
+    def nearest(self, points) -> SurfacePoints:
         square, t = self.axes**2, np.zeros(len(points))
         for _ in range(50):
             below = square + t[:, None]
@@ -30,7 +30,7 @@ class Ellipsoid:
         foot = square * points / (square + t[:, None])
         normals = foot / square
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        return Nearest(foot, np.sum((points - foot) * normals, axis=1), normals)
+        return SurfacePoints(np.sum((points - foot) * normals, axis=1), foot, normals)
 
     def heights(self, grid: MapletGrid):
         nodes = grid.points(np.zeros(grid.shape)) / self.axes

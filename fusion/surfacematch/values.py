@@ -1,0 +1,181 @@
+"""What is matched, how, and what came out: two surfaces, options, a displacement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fusion.estimation.verdict import Cause
+from spcola.arrays import FloatArray
+from spcola.grids import MapletGrid
+
+# Fewer independent differences than twice the parameters of a match give no covariance.
+_MIN_PATCHES = 10.0
+
+
+@dataclass(frozen=True)
+class MatchOptions:
+    """How mapolas are matched.
+
+    Parameters
+    ----------
+    capture_m : float
+        Largest horizontal displacement that is searched, metres.
+    min_coverage : float
+        Smallest share of the grid that both surfaces must hold.
+    min_correlation : float
+        Smallest correlation of the two surfaces, planes removed, after the match.
+    ambiguity : float
+        Another displacement that leaves less than this multiple of the difference's variance
+        makes the match ambiguous.
+    max_iterations : int
+        Most Gauss–Newton steps.
+    """
+
+    capture_m: float = 2.0
+    min_coverage: float = 0.3
+    min_correlation: float = 0.5
+    ambiguity: float = 1.2
+    max_iterations: int = 50
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Heights on a grid and what is known of their errors.
+
+    Parameters
+    ----------
+    height : (N, N) ndarray
+        Metres along the grid's Uz; NaN where unknown.
+    sigma : (N, N) ndarray, optional
+        One standard deviation, metres; NaN or 0 where it is not known. Only how the sigmas of
+        points compare matters to a match: their size is judged by what is left.
+    of_slopes : bool
+        Whether it is smooth because its slopes are, as those of maplets, or because its heights
+        are, as those of facets: a chord lies below a round body.
+    """
+
+    height: FloatArray
+    sigma: FloatArray | None = None
+    of_slopes: bool = True
+
+    @property
+    def variance(self) -> FloatArray:
+        """Squared sigma (N, N), that of the middling point where it is not known; 0 if nowhere."""
+        if self.sigma is None:
+            return np.zeros(self.height.shape)
+        known = np.isfinite(self.height) & (self.sigma > 0)
+        if known.all():
+            return self.sigma**2
+        usual = float(np.median(self.sigma[known])) if known.any() else 0.0
+        variance: FloatArray = np.where(known, self.sigma, usual) ** 2
+        return variance
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """Where the lidar surface has to move to lie on the SPC surface.
+
+    Attributes
+    ----------
+    name : str
+    center : (3,) ndarray
+        V of the mapola before the move, body-fixed, metres.
+    displacement : (3,) ndarray
+        d, body-fixed, metres: ``V + d`` is the centre in SPC coordinates. NaN if not matched.
+    covariance : (3, 3) ndarray
+        Of d, square metres, from the match itself: the curvature of the misfit under the
+        spatial correlation that the remaining differences show.
+    local : (3,) ndarray
+        d along Ux, Uy, Uz.
+    residual : (2q+1, 2q+1) ndarray
+        SPC minus moved lidar height less their plane, metres; NaN where not compared.
+    correlation, coverage : float
+        Of the surfaces (planes removed) after the match; share of the grid compared.
+    iterations : int
+    reason : str
+        Empty if the match is good, else why it must not be used.
+    cause : Cause or None
+        The code of the reason.
+    at_lidar : bool
+        Whether the residual is at the grid points of the lidar, the SPC surface being displaced to
+        them, as the lidar has many gaps; else it is at those of the SPC surface.
+    """
+
+    name: str
+    center: FloatArray
+    displacement: FloatArray
+    covariance: FloatArray
+    local: FloatArray
+    residual: FloatArray
+    correlation: float
+    coverage: float
+    iterations: int
+    reason: str
+    cause: Cause | None = None
+    at_lidar: bool = False
+
+    @property
+    def usable(self) -> bool:
+        """Whether the match may enter a fit."""
+        return not self.reason
+
+    def refused(self, cause: Cause, reason: str) -> Match:
+        """Return the match that must not be used, with the reason."""
+        return replace(self, cause=cause, reason=reason)
+
+    def on_one_grid(self, lidar: FloatArray, spc: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Heights (N, N) of lidar and SPC at the same ground, from those that were matched, metres.
+
+        Of the one that is not displaced as they are; of the other NaN where nothing was compared.
+        """
+        return (lidar, lidar + self.residual) if self.at_lidar else (spc - self.residual, spc)
+
+
+def judged_match(match: Match, options: MatchOptions, *, converged: bool, patches: float) -> Match:
+    """Return a match with the reason why it must not be used, if there is one.
+
+    Parameters
+    ----------
+    match : Match
+    options : MatchOptions
+    converged : bool
+        Whether its displacement did.
+    patches : float
+        Number of independent residuals.
+    """
+    if match.coverage < options.min_coverage:
+        few = f"only {match.coverage:.0%} of the grid could be compared"
+        return match.refused(Cause.NOT_COVERED, few)
+    if not converged:
+        late = f"the displacement did not converge in {match.iterations} steps"
+        return match.refused(Cause.NOT_CONVERGED, late)
+    if patches < _MIN_PATCHES:
+        few = f"the differences are so correlated that only {patches:.0f} are independent"
+        return match.refused(Cause.FEW_INDEPENDENT, few)
+    if match.correlation < options.min_correlation:
+        weak = f"the surfaces correlate by {match.correlation:.2f} only"
+        return match.refused(Cause.UNCORRELATED, weak)
+    if np.hypot(match.local[0], match.local[1]) > options.capture_m:
+        beyond = f"the displacement left the capture range ({options.capture_m} m)"
+        return match.refused(Cause.CAPTURE_RANGE, beyond)
+    return match
+
+
+def unmatched(name: str, grid: MapletGrid, coverage: float, cause: Cause, reason: str) -> Match:
+    """Return the result of a failed match on `grid`: NaN except the share compared, a `reason`."""
+    unknown = np.full(3, np.nan)
+    return Match(
+        name=name,
+        center=grid.center,
+        displacement=unknown,
+        covariance=np.full((3, 3), np.nan),
+        local=unknown,
+        residual=np.full(grid.shape, np.nan),
+        correlation=float("nan"),
+        coverage=coverage,
+        iterations=0,
+        reason=reason,
+        cause=cause,
+    )
