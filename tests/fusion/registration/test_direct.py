@@ -17,7 +17,7 @@ from fusion.registration.fit.fit import LIDAR_FRAME, PARAMETERS, SPC_FRAME
 from fusion.registration.returns import (
     CloudOfReturns,
     FixedSurface,
-    SurfaceSays,
+    SurfaceNormalEquations,
     match_returns,
     surface_equations,
 )
@@ -262,7 +262,7 @@ def fitted(
             surface_equations(cloud, fixed, fit.transform, center, size=7, min_coverage=0.0)
             for cloud, fixed in parts
         ]
-        known: list[SurfaceSays] = [each for each in found if each is not None]
+        known: list[SurfaceNormalEquations] = [each for each in found if each is not None]
         fit = fit.stepped(known, PARAMETERS["similarity"], maplet_sigma_m)
     return fit
 
