@@ -336,7 +336,7 @@ def _read_fused(path: Path) -> None:
 def _read_adjustment(path: Path) -> None:
     found = read_adjustment(path)
     shares = np.full((3, len(found)), 0.5)
-    ScanEffects.left_by(found, shares, POINTS[:3])
+    ScanEffects.of_adjustment(found, shares, POINTS[:3])
     str(found.suspects), found.sigma.sum()
 
 
