@@ -1,8 +1,8 @@
 """The core of stereophotoclinometry: maplets, images, landmarks, shapes, heights, bigmaps.
 
-Everything here is what images and maplets can do alone. Inside the program lengths are
-metres, angles radians and times seconds (ephemeris time, TDB past J2000); only the readers and
-writers in :mod:`spcola.formats` know kilometres and degrees.
+Everything here uses images and maplets only. Inside the program lengths are metres, angles
+radians and times seconds (ephemeris time, TDB past J2000); only the readers and writers in
+:mod:`spcola.formats` use kilometres and degrees.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Array types and the checks that every value object makes of its arrays."""
+"""Array types, and checks of the arrays of value objects."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from numpy.typing import ArrayLike, NDArray
 from spcola.errors import InvalidValueError
 
 FloatArray = NDArray[np.floating[Any]]
-"""Floating-point array; the shape and unit stand in the docstring of whoever uses it."""
+"""Floating-point array; shape and unit are in the docstring of its user."""
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.integer[Any]]
 AnyArray = NDArray[Any]
 
 
 def frozen(values: ArrayLike, shape: tuple[int | None, ...], name: str) -> FloatArray:
-    """Return a read-only float64 copy of `values`, refused unless it has `shape`.
+    """Return a read-only float64 copy of `values` after checking its `shape`.
 
-    ``None`` in `shape` stands for any length. A copy is made, because a frozen value whose
-    array the caller can still change is not frozen.
+    ``None`` in `shape` stands for any length. The copy ensures that the caller cannot change the
+    array of a frozen value.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def read_only(array: AnyArray) -> AnyArray:
 
 
 def check_shape(array: AnyArray, shape: tuple[int | None, ...], name: str) -> None:
-    """Refuse `array` unless it has `shape` (``None``: any length).
+    """Check that `array` has `shape` (``None``: any length).
 
     Raises
     ------
@@ -57,7 +57,7 @@ def check_shape(array: AnyArray, shape: tuple[int | None, ...], name: str) -> No
 
 
 def check_finite(array: AnyArray, name: str) -> None:
-    """Refuse `array` if it holds NaN or infinity.
+    """Check that `array` contains no NaN or infinity.
 
     Raises
     ------
@@ -69,9 +69,9 @@ def check_finite(array: AnyArray, name: str) -> None:
 
 
 def check_axes(axes: FloatArray, name: str, tolerance: float = 1e-5) -> None:
-    """Refuse `axes` (3, 3; rows are unit vectors) unless orthonormal and right-handed.
+    """Check that `axes` (3, 3; rows are unit vectors) are orthonormal and right-handed.
 
-    The tolerance lets through axes that a file stored with seven digits.
+    The tolerance allows for axes in files with seven digits.
 
     Raises
     ------

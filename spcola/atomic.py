@@ -1,4 +1,4 @@
-"""Writing a file so that it is either whole or not there."""
+"""Atomic writing of files: a file is either complete or absent."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _ADVICE = {
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path`; on success it is flushed and renamed to `path`.
+    """Yield a temporary path next to `path`; on success it is flushed and renamed to `path`.
 
-    Whatever happens inside, `path` afterwards holds either what it held before or the whole
-    new content: a crash, Ctrl-C or a full disk cannot leave half a file under the final name.
+    Afterwards `path` has either its old content or the complete new one: a crash, Ctrl-C or a
+    full disk cannot leave half a file under the final name.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 
 def flush(paths: Iterable[Path]) -> None:
-    """Have files on the disk, not only on their way to it.
+    """Write files to the disk (fsync).
 
     Raises
     ------
@@ -86,7 +86,7 @@ def write_text(path: str | Path, content: str) -> None:
 
 
 def write_error(path: Path, error: OSError) -> WorkspaceError:
-    """Turn an operating-system error met while writing `path` into one line for the user."""
+    """Return a one-line error for an operating-system error while writing `path`."""
     reason = os.strerror(error.errno) if error.errno else str(error)
     advice = _ADVICE.get(error.errno or 0, "check the disk and the folder")
     return WorkspaceError(f"cannot be written ({reason})", path, advice)

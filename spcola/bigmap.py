@@ -25,12 +25,12 @@ from spcola.heights import (
 
 @dataclass(frozen=True, eq=False)
 class Bigmap(Maplet):
-    """A :class:`~spcola.grids.Maplet` made of several; its sigma tells how they agree.
+    """A :class:`~spcola.grids.Maplet` made of several; its sigma includes their disagreement.
 
     Parameters
     ----------
     count : (2q+1, 2q+1) integer ndarray
-        Maplets that gave each point a height.
+        Number of maplets that gave each point a height.
 
     Raises
     ------
@@ -53,26 +53,26 @@ class Bigmap(Maplet):
 
 @dataclass(frozen=True)
 class BigmapOptions:
-    """How :func:`make_bigmap` works.
+    """Settings of :func:`make_bigmap`.
 
     Parameters
     ----------
     max_gsd : float, optional
-        Coarsest maplet that takes part, metres.
+        Coarsest maplet that is used, metres.
     max_distance : float, optional
-        Farthest height from the reference surface that takes part, metres.
+        Farthest height from the reference surface that is used, metres.
     integrate : bool
         Whether the averaged slopes are integrated; otherwise the averaged heights are kept.
     constraint_fraction : float
-        Share of the averaged heights that constrain the integration, 0 … 1; 1 takes them all.
+        Share of the averaged heights that constrain the integration, 0 … 1; 1 takes all.
     constraint_weight : float
-        Weight of one constraint, that of a step between neighbours being 1 (Gaskell et al.,
+        Weight of one constraint relative to that of a step between neighbours (Gaskell et al.,
         eq. 23). The surface follows the averaged heights over lengths above
         1 / √(fraction × weight) steps, and the averaged slopes below.
     seed : int
-        Of the generator that chooses the constraints.
+        Seed of the generator that chooses the constraints.
     tolerance_m : float, optional
-        Of the integration; 1e-6 of the bigmap's GSD if not given.
+        Tolerance of the integration; 1e-6 of the bigmap's GSD if not given.
 
     Raises
     ------
@@ -111,30 +111,30 @@ def make_bigmap(
 
     Every maplet is projected into the bigmap's frame; heights, slopes and albedo are averaged
     with the weight s0² / (s0² + s1²), s0 the GSD of the bigmap and s1 that of the maplet; the
-    averaged slopes are integrated with a few (or all) averaged heights as constraints. Slopes
-    know nothing of a maplet that lies too high or too low, so that no step is left at its edge.
+    averaged slopes are integrated with a few (or all) averaged heights as constraints. Slopes do
+    not depend on a height offset of a maplet, so that no step remains at its edge.
 
     Parameters
     ----------
     name : str
         Name of the bigmap.
     grid : MapletGrid
-        Where it lies.
+        Its position.
     maplets : iterable of Maplet
         Used one after the other, so that they need not all be in memory.
     options : BigmapOptions, optional
         Limits and constraints.
     reference : (2q+1, 2q+1) ndarray, optional
-        Heights of the surface that `max_distance` is counted from, metres, NaN where there is
+        Heights of the surface from which `max_distance` is counted, metres, NaN where there is
         none; the reference plane of `grid` if not given.
 
     Returns
     -------
     Bigmap
-        Sigma is the weighted standard deviation of the heights that met in a point, or the
-        weighted rms of the sigmas that the maplets state there if that is larger: two heights
-        may agree by chance, and maplets that share errors agree always. NaN where only one
-        maplet reached that states none.
+        Sigma is the weighted standard deviation of the heights at a point, or the weighted rms
+        of the stated sigmas of the maplets there if that is larger: two heights may agree by
+        chance, and maplets with shared errors always agree. NaN where there is only one maplet
+        without a stated sigma.
 
     Raises
     ------
@@ -170,7 +170,7 @@ class _Average:
         self._mean = np.zeros((4, *grid.shape))
 
     def add(self, part: ProjectedMaplet, gsd: float) -> None:
-        """Take in one projected maplet of the given GSD (metres)."""
+        """Add one projected maplet of the given GSD (metres)."""
         window = (part.rows, part.columns)
         use = part.valid
         if self._max_distance is not None:
@@ -237,7 +237,7 @@ def _may_reach(maplet: Maplet, grid: MapletGrid, options: BigmapOptions) -> bool
 
 
 def _integrate(average: _Average, gsd: float, options: BigmapOptions) -> FloatArray:
-    """Integrate the averaged slopes, held by averaged heights (MATH: energy (A))."""
+    """Integrate the averaged slopes, constrained by averaged heights (energy (A))."""
     height = average.height
     step_x, step_y = steps_from_slopes(*average.slopes, gsd)
     problem = HeightProblem(
@@ -250,7 +250,7 @@ def _integrate(average: _Average, gsd: float, options: BigmapOptions) -> FloatAr
         np.isfinite(height),
     )
     tolerance = 1e-6 * gsd if options.tolerance_m is None else options.tolerance_m
-    # A part that got no constraint keeps the mean of its averaged heights.
+    # A part without a constraint keeps the mean of its averaged heights.
     solution = solve_heights(
         problem, options=SolverOptions(tolerance_m=tolerance, floating="start"), start=height
     )

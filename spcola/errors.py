@@ -1,4 +1,4 @@
-"""The errors that reach a user: one line that says what, where and what to do."""
+"""The errors that reach a user: one line with what is wrong, where, and what to do."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 class SpcolaError(Exception):
-    """Something that the user can mend.
+    """An error that the user can correct.
 
     Parameters
     ----------
@@ -28,10 +28,10 @@ class SpcolaError(Exception):
 
 
 def printable(text: str) -> str:
-    """Return `text` on one line, and what no terminal should print (or cannot) as an escape.
+    """Return `text` on one line, with unprintable characters as escapes.
 
-    Messages quote files and their names, which may hold anything: control sequences, or bytes
-    that are no UTF-8.
+    Messages quote files and their names, which may contain control sequences, or bytes that are
+    not UTF-8.
     """
     line = " ".join(text.split())
     if line.isprintable():
@@ -40,13 +40,13 @@ def printable(text: str) -> str:
 
 
 def _clipped(what: str) -> str:
-    """Return what is said, without the middle if a file's own words make it endless."""
+    """Return the text without its middle if a quoted file makes it too long."""
     most = 400
     return what if len(what) <= most else f"{what[: most // 2]} ... {what[-most // 4 :]}"
 
 
 class FormatError(SpcolaError):
-    """A file does not hold what its format promises."""
+    """A file does not follow its format."""
 
 
 class SettingsError(SpcolaError):
@@ -54,15 +54,15 @@ class SettingsError(SpcolaError):
 
 
 class FrameMismatchError(SpcolaError):
-    """Two values that live in different frames were put together."""
+    """Two values in different frames were combined."""
 
 
 class InvalidValueError(SpcolaError):
-    """A value breaks its own rules (shape, unit vector, finite, positive …)."""
+    """A value fails its checks (shape, unit vector, finite, positive …)."""
 
 
 class NotObservableError(SpcolaError):
-    """The data do not determine what was asked for; `parameters` names what they leave free."""
+    """The data do not determine a result; `parameters` names the free ones."""
 
     def __init__(
         self,
@@ -80,7 +80,7 @@ class KernelError(SpcolaError):
 
 
 class RejectedResultError(SpcolaError):
-    """A result may not be used: it is refused, or doubtful and nobody accepted it."""
+    """A result may not be used: it is refused, or doubtful and not accepted by the user."""
 
 
 class WorkspaceError(SpcolaError):

@@ -1,4 +1,4 @@
-"""Scans adjusted to each other where they overlap."""
+"""Adjustment of scans to each other where they overlap."""
 
 import lazy_loader
 

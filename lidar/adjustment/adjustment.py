@@ -1,10 +1,10 @@
 """Errors of whole scans: rigid displacements solved from all overlaps together.
 
-The position of the spacecraft and the pointing are wrong by much the same during one scan, so that
-a scan is displaced and turned as a whole. Overlaps tell the displacements up to what all scans
-share (:mod:`lidar.adjustment.overlaps`); what they leave open is held by a prior, the size of which
-is estimated too. What is left unknown is a covariance over all scans: small between scans that
-overlap, as large as before between those that do not.
+The errors of spacecraft position and pointing hardly change during one scan, so that a scan is
+displaced and rotated as a whole. Overlaps determine the displacements up to those that all scans
+share (:mod:`lidar.adjustment.overlaps`); a prior, whose size is estimated too, constrains the rest.
+The result has a covariance over all scans: small between scans that overlap, as large as the prior
+between those that do not.
 """
 
 from __future__ import annotations
@@ -22,23 +22,22 @@ from spcola.arrays import FloatArray, IntArray
 from spcola.compilation import compiled
 from spcola.errors import SettingsError
 
-# A displacement has six numbers. Fewer cells than twice as many can be met by chance, by strays
-# say, and do not tell whether they were.
+# A displacement has six numbers. Overlaps of fewer than twice as many cells may be met by chance,
+# such as by outliers.
 _FEWEST_CELLS = 12
-# Eigenvalues of scaled normal equations below this share of the largest are rounding.
+# Eigenvalues of scaled normal equations below this share of the largest are rounding errors.
 _ROUNDING = 1e-10
-# An overlap is contradicted when it departs from what is expected by so many standard deviations.
+# An overlap contradicts the others when it departs from them by so many standard deviations.
 _CONTRADICTED = 5.0
-# Which of the doubtful overlaps count is settled within a few rounds, or they are as many as they
-# are.
+# Most rounds of deciding which of the doubtful overlaps are used.
 _MOST_SORTINGS = 10
-# A scan whose misfit exceeds the middling one by this factor does not fit however it is moved.
+# A scan whose misfit exceeds the median by this factor does not fit at any displacement.
 _SUSPECT = 3.0
 
 
 @dataclass(frozen=True)
 class AdjustmentOptions:
-    """What is expected of the errors of scans.
+    """Prior sizes of the errors of scans.
 
     Parameters
     ----------
@@ -47,9 +46,9 @@ class AdjustmentOptions:
     rotation_sigma_rad : float
         The same of its rotation, radians.
     wander_sigma_m : float
-        The same of its own displacement on one grid, beside those of the whole scan, metres.
+        The same of its additional displacement on one grid, metres.
     day_sigma_m : float
-        The same of what all scans of a day are displaced by along the radius, metres.
+        The same of the common displacement of all scans of a day along the radius, metres.
     estimate : bool
         Whether all are estimated from the overlaps, or kept.
 
@@ -81,27 +80,27 @@ class AdjustmentOptions:
 
 @dataclass(frozen=True, eq=False)
 class ScanAdjustment:
-    """By how much the points of S scans lie off, as stated.
+    """Displacements of S scans from their stated places.
 
     Attributes
     ----------
     names : tuple of str
     nodes : Nodes
-        The points about which they are turned, and which of them are arcs of one scan.
+        The points about which they are rotated, and which of them are arcs of one scan.
     displacement : (S, 6) ndarray
         Stated minus adjusted place of the centre (metres), and the rotation vector from adjusted
         to stated orientation (radians).
     covariance : (6S, 6S) ndarray
-        Of the displacements that are still unknown.
+        Covariance of the remaining displacements.
     sizes : ErrorSizes
-        Of the displacements.
+        Sizes of the displacements.
     misfit : (S,) ndarray
-        Root mean square of what is left between a scan and the others, in its standard
-        deviations; NaN for a scan that meets none, or in too few cells to tell.
+        Root mean square of the remaining differences between a scan and the others, in standard
+        deviations; NaN for a scan without overlaps, or with too few cells.
     cells : (S,) ndarray
         Cells in which it meets others.
     step_m : float
-        By how much the last round moved the heights of scans against each other (rms over their
+        Change of the height differences between scans in the last round (rms over their
         overlaps); NaN before any round, 0 without overlaps.
     """
 
@@ -119,17 +118,17 @@ class ScanAdjustment:
 
     @property
     def center(self) -> FloatArray:
-        """Body-fixed points (S, 3) about which they are turned, metres."""
+        """Body-fixed points (S, 3) about which they are rotated, metres."""
         return self.nodes.center
 
     @property
     def sigma(self) -> FloatArray:
-        """Standard deviations (S, 6) of what is unknown: metres and radians."""
+        """Standard deviations (S, 6) of the remaining displacements: metres and radians."""
         return np.sqrt(np.diag(self.covariance)).reshape(-1, DEGREES)
 
     @property
     def suspects(self) -> tuple[str, ...]:
-        """Scans that do not fit the others however they are moved."""
+        """Scans that do not fit the others at any displacement."""
         known = np.isfinite(self.misfit)
         if not known.any():
             return ()
@@ -137,7 +136,7 @@ class ScanAdjustment:
         return tuple(self.names[k] for k in np.flatnonzero(known & (self.misfit > limit)))
 
     def corrected(self, returns: Returns) -> Returns:
-        """Move `returns` to where their scans belong; those of a scan not in here stay."""
+        """Return `returns` with displacements removed; those of other scans are unchanged."""
         own = {name: number for number, name in enumerate(self.names)}
         which = np.array([own.get(name, len(self)) for name in returns.scan_names], dtype=np.intp)
         center = np.vstack([self.center, np.zeros(3)])[which]
@@ -146,7 +145,7 @@ class ScanAdjustment:
         return Returns(points, returns.sigma, returns.scan, returns.scan_names)
 
     def reach(self, center: FloatArray, radius: float) -> float:
-        """Return by how much points within `radius` of `center` (3,) are moved at most, metres."""
+        """Return the largest displacement of points within `radius` of `center` (3,), metres."""
         arm = np.linalg.norm(self.center - center, axis=1) + radius
         shift, turn = (np.linalg.norm(self.displacement[:, k : k + 3], axis=1) for k in (0, 3))
         return float((shift + turn * arm).max(initial=0.0))
@@ -156,9 +155,9 @@ class ScanAdjustment:
 def _taken_back(
     points: FloatArray, scan: IntArray, center: FloatArray, displacement: FloatArray
 ) -> FloatArray:
-    """Points (N, 3) less the displacement of their scans, metres.
+    """Return points (N, 3) less the displacement of their scans, metres.
 
-    The angles are of some 1e-4: their squares are nothing.
+    To first order in the angles, which are some 1e-4.
     """
     moved = np.empty(points.shape)
     for n in range(len(points)):
@@ -176,7 +175,7 @@ def _taken_back(
 
 
 def unadjusted(names: Sequence[str], nodes: Nodes, options: AdjustmentOptions) -> ScanAdjustment:
-    """What is known of scans before any overlap is looked at: nothing but the prior."""
+    """Return the prior: scans before any overlap is used."""
     count = len(names)
     return ScanAdjustment(
         tuple(names),
@@ -198,16 +197,17 @@ def adjust_scans(
     """Solve the displacements of all scans from their overlaps.
 
     The equations are those of returns that `before` has corrected; its displacements are added.
-    The sizes of the errors are found with them
+    The sizes of the errors are estimated with them
     (:func:`lidar.adjustment.normal_equations.solve_network`). An overlap of a few cells, or one
-    that no displacement makes agree, may be one of strays, and one is enough to turn all scans that
-    nothing else holds: it counts as long as the others do not contradict it. Where the overlaps fit
+    that no displacement makes agree, may consist of outliers, and a single one can rotate scans
+    without other constraints: it is used only if the others do not contradict it. Where the
+    overlaps fit worse than their noise predicts, the covariance grows with the misfit.
     worse than their noise has it, the covariance grows with the misfit.
 
     Parameters
     ----------
     before : ScanAdjustment
-        Of the last round, or :func:`unadjusted`.
+        Result of the last round, or :func:`unadjusted`.
     equations : sequence of OverlapEquations
     options : AdjustmentOptions, optional
 
@@ -216,27 +216,27 @@ def adjust_scans(
     ScanAdjustment
     """
     options = options or AdjustmentOptions()
-    sound = [part for part in equations if _stands_alone(part)]
-    doubtful = [part for part in equations if not _stands_alone(part)]
-    believed = np.zeros(len(doubtful), dtype=np.bool_)
+    sound = [part for part in equations if _is_conclusive(part)]
+    doubtful = [part for part in equations if not _is_conclusive(part)]
+    used = np.zeros(len(doubtful), dtype=np.bool_)
     start = before.sizes if options.estimate else options.sizes
     for _ in range(_MOST_SORTINGS):
-        heard = [p if b else _silenced(p) for p, b in zip(doubtful, believed, strict=True)]
-        found = _adjusted(before, [*sound, *heard], options, start)
+        weighted = [p if b else _with_weight_zero(p) for p, b in zip(doubtful, used, strict=True)]
+        found = _adjusted(before, [*sound, *weighted], options, start)
         start = found.sizes
         ratio = np.array([_departure(part, before, found) for part in doubtful])
-        # Where no overlap stands alone, as among tracks, they have to judge each other.
+        # Where no overlap is conclusive, as among tracks, they are compared with each other.
         many = not sound and len(doubtful) >= _FEWEST_CELLS
         usual = max(float(np.median(ratio)), 1.0) if many else 1.0
         agreeing = ratio <= _CONTRADICTED**2 * usual
-        if np.array_equal(agreeing, believed):
+        if np.array_equal(agreeing, used):
             break
-        believed = agreeing
+        used = agreeing
     return found
 
 
-def _stands_alone(part: OverlapEquations) -> bool:
-    """Whether an overlap shows by itself that its scans saw the same ground.
+def _is_conclusive(part: OverlapEquations) -> bool:
+    """Return whether an overlap shows by itself that its scans cover the same ground.
 
     It does if they meet in many cells, and some displacement makes them agree there.
     """
@@ -246,24 +246,24 @@ def _stands_alone(part: OverlapEquations) -> bool:
 
 
 def _least_energy(part: OverlapEquations) -> tuple[float, float]:
-    """Energy of an overlap after the displacement that it likes best, and what is free then."""
+    """Energy of an overlap after its best displacement, and the degrees of freedom."""
     inverse, rank = _inverse(part.normal)
     left = float(part.chi2.sum() - part.right @ inverse @ part.right)
     return left, float(part.freedom.sum()) - rank
 
 
 def _excess(parts: Sequence[OverlapEquations]) -> float:
-    """By what factor variances are too small, at least 1: of the middling overlap.
+    """Factor by which variances are too small, at least 1: that of the median overlap.
 
-    One that fits nowhere must not loosen all the others.
+    The median, so that one overlap that fits nowhere does not increase all variances.
     """
     energies = [_least_energy(part) for part in parts if part.weight > 0]
     ratio = [left / free for left, free in energies if free >= _FEWEST_CELLS]
     return max(float(np.median(ratio)), 1.0) if ratio else 1.0
 
 
-def _silenced(part: OverlapEquations) -> OverlapEquations:
-    """Return an overlap that moves nothing: one of many cells still shows in the misfit."""
+def _with_weight_zero(part: OverlapEquations) -> OverlapEquations:
+    """Return an overlap with weight 0; with many cells it still counts in the misfit."""
     nothing = np.zeros(len(part.scan))
     kept = (part.cells, part.chi2, part.freedom)
     if part.cells.max() < _FEWEST_CELLS:
@@ -273,7 +273,7 @@ def _silenced(part: OverlapEquations) -> OverlapEquations:
 
 
 def _departure(part: OverlapEquations, before: ScanAdjustment, found: ScanAdjustment) -> float:
-    """Energy of an overlap as `found` leaves it, over what its noise and the unknown have it."""
+    """Energy of an overlap after `found`, relative to its expectation from noise and covariance."""
     at = columns(part.scan)
     step = (found.displacement - before.displacement).ravel()[at]
     energy = float(part.chi2.sum() - 2.0 * part.right @ step + step @ part.normal @ step)
@@ -287,7 +287,7 @@ def _adjusted(
     options: AdjustmentOptions,
     start: ErrorSizes,
 ) -> ScanAdjustment:
-    """Solve the displacements from overlaps all of which count; sizes are sought from `start`."""
+    """Solve the displacements from weighted overlaps; the search for sizes begins at `start`."""
     count = len(before)
     cells, chi2, freedom = np.zeros(count), np.zeros(count), np.zeros(count)
     former = before.displacement.ravel()
@@ -296,7 +296,7 @@ def _adjusted(
         cells[part.scan] += part.cells
         chi2[part.scan] += part.chi2
         freedom[part.scan] += part.freedom
-        # Departures from the others, in terms of the whole displacement and not of its last step.
+        # Departures from the others, relative to the whole displacement and not to its last step.
         right = part.right + part.normal @ former[columns(part.scan)]
         whole.append(replace(part, right=right))
     few = cells < _FEWEST_CELLS
@@ -323,7 +323,7 @@ def _adjusted(
 
 
 def _moved(equations: Sequence[OverlapEquations], step: FloatArray) -> float:
-    """By how much a `step` (6S,) moves the heights of scans against each other, rms, metres."""
+    """Rms change by a `step` (6S,) of the height differences between scans, metres."""
     weight = sum(part.weight for part in equations)
     energy = sum(
         float(step[at] @ part.normal @ step[at])
@@ -335,9 +335,9 @@ def _moved(equations: Sequence[OverlapEquations], step: FloatArray) -> float:
 
 def _inverse(normal: FloatArray) -> tuple[FloatArray, int]:
     """Pseudo-inverse of normal equations of displacements, and their rank."""
-    # Metres and radians are unlike; the smallest eigenvalues are rounding.
+    # Metres and radians have different scales; the smallest eigenvalues are rounding errors.
     unit = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
     values, vectors = np.linalg.eigh(normal * np.outer(unit, unit))
-    told = values > _ROUNDING * max(float(values[-1]), 0.0)
-    root = unit[:, None] * vectors[:, told] / np.sqrt(values[told])
-    return root @ root.T, int(np.count_nonzero(told))
+    observable = values > _ROUNDING * max(float(values[-1]), 0.0)
+    root = unit[:, None] * vectors[:, observable] / np.sqrt(values[observable])
+    return root @ root.T, int(np.count_nonzero(observable))

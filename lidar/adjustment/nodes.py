@@ -1,4 +1,4 @@
-"""What may be displaced: scans, arcs of scans and days, and by how much they usually are."""
+"""Nodes of the adjustment: scans, arcs of scans and days, and the sizes of their errors."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import numpy as np
 from lidar.adjustment.overlaps import DEGREES
 from spcola.arrays import FloatArray, IntArray
 
-# Which of the sizes is that of each of a scan's six numbers.
-KINDS = np.array([0, 1, 1, 2, 2, 2])
-# Share of the variance that the arcs of one scan have in common: a trajectory errs over minutes and
+# Index of the size of each of a scan's six numbers.
+SIZE_OF_NUMBER = np.array([0, 1, 1, 2, 2, 2])
+# Share of the variance common to the arcs of one scan: a trajectory has errors over minutes and
 # over days.
 _ALIKE = 0.5
 
 
 @dataclass(frozen=True)
 class ErrorSizes:
-    """Standard deviations of what errs.
+    """Standard deviations of the errors.
 
     Parameters
     ----------
@@ -31,9 +31,9 @@ class ErrorSizes:
     rotation_rad : float
         Its rotation about each axis, radians.
     wander_m : float
-        Its own displacement on one grid, each axis, metres.
+        Its additional displacement on one grid, each axis, metres.
     day_m : float
-        Displacement along the radius that all scans of a day have beside, metres.
+        Additional displacement along the radius of all scans of a day, metres.
     """
 
     up_m: float
@@ -49,22 +49,22 @@ class ErrorSizes:
 
     def local(self, scans: int) -> FloatArray:
         """Sigmas (6S,) of the displacements of scans, each in its own frame: up comes first."""
-        return np.tile(self.all[KINDS], scans)
+        return np.tile(self.all[SIZE_OF_NUMBER], scans)
 
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """What can be displaced: S scans, or arcs of scans.
+    """S scans, or arcs of scans, that can be displaced.
 
     Parameters
     ----------
     center : (S, 3) ndarray
-        Point about which each is turned, body-fixed, metres.
+        Point about which each is rotated, body-fixed, metres.
     scan : (S,) ndarray of int
-        The scan of each: arcs of one scan err alike in part, and count for one scan when sizes are
-        estimated.
+        The scan of each: arcs of one scan have correlated errors, and count for one scan when
+        sizes are estimated.
     day : (S,) ndarray of int
-        The day of each; negative where it is not known.
+        The day of each; negative where unknown.
     """
 
     center: FloatArray
@@ -76,12 +76,12 @@ class Nodes:
 
     @classmethod
     def whole(cls, center: FloatArray) -> Nodes:
-        """Return scans none of which is cut into arcs, of unknown days."""
+        """Return whole scans, of unknown days."""
         return cls(center, np.arange(len(center)), np.full(len(center), -1))
 
     @cached_property
     def share(self) -> FloatArray:
-        """One over the number of arcs (S,) that the scan of each is cut into."""
+        """One over the number of arcs (S,) of the scan of each."""
         _, own, count = np.unique(self.scan, return_inverse=True, return_counts=True)
         share: FloatArray = 1.0 / count[own]
         return share
@@ -92,7 +92,7 @@ class Nodes:
         frames = np.tile(np.eye(3), (len(self), 1, 1))
         for frame, center in zip(frames, self.center, strict=True):
             if center.any():
-                # The other two directions are any: nothing tells them apart.
+                # The other two directions are arbitrary: they have the same size.
                 rows = np.linalg.qr(np.column_stack([center, np.eye(3)]))[0].T
                 frame[:] = np.sign(rows[0] @ center) * rows
         return frames
@@ -106,7 +106,7 @@ class Nodes:
 
     @cached_property
     def lifted(self) -> FloatArray:
-        """What each of the G days displaces (6S, G), in the frames."""
+        """Displacements (6S, G) due to each of the G days, in the frames."""
         days = np.unique(self.day[self.day >= 0])
         lifted = np.zeros((len(self), DEGREES, len(days)))
         lifted[:, 0] = self.day[:, None] == days
@@ -123,10 +123,10 @@ class Nodes:
         )
 
     def _alike(self, shares: Callable[[int], tuple[float, float]]) -> FloatArray:
-        """Matrix (6S, 6S), in the frames, of what arcs have for themselves and together.
+        """Matrix (6S, 6S), in the frames, of the independent and the common part of arcs.
 
-        `shares` says how much of the two, for the number of a scan's arcs. What they have together
-        is the same vector in the body-fixed frame.
+        `shares` returns the weights of the two for the number of a scan's arcs. The common part is
+        the same vector in the body-fixed frame.
         """
         matrix = np.eye(DEGREES * len(self))
         for scan in np.unique(self.scan[self.share < 1.0]):
@@ -141,7 +141,7 @@ class Nodes:
 
 
 def columns(scan: IntArray) -> IntArray:
-    """Where the unknowns of the scans (K,) are among those of all."""
+    """Positions of the unknowns of the scans (K,) among those of all."""
     found: IntArray = (DEGREES * scan[:, None] + np.arange(DEGREES)).ravel()
     return found
 

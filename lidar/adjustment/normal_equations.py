@@ -1,12 +1,12 @@
-"""The network of scans and overlaps: displacements, and the sizes of what errs.
+"""The network of scans and overlaps: displacements, and the sizes of the errors.
 
-Errors are of several kinds, each of a size that the overlaps themselves tell: displacements of
-scans along the radius, and across it, where pointing errs too; their rotations; and what no
-displacement of a whole scan describes: trajectory and pointing wander during a scan, so that it
-lies a little otherwise on each grid on which it is compared. Without the last, thousands of cells
-that share such an error would count as thousands of witnesses. Ranges of one day err alike (at
-Bennu by up to 2.5e-4), which lifts all scans of that day: forty scans of five days do not tell the
-radius of the body as forty independent ones would.
+Each type of error has a size that is estimated from the overlaps: displacements of scans along the
+radius, and across it, where pointing contributes too; their rotations; and errors that vary within
+a scan: trajectory and pointing wander, so that a scan has a slightly different displacement on each
+grid on which it is compared. Without the last, thousands of cells with a common error would count
+as independent. Ranges of one day have a common error (at Bennu up to 2.5e-4), which lifts all scans
+of that day: forty scans of five days do not determine the radius of the body as forty independent
+ones would.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri
 
 from lidar.adjustment.nodes import (
-    KINDS,
+    SIZE_OF_NUMBER,
     ErrorSizes,
     Nodes,
     columns,
@@ -29,20 +29,20 @@ from lidar.adjustment.overlaps import DEGREES, OverlapEquations
 from spcola.arrays import FloatArray, IntArray
 from spcola.errors import NotObservableError
 
-# Sizes count as found when a round changes none of them by more than this share.
+# Sizes have converged when a round changes none of them by more than this share.
 _SETTLED = 0.01
 _MAX_ROUNDS = 60
-# Metres and radians: what is smaller is none.
+# Smallest size, metres and radians.
 _LEAST = np.array([1e-6, 1e-6, 1e-9, 1e-6, 1e-6])
-# Which of the sizes is that of what a scan has on one grid, and of a day.
+# Index of the size of a scan's displacement on one grid, and of that of a day.
 _WANDER, _DAY = 3, 4
-# Numbers that the first guess of a size counts for: a handful of days does not tell theirs.
+# Weight of the first guess of a size, in numbers: a handful of days does not determine theirs.
 _GUESSED = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class NetworkSolution:
-    """What a network of S scans says.
+    """Solution of a network of S scans.
 
     Attributes
     ----------
@@ -69,30 +69,31 @@ def solve_network(
     """Solve the displacements of all scans, and the sizes of the errors.
 
     The sizes maximise the marginal likelihood: the fixed point of MacKay (1992, eq. 2.23), squares
-    over the number of well determined unknowns. Against EM it does not dwell where it began because
-    of scans of which nothing is known.
+    over the number of well determined unknowns. Unlike EM it does not remain at its start because
+    of scans without overlaps.
 
     Parameters
     ----------
     parts : sequence of OverlapEquations
-        For whole displacements.
+        Normal equations of whole displacements.
     nodes : Nodes
     sizes : ErrorSizes
-        First guesses, which count for a few numbers each; or what holds, with ``estimate=False``.
+        First guesses, which count for a few numbers each; or the fixed sizes, with
+        ``estimate=False``.
     start : ErrorSizes, optional
         Where the search begins, by default at the first guesses.
     excess : float
-        The variances of the parts are too small by this factor.
+        Factor by which the variances of the parts are too small.
     """
     first, sizes = sizes, start or sizes
-    heard = [
+    local_parts = [
         _LocalEquations.of(part, nodes.frames[part.scan], excess) for part in parts if part.weight
     ]
     for _ in range(_MAX_ROUNDS if estimate else 1):
-        solution, parted = _at(heard, nodes, sizes)
+        solution, parted = _at(local_parts, nodes, sizes)
         if not estimate:
             break
-        found = _renewed(solution, parted, heard, nodes.share, first)
+        found = _renewed(solution, parted, local_parts, nodes.share, first)
         change = float(np.abs(np.log(found.all / sizes.all)).max())
         sizes = found
         if change < _SETTLED:
@@ -121,7 +122,7 @@ class _LocalEquations:
         return cls(columns(part.scan), moved, normal / excess, right / excess)
 
     def own(self, wander_m: float) -> FloatArray:
-        """Covariance of the scans' own displacements on the grid, all others known."""
+        """Covariance of the scans' additional displacements on the grid, given all others."""
         inner = self.normal[np.ix_(self.moved, self.moved)] * wander_m**2
         covariance: FloatArray = np.linalg.inv(inner + np.eye(len(inner))) * wander_m**2
         return covariance
@@ -135,7 +136,7 @@ class _LocalEquations:
 
 @dataclass(frozen=True, eq=False)
 class _Parted:
-    """Displacements of scans (6S) and days (G), apart, in the scans' frames, with variances."""
+    """Displacements of scans (6S) and days (G) in the scans' frames, with variances."""
 
     value: FloatArray
     variance: FloatArray
@@ -152,8 +153,8 @@ def _at(
         reduced, reduced_right = part.without_own(sizes.wander_m)
         normal[np.ix_(part.at, part.at)] += reduced
         right[part.at] += reduced_right
-    # A scan is displaced by itself, and with its day; scaled by the prior, as metres and radians
-    # are unlike.
+    # A scan has its own displacement and that of its day; both are scaled by the prior, since
+    # metres and radians have different scales.
     root, lifted = sizes.local(len(nodes)), sizes.day_m * nodes.lifted
     by_day = normal @ lifted
     scaled = np.empty((count + days, count + days))
@@ -163,7 +164,7 @@ def _at(
     scaled[count:, count:] = lifted.T @ by_day + np.eye(days)
     inverse = _inverse(scaled)
     value = inverse @ np.concatenate([root * right, lifted.T @ right])
-    # Of both together.
+    # Covariance of the sum of both.
     crossed = root[:, None] * inverse[:count, count:] @ lifted.T
     covariance = inverse[:count, :count] * np.outer(root, root) + crossed + crossed.T
     covariance += lifted @ inverse[count:, count:] @ lifted.T
@@ -173,7 +174,7 @@ def _at(
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:
-    """Inverse of a symmetric positive definite matrix, at half of what a general one costs.
+    """Inverse of a symmetric positive definite matrix, at half the cost of a general one.
 
     Raises
     ------
@@ -199,18 +200,18 @@ def _renewed(
     share: FloatArray,
     first: ErrorSizes,
 ) -> ErrorSizes:
-    """Return the sizes that the squares of what was found speak for, and the `first` ones a bit."""
+    """Return the sizes from the squares of the solution, with some weight of the `first` ones."""
     sizes, days = solution.sizes, len(parted.value) - len(solution.displacement)
-    kind = np.concatenate([np.tile(KINDS, len(share)), np.full(days, _DAY)])
+    kind = np.concatenate([np.tile(SIZE_OF_NUMBER, len(share)), np.full(days, _DAY)])
     each = np.concatenate([np.repeat(share, DEGREES), np.ones(days)])
     squares = np.bincount(kind, weights=each * parted.value**2, minlength=5) * sizes.all**2
-    told = np.bincount(kind, weights=each * (1.0 - parted.variance), minlength=5)
+    determined = np.bincount(kind, weights=each * (1.0 - parted.variance), minlength=5)
     for local in parts:
         own = local.own(sizes.wander_m)
         rest = local.right - local.normal @ solution.displacement[local.at]
         carried = own @ local.normal[local.moved]
         spread = own + carried @ solution.covariance[np.ix_(local.at, local.at)] @ carried.T
         squares[_WANDER] += np.sum((own @ rest[local.moved]) ** 2)
-        told[_WANDER] += np.sum(1.0 - np.diag(spread) / sizes.wander_m**2)
-    new = np.sqrt((squares + _GUESSED * first.all**2) / (told + _GUESSED))
+        determined[_WANDER] += np.sum(1.0 - np.diag(spread) / sizes.wander_m**2)
+    new = np.sqrt((squares + _GUESSED * first.all**2) / (determined + _GUESSED))
     return replace(sizes, **dict(zip(vars(sizes), np.maximum(new, _LEAST).tolist(), strict=True)))

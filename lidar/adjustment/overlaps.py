@@ -1,8 +1,8 @@
-"""What the ground that several scans saw says of their displacements.
+"""Normal equations of the displacements of scans that overlap on one grid.
 
 In one cell of a mapola every scan has a mean height. Their differences do not depend on the ground
-but on where the scans lie: directly on their height, and through the slope of the ground on where
-they lie sideways. The ground itself is an unknown of each cell that is eliminated on the spot.
+but on the displacements of the scans: directly on the vertical part, and through the slope of the
+ground on the horizontal part. The height of each cell is an unknown that is eliminated at once.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from spcola.math.robust import mad
 DEGREES = 6
 """Numbers of a small rigid displacement: three of translation, three of rotation."""
 
-# A scan that departs from the others in a cell by more than this many robust deviations saw
-# another ground there: the edge of a boulder, from another side.
+# A scan that departs from the others in a cell by more than this many robust deviations observed
+# another part of the ground: the edge of a boulder, from another side.
 _REJECT = 4.0
-# Squared slopes up to so many times what noise makes of them on average count as noise: it is
-# larger once in e⁹ cells.
+# Squared slopes up to so many times their mean due to noise count as noise, which exceeds it once
+# in e⁹ cells.
 _NOISE = 9.0
-# Metres: of a return, where neither the file nor any cell of three returns tells it.
+# Sigma of a return where neither the file nor any cell of three returns determines it, metres.
 _UNKNOWN_SIGMA = GriddingOptions().default_sigma_m
-# Returns of a cell from which on its own spread is trusted beside that of the grid.
+# Returns of a cell from which on its own spread is used, not only that of the grid.
 _ENOUGH = 6
 
 
@@ -45,18 +45,18 @@ class OverlapEquations:
     Attributes
     ----------
     scan : (K,) ndarray of int
-        Which scans these are.
+        Numbers of these scans.
     normal : (6K, 6K) ndarray
     right : (6K,) ndarray
-        Unknowns of each scan: displacement (metres) and rotation (radians) about its centre by
-        which its stated points lie off.
+        Unknowns of each scan: displacement (metres) and rotation (radians) about its centre of
+        its stated points.
     cells : (K,) ndarray
         Cells in which each scan met another.
     chi2, freedom : (K,) ndarrays
-        Sum of its squared departures from the others, in their variances, and how many of them
-        are free.
+        Sum of its squared departures from the others, in their variances, and the degrees of
+        freedom.
     weight : float
-        Of all differences together, 1/m².
+        Summed weight of all differences, 1/m².
     """
 
     scan: IntArray
@@ -69,7 +69,7 @@ class OverlapEquations:
 
 
 def displacement_rows(points: FloatArray, centers: FloatArray) -> FloatArray:
-    """Partials (..., 3, 6) of where points (..., 3) lie by the displacement of their scans."""
+    """Partials (..., 3, 6) of points (..., 3) by the displacement of their scans."""
     arm = points - centers
     shift = np.broadcast_to(np.eye(3), (*arm.shape[:-1], 3, 3))
     turning = np.stack([np.cross(axis, arm) for axis in np.eye(3)], axis=-1)
@@ -84,12 +84,12 @@ def overlap_equations(
     Parameters
     ----------
     gridding : Gridding
-        Of `returns`: the surface, its spread, and which of them count.
+        Gridding of `returns`: the surface, its spread, and the returns used.
     returns : Returns
     centers : (S, 3) ndarray
-        Points about which the scans of ``returns.scan_names`` are turned, body-fixed, metres.
+        Points about which the scans of ``returns.scan_names`` are rotated, body-fixed, metres.
     share : (2q+1, 2q+1) ndarray, optional
-        What each cell counts for: less than 1 where other mapolas compare the same ground too.
+        Weight of each cell: less than 1 where other mapolas compare the same ground too.
 
     Returns
     -------
@@ -150,7 +150,7 @@ class _Meetings:
         return _Meetings(self.cell[keep], self.scan[keep], self.value[keep], self.weight[keep])
 
     def weighted(self, share: FloatArray) -> _Meetings:
-        """Let each cell count for its `share` (C,)."""
+        """Return meetings with the weights of cells multiplied by `share` (C,)."""
         return _Meetings(self.cell, self.scan, self.value, self.weight * share[self.cell])
 
     def together(self) -> _Meetings:
@@ -158,7 +158,7 @@ class _Meetings:
         return self.select(np.bincount(self.cell)[self.cell] > 1)
 
     def agreeing(self) -> _Meetings:
-        """Keep those that do not depart from their cell by more than chance would have it."""
+        """Keep those that depart from their cell by no more than chance."""
         met = self.together()
         if len(met.cell) == 0:
             return met
@@ -206,10 +206,10 @@ def _variance(cells: CellReturns, spread: FloatArray, sigma: FloatArray) -> Floa
 
 
 def _trusted(planes: PlaneFit, count: IntArray, variance: FloatArray) -> FloatArray:
-    """1 where a slope (R, C) is more than noise, 0 where it may be nothing else.
+    """1 where a slope (R, C) exceeds noise, else 0.
 
-    On flat ground the slopes are those of the noise; taken for slopes of the ground they would
-    seem to tell where scans lie sideways. `variance` (R, C) is that of a single return.
+    On flat ground the slopes are due to noise; used as slopes of the ground they would seem to
+    determine horizontal displacements. `variance` (R, C) is that of a single return.
     """
     weight = uniform_filter(count / (count + 1.0), 3, mode="constant") * 9.0
     # A height of weight 1 has half the variance of a single return; 3 × 3 places scatter by 2/3.
@@ -219,7 +219,7 @@ def _trusted(planes: PlaneFit, count: IntArray, variance: FloatArray) -> FloatAr
 
 
 def _eliminated(meetings: _Meetings, rows: FloatArray) -> OverlapEquations:
-    """Sum the normal equations up, the height of each cell eliminated."""
+    """Sum up the normal equations, with the height of each cell eliminated."""
     scans, own = np.unique(meetings.scan, return_inverse=True)
     cells, place = np.unique(meetings.cell, return_inverse=True)
     columns = DEGREES * own[:, None] + np.arange(DEGREES)

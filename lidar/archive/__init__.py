@@ -1,4 +1,4 @@
-"""All returns of a workspace, read by place; memory stays bounded."""
+"""All returns of a workspace, read by place within bounded memory."""
 
 import lazy_loader
 

@@ -1,8 +1,8 @@
-"""The returns of a whole mission: asked for by place, read from the scans' own files.
+"""The returns of a whole mission, read by place from the scans' own files.
 
-Each scan lies in a file of its own, sorted by place (:mod:`lidar.formats.native.scan_file`): adding
-a scan or replacing one touches no other. What lies around a mapola is picked from the cubes near
-it; a mission has more returns than memory, and no more than those are ever unpacked.
+Each scan has a file of its own, sorted by place (:mod:`lidar.formats.native.scan_file`): adding or
+replacing a scan changes no other file. The returns around a mapola are read from the cubes near it;
+only these are unpacked, since a mission has more returns than memory.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from spcola.arrays import FloatArray, IntArray
 from spcola.errors import InvalidValueError
 
 _DAY_S = 86400.0
-# Reading one cube maps the pages around it too, so many bytes of a file.
+# Reading one cube maps the pages around it too: so many bytes of a file.
 _MAPPED_BYTES = 1 << 16
-# Of mapped files so many bytes are held at most: a mission's are more than the memory of a machine.
+# Most bytes of mapped files: a mission's exceed the memory of a machine.
 _MOST_MAPPED_BYTES = 1 << 29
 
 
@@ -44,7 +44,7 @@ class ScanStore:
     paths : sequence of paths
         Native scans, of one body-fixed frame.
     locate : callable, optional
-        Says how a scan's returns are located again; they stay where they are if not given.
+        Returns how a scan's returns are located again; by default they are unchanged.
     arc_s : float
         Scans that last longer are cut into arcs of at most so many seconds, each of which counts
         as a scan.
@@ -54,17 +54,17 @@ class ScanStore:
     scan_names : tuple of str
         Names of the scans, or of their arcs (:meth:`lidar.scans.Arcs.names`).
     nodes : Nodes
-        Of these: the middle of the box that holds a scan as it was located at first, or the mean of
-        the returns of an arc, metres, 0 for one without returns; the scan; and its day.
+        Their nodes: the middle of the box of a scan as first located, or the mean of the
+        returns of an arc, metres, 0 for one without returns; the scan; and its day.
     without_place : mapping of str to int
-        By scan, how many returns have no place where they should be located again.
+        By scan, number of returns without a place after relocation.
 
     Raises
     ------
     FormatError
         If a file is no whole native scan.
     InvalidValueError
-        If scans lie in different body-fixed frames, or two bear one name.
+        If scans lie in different body-fixed frames, or two have the same name.
     """
 
     def __init__(
@@ -123,12 +123,12 @@ class ScanStore:
 
     @property
     def cubes(self) -> int:
-        """Number of cubes that hold returns."""
+        """Number of occupied cubes."""
         return sum(len(part.cubes.cube) for part in self._blocks)
 
     @property
     def interpolation_error_m(self) -> float:
-        """By how much returns that are geolocated again may be off by interpolation, metres.
+        """Largest error of returns geolocated again due to interpolation, metres.
 
         See :attr:`lidar.geolocation.Geolocation.error_m`.
         """
@@ -137,15 +137,15 @@ class ScanStore:
     def count_inside(self, box: Box) -> int:
         """Count the returns in the cubes that reach into `box`.
 
-        As many as :meth:`returns_inside` unpacks, somewhat more than it returns.
+        Counts the returns that :meth:`returns_inside` unpacks, somewhat more than it returns.
         """
         return sum(part.touching(box)[1] for part in self._touching(box))
 
     def returns_inside(self, box: Box) -> Returns:
         """Return all returns inside `box`, in the order of the scans, in each by cube."""
         parts = [(part, part.touching(box)) for part in self._touching(box)]
-        room = sum(held for _, (_, held) in parts)
-        # Parts write one behind the other: joining what each found would copy it all.
+        room = sum(total for _, (_, total) in parts)
+        # Parts write one after the other into one array: joining would copy it all.
         points, sigma = np.empty((room, 3)), np.empty(room)
         rows, scan = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.int32)
         count = 0
@@ -158,7 +158,7 @@ class ScanStore:
         return Returns(points[:count], sigma[:count], scan[:count], self.scan_names)
 
     def spread(self, most: int) -> FloatArray:
-        """Return about `most` returns (N, 3), metres, spread over all scans and where these lie."""
+        """Return about `most` returns (N, 3), metres, spread over all scans and their areas."""
         every = max(1, -(-len(self) // most))
         found = [part.every(every) for part in self._blocks]
         for file in self._files:
@@ -166,8 +166,8 @@ class ScanStore:
         return np.concatenate([np.empty((0, 3)), *found])
 
     def _note(self, cubes: int) -> None:
-        """Note that cubes were read, and give back what is mapped before it becomes too much."""
-        # Threads may lose some of each other's counts: that is no more than a few mapolas.
+        """Count the cubes read, and unmap files before they take too much memory."""
+        # Threads may lose some of each other's counts: no more than a few mapolas.
         self._mapped += cubes * _MAPPED_BYTES
         if self._mapped > _MOST_MAPPED_BYTES:
             self._mapped = 0
@@ -186,7 +186,7 @@ def _opened(
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """A block of a scan, as far as gridding asks for it; `scan` is the number of its first arc."""
+    """A block of a scan as used by gridding; `scan` is the number of its first arc."""
 
     scan: int
     block: Block
@@ -196,7 +196,7 @@ class _Part:
 
     @property
     def sphere(self) -> tuple[FloatArray, float]:
-        """A sphere that holds all returns: its middle (3,) and its radius, metres."""
+        """A sphere that contains all returns: its middle (3,) and its radius, metres."""
         middles = self.cubes.middle
         center = (middles.min(axis=0) + middles.max(axis=0)) / 2.0
         away = float(np.linalg.norm(middles - center, axis=1).max())
@@ -204,20 +204,20 @@ class _Part:
 
     @cached_property
     def reach(self) -> float:
-        """By how much returns are moved at most, metres."""
+        """Largest displacement of the returns, metres."""
         if self.move is None:
             return 0.0
         radius = float(np.linalg.norm(self.cubes.middle, axis=1).max()) + self.cubes.reach
         return self.move.reach(radius)
 
     def touching(self, box: Box) -> tuple[IntArray, int]:
-        """Cubes (numbers) that may hold returns which are inside `box` now, and how many in all."""
+        """Cubes (numbers) that may have relocated returns inside `box`, and the returns in them."""
         return touching(self.cubes, box, self.reach)
 
     def unpack(self, chosen: IntArray, box: Box, points: FloatArray, rows: IntArray) -> int:
-        """Write what is inside `box` now to the front of `points` and `rows`; return how many.
+        """Write relocated returns in `box` to the front of `points` and `rows`; return how many.
 
-        Looked for in the `chosen` cubes.
+        Only the `chosen` cubes are searched.
         """
         count = unpack_inside(self.cubes, chosen, box, points, rows, reach=self.reach)
         if self.move is None or not count:
@@ -226,7 +226,7 @@ class _Part:
         return keep_inside(points[:count], rows[:count], box)
 
     def every(self, step: int) -> FloatArray:
-        """Each `step`-th return (N, 3) that has a place, metres."""
+        """Every `step`-th return (N, 3) that has a place, metres."""
         rows = np.arange(0, len(self.cubes.place), step)
         points = self.cubes.points_at(rows)
         if self.move is None:
@@ -235,7 +235,7 @@ class _Part:
         return moved[kept]
 
     def without_place(self) -> int:
-        """Count the returns that are at times at which nothing says where they were."""
+        """Count the returns at times without a known position."""
         if self.move is None:
             return 0
         return int(np.count_nonzero(~self.move.covers(times_of(self.block))))
@@ -255,7 +255,7 @@ class _Part:
 
 
 def _day(span: tuple[float, float]) -> int:
-    """Number of the day on which the middle of a span lies; −1 where it is not known."""
+    """Number of the day of the middle of a span; −1 where it is unknown."""
     middle = (span[0] + span[1]) / 2.0
     # Ephemeris time begins at noon.
     return int((middle + _DAY_S / 2.0) // _DAY_S) if np.isfinite(middle) else -1

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lidar.formats.options import LidarOptions
 from lidar.formats.recognition import FORMATS, recognise
+from lidar.formats.records.options import LidarOptions
 from lidar.scans import Scan, join
 from spcola.errors import FormatError
 
@@ -23,14 +23,14 @@ def open_lidar(
     Parameters
     ----------
     format : str, optional
-        One of `FORMATS`; told from the content if not given.
+        One of `FORMATS`; recognised from the content if not given.
     options : LidarOptions
 
     Raises
     ------
     FormatError
-        If the format is unknown, or the file does not hold what its format promises. What is
-        wrong further on in the file is raised by the chunk in which it lies.
+        If the format is unknown, or the file does not follow it. Errors further on in the file
+        are raised by the chunk in which they lie.
     """
     source = Path(path)
     if format is not None and format not in FORMATS:
@@ -57,10 +57,10 @@ def read_scan(
 
 
 def _checked(path: Path, chunks: Iterator[Scan]) -> Iterator[Scan]:
-    """Pass chunks on; what the operating system says becomes one line that names the file."""
+    """Yield chunks; errors of the operating system become one line that names the file."""
     while True:
         try:
-            # Garbled numbers overflow on their way to being refused; that is no news to the user.
+            # Garbled numbers overflow before they are refused: no warning is needed.
             with np.errstate(all="ignore"):
                 chunk = next(chunks, None)
         except OSError as error:

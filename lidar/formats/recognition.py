@@ -1,4 +1,4 @@
-"""Recognition: what format a lidar file has, told from its content and never from its name."""
+"""Recognition of the format of a lidar file from its content, never from its name."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lidar.formats.missions.nlr import is_nlr, read_nlr
 from lidar.formats.missions.ola import is_ola, read_ola
 from lidar.formats.missions.track import is_track, read_track
 from lidar.formats.native.scan_file import is_native, read_native
-from lidar.formats.options import LidarOptions
+from lidar.formats.records.options import LidarOptions
 from lidar.formats.tables.table import is_table, read_table
 from lidar.scans import Scan
 from spcola.errors import FormatError
@@ -27,7 +27,7 @@ _HEAD_BYTES = 8192
 
 @dataclass(frozen=True)
 class LidarFormat:
-    """One format: how it is recognised, and who reads it.
+    """One format: its recognition and its reader.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ FORMATS: Mapping[str, LidarFormat] = MappingProxyType(
 
 
 def recognise(path: str | Path) -> str:
-    """Return the name of the format of a lidar file, told from its content.
+    """Return the name of the format of a lidar file, from its content.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Where returns lie on the body: trajectory, pointing, mirror and range offset."""
+"""Location of returns on the body: trajectory, pointing, mirror and range offset."""
 
 import lazy_loader
 

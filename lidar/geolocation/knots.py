@@ -1,7 +1,7 @@
-"""Times at which a smooth motion is asked for, so close that straight lines between them are true.
+"""Times at which a smooth motion is sampled, dense enough for linear interpolation.
 
-A body-fixed path turns with the body, ends where a kernel ends, and means nothing between returns
-that lie hours apart: even steps would have to be as fine everywhere as they must be somewhere.
+A body-fixed path turns with the body, ends where a kernel ends, and is not needed between returns
+that lie hours apart: uniform steps would have to be the finest everywhere.
 """
 
 from __future__ import annotations
@@ -12,58 +12,57 @@ import numpy as np
 
 from spcola.arrays import BoolArray, FloatArray
 
-Asked = Callable[[FloatArray], FloatArray]
+Sampler = Callable[[FloatArray], FloatArray]
 Departure = Callable[[FloatArray], FloatArray]
 
 EXACT = 5_000
-"""Up to so many different times of returns the motion is asked for at each of them."""
+"""With at most so many different times of returns the motion is sampled at each of them."""
 
-# Begun with steps of at most so many seconds, and at least so many of them.
+# First steps: at most so many seconds long, and at least so many of them.
 _LONGEST_S, _FEWEST = 60.0, 32
-# Steps are not made finer than this, seconds: a path that jumps is straight nowhere.
+# Shortest step, seconds: a path that jumps is linear nowhere.
 _LEAST_S = 1e-3
-# How far a straight line is off elsewhere, by how far it is in the middle.
+# Largest error of linear interpolation, relative to that in the middle of a step.
 _CORNER = 2.0
 
 
 def knots(
-    ask: Asked,
+    sample: Sampler,
     departure: Departure,
     span: tuple[float, float],
     tolerance: float,
     times: FloatArray | None = None,
     edges: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Find times between which straight lines are good enough: steps are cut where they are not.
+    """Find times between which linear interpolation is good enough, by halving steps.
 
     Parameters
     ----------
-    ask : callable
+    sample : callable
         Returns values (N, D) at times (N,), s; NaN where they are not known.
     departure : callable
-        Returns how far returns are off, m, where values (N, D) are off by so much.
+        Returns the displacement of returns, m, due to errors of the values (N, D).
     span : (float, float)
         First and last time, s.
     tolerance : float
-        Largest departure of a straight line that is allowed, m.
+        Largest error of linear interpolation, m.
     times : (M,) ndarray, optional
-        Of the returns, sorted: nothing is asked at other times. By default returns may be at any
-        time of the span.
-    edges : (K,) ndarray, optional
+        Times of the returns, sorted: the motion is sampled at these only. By default returns may be
+        at any time of the span.
         Times at which values begin or cease to be known.
 
     Returns
     -------
     time : (N,) ndarray
     value : (N, D) ndarray
-        NaN where not known: then nothing is known between that time and the next.
+        NaN where unknown: then nothing is known between that time and the next.
     error : float
-        By how much straight lines are off at most, m, estimated.
+        Estimated largest error of linear interpolation, m.
     """
     if times is not None and len(times) <= EXACT:
-        return times, ask(times), 0.0
+        return times, sample(times), 0.0
     time = _start(span, times, edges)
-    value = ask(time)
+    value = sample(time)
     found = [(time, value)]
     low, high, at_low, at_high = time[:-1], time[1:], value[:-1], value[1:]
     error = 0.0
@@ -73,12 +72,12 @@ def knots(
         low, high, at_low, at_high, middle = (
             one[split] for one in (low, high, at_low, at_high, middle)
         )
-        value = ask(middle)
+        value = sample(middle)
         found.append((middle, value))
         share = ((middle - low) / (high - low))[:, None]
         off = departure(value - at_low - share * (at_high - at_low))
-        # A smooth path is off by a quarter of this once the step is halved, one with a corner near
-        # an end by twice as much.
+        # The error of a smooth path falls to a quarter of this once the step is halved, that of one
+        # with a corner near an end to a half.
         off *= _CORNER
         done = (off <= tolerance) | (high - low <= 2.0 * _LEAST_S) | _none(at_low, value, at_high)
         error = max(error, float(np.fmax.reduce(off[done], initial=0.0)))
@@ -93,7 +92,7 @@ def knots(
 def _start(
     span: tuple[float, float], times: FloatArray | None, edges: FloatArray | None
 ) -> FloatArray:
-    """Times to begin with, of returns if these are known: steps that are not too long."""
+    """First times, those of returns if they are given: steps that are not too long."""
     begin, end = span
     count = max(_FEWEST, int(np.ceil((end - begin) / _LONGEST_S)))
     even: FloatArray = np.linspace(begin, end, count + 1)
@@ -101,13 +100,13 @@ def _start(
         even = np.union1d(even, edges[(edges > begin) & (edges < end)])
     if times is None:
         return even
-    # The returns on both sides of each: what is known between two edges is not passed over.
+    # The returns on both sides of each edge, so that no known values are skipped.
     after = np.searchsorted(times, even)
     return times[np.unique(np.clip(np.append(after, after - 1), 0, len(times) - 1))]
 
 
 def _middle(low: FloatArray, high: FloatArray, times: FloatArray | None) -> FloatArray:
-    """A time within each step, that of a return if these are known; `low` where there is none."""
+    """A time within each step, that of a return if they are given; `low` where there is none."""
     if times is None:
         return (low + high) / 2.0
     after, before = np.searchsorted(times, low, "right"), np.searchsorted(times, high) - 1

@@ -1,4 +1,4 @@
-"""Beams of a scanning lidar whose mirror stood elsewhere than its angles say."""
+"""Correction of the beams of a scanning lidar for errors of its mirror angles."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from spcola.arrays import FloatArray
 
 @dataclass(frozen=True)
 class MirrorAngles:
-    """By how much the angles of the mirror are wrong.
+    """Errors of the mirror angles.
 
-    In the frame of the lidar, Z its boresight: a beam of the length ρ is ρ (sin a cos e, sin e,
-    cos a cos e), a the azimuth and e the elevation. The true ones are a + offset + scale·a, and so
-    with e.
+    In the frame of the lidar, Z its boresight: a beam of length ρ is ρ (sin a cos e, sin e,
+    cos a cos e), a the azimuth and e the elevation. The true azimuth is a + offset + scale·a, and
+    likewise the elevation.
 
     Parameters
     ----------
     offset_rad : (float, float)
-        Of azimuth and elevation: what they say at rest.
+        Offsets of azimuth and elevation.
     scale : (float, float)
         Relative errors of both.
     """
@@ -33,14 +33,14 @@ class MirrorAngles:
 
     @property
     def most(self) -> float:
-        """By how much a beam is turned at most, radians, wherever it points."""
+        """Largest rotation of a beam, radians, in any direction."""
         azimuth, elevation = np.abs(self.offset_rad) + np.abs(self.scale) * [np.pi, np.pi / 2.0]
         return float(azimuth + elevation)
 
     def corrected(self, beam: FloatArray) -> FloatArray:
-        """Return where beams (N, 3), in the frame of the lidar, really went; as long as they were.
+        """Return the true beams (N, 3), in the frame of the lidar, with unchanged lengths.
 
-        NaN stays NaN.
+        NaN remains NaN.
         """
         length = np.linalg.norm(beam, axis=1)
         across = np.hypot(beam[:, 0], beam[:, 2])
@@ -55,7 +55,7 @@ class MirrorAngles:
 
 @dataclass(frozen=True, eq=False)
 class MirrorMotion:
-    """How such an error moves the returns of one scan.
+    """Displacement of the returns of one scan by such an error.
 
     Attributes
     ----------
@@ -63,9 +63,9 @@ class MirrorMotion:
     time : (K,) ndarray
         Seconds, ascending.
     station : (K, 3) ndarray
-        Where the lidar was, body-fixed, metres, as the returns were located.
+        Position of the lidar, body-fixed, metres, by which the returns were located.
     axes : (K, 3, 3) ndarray
-        Rows: the axes of its frame, body-fixed; straight lines between the times.
+        Rows: the axes of its frame, body-fixed; interpolated linearly.
     """
 
     angles: MirrorAngles
@@ -74,7 +74,7 @@ class MirrorMotion:
     axes: FloatArray
 
     def apply(self, points: FloatArray, time: FloatArray) -> FloatArray:
-        """Return the points (N, 3), metres, where the beams really went."""
+        """Return the points (N, 3), metres, along the true beams."""
         station = self._at(self.station, time)
         axes = self._at(self.axes.reshape(-1, 9), time).reshape(-1, 3, 3)
         beam = np.einsum("nij,nj->ni", axes, points - station)
@@ -83,7 +83,7 @@ class MirrorMotion:
         return moved
 
     def reach(self, radius: float) -> float:
-        """Return by how much a point within `radius` of the origin moves at most, metres."""
+        """Return the largest displacement of a point within `radius` of the origin, metres."""
         away = np.linalg.norm(self.station, axis=1).max(initial=0.0)
         return float(self.angles.most * (away + radius))
 

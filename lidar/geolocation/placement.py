@@ -1,12 +1,12 @@
-"""Geolocation: the returns of a scan by another trajectory, pole, spin or prime meridian (MATH §9).
+"""Geolocation of a scan's returns with another trajectory, pole, spin or prime meridian.
 
-A return is where the spacecraft was plus the way that the beam went. Body-fixed coordinates turn
-with the statement of the body's rotation, ``p → R(t) p``, and move as the spacecraft does:
+A return is the position of the spacecraft plus the beam. Body-fixed coordinates rotate with the
+assumed rotation of the body, ``p → R(t) p``, and move with the spacecraft:
 
     p' = R(t) p + d(t),    d(t) = s'(t) − R(t) s(t)
 
-with s and s' the old and the new trajectory. Both are smooth: R is kept as a rotation vector and d
-as it is, at some times, in straight lines between them. Pointing and range stay what they were.
+with s and s' the old and the new trajectory. Both are smooth: d, and R as a rotation vector, are
+stored at some times and interpolated linearly. Pointing and range are unchanged.
 """
 
 from __future__ import annotations
@@ -32,35 +32,35 @@ OUTSIDE = "outside trajectory"
 OUTSIDE_KERNELS = "outside kernels"
 """Reasons under which returns that cannot be geolocated are counted."""
 
-# Rotation vectors are interpolated this well where they act: a tenth of what is rounded anyway.
+# Error of interpolated rotation vectors, metres at the returns: a tenth of the rounding of places.
 _TOLERANCE_M = 0.1 * QUANTUM_M
-# As many times as a scan may need for that; beyond, steps of a body that turns in minutes.
+# Most times of a scan for that; only bodies that rotate in minutes need more.
 _MOST_TIMES = 100_000
 
 
 @dataclass(frozen=True, eq=False)
 class Geolocation:
-    """How the returns of one scan move, against where its file puts them.
+    """Motion of the returns of one scan, by time, relative to their places in its file.
 
     Attributes
     ----------
     turn_time, turn : (K,), (K, 3) ndarrays
-        Seconds, and rotation vectors about the origin, radians; empty where nothing turns.
+        Seconds, and rotation vectors about the origin, radians; empty without a rotation.
     shift_time, shift : (M,), (M, 3) ndarrays
         Seconds, and displacements, metres, added after the rotation; empty for the trajectory
-        that the scan has, if `moves` is False. At a time whose displacement is NaN, and up to the
-        next, nothing has a place.
+        of the scan itself, if `moves` is False. At a time whose displacement is NaN, and up to
+        the next, returns have no place.
     moves : bool
         Whether there is another trajectory: returns at times that it does not cover have no place.
     max_gap_s : float
         Displacements further apart than this are not interpolated between.
     error_m : float
-        By how much what is interpolated may be off, metres: of kernels at most, between states of
-        images one standard deviation where they lie furthest apart.
+        Error of interpolation, metres: the largest between kernel times, one standard deviation
+        in the longest gap between states of images.
     mirror : MirrorMotion, optional
-        What an error of the lidar's mirror did, undone before anything else.
+        Error of the lidar's mirror, corrected before anything else.
     ranges : RangeShift, optional
-        What is added to the ranges, before anything else.
+        Correction of the ranges, before anything else.
     outside : str
         The reason under which returns at times that are not covered are counted.
     """
@@ -98,7 +98,7 @@ class Geolocation:
         return self.apply(np.zeros((len(time), 3)), time)[1]
 
     def reach(self, radius: float) -> float:
-        """Return by how much a point within `radius` of the origin moves at most, metres."""
+        """Return the largest displacement of a point within `radius` of the origin, metres."""
         angle = np.linalg.norm(self.turn, axis=1).max(initial=0.0)
         shift = np.fmax.reduce(np.linalg.norm(self.shift, axis=1), initial=0.0)
         along = 0.0 if self.ranges is None else abs(self.ranges.shift_m)
@@ -115,12 +115,12 @@ def find_geolocation(
     trajectory: Trajectory | None = None,
     max_gap_s: float = np.inf,
 ) -> Geolocation:
-    """Find how the returns of a scan move.
+    """Return the motion of the returns of a scan.
 
     Parameters
     ----------
     old : Trajectory
-        By which the scan was located, over its whole span.
+        Trajectory by which the scan was located, over its whole span.
     radius : float
         Largest distance of its returns from the origin, metres.
     spin : (Spin, Spin), optional
@@ -159,18 +159,18 @@ def _shifted(turns: Geolocation, offset: Offset, max_gap_s: float) -> Geolocatio
 
 
 def turn_of(span: tuple[float, float], radius: float, old: Spin, new: Spin) -> Geolocation:
-    """Find how returns within `radius` (m) of the origin turn over a `span` of times (s)."""
+    """Return the rotation of returns within `radius` (m) of the origin over a time `span` (s)."""
     times = _turn_times(span, radius, old, new)
     return Geolocation(times, old.change_to(new, times))
 
 
 def geolocated(scan: Scan, move: Geolocation) -> Scan:
-    """Return a scan with points, stations and beams where they are now.
+    """Return a scan with points, stations and beams at their new places.
 
-    Returns that have no place are counted as rejected, by what they lack.
+    Returns without a place are counted as rejected, by reason.
     """
     points, kept = move.apply(scan.points, scan.time)
-    # No mirror aims at the lidar itself, and no range leads to it.
+    # A beam has no direction where the point is at the lidar itself.
     station, _ = replace(move, mirror=None, ranges=None).apply(scan.spacecraft, scan.time)
     ahead, _ = replace(move, ranges=None).apply(scan.spacecraft + scan.beam, scan.time)
     longer = 0.0 if move.ranges is None else move.ranges.shift_m
@@ -190,11 +190,11 @@ def geolocated(scan: Scan, move: Geolocation) -> Scan:
 def geolocated_by(
     scan: Scan, trajectory: Trajectory, *, max_gap_s: float = MAX_GAP_S
 ) -> tuple[Scan, Offset]:
-    """Return a scan located by another trajectory, and how that departs from the scan's own.
+    """Return a scan located with another trajectory, and the difference to the scan's own.
 
-    The *difference* of the trajectories is interpolated to the time of each return, in straight
-    lines: it is smooth where the positions themselves turn with the body, so that a trajectory
-    known at image times only serves the returns between them. Pointing stays as it was.
+    The *difference* of the trajectories is interpolated linearly to the time of each return: it is
+    smooth where the positions themselves rotate with the body, so that a trajectory known at image
+    times only can be used for the returns between them. Pointing is unchanged.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def geolocated_by(
 
 
 def scan_trajectory(scan: Scan) -> Trajectory:
-    """Return the spacecraft positions of a scan as a trajectory, its times sorted and single.
+    """Return the spacecraft positions of a scan as a trajectory, its times sorted and unique.
 
     Raises
     ------
@@ -234,7 +234,7 @@ def scan_trajectory(scan: Scan) -> Trajectory:
 
 
 def _counted(before: Mapping[str, int], more: Mapping[str, int]) -> dict[str, int]:
-    """Add counts to those that a scan carries; a reason that did not occur is not named."""
+    """Add counts to those of a scan; a reason without counts is left out."""
     counts = dict(before)
     for reason, count in more.items():
         if count:
@@ -243,7 +243,7 @@ def _counted(before: Mapping[str, int], more: Mapping[str, int]) -> dict[str, in
 
 
 def _turn_times(span: tuple[float, float], radius: float, old: Spin, new: Spin) -> FloatArray:
-    """Times between which straight lines of the rotation vector are good enough."""
+    """Times between which linear interpolation of the rotation vector is good enough."""
     size = float(np.linalg.norm(old.change_to(new, np.array(span)), axis=1).max())
     # A sine of the spin's period and of that size departs from its chord by size·(rate·step)²/8.
     rate = max([1e-12, *(abs(spin.rate(time)) for spin in (old, new) for time in span)])
@@ -255,7 +255,7 @@ def _turn_times(span: tuple[float, float], radius: float, old: Spin, new: Spin) 
 
 @compiled_inline
 def _before(times: FloatArray, time: float, last: int) -> int:
-    """Number of the piece between two of `times` that `time` lies in, looked for from the last."""
+    """Number of the interval of `times` that contains `time`, searched from the last one."""
     if times[last] <= time and (last + 2 >= len(times) or time < times[last + 1]):
         return last
     return max(0, min(int(np.searchsorted(times, time, side="right")) - 1, len(times) - 2))
@@ -273,7 +273,7 @@ def _geolocated(
 ) -> tuple[FloatArray, BoolArray]:
     """New places of points, NaN and False for those that have none.
 
-    `max_gap` is NaN where the trajectory stays what it was.
+    `max_gap` is NaN where the trajectory is unchanged.
     """
     moved = np.empty(points.shape)
     kept = np.empty(len(points), dtype=np.bool_)
@@ -310,7 +310,7 @@ def _geolocated(
 
 @compiled_inline
 def _turn_at(times: FloatArray, turn: FloatArray, time: float, last: int, out: FloatArray) -> int:
-    """Write the rotation vector at a time into `out`; it stays what it was beyond the ends."""
+    """Write the rotation vector at a time into `out`; it is constant beyond the ends."""
     low = _before(times, time, last)
     share = min(max((time - times[low]) / (times[low + 1] - times[low]), 0.0), 1.0)
     for axis in range(3):
@@ -322,7 +322,7 @@ def _turn_at(times: FloatArray, turn: FloatArray, time: float, last: int, out: F
 def _shift_at(
     times: FloatArray, shift: FloatArray, time: float, max_gap: float, last: int, out: FloatArray
 ) -> tuple[int, bool]:
-    """Write the displacement at a time into `out`; say whether it is covered."""
+    """Write the displacement at a time into `out`; return whether it is covered."""
     if len(times) < 2:
         covered = len(times) == 1 and time == times[0]
         if covered:
@@ -331,7 +331,7 @@ def _shift_at(
     low = _before(times, time, last)
     gap = times[low + 1] - times[low]
     share = (time - times[low]) / gap
-    # On a state itself neither the gap beside it matters, nor that nothing is known beyond it.
+    # At the time of a state neither the gap next to it nor missing values beyond it matter.
     if share * (1.0 - share) == 0.0:
         out[:] = shift[low + int(share)]
         return low, np.isfinite(out.sum())

@@ -1,4 +1,4 @@
-"""Ranges that count from another point of the instrument than was taken."""
+"""Correction of ranges that count from another point of the instrument than assumed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from spcola.arrays import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class RangeShift:
-    """How a correction of all ranges of one scan moves its returns: along their beams.
+    """Displacement of the returns of one scan along their beams by a correction of all ranges.
 
     Attributes
     ----------
@@ -20,8 +20,8 @@ class RangeShift:
     time : (K,) ndarray
         Seconds, ascending.
     station : (K, 3) ndarray
-        Where the spacecraft was, body-fixed, metres, as the returns were located. Straight lines
-        between the times: a beam's direction is all that is asked of them.
+        Position of the spacecraft, body-fixed, metres, by which the returns were located.
+        Interpolated linearly: only the direction of a beam depends on it.
     """
 
     shift_m: float

@@ -22,13 +22,13 @@ from spcola.spice import (
     coverage,
 )
 
-# Straight lines between the times at which kernels are asked are this good where returns lie.
+# Error of linear interpolation between the times at which kernels are read, metres at the returns.
 _TOLERANCE_M = 5e-4
 
 
 @dataclass(frozen=True, eq=False)
 class KernelPlace:
-    """Where kernels say that a lidar was, and where it looked.
+    """Position and orientation of a lidar from kernels.
 
     Parameters
     ----------
@@ -37,22 +37,22 @@ class KernelPlace:
     spacecraft : str
         Name or NAIF number.
     body : int
-        NAIF number of the body, whose rotation the kernels tell.
+        NAIF number of the body, whose rotation the kernels give.
     frame : str
-        Of the lidar. Without one beams keep their body-fixed direction.
+        Frame of the lidar. Without one beams keep their body-fixed direction.
     reference : KernelSet, optional
-        By which returns were located: where the frame pointed then. By default `kernels`.
+        Kernels by which returns were located: the frame's old orientation. By default `kernels`.
     boresight : (3,) ndarray
-        Rotation vector, radians, by which beams are turned in the frame.
+        Rotation vector, radians, by which beams are rotated in the frame.
     pupil : (3,) ndarray
         Shift of the lidar's pupil in the frame, metres.
     mirror : MirrorAngles
-        What its mirror's angles err by, in the frame.
+        Errors of its mirror angles, in the frame.
     max_gap_s : float
         States and attitudes of kernels further apart than this, seconds, are not interpolated
         between: returns there have no place.
     tolerance_s : float
-        A time that lies so close to the pointing that a CK tells takes that pointing, seconds.
+        Largest distance in time from a pointing of a CK at which it is used, seconds.
     """
 
     kernels: KernelSet
@@ -68,7 +68,7 @@ class KernelPlace:
 
     @cached_property
     def coverage(self) -> Coverage:
-        """When all that locates returns is known.
+        """Times at which all kernel data for the location of returns exist.
 
         Raises
         ------
@@ -90,30 +90,30 @@ class KernelPlace:
     def geolocation(
         self, old: Trajectory, radius: float, times: FloatArray | None = None
     ) -> Geolocation:
-        """Find how the returns of a scan move.
+        """Return the motion of the returns of a scan.
 
-        A return p was where the spacecraft s(t) and the way v of the beam put it. The way is v in
-        the frame of the lidar, turned by its mounting B (and by the mirror before that), and the
-        frame's axes (rows) A(t) have become A'(t):
+        A return p was located as the position s(t) of the spacecraft plus the beam v. The beam in
+        the frame of the lidar is rotated by its mounting B (after the mirror's correction), and
+        the frame's axes (rows) A(t) become A'(t):
 
             p' = s' + A'ᵀ o + Q (p − s),    Q = A'ᵀ B A
 
         Parameters
         ----------
         old : Trajectory
-            By which the scan was located, over its whole span.
+            Trajectory by which the scan was located, over its whole span.
         radius : float
             Largest distance of its returns from the origin, metres.
         times : (M,) ndarray, optional
-            Of the returns, ephemeris s, sorted and single. By default returns may be at any time
-            of the span.
+            Times of the returns, ephemeris s, sorted and unique. By default returns may be at any
+            time of the span.
 
         Returns
         -------
         Geolocation
-            Without a place are returns at times that the kernels do not cover. Kernels are asked
-            at the time of each return, or so often that straight lines are off by less than
-            0.5 mm; `error_m` says by how much.
+            Returns at times that the kernels do not cover have no place. Kernels are read at the
+            time of each return, or densely enough that the error of linear interpolation, given
+            by `error_m`, is below 0.5 mm.
 
         Raises
         ------
@@ -150,7 +150,7 @@ class KernelPlace:
         )
 
     def _departure(self, old: Trajectory, radius: float, off: FloatArray) -> FloatArray:
-        """How far returns are off (N,), m, where turn, shift and axes (N, 15) are so far off."""
+        """Displacement of returns (N,), m, due to errors of rotation, shift and axes (N, 15)."""
         departure = radius * np.linalg.norm(off[:, :3], axis=1)
         departure += np.linalg.norm(off[:, 3:6], axis=1)
         if self.mirror:
@@ -165,22 +165,22 @@ class KernelPlace:
         NaN where unknown.
         """
         value = np.full((len(time), 15), np.nan)
-        known = self.coverage.knows(time)
-        asked = time[known]
-        if not len(asked):
+        known = self.coverage.covers(time)
+        covered = time[known]
+        if not len(covered):
             return value
-        inside = old.at(np.clip(asked, *old.span))
-        place, axes = self._states(self.kernels, self.spacecraft, asked)
+        inside = old.at(np.clip(covered, *old.span))
+        place, axes = self._states(self.kernels, self.spacecraft, covered)
         if not self.frame:
             value[known] = np.hstack([np.zeros_like(place), place - inside, axes.reshape(-1, 9)])
             return value
         before = axes
         if self.reference is not None and self.reference.paths != self.kernels.paths:
-            _, before = self._states(self.reference, "", asked)
+            _, before = self._states(self.reference, "", covered)
         mounting = Rotation.from_rotvec(self.boresight).as_matrix()
         q = np.swapaxes(axes, 1, 2) @ mounting @ before
         there = np.isfinite(q).all(axis=(1, 2))
-        turn = np.full((len(asked), 3), np.nan)
+        turn = np.full((len(covered), 3), np.nan)
         turn[there] = Rotation.from_matrix(q[there]).as_rotvec()
         pupil = np.einsum("nij,i->nj", axes, self.pupil)
         shift = place + pupil - np.einsum("nij,nj->ni", q, inside)

@@ -1,10 +1,10 @@
-"""Returns to a bigmap: one surface by integration, bridged where returns are missing.
+"""Returns to a bigmap: one surface by integration, which bridges gaps without returns.
 
-The walk is that of Gaskell et al., eqs. 35, 36 and 22: heights of the cells are constraints of
-energy (A), at first with slopes of zero; the surface so integrated has slopes; these correct the
+The iteration is that of Gaskell et al., eqs. 35, 36 and 22: heights of the cells are constraints of
+energy (A), at first with slopes of zero; the integrated surface has slopes; these correct the
 heights of the returns for their places in their cells and are the steps of the next integration;
-and so on until nothing changes. Where the surface is known the constraints rule, in so far as
-their sigma allows; across a gap the slopes of both sides are carried on.
+and so on until nothing changes. Where there are returns the constraints dominate, as far as their
+sigma allows; across a gap the slopes of both sides are extrapolated.
 """
 
 from __future__ import annotations
@@ -36,21 +36,21 @@ from spcola.math.robust import mad
 # Noise variance of a step less the mean of the central slopes at its ends, in units of the
 # variance of one height: 2 (3/4)² + 2 (1/4)².
 _STEP_NOISE = 1.25
-# A median is kept where new slopes would move it by less than this share of the tolerance.
+# A median is unchanged where new slopes would move it by less than this share of the tolerance.
 _NEGLECTED = 0.05
-# Least standard deviation of a step beside that of a height. Steps are read from the surface
-# that they then hold, so that stiffer ones would only make the iteration slow.
+# Least standard deviation of a step, relative to that of a height. Steps are read from the surface
+# that they then constrain: stiffer ones would only slow the iteration down.
 _STIFFEST = 1.0
 
 
 @dataclass(frozen=True)
 class LidarBigmapOptions:
-    """How returns become a bigmap.
+    """Settings of the integration of returns to a bigmap.
 
     Parameters
     ----------
     gridding : GriddingOptions
-        Which returns count, and how the cells' first heights and sigmas are found.
+        Rejection of returns, and first heights and sigmas of the cells.
     max_gap : int
         Widest gap that is bridged, in cells; 0: none. Nothing is added outside of the returns.
     tolerance : float
@@ -79,18 +79,18 @@ class LidarBigmapOptions:
 
 @dataclass(frozen=True, eq=False)
 class BigmapGridding:
-    """A bigmap of returns and how it came about.
+    """A bigmap of returns and the state of its integration.
 
     Attributes
     ----------
     bigmap : LidarBigmap
     returns : GriddingReport
-        What happened to the returns.
+        Counts of used and rejected returns.
     step_sigma_m : float
-        Standard deviation that a height step about the mean slope of its ends was given,
-        metres: the roughness by which gaps grow uncertain.
+        Standard deviation assumed for a height step about the mean slope of its ends, metres:
+        the roughness by which uncertainty grows in gaps.
     rounds : int
-        Integrations.
+        Number of integrations.
     largest_change_m : float
         Largest change of a height in the last round, metres.
     converged : bool
@@ -119,9 +119,9 @@ def integrate_returns(
 ) -> BigmapGridding:
     """Integrate `returns` to a surface on `grid` ([35, 36], then energy (A), iterated).
 
-    The weights of (A) are inverse variances: of each cell's height (its sigma), and of the
-    steps (their robust scatter about the slopes of the gridded heights, freed of noise). Heights
-    are those at grid points (:func:`lidar.gridding.at_grid_points`).
+    The weights of (A) are inverse variances: of each cell's height (its sigma), and of the steps
+    (their robust scatter about the slopes of the gridded heights, less noise). Heights are those
+    at grid points (:func:`lidar.gridding.at_grid_points`).
 
     Returns
     -------
@@ -168,7 +168,7 @@ def _integrate(
 ) -> tuple[FloatArray, int, float]:
     """Iterate integrations and slope corrections: heights, rounds, last change (metres).
 
-    `bend` is what has to be added to the mean heights of cells.
+    `bend` is added to the mean heights of cells.
     """
     gsd = mapola.grid.gsd
     with np.errstate(divide="ignore"):
@@ -188,7 +188,7 @@ def _integrate(
         problem = problem.with_data(step_x=step_x, step_y=step_y, height=constraint)
         found = system.solve(problem, options=solver, start=surface)
         previous, surface = surface, found.height
-        # A slope is not known at a point without neighbours; it then corrects nothing.
+        # The slope of a point without neighbours is unknown; it then corrects nothing.
         steep_x, steep_y = slopes_of(surface, gsd)
         slope_x, slope_y = np.nan_to_num(steep_x), np.nan_to_num(steep_y)
         constraint = medians.at(slope_x * gsd, slope_y * gsd) + bend
@@ -215,12 +215,12 @@ def _step_sigma(mapola: Mapola) -> float:
 
 
 def _sigma(mapola: Mapola, mask: BoolArray, step_sigma: float) -> FloatArray:
-    """Sigma of the surface: that of the cells, and growing with the distance from them.
+    """Sigma of the surface: that of the cells, increasing with the distance from them.
 
-    The cells' own sigma is kept although the integration smooths their noise: by how much
-    depends on the ground. Across a gap, steps err alike (a slope carried on misses the same bend
-    at each step): their error grows with the distance to the nearest known cell, not with its
-    root. That a gap has other sides too only makes it better than that.
+    The cells' own sigma is kept although the integration smooths their noise: by how much depends
+    on the ground. Across a gap, errors of steps are correlated (an extrapolated slope misses the
+    same bend at each step): their sum grows with the distance to the nearest known cell, not with
+    its root. Other sides of the gap only reduce it.
     """
     if not mapola.valid.any():
         return np.full(mask.shape, np.nan)

@@ -1,14 +1,14 @@
 """Returns to mapolas: the median of the slope-corrected heights in each cell.
 
-The walk is that of Gaskell et al., eq. 35 and 36: each return is projected into the grid's
-frame and falls to its nearest grid point; its height is carried to that point with the slope
-of the current surface; the median of a cell is the new surface; and so on until nothing
-changes. ([35] is printed with Ux for the height; it is Uz.)
+The iteration is that of Gaskell et al., eq. 35 and 36: each return is projected into the grid's
+frame and assigned to its nearest grid point; its height is moved to that point with the slope of
+the current surface; the median of a cell is the new surface; and so on until nothing changes.
+([35] is printed with Ux for the height; it is Uz.)
 
 The slope of a cell is that of a plane through the 3 × 3 cells around it, fitted not at their
-grid points but where their returns lie (see :mod:`lidar.gridding.cells.planes`). Against
-differences of the gridded heights this averages noise over nine cells, bears gaps, and makes the
-iteration contract quickly: a plane is recovered exactly from returns at any places.
+grid points but where their returns lie (see :mod:`lidar.gridding.cells.planes`). Compared with
+differences of the gridded heights this averages noise over nine cells, tolerates gaps, and makes
+the iteration converge quickly: a plane is recovered exactly from returns at any places.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from lidar.gridding.cells.cells import CellReturns, CorrectedMedians, sort_into_
 from lidar.gridding.cells.planes import PlaneFit
 from lidar.gridding.cells.windows import PlaneWindows
 from lidar.gridding.mapola import Mapola
-from lidar.gridding.outliers import RejectionOptions, find_outliers, find_strays
+from lidar.gridding.outliers import RejectionOptions, find_isolated, find_outliers
 from lidar.gridding.sigma import height_sigma
 from lidar.scans import Returns
 from lidar.scans.cubes import Box
@@ -33,13 +33,13 @@ from spcola.grids import MapletGrid
 
 # Rounds before the iteration takes half steps.
 _FULL_STEPS = 10
-# A median is kept where new slopes would move it by less than this share of the tolerance.
+# A median is unchanged where new slopes would move it by less than this share of the tolerance.
 _NEGLECTED = 0.05
 
 
 @dataclass(frozen=True)
 class GriddingOptions:
-    """How returns become heights.
+    """Settings of the gridding of returns.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ class GriddingOptions:
     max_iterations : int
         Most rounds of slopes and medians (for each set of accepted returns).
     baseline : float
-        Least scatter of the cells' places (standard deviation, grid steps) along a direction
-        in which a slope is read; below it a wider window is taken.
+        Least scatter of the cells' places (standard deviation, grid steps) along a direction in
+        which a slope is fitted; below it a wider window is used.
     max_window : int
         Largest half-width, in cells, of the window in which slopes are fitted.
     reach_m : float, optional
@@ -57,9 +57,9 @@ class GriddingOptions:
         are ignored, metres; by default half the grid's width.
     default_sigma_m : float
         Standard deviation of a single return where neither the returns nor their spread in the
-        neighbourhood tell it, metres.
+        neighbourhood determine it, metres.
     rejection : RejectionOptions
-        Which returns are outliers.
+        Criteria for outliers.
 
     Raises
     ------
@@ -83,26 +83,26 @@ class GriddingOptions:
             raise SettingsError(f"must be positive, not {self.reach_m}", "reach_m")
 
     def reach(self, grid: MapletGrid) -> float:
-        """Return the largest distance from the plane of `grid` that counts, metres."""
+        """Return the largest distance from the plane of `grid` that is used, metres."""
         return self.reach_m or grid.half_size * grid.gsd
 
     def box(self, grid: MapletGrid) -> Box:
-        """Return the box that holds all returns which can fall on `grid`."""
+        """Return the box that contains all returns which can fall on `grid`."""
         return Box.over(grid, self.reach(grid))
 
 
 @dataclass(frozen=True)
 class GriddingReport:
-    """What happened to the returns of one mapola.
+    """Counts of the returns of one mapola, and the end of its iteration.
 
     Attributes
     ----------
     offered : int
         Returns that were given.
     ignored : int
-        Beside the grid, or beyond its reach along Uz.
-    stray : int
-        Rejected because nothing around them supports them (in cells with few returns).
+        Outside the grid, or beyond its reach along Uz.
+    isolated : int
+        Rejected because no neighbouring cell supports them (in cells with few returns).
     outlying : int
         Rejected because they lie far from the other returns of their cell.
     emptied : int
@@ -118,7 +118,7 @@ class GriddingReport:
 
     offered: int
     ignored: int
-    stray: int
+    isolated: int
     outlying: int
     emptied: int
     iterations: int
@@ -128,20 +128,20 @@ class GriddingReport:
 
     @property
     def used(self) -> int:
-        """Returns that made the heights."""
-        return self.offered - self.ignored - self.stray - self.outlying
+        """Number of returns in the heights."""
+        return self.offered - self.ignored - self.isolated - self.outlying
 
 
 @dataclass(frozen=True, eq=False)
 class Gridding:
-    """A mapola and how it came about.
+    """A mapola with a report.
 
     Attributes
     ----------
     mapola : Mapola
     report : GriddingReport
     used : (N,) ndarray of bool
-        Which of the returns made the heights.
+        Which of the returns are in the heights.
     """
 
     mapola: Mapola
@@ -169,8 +169,8 @@ def grid_returns(
     if not len(cells.index):
         return _nothing(name, grid, len(returns))
     inside, count = len(cells.index), cells.count
-    cells = _without_strays(cells, grid.gsd, options)
-    stray, outlying = inside - len(cells.index), 0
+    cells = _without_isolated(cells, grid.gsd, options)
+    isolated, outlying = inside - len(cells.index), 0
     surface = _settle(cells, grid.gsd, options)
     for _ in range(options.rejection.max_rounds):
         outlier = find_outliers(
@@ -188,7 +188,7 @@ def grid_returns(
     report = GriddingReport(
         offered=len(returns),
         ignored=len(returns) - inside,
-        stray=stray,
+        isolated=isolated,
         outlying=outlying,
         emptied=int(np.count_nonzero((count > 0) & (surface.cells.count == 0))),
         iterations=surface.iterations,
@@ -202,7 +202,7 @@ def grid_returns(
 
 
 def _nothing(name: str, grid: MapletGrid, offered: int) -> Gridding:
-    """Return what is known of a grid on which no return falls."""
+    """Return the empty mapola of a grid on which no return falls."""
     unknown = np.full(grid.shape, np.nan)
     mapola = Mapola(
         name,
@@ -216,7 +216,7 @@ def _nothing(name: str, grid: MapletGrid, offered: int) -> Gridding:
     report = GriddingReport(
         offered=offered,
         ignored=offered,
-        stray=0,
+        isolated=0,
         outlying=0,
         emptied=0,
         iterations=0,
@@ -245,7 +245,7 @@ class _Surface:
 
     @cached_property
     def planes(self) -> PlaneFit:
-        """The planes that the last slopes were read from."""
+        """The planes of the last slopes."""
         return self.windows.fit(self.fitted)
 
     @cached_property
@@ -259,7 +259,7 @@ def _settle(
 ) -> _Surface:
     """Iterate slopes and medians until no height changes, from the slopes of `start`."""
     place_x, place_y = cells.place
-    # Dense cells fit better, but beyond a few returns it is the ground, not noise, that departs
+    # Dense cells fit better, but beyond a few returns roughness, not noise, dominates departures
     # from the plane: the weight levels off.
     weight = cells.count / (cells.count + 1.0)
     before = None if start is None else start.medians
@@ -279,7 +279,7 @@ def _settle(
         fitted = at_place
         new_x, new_y = windows.slopes(fitted)
         if iteration >= _FULL_STEPS:
-            # A median may hop between two returns for ever; half steps end that.
+            # A median may alternate between two returns for ever; half steps end that.
             new_x, new_y = 0.5 * (slope_x + new_x), 0.5 * (slope_y + new_y)
         slope_x, slope_y = new_x, new_y
         previous, height = height, medians.at(slope_x, slope_y)
@@ -309,7 +309,7 @@ def _carried(
     slopes: tuple[FloatArray, FloatArray],
     places: tuple[FloatArray, FloatArray],
 ) -> tuple[FloatArray, float]:
-    """Heights (R, C) carried from the grid points to the places, and the largest change, metres."""
+    """Heights (R, C) moved from the grid points to the places, and the largest change, metres."""
     at_place = np.empty_like(height)
     change = 0.0
     for row in range(height.shape[0]):
@@ -322,13 +322,13 @@ def _carried(
     return at_place, change
 
 
-def _without_strays(cells: CellReturns, gsd: float, options: GriddingOptions) -> CellReturns:
-    """Take the stray returns out of cells that hold too few to tell by themselves, in place."""
+def _without_isolated(cells: CellReturns, gsd: float, options: GriddingOptions) -> CellReturns:
+    """Remove isolated returns from cells with few returns, in place."""
     for _ in range(options.rejection.max_rounds):
-        stray = find_strays(cells, gsd, options.rejection)
-        if not stray.any():
+        isolated = find_isolated(cells, gsd, options.rejection)
+        if not isolated.any():
             break
-        cells = cells.reduced(~stray)
+        cells = cells.reduced(~isolated)
     return cells
 
 
@@ -377,7 +377,7 @@ def _scan_share(returns: Returns, used: BoolArray) -> dict[str, float]:
 
 @compiled
 def _marked(index: IntArray, count: int) -> BoolArray:
-    """Mask (count,) of what `index` lists."""
+    """Mask (count,) with True at the numbers in `index`."""
     marked = np.zeros(count, dtype=np.bool_)
     for k in index:
         marked[k] = True
@@ -386,7 +386,7 @@ def _marked(index: IntArray, count: int) -> BoolArray:
 
 @compiled
 def _counted(numbers: IntArray, chosen: BoolArray, most: int) -> IntArray:
-    """How often each number from 0 on, below `most`, is among the chosen of `numbers` (N,)."""
+    """Count each number from 0 on, below `most`, among the chosen of `numbers` (N,)."""
     counts = np.zeros(most, dtype=np.int64)
     for i in range(len(numbers)):
         counts[numbers[i]] += chosen[i]

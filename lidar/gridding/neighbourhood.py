@@ -1,4 +1,4 @@
-"""What the cells around a cell let one expect there, by medians that strays do not move."""
+"""Expected height of a cell from the cells around it, by medians, which resist outliers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from spcola.math.robust import MAD_TO_SIGMA
 
 @dataclass(frozen=True, eq=False)
 class Expectation:
-    """What the cells around each cell let one expect at its place; NaN where too few.
+    """Expectation at each cell's place from the cells around it; NaN where there are too few.
 
     Attributes
     ----------
@@ -35,11 +35,11 @@ class Expectation:
 def expect(
     place_x: FloatArray, place_y: FloatArray, height: FloatArray, *, radius: int, least_cells: int
 ) -> Expectation:
-    """Expect a height in every cell from medians over its (2 radius + 1)² − 1 neighbours.
+    """Return the expected height of every cell by medians over (2 radius + 1)² − 1 neighbours.
 
     Slopes are medians of the differences between adjacent cells, heights medians of the
-    neighbours carried along these slopes: up to about a third of the neighbours may be stray
-    without harm. Cells with fewer than `least_cells` neighbours get NaN.
+    neighbours' heights moved along these slopes: up to about a third of the neighbours may be
+    outliers without harm. Cells with fewer than `least_cells` neighbours get NaN.
     """
     layers = np.full((4, *height.shape), np.nan)
     whole = np.zeros(height.shape, dtype=np.bool_)
@@ -63,7 +63,7 @@ def _expect_in_whole(
 ) -> None:
     """Fill the layers where all cells of the window have heights, and mark these in `whole`.
 
-    As :func:`_expect` does, a row at a time.
+    Same as :func:`_expect`, a row at a time.
     """
     rows, columns = height.shape
     width, wide = 2 * radius + 1, columns - 2 * radius
@@ -94,7 +94,7 @@ def _expect_in_whole(
             _take_off(carried[k], expected)
         column_medians(carried, networks[1], layers[3, row, here])
         for j in range(wide):
-            # One NaN among the heights has made this sum one.
+            # One NaN among the heights makes this sum NaN.
             whole[row, j + radius] = not np.isnan(around[j])
             for layer in range(4):
                 value = layers[layer, row, j + radius]
@@ -110,9 +110,9 @@ def _carry(
     carried: FloatArray,
     around: FloatArray,
 ) -> None:
-    """Carry the heights of one neighbour of each cell of a row to the cells, and add them up.
+    """Move the heights of one neighbour of each cell of a row to the cells, and add them up.
 
-    `heights` go with the slopes there; a step is the cell's place, less that of its neighbour.
+    `heights` include the slopes there; a step is the cell's place less that of its neighbour.
     """
     height, slope_x, slope_y = heights
     here_x, right, there_x = step_x
@@ -125,7 +125,7 @@ def _carry(
 
 @compiled_inline
 def _take_off(values: FloatArray, center: FloatArray) -> None:
-    """Make of values their distances from a center."""
+    """Replace values by their distances from a center."""
     for j in range(len(values)):
         values[j] = abs(values[j] - center[j])
 
@@ -134,7 +134,7 @@ def _take_off(values: FloatArray, center: FloatArray) -> None:
 def _list_steps(
     height: FloatArray, row: int, radius: int, down: int, right: int, steps: FloatArray
 ) -> None:
-    """Differences of neighbours in the windows of a row, but for those with the middle."""
+    """Differences of neighbours in the windows of a row, without those of the middle cell."""
     wide = steps.shape[1]
     n = 0
     for r in range(-radius, radius + 1 - down):
@@ -172,7 +172,7 @@ def _expect(
                 max(0, column - radius),
                 min(columns, column + radius + 1),
             )
-            # What is judged has no say in what is expected of it.
+            # The cell itself is left out of its expectation.
             own, height[row, column] = height[row, column], np.nan
             slope_x = _median_step(height, window, 0, 1, buffer)
             slope_y = _median_step(height, window, 1, 0, buffer)
@@ -219,10 +219,10 @@ def _median_step(
 def supported(
     height: FloatArray, row: IntArray, column: IntArray, value: FloatArray, step: float
 ) -> BoolArray:
-    """Mask (N,) of values that one of the eight cells around (row, column) comes close to.
+    """Return which values (N,) are close to one of the eight cells around (row, column).
 
-    Close means within `step` metres for each grid step of distance: the edge of a boulder has
-    a neighbour at its own height, a stray echo has none.
+    Close means within `step` metres for each grid step of distance: the edge of a boulder has a
+    neighbour at its own height, an isolated echo has none.
     """
     rows, columns = height.shape
     result = np.zeros(len(value), dtype=np.bool_)

@@ -1,8 +1,8 @@
-"""Which returns do not belong to the surface: strays, and outliers of a cell.
+"""Rejection of returns off the surface: isolated returns, and outliers of a cell.
 
-A stray echo lies anywhere along the beam. In a cell with several returns the others show it
-up; in a cell with few only the cells around can, and they have to be asked fairly: the edge of
-a boulder departs from its neighbourhood too, but it has a neighbour at its own height.
+A false echo lies anywhere along the beam. In a cell with several returns it differs from the
+others; in a cell with few only the cells around can show it. Their test must spare boulders: the
+edge of a boulder departs from its neighbourhood too, but has a neighbour at its own height.
 """
 
 from __future__ import annotations
@@ -25,31 +25,31 @@ from spcola.errors import SettingsError
 
 @dataclass(frozen=True)
 class RejectionOptions:
-    """When a return is an outlier.
+    """Criteria for outliers.
 
     Parameters
     ----------
     cell_sigmas : float
         A return further from its cell's median than this many robust standard deviations of
-        the cell is rejected, if the cell holds more than `few` returns; inf: never.
+        the cell is rejected, if the cell has more than `few` returns; inf: never.
     few : int
-        Cells with at most so many returns are judged by their neighbourhood instead.
+        Cells with at most so many returns are tested against their neighbourhood instead.
     neighbourhood_sigmas : float
-        A return in a cell with few returns must lie further than this many robust standard
-        deviations from what its neighbourhood lets one expect …
+        A return in a cell with few returns is isolated if it lies further than this many robust
+        standard deviations from the height expected from its neighbourhood …
     steepest : float
         … and further than this (dimensionless slope, times the distance) from each of the
-        eight cells around it, to be a stray; inf: never.
+        eight cells around it; inf: never.
     departure : float
-        A return further than this from what its neighbourhood lets one expect, in GSD, is on
+        A return further than this from the height expected from its neighbourhood, in GSD, is on
         another sheet of the ground (overhang, far wall) and is rejected, however many returns
-        are there with it; inf: never.
+        are there; inf: never.
     neighbourhood : int
         Half-width, in cells, of the neighbourhood.
     least_cells : int
-        Fewer neighbours with a height than this cannot judge. Where returns lie densely (more
-        than `few` in the middling cell) one that cannot be judged, beyond the edge of a raster,
-        is a stray all the same unless a cell next to it lies near its height.
+        Least number of neighbours with a height for this test. Where returns are dense (more
+        than `few` in the median cell) a return with fewer neighbours, beyond the edge of a
+        raster, is isolated unless a cell next to it lies near its height.
     max_rounds : int
         Most repetitions of either test.
 
@@ -79,11 +79,11 @@ class RejectionOptions:
         return cls(cell_sigmas=np.inf, neighbourhood_sigmas=np.inf, departure=np.inf)
 
 
-def find_strays(cells: CellReturns, gsd: float, options: RejectionOptions) -> BoolArray:
-    """Mask (K,) of returns that nothing around their cell supports, or on another sheet.
+def find_isolated(cells: CellReturns, gsd: float, options: RejectionOptions) -> BoolArray:
+    """Return which returns (K,) no neighbouring cell supports, or lie on another sheet.
 
-    The heights of the cells are plain medians here: strays are to be out before slopes are
-    fitted.
+    The heights of the cells are plain medians here, since isolated returns must be removed
+    before slopes are fitted.
     """
     place_x, place_y = cells.place
     height = cells.middle
@@ -94,10 +94,10 @@ def find_strays(cells: CellReturns, gsd: float, options: RejectionOptions) -> Bo
         radius=options.neighbourhood,
         least_cells=options.least_cells,
     )
-    # At the grid points, where the cells' own slopes have carried nothing yet.
+    # At the grid points, to which the cells' own slopes have not been applied yet.
     base = expected.height - expected.slope_x * place_x - expected.slope_y * place_y
     dense = _is_dense(cells.count, options.few)
-    stray, suspect = _judged(
+    isolated, candidate = _candidates(
         cells.start,
         (cells.dx, cells.dy, cells.height),
         (expected.slope_x.ravel(), expected.slope_y.ravel(), base.ravel()),
@@ -105,27 +105,27 @@ def find_strays(cells: CellReturns, gsd: float, options: RejectionOptions) -> Bo
         options.departure * gsd,
         options.few if dense else -options.few,
     )
-    at = np.flatnonzero(suspect)
+    at = np.flatnonzero(candidate)
     cell = np.searchsorted(cells.start, at, side="right") - 1
     row, column = np.divmod(cell, cells.shape[1])
     value, step = cells.height[at], options.steepest * gsd
     if not dense:
-        stray[at] = ~supported(height, row, column, value, step)
-        return stray
-    # Beyond the edge of a raster one stray must not vouch for another: support begins at cells
-    # that are none, and is handed on.
-    trusted = height.copy()
-    trusted[row, column] = np.nan
+        isolated[at] = ~supported(height, row, column, value, step)
+        return isolated
+    # Beyond the edge of a raster two isolated returns must not support each other: support starts
+    # at cells that are not candidates, and propagates.
+    sound = height.copy()
+    sound[row, column] = np.nan
     found = np.zeros(len(at), dtype=np.bool_)
-    while (more := ~found & supported(trusted, row, column, value, step)).any():
+    while (more := ~found & supported(sound, row, column, value, step)).any():
         found |= more
-        trusted[row[more], column[more]] = height[row[more], column[more]]
-    stray[at] = ~found
-    return stray
+        sound[row[more], column[more]] = height[row[more], column[more]]
+    isolated[at] = ~found
+    return isolated
 
 
 @compiled
-def _judged(
+def _candidates(
     start: IntArray,
     local: tuple[FloatArray, FloatArray, FloatArray],
     expected: tuple[FloatArray, FloatArray, FloatArray],
@@ -133,31 +133,31 @@ def _judged(
     departure: float,
     few: int,
 ) -> tuple[BoolArray, BoolArray]:
-    """Masks (K,) of what departs too far, and of what is suspect in cells of few returns.
+    """Masks (K,) of returns that depart too far, and of candidates in cells of few returns.
 
-    Expected of each cell are slopes x and y, and the height at its grid point. `few` is negative
-    where returns that cannot be judged (NaN) are above suspicion.
+    Expected of each cell are slopes x and y, and the height at its grid point. With negative
+    `few`, returns without an expectation (NaN) are no candidates.
     """
     dx, dy, height = local
     slope_x, slope_y, base = expected
-    stray = np.zeros(len(height), dtype=np.bool_)
-    suspect = np.zeros(len(height), dtype=np.bool_)
+    isolated = np.zeros(len(height), dtype=np.bool_)
+    candidate = np.zeros(len(height), dtype=np.bool_)
     for c in range(len(start) - 1):
         some = slice(start[c], start[c + 1])
-        x, y, h, away = dx[some], dy[some], height[some], stray[some]
+        x, y, h, away = dx[some], dy[some], height[some], isolated[some]
         for k in range(len(h)):
             away[k] = abs(h[k] - slope_x[c] * x[k] - slope_y[c] * y[k] - base[c]) > departure
         if len(h) > abs(few):
             continue
         for k in range(len(h)):
             distance = abs(h[k] - slope_x[c] * x[k] - slope_y[c] * y[k] - base[c])
-            unjudged = few > 0 and not np.isfinite(distance)
-            suspect[start[c] + k] = (distance > limit[c] or unjudged) and not away[k]
-    return stray, suspect
+            untestable = few > 0 and not np.isfinite(distance)
+            candidate[start[c] + k] = (distance > limit[c] or untestable) and not away[k]
+    return isolated, candidate
 
 
 def _is_dense(count: AnyArray, few: int) -> bool:
-    """Whether the returns are those of a raster, not of a track or of single shots."""
+    """Return whether the returns form a raster, not a track or single shots."""
     there = count[count > 0]
     return bool(there.size) and float(np.median(there)) > few
 
@@ -173,8 +173,8 @@ def find_outliers(
     """Mask (K,) of returns far from the surface `height` of their cell.
 
     `corrected` (K,) are the slope-corrected heights. The robust standard deviation of a cell,
-    `spread`, is taken no smaller than the median one of the grid's cells: five returns may agree
-    by chance.
+    `spread`, is taken no smaller than the median of all cells: five returns may agree by
+    chance.
     """
     many = cells.count > options.few
     floor = float(np.median(spread[many])) if many.any() else 0.0

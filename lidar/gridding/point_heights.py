@@ -1,8 +1,8 @@
-"""From the mean heights of cells to heights at grid points.
+"""Conversion of mean heights of cells to heights at grid points.
 
 The slope-corrected median of a cell [36] is the height at its grid point where the ground is a
-plane. Where it bends, the returns of the cell tell the mean over it: the top of a boulder comes out
-too low, the foot of it too high.
+plane. Where it bends, the returns of the cell give its mean: the top of a boulder comes out too
+low, its foot too high.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from spcola.grids.statistics import (
     bending_range,
 )
 
-# Width, in cells, of the neighbourhood that tells how much the ground bends.
+# Width, in cells, of the neighbourhood in which bending is estimated.
 _AROUND = 5
-# Noise makes more than so many times its mean square in a few places of a hundred.
+# Noise exceeds so many times its mean square in only a few per cent of places.
 _CHANCE = 2.5
-# Share of a cell's variance that is not taken for bending, whatever its file rounded.
+# Share of a cell's variance that is never attributed to bending, whatever the file's rounding.
 _LEFT = 0.25
 
 
 def bending_variance(height: FloatArray, variance: FloatArray) -> FloatArray:
-    """Return the mean square, m², by which mean heights of cells miss those at grid points.
+    """Return the mean square difference, m², between mean heights of cells and heights at points.
 
-    The bending at the point, and by how much it differs around it, each by the share that the mean
-    over a cell has in it. 0 where noise would make as much of both, or they are not known.
+    The bending at the point, and its variation around it, each by its effect on the mean over a
+    cell. 0 where noise would cause as much of both, or they are unknown.
 
     Parameters
     ----------
@@ -47,11 +47,11 @@ def bending_variance(height: FloatArray, variance: FloatArray) -> FloatArray:
 
 
 def at_grid_points(mapola: Mapola) -> Mapola:
-    """Return `mapola` with heights that hold at the grid points, as far as its bending tells.
+    """Return `mapola` with heights at the grid points, corrected for bending.
 
-    The bending is taken for what it is likely to be beside its noise, as the bending around tells:
-    on even ground nothing changes. What was uncertain by the bending there is so no longer; what
-    is by its change from cell to cell remains.
+    The correction is the part of the bending that noise does not explain, as estimated around
+    each cell: even ground is unchanged. The uncertainty due to bending at the point is removed;
+    that due to its change from cell to cell remains.
     """
     miss = CELL_SHARE * _likely_bending(mapola)
     variance = np.maximum(mapola.sigma**2 - miss**2, _LEFT * mapola.sigma**2)
@@ -59,7 +59,7 @@ def at_grid_points(mapola: Mapola) -> Mapola:
 
 
 def _likely_bending(mapola: Mapola) -> FloatArray:
-    """Bending times the share of it, within the neighbourhood, that noise does not explain."""
+    """Bending, reduced by the share that noise explains in the neighbourhood."""
     bend = bending(mapola.height)
     noise, square = BENDING_NOISE * _around(mapola.sigma**2), _around(bend**2)
     bent = square > noise
@@ -70,7 +70,7 @@ def _likely_bending(mapola: Mapola) -> FloatArray:
 def _around(layer: FloatArray) -> FloatArray:
     """Mean of the known values in the neighbourhood of each cell (R, C); 0 if there are none."""
     known = np.isfinite(layer)
-    # The filters' running sums leave rounding errors behind them: one cell is a 25th.
+    # The filters' running sums leave rounding errors: one cell is a 25th.
     share = uniform_filter(known.astype(np.float64), _AROUND)
     total = uniform_filter(np.where(known, layer, 0.0), _AROUND)
     some = share > 0.5 / _AROUND**2

@@ -1,4 +1,4 @@
-"""The uncertainty of a cell's height: the part that is not shared with other cells."""
+"""Uncertainty of a cell's height: the part that is not shared with other cells."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from spcola.arrays import AnyArray, FloatArray
 _MAD_SMALL_SAMPLE = np.array(
     [np.nan, np.nan, 1.196, 1.495, 1.363, 1.206, 1.200, 1.140, 1.129, 1.107]
 )
-# Efficiency of the median absolute deviation: n − 1 values tell as much of the spread as so
-# many degrees of freedom each.
+# Efficiency of the median absolute deviation: n − 1 values determine the spread as well as so many
+# degrees of freedom each.
 _MAD_EFFICIENCY = 0.37
 # Half-width, in cells, of the neighbourhood whose spreads are pooled.
 _POOL = 2
 # A plane through 3 × 3 heights has six degrees of freedom: its misfit exceeds the noise by more
 # than this, 1 + 2 √(2/6), where the ground is no plane.
 _BENT = 2.15
-# Degrees of freedom that the wider spread (neighbourhood, grid) counts for beside the narrower
-# one (cell, neighbourhood). A grid with fewer in all does not know its spread.
+# Degrees of freedom given to the wider spread (neighbourhood, grid) when it is averaged with the
+# narrower one (cell, neighbourhood). A grid with fewer in all has no usable spread.
 _PRIOR_FREEDOM = 10.0
 
 
@@ -52,10 +52,10 @@ def height_sigma(
     """Return the standard deviation of each cell's median, metres, of the grid's shape.
 
     The larger of the returns' own sigma (`single`, by original return, NaN if unknown) and the
-    cell's spread, drawn toward that of the cells around it in so far as few returns tell it,
-    times the factor of a median (:func:`median_sigma`); the share of the slopes' uncertainty; and
-    what the ground bends inside the cell (:mod:`lidar.gridding.point_heights`). The spread holds
-    the roughness of the ground inside the cell, which is an error of the height as well.
+    cell's spread, averaged with that of the cells around where it rests on few returns, times the
+    factor of a median (:func:`median_sigma`); the share of the slopes' uncertainty; and the
+    bending of the ground inside the cell (:mod:`lidar.gridding.point_heights`). The spread
+    includes the roughness of the ground inside the cell, which is an error of the height too.
 
     Parameters
     ----------
@@ -64,12 +64,12 @@ def height_sigma(
     height : ndarray
         Gridded heights, metres; NaN where empty.
     default : float
-        Taken where neither is known, metres.
+        Used where neither is known, metres.
     """
     own = _known_medians(cells, single)
     pooled, margin = _pooled_spread(cells.count, spread)
     # The larger of two estimates is too large on average when both estimate the same: the
-    # spread counts only where it exceeds the sigma by more than chance would have it.
+    # spread is used only where it exceeds the sigma by more than chance.
     one = np.where(
         pooled > own * (1.0 + 2.0 * margin), pooled, np.where(np.isnan(own), pooled, own)
     )
@@ -78,7 +78,7 @@ def height_sigma(
     typical_slope = _typical_slope(planes, filled)
     variance = (one * median_sigma(cells.count)) ** 2 * (1.0 + 2.0 * planes.own)
     # A single return has weight ½ in the plane fit. At the edge of a boulder the cells are no
-    # plane, and its slope is worse than their noise says.
+    # plane, and its slope is worse than their noise implies.
     bent = np.where(planes.misfit > _BENT * 0.5 * one**2, planes.misfit, 0.5 * one**2)
     variance = variance + bent * planes.leverage
     variance = variance + typical_slope**2 * planes.unresolved
@@ -98,8 +98,8 @@ def _known_medians(cells: CellReturns, single: FloatArray) -> FloatArray:
 def _pooled_spread(count: AnyArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Spread of each cell, metres, and its relative standard error.
 
-    It is freed of its small-sample bias and drawn toward the spread of its surroundings; NaN if
-    the whole grid knows too little of it.
+    It is corrected for its small-sample bias and averaged with the spread of its surroundings; NaN
+    if the whole grid has too few degrees of freedom.
     """
     small = _MAD_SMALL_SAMPLE[np.minimum(count, len(_MAD_SMALL_SAMPLE) - 1)]
     factor = np.where(count < len(_MAD_SMALL_SAMPLE), small, count / np.maximum(count - 0.8, 1.0))
@@ -108,7 +108,7 @@ def _pooled_spread(count: AnyArray, spread: FloatArray) -> tuple[FloatArray, Flo
     unbiased = np.where(known, factor * spread, 0.0)
     if freedom.sum() < _PRIOR_FREEDOM:
         return np.full(spread.shape, np.nan), np.full(spread.shape, np.nan)
-    # Averages of spreads, not of their squares: one rough cell shall not rule its surroundings.
+    # Averages of spreads, not of their squares: one rough cell must not dominate its surroundings.
     everywhere = float((freedom * unbiased).sum() / freedom.sum())
     width = 2 * _POOL + 1
     total = uniform_filter(freedom, width, mode="constant") * width**2
@@ -122,7 +122,7 @@ def _pooled_spread(count: AnyArray, spread: FloatArray) -> tuple[FloatArray, Flo
 
 
 def _typical_slope(planes: PlaneFit, filled: AnyArray) -> float:
-    """Root mean square slope along one axis, metres per step: what an unresolved slope may be."""
+    """Root mean square slope along one axis, metres per step: the size of an unresolved slope."""
     if not filled.any():
         return 0.0
     square = planes.slope_x[filled] ** 2 + planes.slope_y[filled] ** 2

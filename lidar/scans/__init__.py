@@ -1,4 +1,4 @@
-"""Scans, returns and arcs: values that everything shares."""
+"""Scans, returns and arcs."""
 
 import lazy_loader
 

@@ -1,7 +1,7 @@
-"""Arcs: long scans cut into spans of time over which they err as a whole.
+"""Arcs: long scans cut into spans of time with a common displacement.
 
-The trajectory and the pointing are wrong by much the same for some minutes, in which a raster is
-swept. A track of hours goes round the body meanwhile: what errs along its way at first errs across
+The errors of trajectory and pointing hardly change over some minutes, in which a raster is swept. A
+track of hours goes round the body meanwhile: an error along its path at first becomes one across
 it, or up, later on, and no single displacement describes it.
 """
 
@@ -21,9 +21,9 @@ class Arcs:
     Parameters
     ----------
     start : float
-        When the first begins, ephemeris time, s.
+        Beginning of the first, ephemeris time, s.
     width : float
-        Of each, s.
+        Length of each, s.
     count : int
     """
 
@@ -41,13 +41,13 @@ class Arcs:
         return cls(span[0], length / count, count)
 
     def numbers(self, time: FloatArray) -> IntArray:
-        """Return the arc (N,) in which each time lies; unknown ones are of the first."""
+        """Return the arc (N,) of each time; unknown times belong to the first."""
         number = np.floor((np.nan_to_num(time, nan=self.start) - self.start) / self.width)
         numbers: IntArray = np.clip(number, 0, self.count - 1).astype(np.int32)
         return numbers
 
     def names(self, scan: str) -> list[str]:
-        """Return the names of the arcs: the scan's own, and their numbers where there are many."""
+        """Return the names of the arcs: the scan's own, with numbers if there are several."""
         if self.count == 1:
             return [scan]
         digits = len(str(self.count))

@@ -1,4 +1,4 @@
-"""Returns: what gridding needs to know of the echoes of one or many scans."""
+"""Returns: the input of gridding, from the echoes of one or many scans."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Returns:
     Raises
     ------
     InvalidValueError
-        If lengths differ, a point is not finite, a sigma is not positive, or a return names a
+        If lengths differ, a point is not finite, a sigma is not positive, or a return refers to a
         scan that is not there.
     """
 
@@ -89,5 +89,5 @@ class Returns:
         return len(self.points)
 
     def select(self, keep: AnyArray) -> Returns:
-        """Return the returns chosen by `keep` (mask, slice or indices); the names stay."""
+        """Return the returns chosen by `keep` (mask, slice or indices); the names are unchanged."""
         return Returns(self.points[keep], self.sigma[keep], self.scan[keep], self.scan_names)

@@ -1,4 +1,4 @@
-"""Scans: the returns of a laser altimeter, with where it stood and where it looked."""
+"""Scans: the returns of a laser altimeter, with its positions and beams."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ MEASURES = ("time", "range", "spacecraft", "beam", "points", "intensity", "flag"
 class Scan:
     """Returns of one scan (or track, or table of single shots); N of them.
 
-    Only accepted returns are in a scan; what was refused on the way in is counted in
-    `rejected`. A quantity that the instrument or the format does not give is NaN.
+    Only accepted returns are in a scan; rejected ones are counted in `rejected`. A quantity that
+    the instrument or the format does not give is NaN.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class Scan:
     intensity : (N,) ndarray
         Instrument units.
     flag : (N,) integer ndarray
-        The instrument's flag, as it stood in the file.
+        The instrument's flag, as in the file.
     sigma : (N,) ndarray
         One standard deviation of the range of a single return, metres.
     trajectory : str
@@ -91,10 +91,10 @@ class Scan:
 
     @classmethod
     def of_points(cls, name: str, points: FloatArray, **known: AnyArray | str) -> Scan:
-        """Build a scan of which only the points (N, 3), metres, and `known` layers are known.
+        """Build a scan from points (N, 3), metres, and the `known` layers only.
 
-        Everything else is NaN (flags are 0: a point without a flag is taken as valid). Where
-        the spacecraft is known, range and beam that are not given follow from it.
+        All other layers are NaN (flags are 0: a point without a flag counts as valid). Where the
+        spacecraft is known, range and beam that are not given follow from it.
         """
         count = len(points)
         layers: dict[str, AnyArray | str] = {
@@ -133,7 +133,7 @@ class Scan:
 
 
 def join(name: str, scans: list[Scan]) -> Scan:
-    """Put chunks of one scan together in the order given; rejection counts add up.
+    """Join chunks of one scan in the order given; rejection counts add up.
 
     Raises
     ------

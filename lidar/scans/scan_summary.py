@@ -1,4 +1,4 @@
-"""What is known of a scan without its returns."""
+"""Summary of a scan without its returns."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from spcola.errors import InvalidValueError
 
 @dataclass(frozen=True, eq=False)
 class ScanSummary:
-    """What a scan file says about itself without its returns being read.
+    """Contents of a scan file known without reading its returns.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class ScanSummary:
 
     @classmethod
     def of(cls, scan: Scan) -> ScanSummary:
-        """That of a scan, or of its first chunk."""
+        """Return the summary of a scan, or of its first chunk."""
         known = scan.time[np.isfinite(scan.time)]
         span = (float(known.min()), float(known.max())) if len(known) else (math.nan, math.nan)
         bounds = np.full((2, 3), np.nan)
@@ -66,7 +66,7 @@ class ScanSummary:
         )
 
     def extended(self, scan: Scan, path: str | Path) -> ScanSummary:
-        """That with the next chunk added, of the scan at `path`.
+        """Return the summary with the next chunk added, of the scan at `path`.
 
         Raises
         ------
@@ -85,7 +85,7 @@ class ScanSummary:
             self,
             count=self.count + added.count,
             rejected=rejected,
-            # fmin and fmax pass over NaN, the span or bounds of a chunk that has none.
+            # fmin and fmax ignore NaN, the span or bounds of a chunk without any.
             time_span=(float(np.fmin(*times[:, 0])), float(np.fmax(*times[:, 1]))),
             bounds=np.stack([np.fmin(*low), np.fmax(*high)]),
         )

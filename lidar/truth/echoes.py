@@ -1,4 +1,4 @@
-"""What comes back of the shots at a body: distances, noise, losses, flags, strengths."""
+"""Echoes of the shots at a body: distances, noise, losses, flags, strengths."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from spcola.arrays import FloatArray, IntArray
 from spcola.truth.body import TruthBody
 
 # Columns of the shots' deviates, after those of the place.
-_FATE, _RANGE, _STRAY, _STRENGTH = 2, 3, 4, 5
+_FATE, _RANGE, _OUTLIER, _STRENGTH = 2, 3, 4, 5
 _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
-# Beyond this the footprint would span more than its own illuminated ground.
+# Largest tangent of the incidence: beyond, the footprint would exceed its illuminated ground.
 _MOST_TANGENT = np.tan(np.radians(80.0))
-# An echo of a face that looks at the lidar, of mean albedo, 1 km away, DN.
+# Echo of a face at normal incidence, of mean albedo, 1 km away, DN.
 _STRENGTH_DN = 2000.0
 _STRENGTH_DISTANCE = 1000.0
-# Dark ground scatters back hardly less where it is steep, seen along the light.
+# Even share of the scattering: dark ground is hardly fainter where it is steep, along the light.
 _LAMBERT = 0.35
 
 
 class Ground(NamedTuple):
-    """What the beams meet; NaN all through where one misses.
+    """Intersections of the beams with the ground; NaN where a beam misses.
 
     Attributes
     ----------
     distance : (N,) ndarray
-        Along the beam, the footprint's mean, metres.
+        Along the beam, mean over the footprint, metres.
     cosine : (N,) ndarray
-        Of the incidence.
+        Cosine of the incidence.
     points : (N, 3) ndarray
         First hits of the beams' axes, metres.
     """
@@ -50,12 +50,12 @@ class Ground(NamedTuple):
 
 
 def meet(body: TruthBody, shots: Shots, settings: LidarSettings) -> Ground:
-    """Return what the beams of `shots` meet on the body."""
+    """Return the intersections of the beams of `shots` with the body."""
     hits = body.first_hits(shots.spacecraft, shots.beam)
     cosine = -np.einsum("ij,ij->i", hits.normals, shots.beam)
     distance = hits.distance
     if settings.subrays > 1:
-        # Where the axis misses, no incidence is known: part of a footprint is no echo then.
+        # Where the axis misses, the incidence is unknown: part of a footprint is no echo then.
         footprint = _footprint_distance(body, shots, settings)
         distance = np.where(np.isfinite(distance), footprint, np.nan)
     return Ground(distance, np.clip(cosine, 0.0, 1.0), hits.points)
@@ -92,7 +92,7 @@ def gaussian_pattern(count: int) -> FloatArray:
 def flags(shots: Shots, ground: Ground, settings: LidarSettings) -> IntArray:
     """Return the flag (N,) of each shot.
 
-    Echoes are lost by `dropout_share` everywhere, and by a smooth step of the cosine from none
+    Echoes are lost with `dropout_share` everywhere, and by a smooth step of the cosine from none
     at `grazing_deg` to all at 90°.
     """
     fate = shots.deviates[:, _FATE]
@@ -104,7 +104,7 @@ def flags(shots: Shots, ground: Ground, settings: LidarSettings) -> IntArray:
     lost = missing + settings.dropout_share
     lost = lost + (1.0 - lost - settings.stray_share) * steep
     flag = np.full(len(shots), VALID)
-    # A miss compares false with everything, so that it is set apart.
+    # Comparisons with NaN are false: misses are treated separately.
     flag[~(fate >= lost) | ~np.isfinite(ground.distance)] = NO_RETURN
     flag[fate < missing] = MISSING
     flag[(fate < overflow) & np.isfinite(ground.distance)] = OVERFLOW
@@ -114,16 +114,16 @@ def flags(shots: Shots, ground: Ground, settings: LidarSettings) -> IntArray:
 def stated_range(
     shots: Shots, ground: Ground, settings: LidarSettings, errors: ScanErrors, flag: IntArray
 ) -> FloatArray:
-    """Return the ranges (N,) that a table states, metres; the sentinel where there is no echo."""
+    """Return the ranges (N,) in a table, metres; the sentinel where there is no echo."""
     footprint = settings.divergence / 4.0 * ground.distance
     cosine = np.maximum(ground.cosine, 1e-6)
     tangent = np.minimum(np.sqrt(1.0 - cosine**2) / cosine, _MOST_TANGENT)
     sigma = np.hypot(settings.range_sigma, settings.slope_noise * footprint * tangent)
     measured = ground.distance * (1.0 + errors.range_scale) + errors.range_bias_m
     measured += sigma * shots.normal(_RANGE) - settings.reference_offset
-    stray = shots.deviates[:, _FATE] >= 1.0 - settings.stray_share
-    away = settings.stray_reach * (2.0 * shots.deviates[:, _STRAY] - 1.0)
-    measured += np.where(stray, away, 0.0)
+    outlier = shots.deviates[:, _FATE] >= 1.0 - settings.stray_share
+    away = settings.stray_reach * (2.0 * shots.deviates[:, _OUTLIER] - 1.0)
+    measured += np.where(outlier, away, 0.0)
     echo = (flag == VALID) | (flag == OVERFLOW)
     return np.where(echo, measured, NO_ECHO_RANGE)
 
@@ -133,8 +133,8 @@ def strengths(
 ) -> FloatArray:
     """Return the strengths (N,) of the echoes, DN; 0 without one.
 
-    The albedo times what steep ground scatters back of it (partly Lambert, partly even), over
-    the square of the distance, with noise.
+    The albedo times the scattering of the incidence (partly Lambert, partly even), over the
+    square of the distance, with noise.
     """
     echo = (flag == VALID) | (flag == OVERFLOW)
     strength = np.zeros(len(shots))

@@ -1,4 +1,4 @@
-"""Scans of a synthetic mission in files: OLA level 2, HDF5 or LAZ, and how large they will be."""
+"""Files of the scans of a synthetic mission: OLA level 2, HDF5 or LAZ, and their sizes."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from lidar.truth.track import Track
 from spcola.errors import SettingsError
 
 FORMATS: Mapping[str, str] = MappingProxyType({"ola": ".dat", "hdf5": ".h5", "laz": ".laz"})
-"""Formats that scans can be written in, and the endings of their files."""
+"""Formats of scans, and the endings of their files."""
 
 _REASONS = {OVERFLOW: "overflow", NO_RETURN: "no return", MISSING: "missing"}
-# Bytes of a file, and of each return in it, as measured over rasters and tracks of several bodies:
-# right to a tenth. Noise does not compress; what does is how little neighbours differ.
+# Bytes of a file, and of each return in it, measured over rasters and tracks of several bodies,
+# with an error of a tenth: noise does not compress, small differences between neighbours do.
 _NATIVE_HEAD, _LAZ_HEAD = 15_000, 20_000
 _NATIVE_BYTES, _TRACK_NATIVE_BYTES = 20.2, 20.2
 _LAZ_BYTES, _LAZ_BYTES_AN_OCTAVE, _LAZ_SPACING = 7.2, 0.45, 0.07
@@ -31,16 +31,16 @@ _TRACK_LAZ_BYTES = 11.0
 
 @dataclass(frozen=True)
 class ScanSize:
-    """What a scan comes to.
+    """Size of a scan.
 
     Attributes
     ----------
     shots : int
-        As many records an OLA table has.
+        Records of an OLA table.
     returns : int
-        Expected, where all shots meet ground that is not steep.
+        Expected number, where all shots meet ground that is not steep.
     bytes : int
-        Of the file, expected; right to a tenth.
+        Expected size of the file, with an error of a tenth.
     """
 
     shots: int
@@ -49,7 +49,7 @@ class ScanSize:
 
 
 def scan_size(settings: LidarSettings, format: str, *, track: Track | None = None) -> ScanSize:
-    """Return what a raster scan (or a `track`) of these settings comes to in a format.
+    """Return the size of a raster scan (or a `track`) with these settings in a format.
 
     Raises
     ------
@@ -73,14 +73,14 @@ def scan_size(settings: LidarSettings, format: str, *, track: Track | None = Non
 def write_scans(path: str | Path, chunks: Iterable[Scan], *, format: str) -> None:
     """Write the chunks of one scan, whole or not at all.
 
-    An OLA table holds all shots, those without echo with their flags and sentinels, as real ones
-    do; the others hold returns only: HDF5 with the numbers of those left out, LAZ without.
+    An OLA table contains all shots, those without echo with their flags and sentinels, like real
+    ones; the others contain returns only: HDF5 with the numbers of rejected shots, LAZ without.
 
     Parameters
     ----------
     path : path
     chunks : iterable of Scan
-        As :func:`lidar.truth.scan.scan_chunks` yields them; only one is in memory at a time.
+        From :func:`lidar.truth.scan.scan_chunks`; only one is in memory at a time.
     format : {"ola", "hdf5", "laz"}
 
     Raises
@@ -102,7 +102,7 @@ def write_scans(path: str | Path, chunks: Iterable[Scan], *, format: str) -> Non
 
 
 def returns_of(chunks: Iterable[Scan]) -> Iterator[Scan]:
-    """Yield the valid returns of each chunk, the other shots counted by what their flag says."""
+    """Yield the valid returns of each chunk, the other shots counted by flag."""
     for scan in chunks:
         kind = scan.flag % DEMODULATOR
         counts = {reason: int((kind == value).sum()) for value, reason in _REASONS.items()}

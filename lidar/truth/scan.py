@@ -25,7 +25,7 @@ from spcola.truth.body import TruthBody
 from spcola.truth.campaign import Pass
 
 CHUNK = 250_000
-"""Shots that are in memory at once, if not stated otherwise."""
+"""Default number of shots in memory at once."""
 
 
 def scan_chunks(
@@ -37,25 +37,25 @@ def scan_chunks(
     generator: np.random.Generator,
     chunk: int = CHUNK,
 ) -> Iterator[Scan]:
-    """Yield every shot of a raster scan as a table states it, rejects included.
+    """Yield every shot of a raster scan as in a table, rejects included.
 
-    A real table holds the shots without echo too (flag 2, sentinel range, a position beside the
-    spacecraft): write them with :func:`lidar.truth.files.write_scans`, do not use them as they
-    are. The scan is the same however it is cut into chunks.
+    A real table contains the shots without echo too (flag 2, sentinel range, a position near the
+    spacecraft): write them with :func:`lidar.truth.files.write_scans`, and do not use them
+    directly. The scan does not depend on its division into chunks.
 
     Parameters
     ----------
     body : TruthBody
         Its body-fixed frame is that of the scan.
     at : Pass
-        Where the spacecraft is.
+        Path of the spacecraft.
     settings : LidarSettings
     errors : ScanErrors
-        What is wrong with the whole scan.
+        Errors of the whole scan.
     generator : numpy.random.Generator
-        Of the noise of single shots.
+        Generator of the noise of single shots.
     chunk : int
-        Shots that are in memory at once.
+        Shots in memory at once.
     """
     on = DEMODULATOR if settings.demodulator and at.number % 2 else 0
     for shots in raster_shots(body, at, settings, generator, chunk):
@@ -71,9 +71,9 @@ def track_chunks(
     generator: np.random.Generator,
     chunk: int = CHUNK,
 ) -> Iterator[Scan]:
-    """Yield every shot of a nadir track as a table states it, rejects included.
+    """Yield every shot of a nadir track as in a table, rejects included.
 
-    Of the `settings` all but the raster holds. Errors of pointing are along and across the track.
+    The `settings` of the raster are not used. Errors of pointing are along and across the track.
     """
     on = DEMODULATOR if settings.demodulator and at.number % 2 else 0
     for shots in track_shots(body, at, generator, chunk):
@@ -111,7 +111,7 @@ def _scan(
     errors: ScanErrors,
     demodulator: int,
 ) -> Scan:
-    """Return the shots of a chunk as a table states them."""
+    """Return the shots of a chunk as in a table."""
     ground = meet(body, shots, settings)
     flag = flags(shots, ground, settings)
     measured = stated_range(shots, ground, settings, errors, flag)
@@ -127,6 +127,6 @@ def _scan(
         points=spacecraft + (measured + settings.reference_offset)[:, None] * beam,
         intensity=strengths(body, shots, ground, settings, flag),
         flag=(flag + demodulator).astype(np.int16),
-        # What a table's user is told of the noise: the level at normal incidence.
+        # The sigma stated in a table: the level at normal incidence.
         sigma=np.full(len(shots), settings.range_sigma),
     )

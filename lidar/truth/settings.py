@@ -1,4 +1,4 @@
-"""What the scans of a synthetic mission are like, and how wrong they are."""
+"""Properties of the scans of a synthetic mission, and the sizes of their errors."""
 
 from __future__ import annotations
 
@@ -10,59 +10,60 @@ import numpy as np
 from spcola.errors import SettingsError
 
 NO_ECHO_RANGE = -1.12892
-"""Range, metres, that OLA's tables give where no echo came back."""
+"""Range, metres, in OLA's tables for shots without an echo."""
 VALID, OVERFLOW, NO_RETURN, MISSING = 0, 1, 2, 3
 """Values of the flag in OLA's tables."""
 DEMODULATOR = 100
-"""What is added to the flag while the demodulator is on."""
+"""Added to the flag while the demodulator is on."""
 
 _SIGMAS = ("range_sigma", "slope_noise", "trajectory_sigma", "pointing_sigma", "intensity_noise")
 _SHARES = ("stray_share", "dropout_share", "overflow_share", "missing_share")
 
 
-# A raster of 1e10 shots: what a mission sends in years.
+# A raster of 1e10 shots: the number of a mission in years.
 _MOST_LINES = 100_000
 
 
 @dataclass(frozen=True)
 class LidarSettings:
-    """What the scans are like; the error levels are what is published for Bennu.
+    """Properties of the scans; the error levels are those published for Bennu.
 
     Parameters
     ----------
     width : float
-        Of the square raster on the ground, metres.
+        Width of the square raster on the ground, metres.
     spacing : float
-        Between neighbouring shots and lines of a raster, metres.
+        Distance between neighbouring shots and lines of a raster, metres.
     range_sigma : float
         Of a single return at normal incidence, metres (1 σ).
     divergence : float
-        Full width of the beam to 1/e², radians: twice a beam of 100 µrad, for what lies at some
+        Full width of the beam to 1/e², radians: twice a beam of 100 µrad, for distances of some
         750 m. The footprint's standard deviation is a quarter of that times the distance.
     slope_noise : float
         Share of the depth that the footprint spans on sloping ground, its standard deviation
         times the tangent of the incidence, which is added (in squares) to `range_sigma`.
     subrays : int
-        Rays over the footprint of which the range is the mean; 1: the axis of the beam alone.
+        Rays over the footprint whose mean is the range; 1: the axis of the beam alone.
     dropout_share : float
-        Of the shots, at normal incidence: without echo.
+        Share of the shots without echo, at normal incidence.
     grazing_deg : float
         Beyond this incidence more and more echoes are lost, at 90° all.
     stray_share, stray_reach : float
-        Share of the returns with a range that has nothing to do with the surface: they lie up to
-        `stray_reach` before and behind it, metres.
+        Share of the returns with a random range: outliers up to `stray_reach` before and behind
+        the surface, metres.
     overflow_share, missing_share : float
+        Shares of the shots flagged as overflow, and never recorded.
         Of the shots: flagged as overflow; never recorded.
     intensity_noise : float
-        Relative, of the strength of each echo (1 σ).
+        Relative noise of the strength of each echo (1 σ).
     trajectory_sigma : float
         Of each scan's error of the spacecraft position, for each axis, metres.
     pointing_sigma : float
         Of each scan's error of pointing, on the ground, for each direction, metres.
     range_bias : float
-        What all ranges are too long by, metres.
+        Error of all ranges, positive if they are too long, metres.
     reference_offset : float
-        Distance from spacecraft to surface less the range as the tables give it, metres.
+        Distance from spacecraft to surface less the range in the tables, metres.
     demodulator : bool
         Whether the passes of odd number have the demodulator on.
     """
@@ -95,11 +96,11 @@ class LidarSettings:
             raise SettingsError("must not be negative", "error levels of the scans")
         shares = [getattr(self, name) for name in _SHARES]
         if min(shares) < 0 or sum(shares) >= 1:
-            raise SettingsError("shares of strays and lost shots must stay below 1", "scans")
+            raise SettingsError("shares of outliers and lost shots must sum to below 1", "scans")
         if self.subrays < 1 or not 0 <= self.divergence < 0.1:
             raise SettingsError("needs a ray, and a divergence of 0 … 0.1 rad", "beam")
         if not 0 < self.grazing_deg < 90 or self.stray_reach < 0:
-            raise SettingsError("grazing incidence or reach of strays out of range", "scans")
+            raise SettingsError("grazing incidence or reach of outliers out of range", "scans")
 
     @classmethod
     def exact(cls, width: float, spacing: float) -> LidarSettings:
@@ -119,13 +120,13 @@ class LidarSettings:
 
     @property
     def expected_share(self) -> float:
-        """Share of the shots at ground that is not steep which become returns."""
+        """Share of the shots that become returns on ground that is not steep."""
         return 1.0 - self.dropout_share - self.overflow_share - self.missing_share
 
 
 @dataclass(frozen=True)
 class ScanErrors:
-    """What is wrong with a whole scan.
+    """Errors of a whole scan.
 
     Attributes
     ----------
@@ -136,7 +137,7 @@ class ScanErrors:
     range_scale : float
         Stated ranges are true ones times 1 + this (the bias of a day).
     range_bias_m : float
-        Stated ranges are longer than true ones by this, beside.
+        Constant added to stated ranges.
     """
 
     offset_m: tuple[float, ...] = (0.0, 0.0, 0.0)

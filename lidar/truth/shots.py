@@ -1,4 +1,4 @@
-"""Where the shots of a scan or track go: times, positions, beams."""
+"""Shots of a scan or track: times, positions, beams."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from spcola.arrays import FloatArray
 from spcola.truth.body import TruthBody
 from spcola.truth.campaign import Pass
 
-# Uniform numbers that a shot takes, whatever becomes of it: place (2), fate, range, stray,
-# intensity. A fixed number makes a scan the same however it is cut into chunks.
+# Uniform numbers of a shot, whatever happens to it: place (2), fate, range, outlier, intensity.
+# Their number is fixed, so that a scan does not depend on its division into chunks.
 DEVIATES = 6
 _PLACE = slice(0, 2)
 _NEAR_AXIS = 0.99
@@ -23,7 +23,7 @@ _NEAR_AXIS = 0.99
 
 @dataclass(frozen=True, eq=False)
 class Shots:
-    """Shots of a chunk, N of them, as they truly go out.
+    """True shots of a chunk, N of them.
 
     Attributes
     ----------
@@ -34,11 +34,11 @@ class Shots:
     beam : (N, 3) ndarray
         Unit vectors, body-fixed.
     along, across : (3,) or (N, 3) ndarray
-        Unit vectors on the ground, by which errors of pointing are stated.
+        Unit vectors on the ground, the directions of pointing errors.
     gap : float
-        From the spacecraft to the ground, about, metres.
+        Approximate distance from the spacecraft to the ground, metres.
     deviates : (N, K) ndarray
-        Uniform numbers of their own.
+        Uniform random numbers of each shot.
     """
 
     time: FloatArray
@@ -53,8 +53,8 @@ class Shots:
         return len(self.time)
 
     def normal(self, column: int) -> FloatArray:
-        """Return normal deviates (N,) made of a column of uniform ones."""
-        # Uniform numbers may be 0, of which the normal quantile is infinite.
+        """Return normal deviates (N,) computed from a column of uniform ones."""
+        # Uniform numbers may be 0, whose normal quantile is infinite.
         return np.asarray(ndtri(np.maximum(self.deviates[:, column], 1e-16)), dtype=np.float64)
 
 
@@ -68,8 +68,8 @@ def raster_shots(
     """Yield the shots of a raster, at most `chunk` at once.
 
     The raster lies on a plane across the line of sight, through the ground below the middle of
-    the pass. Lines are swept to and fro; each shot falls somewhere in its own square, so that no
-    grid can resonate with it.
+    the pass. Lines are swept to and fro; each shot falls at a random place in its own square, so
+    that no grid can resonate with it.
     """
     toward = at.position(np.array([at.middle]))[0] / at.distance
     along, across = _sides(toward)
@@ -94,7 +94,7 @@ def track_shots(
         time = at.start + number / at.rate
         spacecraft = at.position(time)
         beam = unit(-spacecraft)
-        # Half a second either way: short against an orbit, and the positions differ well.
+        # Half a second either way: short against an orbit, and long enough for the difference.
         motion = at.position(time + 0.5) - at.position(time - 0.5)
         along = unit(motion - np.sum(motion * beam, axis=1)[:, None] * beam)
         across = np.cross(along, beam)

@@ -19,13 +19,13 @@ class TrackSettings:
     count : int
         Number of tracks; their ascending nodes are spread evenly over the orbits' plane.
     distance : float
-        Of the orbits from O, metres.
+        Distance of the orbits from O, metres.
     inclination_deg : float
         Against the body's equator; 90 passes over the poles.
     orbit_period, period : float
         Of the orbit, and of the body's rotation, seconds. 22 h is that of 1 km from Bennu.
     duration : float
-        Of a track, seconds.
+        Duration of a track, seconds.
     rate : float
         Shots per second.
     epoch : float
@@ -51,7 +51,7 @@ class TrackSettings:
 
 @dataclass(frozen=True)
 class Track:
-    """One track: the spacecraft goes on its orbit while the body turns under it.
+    """One track: the spacecraft moves on its orbit while the body rotates under it.
 
     Attributes
     ----------
@@ -62,9 +62,9 @@ class Track:
     rate : float
         Shots per second.
     distance : float
-        From O, metres.
+        Distance from O, metres.
     inclination, node, argument : float
-        Of the orbit at the start, radians: against the equator; longitude of the ascending node,
+        Orbit at the start, radians: against the equator; longitude of the ascending node,
         body-fixed; angle from there along the orbit.
     orbit_period, period : float
         Of the orbit and of the body's rotation, seconds.
@@ -106,8 +106,8 @@ class Track:
 def plan_tracks(settings: TrackSettings) -> list[Track]:
     """Return the tracks in order of time, one after the other on one orbit.
 
-    The first begins over the south (at the argument −90°), at the body-fixed longitude 0 of the
-    node; the body's rotation spreads the ones after it over all longitudes.
+    The first begins over the south (at the argument −90°), with the node at body-fixed longitude
+    0; the body's rotation spreads later ones over all longitudes.
     """
     tracks = []
     for index in range(settings.count):

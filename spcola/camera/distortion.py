@@ -23,7 +23,7 @@ from spcola.camera.camera import Camera
 from spcola.errors import InvalidValueError
 
 COEFFICIENTS = {"owen": (4, 6), "brown": (4, 5), "bicubic": (20,)}
-"""How many coefficients each model may have; a list of zeros of any length is no distortion."""
+"""Numbers of coefficients that each model may have; zeros of any length mean no distortion."""
 
 MAX_ITERATIONS = 30
 TOLERANCE_MM = 1e-12
@@ -36,7 +36,7 @@ def distort(camera: Camera, x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, Flo
     Raises
     ------
     InvalidValueError
-        If the camera's number of coefficients is not one that its model has.
+        If the model does not allow the camera's number of coefficients.
     """
     xs, ys = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
     dx, dy, _ = displacement(camera, xs, ys)
@@ -83,7 +83,7 @@ def displacement(
     Raises
     ------
     InvalidValueError
-        If the camera's number of coefficients is not one that its model has.
+        If the model does not allow the camera's number of coefficients.
     """
     coefficients = camera.distortion
     if not coefficients.any():
@@ -105,7 +105,7 @@ def displacement(
 def solve_2x2(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """Solve matrices (…, 2, 2) for right-hand sides (…, 2) by Cramer's rule (no error if singular).
 
-    A singular matrix gives infinity or NaN, which the caller finds in the result.
+    A singular matrix gives infinity or NaN, which the caller must check.
     """
     a, b = matrix[..., 0, 0], matrix[..., 0, 1]
     c, d = matrix[..., 1, 0], matrix[..., 1, 1]

@@ -1,4 +1,4 @@
-"""An SPC image: its pixels, its camera, and where the spacecraft was."""
+"""An SPC image: pixels, camera and spacecraft state."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from spcola.errors import InvalidValueError
 
 @dataclass(frozen=True)
 class ImagePoint:
-    """Where a landmark (or a limb point) was found in an image.
+    """Place of a landmark (or a limb point) in an image.
 
     Pixel and line start at (1, 1) in the centre of the first pixel. `deweighted` is the ``*``
-    that SPC puts behind an observation which is kept but must not pull. `extra` holds the
-    numbers that a limb line carries beyond pixel and line, as they stand in the file.
+    that SPC puts after an observation that is kept but must have weight 0. `extra` contains the
+    further numbers of a limb line, as in the file.
     """
 
     name: str
@@ -43,7 +43,7 @@ class SpcImage:
     name : str
         At most 12 characters in SPC.
     utc : str
-        Time of the exposure as the file writes it; :func:`spcola.navigation.et_from_utc` reads it.
+        Time of the exposure as in the file; :func:`spcola.navigation.et_from_utc` reads it.
     camera : Camera
         Interior orientation.
     scobj : (3,) array_like
@@ -54,7 +54,7 @@ class SpcImage:
     sun : (3,) array_like
         S: unit vector from the surface to the Sun, body-fixed.
     thresholds : (2,) of int
-        Lowest and highest brightness that counts.
+        Lowest and highest brightness that is used.
     scobj_sigma : (3,) array_like
         One standard deviation of V0, metres.
     pointing_sigma : (3,) array_like

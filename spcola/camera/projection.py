@@ -51,7 +51,7 @@ def project_image(image: SpcImage, points: ArrayLike) -> tuple[FloatArray, Float
 
 
 def ray(image: SpcImage, pixel: ArrayLike, line: ArrayLike) -> FloatArray:
-    """Return the unit vectors (…, 3), body-fixed, that `image` sees at pixel and line (…).
+    """Return the unit vectors (…, 3), body-fixed, of the rays through pixel and line (…).
 
     The inverse of `project`: the vector runs from ``image.position`` to the surface. NaN where
     the distortion cannot be inverted.
@@ -68,8 +68,8 @@ def partials_position(
 ) -> FloatArray:
     """Return ∂(pixel, line)/∂W (…, 2, 3), per metre: also ∂/∂V and ∂/∂V0 [8].
 
-    The whole K-matrix and the distortion are in; without them this is [8] as printed, with
-    which the published estimation works.
+    Includes the whole K-matrix and the distortion; without them this is [8] as printed, which
+    the published estimation uses.
     """
     turned, direct = _per_focal_plane(camera, axes, scobj, points)
     return direct @ _focal_partials(camera, turned) @ np.asarray(axes, dtype=np.float64)
@@ -80,8 +80,8 @@ def partials_rotation(
 ) -> FloatArray:
     """Return ∂(pixel, line)/∂τ (…, 2, 3), per radian, for small turns about Cx, Cy, Cz [12].
 
-    The turns move the axes as [11] says (see `rotate_axes`). As in `partials_position`, the
-    K-matrix and the distortion are in.
+    The turns move the axes by [11] (see `rotate_axes`). Includes the K-matrix and the distortion,
+    as `partials_position` does.
     """
     turned, direct = _per_focal_plane(camera, axes, scobj, points)
     wx, wy, wz = turned[..., 0], turned[..., 1], turned[..., 2]

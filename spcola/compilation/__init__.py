@@ -1,4 +1,4 @@
-"""How numerical functions are compiled (Numba), kept on disk, and shared out over threads."""
+"""Compilation of numerical functions (Numba), its cache, and bands of rows for threads."""
 
 import lazy_loader
 

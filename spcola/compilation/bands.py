@@ -1,8 +1,8 @@
-"""Bands of rows on several threads: how one large height problem uses more than one core.
+"""Bands of rows on several threads: several cores for one large height problem.
 
 A parallel region of Numba must not be entered by two threads at once, and heights are solved on
 worker threads. So bands of rows go to a pool of plain threads, as serial kernels without the
-GIL. How rows are cut does not depend on the number of threads, nor does then any sum over them.
+GIL. The bands do not depend on the number of threads, hence neither do the sums over them.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from typing import Any, Self, TypeVar
 T = TypeVar("T")
 
 _BAND_POINTS = 1_000_000
-"""Points of a band of a large grid: what neighbouring bands both work out is little."""
+"""Points of a band of a large grid: the rows computed twice at its borders are few."""
 _LEAST_POINTS = 150_000
-"""Points of the bands of a smaller grid: as few as are worth the waking of a thread."""
+"""Points of the bands of a smaller grid: the fewest that justify waking a thread."""
 _BALANCE = 8
-"""Bands that a grid has, if it is large enough, or a multiple: equal shares for the threads."""
+"""Number of bands of a grid that is large enough, or a multiple: equal shares for the threads."""
 _MOST_THREADS = 8
 """Memory, not arithmetic, limits the solver: more threads do not make it faster."""
 
 
 def usable_threads() -> int:
-    """Return the threads that a large problem uses if nothing is asked for."""
+    """Return the default number of threads for a large problem."""
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return min(available or 1, _MOST_THREADS)
 
@@ -37,9 +37,9 @@ class Bands:
     Parameters
     ----------
     points : int
-        Of the largest grid; a pool is only made if it has several bands.
+        Points of the largest grid; a pool is only made if it has several bands.
     threads : int, optional
-        As many as there are cores (at most 8) if not given.
+        The number of cores (at most 8) if not given.
     """
 
     def __init__(self, points: int, threads: int | None = None) -> None:

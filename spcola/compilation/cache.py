@@ -1,9 +1,9 @@
-"""Where compiled kernels are kept, and what is done where they cannot be.
+"""Cache of compiled kernels, with a fallback where it cannot be written.
 
-Numba keeps them beside the source or in the user's cache folder. Where neither can be written (a
+Numba stores them next to the source or in the user's cache folder. Where neither can be written (a
 container's read-only image, a user without a home) it gives up; here a private folder among the
-temporary files takes their place, and where there is none either, or the disk is full, kernels are
-compiled in each process and not kept. It costs time and never a result.
+temporary files replaces them, and where that fails too, or the disk is full, each process compiles
+the kernels. This costs time and never changes a result.
 """
 
 from __future__ import annotations
@@ -19,13 +19,14 @@ from typing import Any, ClassVar
 
 import numba
 from numba.core.caching import FunctionCache
+from numba.core.sigutils import normalize_signature
 
 _VARIABLE = "NUMBA_CACHE_DIR"
 _ADVICE = f"set {_VARIABLE} to a folder that can be written"
 
 
 class KernelCache(FunctionCache):  # type: ignore[misc]  # Numba has no types
-    """Keeps what Numba compiled of one function, as long as it can be written.
+    """Stores Numba's code of one function, as long as it can be written.
 
     Attributes
     ----------
@@ -36,16 +37,21 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # Numba has no types
     usable: ClassVar[bool] = True
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return what is kept; None, so that it is compiled, where that cannot be read."""
+        """Return the stored code; None, so that it is compiled, where that cannot be read."""
         try:
-            return super().load_overload(sig, target_context)
+            found = super().load_overload(sig, target_context)
         # A file cut short by a full disk fails in as many ways as pickle knows.
         except Exception:
             self._forget()
             return None
+        # Two processes that keep a kernel of other types at the same moment may choose one file.
+        if found is not None and tuple(found.signature.args) != tuple(normalize_signature(sig)[0]):
+            self._forget()
+            return None
+        return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep what was compiled, unless that was not possible before."""
+        """Store the compiled code, unless an earlier attempt failed."""
         if not KernelCache.usable:
             return
         try:
@@ -55,13 +61,13 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # Numba has no types
             _give_up(f"in {self.cache_path} ({error.strerror})")
 
     def _forget(self) -> None:
-        """Remove the index: one whose data were not written could lead to those of older source."""
+        """Remove the index, which without its data could refer to those of older source."""
         with suppress(OSError):
             Path(self._cache_file._index_path).unlink(missing_ok=True)
 
 
 def keep_compiled(kernel: Any, function: Callable[..., Any]) -> None:
-    """Have Numba's `kernel` of `function` load and keep its compiled code, where that is possible.
+    """Let Numba's `kernel` of `function` load and store its compiled code, where possible.
 
     Raises
     ------
@@ -70,25 +76,35 @@ def keep_compiled(kernel: Any, function: Callable[..., Any]) -> None:
     """
     if not KernelCache.usable:
         return
-    # What numba.njit(cache=True) does, with a cache that may fail.
+    # Same as numba.njit(cache=True), with a cache that may fail.
     try:
         kernel._cache = KernelCache(function)
     except RuntimeError:
         folder = _temporary_folder()
         if folder is None:
-            _give_up("beside the program, in the home folder or among temporary files")
+            _give_up("next to the program, in the home folder or among temporary files")
             return
-        # Processes that this one starts need not search again; Numba reads the variable again.
+        # Child processes need not search again; Numba reads the variable again.
         os.environ[_VARIABLE] = numba.config.CACHE_DIR = str(folder)
         kernel._cache = KernelCache(function)
         _note(f"{folder} keeps compiled kernels: program and home folder cannot be written")
 
 
+def is_kept(kernel: Any) -> bool:
+    """Return whether a compiled form of Numba's `kernel` is kept, of its source as it is now."""
+    cache = kernel._cache
+    try:
+        return isinstance(cache, KernelCache) and bool(cache._cache_file._load_index())
+    # As when it is loaded: it is compiled anew then.
+    except Exception:
+        return False
+
+
 def _temporary_folder() -> Path | None:
-    """Return a folder among temporary files that is this user's alone; None where none can be.
+    """Return a folder among temporary files that only this user can write; None if impossible.
 
     Compiled code is run when it is loaded: a folder that another user made, or could write to, is
-    not taken.
+    not used.
     """
     try:
         folder = Path(tempfile.gettempdir()) / f"spcola-kernels-{os.getuid()}"
@@ -107,5 +123,5 @@ def _give_up(where: str) -> None:
 
 
 def _note(text: str) -> None:
-    """Say one line on standard error."""
+    """Print one line on standard error."""
     print(f"note: {text}", file=sys.stderr, flush=True)  # noqa: T201

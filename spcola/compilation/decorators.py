@@ -1,8 +1,8 @@
-"""How the numerical kernels are compiled: one place for Numba's options.
+"""Compilation of the numerical kernels: one place for Numba's options.
 
 Kernels release the GIL, so that threads over maplets use every core; they are cached on disk,
 so that only the first run of a machine compiles; and they follow NumPy's rules for division by
-zero, because NaN is how an unknown travels.
+zero, because NaN marks unknown values.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def compiled_inline(function: F) -> F:
     """Compile `function` into each compiled function that calls it.
 
     For the innermost arithmetic of a loop: a loop with a call in it is not vectorised, and the
-    compiler does not inline what is long.
+    compiler does not inline long functions.
     """
     dispatcher = numba.njit(nogil=True, inline="always", error_model="numpy")(function)
     return cast(F, dispatcher)
@@ -35,7 +35,7 @@ def compiled_inline(function: F) -> F:
 def compiled_sums(function: F) -> F:
     """Compile `function` whose sums may be taken in any order, so that they are vectorised.
 
-    Nothing else is relaxed: NaN and infinities travel.
+    Nothing else is relaxed: NaN and infinities propagate.
     """
     relaxed = {"reassoc", "contract", "nsz"}
     dispatcher = numba.njit(nogil=True, error_model="numpy", fastmath=relaxed)(function)

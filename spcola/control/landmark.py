@@ -1,4 +1,4 @@
-"""Landmarks: the centres of maplets as control points, with what sees and overlaps them."""
+"""Landmarks: the centres of maplets as control points, with their images and overlaps."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from spcola.grids import MapletGrid
 
 @dataclass(frozen=True)
 class MapOverlap:
-    """An overlapping maplet: its name and the three numbers that SPC keeps of the overlap.
+    """An overlapping maplet: its name and the three numbers that SPC stores for the overlap.
 
     The numbers are the neighbour's centre in this maplet's frame (x, y in grid steps along Ux
     and Uy, h along Uz), in units of this maplet's GSD.
@@ -40,11 +40,11 @@ class Landmark:
     prior_sigma : float
         SIGKM of the file, metres: the a-priori uncertainty of V.
     rms : float
-        RMSLMK: root mean square of the brightness or pixel residuals, as SPC left it.
+        RMSLMK: root mean square of the brightness or pixel residuals, as stored by SPC.
     status : str
-        The flag behind the name ("T" or "F").
+        The flag after the name ("T" or "F").
     horizon : tuple of 4 int
-        The HORIZON line, kept as it stands.
+        The HORIZON line, unchanged.
     pictures, limbs : tuple of ImagePoint
         Images (by name) in which the landmark is seen; limb observations.
     overlaps : tuple of MapOverlap

@@ -21,7 +21,7 @@ def scaled_grid(grid: MapletGrid, factor: float) -> MapletGrid:
 
 
 def scaled_maplet(maplet: Maplet, factor: float) -> Maplet:
-    """Return the maplet, heights and sigmas too, multiplied by `factor`; albedo stays."""
+    """Return the maplet, with heights and sigmas, multiplied by `factor`; albedo is unchanged."""
     return replace(
         maplet,
         grid=scaled_grid(maplet.grid, factor),
@@ -32,7 +32,7 @@ def scaled_maplet(maplet: Maplet, factor: float) -> Maplet:
 
 
 def scaled_landmark(landmark: Landmark, factor: float) -> Landmark:
-    """Return the landmark multiplied by `factor`; its overlaps are in grid steps and stay."""
+    """Return the landmark multiplied by `factor`; its overlaps, in grid steps, are unchanged."""
     return replace(
         landmark,
         grid=scaled_grid(landmark.grid, factor),
@@ -42,12 +42,12 @@ def scaled_landmark(landmark: Landmark, factor: float) -> Landmark:
 
 
 def scaled_image(image: SpcImage, factor: float) -> SpcImage:
-    """Return the image taken from `factor` times as far; camera, axes and pixels stay."""
+    """Return the image taken from `factor` times as far; camera, axes and pixels are unchanged."""
     return replace(image, scobj=factor * image.scobj, scobj_sigma=factor * image.scobj_sigma)
 
 
 def scaled_nominal(state: NominalState, factor: float) -> NominalState:
-    """Return the nominal state multiplied by `factor`: it lies to the solved one as before."""
+    """Return the nominal state with its distance to the solved one multiplied by `factor`."""
     return replace(
         state,
         velocity=factor * state.velocity,
@@ -57,5 +57,5 @@ def scaled_nominal(state: NominalState, factor: float) -> NominalState:
 
 
 def scaled_shape(shape: Shape, factor: float) -> Shape:
-    """Return the shape with its vertices multiplied by `factor`; a layer stays as it is."""
+    """Return the shape with its vertices multiplied by `factor`; a layer is unchanged."""
     return replace(shape, vertices=factor * shape.vertices)

@@ -1,1 +1,1 @@
-"""Files of SPC: the only place where kilometres, degrees and byte orders live."""
+"""Files of SPC: the only place with kilometres, degrees and byte orders."""

@@ -24,7 +24,7 @@ from spcola.math import Affine, Similarity
 
 @dataclass(frozen=True, eq=False)
 class MapletGrid:
-    """Where the grid points of a maplet, mapola or bigmap lie.
+    """Positions of the grid points of a maplet, mapola or bigmap.
 
     The grid point (m, n), with −q ≤ m, n ≤ q, lies on the reference plane at
     ``V + gsd (m Uy + n Ux)`` (Gaskell et al., eq. 15). **Arrays on the grid are indexed
@@ -64,10 +64,10 @@ class MapletGrid:
 
     @classmethod
     def facing(cls, center: ArrayLike, normal: ArrayLike, gsd: float, half_size: int) -> MapletGrid:
-        """Build a grid with Uz along `normal` and the field's usual axes.
+        """Build a grid with Uz along `normal` and the usual axes of SPC.
 
-        Uy points east and Ux south (the orientation seen in published maplets); at a pole,
-        where east is undefined, Uy is the body's +Y turned into the plane.
+        Uy points east and Ux south (the orientation of published maplets); at a pole, where east is
+        undefined, Uy is the body's +Y turned into the plane.
         """
         uz = np.asarray(normal, dtype=np.float64)
         uz = uz / np.linalg.norm(uz)
@@ -142,7 +142,7 @@ class MapletGrid:
         return local[..., 0] / self.gsd, local[..., 1] / self.gsd, local[..., 2]
 
     def moved(self, transform: Similarity | Affine) -> MapletGrid:
-        """Return the grid with centre mapped and axes rotated by `transform`; the GSD stays.
+        """Return the grid with centre moved and axes rotated by `transform`; same GSD.
 
         This is how the mission moved mapolas (Gaskell et al. §6.1): centres and orientations
         change, heights and spacing do not. An affine map turns axes by its nearest rotation.
@@ -162,7 +162,7 @@ class MapletGrid:
 class Maplet:
     """Heights and relative albedo on a :class:`MapletGrid`.
 
-    A bigmap is the same thing, only larger. Points without a height are NaN.
+    A bigmap is the same, only larger. Points without a height are NaN.
 
     Parameters
     ----------
@@ -173,11 +173,11 @@ class Maplet:
     height : (2q+1, 2q+1) array_like
         Metres along Uz; NaN where unknown. Index ``[m + q, n + q]``.
     albedo : (2q+1, 2q+1) array_like, optional
-        Relative albedo (1 + tz), 1 where nothing is known about it.
+        Relative albedo (1 + tz), 1 where unknown.
     sigma : (2q+1, 2q+1) array_like, optional
-        One standard deviation of the height, metres; NaN where not known.
+        One standard deviation of the height, metres; NaN where unknown.
     center_sigma : (3,) array_like, optional
-        One standard deviation of V along the body-fixed axes, metres; NaN if not known.
+        One standard deviation of V along the body-fixed axes, metres; NaN if unknown.
 
     Raises
     ------
@@ -197,9 +197,9 @@ class Maplet:
         albedo = self._layer(self.albedo, 1.0, "albedo")
         sigma = self._layer(self.sigma, np.nan, "sigma")
         if np.isinf(height).any() or np.isinf(sigma).any():
-            raise InvalidValueError("holds an infinite height or sigma", self.name)
+            raise InvalidValueError("contains an infinite height or sigma", self.name)
         if (sigma < 0).any():
-            raise InvalidValueError("holds a negative sigma", self.name)
+            raise InvalidValueError("contains a negative sigma", self.name)
         object.__setattr__(self, "height", height)
         object.__setattr__(self, "albedo", albedo)
         object.__setattr__(self, "sigma", sigma)
@@ -231,13 +231,13 @@ class Maplet:
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross product (3,); of single vectors NumPy's own takes ten times as long."""
+    """Cross product (3,); for single vectors NumPy's takes ten times as long."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def check_layer(values: AnyArray, grid: MapletGrid, name: str) -> None:
-    """Refuse a layer whose shape is not that of `grid`.
+    """Check that the shape of a layer is that of `grid`.
 
     Raises
     ------

@@ -11,8 +11,8 @@ from spcola.compilation import compiled
 from spcola.grids.maplet import Maplet, MapletGrid
 
 _BORDER = 1e-4
-"""Share of a cell by which a point may lie outside of it: axes read from files are orthonormal to
-seven digits only, and a point on the rim of a maplet must not be lost for that."""
+"""Share of a cell by which a point may lie outside of it: axes in files are orthonormal to seven
+digits only, and points on the rim of a maplet must not be lost for that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +28,9 @@ class ProjectedMaplet:
     albedo : (R, C) ndarray
         Relative albedo.
     sigma : (R, C) ndarray
-        One standard deviation of the height along the grid's Uz, metres; NaN where not known.
+        One standard deviation of the height along the grid's Uz, metres; NaN where unknown.
     rows, columns : slice
-        Where the layers lie in the grid.
+        Window of the grid that the layers cover.
     """
 
     height: FloatArray
@@ -61,9 +61,9 @@ def project_maplet(source: Maplet, grid: MapletGrid) -> ProjectedMaplet:
     Returns
     -------
     ProjectedMaplet
-        Layers of ``grid.shape``, NaN where the maplet does not reach, where its cells are folded
-        over in this frame, and outside it. Where several sheets lie above one point, the
-        outermost (highest) one counts.
+        Layers of ``grid.shape``, NaN where the maplet does not reach or its cells are folded over
+        in this frame. Where several sheets lie above one point, the outermost (highest) one is
+        used.
     """
     window = project_window(source, grid)
     whole = slice(0, grid.size)
@@ -85,7 +85,7 @@ def project_maplet(source: Maplet, grid: MapletGrid) -> ProjectedMaplet:
 
 
 def project_window(source: Maplet, grid: MapletGrid) -> ProjectedMaplet:
-    """Sample `source` like :func:`project_maplet`, on just the part of `grid` that it can reach.
+    """Sample `source` like :func:`project_maplet`, on the part of `grid` that it can reach.
 
     The layers have the shape of that window, which may be empty: for large grids and many
     small maplets.
@@ -107,7 +107,7 @@ def project_window(source: Maplet, grid: MapletGrid) -> ProjectedMaplet:
 
 
 def _span(position: FloatArray, size: int) -> slice:
-    """Return the grid indices between the least and the greatest of `position` (NaN ignored)."""
+    """Return the grid indices between the minimum and maximum of `position` (NaN ignored)."""
     known = position[np.isfinite(position)]
     if known.size == 0:
         return slice(0, 0)
@@ -129,7 +129,7 @@ def _project_cells(
     `corners` (3, …) are row, column and height of the source's points in the target window.
     Points on the border of cells get the mean slope of these cells (so that a maplet projected
     onto itself has central differences as slopes); heights closer than `same_height` are one
-    sheet. Slopes are left in metres per grid step.
+    sheet. Slopes are in metres per grid step.
     """
     height, slope_x, slope_y, albedo_out, sigma_out = layers
     sharing = np.zeros(height.shape, dtype=np.int64)
@@ -183,7 +183,7 @@ def _unfolded(X1: float, X2: float, X3: float, Y1: float, Y2: float, Y3: float) 
     """Whether the determinant of eqs. 30 and 31 is positive all over a cell.
 
     It is linear in μ and in ν, so that the four corners decide; NaN is not positive. A cell
-    seen edge-on has a determinant of rounding errors, which is to count as zero.
+    seen edge-on has a determinant of rounding errors, which counts as zero.
     """
     edge_on = 1e-12 * (X1 * X1 + X2 * X2 + X3 * X3 + Y1 * Y1 + Y2 * Y2 + Y3 * Y3)
     for mu in range(2):

@@ -1,13 +1,12 @@
-"""Multigrid over aggregates that follow the strong edges, for weights that 2 × 2 squares miss.
+"""Multigrid over aggregates that follow the strong edges, where 2 × 2 squares do not converge.
 
-Points are paired with a neighbour that holds them most strongly, once for each level (pairs of
-pairs would move stiff pairs that the smoother, point by point, cannot); what lies side by side
-without holding together (the arms of a spiral, two stiff pieces with a soft joint between) is
-never merged; and points that their own constraint holds more than their edges do are left to the
-smoother, because an aggregate that contains one would be held as firmly (Napov & Notay, SIAM J.
-Sci. Comput. 34, 2012). Each coarse problem is solved by at most two steps of flexible conjugate
-gradients (the K-cycle of Notay, ETNA 37, 2010), which find the right scale of the correction
-themselves, whatever the shape of the aggregates.
+Each point is paired with the neighbour of the strongest edge, once per level (pairs of pairs would
+move stiff pairs that the smoother, point by point, cannot). Neighbours without a strong edge (the
+arms of a spiral, two stiff pieces with a soft joint between) are never merged. Points whose own
+constraint exceeds their edges are left to the smoother, because an aggregate that contains one
+would be constrained as firmly (Napov & Notay, SIAM J. Sci. Comput. 34, 2012). Each coarse problem
+is solved by at most two steps of flexible conjugate gradients (the K-cycle of Notay, ETNA 37,
+2010), which find the right scale of the correction, whatever the shape of the aggregates.
 """
 
 from __future__ import annotations
@@ -23,24 +22,24 @@ from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.compilation import compiled
 
 _COARSEST_POINTS = 2000
-"""Points of the level that is left to sparse factors."""
+"""Points of the level that is solved by sparse factors."""
 _SLOWEST = 0.8
-"""Share of points that coarsening may leave; a graph that resists is left to the factors."""
+"""Share of points that coarsening may leave; otherwise the factors solve the level."""
 _STRONG = 4.0
-"""How much weaker than the strongest edges of its two points the edge of a pair may be."""
+"""Smallest weight of a pair's edge, relative to the strongest edges of its two points."""
 _HELD = 1.0 / 3.0
-"""Constraint of a point, over the sum of its edges, from which the smoother alone moves it: that
+"""Constraint of a point, over the sum of its edges, above which only the smoother moves it: that
 of Napov & Notay for a condition number of 8; by experiment a tenth is too little."""
 _SMALLER = 2.5
-"""Fall of the number of points from one level with a second step to the next such level: each
-visits all below it twice, so that levels of pairs alone (half the points) would all cost alike."""
+"""Reduction of points from one level with a second step to the next such level: each visits all
+levels below it twice, so with pairs alone (half the points) all levels would cost alike."""
 _ENOUGH = 0.25
-"""Fall of a coarse residual after which a second step is not worth its time (Notay)."""
+"""Reduction of a coarse residual after which a second step is not worth its time (Notay)."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Level:
-    """A matrix, one over its diagonal, and the aggregate that each point belongs to (or −1)."""
+    """A matrix, the inverse of its diagonal, and the aggregate of each point (or −1)."""
 
     matrix: csr_array
     inverse: FloatArray
@@ -65,9 +64,9 @@ class _Level:
 
 
 class AggregationCycle:
-    """One cycle on ``A x = b`` for a sparse matrix of the kind that height problems have.
+    """One cycle on ``A x = b`` for the sparse matrix of a height problem.
 
-    It is symmetric but for the inner steps, which depend on `b`: a preconditioner for *flexible*
+    It is symmetric except for the inner steps, which depend on `b`: a preconditioner for *flexible*
     conjugate gradients.
 
     Parameters
@@ -99,7 +98,7 @@ class AggregationCycle:
             )
 
     def apply(self, right: FloatArray) -> FloatArray:
-        """Return the cycle's answer (n,) to `right` (n,)."""
+        """Return the cycle's response (n,) to `right` (n,)."""
         return self._answer(0, right)
 
     def _answer(self, k: int, b: FloatArray) -> FloatArray:
@@ -151,17 +150,17 @@ def _pairs(matrix: csr_array) -> tuple[IntArray, int]:
     """Return the aggregate of each point (−1: none) and the number of aggregates."""
     aggregate = np.full(matrix.shape[0], -1, dtype=np.int32)
     graph = (matrix.indptr, matrix.indices, matrix.data)
-    hold, strongest, alone = _strengths(*graph)
-    return aggregate, _pair(*graph, hold, strongest, alone, aggregate)
+    strength, strongest, alone = _strengths(*graph)
+    return aggregate, _pair(*graph, strength, strongest, alone, aggregate)
 
 
 @compiled
 def _strengths(
     indptr: IntArray, indices: IntArray, data: FloatArray
 ) -> tuple[FloatArray, IntArray, BoolArray]:
-    """Return of each point its strongest edge, where that leads, and whether it stays alone."""
+    """Return for each point its strongest edge, the neighbour there, and whether it is unpaired."""
     points = len(indptr) - 1
-    hold, strongest = np.zeros(points), np.arange(points)
+    strength, strongest = np.zeros(points), np.arange(points)
     alone = np.zeros(points, dtype=np.bool_)
     for i in range(points):
         edges, ground = 0.0, 0.0
@@ -171,10 +170,10 @@ def _strengths(
                 continue
             edges -= min(data[n], 0.0)
             ground -= abs(data[n])
-            if -data[n] > hold[i]:
-                hold[i], strongest[i] = -data[n], indices[n]
+            if -data[n] > strength[i]:
+                strength[i], strongest[i] = -data[n], indices[n]
         alone[i] = ground >= _HELD * edges
-    return hold, strongest, alone
+    return strength, strongest, alone
 
 
 @compiled
@@ -182,12 +181,12 @@ def _pair(
     indptr: IntArray,
     indices: IntArray,
     data: FloatArray,
-    hold: FloatArray,
+    strength: FloatArray,
     strongest: IntArray,
     alone: BoolArray,
     aggregate: IntArray,
 ) -> int:
-    """Pair points by edges that are strong for both; the others join where they are held most."""
+    """Pair points by edges strong for both; the others join their strongest neighbour's pair."""
     points, count = len(aggregate), 0
     for i in range(points):
         if aggregate[i] >= 0 or alone[i]:
@@ -196,7 +195,7 @@ def _pair(
         for n in range(indptr[i], indptr[i + 1]):
             j = indices[n]
             strong = -_STRONG * data[n]
-            mutual = strong >= hold[i] and strong >= hold[j] > 0
+            mutual = strong >= strength[i] and strong >= strength[j] > 0
             free = j != i and aggregate[j] < 0 and not alone[j]
             if free and mutual and -data[n] > most:
                 partner, most = j, -data[n]
@@ -252,7 +251,7 @@ def _multiply(
 
 @compiled
 def _dot(one: FloatArray, other: FloatArray) -> float:
-    """Return ``oneᵀ other`` on this thread: those of BLAS would wait for one another here."""
+    """Return ``oneᵀ other`` on this thread: threads of BLAS would wait for one another here."""
     total = 0.0
     for i in range(len(one)):
         total += one[i] * other[i]

@@ -16,7 +16,7 @@ class BandedFactor:
 
     The band is as wide as a row, so that the work is (points × columns²): a maplet of 99 × 99
     takes a fraction of a second. Means over blocks of k rows widen it k − 1 times. Floating parts
-    are held, and their variance is NaN.
+    are fixed, and their variance is NaN.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class BandedFactor:
     def __init__(self, problem: HeightProblem) -> None:
         self._shape = problem.shape
         parts = find_components(problem)
-        # Holding the whole of a floating part keeps the matrix regular; its answers are NaN.
+        # Fixing the whole of a floating part makes the matrix regular; its answers are NaN.
         self._unknown = parts.is_floating | ~problem.mask
         self._factor = cholesky_banded(
             _band(problem, np.where(self._unknown, 1.0, problem.weight)),
@@ -64,13 +64,13 @@ def _band(problem: HeightProblem, ground: FloatArray) -> FloatArray:
     band[columns] -= down.ravel()
     if problem.means is not None:
         m = problem.means
-        # Where nothing determines the heights, the identity stays.
+        # Where nothing determines the heights, the row is that of the identity.
         _add_means(m.start, m.points, m.share, m.weight, band)
     return band
 
 
 def band_width(problem: HeightProblem) -> int:
-    """Return how far apart, in the order of the points, two of them may be that hold together."""
+    """Return the largest distance, in the order of the points, between two that are coupled."""
     width = problem.shape[1]
     if problem.means is not None:
         first = np.minimum.reduceat(problem.means.points, problem.means.start[:-1])
@@ -100,8 +100,8 @@ def _inverse_diagonal(factor: FloatArray) -> FloatArray:
     column overwrites the one that leaves the band.
     """
     points, width = factor.shape[0], factor.shape[1] - 1
-    # Four rows of the block at a time: the column is read and written a quarter as often. What is
-    # beyond the width stays 0.
+    # Four rows of the block at a time: the column is read and written a quarter as often. Elements
+    # beyond the width remain 0.
     padded = -(-width // 4) * 4
     block = np.zeros((padded, padded))
     scaled, column = np.zeros((2, padded))
@@ -110,7 +110,7 @@ def _inverse_diagonal(factor: FloatArray) -> FloatArray:
         pivot = factor[j, 0]
         for k in range(1, width + 1):
             scaled[(j + k) % width] = factor[j, k] / pivot
-        # The block is symmetric: summing its rows is as good as its columns, and far faster.
+        # The block is symmetric: sums of its rows equal those of its columns, and are far faster.
         column[:] = 0.0
         for k in range(0, padded, 4):
             a, b, c, d = scaled[k], scaled[k + 1], scaled[k + 2], scaled[k + 3]

@@ -1,4 +1,4 @@
-"""Parts of a height problem that neither an edge nor a mean joins."""
+"""Connected parts of a height problem."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Components:
     size : (K,) integer ndarray
         Points of each part.
     weight : (K,) ndarray
-        Sum of the constraints' weights in each part, 1/m²: how stiffly the whole of it is held.
+        Sum of the constraints' weights in each part, 1/m²: its stiffness against a shift.
     """
 
     labels: IntArray
@@ -48,8 +48,8 @@ class Components:
         """Points of the mask."""
         return int(self.size.sum())
 
-    def held(self, problem: HeightProblem, weight: FloatArray) -> FloatArray:
-        """Return how stiffly each part (K,) is held by point `weight` (R, C) and the means."""
+    def stiffness(self, problem: HeightProblem, weight: FloatArray) -> FloatArray:
+        """Return the stiffness (K,) of each part: of point `weight` (R, C) and the means, 1/m²."""
         total = self.sums(weight)
         if problem.means is not None:
             means = problem.means
@@ -66,11 +66,11 @@ class Components:
 
 
 def find_components(problem: HeightProblem, bands: Bands | None = None) -> Components:
-    """Label the parts of `problem` that edges of positive weight, or means, hold together.
+    """Label the parts of `problem` that edges of positive weight, or means, connect.
 
-    The heights of two pieces that only a mean joins relative to one another are what the means
-    and the other constraints say, and what the first guess says where these leave them free.
-    `bands` are the threads to use; one if not given.
+    Where only a mean connects two pieces, their relative height follows from the means and the
+    other constraints, and from the first guess if these do not determine it. `bands` are the
+    threads to use; one if not given.
     """
     mask, right, down = problem.mask, problem.weight_x, problem.weight_y
     used = Bands(mask.size, threads=1) if bands is None else bands
@@ -91,7 +91,7 @@ def find_components(problem: HeightProblem, bands: Bands | None = None) -> Compo
     size = np.zeros(count, dtype=np.int64)
     _count_points(labels, size)
     parts = Components(labels, size, np.zeros(count))
-    parts.weight[...] = parts.held(problem, problem.weight)
+    parts.weight[...] = parts.stiffness(problem, problem.weight)
     return parts
 
 
@@ -172,7 +172,7 @@ def _join_rows(
     for c in range(mask.shape[1]):
         if not mask[r, c] or down[r - 1, c] == 0:
             continue
-        # Beside a joint of the same two runs there is nothing new to join.
+        # Next to a joint of the same two runs there is nothing new to join.
         if c > 0 and right[r, c - 1] > 0 and right[r - 1, c - 1] > 0 and down[r - 1, c - 1] > 0:
             continue
         a, b = _root(parent, above[c]), _root(parent, here[c])
@@ -200,7 +200,7 @@ def _join_sets(
 
 @compiled
 def _root(parent: IntArray, run: int) -> int:
-    """Root of a run; the way there is shortened for those who come after."""
+    """Root of a run; the path is shortened for later calls."""
     while parent[run] != run:
         parent[run] = parent[parent[run]]
         run = parent[run]
@@ -209,7 +209,7 @@ def _root(parent: IntArray, run: int) -> int:
 
 @compiled
 def _number(parent: IntArray) -> tuple[IntArray, int]:
-    """Give the parts their labels in the order of their first runs: (label of each run, parts)."""
+    """Number the parts in the order of their first runs: (label of each run, parts)."""
     number = np.empty_like(parent)
     count = 0
     for run in range(len(parent)):

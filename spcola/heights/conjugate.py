@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
-from spcola.arrays import BoolArray, FloatArray
+from spcola.arrays import BoolArray, FloatArray, read_only
 from spcola.compilation import Bands, compiled
 from spcola.heights import vectors
 from spcola.heights.components import Components
@@ -19,28 +19,28 @@ from spcola.heights.problem import HeightProblem
 from spcola.heights.smoothing import multiply
 
 _SAFETY = 3.0
-"""How much larger the stated bound is than the error that the preconditioner sees."""
+"""Ratio of the stated bound to the error in the preconditioned residual."""
 _TRIAL = 5
-"""Iterations in which the error has to fall tenfold, again and again, or the weights count as too
-wild for 2 × 2 aggregates: by experiment it falls a hundredfold, or by a third."""
+"""Iterations in which the error must fall tenfold each time; else the weights are too irregular
+for 2 × 2 aggregates. By experiment it falls either a hundredfold or by a third."""
 _PATIENCE = 40
-"""Iterations that stiff means are given before: a graph joins all points of each, which costs."""
+"""The same for stiff means: aggregates then join all points of each mean, which costs more."""
 _HELD = 0.2
-"""Weight of a part, relative to the rim of a square of its size, from which the cycle alone holds
-it: by experiment, from a tenth on iterations grow."""
+"""Weight of a part, relative to the rim of a square of its size, above which the cycle alone
+constrains it: by experiment, iterations grow below a tenth."""
 _SPAN = 1e-4
 """Smallest weight relative to the largest down to which single precision is used."""
 _REFRESH = 1e-3
-"""Fall of the error after which the residual is computed anew, in double precision: single
-precision carries seven digits, and what its rounding adds must stay far below what is left."""
+"""Fall of the error after which the residual is recomputed in double precision: the rounding of
+single precision (seven digits) must remain far below the error left."""
 
 _FALLING = 0.5
-"""Change of rᵀ z, on computing the residual anew, from which the direction is begun anew too."""
+"""Change of rᵀ z, on recomputing the residual, above which the search direction is reset."""
 
 
 @dataclass(frozen=True, eq=False)
 class LinearSolution:
-    """What conjugate gradients reached; `height` (R, C) in metres, arbitrary outside the mask."""
+    """Result of conjugate gradients; `height` (R, C) in metres, arbitrary outside the mask."""
 
     height: FloatArray
     iterations: int
@@ -69,8 +69,8 @@ class LinearSystem:
         self, problem: HeightProblem, weight: FloatArray, components: Components, bands: Bands
     ) -> None:
         self._problem, self._weight, self._components = problem, weight, components
-        ground = components.held(problem, weight)
-        # Means enter the cycle as what they are at most: weights of their single points.
+        ground = components.stiffness(problem, weight)
+        # Means enter the cycle through an upper bound: weights of their single points.
         lumped = weight
         if problem.means is not None:
             lumped = weight + problem.means.lumped(problem.shape)
@@ -89,36 +89,36 @@ class LinearSystem:
 
     @property
     def precision(self) -> np.dtype[Any]:
-        """Of the vectors that :meth:`precondition` takes: single, unless weights span too much."""
+        """Precision of vectors for :meth:`precondition`: single, unless weights span too much."""
         return self._r.dtype
 
     @property
     def loose(self) -> BoolArray:
-        """Parts (K,) that are lifted on their own: residuals must sum to zero over each."""
+        """Parts (K,) that are shifted as a whole: residuals must sum to zero over each."""
         chosen: BoolArray = self._lift > 0
         return chosen
 
     def _lifts(self, ground: FloatArray) -> FloatArray:
-        """One over the stiffness of lifting a whole part (K,); 0 for parts that need no lift.
+        """One over the stiffness of shifting a whole part (K,); 0 for parts that need no shift.
 
-        The cycle carries the constant of a single part exactly. Its aggregates run across the
-        gaps between several, which stiffens a part by no more than its rim: parts that are held
-        by far less are lifted on their own, by what the cycle has left to do (to add the lift to
-        the cycle would count them twice, for a quarter more iterations).
+        The cycle represents the constant of a single part exactly. Its aggregates run across the
+        gaps between several parts, which stiffens a part by up to its rim. Parts with far weaker
+        constraints are shifted as a whole, after the cycle and by its residual (adding both would
+        count the shift twice, for a quarter more iterations).
         """
         loose = ground < _HELD * self._unit * np.sqrt(self._components.size)
         chosen = loose & (ground > 0) & (len(ground) > 1)
         return np.divide(self._unit, ground, out=np.zeros(len(ground)), where=chosen)
 
     def _is_tame(self, ground: FloatArray, smallest: float) -> bool:
-        """Whether single precision is enough for the iteration: by experiment (`docs/`).
+        """Whether single precision is enough for the iteration: by experiment.
 
-        It stalls where weights span 1e5 or a part of some 10⁴ points hangs on a weight of 1e-6.
+        It stalls where weights span 1e5 or a part of some 10⁴ points has a weight of only 1e-6.
         """
         least = _SPAN * self._unit
-        held = ground > 0
-        hanging = ground[held] < least * np.sqrt(self._components.size[held])
-        return smallest >= least and not hanging.any()
+        constrained = ground > 0
+        weak = ground[constrained] < least * np.sqrt(self._components.size[constrained])
+        return smallest >= least and not weak.any()
 
     def residual(self, problem: HeightProblem, x: FloatArray, bands: Bands) -> FloatArray:
         """Return ``Dᵀ w_e (step − D x) + w_c (h_c − x)`` over the unit, padded (scratch memory)."""
@@ -128,12 +128,14 @@ class LinearSystem:
             m = problem.means
             pulls = np.zeros(x.shape)
             add_mean_pulls(m.start, m.points, m.share, m.height, m.weight, x, pulls)
-        heights = (problem.height, self._weight, pulls, x, self._unit, self._r)
+        # One type of every layer, given or computed: one compiled form.
+        weight, x = read_only(self._weight), read_only(x)
+        heights = (problem.height, weight, pulls, x, self._unit, self._r)
         bands.run(x.shape, vectors.residual, *steps, *heights)
         return self._r
 
     def precondition(self, residual: FloatArray, bands: Bands) -> FloatArray:
-        """Return the preconditioner's guess at the error behind `residual` (scratch memory).
+        """Return the preconditioner's estimate of the error behind `residual` (scratch memory).
 
         It is symmetric for residuals that sum to zero over each loose part.
         """
@@ -154,7 +156,7 @@ class LinearSystem:
     def _balance(self, x: FloatArray, residual: FloatArray, bands: Bands) -> None:
         """Shift `x` on the loose parts so that its `residual` sums to zero over each.
 
-        All residuals that follow then do so too, and for these the preconditioner is symmetric.
+        All later residuals then do so too, and for these the preconditioner is symmetric.
         """
         self._z[...] = 0.0
         labels, ground = self._components.labels, self._hierarchy.finest.ground
@@ -163,10 +165,10 @@ class LinearSystem:
         bands.run(labels.shape, vectors.settle_parts, *arrays)
 
     def _shifts(self, residual: FloatArray, bands: Bands) -> FloatArray:
-        """Return the shift (K,) of each loose part that ``residual − A z`` asks for.
+        """Return the shift (K,) of each loose part for which ``residual − A z`` sums to zero.
 
-        The edges of a part pull with equal and opposite forces, so that only its `ground` counts
-        (that of means too: lumped, it pulls a part that moves as a whole as they do).
+        The edges of a part act with equal and opposite forces, so that only its `ground` counts
+        (that of means too: lumped, it acts like them on a part that moves as a whole).
         """
         labels, ground = self._components.labels, self._hierarchy.finest.ground
         arrays = (labels, self._spans, len(self._lift), residual, ground, self._z)
@@ -186,11 +188,11 @@ class LinearSystem:
 
         The error is estimated as the largest element of the preconditioned residual over the
         smallest eigenvalue of the preconditioned matrix, read from the coefficients of the
-        iteration (Lanczos), times a safety factor. A small residual alone says little: smooth
-        errors hardly show in it. The residual of the last estimate is never one that was
-        carried along, but is computed from the heights in double precision.
+        iteration (Lanczos), times a safety factor. A small residual alone is no evidence: smooth
+        errors hardly show in it. The residual of the last estimate is not the one updated by the
+        iteration, but is computed from the heights in double precision.
 
-        `start` is overwritten: it becomes the solution.
+        `start` is overwritten by the solution.
         """
         iterations, bound = self._iterate(problem, start, tolerance_m, max_iterations, bands)
         if bound > tolerance_m and self._graph is None and iterations < max_iterations:
@@ -201,10 +203,10 @@ class LinearSystem:
         return LinearSolution(start, iterations, bound <= tolerance_m, bound)
 
     def _follow_edges(self) -> None:
-        """Let aggregates that follow the strong edges take over, from here on."""
+        """Switch to aggregates that follow the strong edges."""
         self._graph = GraphCycle(self._problem, self._weight, self._components)
         self._spectrum = Spectrum()
-        # Flexible directions need A p beside the new answer.
+        # Flexible directions need A p in addition to the new response.
         self._image = np.zeros_like(self._z)
 
     def _iterate(
@@ -240,8 +242,8 @@ class LinearSystem:
             rz, largest = rz_new, largest_new
             if fresh:
                 refreshed = largest
-                # What was carried along may have been nothing but rounding: directions that are
-                # conjugate to it would lead away from the solution, faster with every step.
+                # The updated residual may have been only rounding: directions conjugate to it lead
+                # away from the solution, faster with every step.
                 beta = beta if beta < _FALLING else 0.0
             spectrum.add(alpha, beta)
             bound = spectrum.bound(largest, enough=4 * tolerance_m)
@@ -263,7 +265,7 @@ class LinearSystem:
         return total
 
     def _is_stuck(self, done: int, share: float) -> bool:
-        """Whether so much of the error is left that the cycle cannot be the right one."""
+        """Whether the error falls too slowly for this cycle."""
         patience = _TRIAL if self._problem.means is None else _PATIENCE
         judged = self._graph is None and done >= patience and done % _TRIAL == 0
         return judged and share > 0.1 ** (done // _TRIAL)
@@ -279,7 +281,7 @@ class LinearSystem:
         shape = (r.shape[0] - 2, r.shape[1] - 2)
         shares = bands.run(shape, vectors.product_and_largest, r, z)
         product = sum(share[0] for share in shares)
-        # A maximum passes over NaN: what went wrong must not look like an error of zero.
+        # np.max keeps NaN, so that a failure does not look like an error of zero.
         largest = float(max(share[1] for share in shares)) if np.isfinite(product) else np.inf
         return product, largest
 
@@ -321,11 +323,11 @@ class Spectrum:
     _carry: float = 0.0
 
     def restart(self) -> None:
-        """Forget the coefficients (a new Krylov space begins), not what they told."""
+        """Forget the coefficients (a new Krylov space begins), not the eigenvalue."""
         self._diagonal, self._side, self._carry = [], [], 0.0
 
     def add(self, alpha: float, beta: float) -> None:
-        """Take in the coefficients of one iteration: a row of the Lanczos matrix."""
+        """Append the coefficients of one iteration: a row of the Lanczos matrix."""
         self._diagonal.append(1.0 / alpha + self._carry)
         self._side.append(np.sqrt(max(beta, 0.0)) / alpha)
         self._carry = beta / alpha
@@ -333,8 +335,8 @@ class Spectrum:
     def bound(self, largest: float, enough: float = np.inf) -> float:
         """Return the bound on the error (metres) behind a preconditioned residual.
 
-        `largest` is its largest element. The eigenvalue is looked up only when the bound could
-        fall below `enough`.
+        `largest` is its largest element. The eigenvalue is updated only when the bound could fall
+        below `enough`.
         """
         raw = _SAFETY * largest
         if self._diagonal and raw <= enough:

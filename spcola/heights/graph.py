@@ -1,4 +1,4 @@
-"""The normal matrix of a height problem, and multigrid on it for problems that resist."""
+"""The normal matrix of a height problem, and multigrid on it for irregular problems."""
 
 from __future__ import annotations
 
@@ -41,24 +41,24 @@ def normal_matrix(problem: HeightProblem, weight: FloatArray) -> csc_array:
 
 
 class GraphCycle:
-    """Multigrid on the normal matrix as a graph; one point of each floating part is held.
+    """Multigrid on the normal matrix as a graph; one point of each floating part is fixed.
 
-    For problems whose weights jump so wildly, or whose masks are so thin, that 2 × 2 aggregates
-    do not describe them. Costs several times the memory and time of the multigrid on squares.
+    For problems whose weights jump too much, or whose masks are too thin, for 2 × 2 aggregates.
+    Costs several times the memory and time of the multigrid on squares.
     """
 
     def __init__(self, problem: HeightProblem, weight: FloatArray, components: Components) -> None:
         self._mask = problem.mask
         labels = components.labels
-        held = np.array(weight)
+        ground = np.array(weight)
         _, first = np.unique(labels, return_index=True)
         inside = np.unique(labels)
         for label, index in zip(inside, first, strict=True):
             if label >= 0 and components.weight[label] == 0:
-                held.flat[index] = 1.0
-        self._cycle = AggregationCycle(normal_matrix(problem, held))
+                ground.flat[index] = 1.0
+        self._cycle = AggregationCycle(normal_matrix(problem, ground))
 
     def apply(self, residual: FloatArray, unit: float, answer: FloatArray) -> None:
-        """Store in `answer` the heights that `residual` times `unit` asks for (both padded)."""
+        """Store in `answer` the height change for `residual` times `unit` (both padded)."""
         right = unit * residual[1:-1, 1:-1][self._mask].astype(np.float64)
         answer[1:-1, 1:-1][self._mask] = self._cycle.apply(right)

@@ -23,8 +23,8 @@ from spcola.errors import InvalidValueError
 class MeanConstraints:
     """Σ_k w_k (Σ_i share_i h_i − m_k)², the sum of i over the points of set k.
 
-    A coarse cell of a mapola says what the mean height of the fine points in it is, and nothing
-    about the detail between them. Sets may overlap.
+    A coarse cell of a mapola gives the mean height of the fine points in it, and no detail between
+    them. Sets may overlap.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class MeanConstraints:
     share : (n,) array_like
         Positive; they sum to 1 in a set for a mean.
     height : (K,) array_like
-        What the means should be, metres.
+        Mean heights m_k, metres.
     weight : (K,) array_like
         1/m².
 
@@ -62,17 +62,17 @@ class MeanConstraints:
             or start[-1] != len(points)
             or (np.diff(start) < 0).any()
         ):
-            raise InvalidValueError("does not part the points into sets", "start")
+            raise InvalidValueError("does not divide the points into sets", "start")
         sets = len(start) - 1
         share = frozen(self.share, (len(points),), "share")
         height = frozen(self.height, (sets,), "height")
         weight = frozen(self.weight, (sets,), "weight")
         if not (np.isfinite(height).all() and np.isfinite(weight).all() and (weight >= 0).all()):
             raise InvalidValueError(
-                "holds a value that is negative or not finite", "weight or height"
+                "contains a value that is negative or not finite", "weight or height"
             )
         if not (np.isfinite(share).all() and (share > 0).all()):
-            raise InvalidValueError("holds a value that is not positive", "share")
+            raise InvalidValueError("contains a value that is not positive", "share")
         object.__setattr__(self, "start", read_only(start))
         object.__setattr__(self, "points", read_only(points))
         object.__setattr__(self, "share", share)
@@ -110,7 +110,7 @@ class MeanConstraints:
     def within(self, mask: BoolArray) -> MeanConstraints:
         """Return the means over the points of `mask`; sets without points or weight are dropped.
 
-        The shares that are left of a set are scaled to their old sum.
+        The remaining shares of a set are scaled to their old sum.
         """
         if len(self.points) and (self.points.min() < 0 or self.points.max() >= mask.size):
             raise InvalidValueError("lie outside the grid", "points of a mean")
@@ -122,9 +122,9 @@ class MeanConstraints:
         return self._chosen(keep, self.share * scale[owner])
 
     def inside(self, rows: slice, columns: slice, width: int, *, whole: bool) -> MeanConstraints:
-        """Return what falls into a window of a grid `width` columns wide, in its own indices.
+        """Return the means within a window of a grid `width` columns wide, in the window's indices.
 
-        Sets that reach out of it are dropped if `whole`, else cut: what is outside is held.
+        Sets that reach out of it are dropped if `whole`, else cut, with the heights outside fixed.
         """
         r, c = np.divmod(self.points, width)
         keep = (r >= rows.start) & (r < rows.stop) & (c >= columns.start) & (c < columns.stop)
@@ -135,7 +135,7 @@ class MeanConstraints:
         return self._chosen(keep, self.share, np.where(keep, moved, 0))
 
     def transposed(self, shape: tuple[int, int]) -> MeanConstraints:
-        """Return the same means on the transposed grid; `shape` is that before."""
+        """Return the same means on the transposed grid; `shape` is that before transposing."""
         r, c = np.divmod(self.points, shape[1])
         return MeanConstraints(self.start, c * shape[0] + r, self.share, self.height, self.weight)
 
@@ -146,12 +146,12 @@ class MeanConstraints:
             object.__setattr__(other, name, getattr(self, name))
         kept = frozen(height, self.height.shape, "height")
         if not np.isfinite(kept).all():
-            raise InvalidValueError("holds a value that is not finite", "height of a mean")
+            raise InvalidValueError("contains a value that is not finite", "height of a mean")
         object.__setattr__(other, "height", kept)
         return other
 
     def lumped(self, shape: tuple[int, int]) -> FloatArray:
-        """Return ``Σ_k w_k share_i Σ_j share_j`` at each point: a diagonal that is never less."""
+        """Return ``Σ_k w_k share_i Σ_j share_j`` at each point: an upper bound that is diagonal."""
         whole = np.bincount(self.owner, self.share, len(self.height))
         each = (self.weight * whole)[self.owner] * self.share
         summed: FloatArray = np.zeros(shape[0] * shape[1])
@@ -183,7 +183,7 @@ def add_mean_pulls(
     x: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Add to `out` what the means pull with at heights `x` (both (R, C))."""
+    """Add to `out` the residual of the means at heights `x` (both (R, C)), times their weights."""
     columns = x.shape[1]
     for k in range(len(height)):
         misfit = height[k]
@@ -203,7 +203,7 @@ def add_mean_products(
     p: FloatArray,
     out: FloatArray,
 ) -> float:
-    """Put the means in place of the lumped ones in `out`, A p; return the change of pᵀ A p."""
+    """Replace the lumped means in `out`, A p, by the means; return the change of pᵀ A p."""
     columns = p.shape[1] - 2
     change = 0.0
     for k in range(len(weight)):

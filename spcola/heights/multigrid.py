@@ -1,10 +1,10 @@
 """A multigrid cycle for energy (A), used as the preconditioner of conjugate gradients.
 
-Each level aggregates 2 × 2 points of the finer one, but for the few points that nothing joins to
-the others of their aggregate (`strays`). With the piecewise-constant prolongation P,
-the exact coarse matrix of the steps, ``PᵀLP``, is twice as stiff to smooth surfaces as it
-should be, so the coarse edges are *halved*; the constraints are only summed, so that constants
-are carried exactly.
+Each level aggregates 2 × 2 points of the finer one, except for isolated points, which have no edge
+to the others of their aggregate (`isolated_points`). With the piecewise-constant prolongation P,
+the exact coarse matrix of the steps, ``PᵀLP``, is twice as stiff to smooth surfaces as it should
+be, so the coarse edges are *halved*; the constraints are only summed, so that constants are
+represented exactly.
 
 Why the cycle is always positive definite, whatever weights, holes and islands: the coarse
 matrix is at least ½ PᵀAP, so an exact coarse correction has eigenvalues in [0, 2] (in the energy
@@ -12,8 +12,8 @@ norm) and never makes an error grow; the smoothing before and after makes every 
 strictly; and two such cycles in a row on the coarser level (the W) have eigenvalues in (0, 1]
 of the exact coarse solution again. A V-cycle would not have this property.
 
-Everything is in single precision, because conjugate gradients correct what the cycle leaves,
-and the time goes into reading memory.
+Everything is in single precision: conjugate gradients correct its errors, and the run time is
+memory traffic.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ import numpy as np
 
 from spcola.arrays import FloatArray, IntArray
 from spcola.compilation import Bands, compiled
+from spcola.heights.isolated_points import IsolatedPoints
 from spcola.heights.problem import HeightProblem
 from spcola.heights.smoothing import correct_and_smooth, smooth_and_restrict, subtract_product
-from spcola.heights.strays import Strays
 
 _COARSEST_POINTS = 64
-"""Levels up to this size are solved by their inverse: smaller levels cost more calls than sums."""
+"""Levels up to this size are solved by their inverse: calls cost more than arithmetic there."""
 _FREE = 1e-13
-"""Pivots of that level, relative to its diagonal, which are rounding errors of a 0."""
+"""Pivots of that level, relative to its diagonal, that count as a rounded 0."""
 _SERIAL_POINTS = 100_000
-"""Levels up to this size are left to one thread and one call, unless they have strays."""
+"""Levels up to this size run in one thread and one call, unless they have isolated points."""
 _STRAY_LEVELS = 2
-"""Levels whose strays are led: by experiment, those of coarser levels do not slow the iteration."""
+"""Levels whose isolated points are moved: by experiment, coarser levels do not need it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class Hierarchy:
     Parameters
     ----------
     problem : HeightProblem
-        Its steps and heights do not matter.
+        Its steps and heights are not used.
     ground : (R, C) ndarray
         Constraint weights, 1/m².
     unit : float
@@ -102,8 +102,8 @@ class Hierarchy:
         self._start = np.concatenate([[0], np.cumsum(padded)]).astype(np.int64)
         self._coefficients = np.zeros((3, self._start[-1]), dtype=kind)
         self.levels = [self._level(k) for k in range(len(sizes))]
-        # The finest level works on vectors of the caller's: its part here is never touched, and
-        # the system gives no memory to it.
+        # The finest level uses the caller's vectors: its part here is never touched, and the system
+        # allocates no memory for it.
         self._value, self._source = np.zeros((2, self._start[-1]), dtype=kind)
         self._fill(problem, ground, unit, bands)
 
@@ -113,7 +113,7 @@ class Hierarchy:
         return self.levels[0]
 
     def apply(self, residual: FloatArray, answer: FloatArray, bands: Bands) -> None:
-        """Store the cycle's answer to `residual` (both padded, single precision)."""
+        """Store the cycle's response to `residual` (both padded, single precision)."""
         self._cycle(0, residual, answer, False, bands)
 
     def _level(self, k: int) -> Level:
@@ -135,18 +135,18 @@ class Hierarchy:
             (ground, fine.ground),
         ):
             bands.run(fine.size, _convert, values, 1.0 / unit, out)
-        self._strays = [Strays.none()] * len(self.levels)
+        self._isolated = [IsolatedPoints.none()] * len(self.levels)
         for k, (above, below) in enumerate(itertools.pairwise(self.levels)):
             both = (above.coefficients, below.coefficients)
             bands.run(below.size, _coarsen, *both[0], *both[1])
             if k < min(_STRAY_LEVELS, len(self.levels) - 2):
-                self._strays[k] = Strays.lead_away(*both, below.size, bands)
+                self._isolated[k] = IsolatedPoints.reassign(*both, below.size, bands)
         last = self.levels[-1]
         self._inverse = _invert(*last.coefficients)
         apart = [
             k
             for k, level in enumerate(self.levels[:-2])
-            if level.right.size > _SERIAL_POINTS or len(self._strays[k].place)
+            if level.right.size > _SERIAL_POINTS or len(self._isolated[k].place)
         ]
         self._apart = apart[-1] + 1 if apart else 0
 
@@ -154,7 +154,7 @@ class Hierarchy:
         self, k: int, source: FloatArray, answer: FloatArray, add: bool, bands: Bands
     ) -> None:
         """One W-cycle from level `k` down, `source` of that level."""
-        level, strays = self.levels[k], self._strays[k]
+        level, isolated = self.levels[k], self._isolated[k]
         if k >= self._apart:
             first = self._start[k]
             right, down, ground = self._coefficients[:, first:]
@@ -175,12 +175,12 @@ class Hierarchy:
         below = self.levels[k + 1]
         value, residual = self._vectors(k + 1)
         bands.run(below.size, smooth_and_restrict, *level.coefficients, source, residual)
-        strays.restrict(source, residual)
+        isolated.restrict(source, residual)
         self._cycle(k + 1, residual, value, False, bands)
         bands.run(below.size, subtract_product, *below.coefficients, value, residual)
         self._cycle(k + 1, residual, value, True, bands)
         bands.run(level.size, correct_and_smooth, *level.coefficients, source, value, add, answer)
-        strays.correct(value, answer)
+        isolated.correct(value, answer)
 
 
 @compiled
@@ -218,8 +218,8 @@ def _coarsen(
 def _invert(right: FloatArray, down: FloatArray, ground: FloatArray) -> FloatArray:
     """Return the inverse (n, n) of a small level (padded coefficients), by sweeping its points.
 
-    A point that nothing holds when all before it are swept, but for rounding, is held: the part
-    that it ends floats.
+    A point without weight left when all before it are swept (a floating part ends with one) is
+    constrained, so that the inverse exists.
     """
     rows, columns = right.shape[0] - 2, right.shape[1] - 2
     points = rows * columns

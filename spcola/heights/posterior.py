@@ -1,4 +1,4 @@
-"""How well each height is known: the diagonal of the inverse normal matrix of energy (A)."""
+"""Uncertainty of the heights: the diagonal of the inverse normal matrix of energy (A)."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ _EXACT_LIMIT = 60_000_000
 
 @dataclass(frozen=True)
 class PosteriorOptions:
-    """How large grids are cut up and sampled.
+    """How large grids are divided and sampled.
 
     Parameters
     ----------
     core : int
-        Side of the squares whose sigma is taken from one window, grid points.
+        Side of the squares whose sigma comes from one window, grid points.
     margin : int
-        What the window reaches beyond its core, grid points.
+        Width of the window around its core, grid points.
     samples : int
-        Random surfaces of the method "probing"; their part of sigma is known to 1/√(2 samples).
+        Random surfaces of the method "probing"; their part of sigma has an error of 1/√(2 samples).
     seed : int
-        Of the random surfaces.
+        Seed of the random surfaces.
 
     Raises
     ------
@@ -69,16 +69,16 @@ def posterior_sigma(
         The problem that was solved.
     method : {"exact", "patches", "probing"}
         "exact" factors the whole matrix: for single maplets. "patches" does so in overlapping
-        windows and knows nothing outside of each: never below the truth, and near it if the
-        margin is longer than the distance over which a constraint is felt,
-        1/√(w_c/w_e × share of constrained points) steps. "probing" adds to what each window leaves
-        open, given its surroundings, how far random surfaces of the whole problem move it:
-        right for any weights, but for the scatter of the samples.
+        windows and ignores all outside: never below the exact sigma, and close to it if the margin
+        exceeds the distance over which a constraint acts, 1/√(w_c/w_e × share of constrained
+        points) steps. "probing" adds the variance that the surroundings of each window cause,
+        estimated from random surfaces of the whole problem: right for any weights, except for the
+        scatter of the samples.
     weight : (R, C) ndarray, optional
-        Constraint weights to use in place of the problem's, 1/m²: those that a robust loss
-        left (``HeightSolution.constraint_weight``).
+        Constraint weights that replace the problem's, 1/m²: those of a robust loss
+        (``HeightSolution.constraint_weight``).
     noise_level : float
-        Factor on sigma (√ of the reduced χ², say), 1 if the weights are inverse variances.
+        Factor on sigma (such as √ of the reduced χ²), 1 if the weights are inverse variances.
     options : PosteriorOptions, optional
         Windows and samples.
 
@@ -108,7 +108,7 @@ def posterior_sigma(
 
 
 def _without_data(problem: HeightProblem, weight: FloatArray) -> HeightProblem:
-    """Return the problem with all steps and constraining heights 0: sigma asks for weights only."""
+    """Return the problem with all steps and heights 0: sigma depends on the weights only."""
     check_shape(weight, problem.shape, "weight")
     return HeightProblem(
         np.zeros(problem.step_x.shape),
@@ -151,7 +151,7 @@ def _transposed(problem: HeightProblem) -> HeightProblem:
 
 @dataclass(frozen=True)
 class _Window:
-    """A core and what surrounds it, as slices of the whole grid."""
+    """A core and its surroundings, as slices of the whole grid."""
 
     rows: slice
     columns: slice
@@ -209,9 +209,9 @@ def _probed_variance(problem: HeightProblem, options: PosteriorOptions) -> Float
     variance = np.full(problem.shape, np.nan)
     for window in _windows(problem.shape, options):
         outward = _outward_edges(problem, window)
-        held = sum((weight for weight, _, _ in outward), problem.weight[window.whole])
-        factor = BandedFactor(_cut(problem, window, held, whole=False))
-        right = np.zeros((*held.shape, options.samples))
+        ground = sum((weight for weight, _, _ in outward), problem.weight[window.whole])
+        factor = BandedFactor(_cut(problem, window, ground, whole=False))
+        right = np.zeros((*ground.shape, options.samples))
         for weight, down, across in outward:
             r, c = np.nonzero(weight)
             beyond = surfaces[r + window.rows.start + down, c + window.columns.start + across]
@@ -226,7 +226,7 @@ def _probed_variance(problem: HeightProblem, options: PosteriorOptions) -> Float
 
 
 def _pull_of_means(means: MeanConstraints, window: _Window, surfaces: FloatArray) -> FloatArray:
-    """What means that reach out of a window pull with, given the surfaces (R, C, S) outside."""
+    """Contribution to the residual of means across a window's border; `surfaces` (R, C, S)."""
     r, c = np.divmod(means.points, surfaces.shape[1])
     inside = (r >= window.rows.start) & (r < window.rows.stop)
     inside &= (c >= window.columns.start) & (c < window.columns.stop)
@@ -234,11 +234,11 @@ def _pull_of_means(means: MeanConstraints, window: _Window, surfaces: FloatArray
     beyond = np.zeros((len(means.height), surfaces.shape[2]))
     outer = means.share[across, None] * np.nan_to_num(surfaces[r[across], c[across]])
     np.add.at(beyond, means.owner[across], outer)
-    held = inside & np.isin(means.owner, means.owner[across])
-    owner = means.owner[held]
+    chosen = inside & np.isin(means.owner, means.owner[across])
+    owner = means.owner[chosen]
     pull = np.zeros((*surfaces[window.whole].shape[:2], surfaces.shape[2]))
-    place = (r[held] - window.rows.start, c[held] - window.columns.start)
-    np.add.at(pull, place, -(means.weight[owner] * means.share[held])[:, None] * beyond[owner])
+    place = (r[chosen] - window.rows.start, c[chosen] - window.columns.start)
+    np.add.at(pull, place, -(means.weight[owner] * means.share[chosen])[:, None] * beyond[owner])
     return pull
 
 
@@ -247,7 +247,7 @@ def _cut(
 ) -> HeightProblem:
     """Return the problem inside a window, with the given constraint weights there.
 
-    Means that reach out of it are dropped if `whole`, else held outside.
+    Means that reach out of it are dropped if `whole`, else fixed outside.
     """
     mask = problem.mask[window.whole]
     rows, columns = mask.shape
@@ -299,7 +299,7 @@ def _random_surfaces(problem: HeightProblem, options: PosteriorOptions) -> Float
         np.divide(1.0, np.sqrt(w), out=np.zeros(w.shape), where=w > 0)
         for w in (problem.weight_x, problem.weight_y, problem.weight)
     )
-    # Sampling errors are per cents: a thousandth of the smallest local sigma is more than enough.
+    # Sampling errors are per cents: a thousandth of the smallest local sigma suffices.
     stiffest = max(float(w.max(initial=0.0)) for w in (problem.weight_x, problem.weight_y))
     stiffest = max(stiffest, float(problem.weight.max(initial=0.0)), np.finfo(float).tiny)
     exact_enough = SolverOptions(tolerance_m=1e-3 / np.sqrt(stiffest), floating="unknown")

@@ -28,21 +28,18 @@ class HeightProblem:
                + Σ_sets w_k (mean of h over S_k − m_k)²                             (A)
 
     which, without the means, is the fixed point of the relaxation of Gaskell et al., eq. 23, if
-    every ``w_e = 1``.
-    Weights are inverse variances, so that the steps of one source and the heights of another
-    can be told apart by their uncertainties.
+    every ``w_e = 1``. Weights are inverse variances.
 
-    Edges that touch a point outside `mask`, and heights that are NaN or lie outside it, do not
-    take part: their weights are kept as 0, whatever was given.
+    Edges that touch a point outside `mask`, and heights that are NaN or outside it, get weight 0.
 
     Parameters
     ----------
     step_x : (R, C − 1) array_like
-        ``h[r, c + 1] − h[r, c]`` as it should be, metres; may be NaN where `weight_x` is 0.
+        ``h[r, c + 1] − h[r, c]`` as observed, metres; may be NaN where `weight_x` is 0.
     step_y : (R − 1, C) array_like
-        ``h[r + 1, c] − h[r, c]`` as it should be, metres; may be NaN where `weight_y` is 0.
+        ``h[r + 1, c] − h[r, c]`` as observed, metres; may be NaN where `weight_y` is 0.
     weight_x, weight_y : array_like
-        1/m², of the shapes of the steps; 0 where the step is not known.
+        1/m², of the shapes of the steps; 0 where the step is unknown.
     height : (R, C) array_like, optional
         Constraining heights h_c, metres; NaN where there is none.
     weight : (R, C) array_like, optional
@@ -50,7 +47,7 @@ class HeightProblem:
     mask : (R, C) array_like, optional
         True at the points that are to get a height; everywhere if not given.
     means : MeanConstraints, optional
-        Heights of areas. Points outside `mask` do not take part: the mean is over the others.
+        Heights of areas. Points outside `mask` are left out of the mean.
 
     Raises
     ------
@@ -128,7 +125,7 @@ class HeightProblem:
         return other
 
     def has_weights_of(self, other: HeightProblem) -> bool:
-        """Whether mask and weights are those of `other` (not equal ones: the same arrays)."""
+        """Whether mask and weights are those of `other` (the same arrays, not equal ones)."""
         mine, others = self.means, other.means
         if (mine is None) != (others is None):
             return False
@@ -146,7 +143,7 @@ class HeightProblem:
         return (rows, columns)
 
     def _shape_from_steps(self) -> tuple[int, int]:
-        """Return (R, C) as the two step arrays together say it."""
+        """Return (R, C) from the shapes of the two step arrays."""
         step_x, step_y = np.asarray(self.step_x), np.asarray(self.step_y)
         check_shape(step_x, (None, None), "step_x")
         check_shape(step_y, (None, None), "step_y")
@@ -161,18 +158,18 @@ class HeightProblem:
         object.__setattr__(self, name, read_only(values))
 
     def _keep_heights(self, height: FloatArray, weight: FloatArray) -> None:
-        """Keep heights and their weights: 0 where there is no height or no point."""
+        """Store heights and their weights: 0 where there is no height or no point."""
         height, weight = np.array(height), np.array(weight)
         check_shape(height, self.mask.shape, "height")
         if not _join_heights(self.mask, height, weight):
-            raise InvalidValueError("holds an infinite height", "height")
+            raise InvalidValueError("contains an infinite height", "height")
         self._keep("height", height)
         self._keep("weight", weight)
 
     def _keep_edges(
         self, axis: str, shape: tuple[int, int], one: BoolArray, other: BoolArray
     ) -> None:
-        """Keep steps and weights of one direction: both 0 where the edge does not take part."""
+        """Store steps and weights of one direction: both 0 where the edge is not used."""
         weight = np.array(_weights(getattr(self, f"weight_{axis}"), shape, f"weight_{axis}"))
         step = np.array(_floats(getattr(self, f"step_{axis}")))
         _cut_edges(one, other, weight)
@@ -186,7 +183,7 @@ class HeightProblem:
 
 
 def _floats(values: ArrayLike) -> FloatArray:
-    """Return `values` as float64, or as float32 if that is what they are, in C order."""
+    """Return `values` as float64, or as float32 if they are, in C order."""
     array = np.asarray(values)
     kind = np.float32 if array.dtype == np.float32 else np.float64
     floats: FloatArray = np.require(array, dtype=kind, requirements="C")
@@ -198,7 +195,7 @@ def _weights(values: ArrayLike, shape: tuple[int, int], name: str) -> FloatArray
     weights = _floats(values)
     check_shape(weights, shape, name)
     if not _are_weights(weights):
-        raise InvalidValueError("holds a weight that is negative or not finite", name)
+        raise InvalidValueError("contains a weight that is negative or not finite", name)
     return weights
 
 

@@ -19,8 +19,8 @@ def relax(
 ) -> FloatArray:
     """Relax heights at points chosen at random (Gaskell et al., eq. 23).
 
-    One update sets a point to the weighted mean of what its valid neighbours and its
-    constraint ask for. The 4 in the published denominator is the number of neighbours in the
+    One update sets a point to the weighted mean of the values from its valid neighbours and its
+    constraint. The 4 in the published denominator is the number of neighbours in the
     middle of a maplet; here it is the sum of the weights of the edges that are there. It needs
     on the order of N² updates for N points: for small grids only.
 
@@ -31,7 +31,7 @@ def relax(
     sweeps : int
         Updates, in units of the number of points of the mask.
     seed : int
-        Of the generator that chooses the points.
+        Seed of the generator that chooses the points.
     start : (R, C) ndarray, optional
         First heights, metres; 0 if not given.
 

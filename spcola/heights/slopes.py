@@ -1,4 +1,4 @@
-"""Between heights, slopes at grid points and steps between neighbours."""
+"""Conversion between heights, slopes at grid points and steps between neighbours."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from spcola.arrays import FloatArray, check_shape
 
 STEPS_ALIKE = 2.0
 """Factor on the standard deviation of steps that are read from a smooth surface: where the ground
-bends the four steps at a point err alike and tell no more than one would. Without it relief of some
-six cells is flattened by more than its sigma."""
+bends, the four steps at a point have the same error and count as one. Without this factor relief of
+some six cells is flattened by more than its sigma."""
 
 
 def slopes_of(height: FloatArray, gsd: float) -> tuple[FloatArray, FloatArray]:
@@ -52,7 +52,7 @@ def steps_from_slopes(
     -------
     step_x : (R, C − 1) ndarray
     step_y : (R − 1, C) ndarray
-        Metres; NaN beside a point of unknown slope.
+        Metres; NaN next to a point of unknown slope.
     """
     step_x = 0.5 * gsd * (slope_x[:, 1:] + slope_x[:, :-1])
     step_y = 0.5 * gsd * (slope_y[1:] + slope_y[:-1])

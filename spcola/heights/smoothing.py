@@ -2,16 +2,16 @@
 
 A level is a grid with a frame of one point without edges around it (R + 2, C + 2), in single
 precision: `right` and `down` are the weights of the edges to the next column and row, `ground`
-those of the constraints. Red are the points with an even sum of indices. Both sweeps start from
-nothing but the source, so that a row of the answer depends on five rows of it: rows follow one
-another through a few lines of memory that fit the cache, memory is read once, and bands of rows
-can be worked on by different threads with the same result.
+those of the constraints. Red are the points with an even sum of indices. Both sweeps depend on the
+source only, so that a row of the answer depends on five rows of it: a few lines of memory that fit
+the cache suffice, memory is read once, and threads can work on different bands of rows with the
+same result.
 
 All points of a row are computed, whatever their colour: wasting half of the arithmetic is faster
-than leaving gaps, because the loops stay vectorised. What a line of red holds at black points is
-meaningless and not looked at, since the neighbours of a black point are red and of a red one black;
-colours part only where both meet in one row. For the same reason no loop names more than nine
-arrays: the compiler has to check that what is written does not overlap what is read.
+than leaving gaps, because the loops remain vectorised. The values of a line of red at black points
+are meaningless and unused, since the neighbours of a black point are red and of a red one black.
+Colours are separated only where both meet in one row. For the same reason no loop names more than
+nine arrays: the compiler has to check that outputs do not overlap inputs.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _TINY = np.float32(1e-30)
 _LINES = 4
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 LANES = 32
-"""Sums that run side by side: a vectorised loop, in an order of its own, not of the threads."""
+"""Parallel partial sums: a vectorised loop whose order does not depend on the threads."""
 
 
 @compiled
@@ -39,9 +39,9 @@ def smooth_and_restrict(
     first: int,
     last: int,
 ) -> None:
-    """Smooth from zero, red then black; sum what residual is left into rows `first` … `last` − 1.
+    """Smooth from zero, red then black; sum the residual into rows `first` … `last` − 1.
 
-    The rows are those of the coarser level. Black points have no residual left.
+    The rows are those of the coarser level. The residual at black points is 0.
     """
     rows, width = source.shape[0] - 2, source.shape[1]
     rest, colour = np.zeros(width, dtype=source.dtype), _colours(source)
@@ -142,7 +142,7 @@ def multiply(
 
 @compiled_inline
 def add_products(one: FloatArray, other: FloatArray, total: FloatArray) -> None:
-    """Add the products of two rows to sums of double precision that run side by side."""
+    """Add the products of two rows to parallel partial sums in double precision."""
     whole = len(one) // LANES * LANES
     for first in range(0, whole, LANES):
         for j in range(LANES):
@@ -203,10 +203,10 @@ def _colours(like: FloatArray) -> FloatArray:
 def _invert(
     right: FloatArray, above: FloatArray, below: FloatArray, ground: FloatArray, out: FloatArray
 ) -> None:
-    """One over the diagonal of a row; 0 at points that nothing holds.
+    """One over the diagonal of a row; 0 at points without weight.
 
-    These are not only points outside the mask: a floating part ends as one of them on a coarse
-    level, with rounding errors for a residual.
+    These are not only points outside the mask: on a coarse level a floating part is one of them,
+    with rounding errors for a residual.
     """
     for j in range(1, len(out) - 1):
         diagonal = ground[j] + right[j] + right[j - 1] + above[j] + below[j]
@@ -253,7 +253,7 @@ def _pull(
     colour: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Add what the neighbours of row i pull with at the points of one colour.
+    """Add the weighted neighbours of row i at the points of one colour.
 
     Rows of `lines` are taken modulo their number.
     """

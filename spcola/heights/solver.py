@@ -1,4 +1,4 @@
-"""Slopes and sparse heights to a surface: the minimiser of energy (A)."""
+"""Surface from slopes and sparse heights: the minimiser of energy (A)."""
 
 from __future__ import annotations
 
@@ -27,26 +27,26 @@ Floating = Literal["start", "zero_mean", "unknown"]
 
 @dataclass(frozen=True)
 class SolverOptions:
-    """How :func:`solve_heights` works.
+    """Settings of :func:`solve_heights`.
 
     Parameters
     ----------
     tolerance_m : float
-        The estimated largest error of a height at which the solution counts as reached, metres.
+        Estimated largest error of a height at which the solver stops, metres.
     max_iterations : int
         Iterations of conjugate gradients, for each linear solution.
     loss : {"l2", "huber", "cauchy"}
         Loss on the constraints of points; steps and means are always least squares.
     loss_scale : float
-        Where the loss leaves the parabola, in sigmas of the constraint (σ = 1/√weight).
+        Residual where the loss leaves the parabola, in sigmas of the constraint (σ = 1/√weight).
     max_reweights : int
         Linear solutions of a robust loss.
     floating : {"start", "zero_mean", "unknown"}
-        What ties a part without any constraint: its mean over the points where `start` has a
-        height (zero mean, where it has none), zero mean, or nothing: its heights are NaN.
+        Height of a part without any constraint: its mean over the points where `start` has a
+        height (zero mean where it has none), zero mean, or NaN.
     threads : int, optional
-        For grids of more than a million points; as many as there are cores (at most 8) if
-        not given. The result does not depend on it.
+        For grids of more than a million points; the number of cores (at most 8) if not given. The
+        result does not depend on it.
 
     Raises
     ------
@@ -79,13 +79,13 @@ class SolverOptions:
 
 @dataclass(frozen=True, eq=False)
 class HeightSolution:
-    """The surface, and how far to trust it.
+    """The surface, with the solver's state and error bound.
 
     Parameters
     ----------
     height : (R, C) ndarray
         Metres; NaN outside the mask, at single points that nothing determines, and on floating
-        parts if so asked.
+        parts if requested.
     constraint_weight : (R, C) ndarray
         Weights of the constraints in the last linear solution, 1/m²: those of the problem times
         the factor of the robust loss.
@@ -128,7 +128,7 @@ def solve_heights(
     options : SolverOptions, optional
         Tolerance, robust loss, floating parts.
     start : (R, C) ndarray, optional
-        First guess, metres; NaN where there is none. It also ties floating parts.
+        First guess, metres; NaN where there is none. It also sets the mean of floating parts.
 
     Returns
     -------
@@ -149,14 +149,14 @@ class HeightSystem:
     Parameters
     ----------
     problem : HeightProblem
-        Its mask and weights count.
+        Only its mask and weights are used.
     threads : int, optional
-        For grids of more than a million points; as many as there are cores (at most 8) if
-        not given. The result does not depend on it.
+        For grids of more than a million points; the number of cores (at most 8) if not given. The
+        result does not depend on it.
 
     Notes
     -----
-    Not to be shared between threads: it keeps the memory that the solver works in.
+    Not to be shared between threads: it contains the solver's working memory.
     """
 
     def __init__(self, problem: HeightProblem, *, threads: int | None = None) -> None:
@@ -182,7 +182,7 @@ class HeightSystem:
         options : SolverOptions, optional
             Tolerance, robust loss, floating parts.
         start : (R, C) ndarray, optional
-            First guess, metres; NaN where there is none. It also ties floating parts.
+            First guess, metres; NaN where there is none. It also sets the mean of floating parts.
 
         Raises
         ------
@@ -227,10 +227,10 @@ def _reweight(
     options: SolverOptions,
     bands: Bands,
 ) -> tuple[LinearSolution, FloatArray, bool]:
-    """Reweight the constraints by their residuals until the surface stands still.
+    """Reweight the constraints by their residuals until the surface no longer changes.
 
     Returns the last linear solution with the sum of the iterations, its weights, and whether
-    the reweighting settled.
+    the reweighting converged.
     """
     used = problem.weight > 0
     root = np.sqrt(problem.weight[used])
@@ -241,7 +241,7 @@ def _reweight(
         residual = (before[used] - problem.height[used]) * root
         factor = loss_weight(residual, options.loss_scale)
         weight = np.zeros(problem.shape)
-        # No constraint vanishes altogether, or its part could come loose.
+        # No constraint gets weight 0, or its part could become floating.
         weight[used] = problem.weight[used] * np.maximum(factor, 1e-12)
         system = LinearSystem(problem, weight, parts, bands)
         linear = system.solve(
@@ -258,7 +258,7 @@ def _reweight(
 def _first_guess(
     problem: HeightProblem, parts: Components, start: FloatArray | None, bands: Bands
 ) -> FloatArray:
-    """Fill `start` (or nothing) up with the mean constraint of each part, in a new array."""
+    """Fill gaps of `start` (or nothing) with the mean constraint of each part, in a new array."""
     guess = np.empty(problem.shape)
     total = np.zeros(len(parts.size))
     _sum_constraints(parts.labels, problem.weight, problem.height, total)
@@ -272,7 +272,7 @@ def _first_guess(
         return guess
     check_shape(start, problem.shape, "start")
     if np.isinf(start).any():
-        raise InvalidValueError("holds an infinite height", "start")
+        raise InvalidValueError("contains an infinite height", "start")
     guess[...] = start
     _fill_gaps(parts.labels, mean, guess)
     return guess
@@ -316,7 +316,7 @@ def _fill_gaps(labels: IntArray, mean: FloatArray, out: FloatArray) -> None:
 
 
 def _tie(tied: FloatArray, parts: Components, start: FloatArray | None, how: Floating) -> None:
-    """Give the floating parts of `tied` (R, C) the mean that `how` asks for."""
+    """Give the floating parts of `tied` (R, C) the mean chosen by `how`."""
     if len(parts.floating) == 0:
         return
     loose = parts.is_floating
@@ -342,12 +342,12 @@ def _sums(values: FloatArray, labels: IntArray, where: BoolArray, count: int) ->
 
 
 def _reason(linear: LinearSolution, settled: bool, options: SolverOptions) -> str:
-    """Say in one clause why the solver stopped."""
+    """Return in one clause why the solver stopped."""
     if not linear.converged:
         return (
             f"stopped after {linear.iterations} iterations with an estimated error of "
             f"{linear.error_bound_m:.2g} m, above the tolerance of {options.tolerance_m:.2g} m"
         )
     if not settled:
-        return f"the {options.loss} weights still moved after {options.max_reweights} rounds"
+        return f"the {options.loss} weights still changed after {options.max_reweights} rounds"
     return f"estimated error {linear.error_bound_m:.2g} m, below the tolerance"

@@ -1,7 +1,7 @@
 """Vector kernels of the conjugate gradients: bands of rows, single precision, exact sums.
 
-Rows `first` … `last` − 1 count without the frame. Sums are taken down the columns first: such
-loops are vectorised as they stand, and the order of additions does not depend on threads.
+Rows `first` … `last` − 1 do not count the frame. Sums run down the columns first: such loops are
+vectorised, and the order of additions does not depend on threads.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ def residual(  # noqa: PLR0913, PLR0917  flat arguments: numba knows no dataclas
 ) -> None:
     """Residual of the normal equations over `unit` into the padded `out`.
 
-    Summed from misfits in double precision: exact also far from zero height. `pulls` is what
-    means pull with: (R, C), or without elements if there are none.
+    Summed from misfits in double precision: exact also far from zero height. `pulls` is the
+    contribution of the means: (R, C), or without elements if there are none.
     """
     rows, columns = x.shape
-    along, hold = np.zeros(columns + 1), np.zeros(columns)
+    along, forces = np.zeros(columns + 1), np.zeros(columns)
     above, below = np.zeros(columns), np.zeros(columns)
     if first > 0:
         _misfits(step_y[first - 1], weight_y[first - 1], x[first - 1], x[first], below)
@@ -45,25 +45,25 @@ def residual(  # noqa: PLR0913, PLR0917  flat arguments: numba knows no dataclas
         else:
             below[:] = 0.0
         _misfits(step_x[r], weight_x[r], x[r], x[r, 1:], along[1:])
-        _hold(height[r], weight[r], x[r], hold)
+        _constraints(height[r], weight[r], x[r], forces)
         if pulls.size > 0:
             for c in range(columns):
-                hold[c] += pulls[r, c]
-        _gather(hold, along, above, below, 1.0 / unit, out[r + 1])
+                forces[c] += pulls[r, c]
+        _gather(forces, along, above, below, 1.0 / unit, out[r + 1])
 
 
 @compiled_inline
 def _misfits(
     steps: FloatArray, weights: FloatArray, here: FloatArray, there: FloatArray, out: FloatArray
 ) -> None:
-    """What edges pull their far point with, and push their near one."""
+    """Weighted residuals of edges: added at the far point, subtracted at the near one."""
     for c in range(len(steps)):
         out[c] = weights[c] * (steps[c] - (there[c] - here[c]))
 
 
 @compiled_inline
-def _hold(height: FloatArray, weight: FloatArray, x: FloatArray, out: FloatArray) -> None:
-    """What the constraints of a row pull with; heights without weight may be NaN."""
+def _constraints(height: FloatArray, weight: FloatArray, x: FloatArray, out: FloatArray) -> None:
+    """Weighted residuals of the constraints of a row; heights without weight may be NaN."""
     for c in range(len(x)):
         misfit = height[c] - x[c]
         out[c] = weight[c] * misfit if weight[c] > 0 else 0.0
@@ -71,16 +71,16 @@ def _hold(height: FloatArray, weight: FloatArray, x: FloatArray, out: FloatArray
 
 @compiled_inline
 def _gather(
-    hold: FloatArray,
+    forces: FloatArray,
     along: FloatArray,
     above: FloatArray,
     below: FloatArray,
     factor: float,
     out: FloatArray,
 ) -> None:
-    for c in range(len(hold)):
+    for c in range(len(forces)):
         edges = (along[c] - along[c + 1]) + (above[c] - below[c])
-        out[c + 1] = (hold[c] + edges) * factor
+        out[c + 1] = (forces[c] + edges) * factor
 
 
 @compiled
@@ -161,17 +161,17 @@ def sum_parts(
     first: int,
     last: int,
 ) -> FloatArray:
-    """Return the sum of ``r − ground z`` over each part (K,), of what these rows' spans hold."""
+    """Return the sum of ``r − ground z`` over each part (K,) within the spans of these rows."""
     total = np.zeros(parts)
     for i in range(first, last):
-        label, row, hold, answer = labels[i], r[i + 1], ground[i + 1], z[i + 1]
+        label, row, weight, answer = labels[i], r[i + 1], ground[i + 1], z[i + 1]
         before, run = -1, 0.0
         for j in range(spans[i, 0], spans[i, 1]):
             if label[j] != before:
                 if before >= 0:
                     total[before] += run
                 before, run = label[j], 0.0
-            run += row[j + 1] - hold[j + 1] * answer[j + 1]
+            run += row[j + 1] - weight[j + 1] * answer[j + 1]
         if before >= 0:
             total[before] += run
     return total
@@ -181,7 +181,7 @@ def sum_parts(
 def lift_parts(
     labels: IntArray, spans: IntArray, shift: FloatArray, z: FloatArray, first: int, last: int
 ) -> None:
-    """Add the shift (K,) of each part to what lies of `z` in the spans of these rows."""
+    """Add the shift (K,) of each part to `z` within the spans of these rows."""
     for i in range(first, last):
         label, row = labels[i], z[i + 1]
         for j in range(spans[i, 0], spans[i, 1]):
@@ -200,10 +200,10 @@ def settle_parts(
     first: int,
     last: int,
 ) -> None:
-    """Add the shift (K,) of each part to `x`, and to the residual `r` what that does to it."""
+    """Add the shift (K,) of each part to `x`, and its effect to the residual `r`."""
     for i in range(first, last):
-        label, height, hold, row = labels[i], x[i], ground[i + 1], r[i + 1]
+        label, height, weight, row = labels[i], x[i], ground[i + 1], r[i + 1]
         for j in range(spans[i, 0], spans[i, 1]):
             if label[j] >= 0:
                 height[j] += shift[label[j]]
-                row[j + 1] -= hold[j + 1] * shift[label[j]]
+                row[j + 1] -= weight[j + 1] * shift[label[j]]

@@ -1,4 +1,4 @@
-"""Which images show a maplet, and where in them it lies."""
+"""Choice of images that show a maplet, and its place in them by matching."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Which images of a solution show a grid well enough, and from sides that tell its place."""
+"""Choice of images that show a grid well enough, from directions that determine its place."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from spcola.camera import SpcImage, partials_position, project_image
 from spcola.grids import MapletGrid
 from spcola.photometry import MOST_INCIDENCE
 
-# Points across a grid that are looked for in the frame.
+# Points across a grid that are tested against the frame.
 _LATTICE = 9
-# Information of a direction, pixels² a square metre, below that of any image.
+# Prior information of a direction, pixels² a square metre, below that of any image.
 _NONE = 1e-9
 
 
 @dataclass(frozen=True)
 class ChoiceOptions:
-    """Which images are looked at.
+    """Criteria for images.
 
     Parameters
     ----------
     most : int
-        Images of one grid.
+        Most images of one grid.
     coarsest : float
         Longest extent of a pixel on the grid, grid steps.
     most_emission, most_incidence : float
         From the grid's normal, radians.
     least_share : float
-        Of the grid that has to lie in the frame.
+        Share of the grid that has to lie in the frame.
     """
 
     most: int = 20
@@ -44,10 +44,10 @@ class ChoiceOptions:
 def choose_images(
     grid: MapletGrid, images: Sequence[SpcImage], *, options: ChoiceOptions | None = None
 ) -> list[SpcImage]:
-    """Return the images that show `grid`, at most so many, the one that tells most first.
+    """Return the images that show `grid`, at most `most`, the most informative first.
 
-    Each next one adds most to the determinant of the normal matrix of the grid's place [9]: fine
-    pixels, much of the grid, and another direction of view.
+    Each next image adds most to the determinant of the normal matrix of the grid's place [9]: by
+    fine pixels, a large part of the grid, or another direction of view.
 
     Parameters
     ----------
@@ -58,23 +58,23 @@ def choose_images(
     options : ChoiceOptions, optional
     """
     options = options or ChoiceOptions()
-    told = [
+    usable = [
         (image, matrix)
         for image in images
         if (matrix := _information(grid, image, options)) is not None
     ]
     chosen: list[SpcImage] = []
     total = _NONE * np.eye(3)
-    while told and len(chosen) < options.most:
-        gains = [np.linalg.slogdet(total + matrix)[1] for _, matrix in told]
-        image, matrix = told.pop(int(np.argmax(gains)))
+    while usable and len(chosen) < options.most:
+        gains = [np.linalg.slogdet(total + matrix)[1] for _, matrix in usable]
+        image, matrix = usable.pop(int(np.argmax(gains)))
         total = total + matrix
         chosen.append(image)
     return chosen
 
 
 def _information(grid: MapletGrid, image: SpcImage, options: ChoiceOptions) -> FloatArray | None:
-    """Return what an image tells of the grid's place (3, 3); None if it shows too little."""
+    """Return an image's information on the grid's place (3, 3); None if it shows too little."""
     away = image.position - grid.center
     distance = float(np.linalg.norm(away))
     if away @ grid.uz < distance * np.cos(options.most_emission):
@@ -84,7 +84,7 @@ def _information(grid: MapletGrid, image: SpcImage, options: ChoiceOptions) -> F
     partials = partials_position(image.camera, image.axes, image.scobj, grid.center)
     if not np.isfinite(partials).all():
         return None
-    # Of a pixel on the ground, grid steps: the longest extent, and the shortest.
+    # Extent of a pixel on the ground, grid steps: longest and shortest.
     extent = 1.0 / np.linalg.svd(grid.gsd * partials @ grid.axes[:2].T, compute_uv=False)
     if not extent[-1] <= options.coarsest:
         return None
@@ -96,7 +96,7 @@ def _information(grid: MapletGrid, image: SpcImage, options: ChoiceOptions) -> F
     share = float(np.mean(inside))
     if share < options.least_share:
         return None
-    # What is finer than the grid's cells tells no more than these.
+    # Pixels finer than the grid's cells add no information.
     finer = max(1.0, 1.0 / extent[-1])
-    told: FloatArray = share * partials.T @ partials / finer**2
-    return told
+    information: FloatArray = share * partials.T @ partials / finer**2
+    return information

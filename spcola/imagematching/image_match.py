@@ -1,4 +1,4 @@
-"""The match of an ortho-image with a rendering of the same ground, to a fraction of a cell."""
+"""Match of an ortho-image with a rendering of the same ground, to a fraction of a cell."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from spcola.grids.statistics import independent_patches, robust_covariance, shif
 from spcola.math.robust import huber_scores, huber_solution, mad
 from spcola.photometry import OrthoImage
 
-# Independent differences that a match needs: twice its parameters.
+# Smallest number of independent differences: twice the parameters of a match.
 _MIN_PATCHES = 12.0
-# Cells within which two peaks of the correlation are one.
+# Peaks of the correlation within so many cells count as one.
 _APART = 3.0
-# Steps by which a fine match may leave the best whole cell; further it has followed something else.
+# Largest distance of the fine match from the best whole cell, steps; beyond, it is another peak.
 _STRAYED = 3.0
 _SETTLED = 1e-3
 _ROUNDING = 1e-9
@@ -25,14 +25,14 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class ImageMatchOptions:
-    """How an ortho-image and a rendering are matched.
+    """Settings of the match of an ortho-image and a rendering.
 
     Parameters
     ----------
     capture_cells : float
         Largest shift that is searched, grid steps.
     min_points : int
-        Points that have to be compared, and that have to be lit.
+        Smallest number of lit points, and of compared points.
     min_correlation : float
         Smallest correlation, planes removed, after the match.
     ambiguity : float
@@ -51,7 +51,7 @@ class ImageMatchOptions:
 
 @dataclass(frozen=True, eq=False)
 class ImageMatch:
-    """Where an image shows the ground of a rendering.
+    """Shift between an image and the rendering of its ground.
 
     Attributes
     ----------
@@ -60,11 +60,11 @@ class ImageMatch:
         (x, y), grid steps: the image shows at x + shift what the rendering has at x. NaN if not
         matched.
     covariance : (2, 2) ndarray
-        Of it, under the correlation that the remaining differences show.
+        Covariance of the shift, from the autocorrelation of the remaining differences.
     correlation : float
-        Of both after the match, planes removed.
+        Correlation after the match, planes removed.
     points : int
-        That were compared.
+        Number of compared points.
     reason : str
         Empty if the match is good, else why it must not be used.
     """
@@ -89,8 +89,8 @@ def match_image(
 
     ``ortho(x + d) = g rendered(x) + o + a·x + error`` with gain g, offset o and plane a as
     nuisances: the best whole-cell d by normalised correlation, then Gauss–Newton with Huber's
-    weights. Shadows, rendered or shown, and what lies next to them, do not enter: how long they are
-    depends on relief that the grid does not hold, and all of them are wrong away from the Sun.
+    weights. Shadows, rendered or observed, and the points next to them are left out: their length
+    depends on relief finer than the grid, which biases the match away from the Sun.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def match_image(
     Returns
     -------
     ImageMatch
-        With NaN shift and a reason where nothing trustworthy was found.
+        With NaN shift and a reason where no reliable match was found.
     """
     options = options or ImageMatchOptions()
     name, known = ortho.view.image, np.isfinite(rendered) & _clear(ortho.view.lit)
@@ -140,7 +140,7 @@ def _clear(mask: BoolArray) -> BoolArray:
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """Ortho-image and rendering, gaps filled so that splines can be run over them."""
+    """Ortho-image and rendering, with filled gaps for spline interpolation."""
 
     shown: FloatArray
     shown_mask: BoolArray
@@ -149,12 +149,12 @@ class _Pair:
 
 
 def _textured(layer: FloatArray, flat: FloatArray, mask: BoolArray) -> bool:
-    """Tell whether a layer less its plane, `flat`, is more than rounding over `mask`."""
+    """Return whether a layer less its plane, `flat`, exceeds rounding over `mask`."""
     return float(np.std(flat[mask])) > _ROUNDING * float(np.max(np.abs(layer[mask])))
 
 
 def _flattened(layer: FloatArray, mask: BoolArray) -> FloatArray:
-    """Return a layer less its plane over `mask`: slow shading must not decide the coarse match."""
+    """Return a layer less its plane over `mask`: slow shading must not dominate."""
     rows, columns = np.indices(layer.shape)
     design = np.stack([np.ones(layer.shape), columns, rows], axis=-1) / layer.shape[0]
     plane = np.linalg.lstsq(design[mask], layer[mask], rcond=None)[0]
@@ -178,7 +178,7 @@ def _best(
     peaks = np.argwhere(ndimage.maximum_filter(filled, size=5, mode="nearest") == filled)
     away = np.hypot(peaks[:, 0] - row, peaks[:, 1] - column)
     rivals = filled[tuple(peaks[away > _APART].T)]
-    # Sub-cell, the best peak is higher than at its whole cell: its rivals are as well.
+    # At sub-cell resolution the best peak is higher than at its whole cell: its rivals are too.
     if rivals.size and 1.0 - max(rivals.max(), 0.0) ** 2 < options.ambiguity * (1.0 - best**2):
         return nowhere, "shows two places alike"
     return start, ""
@@ -216,7 +216,7 @@ def _refined(name: str, pair: _Pair, start: FloatArray, options: ImageMatchOptio
         shift = shift + np.clip(solution[:2], -1.0, 1.0)
         settled = bool(np.max(np.abs(solution[:2])) < _SETTLED)
     if not settled or float(np.hypot(*(shift - start))) > _STRAYED:
-        return _unmatched(name, "the match does not settle")
+        return _unmatched(name, "the match does not converge")
     return _judged(name, shift, (shown, design, compared), solution, options)
 
 
@@ -227,9 +227,9 @@ def _judged(
     solution: FloatArray,
     options: ImageMatchOptions,
 ) -> ImageMatch:
-    """Turn what settled into a match, with the reason if it cannot be trusted.
+    """Return the converged match, with a reason if it is not reliable.
 
-    `compared` are the shifted ortho-image, the partials and where both are known.
+    `compared` are the shifted ortho-image, the partials and the mask where both are known.
     """
     shown, design, mask = compared
     residual = np.full(shown.shape, np.nan)
@@ -255,6 +255,6 @@ def _correlation(one: FloatArray, other: FloatArray, mask: BoolArray) -> float:
 
 
 def _unmatched(name: str, reason: str) -> ImageMatch:
-    """Return a match that says why there is none."""
+    """Return a match that only has a reason for its failure."""
     nan = float("nan")
     return ImageMatch(name, np.full(2, nan), np.full((2, 2), nan), nan, 0, reason)

@@ -1,4 +1,4 @@
-"""Where images show ground of known form: matches in all of them, and the place that they give."""
+"""Ground of known form in images: matches in all of them, and the resulting place."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from spcola.imagematching.image_match import ImageMatch, ImageMatchOptions, matc
 from spcola.photometry import PhotometricFunction, lunar_lambert, ortho_rectify, render, view_of
 from spcola.shape import RayCaster
 
-# Once the place is known, a match is sought so many cells around.
+# Search radius of a match once the place is known, cells.
 _NEAR = 3.0
-# Images that are further off than so many standard deviations contradict the others.
+# Images further off than so many standard deviations contradict the others.
 _REJECT = 4.0
 
 
 @dataclass(frozen=True)
 class SightOptions:
-    """How ground is found in images.
+    """Settings of the search for ground in images.
 
     Parameters
     ----------
@@ -40,11 +40,11 @@ class SightOptions:
     psf_px : float
         Standard deviation of the optics' point spread, pixels.
     min_correlation : float
-        Of ortho-image and rendering.
+        Smallest correlation of ortho-image and rendering.
     rounds : int
-        How often the images are brought onto the ground where the last solution put it.
+        Most rounds of projecting the images onto the ground at its last solved place.
     settled : float
-        Rounds end when the place moves by less, grid steps.
+        Rounds end when the place changes by less, grid steps.
     """
 
     capture_m: float = 2.0
@@ -57,25 +57,25 @@ class SightOptions:
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """Where N images show the centre of ground that lies at `start` before it is solved.
+    """Measured places in N images of the centre of a piece of ground.
 
     Attributes
     ----------
     name : str
     start : (3,) ndarray
-        V as it was stated, body-fixed, metres.
+        V as stated, body-fixed, metres.
     images : tuple of SpcImage
         States, without pixels.
     observed : (N, 2) ndarray
         Pixel and line of V.
     covariance : (N, 2, 2) ndarray
-        Of each from its match, pixels².
+        Covariance of each match, pixels².
     states : (N, 6, 6) ndarray
         Covariances of the images' states, as :func:`spcola.control.estimation.state_covariance`.
     correlation, share : (N,) ndarrays
-        Of ortho-images and renderings; of the grid that was compared.
+        Correlation of ortho-image and rendering; share of the grid that was compared.
     left_out : mapping of str to str
-        Images that were looked at and did not enter, and why.
+        Images that were tried and not used, and why.
     """
 
     name: str
@@ -92,18 +92,18 @@ class Sighting:
         return len(self.images)
 
     def scaled(self, match: float, position: float, pointing: float) -> Sighting:
-        """Return it with sigmas of matches, and of positions and pointing, times these factors."""
+        """Return a copy with sigmas of matches, positions and pointing times these factors."""
         by_position, by_pointing = by_position_and_pointing(self.states)
         states = position**2 * by_position + pointing**2 * by_pointing
         return replace(self, covariance=match**2 * self.covariance, states=states)
 
     def solve(self, start: FloatArray | None = None) -> LandmarkSolution:
-        """Return the place that the images give [9, 10].
+        """Return the place determined by the images [9, 10].
 
         Raises
         ------
         NotObservableError
-            If they leave a direction free.
+            If the images leave a direction free.
         """
         return solve_landmark(
             self.start if start is None else start,
@@ -114,7 +114,7 @@ class Sighting:
         )
 
     def of(self, keep: Sequence[int], left_out: Mapping[str, str]) -> Sighting:
-        """Return it with some of its images; the others are among those left out."""
+        """Return a copy with some of its images; the others are added to `left_out`."""
         chosen = list(keep)
         return replace(
             self,
@@ -128,7 +128,7 @@ class Sighting:
         )
 
     def spread_by(self, states: FloatArray, point: FloatArray) -> FloatArray:
-        """Covariances (N, 2, 2), pixels², of where a point is seen, by `states` (N, 6, 6)."""
+        """Covariances (N, 2, 2), pixels², of a point's place due to `states` (N, 6, 6)."""
         rows = np.array([state_partials(image, point) for image in self.images])
         spread: FloatArray = rows @ states @ np.swapaxes(rows, 1, 2)
         return spread
@@ -145,27 +145,27 @@ def find_ground(
 ) -> Sighting:
     """Find ground of known form in images.
 
-    Each image is brought onto the ground, the ground is rendered as the image should show it, and
-    both are matched; the place that all give is where the images are brought the next time.
+    Each image is ortho-rectified onto the ground, the ground is rendered as the image should show
+    it, and both are matched. The place solved from all matches is used in the next round.
 
     Parameters
     ----------
     ground : Maplet
-        Heights, in a frame that is off by no more than the capture range.
+        Heights, in a frame with an error within the capture range.
     images : sequence of SpcImage
-        That may show it.
+        Candidates.
     states : mapping of str to (6, 6) ndarray
         Covariances of the states, by the images' names.
     exposed : callable
         Returns an image with its pixels, if it has any.
     beyond : RayCaster, optional
-        The whole body, for what stands in the way beyond the ground.
+        The whole body, for occlusion and shadow by other ground.
     options : SightOptions, optional
 
     Returns
     -------
     Sighting
-        With no image where none shows it, or all contradict one another.
+        Without images where none shows it, or all contradict one another.
     """
     options = options or SightOptions()
     place, found = ground.grid.center, _none(ground, {})
@@ -185,9 +185,9 @@ def find_ground(
 def agreeing(sighting: Sighting) -> Sighting:
     """Return a sighting without the images that contradict the others.
 
-    The worst one goes first, as long as it is off from where the others put the ground by more than
-    four standard deviations, or four times what these are off by in the median, whichever is more.
-    Without images, and the reason beside each, where too few are left to tell the place.
+    The worst one is removed first, as long as its distance from the place by the others exceeds
+    four standard deviations, or four times their median distance, whichever is larger. Without
+    images, each with a reason, where too few are left to determine the place.
     """
     left_out: dict[str, str] = {}
     keep = list(range(len(sighting)))
@@ -203,7 +203,7 @@ def agreeing(sighting: Sighting) -> Sighting:
         except NotObservableError:
             if len(keep) > 2:
                 return some
-            alone = "no other image is there to tell the place with it"
+            alone = "no other image is there to determine the place with it"
             return sighting.of([], left_out | {image.name: alone for image in some.images})
         usual = max(1.0, float(np.median(_off(rest, others))))
         if _off(sighting.of([keep[worst]], {}), others)[0] <= _REJECT * usual:
@@ -214,7 +214,7 @@ def agreeing(sighting: Sighting) -> Sighting:
 
 
 def _off(sighting: Sighting, solution: LandmarkSolution) -> FloatArray:
-    """How far (N,) each image shows the ground from a solved place, standard deviations."""
+    """Distance (N,) of each image's ground from a solved place, standard deviations."""
     place = solution.estimate
     seen = np.array([project_image(image, place) for image in sighting.images])
     variance = sighting.covariance + sighting.spread_by(sighting.states, place)
@@ -231,7 +231,7 @@ def _match(
     reach: float,
     options: SightOptions,
 ) -> tuple[ImageMatch, FloatArray]:
-    """Match one image; with it the footprint (2, 2), pixels a grid step."""
+    """Match one image; return the match and the footprint (2, 2), pixels a grid step."""
     view = view_of(image, ground.grid, ground.height, beyond=beyond)
     rendered = render(view, function=options.function, psf_px=options.psf_px)
     matching = ImageMatchOptions(capture_cells=reach, min_correlation=options.min_correlation)
@@ -245,7 +245,7 @@ def _sighted(
     states: Mapping[str, FloatArray],
     seen: Sequence[tuple[ImageMatch, FloatArray]],
 ) -> Sighting:
-    """Turn shifts on the grid into pixel and line of its centre."""
+    """Convert shifts on the grid to pixel and line of its centre."""
     left_out = {match.image: match.reason for match, _ in seen if not match.usable}
     good = [item for item in zip(images, seen, strict=True) if item[1][0].usable]
     if not good:
@@ -270,7 +270,7 @@ def _sighted(
 
 
 def _none(ground: Maplet, left_out: Mapping[str, str]) -> Sighting:
-    """Return a sighting in no image."""
+    """Return a sighting without images."""
     return Sighting(
         ground.name, ground.grid.center, (), np.zeros((0, 2)), np.zeros((0, 2, 2)),
         np.zeros((0, 6, 6)), np.zeros(0), np.zeros(0), left_out,

@@ -1,4 +1,4 @@
-"""How large errors of matches and of states are, by how images contradict one another."""
+"""Sizes of the errors of matches and of states, from disagreements between images."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from spcola.control.estimation import by_position_and_pointing
 from spcola.imagematching.sighting import Sighting
 from spcola.math.statistics import most_likely_sizes
 
-# Standard deviation of the logarithms of the factors beforehand: of matches and pointing to e²; of
-# positions, which the solution states to stand by, to e.
+# Prior standard deviation of the logarithms of the factors: of matches and pointing a factor e²; of
+# positions, whose sigmas the solution states, e.
 _WIDTHS = np.array([2.0, 1.0, 2.0])
-# Logarithms of factors stay within this, and begin with these steps.
+# Bound of the logarithms of factors, and first steps of the search.
 _REACH = 6.0
 _STEPS = np.array([0.7, -0.4, -0.7])
 
@@ -24,7 +24,7 @@ _STEPS = np.array([0.7, -0.4, -0.7])
 class SizeFactors(NamedTuple):
     """Factors on the sigmas of matches, and of the states' positions and pointing.
 
-    Pointing is that at a known position; what turns with the position is in the second.
+    Pointing is that at a known position; its part correlated with position is in the second.
     """
 
     match: float
@@ -33,22 +33,22 @@ class SizeFactors(NamedTuple):
 
 
 def estimate_factors(sightings: Sequence[Sighting]) -> SizeFactors:
-    """Return by what the stated errors of matches and of states are to be multiplied.
+    """Return the factors by which the stated errors of matches and of states are to be multiplied.
 
-    N images give 2N numbers for the three of a place. What is left, over all sightings, tells how
-    large errors are: the restricted likelihood of Patterson & Thompson (1971), with a log-normal
-    prior about 1. Sightings are taken as independent, as the errors of one image at two of them are
-    not: the factors are estimates all the same, only less sharp than they look.
+    N images give 2N numbers for the three of a place. The redundant ones, over all sightings,
+    determine the sizes of errors by the restricted likelihood of Patterson & Thompson (1971), with
+    a log-normal prior about 1. Sightings are taken as independent, although the errors of one image
+    at two of them are not: the estimates are valid, only less precise than they appear.
 
     Parameters
     ----------
     sightings : sequence of Sighting
-        Those in fewer than two images tell nothing.
+        Those in fewer than two images are not used.
 
     Returns
     -------
     SizeFactors
-        1 throughout where nothing tells.
+        1 throughout where there is no redundancy.
     """
     cases = [_case(sighting) for sighting in sightings if len(sighting) > 1]
     if not cases:
@@ -75,7 +75,7 @@ def estimate_factors(sightings: Sequence[Sighting]) -> SizeFactors:
 
 
 def _case(sighting: Sighting) -> tuple[FloatArray, FloatArray]:
-    """Residuals (K,) that no place explains, and their covariances (3, K, K) by each factor."""
+    """Residuals (K,) not absorbed by the place, and their covariances (3, K, K) by each factor."""
     solution = sighting.solve()
     place, count = solution.estimate, len(sighting)
     partials = np.concatenate(
@@ -84,7 +84,7 @@ def _case(sighting: Sighting) -> tuple[FloatArray, FloatArray]:
             for image in sighting.images
         ]
     )
-    # An orthonormal basis of what the three columns of the place leave.
+    # An orthonormal basis of the complement of the three columns of the place.
     basis = np.linalg.qr(partials, mode="complete")[0][:, 3:]
     by_position, by_pointing = by_position_and_pointing(sighting.states)
     parts = [

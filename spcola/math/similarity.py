@@ -28,7 +28,7 @@ class Affine:
     translation : (3,) array_like
         In metres, in the target frame.
     target, source : str
-        Names of the frames; maps whose frames do not meet cannot be composed.
+        Names of the frames; maps with different inner frames cannot be composed.
 
     Raises
     ------
@@ -194,7 +194,7 @@ class Similarity:
 
 
 def check_frames_meet(second: Affine | Similarity, first: Affine | Similarity) -> None:
-    """Refuse to chain `first` → `second` unless the frame between them is one frame.
+    """Check that `first` ends in the frame in which `second` begins.
 
     Raises
     ------

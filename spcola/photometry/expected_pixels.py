@@ -1,4 +1,4 @@
-"""What the pixels of an image should hold: the brightness of ground gathered by its footprints."""
+"""Expected pixels of an image: the brightness of ground averaged over their footprints."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from spcola.compilation import compiled
 from spcola.grids.gaps import carried_on
 from spcola.photometry.ortho_image import View
 
-# Rows and columns of pixels around the ground that are filled too.
+# Rows and columns of pixels added around the ground.
 _MARGIN = 2
-# Parts of a pixel's width, at least, and of a cell's, into which a cell is cut; and at most.
+# Parts into which a cell is divided: at least, per pixel's width, and at most.
 _PER_PIXEL, _LEAST, _MOST = 4.0, 3, 64
-# Share of a pixel that the grid has to fill; parts of cells fill some by less than they do.
+# Share of a pixel that the grid has to fill; less than 1, since parts of cells are discrete.
 _COVERED = 0.6
-# Share of what fills it that has to be known: gaps lie anywhere, the grid's edge to one side.
+# Share of the filled area that must be known: gaps lie anywhere, the grid's edge to one side.
 _KNOWN = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class ExpectedPixels:
-    """A window of an image.
+    """Expected brightness in a window of an image.
 
     Attributes
     ----------
     value : (H, W) ndarray
-        Mean brightness over each pixel; that of the nearest known one where `known` is not set.
+        Mean brightness over each pixel; that of the nearest known one where `known` is False.
     known : (H, W) ndarray of bool
-        Ground of known brightness fills it.
+        Whether ground of known brightness fills the pixel.
     first : (2,) ndarray of int
         Row and column, from 0, of the window's first pixel in the image.
     """
@@ -42,18 +42,18 @@ class ExpectedPixels:
 
 
 def expected_pixels(view: View, brightness: FloatArray, *, psf_px: float = 0.0) -> ExpectedPixels:
-    """Return what an image should show of ground.
+    """Return the expected pixels of an image of ground.
 
-    Each cell between four points of the grid is cut into parts, their places bilinear. A part
-    enters the pixel that it is projected into by its area *in the image*: ground that faces the
-    camera fills more pixels than ground that turns away from it.
+    Each cell between four points of the grid is divided into parts at bilinear places. A part
+    contributes to its pixel by its area *in the image*: ground that faces the camera fills more
+    pixels than ground that turns away from it.
 
     Parameters
     ----------
     view : View
-        Where the points of the grid are seen.
+        Geometry of the image over the grid.
     brightness : (R − 1, C − 1) ndarray
-        Of each cell; NaN where unknown.
+        Brightness of each cell; NaN where unknown.
     psf_px : float
         Standard deviation of the optics' point spread, pixels.
     """
@@ -65,7 +65,7 @@ def expected_pixels(view: View, brightness: FloatArray, *, psf_px: float = 0.0) 
     first = np.floor([lines.min(), pixels.min()]) - _MARGIN
     size = np.ceil([lines.max(), pixels.max()]) + _MARGIN + 1.0 - first
     light, area, whole = np.zeros((3, *size.astype(np.int64)))
-    # Lines run down, pixels aside: a cell that faces the camera has the sign of −∂(pixel, line).
+    # Lines run down, pixels right: a cell that faces the camera has the sign of −∂(pixel, line).
     facing = -float(np.sign(np.linalg.det(view.footprint)))
     places = row - first[0], column - first[1], seen
     _gather(places, brightness, facing, (light, area, whole))
@@ -80,9 +80,9 @@ def expected_pixels(view: View, brightness: FloatArray, *, psf_px: float = 0.0) 
 
 
 def _without_gaps(view: View) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Rows, columns (from 0) and whether they are seen of all points (R, C) of a grid.
+    """Return rows, columns (from 0) and visibility of all points (R, C) of a grid.
 
-    Points of unknown height lie beside the nearest known one as on the plane of the grid.
+    Points of unknown height are placed relative to the nearest known one as on the grid's plane.
     """
     y, x = np.indices(view.seen.shape).astype(np.float64)
     plane = np.einsum("ab,brc->arc", view.footprint, np.stack([x, y]))
@@ -101,11 +101,11 @@ def _gather(
     facing: float,
     sums: tuple[FloatArray, FloatArray, FloatArray],
 ) -> None:
-    """Add up what lies in each pixel of a window.
+    """Add up the contributions to each pixel of a window.
 
-    `places` (R, C) are rows and columns of points of the grid, and whether they are seen; `facing`
-    is the sign that the area of a cell which faces the camera has there; `sums` are those of
-    brightness times area, of area, and of area whether brightness is known or not.
+    `places` (R, C) are rows and columns of points of the grid, and their visibility; `facing` is
+    the sign of the area of a cell that faces the camera; `sums` are those of brightness times area,
+    of area with known brightness, and of all area.
     """
     row, column, seen = places
     light, area, whole = sums

@@ -1,9 +1,9 @@
-"""Photometric functions: how bright ground is, by the directions of light and view [16, 17].
+"""Photometric functions: brightness of ground by the directions of light and view [16, 17].
 
 A function Φ takes the cosines of incidence and emission and the phase angle, arrays of one shape,
 and returns brightness relative to that at normal incidence and emission and zero phase, where
-each is 1. Ground that the light or the view does not reach (a cosine ≤ 0) has brightness 0. None
-of them tells how the whole darkens with phase: in SPC the normalisation λ of each image takes that.
+each is 1. Ground that the light or the view does not reach (a cosine ≤ 0) has brightness 0. None of
+them models the darkening of the disk with phase: in SPC the factor λ of each image absorbs it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def lommel_seeliger(
 
 
 def lambert(cos_incidence: FloatArray, cos_emission: FloatArray, phase: FloatArray) -> FloatArray:
-    """Return ``μ0``: as bright from everywhere (Lambert 1760)."""
+    """Return ``μ0``: equally bright from all directions (Lambert 1760)."""
     return _reached(cos_incidence, cos_emission, cos_incidence + 0.0 * phase)
 
 
@@ -38,8 +38,8 @@ def lunar_lambert(
 ) -> FloatArray:
     """Return ``2 L μ0 / (μ0 + μ) + (1 − L) μ0`` (McEwen 1991), 1 at normal.
 
-    The weight L depends on the phase angle: see :func:`lunar_weight`. With this function the
-    truth images of Weirich et al. (section 2.6) were made.
+    The weight L depends on the phase angle: see :func:`lunar_weight`. The truth images of
+    Weirich et al. (section 2.6) were made with this function.
     """
     weight = lunar_weight(phase)
     value = weight * _lunar(cos_incidence, cos_emission) + (1.0 - weight) * cos_incidence
@@ -47,7 +47,7 @@ def lunar_lambert(
 
 
 def lunar_weight(phase: FloatArray) -> FloatArray:
-    """Return McEwen's L at phase angles (…), radians: 1 at 0, 0 from where his cubic ends at 0.
+    """Return McEwen's L at phase angles (…), radians: 1 at 0, then his cubic down to 0.
 
     McEwen (1996): ``L = 1 − 0.019 α + 2.42e−4 α² − 1.46e−6 α³``, α in degrees.
     """
@@ -62,7 +62,7 @@ PHOTOMETRIC_FUNCTIONS: dict[str, PhotometricFunction] = {
     "lommel-seeliger": lommel_seeliger,
     "lambert": lambert,
 }
-"""Functions by the name that settings use; another one is plugged in by entering it here."""
+"""Functions by their names in settings; add further ones here."""
 
 
 def photometric_function(name: str) -> PhotometricFunction:
@@ -71,7 +71,7 @@ def photometric_function(name: str) -> PhotometricFunction:
     Raises
     ------
     SettingsError
-        If none has it.
+        If there is none.
     """
     if name not in PHOTOMETRIC_FUNCTIONS:
         known = ", ".join(PHOTOMETRIC_FUNCTIONS)
@@ -80,13 +80,13 @@ def photometric_function(name: str) -> PhotometricFunction:
 
 
 def _lunar(cos_incidence: FloatArray, cos_emission: FloatArray) -> FloatArray:
-    """Return ``2 μ0 / (μ0 + μ)``, whatever it be where a cosine is not positive."""
+    """Return ``2 μ0 / (μ0 + μ)``, arbitrary where a cosine is not positive."""
     with np.errstate(divide="ignore", invalid="ignore"):
         value: FloatArray = 2.0 * cos_incidence / (cos_incidence + cos_emission)
     return value
 
 
 def _reached(cos_incidence: FloatArray, cos_emission: FloatArray, value: FloatArray) -> FloatArray:
-    """Return the brightness, 0 where light or view do not reach; NaN stays NaN."""
+    """Return the brightness, 0 where light or view do not reach; NaN where it is NaN."""
     dark = (cos_incidence <= 0.0) | (cos_emission <= 0.0)
     return np.where(dark, 0.0, value)

@@ -1,4 +1,4 @@
-"""Heights on a grid as light and cameras meet them: slopes, and cosines with directions."""
+"""Slopes of heights on a grid, and their cosines with directions of light and view."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Ground:
         return cls(grid, height, grid.points(height), *slopes_of(height, grid.gsd))
 
     def pixel(self, image: SpcImage) -> float:
-        """Width of a pixel on the ground that the camera looks straight at, grid steps."""
+        """Width of a pixel at nadir on the ground, grid steps."""
         away = float(np.linalg.norm(image.position - self.grid.center))
         return image.camera.pixel_angle * away / self.grid.gsd
 
@@ -60,7 +60,7 @@ class Ground:
         return _cosine(self.slope_x, self.slope_y, direction)
 
     def partials(self, direction: FloatArray, cosine: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Change of that cosine with either slope (R, C)."""
+        """Return the derivatives of that cosine by either slope (R, C)."""
         square = 1.0 + self.slope_x**2 + self.slope_y**2
         steep = np.sqrt(square)
         return (
@@ -71,15 +71,15 @@ class Ground:
 
 @dataclass(frozen=True, eq=False)
 class Facets:
-    """The cells between four points of a ground, each as flat as its corners allow.
+    """The cells between four points of a ground, as planes.
 
-    Slopes at points are differences over two steps. What bends within them is smoothed away before
-    it is lit, and as brightness is not linear in slopes the ground then looks displaced.
+    Slopes at points are differences over two steps. They smooth relief before it is lit, and as
+    brightness is not linear in slopes the ground then appears displaced.
 
     Attributes
     ----------
     slope_x, slope_y : (R − 1, C − 1) ndarrays
-        ∂h/∂x and ∂h/∂y, means of both edges, of one where a corner is unknown; else NaN.
+        ∂h/∂x and ∂h/∂y, means of both edges, or one edge if a corner is unknown; else NaN.
     eye : (R − 1, C − 1, 3) ndarray
         Unit vectors to the camera from the middle of each, along the grid's axes.
     """
@@ -90,7 +90,7 @@ class Facets:
 
     @classmethod
     def of(cls, ground: Ground, image: SpcImage) -> Facets:
-        """Return the facets of a ground as an image sees them."""
+        """Return the facets of a ground, with directions to the camera of an image."""
         high, gsd = ground.height, ground.grid.gsd
         along_x, along_y = np.diff(high, axis=1) / gsd, np.diff(high, axis=0) / gsd
         away = (image.position - at_cells(ground.points)) @ ground.grid.axes.T
@@ -111,7 +111,7 @@ def at_cells(layer: FloatArray) -> FloatArray:
 
 
 def _mean(*layers: FloatArray) -> FloatArray:
-    """Mean of what is known; NaN where nothing is."""
+    """Mean of the known values; NaN where there is none."""
     known = np.sum([np.isfinite(layer) for layer in layers], axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         means: FloatArray = np.sum([np.nan_to_num(layer) for layer in layers], axis=0) / known

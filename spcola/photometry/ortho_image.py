@@ -1,4 +1,4 @@
-"""Ortho-rectification: what an image shows of the points of a grid, and in which light."""
+"""Ortho-rectification: an image resampled to the points of a grid, with its illumination."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from spcola.photometry.ground import Facets, Ground
 from spcola.photometry.shadows import cast_shadow, hidden
 from spcola.shape import RayCaster
 
-# Grid steps by which a ray has to be clear of its own grid before other ground may stop it.
+# Distance of a ray from its own grid before other ground may occlude it, grid steps.
 _CLEAR = 2.0
-# Samples across a cell, at most: a pixel sixteen times smaller than a cell.
+# Most samples across a cell: a pixel sixteen times smaller than a cell.
 _MOST_SAMPLES = 16
-# Pixels around those that are looked at, so that a spline does not feel the edge of the window.
+# Margin of the window of pixels, against effects of the spline at its edge.
 _MARGIN = 8
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Ground as an image's camera and Sun meet it.
+    """Geometry of ground in an image: places, visibility and illumination.
 
     Attributes
     ----------
@@ -34,9 +34,9 @@ class View:
     pixel, line : (R, C) ndarrays
         Where each point of the grid is projected; NaN at unknown heights.
     seen : (R, C) ndarray of bool
-        In the frame, turned to the camera, and nothing stands before it.
+        Whether a point is in the frame, faces the camera and is not occluded.
     lit : (R, C) ndarray of bool
-        Turned to the Sun, and in no cast shadow.
+        Whether it faces the Sun and is in no cast shadow.
     cos_incidence, cos_emission : (R − 1, C − 1) ndarrays
         Of the angles between the normal of each cell and Sun, camera; NaN where it has no slope.
     phase : (R − 1, C − 1) ndarray
@@ -58,16 +58,16 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class OrthoImage:
-    """An image brought onto a grid.
+    """An image resampled to a grid.
 
     Attributes
     ----------
     view : View
     brightness : (R, C) ndarray
         Mean over each cell where pixels are smaller than cells, interpolated where they are
-        larger; in the image's numbers. NaN where the image does not see the ground.
+        larger; in the image's numbers. NaN where the image does not show the ground.
     exposed : (R, C) ndarray of bool
-        Between the image's thresholds: neither as dark as shadow nor saturated.
+        Whether brightness is between the image's thresholds: neither shadow nor saturated.
     saturated : (R, C) ndarray of bool
     """
 
@@ -80,11 +80,11 @@ class OrthoImage:
 def view_of(
     image: SpcImage, grid: MapletGrid, height: FloatArray, *, beyond: RayCaster | None = None
 ) -> View:
-    """Return how the camera and the Sun of an image meet ground.
+    """Return the geometry of ground in an image.
 
     Occlusion and shadow by the ground itself follow the ray over its bilinear heights; those by
-    other ground are cast at `beyond` from where a ray leaves the grid. A ray that leaves it
-    inside that body, whose surface may be coarser, is not stopped there.
+    other ground follow the rays cast at `beyond` from where a ray leaves the grid. A ray that
+    leaves it inside that body, whose surface may be coarser, is not occluded there.
 
     Parameters
     ----------
@@ -143,17 +143,17 @@ def footprint_of(image: SpcImage, grid: MapletGrid) -> FloatArray:
 
 
 def _stop(reached: BoolArray, beyond: RayCaster, ground: Ground, direction: FloatArray) -> None:
-    """Clear `reached` (R, C) where other ground stands in the way along directions (R, C, 3)."""
+    """Clear `reached` (R, C) where other ground occludes the directions (R, C, 3)."""
     chosen = np.nonzero(reached)
     if not chosen[0].size:
         return
     grid, along = ground.grid, direction[chosen]
     steps = np.stack([grid.offsets[chosen[1]], grid.offsets[chosen[0]]], axis=1)
     with np.errstate(divide="ignore"):
-        # To the border of the square that the ray heads for, grid steps along the ray.
+        # Distance to the border of the square in the ray's direction, grid steps along the ray.
         border = (np.sign(along[:, :2]) * grid.half_size - steps) / along[:, :2]
     way = grid.gsd * (np.nanmin(np.maximum(border, 0.0), axis=1) + _CLEAR)
-    # A ray that stays over its grid until it is above all of the body meets nothing beyond.
+    # A ray that remains over its grid until it is above the whole body is not occluded.
     far = np.flatnonzero(np.isfinite(way) & (way < 2.0 * beyond.radius))
     body_fixed = along[far] @ grid.axes
     hits = beyond.cast(ground.points[chosen][far] + way[far, None] * body_fixed, body_fixed)
@@ -163,7 +163,7 @@ def _stop(reached: BoolArray, beyond: RayCaster, ground: Ground, direction: Floa
 
 
 def ortho_rectify(image: SpcImage, view: View) -> OrthoImage:
-    """Return the image on the grid of a view of it.
+    """Return the image resampled to the grid of a view.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def ortho_rectify(image: SpcImage, view: View) -> OrthoImage:
 
 
 def resampled(pixels: AnyArray, place: FloatArray, footprint: FloatArray) -> FloatArray:
-    """Return brightness (N,) of cells at places of an image.
+    """Return the brightness (N,) of cells at places of an image.
 
     Cells that are larger than pixels are means of samples a pixel apart; else a cubic spline.
 
@@ -202,13 +202,13 @@ def resampled(pixels: AnyArray, place: FloatArray, footprint: FloatArray) -> Flo
     place : (2, N) ndarray
         Rows and columns, from 0.
     footprint : (2, 2) ndarray
-        Of a cell, as that of a :class:`View`.
+        ∂(pixel, line)/∂(x, y) of a cell, as in :class:`View`.
     """
     low = np.maximum(np.floor(place.min(axis=1)).astype(int) - _MARGIN, 0)
     high = np.ceil(place.max(axis=1)).astype(int) + _MARGIN + 1
     window = pixels[low[0] : high[0], low[1] : high[1]].astype(np.float64)
     local = place - low[:, None]
-    # The longest extent of a cell in the image, pixels.
+    # Longest extent of a cell in the image, pixels.
     count = min(int(np.ceil(np.linalg.norm(footprint, ord=2))), _MOST_SAMPLES)
     if count <= 1:
         return np.asarray(ndimage.map_coordinates(window, local, order=3, mode="nearest"))

@@ -1,9 +1,9 @@
-"""What images tell of slopes: the normal equations of photoclinometry, from their geometry.
+"""Normal equations of photoclinometry: the information of images on slopes, from geometry.
 
 A brightness ``I = λ (1 + tz) Φ(cos i, cos e, phase)`` [16] changes with both slopes and the albedo
 of its ground. Over all images that show a point lit these partials make a 3 × 3 normal matrix for
-(tx, ty, tz); its inverse says how well the slopes are known, whatever the brightnesses are
-(Gaskell et al., eqs. 16 to 21). A point that too few images show lit has no slope from images.
+(tx, ty, tz); its inverse is the covariance of the slopes, whatever the brightnesses are (Gaskell et
+al., eqs. 16 to 21). A point that too few images show lit has no slope from images.
 """
 
 from __future__ import annotations
@@ -21,29 +21,29 @@ from spcola.photometry.ground import Ground
 from spcola.photometry.shadows import cast_shadow
 
 MOST_INCIDENCE = np.radians(80.0)
-"""Ground on which the Sun stands lower than 10° does not enter, radians: what lies in the shadow of
-roughness below the grid is not modelled."""
+"""Largest incidence angle used, radians (Sun 10° high): shadows of roughness finer than the grid
+are not modelled below it."""
 # Unknowns of a point: two slopes and the albedo.
 _UNKNOWNS = 3
-# Below this share of what independent images would tell, the slopes are not separable: rounding.
+# Share of the information of independent images below which slopes are not separable (rounding).
 _SEPARABLE = 1e-9
-# An image whose pixels are wider than this, grid steps, shows none of the grid's detail.
+# An image whose pixels are wider than this, grid steps, shows no detail of the grid.
 _COARSEST = 5.0
-# Change of a cosine over which a photometric function is differenced.
+# Step of a cosine for the numerical derivative of a photometric function.
 _COSINE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class SlopeVariance:
-    """How well images tell the slopes at each point of a grid.
+    """Variance of slopes from images at each point of a grid.
 
     Parameters
     ----------
     along_x, along_y : (R, C) ndarrays
-        Variance of the slopes ∂h/∂x and ∂h/∂y for brightnesses that err independently by their
+        Variance of the slopes ∂h/∂x and ∂h/∂y for independent brightness errors, relative to the
         image's mean brightness; infinite where the images do not determine the slopes.
     images : (R, C) ndarray of int
-        How many images show the point lit.
+        Number of images that show the point lit.
     """
 
     along_x: FloatArray
@@ -63,12 +63,12 @@ def slope_variance(
     function: PhotometricFunction = lunar_lambert,
     framed: bool = True,
 ) -> SlopeVariance:
-    """Return how well `images` tell the slopes of `maplet` [16 – 21].
+    """Return the variance of the slopes of `maplet` as determined by `images` [16 – 21].
 
-    An image counts at a point that it shows: in front of the camera and on its detector, turned
+    An image is used at a point that it shows: in front of the camera and on its detector, turned
     towards it, lit at an incidence below :data:`MOST_INCIDENCE` and in no shadow that the maplet
     itself casts; and, where the image has pixels, neither as dark as shadow nor saturated there.
-    A pixel that covers n points gives each of them an n-th of what it tells.
+    The information of a pixel that covers n points is divided among them.
 
     Parameters
     ----------
@@ -79,8 +79,8 @@ def slope_variance(
     function : callable
         Photometric function Φ.
     framed : bool
-        Whether a point has to lie on the detector: not if `images` stand for others that were
-        taken in the same light.
+        Whether a point has to lie on the detector: not if `images` represent others taken in the
+        same light.
 
     Returns
     -------
@@ -137,7 +137,7 @@ def _add_image(
     lit: BoolArray,
     function: PhotometricFunction,
 ) -> None:
-    """Add what an image tells where it is `lit`: xx, xy, yy, xa, ya, aa of the normal matrix."""
+    """Add the information where `lit`: xx, xy, yy, xa, ya, aa of the normal matrix."""
     sun, eye = ground.sun(image), ground.eye(image)
     incidence, emission = ground.cosine(sun), ground.cosine(eye)
     phase = np.arccos(np.clip(eye @ sun, -1.0, 1.0))
@@ -149,7 +149,7 @@ def _add_image(
         by_eye = function(incidence, emission + _COSINE, phase) - function(
             incidence, emission - _COSINE, phase
         )
-    # λ makes the means equal: an image is exposed so that its ground is neither dark nor cut.
+    # λ makes the means equal: exposures are chosen for a mean well between the thresholds.
     scale = 1.0 / (float(np.mean(value[lit])) * max(ground.pixel(image), 1.0))
     rows = [
         scale * (by_sun * sun_part + by_eye * eye_part) / (2.0 * _COSINE)
@@ -162,7 +162,7 @@ def _add_image(
 
 
 def _reduced(matrix: FloatArray, count: IntArray) -> SlopeVariance:
-    """Take the albedo out of the normal matrices and invert what is left for the slopes."""
+    """Eliminate the albedo from the normal matrices and invert them for the slopes."""
     xx, xy, yy, xa, ya, aa = matrix
     with np.errstate(divide="ignore", invalid="ignore"):
         left_xx, left_xy, left_yy = xx - xa * xa / aa, xy - xa * ya / aa, yy - ya * ya / aa

@@ -1,4 +1,4 @@
-"""Rendering: the brightness that an image should show of ground, brought onto its grid alike."""
+"""Rendering: the expected brightness of ground in an image, resampled to its grid."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from spcola.photometry.functions import PhotometricFunction, lunar_lambert
 from spcola.photometry.ground import at_cells
 from spcola.photometry.ortho_image import View, resampled
 
-# Share of what a point is read from that may lie next to pixels which the ground does not fill.
+# Largest weight of pixels next to ones not filled by the ground in the interpolation of a point.
 _UNFILLED = 0.25
 
 
@@ -24,10 +24,10 @@ def render(
 ) -> FloatArray:
     """Return the relative brightness (R, C) of the ground of a view [16, 17].
 
-    ``(1 + tz) Φ(cos i, cos e, phase)`` of each cell, less what of it is in shadow, is gathered in
-    the pixels of the image (:func:`spcola.photometry.expected_pixels.expected_pixels`), which are
-    then brought onto the grid as :func:`spcola.photometry.ortho_rectify` brings those of the image:
-    what pixels, their foreshortening and their interpolation do to the one they do to the other.
+    ``(1 + tz) Φ(cos i, cos e, phase)`` of each cell, less its share in shadow, is averaged over the
+    pixels of the image (:func:`spcola.photometry.expected_pixels.expected_pixels`), which are then
+    resampled to the grid by :func:`spcola.photometry.ortho_rectify`, like those of the image:
+    pixel size, foreshortening and interpolation have the same effect on both.
 
     Parameters
     ----------
@@ -42,8 +42,8 @@ def render(
     Returns
     -------
     (R, C) ndarray
-        NaN where the ground is not seen, and where it does not fill the pixels that show it: at the
-        edges of the grid and around unknown heights.
+        NaN where the ground is not visible, and where it does not fill its pixels: at the edges of
+        the grid and around unknown heights.
     """
     with np.errstate(invalid="ignore"):
         value = function(view.cos_incidence, view.cos_emission, view.phase)
@@ -56,10 +56,10 @@ def render(
     if not expected.known.any():
         return rendered
     place = np.stack([view.line[view.seen], view.pixel[view.seen]]) - 1.0 - expected.first[:, None]
-    beside = ndimage.binary_dilation(~expected.known, np.ones((3, 3), dtype=np.bool_)).astype(
+    rim = ndimage.binary_dilation(~expected.known, np.ones((3, 3), dtype=np.bool_)).astype(
         np.float64
     )
-    unfilled = ndimage.map_coordinates(beside, place, order=1, mode="nearest")
+    unfilled = ndimage.map_coordinates(rim, place, order=1, mode="nearest")
     brightness = resampled(expected.value, place, view.footprint)
     rendered[view.seen] = np.where(unfilled <= _UNFILLED, brightness, np.nan)
     return rendered

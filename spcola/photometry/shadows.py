@@ -1,4 +1,4 @@
-"""What stands in the way over a grid of heights: of the Sun, or of an eye."""
+"""Occlusion over a grid of heights: of the Sun, or of an eye."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from spcola.compilation import compiled
 
 
 def cast_shadow(height: FloatArray, sun: FloatArray) -> BoolArray:
-    """Tell which points of a grid lie in the shadow of others.
+    """Return which points of a grid lie in the shadow of others.
 
     Parameters
     ----------
@@ -36,14 +36,14 @@ def cast_shadow(height: FloatArray, sun: FloatArray) -> BoolArray:
 
 
 def hidden(height: FloatArray, eye: FloatArray) -> BoolArray:
-    """Tell which points of a grid others hide from an eye at a finite distance.
+    """Return which points of a grid others hide from an eye at a finite distance.
 
     Parameters
     ----------
     height : (R, C) ndarray
         NaN where unknown: nothing stands there.
     eye : (3,) ndarray
-        Where it is: along columns and rows in grid steps from the grid's first point, and up, in
+        Its position: along columns and rows in grid steps from the grid's first point, and up, in
         the unit of `height`.
 
     Returns
@@ -71,7 +71,7 @@ def _march(
 def _march_to(
     height: FloatArray, x: float, y: float, up: float, top: float, behind: BoolArray
 ) -> None:
-    """Follow the ray from each point to an eye; one straight above is never hidden from."""
+    """Follow the ray from each point to an eye; points straight below it are never hidden."""
     for row in range(height.shape[0]):
         for column in range(height.shape[1]):
             across, along = x - column, y - row

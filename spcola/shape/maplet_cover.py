@@ -18,22 +18,22 @@ def covering(
 ) -> list[MapletGrid]:
     """Return grids such that every surface point of a shape lies in at least one.
 
-    A point lies in a grid if it projects into its square, no further from the plane than half
-    a side, on a facet that faces Uz (at 78° or less). Each next grid stands on the point
-    not yet covered that is furthest from all centres, facing the mean normal around it: centres
-    come out evenly spaced without any assumption about the shape.
+    A point lies in a grid if it projects into its square, no further from the plane than half a
+    side, on a facet that faces Uz (at 78° or less). Each next grid is centred on the uncovered
+    point that is furthest from all centres, facing the mean normal around it: centres are evenly
+    spaced without any assumption about the shape.
 
     Parameters
     ----------
     shape : RayCaster or Mesh
         Body-fixed.
     gsd : float
-        Of the grids, metres.
+        GSD of the grids, metres.
     half_size : int
         q of the grids.
     overlap : float
         Share of the half-side, 0 … 0.8: every surface point lies at least this far inside the
-        rim of a grid that covers it.
+        rim of some grid.
 
     Raises
     ------

@@ -28,9 +28,9 @@ class Mesh:
     facets : (F, 3) array_like of int
         Vertex indices (from 0), counter-clockwise seen from outside.
     name : str
-        What it is a shape of, or the file that it came from.
+        Name of the body, or of the file.
     remark : str
-        What of the file had to be decided, in one line; empty if nothing had.
+        Choices made in reading the file, in one line; empty if none.
 
     Raises
     ------
@@ -88,10 +88,10 @@ class Mesh:
 
     @property
     def sagitta(self) -> float:
-        """How far the middle of an edge lies below the round body it is a chord of, metres.
+        """Distance of the middle of an edge below the round body whose chord it is, metres.
 
         l²/(8 R), with the facets' typical edge l and the mean radius R.
         """
         area = float(np.median(np.linalg.norm(self.area_vectors, axis=1)))
-        # Of two facets that make a square: its side.
+        # Two facets make a square: its side.
         return 2.0 * area / (8.0 * self.mean_radius)

@@ -1,10 +1,10 @@
 """Ray casting on a triangle mesh, at double accuracy.
 
 Embree (through Open3D) finds the triangle in single precision; the hit is computed again in
-double precision on that triangle, or on one of its neighbours where the ray passes so close to
-an edge that single precision cannot tell which of them it meets. What a single-precision tree
-cannot resolve remains: a ray that grazes a silhouette within about 1e-6 of the body's radius may
-be seen on either side of it. The hit that is reported lies on its ray and on its facet either way.
+double precision on that triangle, or on one of its neighbours where the ray passes too close to an
+edge for single precision. One limit of the single-precision tree remains: a ray that grazes a
+silhouette within about 1e-6 of the body's radius may hit or miss it. A hit lies on its ray and on
+its facet in either case.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ CHUNK = 1 << 20
 """Rays handed to Embree at a time: bounds the memory of its single-precision copies."""
 
 SLACK = 2e-6
-"""Distance from an edge, over the radius of the mesh, below which neighbours are looked at:
-sixteen single-precision roundings of a coordinate."""
+"""Distance from an edge, over the radius of the mesh, below which neighbours are tested: sixteen
+single-precision roundings of a coordinate."""
 
 GRAIN = 1e-13
 """Distance outside an edge, over the radius of the mesh, that still counts as on the facet: the
 rounding of double precision, without which a ray through a vertex could slip between facets."""
 
 MAX_STEPS = 8
-"""How often a ray is sent on behind a facet that double precision says it misses."""
+"""Most restarts of a ray behind a facet that it misses in double precision."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """Where N rays first meet a mesh.
+    """First intersections of N rays with a mesh.
 
     Parameters
     ----------
@@ -165,9 +165,9 @@ class RayCaster:
     ) -> tuple[FloatArray, IntArray, FloatArray]:
         """Return the distance (N,) and facet (N,) of the nearer of two candidates for each ray.
 
-        Embree is asked twice, the second time with the ray moved aside by the slack: a ray
-        aimed at a vertex slips between its facets once in five hundred times. −1 where neither
-        candidate is met. The third array is how far Embree saw the first of them (inf: none).
+        Embree is called twice, the second time with the ray displaced by the slack: a ray aimed at
+        a vertex slips between its facets once in five hundred times. −1 where neither candidate is
+        hit. The third array is Embree's distance to the first candidate (inf: none).
         """
         slack = SLACK * self.radius
         aside = np.cross(directions, np.eye(3)[np.argmin(np.abs(directions), axis=1)])
@@ -240,7 +240,7 @@ def _embree_scene(vertices: FloatArray, facets: IntArray) -> Any:
         open3d.core.Tensor.from_numpy(vertices.astype(np.float32)),
         open3d.core.Tensor.from_numpy(facets.astype(np.uint32)),
     )
-    # the first cast builds the tree; done here so that threads only ever read it
+    # The first cast builds the tree; done here so that threads only read it.
     scene.cast_rays(open3d.core.Tensor.from_numpy(np.ones((1, 6), dtype=np.float32)))
     return scene
 
@@ -249,11 +249,11 @@ def _embree_scene(vertices: FloatArray, facets: IntArray) -> Any:
 def intersect(
     origin: FloatArray, direction: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray
 ) -> tuple[float, float]:
-    """Return the distance along a ray to the plane of a triangle, and how well inside it passes.
+    """Return the distance along a ray to the plane of a triangle, and the margin to its edges.
 
     The second value is the smallest distance (metres, up to the slant of the edge) from the ray
     to the three edges, negative outside. The distance is NaN for a ray along the plane. Both are
-    the more exact, the nearer to the triangle the ray begins; it may begin behind it.
+    most precise if the ray begins near the triangle; it may begin behind it.
     """
     a0, a1, a2 = a[0] - origin[0], a[1] - origin[1], a[2] - origin[2]
     b0, b1, b2 = b[0] - origin[0], b[1] - origin[1], b[2] - origin[2]
@@ -285,7 +285,7 @@ def refine(
     touching: tuple[IntArray, IntArray],
     limits: tuple[float, float],
 ) -> tuple[FloatArray, IntArray]:
-    """Return the distance (N,) and facet (N,) that rays meet, at or beside a facet found roughly.
+    """Return the distance (N,) and facet (N,) that rays meet, at or next to a rough candidate.
 
     Parameters
     ----------
@@ -295,10 +295,10 @@ def refine(
     mesh : tuple
         Vertices (V, 3), metres, and facets (F, 3).
     touching : tuple
-        What `facets_around_vertices` returns.
+        Result of `facets_around_vertices`.
     limits : tuple
-        Two distances, metres: neighbours (facets that share a vertex) are looked at where the
-        ray passes within the first of an edge; within the second outside it is on the facet.
+        Two distances, metres: neighbours (facets that share a vertex) are tested where the ray
+        passes within the first of an edge; up to the second outside it counts as on the facet.
 
     Returns
     -------

@@ -24,19 +24,19 @@ def shape_heights(
     Parameters
     ----------
     caster : RayCaster
-        Of the shape, body-fixed.
+        Ray caster of the shape, body-fixed.
     grid : MapletGrid
-        Where.
+        Grid of the heights.
     reach : float
-        How far above and below the reference plane to look, metres.
+        Search range above and below the reference plane, metres.
     surface : {"outermost", "nearest"}
         Where several sheets lie within reach: the highest, or the one closest to the plane.
 
     Returns
     -------
     (2q+1, 2q+1) ndarray
-        Metres; NaN where nothing lies within reach, or where what is met first faces away
-        from Uz (the ray began inside the body).
+        Metres; NaN where nothing lies within reach, or where the first hit faces away from Uz
+        (the ray began inside the body).
 
     Raises
     ------
@@ -58,7 +58,7 @@ def shape_heights(
 def _first_height(
     caster: RayCaster, nodes: FloatArray, up: FloatArray, start: float, end: float
 ) -> FloatArray:
-    """Return the height (N,) of what a ray down from `start` meets first, no lower than `end`."""
+    """Return the height (N,) of the first hit of a ray down from `start`, no lower than `end`."""
     hits = caster.cast(nodes + start * up, np.broadcast_to(-up, nodes.shape))
     height = start - hits.distance
     return np.where((hits.normals @ up > 0) & (height >= end), height, np.nan)
@@ -67,6 +67,6 @@ def _first_height(
 def _height_from_below(
     caster: RayCaster, nodes: FloatArray, up: FloatArray, reach: float
 ) -> FloatArray:
-    """Return the height (N,) of what a ray up from the plane meets first, from its inside."""
+    """Return the height (N,) of the first hit of a ray up from the plane, from its inside."""
     hits = caster.cast(nodes, np.broadcast_to(up, nodes.shape))
     return np.where((hits.normals @ up > 0) & (hits.distance <= reach), hits.distance, np.nan)

@@ -1,8 +1,8 @@
-"""What of a surface no grid covers yet, kept so that a further grid touches little of it.
+"""Surface samples that no grid covers yet, organised so that a further grid updates few of them.
 
-Samples lie in cubes, each of which knows its own furthest. A grid can bring nearer only samples
-that are within the present largest distance of its centre, and that distance shrinks with every
-grid: cubes beyond it are passed over.
+Samples lie in cubes, each with its furthest sample. A grid can shorten only distances of samples
+within the present largest distance of its centre, and that distance shrinks with every grid: cubes
+beyond it are skipped.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ FACING = 0.2
 """Least cosine between a surface's normal and Uz for the grid to count as covering it (78°)."""
 
 COVERED = -1.0
-"""Stands for the distance of a sample that a grid covers."""
+"""Marks the distance of a covered sample."""
 
 
 class Uncovered:
-    """Samples of a surface, and how far each is from the nearest centre of a grid.
+    """Samples of a surface, and their distances from the nearest centre of a grid.
 
     Parameters
     ----------
     samples : Samples
     side, depth : float
-        A grid covers what lies within `side` of its centre along Ux and Uy and within `depth`
-        along Uz, and faces Uz; metres.
+        A grid covers a sample within `side` of its centre along Ux and Uy and within `depth`
+        along Uz, on a surface that faces Uz; metres.
     """
 
     def __init__(self, samples: Samples, side: float, depth: float) -> None:
@@ -58,10 +58,10 @@ class Uncovered:
         return result
 
     def cover(self, grid: MapletGrid, index: int) -> int:
-        """Take a grid in that stands on the sample `index`; return the next, or −1 if none is left.
+        """Add a grid centred on the sample `index`; return the next sample, or −1 if none is left.
 
-        Its own grid covers a sample, whatever rounding says. The next is the one furthest from
-        all centres, the first of them if several are.
+        The sample itself always counts as covered. The next is the one furthest from all centres,
+        the first of them if several are.
         """
         self._far, following = _cover(
             (self._points, self._normals, self._number, self._distance),
@@ -76,8 +76,8 @@ class Uncovered:
     def mean_normal(self, index: int, radius: float) -> FloatArray:
         """Return the unit mean normal (3,) around the sample `index`, by area.
 
-        Of all samples within `radius` metres that face the same side, covered or not; the sample's
-        own normal where the mean would not face it.
+        Averages all samples within `radius` metres that face the same side, covered or not; returns
+        the sample's own normal where the mean would not face it.
         """
         row = self._row[index]
         own = self._normals[row]
@@ -101,10 +101,10 @@ def _cover(
     limits: tuple[float, float],
     own: int,
 ) -> tuple[float, int]:
-    """Mark what a grid covers, and note each cube's furthest; both in place.
+    """Mark the samples that a grid covers, and update each cube's furthest; both in place.
 
-    `reaches` are the largest distance there is, squared, and half a cube's diagonal. Returns the
-    new largest distance and the number of its sample, the first of several; −1 if none is left.
+    `reaches` are the largest distance, squared, and half a cube's diagonal. Returns the new
+    largest distance and the number of its sample, the first of several; −1 if none is left.
     """
     points, normals, number, distance = samples
     start, middle, furthest = cubes
@@ -124,7 +124,7 @@ def _cover(
                 if distance[i] > distance[best]:
                     best = i
             furthest[b] = best
-        # Of equal distances the sample's number decides, not the order of the cubes.
+        # Of equal distances the smallest sample number wins, whatever the order of the cubes.
         best = furthest[b]
         if distance[best] > far or (distance[best] == far and number[best] < first):
             far, first = distance[best], number[best]
@@ -162,7 +162,7 @@ def _sum_of_normals(
     own: int,
     radius: float,
 ) -> FloatArray:
-    """Normals (3,) times areas, summed over what is within `radius` of a row and faces its side."""
+    """Normals (3,) times areas, summed over samples within `radius` of one and on its side."""
     points, normals, areas = samples
     start, middle = cubes
     total = np.zeros(3)

@@ -1,7 +1,7 @@
-"""At which times loaded kernels tell where a spacecraft was and where it pointed.
+"""Times at which loaded kernels give the position and pointing of a spacecraft.
 
 SPICE interpolates between the states of a segment however far apart they are. An SPK or CK that was
-made from images holds one state an image: over hours between two of them nothing was measured.
+made from images has one state an image: over hours between two of them nothing was measured.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from numpy.typing import ArrayLike
 from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import KernelError
 
-# Types of SPK segments with discrete states: at epochs that are listed, so with other packets, and
-# at even steps. Of CK segments the one that interpolates in straight lines.
+# Types of SPK segments with discrete states: at listed epochs, the same with other packets, and at
+# even steps. Of CK segments the one that interpolates linearly.
 _LISTED, _MIXED, _SPACED = (5, 9, 13), 18, (8, 12)
 _LINEAR_CK = 3
-# Every so many-th epoch of such a segment stands in a directory behind them.
+# Every so many-th epoch of such a segment is repeated in a directory after them.
 _DIRECTORY = 100
 # Classes of frames.
 _CK_FRAME, _FIXED_FRAME = 3, 4
-# Steps of a clock are turned into seconds by their mean rate before the long ones are looked at.
+# Steps of a clock are first converted to seconds by their mean rate, then exactly if long.
 _RATE_MARGIN = 0.999
 
 _Found = tuple[int, tuple[float, float], tuple[int, ...]]
@@ -39,7 +39,7 @@ class Segment:
     first, last : float
         Ephemeris times, s, both within it.
     gaps : (K, 2) ndarray
-        Open intervals between neighbouring states, in order, over which it is not to be used.
+        Open intervals between neighbouring states, in order, that are too long to interpolate.
     """
 
     first: float
@@ -57,18 +57,18 @@ class Segment:
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """Segments that tell one thing, in the order in which SPICE asks them.
+    """Segments with the same quantity, in the order in which SPICE searches them.
 
     Parameters
     ----------
     segments : tuple of Segment
-        The first one that holds a time answers, also in its gaps.
+        The first one that contains a time is used, also in its gaps.
     """
 
     segments: tuple[Segment, ...]
 
-    def knows(self, times: FloatArray) -> BoolArray:
-        """Return at which times (N,) something is known."""
+    def covers(self, times: FloatArray) -> BoolArray:
+        """Return at which times (N,) the quantity is known."""
         known, unasked = np.zeros(len(times), dtype=bool), np.ones(len(times), dtype=bool)
         for segment in self.segments:
             inside = unasked & (times >= segment.first) & (times <= segment.last)
@@ -77,7 +77,7 @@ class Track:
         return known
 
     def marks(self) -> FloatArray:
-        """Return the times at which something may begin or end to be known."""
+        """Return the times at which coverage may begin or end."""
         ends = [np.array([segment.first, segment.last]) for segment in self.segments]
         gaps = [segment.gaps.ravel() for segment in self.segments]
         return np.unique(np.concatenate([np.empty(0), *ends, *gaps]))
@@ -85,25 +85,25 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """When several things are known together."""
+    """Times at which several quantities are known together."""
 
     tracks: tuple[Track, ...]
 
-    def knows(self, times: ArrayLike) -> BoolArray:
+    def covers(self, times: ArrayLike) -> BoolArray:
         """Return at which ephemeris times (N,), s, all of them are known."""
         wanted = np.asarray(times, dtype=np.float64)
         known: BoolArray = np.all(
-            [np.ones(len(wanted), dtype=bool), *(track.knows(wanted) for track in self.tracks)],
+            [np.ones(len(wanted), dtype=bool), *(track.covers(wanted) for track in self.tracks)],
             axis=0,
         )
         return known
 
     def windows(self) -> FloatArray:
-        """Return the intervals (K, 2), s, over which all is known, in order; one state is one."""
+        """Return the intervals (K, 2), s, over which all are known, in order; or single states."""
         marks = np.unique(np.concatenate([np.empty(0), *(t.marks() for t in self.tracks)]))
         if not len(marks):
             return np.empty((0, 2))
-        at, between = self.knows(marks), self.knows((marks[:-1] + marks[1:]) / 2.0)
+        at, between = self.covers(marks), self.covers((marks[:-1] + marks[1:]) / 2.0)
         left, right = np.append(False, between), np.append(between, False)
         alone = at & ~left & ~right
         begins = marks[alone | (right & ~(left & at))]
@@ -111,10 +111,10 @@ class Coverage:
 
 
 def position_track(target: int, max_gap_s: float) -> Track:
-    """Return when the loaded SPKs tell the position of an object, by its NAIF number.
+    """Return when the loaded SPKs give the position of an object, by its NAIF number.
 
     States further apart than `max_gap_s`, seconds, are not interpolated between (types 5, 8, 9, 12,
-    13 and 18); other types integrate or approximate a path, and tell it over their whole span.
+    13 and 18); other types integrate or approximate a path, and cover their whole span.
     """
     found = []
     for handle, ends, integers in _segments("SPK"):
@@ -125,11 +125,11 @@ def position_track(target: int, max_gap_s: float) -> Track:
 
 
 def pointing_tracks(frame: str, max_gap_s: float, tolerance_s: float) -> tuple[Track, ...]:
-    """Return when the loaded CKs tell the attitude of a frame: one track for each that turns it.
+    """Return when the loaded CKs give the attitude of a frame: one track for each rotation.
 
     Attitudes further apart than `max_gap_s`, seconds, are not interpolated between (type 3); other
-    types tell it over their whole span, as far as SPICE finds some there. A time within
-    `tolerance_s`, seconds, of one that is known counts as known.
+    types cover their whole span, as far as SPICE finds attitudes there. A time within
+    `tolerance_s`, seconds, of a covered one counts as covered.
     """
     tracks = []
     number = spiceypy.namfrm(frame)
@@ -151,7 +151,7 @@ def segment_epochs(handle: int, integers: tuple[int, ...]) -> FloatArray:
     Parameters
     ----------
     handle : int
-        Of the open file.
+        Handle of the open file.
     integers : tuple of int
         Target, centre, frame, type, first and last address: SPICE's segment descriptor.
     """
@@ -173,7 +173,7 @@ def segment_epochs(handle: int, integers: tuple[int, ...]) -> FloatArray:
 def _attitudes(
     instrument: int, max_gap_s: float, tolerance_s: float
 ) -> tuple[tuple[Segment, ...], int]:
-    """Return the segments of an instrument's attitudes, and the frame that they refer to."""
+    """Return the segments of an instrument's attitudes, and their reference frame."""
     found: list[Segment] = []
     reference = 0
     for handle, ends, integers in _segments("CK"):
@@ -198,9 +198,9 @@ def _attitudes(
 
 
 def _long_steps(ticks: FloatArray, clock: int, rate: float, max_gap_s: float) -> FloatArray:
-    """Return the steps (K, 2), ephemeris s, that are longer than a gap may be.
+    """Return the steps (K, 2), ephemeris s, longer than the allowed gap.
 
-    Only those are converted that are long by the mean rate of the clock, seconds per tick.
+    Only steps that are long by the mean rate of the clock, seconds per tick, are converted.
     """
     long = np.flatnonzero(np.diff(ticks) * rate > _RATE_MARGIN * max_gap_s)
     found = [[spiceypy.sct2e(clock, float(ticks[k + end])) for end in (0, 1)] for k in long]
@@ -222,7 +222,7 @@ def _linear_ck(handle: int, integers: tuple[int, ...]) -> tuple[FloatArray, Floa
 
 
 def _segments(kind: str) -> Iterator[_Found]:
-    """Yield handle, ends and integers of all loaded segments of a kind, those asked first first."""
+    """Yield handle, ends and integers of all loaded segments of a type, in SPICE's order."""
     for number in reversed(range(spiceypy.ktotal(kind))):
         handle = spiceypy.kdata(number, kind)[3]
         yield from reversed(list(segments_of(handle)))
@@ -237,12 +237,12 @@ def segments_of(handle: int) -> Iterator[_Found]:
 
 
 def _count(number: float, each: int, begin: int, end: int) -> int:
-    """Return a count that a segment states, of things of so many numbers each.
+    """Return the number of items that a segment states, of `each` numbers.
 
     Raises
     ------
     KernelError
-        If so many do not fit between its first and last address.
+        If they do not fit between its first and last address.
     """
     if not 1 <= number * each <= end - begin + 1:
         raise KernelError(
@@ -259,6 +259,6 @@ def _numbers(handle: int, begin: int, end: int) -> FloatArray:
 
 
 def _gaps(epochs: FloatArray, max_gap_s: float) -> FloatArray:
-    """Return the intervals (K, 2) between neighbouring epochs that are longer than a gap may be."""
+    """Return the intervals (K, 2) between neighbouring epochs longer than the allowed gap."""
     long = np.flatnonzero(np.diff(epochs) > max_gap_s)
     return np.column_stack([epochs[long], epochs[long + 1]])

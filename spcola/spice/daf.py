@@ -19,11 +19,11 @@ from spcola.formats.text import read_bytes
 RECORD = 1024
 _WORDS = RECORD // 8
 _ORDERS: dict[bytes, Literal["<", ">"]] = {b"LTL-IEEE": "<", b"BIG-IEEE": ">"}
-# Doubles and integers in a summary, by what the file is.
+# Doubles and integers in a summary, by file type.
 _FORMS = {b"DAF/SPK ": (2, 6), b"DAF/CK  ": (2, 6), b"DAF/PCK ": (2, 5)}
 _OLD = b"NAIF/DAF"
 DISCRETE_TYPES = (9, 13)
-"""Types of SPK segments that hold states at unequal steps."""
+"""Types of SPK segments with states at unequal steps."""
 _LARGEST_DEGREE = 27
 _AGAIN = "fetch the file again"
 
@@ -51,12 +51,12 @@ def is_daf(path: str | Path) -> bool:
 
 
 def daf_segments(path: str | Path) -> list[DafSegment]:
-    """Return the segments of a binary DAF, whose summaries lie within the file and end.
+    """Return the segments of a binary DAF, after checking that its summaries lie within the file.
 
     Raises
     ------
     KernelError
-        If they do not, or the file is none.
+        If they do not, or the file is no DAF.
     """
     content = read_bytes(path)
     order = _ORDERS.get(content[88:96], "<")
@@ -105,7 +105,7 @@ def state_epochs(values: FloatArray, path: str | Path) -> FloatArray:
     Raises
     ------
     KernelError
-        If they are not, or the epochs do not rise.
+        If they are not, or the epochs do not increase.
     """
     degree, number = values[-2:] if len(values) > 1 else (0.0, 0.0)
     finite = np.isfinite(number) and np.isfinite(degree)
@@ -115,7 +115,7 @@ def state_epochs(values: FloatArray, path: str | Path) -> FloatArray:
         raise KernelError(f"has {number:g} states in {len(values)} numbers", path, _AGAIN)
     epochs = np.array(values[6 * count : 7 * count], dtype=np.float64)
     if not (np.all(np.isfinite(values[: 6 * count])) and np.all(np.diff(epochs) > 0)):
-        raise KernelError("has states that are none, or epochs that do not rise", path, _AGAIN)
+        raise KernelError("has invalid states, or epochs that do not increase", path, _AGAIN)
     return epochs
 
 

@@ -1,7 +1,7 @@
-"""SPICE kernels as one set: expanded, checked for contradictions, loaded and given back.
+"""SPICE kernels as one set: expanded, checked for contradictions, loaded and unloaded.
 
-CSPICE keeps one pool for the whole process; a set holds `SPICE_LOCK` while it is loaded, so
-other threads wait, and gives the pool back as it found it.
+CSPICE has one pool for the whole process; a set holds `SPICE_LOCK` while it is loaded, so that
+other threads wait, and restores the pool afterwards.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from spcola.spice.transfer import convert_transfer, is_transfer
 M_PER_KM = 1000.0
 
 POINTING_TOLERANCE_S = 1e-3
-"""Default for how far a time may lie from the pointing that a CK tells, seconds."""
+"""Default for the distance in time to the next pointing of a CK, seconds."""
 
-# The end of what a CK tells is found this well, seconds.
+# Accuracy of the end of a CK's coverage, seconds.
 _NEAREST_S = 1e-6
 _NOT_COVERED = (
     spiceypy.utils.exceptions.SpiceSPKINSUFFDATA,
@@ -51,20 +51,20 @@ class KernelSet:
     Parameters
     ----------
     paths : path or sequence of paths
-        Kernels in the order of loading; meta-kernels are replaced by what they list, DAF
-        transfer text (.xsp, .xc) is converted on loading.
+        Kernels in the order of loading; meta-kernels are replaced by their lists, DAF transfer
+        text (.xsp, .xc) is converted on loading.
     prime_meridian : str, optional
-        Name (or path) of the kernel that counts where several disagree about the rotation of a
+        Name (or path) of the kernel to use where several disagree about the rotation of a
         body: pole, prime meridian, their rates and periodic terms. It is loaded last, and terms
-        of others that it does not have are taken out.
+        of others that it does not have are removed.
     use : KernelUse, optional
-        The body that matters, and when. By default kernels may disagree about none.
+        The body and times of use. By default kernels may disagree about no body.
 
     Raises
     ------
     KernelError
         If a kernel is missing, two disagree about a body's rotation and none was chosen, or the
-        chosen one is not among those that state it.
+        chosen one does not state it.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class KernelSet:
 
     @contextmanager
     def load(self) -> Iterator[None]:
-        """Hold the kernels loaded (and the SPICE lock) for the length of a ``with`` block.
+        """Keep the kernels loaded (and the SPICE lock) for the length of a ``with`` block.
 
         Raises
         ------
@@ -89,11 +89,11 @@ class KernelSet:
         """
         with SPICE_LOCK, tempfile.TemporaryDirectory(prefix="spcola-kernels-") as folder:
             loaded: list[str] = []
-            before = _held()
+            before = _loaded()
             try:
                 for index, path in enumerate(self.paths):
                     ready = _ready(path, Path(folder) / str(index))
-                    # SPICE keeps the name of a kernel that it refused, and reads it again later.
+                    # SPICE stores the name of a kernel that it refused, and reads it again later.
                     loaded.append(str(ready))
                     with _kernel_errors(path):
                         spiceypy.furnsh(str(ready))
@@ -115,7 +115,7 @@ def body_fixed_trajectory(
     Raises
     ------
     KernelError
-        If the kernels do not cover a time or do not know the body's rotation.
+        If the kernels do not cover a time or do not give the body's rotation.
     """
     wanted = np.asarray(times, dtype=np.float64)
     positions = np.empty((len(wanted), 3))
@@ -133,9 +133,9 @@ def body_fixed_axes(
 
     Rows are the frame's x, y, z as unit vectors, body-fixed. To be called inside
     ``KernelSet.load()``. A CK made from images ends at its first and last image by the clock
-    kernel of its day (0.12 s off by a later one, seen in real files): where it does not cover a
-    time, the nearest time within `tolerance_s`, seconds, is asked. That costs what the spacecraft
-    turns by meanwhile: at most its rate of rotation times the tolerance.
+    kernel of its day (0.12 s off by a later one, as in real files): where it does not cover a time,
+    the nearest time within `tolerance_s`, seconds, is used. The error is at most the spacecraft's
+    rate of rotation times the tolerance.
 
     Raises
     ------
@@ -168,7 +168,7 @@ def body_fixed_states(
     Raises
     ------
     KernelError
-        If a name is unknown, or the kernels do not know the body's rotation.
+        If a name is unknown, or the kernels do not give the body's rotation.
     """
     wanted = np.asarray(times, dtype=np.float64)
     positions = np.full((len(wanted), 3), np.nan)
@@ -194,7 +194,7 @@ def coverage(
     max_gap_s: float = np.inf,
     tolerance_s: float = POINTING_TOLERANCE_S,
 ) -> Coverage:
-    """Return when the loaded kernels tell where a spacecraft was, and where a frame pointed.
+    """Return when the loaded kernels give the position of a spacecraft and pointing of a frame.
 
     To be called inside ``KernelSet.load()``. States and attitudes further apart than `max_gap_s`,
     seconds, are not interpolated between; see :func:`spcola.spice.coverage_windows.position_track`.
@@ -202,11 +202,11 @@ def coverage(
     Parameters
     ----------
     spacecraft : str or int
-        Name or NAIF number; empty where only the pointing matters.
+        Name or NAIF number; empty for the pointing only.
     frame : str
-        Of an instrument or the spacecraft; without one only the position matters.
+        Frame of an instrument or the spacecraft; without one only the position is checked.
     max_gap_s, tolerance_s : float
-        Longest gap; and how close to a time that a CK knows another counts as known.
+        Longest gap; and distance in time to a pointing of a CK at which another counts as known.
 
     Raises
     ------
@@ -221,7 +221,7 @@ def coverage(
                 target = spiceypy.bods2c(str(spacecraft))
             except spiceypy.utils.exceptions.NotFoundError:
                 raise KernelError(
-                    "neither SPICE nor a kernel knows this name", str(spacecraft), "give its number"
+                    "is a name unknown to SPICE and the kernels", str(spacecraft), "give its number"
                 ) from None
             tracks = (position_track(target, max_gap_s),)
         if frame:
@@ -232,7 +232,7 @@ def coverage(
 def _rotation_near(frame: str, et: float, tolerance_s: float) -> FloatArray:
     """Return the rotation (3, 3) from a frame to J2000 at a time, or at the nearest known one.
 
-    It is looked for within a tolerance, and found to a microsecond.
+    It is searched within a tolerance, and found to a microsecond.
     """
     try:
         return np.asarray(spiceypy.pxform(frame, "J2000", et))
@@ -252,7 +252,7 @@ def _rotation_near(frame: str, et: float, tolerance_s: float) -> FloatArray:
 
 
 def _rotation_aside(frame: str, et: float, by: float) -> FloatArray | None:
-    """Return the rotation from a frame to J2000 so many seconds before a time or after it."""
+    """Return the rotation from a frame to J2000 `by` seconds after a time (or before)."""
     for time in (et + by, et - by):
         try:
             return np.asarray(spiceypy.pxform(frame, "J2000", time))
@@ -264,16 +264,16 @@ def _rotation_aside(frame: str, et: float, by: float) -> FloatArray | None:
 def state_times(path: str | Path) -> FloatArray:
     """Return the times (N,), s, of the discrete states in an SPK file.
 
-    An SPK made from images (types 9 and 13: Lagrange or Hermite on unequal steps) holds one
-    state per image; its times are the image times. Types without states are left out.
+    An SPK made from images (types 9 and 13: Lagrange or Hermite on unequal steps) has one state
+    per image; its times are the image times. Types without states are left out.
 
     Raises
     ------
     KernelError
-        If the file is no SPK or holds no such segment.
+        If the file is no SPK or has no such segment.
     """
     times: list[FloatArray] = []
-    # CSPICE follows what a damaged file says of itself, and dies of it.
+    # CSPICE trusts the addresses in a damaged file, and crashes.
     check_daf(Path(path))
     with SPICE_LOCK, _kernel_errors(path):
         handle = spiceypy.dafopr(str(path))
@@ -297,15 +297,15 @@ def _ready(path: Path, target: Path) -> Path:
     return target
 
 
-def _held() -> list[str]:
-    """Return the names of the kernels that SPICE holds."""
+def _loaded() -> list[str]:
+    """Return the names of the kernels that SPICE has loaded."""
     return [spiceypy.kdata(index, "ALL")[0] for index in range(spiceypy.ktotal("ALL"))]
 
 
 def _give_back(loaded: Sequence[str], before: Sequence[str]) -> None:
-    """Unload kernels, so that SPICE holds those of before again.
+    """Unload kernels, so that SPICE has the earlier ones loaded again.
 
-    It reads all text kernels anew whenever one goes, and stops at one that is wrong or gone.
+    It reads all text kernels anew whenever one is unloaded, and stops at a wrong or missing one.
     """
     try:
         for name in reversed(loaded):
@@ -319,14 +319,14 @@ def _give_back(loaded: Sequence[str], before: Sequence[str]) -> None:
 
 @contextmanager
 def _kernel_errors(where: str | Path) -> Iterator[None]:
-    """Turn what SPICE signals into one line."""
+    """Turn SPICE's errors into one line."""
     try:
         yield
     except spiceypy.utils.exceptions.SpiceyError as error:
-        # What is not found has no long message.
-        said = getattr(error, "long", "") or getattr(error, "short", "") or error
-        first = str(said).split(". ")[0]
-        what = f"SPICE says: {first.rstrip('.')}"
+        # "Not found" errors have no long message.
+        message = getattr(error, "long", "") or getattr(error, "short", "") or error
+        first = str(message).split(". ")[0]
+        what = f"SPICE reports: {first.rstrip('.')}"
         raise KernelError(what, where, "check kernels and times") from error
     except UnicodeEncodeError as error:
         what = "has a name that is not UTF-8, which SPICE cannot open"

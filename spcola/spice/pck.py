@@ -1,4 +1,4 @@
-"""Orientation of bodies as text PCKs state it: every constant that SPICE turns a body by."""
+"""Orientation of bodies in text PCKs: all constants of SPICE's rotation."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ HEADS: Mapping[str, tuple[str, ...]] = {
     "PM": ("NUT_PREC_PM",),
     "NUT_PREC_ANGLES": ("MAX_PHASE_DEGREE",),
 }
-"""Constants that a kernel states, and what it states with them even if it is not written: zero."""
+"""Constants of a kernel, and those that it implies to be zero."""
 
 _FRAME = ("CONSTANTS_REF_FRAME", "CONSTANTS_JED_EPOCH")
-# SPICE's number of J2000 and its Julian date: what holds where nothing is written.
+# SPICE's number of J2000 and its Julian date: the defaults.
 _PLAIN = {"CONSTANTS_REF_FRAME": 1.0, "CONSTANTS_JED_EPOCH": 2_451_545.0}
 _OF_BARYCENTER = ("NUT_PREC_ANGLES", "MAX_PHASE_DEGREE", *_FRAME)
 _OF_BODY = ("POLE_RA", "NUT_PREC_RA", "POLE_DEC", "NUT_PREC_DEC", "PM", "NUT_PREC_PM")
@@ -31,7 +31,7 @@ Values = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Orientation:
-    """What one text kernel states of the orientation of bodies.
+    """Orientation of bodies in one text kernel.
 
     Parameters
     ----------
@@ -51,9 +51,9 @@ class Orientation:
         return tuple(sorted({int(body[4:]) for body, item in names if item in heads}))
 
     def stated(self, body: int) -> dict[str, Values]:
-        """Return all that the kernel settles for a body; a constant that it leaves zero is empty.
+        """Return all that the kernel states for a body; a constant that it leaves zero is empty.
 
-        A prime meridian without nutation terms says that there are none. Without a frame and an
+        A prime meridian without nutation terms implies that there are none. Without a frame and an
         epoch, constants are those of J2000.
         """
         found: dict[str, Values] = {}
@@ -66,7 +66,7 @@ class Orientation:
         return found | {name: v for name, v in self.constants.items() if name in known}
 
     def beyond_spin(self, body: int) -> tuple[str, ...]:
-        """Return the constants by which a body turns otherwise than `Spin`.
+        """Return the constants of a body's rotation that `Spin` does not include.
 
         These are periodic terms, the square of the centuries in the pole, another frame than J2000
         or another epoch.
@@ -75,7 +75,7 @@ class Orientation:
         for item in (*_OF_BODY, *_FRAME):
             name = constant(body, item)
             rest = self.constants.get(name, ())
-            # Degree 1 in the pole and 2 in the prime meridian are what it holds.
+            # Degree 1 in the pole and 2 in the prime meridian are included.
             rest = rest[{"POLE_RA": 2, "POLE_DEC": 2, "PM": 3}.get(item, 0) :]
             if any(number != _PLAIN.get(item, 0.0) for number in rest):
                 found.append(name)
@@ -83,7 +83,7 @@ class Orientation:
 
 
 def orientation_of(path: Path) -> Orientation:
-    """Return what a kernel states of orientations; nothing for any other than a text kernel.
+    """Return the orientations in a kernel; none for any other than a text kernel.
 
     Raises
     ------
@@ -118,9 +118,9 @@ def _numbers(name: str, text: str, path: Path) -> Values:
     try:
         numbers = tuple(float(word.upper().replace("D", "E")) for word in words)
     except ValueError:
-        raise KernelError(f"{name} is not a list of numbers", path, "mend it") from None
+        raise KernelError(f"{name} is not a list of numbers", path, "correct it") from None
     if not numbers:
-        raise KernelError(f"{name} is empty", path, "mend it")
+        raise KernelError(f"{name} is empty", path, "correct it")
     if not all(map(math.isfinite, numbers)):
-        raise KernelError(f"{name} is not a list of numbers", path, "mend it")
+        raise KernelError(f"{name} is not a list of numbers", path, "correct it")
     return numbers

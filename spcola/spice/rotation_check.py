@@ -1,7 +1,7 @@
-"""Whether kernels agree about the rotation of a body, and which of them counts where they do not.
+"""Check that kernels agree about the rotation of a body, and choice of one where they do not.
 
-SPICE keeps one value of each constant, that of the kernel loaded last. Kernels that state other
-values, or terms that another leaves zero, are mixed without a word: here that is an error.
+SPICE stores one value of each constant, that of the kernel loaded last. Kernels with other values,
+or with terms that another leaves zero, are mixed without a warning: here that is an error.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from spcola.spice.pck import (
 )
 
 AGREEMENT_DEG = 1e-6
-"""Rotations that differ by no more over the times of use count as one: 5 µm on Bennu."""
+"""Rotations with smaller differences over the times of use count as equal: 5 µm on Bennu."""
 
-# Where it is not known when kernels are used: within half a century of J2000.
+# Times of use if unknown: within half a century of J2000.
 _TIMES = np.linspace(-0.5, 0.5, 41) * DAYS_PER_CENTURY * SECONDS_PER_DAY
-# Constants are tried on a body of this number, which no kernel knows.
+# Constants are tested on a body of this number, which no kernel has.
 _SPARE = 9_999_999
 _M_PER_KM = 1000.0
 _MOST_NAMED = 3
@@ -37,18 +37,18 @@ _MOST_NAMED = 3
 
 @dataclass(frozen=True)
 class KernelUse:
-    """What kernels are used for: constants of other bodies may differ.
+    """Use of kernels: constants of other bodies may differ.
 
     Parameters
     ----------
     body : int
-        NAIF number of the body that matters.
+        NAIF number of the body.
     extent : callable
         Returns the ephemeris times (N,), s, at which its rotation is used, and the radius, m, at
         which a contradiction is stated where no kernel gives the body's radii; none and 0 where
-        they are not known. It is only called where kernels differ.
+        unknown. It is only called where kernels differ.
     setting : str
-        Where a person names the kernel that counts.
+        The setting by which a user chooses a kernel.
     """
 
     body: int
@@ -59,25 +59,25 @@ class KernelUse:
 def settle_rotation(
     paths: Sequence[Path], choice: str | Path | None, use: KernelUse | None
 ) -> tuple[list[Path], tuple[str, ...]]:
-    """Return kernels in loading order, the chosen one last, and constants to be taken out then.
+    """Return kernels in loading order, the chosen one last, and constants to be removed then.
 
-    What the chosen kernel states of a body counts whole: terms that it does not have are taken out
-    of the pool, if another kernel put them there.
+    The chosen kernel replaces all statements about a body: terms that it does not have are removed
+    from the pool, if another kernel put them there.
 
     Parameters
     ----------
     paths : sequence of Path
         Kernels, in the order in which they are given.
     choice : str or Path, optional
-        Name or path of the text kernel that counts.
+        Name or path of the chosen text kernel.
     use : KernelUse, optional
-        By default all bodies matter, over the century around J2000.
+        By default all bodies are checked, over the century around J2000.
 
     Raises
     ------
     KernelError
-        If two kernels disagree about the rotation of a body and none was chosen that settles it,
-        or `choice` is not the name of one of the kernels that state one.
+        If two kernels disagree about the rotation of a body and no choice resolves it, or `choice`
+        is not the name of one of the kernels that state one.
     """
     order = list(paths)
     every = [found for path in dict.fromkeys(order) if (found := orientation_of(path)).constants]
@@ -112,7 +112,7 @@ def _chosen(stating: list[Orientation], choice: str | Path, setting: str) -> Ori
 def _refuse_disagreement(
     body: int, every: list[Orientation], settled: Mapping[str, Values], use: KernelUse | None
 ) -> None:
-    """Refuse kernels that turn a body otherwise than all of them together do."""
+    """Refuse kernels whose rotation of a body differs from that of all of them together."""
     stated = [(one, one.stated(body)) for one in every]
     pool: dict[str, Values] = {}
     source: dict[str, Path] = {}
@@ -147,7 +147,7 @@ def _refuse_disagreement(
 
 
 def _same(first: Values, second: Values) -> bool:
-    """Whether two lists of coefficients are equal; those that are not written are zero."""
+    """Whether two lists of coefficients are equal; missing ones are zero."""
     size = max(len(first), len(second))
     return (*first, *[0.0] * (size - len(first))) == (*second, *[0.0] * (size - len(second)))
 
@@ -155,7 +155,7 @@ def _same(first: Values, second: Values) -> bool:
 def _angle_between(
     body: int, first: Mapping[str, Values], second: Mapping[str, Values], times: FloatArray
 ) -> float:
-    """Return by what angle, degrees, two rotations differ at most; NaN where one is incomplete."""
+    """Return the largest angle, degrees, between two rotations; NaN where one is incomplete."""
     one, other = _axes(body, first, times), _axes(body, second, times)
     if one is None or other is None:
         return float("nan")
@@ -164,7 +164,7 @@ def _angle_between(
 
 
 def _axes(body: int, constants: Mapping[str, Values], times: FloatArray) -> FloatArray | None:
-    """Return what SPICE makes of constants: axes (N, 3, 3) in J2000; None if they are too few."""
+    """Return SPICE's axes (N, 3, 3) in J2000 from constants; None if these are too few."""
     items = ["POLE_RA", "POLE_DEC", "PM", "NUT_PREC_RA", "NUT_PREC_DEC", "NUT_PREC_PM"]
     items += ["NUT_PREC_ANGLES", "MAX_PHASE_DEGREE", "CONSTANTS_REF_FRAME", "CONSTANTS_JED_EPOCH"]
     values = {item: constants.get(constant(body, item), ()) for item in items}
@@ -182,14 +182,14 @@ def _axes(body: int, constants: Mapping[str, Values], times: FloatArray) -> Floa
 
 
 def _text(values: Values) -> str:
-    """Return coefficients as a kernel has them, with all digits that tell two apart."""
+    """Return coefficients as in a kernel, with all significant digits."""
     if not values:
         return "not stated"
     return f"({', '.join(f'{value:.12g}' for value in values)})"
 
 
 def _effect(angle: float, radius: float, times: FloatArray) -> str:
-    """Return what it does to the body over the times of use."""
+    """Return the effect on the body over the times of use."""
     if not np.isfinite(angle):
         return "one of them does not state the whole rotation"
     metres = ""

@@ -1,4 +1,4 @@
-"""Text kernels: their assignments, and what a meta-kernel lists."""
+"""Text kernels: their assignments, and the lists of meta-kernels."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 
 from spcola.errors import KernelError
 
-# a text kernel is data between \begindata and \begintext; what stands elsewhere is comment
+# A text kernel is data between \begindata and \begintext; the rest is comment.
 _DATA = re.compile(
     r"^[ \t]*\\begindata[ \t]*\r?$(.*?)(?:^[ \t]*\\begintext[ \t]*\r?$|\Z)", re.M | re.S
 )
-# Nothing is given back, and a word is tried at its begin alone: the time grows with the length.
+# Without backtracking, and tried only at the begin of a word: the time is linear in the length.
 _ASSIGNMENT = re.compile(
     r"(?<![A-Za-z0-9_/-])([A-Za-z0-9_/-]++)\s*+(\+?=)\s*+(\([^()]*+\)|'[^']*+'|\S++)", re.S
 )
@@ -23,7 +23,7 @@ _STRING = re.compile(r"'((?:[^']|'')*)'")
 
 
 def expand_meta_kernels(paths: list[Path], *, within: tuple[Path, ...] = ()) -> list[Path]:
-    """Return kernels with every meta-kernel replaced by what it lists, in loading order.
+    """Return kernels with every meta-kernel replaced by its list, in loading order.
 
     Paths inside a meta-kernel are taken from its own folder first, so that it can be used from
     anywhere, then from the current one as SPICE does.
@@ -51,7 +51,7 @@ def expand_meta_kernels(paths: list[Path], *, within: tuple[Path, ...] = ()) -> 
         )
         if len(expanded) > _MOST_KERNELS:
             raise KernelError(
-                f"lists over {_MOST_KERNELS} kernels, more than SPICE loads", path, "mend it"
+                f"lists over {_MOST_KERNELS} kernels, more than SPICE loads", path, "correct it"
             )
     return expanded
 
@@ -73,7 +73,7 @@ def kernels_of(path: Path) -> list[Path] | None:
     symbols, folders = values.get("PATH_SYMBOLS", []), values.get("PATH_VALUES", [])
     if len(symbols) != len(folders):
         raise KernelError(
-            f"{len(symbols)} PATH_SYMBOLS for {len(folders)} PATH_VALUES", path, "mend it"
+            f"{len(symbols)} PATH_SYMBOLS for {len(folders)} PATH_VALUES", path, "correct it"
         )
     names = list(_joined(values["KERNELS_TO_LOAD"]))
     if not names:
@@ -81,9 +81,9 @@ def kernels_of(path: Path) -> list[Path] | None:
     for symbol, folder in zip(symbols, folders, strict=True):
         names = [name.replace(f"${symbol}", folder) for name in names]
         if max(map(len, names)) > _LONGEST_PATH:
-            raise KernelError("KERNELS_TO_LOAD holds a name that is no path", path, "mend it")
-    beside = [path.parent / name for name in names]
-    return [b if _is_file(b) else Path(n) for b, n in zip(beside, names, strict=True)]
+            raise KernelError("KERNELS_TO_LOAD holds a name that is no path", path, "correct it")
+    local = [path.parent / name for name in names]
+    return [b if _is_file(b) else Path(n) for b, n in zip(local, names, strict=True)]
 
 
 def assignments(path: Path) -> Iterator[tuple[str, str, str]]:
@@ -103,7 +103,7 @@ def assignments(path: Path) -> Iterator[tuple[str, str, str]]:
 
 
 def _is_file(path: Path) -> bool:
-    """Return whether there is such a file; a name that no file can have names none."""
+    """Return whether there is such a file; False for names that no file can have."""
     try:
         return path.is_file()
     except (OSError, ValueError):

@@ -1,8 +1,8 @@
 """NAIF's DAF transfer text (.xsp, .xc, .xpc) and its binary form (.bsp, .bc, .bpc).
 
-A transfer file says in text what a DAF (double precision array file) holds, so that it survives
-any machine; SPICE reads the binary form only. CSPICE has no call that converts one, so this
-module reads the text and lays out the binary file, little-endian.
+A transfer file contains a DAF (double precision array file) as text, so that it can be read on any
+machine; SPICE reads the binary form only. CSPICE has no call that converts one, so this module
+reads the text and writes the binary file, little-endian.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ COMMENT_CHARACTERS = 1000
 _DOUBLE = re.compile(r"-?[0-9A-F]{1,32}\^-?[0-9A-F]{1,3}", re.I)
 _INTEGER = re.compile(r"-?[0-9A-F]{1,8}", re.I)
 FTP_TEST = b"FTPSTR:\r:\n:\r\n:\r\x00:\x81:\x10\xce:ENDFTP"
-"""Bytes at 700 of every DAF by which SPICE notices that a text-mode transfer damaged it."""
+"""Bytes at 700 of every DAF by which SPICE detects damage by a text-mode transfer."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def encode_daf(daf: Daf) -> bytes:
 
 
 def decode_double(text: str) -> float:
-    """Return the number that ``mantissa^exponent`` stands for: hexadecimal, 0.mantissa × 16^exp.
+    """Return the number encoded as ``mantissa^exponent``: hexadecimal, 0.mantissa × 16^exp.
 
     Raises
     ------
@@ -208,7 +208,7 @@ class _Lines:
 
 
 def _read_array(lines: _Lines, label: list[str], doubles: int, integers: int) -> DafArray:
-    """Read an array from behind its BEGIN_ARRAY line to its END_ARRAY line."""
+    """Read an array from after its BEGIN_ARRAY line to its END_ARRAY line."""
     total = whole_number(label[1])
     if total is None:
         raise lines.error(f"{label[1]!r} is not a count")
@@ -226,7 +226,7 @@ def _read_array(lines: _Lines, label: list[str], doubles: int, integers: int) ->
 
 
 def _comments(lines: _Lines) -> Iterator[str]:
-    """Yield the lines of the comment area behind the arrays."""
+    """Yield the lines of the comment area after the arrays."""
     inside = False
     for line in iter(lines.next, None):
         if line.strip() == END_COMMENTS:

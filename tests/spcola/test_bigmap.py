@@ -85,7 +85,7 @@ def test_raised_maplets_leave_no_steps(fraction):
     across, elsewhere = edge_steps(smooth, maplets[24])
     assert across < 0.02
     assert across < 2 * elsewhere
-    # Where heights contradict one another, sigma says so.
+    # Where heights contradict one another, sigma shows it.
     assert averaged.sigma[30, 30] > 0.3
     assert np.median(averaged.sigma[:8, :8]) < 0.01
 
@@ -138,13 +138,13 @@ def test_limits_on_gsd_and_distance():
     fine, coarse = cut("F", 0.0, 0.0), cut("C", 0.0, 0.0, gsd=3.0, half_size=12)
     options = BigmapOptions(max_gsd=2.0)
     assert (make_bigmap("B", GRID, [fine, coarse], options=options).count <= 1).all()
-    stray = cut("S", 0.0, 0.0, offset=25.0)
-    near = make_bigmap("B", GRID, [fine, stray], options=BigmapOptions(max_distance=10.0))
+    outlier = cut("S", 0.0, 0.0, offset=25.0)
+    near = make_bigmap("B", GRID, [fine, outlier], options=BigmapOptions(max_distance=10.0))
     np.testing.assert_array_equal(near.height, make_bigmap("B", GRID, [fine]).height)
     above = make_bigmap(
         "B",
         GRID,
-        [fine, stray],
+        [fine, outlier],
         options=BigmapOptions(max_distance=10.0),
         reference=np.full(GRID.shape, 25.0),
     )

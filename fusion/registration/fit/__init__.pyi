@@ -6,3 +6,4 @@ from .fit import natural_sizes as natural_sizes
 from .fit import similarity_numbers as similarity_numbers
 from .fit import transform_partials as transform_partials
 from .fit import updated_transform as updated_transform
+from .landmarks import LandmarkErrors as LandmarkErrors

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from lidar.formats.binary import check_whole, mapped_chunks
 from lidar.formats.clouds.lzf import decompress
-from lidar.formats.options import LidarOptions
-from lidar.formats.screening import Agreement, Records, Screen
-from lidar.formats.tables.rows import RowLayout, read_rows
+from lidar.formats.records.binary import check_whole, mapped_chunks
+from lidar.formats.records.options import LidarOptions
+from lidar.formats.records.rows import RowLayout, read_rows
+from lidar.formats.records.screening import Agreement, Records, Screen
 from lidar.scans import Scan
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError
@@ -26,14 +26,14 @@ _PCD_WORDS = (b"VERSION", b"FIELDS")
 _PCD_NEEDED = ("FIELDS", "SIZE", "TYPE", "POINTS", "DATA")
 _PCD_KINDS = {"F": "f", "I": "i", "U": "u"}
 _MOST_FIELDS = 10_000
-# What three bytes of LZF stand for at most.
+# Most bytes that three bytes of LZF expand to.
 _LARGEST_EXPANSION = 88
 _UNUSED = Agreement(offset_m=0.0, tolerance_m=1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class _CloudLayout:
-    """Where the points of a cloud stand.
+    """Layout of the points of a cloud.
 
     Parameters
     ----------
@@ -53,19 +53,19 @@ class _CloudLayout:
 
 
 def is_cloud(head: bytes) -> bool:
-    """Tell whether a file begins as a PLY or a PCD file does."""
+    """Return whether a file begins as a PLY or a PCD file does."""
     return head.startswith((b"ply\n", b"ply\r\n")) or _is_pcd(head)
 
 
 def read_cloud(path: Path, options: LidarOptions) -> Iterator[Scan]:
-    """Yield the points of a PLY or PCD cloud, metres unless `options` say otherwise.
+    """Yield the points of a PLY or PCD cloud, metres unless `options` state another unit.
 
-    Of a PLY mesh the vertices are taken. Time, range and spacecraft are unknown.
+    Of a PLY mesh the vertices are used. Time, range and spacecraft are unknown.
 
     Raises
     ------
     FormatError
-        If the header is broken, x, y, z are lacking, or the file holds fewer points than it says.
+        If the header is broken, x, y, z are missing, or the file has fewer points than stated.
     """
     with path.open("rb") as stream:
         head = stream.read(_HEAD_BYTES)
@@ -107,7 +107,7 @@ def _text_chunks(path: Path, layout: _CloudLayout, chunk: int) -> _Chunks:
 
 
 def _compressed_chunks(path: Path, layout: _CloudLayout, chunk: int) -> _Chunks:
-    """Yield the points of a compressed PCD file, which holds field after field.
+    """Yield the points of a compressed PCD file, which stores field after field.
 
     It is one compressed block, so that all of it is in memory.
     """

@@ -13,8 +13,8 @@ import numpy as np
 
 from lidar.formats.clouds.las_crs import LasSystem, las_system
 from lidar.formats.clouds.laz import check_chunk_table, try_decompressor
-from lidar.formats.options import LidarOptions
-from lidar.formats.screening import Agreement, Records, Screen
+from lidar.formats.records.options import LidarOptions
+from lidar.formats.records.screening import Agreement, Records, Screen
 from lidar.scans import Scan
 from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import FormatError, SpcolaError
@@ -30,7 +30,7 @@ ADJUSTED_EPOCH_ET_S = _GPS_EPOCH_ET_S + 1e9
 """Ephemeris time at which adjusted standard GPS time is 0, s."""
 RANGE, FLAG = "range", "flag"
 SPACECRAFT = ("spacecraft_x", "spacecraft_y", "spacecraft_z")
-"""Extra dimensions that make a file one of an altimeter, in its unit of length."""
+"""Extra dimensions that mark a file of an altimeter, in its unit of length."""
 
 _AGAIN = "fetch the file again"
 # The range may have another reference point than the spacecraft position, as OLA's has.
@@ -38,7 +38,7 @@ _AGREEMENT = Agreement(offset_m=0.0, tolerance_m=2.0)
 
 
 def is_las(head: bytes) -> bool:
-    """Tell whether a file begins as LAS, LAZ and COPC do."""
+    """Return whether a file begins as LAS, LAZ and COPC do."""
     return head.startswith(MAGIC)
 
 
@@ -46,14 +46,14 @@ def read_las(path: Path, options: LidarOptions) -> Iterator[Scan]:
     """Yield the returns of a LAS, LAZ or COPC file; the flag of a return is its class.
 
     Coordinates are metres unless the file states a coordinate reference system: lengths in another
-    unit are converted, longitude and latitude refused. Of a map projection x, y and z are taken as
-    they stand, a plane for the ground.
+    unit are converted, longitude and latitude refused. Map coordinates x, y and z are used
+    unchanged, as on a plane.
 
-    Withheld returns and the noise classes 7 and 18 are refused, and those outside the box that
-    the header states. The spacecraft and the range are unknown, but for a file with the extra
-    dimensions of an altimeter (``range``, ``spacecraft_x`` and so on, as
-    :func:`lidar.formats.clouds.write_las` makes it): of that the range, the spacecraft, the
-    GPS time where it is adjusted standard time, and ``flag`` in place of the class are kept.
+    Withheld returns and the noise classes 7 and 18 are refused, and those outside the box in the
+    header. The spacecraft and the range are unknown, except for a file with the extra dimensions
+    of an altimeter (``range``, ``spacecraft_x`` and so on, as written by
+    :func:`lidar.formats.clouds.write_las`): these give range and spacecraft, and the GPS time if it
+    is adjusted standard time, and ``flag`` replaces the class.
 
     Raises
     ------
@@ -102,10 +102,10 @@ def _system(path: Path, reader: Any) -> LasSystem:
 
 def _opened(path: Path) -> Any:
     _check_records(path)
-    # laspy takes a while to import, and most runs read no LAS.
+    # laspy is slow to import, and most runs read no LAS.
     import laspy  # noqa: PLC0415
 
-    # What it would log stands in the error.
+    # Its log messages repeat the error.
     logging.getLogger("laspy").addHandler(logging.NullHandler())
 
     with _decoding(path, "its header"):
@@ -121,7 +121,7 @@ def _opened(path: Path) -> Any:
 
 @contextmanager
 def _decoding(path: Path, where: str) -> Iterator[None]:
-    """Turn what laspy lets through of its struct, numpy and Rust parts into one line.
+    """Turn errors of laspy's struct, numpy and Rust parts into one line.
 
     A panic of the Rust part is no `Exception`.
     """
@@ -136,7 +136,7 @@ def _decoding(path: Path, where: str) -> Iterator[None]:
 
 
 def _check_records(path: Path) -> None:
-    """Refuse a header that promises more variable-length records than have room.
+    """Refuse a header that states more variable-length records than fit into the file.
 
     Four thousand million of them would keep the reader busy for hours.
     """
@@ -159,7 +159,7 @@ def _check_records(path: Path) -> None:
 
 
 def _have_room(stream: BinaryIO, begin: int, count: int, form: str, end: int) -> bool:
-    """Tell whether records, whose heads state how long they are, end before byte `end`."""
+    """Return whether records, whose heads state their lengths, end before byte `end`."""
     for _ in range(count):
         if begin + struct.calcsize(form) > end:
             return False
@@ -169,7 +169,7 @@ def _have_room(stream: BinaryIO, begin: int, count: int, form: str, end: int) ->
 
 
 def _check_header(path: Path, header: Any, options: LidarOptions) -> None:
-    """Refuse a header from which no coordinates follow, and plain files that are cut off."""
+    """Refuse a header without usable coordinates, and plain files that are cut off."""
     scales, offsets = np.asarray(header.scales), np.asarray(header.offsets)
     if not (np.all(scales > 0) and np.all(np.isfinite(scales)) and np.all(np.isfinite(offsets))):
         raise FormatError(f"has scales {scales} and offsets {offsets}", f"{path}, header")
@@ -200,7 +200,7 @@ def _check_time(path: Path, header: Any) -> None:
 
 
 def _is_adjusted(header: Any) -> bool:
-    """Tell whether times are adjusted standard GPS time."""
+    """Return whether times are adjusted standard GPS time."""
     return bool(header.global_encoding.gps_time_type.value == 1)
 
 
@@ -234,7 +234,7 @@ def _records(
 
 
 def _outside(path: Path, stated: FloatArray, header: Any) -> BoolArray:
-    """Tell which coordinates lie outside the header's box; refuse the box if most do."""
+    """Return which coordinates lie outside the header's box; refuse the box if most do."""
     slack = np.asarray(header.scales)
     lowest, highest = np.asarray(header.mins) - slack, np.asarray(header.maxs) + slack
     outside: BoolArray = ~((stated >= lowest) & (stated <= highest)).all(axis=1)
@@ -242,6 +242,6 @@ def _outside(path: Path, stated: FloatArray, header: Any) -> BoolArray:
         raise FormatError(
             f"{outside.sum()} of {len(outside)} returns lie outside the box of its header",
             f"{path}, header",
-            "mend its bounds, scales or offsets",
+            "correct its bounds, scales or offsets",
         )
     return outside

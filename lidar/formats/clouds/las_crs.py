@@ -1,4 +1,4 @@
-"""In what a LAS file gives its coordinates: the coordinate reference system of its header."""
+"""The coordinate reference system in the header of a LAS file."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from lidar.formats.options import LENGTH_UNITS_M
+from lidar.formats.records.options import LENGTH_UNITS_M
 from spcola.errors import FormatError
 
 Kind = Literal["not stated", "geocentric", "projected", "geographic"]
@@ -21,7 +21,7 @@ _MODEL, _GEOGRAPHIC, _PROJECTED, _UNIT, _VERTICAL, _VERTICAL_UNIT = (
 )  # fmt: skip
 _MODELS: Mapping[int, Kind] = {1: "projected", 2: "geographic", 3: "geocentric"}
 _EPSG_UNITS = {9001: 1.0, 9002: 0.3048, 9003: 1200.0 / 3937.0, 9036: 1e3}
-# Codes that stand for none, or for one that the file describes itself.
+# Codes that mean none, or one that the file describes itself.
 _CODES = range(1024, 32767)
 _LENGTH = r'UNIT\["[^"]*",\s*([0-9.eE+-]+)'
 _METRE = 1e-6
@@ -45,15 +45,15 @@ class LasSystem:
     unit_m: float = float("nan")
     height_unit_m: float = float("nan")
 
-    def units_m(self, path: Path, asked: str | None) -> tuple[float, float, float]:
+    def units_m(self, path: Path, chosen: str | None) -> tuple[float, float, float]:
         """Metres in a unit of x, of y and of z.
 
         Parameters
         ----------
         path : Path
-            Of the file, for the message.
-        asked : str or None
-            The unit that the user states.
+            Path of the file, for the message.
+        chosen : str or None
+            Unit stated by the user.
 
         Raises
         ------
@@ -62,7 +62,7 @@ class LasSystem:
             file.
         """
         if self.kind == "not stated":
-            unit = LENGTH_UNITS_M[asked or "m"]
+            unit = LENGTH_UNITS_M[chosen or "m"]
             return unit, unit, unit
         where = f"{path}, header ({self.name})"
         if self.kind == "geographic":
@@ -73,14 +73,14 @@ class LasSystem:
                 "filters.reprojection",
             )
         stated = (self.unit_m, self.unit_m, self.height_unit_m)
-        if asked is not None and any(
-            abs(unit - LENGTH_UNITS_M[asked]) > _METRE * unit for unit in stated
+        if chosen is not None and any(
+            abs(unit - LENGTH_UNITS_M[chosen]) > _METRE * unit for unit in stated
         ):
             raise FormatError(
                 f"gives x and y in units of {self.unit_m:.7g} m and z of "
-                f"{self.height_unit_m:.7g} m, not in {asked}",
+                f"{self.height_unit_m:.7g} m, not in {chosen}",
                 where,
-                "leave the unit out, or mend the coordinate system of the file",
+                "leave the unit out, or correct the coordinate system of the file",
             )
         return stated
 
@@ -88,15 +88,15 @@ class LasSystem:
 def las_system(path: Path, header: Any, records: Iterable[Any]) -> LasSystem:
     """Return the coordinate reference system of a LAS file.
 
-    Well-known text counts if the header says so or there are no GeoTIFF keys. Heights without a
-    unit of their own are in that of x and y.
+    Well-known text is used if the header says so or there are no GeoTIFF keys. Heights without a
+    unit of their own have that of x and y.
 
     Parameters
     ----------
     path : Path
         For messages.
     header
-        Of laspy.
+        Header of laspy.
     records : iterable
         Variable-length records of laspy, extended ones too.
 
@@ -144,7 +144,7 @@ def _of_keys(path: Path, keys: dict[int, int]) -> LasSystem:
 
 def _of_text(path: Path, text: str) -> LasSystem:
     """Return the system of well-known text, or of a registered code."""
-    # GDAL takes a while to import, and few files state a system.
+    # GDAL is slow to import, and few files state a system.
     from rasterio.crs import CRS  # noqa: PLC0415
     from rasterio.errors import RasterioError  # noqa: PLC0415
 

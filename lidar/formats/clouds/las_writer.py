@@ -1,4 +1,4 @@
-"""Writing scans as LAS or LAZ, with range and spacecraft beside the points."""
+"""Writing of scans as LAS or LAZ, with range and spacecraft in extra dimensions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from spcola.atomic import replacing
 from spcola.errors import InvalidValueError
 
 # Coordinates are whole numbers of this many metres, or of a power of ten times as many where
-# 32 bits would not reach as far.
+# 32 bits would not suffice.
 _FINEST_M = 1e-4
 _MOST_COUNTS = 2**31 - 2
 _UNCLASSIFIED = 1
@@ -29,10 +29,10 @@ _J2000, _NOON_S = date(2000, 1, 1), 43_200.0
 def write_las(path: str | Path, chunks: Iterable[Scan], *, compressed: bool = True) -> None:
     """Write the chunks of a scan as LAS 1.4 (LAZ if compressed), whole or not at all.
 
-    Points, range and spacecraft are rounded to 0.1 mm (coarser beyond 100 km), strengths to
-    whole numbers of 16 bits. Times go out as adjusted standard GPS time, the flag as an extra
+    Points, range and spacecraft are rounded to 0.1 mm (coarser beyond 100 km), strengths to whole
+    numbers of 16 bits. Times are written as adjusted standard GPS time, the flag as an extra
     dimension; the class is 1 (unclassified). Range and spacecraft, extra dimensions too, are left
-    out if the first chunk does not know them all; so are times.
+    out if some are unknown in the first chunk; so are times.
 
     Parameters
     ----------
@@ -44,11 +44,11 @@ def write_las(path: str | Path, chunks: Iterable[Scan], *, compressed: bool = Tr
     Raises
     ------
     InvalidValueError
-        If there is no return, or a later chunk lacks or exceeds what the first one promised.
+        If there is no return, or a later chunk lacks layers or range of the first one.
     WorkspaceError
         If the file cannot be written.
     """
-    # laspy takes a while to import, and most runs write no LAS.
+    # laspy is slow to import, and most runs write no LAS.
     import laspy  # noqa: PLC0415
 
     filled = (scan for scan in chunks if len(scan))
@@ -66,7 +66,7 @@ def write_las(path: str | Path, chunks: Iterable[Scan], *, compressed: bool = Tr
 
 
 class _Layout:
-    """What the first chunk of a scan promises: which layers are known, and how far they reach."""
+    """Layout fixed by the first chunk of a scan: which layers are known, and their extent."""
 
     def __init__(self, first: Scan, path: str | Path) -> None:
         self.path = path
@@ -78,11 +78,11 @@ class _Layout:
         if self.altimeter:
             largest = max(largest, float(np.abs(first.spacecraft).max()))
             largest = max(largest, float(np.abs(first.range).max()))
-        # The header names the day of the scan: today's would let equal scans differ.
+        # The header has the day of the scan: today's would make equal scans differ.
         self.day = _J2000
         if self.timed:
             self.day += timedelta(days=(float(first.time[0]) + _NOON_S) // 86400.0)
-        # What comes later may lie further out than the first returns: four times at most.
+        # Later returns may lie further out than the first ones: four times at most.
         self.scale = _FINEST_M
         while 4.0 * largest > self.scale * _MOST_COUNTS:
             self.scale *= 10.0
@@ -93,7 +93,7 @@ class _Layout:
         header.generating_software = "SPCOLA"
         header.creation_date = self.day
         header.scales, header.offsets = np.full(3, self.scale), np.zeros(3)
-        # LAS 1.4 wants coordinate systems of point format 6 as text; a body-fixed frame has none.
+        # LAS 1.4 requires systems for point format 6 as text; body-fixed frames have none.
         header.global_encoding.wkt = True
         if self.timed:
             header.global_encoding.gps_time_type = laspy.header.GpsTimeType.STANDARD
@@ -109,7 +109,7 @@ class _Layout:
         return header
 
     def checked(self, values: FloatArray, what: str) -> FloatArray:
-        """Return lengths as they are, metres; refuse those that the file cannot hold."""
+        """Return lengths unchanged, metres; refuse those that the file cannot represent."""
         # Comparisons with NaN are false.
         if not np.all(np.abs(values) <= self.scale * _MOST_COUNTS):
             raise InvalidValueError(

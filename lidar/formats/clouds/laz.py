@@ -1,8 +1,8 @@
-"""LAZ files, checked before the native decompressor believes them.
+"""Checks of LAZ files before the native decompressor reads them.
 
-Points are packed in chunks; a table behind them says how many bytes (and, of chunks of different
-length, how many points) each has. The decompressor makes room for whatever it says, and brings
-the process down where there is none. The layout is that of LASzip's specification.
+Points are packed in chunks; a table after them states how many bytes (and, for chunks of different
+length, how many points) each has. The decompressor allocates whatever is stated, and crashes the
+process if it cannot. The layout is that of LASzip's specification.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from typing import Any
 from spcola.errors import FormatError
 
 _AGAIN = "fetch the file again"
-# Writers take 50,000 points, or some more; room is made for a whole chunk at once.
+# Writers use 50,000 points, or some more; memory is allocated for a whole chunk at once.
 _USUAL_IN_CHUNK, _MOST_IN_CHUNK = 1_000_000, 10_000_000
 _CHUNKED, _LAYERED = 2, 3
 _FIRST_LAYERED = 10
-# Layers by the kind of item: point, colours, colours with infrared, wave packet; extra bytes have
-# one each.
+# Number of layers of each type of item: point, colours, colours with infrared, wave packet; extra
+# bytes have one each.
 _LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
 
 
-# What the decompressor itself says of damaged points, the reading that follows says again.
+# Errors of the decompressor for damaged points are reported by the reading that follows.
 _TRIAL = """
 import resource, sys
 sys.path.insert(0, sys.argv[1])
@@ -54,7 +54,7 @@ _TRIAL_S, _TRIAL_S_PER_MB = 60.0, 2.0
 
 
 def check_chunk_table(path: Path, header: Any) -> None:
-    """Refuse a LAZ file whose chunks do not make up its points, or have no room in it.
+    """Refuse a LAZ file whose chunks do not make up its points, or do not fit into it.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def check_chunk_table(path: Path, header: Any) -> None:
         stream.seek(table)
         head = stream.read(8)
         count = struct.unpack("<4xI", head)[0] if len(head) == 8 else 0
-        # Each chunk has its first point as it is.
+        # Each chunk stores its first point uncompressed.
         if not 1 <= count <= (table - begin - 8) // vlr.item_size():
             raise _refusal(path, f"promises {count} chunks of points, more than have room")
         stream.seek(table)
@@ -101,9 +101,9 @@ def check_chunk_table(path: Path, header: Any) -> None:
 def _check_layers(
     path: Path, stream: Any, begin: int, chunks: list[tuple[int, int]], record: bytes
 ) -> None:
-    """Refuse chunks in layers (as LAS 1.4 packs its points) that say more bytes than they have.
+    """Refuse chunks in layers (as LAS 1.4 packs its points) that state more bytes than they have.
 
-    Behind its first point, as it is, a chunk has the number of its points and the bytes of each
+    After its first point, uncompressed, a chunk has the number of its points and the bytes of each
     layer, four bytes each.
     """
     compressor, items = struct.unpack_from("<H30xH", record)
@@ -144,10 +144,10 @@ def _refusal(path: Path, what: str) -> FormatError:
 
 
 def try_decompressor(path: Path, header: Any) -> None:
-    """Unpack all points of a LAZ file in a process of its own, and forget them.
+    """Unpack all points of a LAZ file in a separate process, and discard them.
 
-    The decompressor is native code, and some damaged points bring its process down. Here that is
-    a line and no end of the program. It is one more reading of the file.
+    The decompressor is native code, and some damaged points crash its process. Here that becomes
+    an error message. It costs one more reading of the file.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def try_decompressor(path: Path, header: Any) -> None:
     folder = str(Path(lazrs.__file__).resolve().parents[1])
     numbers = [int(header.offset_to_point_data), int(header.point_count)]
     words = [folder, str(path), packing.hex(), *map(str, numbers), str(header.point_format.size)]
-    # Without the site's modules an interpreter starts in a few hundredths of a second.
+    # Without site packages an interpreter starts in a few hundredths of a second.
     command = [sys.executable, "-I", "-S", "-c", _TRIAL, *words]
     patience = _TRIAL_S + _TRIAL_S_PER_MB * path.stat().st_size / 1e6
     try:

@@ -11,11 +11,11 @@ _Bytes = NDArray[np.uint8]
 
 
 def decompress(packed: _Bytes, size: int) -> _Bytes | None:
-    """Return the `size` bytes that `packed` stands for; None if it stands for another number.
+    """Return the `size` bytes packed in `packed`; None if there is another number of them.
 
-    A control byte below 32 begins a run of one more literal bytes than it says. Any other one has
-    a length in its upper three bits (7: the next byte adds to it) and, with the byte after that, a
-    distance back in its lower five; two more bytes than the length are copied from there.
+    A control byte c below 32 begins a run of c + 1 literal bytes. Any other one has a length in its
+    upper three bits (7: the next byte adds to it) and, with the byte after that, a distance back in
+    its lower five; length + 2 bytes are copied from there.
     """
     unpacked = np.empty(size, dtype=np.uint8)
     return unpacked if _decompress(packed, unpacked) == size else None

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from lidar.formats.options import LidarOptions
-from lidar.formats.screening import Agreement, Records, Screen
-from lidar.formats.tables.rows import (
+from lidar.formats.records.options import LidarOptions
+from lidar.formats.records.rows import (
     RowLayout,
     first_lines,
     mostly,
     read_rows,
 )
-from lidar.formats.tables.times import times_of
+from lidar.formats.records.screening import Agreement, Records, Screen
+from lidar.formats.records.times import times_of
 from lidar.scans import Scan
 
 _KM = 1e3
-# Positions come from another reduction than the range, and no offset between them is published.
+# Positions come from another reduction than the range; no offset between them is published.
 _AGREEMENT = Agreement(offset_m=0.0, tolerance_m=20.0)
 
 
@@ -30,7 +30,7 @@ _LAYOUT = RowLayout(count=31, numbers=tuple(range(2, 9)), texts=(1,), fixed=True
 
 
 def is_hayabusa(head: bytes) -> bool:
-    """Tell whether the first bytes of a file are Hayabusa CDR records."""
+    """Return whether the first bytes of a file are Hayabusa CDR records."""
 
     def fits(line: str) -> bool:
         return _LAYOUT.is_timed_row(line) and _LAYOUT.fields(line)[0].isdigit()

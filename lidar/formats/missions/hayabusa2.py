@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from lidar.formats.options import LidarOptions
-from lidar.formats.screening import (
-    Agreement,
-    Records,
-    Screen,
-    spherical_of,
-)
-from lidar.formats.tables.rows import (
+from lidar.formats.records.options import LidarOptions
+from lidar.formats.records.rows import (
     RowLayout,
     first_lines,
     mostly,
     read_rows,
 )
-from lidar.formats.tables.times import times_of
+from lidar.formats.records.screening import (
+    Agreement,
+    Records,
+    Screen,
+    spherical_of,
+)
+from lidar.formats.records.times import times_of
 from lidar.scans import Scan
 
 _LAYOUT = RowLayout(count=11, numbers=tuple(range(1, 11)), texts=(0,), separator=",")
@@ -27,7 +27,7 @@ _AGREEMENT = Agreement(offset_m=0.0, tolerance_m=5.0)
 
 
 def is_hayabusa2(head: bytes) -> bool:
-    """Tell whether the first bytes of a file are rows of a Hayabusa2 L2 table."""
+    """Return whether the first bytes of a file are rows of a Hayabusa2 L2 table."""
     return mostly(first_lines(head), _LAYOUT.is_timed_row)
 
 

@@ -9,23 +9,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidar.formats.binary import check_whole, mapped_chunks, probed
-from lidar.formats.options import LidarOptions
-from lidar.formats.screening import (
-    Agreement,
-    Records,
-    Screen,
-    cartesian,
-    spherical_of,
-)
-from lidar.formats.tables.rows import (
+from lidar.formats.records.binary import check_whole, mapped_chunks, probed
+from lidar.formats.records.options import LidarOptions
+from lidar.formats.records.rows import (
     RowLayout,
     first_lines,
     flags_of,
     mostly,
     read_rows,
 )
-from lidar.formats.tables.times import times_differ
+from lidar.formats.records.screening import (
+    Agreement,
+    Records,
+    Screen,
+    cartesian,
+    spherical_of,
+)
+from lidar.formats.records.times import times_differ
 from lidar.scans import Scan
 from spcola.errors import FormatError
 
@@ -67,7 +67,7 @@ _MISSING_RANGE = 0xFFFFFFFF
 
 
 def is_lola(path: Path, head: bytes, size: int) -> bool:
-    """Tell whether a file holds LOLA RDR rows, as text or binary."""
+    """Return whether a file has LOLA RDR rows, as text or binary."""
     lines = first_lines(head)
     rows = lines[int(_has_header(lines)) :]
     return mostly(rows, _LAYOUT.is_timed_row) or _is_binary(path, size)
@@ -93,7 +93,7 @@ def read_lola(path: Path, options: LidarOptions) -> Iterator[Scan]:
 
 
 def _has_header(lines: list[str]) -> bool:
-    """Tell whether the first line names columns: it has no digit before its first comma."""
+    """Return whether the first line names columns: it has no digit before its first comma."""
     return bool(lines) and not any(c.isdigit() for c in lines[0].split(",")[0])
 
 
@@ -154,7 +154,7 @@ def _binary_records(table: NDArray[Any]) -> Records:
 
 
 def _is_binary(path: Path, size: int) -> bool:
-    """Tell whether most probed rows put spacecraft and spots where the Moon has them."""
+    """Return whether most probed rows have spacecraft and spots at the Moon's distances."""
     count = size // _ROW.itemsize
     if count == 0:
         return False

@@ -7,22 +7,22 @@ from pathlib import Path
 
 import numpy as np
 
-from lidar.formats.options import LidarOptions
-from lidar.formats.screening import (
-    Agreement,
-    Records,
-    Screen,
-    cartesian,
-    spherical_of,
-)
-from lidar.formats.tables.rows import (
+from lidar.formats.records.options import LidarOptions
+from lidar.formats.records.rows import (
     RowLayout,
     first_lines,
     flags_of,
     mostly,
     read_rows,
 )
-from lidar.formats.tables.times import times_differ
+from lidar.formats.records.screening import (
+    Agreement,
+    Records,
+    Screen,
+    cartesian,
+    spherical_of,
+)
+from lidar.formats.records.times import times_differ
 from lidar.scans import Scan
 
 _NAMES = (
@@ -40,12 +40,12 @@ _LAYOUT = RowLayout(
     skip=2,
     fixed=True,
 )
-# The spacecraft's longitude and latitude have few decimals: a metre or more across the beam.
+# The spacecraft's longitude and latitude have few decimals: errors of a metre or more.
 _AGREEMENT = Agreement(offset_m=0.0, tolerance_m=20.0)
 
 
 def is_nlr(head: bytes) -> bool:
-    """Tell whether the first bytes of a file are two header lines and NLR records."""
+    """Return whether the first bytes of a file are two header lines and NLR records."""
     return mostly(first_lines(head)[_LAYOUT.skip :], _LAYOUT.is_timed_row)
 
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidar.formats.binary import check_whole, mapped_chunks, probed
-from lidar.formats.options import LidarOptions
-from lidar.formats.screening import (
+from lidar.formats.records.binary import check_whole, mapped_chunks, probed
+from lidar.formats.records.options import LidarOptions
+from lidar.formats.records.screening import (
     Agreement,
     Records,
     Screen,
@@ -57,12 +57,12 @@ _TIME_TEXT = re.compile(rb"\d{4}[- ]\w{2,3}[-T ]\d{2}")
 _REASONS = {1: "overflow", 2: "no return", 3: "missing"}
 
 # The range is counted from another point than the spacecraft position, 1.05 to 1.25 m away.
-# The tolerance lets through simulated tables without that offset, and no garbled record.
+# The tolerance accepts simulated tables without that offset, and no garbled record.
 _AGREEMENT = Agreement(offset_m=1.15, tolerance_m=2.0)
 
 
 def is_ola(path: Path, size: int) -> bool:
-    """Tell whether a file holds OLA records: whole, cut off, byte-swapped or of the old size."""
+    """Return whether a file has OLA records: whole, cut off, byte-swapped or of the old size."""
     swapped = RECORD.newbyteorder()
     return _sound(path, size, RECORD) or _sound(path, size, swapped) or _is_old(path, size)
 
@@ -70,8 +70,8 @@ def is_ola(path: Path, size: int) -> bool:
 def read_ola(path: Path, options: LidarOptions) -> Iterator[Scan]:
     """Yield the valid returns of an OLA level-2 file in chunks.
 
-    Valid is flag mod 100 = 0 (the hundred says that the demodulator was on). Returns without
-    echo carry a range of about −1128.92 mm and a position near the spacecraft: no range that is
+    Valid is flag mod 100 = 0 (the hundred means that the demodulator was on). Returns without
+    echo have a range of about −1128.92 mm and a position near the spacecraft: no range that is
     not positive becomes a point.
 
     Raises
@@ -90,8 +90,8 @@ def read_ola(path: Path, options: LidarOptions) -> Iterator[Scan]:
 def write_ola(path: str | Path, chunks: Iterable[Scan]) -> None:
     """Write scans as one OLA level-2 file, whole or not at all.
 
-    What a scan does not know is NaN, blank, or −1 in the integer fields. Returns go out with
-    the flag that they have.
+    Unknown values are written as NaN, blank, or −1 in the integer fields. Returns keep their
+    flag.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def _split(
     intensity: FloatArray,
     flag: AnyArray,
 ) -> None:
-    """Write the fields of records into layers, SI units: a table is gone through once."""
+    """Write the fields of records into layers, SI units, in one pass over the table."""
     for n in range(len(table)):
         record = table[n]
         for axis in range(3):
@@ -182,12 +182,12 @@ def _check_layout(path: Path, size: int) -> None:
 
 
 def _sound(path: Path, size: int, record: np.dtype[Any]) -> bool:
-    """Tell whether most records, probed over the file, agree with themselves.
+    """Return whether most records, probed over the file, are self-consistent.
 
     Each states its position twice (x, y, z in metres; radius in kilometres) and an ephemeris
-    time; a wrong byte order or record length leaves nothing of that. A flagged return may state
-    no position at all, so that only its time and flag speak. The factor of a thousand lets a
-    table with a wrong unit through to the screening, which says so.
+    time; with a wrong byte order or record length these never agree. A flagged return may state
+    no position at all, so that only its time and flag are checked. The factor of a thousand
+    accepts a table with a wrong unit, which the screening reports.
     """
     count = size // record.itemsize
     if count == 0:
@@ -204,7 +204,7 @@ def _sound(path: Path, size: int, record: np.dtype[Any]) -> bool:
 
 
 def _is_old(path: Path, size: int) -> bool:
-    """Tell whether time texts stand in the same place of the first two 144-byte records."""
+    """Return whether time texts are at the same offset in the first two 144-byte records."""
     if size < 2 * _OLD_SIZE or size % _OLD_SIZE:
         return False
     with path.open("rb") as stream:
@@ -241,7 +241,7 @@ def _utc_texts(time: FloatArray) -> AnyArray:
     """UTC to the millisecond, as text (N,); blank where the time is unknown.
 
     One time is converted by SPICE and the others counted from it: exact unless a leap second
-    falls within the chunk. The text is for people, `et` is what is read back.
+    falls within the chunk. The text is informative; `et` is what is read back.
     """
     texts = np.full(len(time), b" " * 24, dtype="S24")
     known = np.isfinite(time)
@@ -250,7 +250,7 @@ def _utc_texts(time: FloatArray) -> AnyArray:
         start = np.datetime64(_iso(utc_from_et(first, 6)), "us").astype(np.int64)
         elapsed = np.round((time[known] - first) * 1e6).astype(np.int64)
         second, part = np.divmod((start + elapsed) // 1000, 1000)
-        # The texts of seconds and of thousandths are made once each, and put together as bytes.
+        # The texts of seconds and of thousandths are made once each, and joined as bytes.
         seconds, which = np.unique(second, return_inverse=True)
         clock = np.datetime_as_string(seconds.astype("datetime64[s]")).astype("S19")
         characters = np.empty((len(second), 24), dtype=np.uint8)

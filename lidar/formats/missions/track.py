@@ -7,20 +7,20 @@ from pathlib import Path
 
 import numpy as np
 
-from lidar.formats.options import LidarOptions
-from lidar.formats.screening import Agreement, Records, Screen
-from lidar.formats.tables.rows import (
+from lidar.formats.records.options import LidarOptions
+from lidar.formats.records.rows import (
     RowLayout,
     first_lines,
     is_number,
     mostly,
     read_rows,
 )
-from lidar.formats.tables.times import is_time, times_of
+from lidar.formats.records.screening import Agreement, Records, Screen
+from lidar.formats.records.times import is_time, times_of
 from lidar.scans import Scan
 from spcola.errors import FormatError
 
-# What the numbers are, by their count; a UTC may stand before them.
+# Quantities by the count of numbers; a UTC may precede them.
 _VARIANTS = {
     3: ("x", "y", "z"),
     4: ("x", "y", "z", "intensity"),
@@ -31,9 +31,9 @@ _UNUSED = Agreement(offset_m=0.0, tolerance_m=1.0)
 
 
 def is_track(head: bytes) -> bool:
-    """Tell whether the first bytes of a file are track lines that begin with a UTC.
+    """Return whether the first bytes of a file are track lines that begin with a UTC.
 
-    Lines of numbers alone are not recognised: they may be anything, in any unit.
+    Lines of numbers alone are not recognised: their quantities and units are unknown.
     """
     lines = first_lines(head)
     separator = _separator(lines)
@@ -46,7 +46,7 @@ def is_track(head: bytes) -> bool:
 
 
 def read_track(path: Path, options: LidarOptions) -> Iterator[Scan]:
-    """Yield the points of a track, whose coordinates are kilometres unless `options` say otherwise.
+    """Yield the points of a track, whose coordinates are kilometres unless `options` differ.
 
     Variants: x y z [scx scy scz] [intensity], with or without a UTC before them.
 

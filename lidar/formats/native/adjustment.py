@@ -26,7 +26,7 @@ ADJUSTMENT_HDF5 = "adjustment.h5"
 _FORMAT = "spcola scan adjustment 2"
 _NODES = ("center", "scan", "day")
 _LAYERS = ("displacement", "covariance", "misfit", "cells")
-# Metres and radians, squares of them too: no adjustment of a small body comes near.
+# Largest numbers, metres and radians or their squares: no adjustment of a small body comes near.
 _LARGEST = 1e12
 _ROUNDING = 1e-6
 _WHOLE = {"scan", "day"}
@@ -94,7 +94,7 @@ def _shapes(count: int) -> dict[str, tuple[int, ...]]:
 
 
 def _check_numbers(layers: dict[str, AnyArray]) -> None:
-    """Refuse numbers that no adjustment leaves: eigenvalues of them may never be found."""
+    """Refuse numbers that no adjustment has: their eigenvalues might not converge."""
     for name in ("center", "displacement", "covariance"):
         largest = float(np.max(np.abs(layers[name]), initial=0.0))
         if not largest < _LARGEST:
@@ -102,7 +102,7 @@ def _check_numbers(layers: dict[str, AnyArray]) -> None:
     covariance = layers["covariance"]
     with np.errstate(all="ignore"):
         sigmas = np.sqrt(np.diag(covariance).astype(np.float64))
-        # As it is taken apart later: NaN where a variance is none.
+        # As it is decomposed later: NaN where a variance is invalid.
         correlation = covariance / np.outer(sigmas, sigmas)
         sound = np.abs(correlation) <= 1.0 + _ROUNDING
         sound &= np.abs(correlation - correlation.T) <= _ROUNDING

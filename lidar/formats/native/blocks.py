@@ -2,12 +2,12 @@
 
 | layer | type | what |
 |---|---|---|
-| cube, start | i8 (T, 3), i8 (T + 1) | lattice cubes that hold returns, and their rows |
-| place | u8 (N) | where in its cube a return lies, :mod:`lidar.scans.cubes.cubes` |
+| cube, start | i8 (T, 3), i8 (T + 1) | occupied lattice cubes, and their rows |
+| place | u8 (N) | place of a return in its cube, :mod:`lidar.scans.cubes.cubes` |
 | time | u4 (N) | steps of ``time_step`` s after ``time_start`` |
 | range | u4 (N) | steps of ``range_step`` m |
 | sigma, intensity | f4 (N) | metres, instrument units |
-| flag | i4 (N) | as it stood in the file |
+| flag | i4 (N) | as in the file |
 | flight_time, flight_position | f8 (K), f8 (K, 3) | knots of the path,
 :mod:`lidar.formats.native.flight` | | spacecraft | f8 (N, 3) | where that path is too rough for
 knots | | beam | f8 (N, 3) | where it does not point from spacecraft to return |
@@ -30,7 +30,7 @@ from spcola.arrays import AnyArray, FloatArray, IntArray
 from spcola.compilation import compiled
 
 KNOTS = frozenset({"flight_time", "flight_position"})
-"""Layers that have no row for each return or cube."""
+"""Layers without a row for each return or cube."""
 LAYERS: Mapping[str, tuple[str, str, tuple[int, ...]]] = MappingProxyType(
     {
         "cube": ("<i8", "cubes", (3,)),
@@ -47,19 +47,19 @@ LAYERS: Mapping[str, tuple[str, str, tuple[int, ...]]] = MappingProxyType(
         "beam": ("<f8", "returns", (3,)),
     }
 )
-"""Of each layer the type on disk, what its rows are, and the shape of one row."""
+"""For each layer the type on disk, the meaning of its rows, and the shape of one row."""
 _SPECIAL = KNOTS | {"cube", "start", "place"}
-# The largest number means that there is none.
+# The largest number marks missing values.
 _UNKNOWN = np.iinfo(np.uint32).max
 _LEAST_TIME_STEP_S = 1e-6
-# The spacecraft moves by centimetres a second around small bodies, by kilometres around planets:
-# a path within this fraction of a quantum leaves the beam where it was.
+# The spacecraft moves by centimetres a second around small bodies, by kilometres around planets: an
+# error of its path below this fraction of a quantum leaves the beam unchanged.
 _FLIGHT_TOLERANCE_M = 0.2 * QUANTUM_M
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Layers and numbers of a block; what they are called stands in the table above.
+    """Layers and numbers of a block, with the names in the table above.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Block:
 
     @property
     def cubes(self) -> CubedPoints:
-        """Where the returns lie."""
+        """Places of the returns."""
         layers = self.layers
         return CubedPoints(
             int(self.numbers["bits"]), layers["cube"], layers["start"], layers["place"]
@@ -89,7 +89,7 @@ class Block:
 
 
 def encode(scan: Scan) -> Block:
-    """Sort a chunk of a scan into cubes and make its layers small."""
+    """Sort a chunk of a scan into cubes and compress its layers."""
     cubes, order = cubed(scan.points)
     layers: dict[str, AnyArray] = {
         "cube": cubes.cube,
@@ -109,7 +109,7 @@ def encode(scan: Scan) -> Block:
 
 
 def decode(block: Block, name: str, *, trajectory: str, body: str) -> Scan:
-    """Return the scan that a block holds, its returns sorted by cube."""
+    """Return the scan in a block, its returns sorted by cube."""
     layers, numbers = block.layers, block.numbers
     points = block.cubes.points()
     count = len(points)
@@ -141,7 +141,7 @@ def decode(block: Block, name: str, *, trajectory: str, body: str) -> Scan:
 
 
 def spacecraft_knots(block: Block) -> tuple[FloatArray, FloatArray]:
-    """Return times (K,), s, and positions (K, 3), m, that tell the spacecraft's path in a block."""
+    """Return times (K,), s, and positions (K, 3), m, from which the spacecraft's path follows."""
     layers = block.layers
     if "flight_time" in layers:
         return np.asarray(layers["flight_time"]), np.asarray(layers["flight_position"])
@@ -164,7 +164,7 @@ def _put(
     values: AnyArray,
     order: IntArray,
 ) -> None:
-    """Keep a layer in another order, or the one number that it is throughout."""
+    """Store a layer in another order, or its value if that is constant."""
     if len(values) == 0 or (values == values[0]).all():
         numbers[name] = float(values[0]) if len(values) else 0.0
     elif not np.isnan(values).all():
@@ -179,7 +179,7 @@ def _put_counted(
     order: IntArray,
     step: float,
 ) -> None:
-    """Keep a layer as whole steps from its least value; nothing of one that is unknown."""
+    """Store a layer as whole steps from its least value; nothing if it is unknown."""
     start, last = _known_span(values)
     if not start <= last:
         return
@@ -211,7 +211,7 @@ def _counted_steps(values: FloatArray, order: IntArray, start: float, step: floa
 
 
 def _counted(block: Block, name: str, rows: IntArray | slice = slice(None)) -> FloatArray:
-    """Return what :func:`_put_counted` kept."""
+    """Return the values stored by :func:`_put_counted`."""
     if name not in block.layers:
         return np.full(len(block.layers["place"][rows]), np.nan)
     steps = block.layers[name][rows]
@@ -221,7 +221,7 @@ def _counted(block: Block, name: str, rows: IntArray | slice = slice(None)) -> F
 
 
 def _put_flight(layers: dict[str, AnyArray], scan: Scan, order: AnyArray) -> None:
-    """Keep the spacecraft's positions, by knots where these meet them."""
+    """Store the spacecraft's positions, as knots if a spline fits them."""
     if np.isnan(scan.spacecraft).all():
         return
     flight = fit_flight(scan.time, scan.spacecraft, _FLIGHT_TOLERANCE_M)
@@ -232,13 +232,13 @@ def _put_flight(layers: dict[str, AnyArray], scan: Scan, order: AnyArray) -> Non
 
 
 def _beam_follows(scan: Scan) -> bool:
-    """Whether the beam points from spacecraft to return, as far as quanta of the return tell."""
+    """Return whether the beam points from spacecraft to return, up to quanta of the return."""
     return bool(_directed(scan.points, scan.spacecraft, scan.beam))
 
 
 @compiled
 def _directed(points: FloatArray, spacecraft: FloatArray, beam: FloatArray) -> bool:
-    """Whether every beam, from the spacecraft on, meets its point within a quantum."""
+    """Return whether every beam from the spacecraft meets its point within a quantum."""
     for n in range(len(points)):
         square = 0.0
         for axis in range(3):

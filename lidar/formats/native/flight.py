@@ -1,7 +1,7 @@
-"""Where the spacecraft was during a scan, in few numbers.
+"""Position of the spacecraft during a scan, in few numbers.
 
 A table repeats the position at each of a million shots; the path between them is smooth. A spline
-through some of them is kept instead, if it meets all of them.
+through some of them is stored instead, if it fits all of them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from spcola.arrays import FloatArray, IntArray
 from spcola.compilation import compiled, compiled_inline
 
-# A cubic through fewer knots is none.
+# Fewest knots of a cubic spline.
 _FEWEST = 4
 
 
@@ -41,7 +41,7 @@ class Flight:
         return positions
 
     def misses(self, time: FloatArray, position: FloatArray, tolerance: float) -> bool:
-        """Whether some of the positions (N, 3) lies off by more than a tolerance, metres.
+        """Return whether some of the positions (N, 3) are off by more than a tolerance, metres.
 
         Their times (N,), seconds, never fall, and lie within the knots.
         """
@@ -52,13 +52,13 @@ class Flight:
 
     @cached_property
     def _coefficients(self) -> FloatArray:
-        """Of each piece (K − 1, 4, 3), the cube's first."""
+        """Coefficients of each piece (K − 1, 4, 3), the cube's first."""
         pieces = CubicSpline(self.time, self.position).c
         return np.ascontiguousarray(np.moveaxis(pieces, 1, 0))
 
 
 def fit_flight(time: FloatArray, position: FloatArray, tolerance: float) -> Flight | None:
-    """Find a spline that meets all positions, or nothing if it would save little.
+    """Return a spline that fits all positions, or None if it would save little.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def fit_flight(time: FloatArray, position: FloatArray, tolerance: float) -> Flig
     position : (N, 3) ndarray
         Body-fixed, metres.
     tolerance : float
-        Largest distance from a position that is allowed, metres along an axis.
+        Largest deviation from a position, metres along an axis.
 
     Returns
     -------
@@ -86,7 +86,7 @@ def fit_flight(time: FloatArray, position: FloatArray, tolerance: float) -> Flig
     while knots <= len(first) // 8:
         chosen = first[np.unique(np.linspace(0, len(first) - 1, knots).round().astype(np.intp))]
         flight = Flight(time[chosen], position[chosen])
-        # A few rows tell soonest that there are too few knots.
+        # A few rows show soonest that there are too few knots.
         for rows in (slice(None, None, 1 + len(time) // 1000), slice(None)):
             if flight.misses(time[rows], position[rows], tolerance):
                 break
@@ -98,18 +98,18 @@ def fit_flight(time: FloatArray, position: FloatArray, tolerance: float) -> Flig
 
 @compiled
 def _all_finite(time: FloatArray, position: FloatArray) -> bool:
-    """Whether all times (N,) and positions (N, 3) are known, told without a temporary of N."""
+    """Return whether all times (N,) and positions (N, 3) are finite, without a temporary of N."""
     sum_of_none = 0.0
     for n in range(len(time)):
         x, y, z = position[n, 0], position[n, 1], position[n, 2]
-        # Nothing times a number is nothing, times NaN or infinity it is NaN.
+        # Zero times a number is zero, times NaN or infinity it is NaN.
         sum_of_none += 0.0 * time[n] + 0.0 * x + 0.0 * y + 0.0 * z
     return sum_of_none == 0.0
 
 
 @compiled
 def _first_rows(time: FloatArray) -> tuple[IntArray, bool]:
-    """Rows at which another time than the one before begins, and whether times never fall."""
+    """Rows with another time than the one before, and whether times never fall."""
     first = np.empty(len(time), dtype=np.int64)
     count = 0
     rises = True
@@ -123,7 +123,7 @@ def _first_rows(time: FloatArray) -> tuple[IntArray, bool]:
 
 @compiled_inline
 def _piece(knots: FloatArray, time: float, last: int) -> int:
-    """Number of the piece that a time lies in, looked for from the last one; −1 outside."""
+    """Number of the piece that contains a time, searched from the last one; −1 outside."""
     if not knots[0] <= time <= knots[-1]:
         return -1
     if not knots[last] <= time:

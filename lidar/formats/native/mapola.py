@@ -39,13 +39,13 @@ def write_mapolas(folder: str | Path, mapolas: Iterable[Mapola]) -> list[str]:
     WorkspaceError
         If the folder cannot be written.
     InvalidValueError
-        If two mapolas bear one name, or a name is no file name.
+        If two mapolas have the same name, or a name is no file name.
     """
     return _STORE.write(folder, mapolas)
 
 
 def mapola_names(folder: str | Path) -> list[str]:
-    """Return the names of the mapolas in `folder`, in the order of the alphabet.
+    """Return the names of the mapolas in `folder`, in alphabetical order.
 
     Raises
     ------

@@ -22,7 +22,7 @@ from lidar.formats.native.blocks import (
     encode,
     spacecraft_knots,
 )
-from lidar.formats.options import LidarOptions
+from lidar.formats.records.options import LidarOptions
 from lidar.scans import Scan, ScanSummary
 from lidar.scans.cubes import MOST_BITS
 from spcola.arrays import AnyArray
@@ -50,7 +50,7 @@ _BLOCK = "block{:05d}"
 
 
 def is_native(head: bytes) -> bool:
-    """Tell whether `head`, the first bytes of a file, begins an HDF5 file."""
+    """Return whether `head`, the first bytes of a file, begins an HDF5 file."""
     return head.startswith(MAGIC)
 
 
@@ -118,8 +118,8 @@ class ScanFile:
     ----------
     summary : ScanSummary
     blocks : sequence of Block
-        Their layers are views of the file. A layer is compared with its checksum when it is
-        first asked for.
+        Their layers are views of the file. A layer is compared with its checksum at its first
+        use.
 
     Raises
     ------
@@ -133,14 +133,14 @@ class ScanFile:
             self.summary = _read_attributes(file)
             count = int(read_number(file, "blocks"))
             if count != len(file):
-                raise InvalidValueError(f"says {count}, {len(file)} are there", "blocks")
+                raise InvalidValueError(f"states {count}, {len(file)} are there", "blocks")
             groups = [file[_BLOCK.format(k)] for k in range(count)]
-            held = sum(int(group["place"].shape[0]) for group in groups)
-            if held != self.summary.count:
+            present = sum(int(group["place"].shape[0]) for group in groups)
+            if present != self.summary.count:
                 raise InvalidValueError(
-                    f"{held} of {self.summary.count} returns are there", "place"
+                    f"{present} of {self.summary.count} returns are there", "place"
                 )
-            # Mapped within the context, so that a file that is too short is named there.
+            # Mapped within the context, so that the error for a file that is too short names it.
             with Path(path).open("rb") as raw:
                 self._map = mmap.mmap(raw.fileno(), 0, access=mmap.ACCESS_READ)
             content = np.frombuffer(self._map, dtype=np.uint8)
@@ -149,12 +149,12 @@ class ScanFile:
             ]
 
     def release(self) -> None:
-        """Give back the memory of what was read; what is asked for again is mapped again."""
+        """Release the memory of layers that were read; they are mapped again when needed."""
         if hasattr(self._map, "madvise"):  # not on Windows
             self._map.madvise(mmap.MADV_DONTNEED)
 
     def trajectory(self) -> Trajectory:
-        """Return where the spacecraft was, over the span of the scan.
+        """Return the positions of the spacecraft over the span of the scan.
 
         Raises
         ------
@@ -215,13 +215,13 @@ def read_native(path: Path, options: LidarOptions) -> Iterator[Scan]:
 
 
 def _opened(path: str | Path) -> AbstractContextManager[Any]:
-    """Open a native scan; what HDF5 says of broken files becomes one line."""
+    """Open a native scan; HDF5's errors for broken files become one line."""
     return reading_hdf5(path, FORMAT, "is no whole native scan", "import the source again")
 
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a layer lies in its file, of what type and shape, and its checksum."""
+    """Offset of a layer in its file, its type and shape, and its checksum."""
 
     offset: int
     dtype: np.dtype[Any]
@@ -293,7 +293,7 @@ def _read_block(path: Path, content: np.ndarray[Any, Any], group: Any) -> Block:
 
 
 def _check_layers(places: Mapping[str, _Place]) -> None:
-    """Refuse layers of another type or shape than they are written in; kernels trust both."""
+    """Refuse layers of another type or shape than written; kernels rely on both."""
     cubes, knots = places["cube"].shape[0], places.get("flight_time")
     rows = {
         "returns": places["place"].shape[0],
@@ -361,8 +361,8 @@ def _read_attributes(file: Any) -> ScanSummary:
 
 
 def _mapping(file: Any, name: str, kind: type | UnionType) -> dict[str, Any]:
-    """Return an attribute that holds a mapping to values of a type, as JSON text."""
+    """Return an attribute that contains a mapping to values of a type, as JSON text."""
     content = json.loads(read_text(file, name))
     if not isinstance(content, dict) or not all(isinstance(v, kind) for v in content.values()):
-        raise InvalidValueError("holds something else than it should", name)
+        raise InvalidValueError("has unexpected content", name)
     return content

@@ -1,4 +1,4 @@
-"""Columns of tables: which quantity a column holds, and in which unit."""
+"""Columns of tables: quantities and units."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from lidar.formats.options import LENGTH_UNITS_M
+from lidar.formats.records.options import LENGTH_UNITS_M
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError
 
@@ -22,7 +22,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     **{name: {"": 1.0} for name in _PLAIN},
     "time": {"s": 1.0, "utc": math.nan},
 }
-"""The quantities that a column may hold, and for each unit how many SI units it is."""
+"""The quantities of columns, and the SI units in each of their units."""
 
 _OTHER_NAMES = {
     "longitude": "lon",
@@ -81,14 +81,14 @@ def quantity_of(header: str) -> tuple[str, str] | None:
     name, unit = split_unit(header)
     name = name.lower()
     if name == "time" and unit == "s":
-        # Seconds since when? The header must say that it is ephemeris time.
+        # Seconds need an epoch: the header must state that it is ephemeris time.
         unit = ""
     quantity = _OTHER_NAMES.get(name, name)
     return (quantity, unit) if quantity in UNITS else None
 
 
 def named_columns(headers: list[str], place: str) -> dict[str, Column]:
-    """Return the columns of a table by quantity, as its header names them.
+    """Return the columns of a table by quantity, as named in its header.
 
     Raises
     ------

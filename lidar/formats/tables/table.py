@@ -7,39 +7,39 @@ from pathlib import Path
 
 import numpy as np
 
-from lidar.formats.options import LidarOptions
-from lidar.formats.screening import (
-    Agreement,
-    Records,
-    Screen,
-    cartesian,
-)
-from lidar.formats.tables.columns import (
-    Column,
-    chosen_columns,
-    named_columns,
-    quantity_of,
-)
-from lidar.formats.tables.rows import (
+from lidar.formats.records.options import LidarOptions
+from lidar.formats.records.rows import (
     RowChunk,
     RowLayout,
     first_lines,
     flags_of,
     read_rows,
 )
-from lidar.formats.tables.times import times_of
+from lidar.formats.records.screening import (
+    Agreement,
+    Records,
+    Screen,
+    cartesian,
+)
+from lidar.formats.records.times import times_of
+from lidar.formats.tables.columns import (
+    Column,
+    chosen_columns,
+    named_columns,
+    quantity_of,
+)
 from lidar.scans import Scan
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError
 
 _POINT = ("x", "y", "z")
 _PLACE = ("lon", "lat", "radius")
-# What instrument it was is not known, hence neither is the reference point of its range.
+# The instrument is unknown, hence the reference point of its range too.
 _AGREEMENT = Agreement(offset_m=0.0, tolerance_m=10.0)
 
 
 def is_table(head: bytes) -> bool:
-    """Tell whether a file begins with a header that names coordinates (with units or without)."""
+    """Return whether a file begins with a header that names coordinates (with units or without)."""
     lines = first_lines(head)
     if len(lines) < 2:
         return False

@@ -1,9 +1,8 @@
 """Returns sorted into the cells of a grid, and exact statistics of each cell.
 
-A cell is the square of one GSD around a grid point. The returns are brought into cell order by
-a counting sort, once; medians are then found cell by cell, so that a whole grid
-costs O(N) whatever the number of iterations asks of it. Medians do not depend on the order in
-which the returns arrive.
+A cell is the square of one GSD around a grid point. The returns are brought into cell order once,
+by a counting sort; medians are then found cell by cell, so that a whole grid costs O(N) however
+often the iteration needs it. Medians do not depend on the order of the returns.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ class CellReturns:
     height : (K,) ndarray
         Along Uz, metres.
     index : (K,) ndarray of int
-        Which of the original returns each is.
+        Number of each among the original returns.
     """
 
     shape: tuple[int, int]
@@ -77,7 +76,7 @@ class CellReturns:
     def reduced(self, keep: BoolArray) -> CellReturns:
         """Return the returns chosen by the mask `keep` (K,), in the memory of all of them.
 
-        What they were is lost. On large grids copying is most of what choosing takes.
+        The original is destroyed: on large grids most of the time of a selection is copying.
         """
         return self._moved_together(keep, (self.dx, self.dy, self.height), self.index)
 
@@ -91,7 +90,7 @@ class CellReturns:
         return chosen
 
     def _inherit(self, before: CellReturns) -> None:
-        """Take over what was known `before` of the cells that have lost nothing since."""
+        """Reuse statistics computed `before` for cells that have lost no return since."""
         lost = np.flatnonzero(np.diff(self.start) != np.diff(before.start))
         known = vars(before)
         if "place" in known:
@@ -115,10 +114,10 @@ class CellReturns:
     def _by_cell(
         self, statistic: Callable[[IntArray, FloatArray], FloatArray], values: FloatArray
     ) -> FloatArray:
-        """Work a statistic out for every cell, of the grid's shape; for many returns on threads."""
+        """Compute a statistic for every cell, of the grid's shape; for many returns on threads."""
         if len(values) < MANY:
             return statistic(self.start, values).reshape(self.shape)
-        # The starts of some of the cells are all that tells them from the others.
+        # The starts alone define the cells.
         threads = usable_threads()
         ends = np.linspace(0, len(self.start) - 1, threads + 1).astype(np.int64)
         with ThreadPoolExecutor(threads) as pool:
@@ -130,7 +129,7 @@ class CellReturns:
     def corrected(
         self, slope_x: FloatArray, slope_y: FloatArray, *, out: FloatArray | None = None
     ) -> FloatArray:
-        """Heights (K,) carried to the grid points with slopes in metres per step [36]."""
+        """Heights (K,) moved to the grid points with slopes in metres per step [36]."""
         result = np.empty(len(self.height)) if out is None else out
         local = (self.dx, self.dy, self.height)
         every = np.arange(len(self.start) - 1)
@@ -146,18 +145,19 @@ class CellReturns:
 
 
 class CorrectedMedians:
-    """Medians of the slope-corrected heights [36] of an iteration whose slopes settle.
+    """Medians of the slope-corrected heights [36] during an iteration of the slopes.
 
-    The iteration ends everywhere but at a few cells long before it ends there; a cell whose
-    slopes have hardly changed since its median was taken keeps that median.
+    The iteration converges in most cells long before the last ones: a cell whose slopes have
+    hardly changed since its median was computed keeps that median.
 
     Parameters
     ----------
     cells : CellReturns
     neglected_m : float
-        A change of the slopes by less than this over half a cell is none, metres.
+        A change of the slopes that moves heights by less than this over half a cell is ignored,
+        metres.
     before : CorrectedMedians, optional
-        Of cells that held more returns: those that lost none keep their medians.
+        Those of cells with more returns: cells that lost none keep their medians.
     """
 
     def __init__(
@@ -183,14 +183,14 @@ class CorrectedMedians:
         return self._height.copy()
 
     def of_returns(self, slope_x: FloatArray, slope_y: FloatArray) -> FloatArray:
-        """Heights (K,) of all returns with these slopes; no medians can be taken after that."""
+        """Heights (K,) of all returns with these slopes; invalidates the medians."""
         return self._cells.corrected(slope_x, slope_y, out=self._corrected)
 
 
 def sort_into_cells(grid: MapletGrid, points: FloatArray, reach: float) -> CellReturns:
     """Bring points (N, 3), metres, into the cells of their nearest grid points.
 
-    Points beside the grid and those further than `reach` metres from its plane (the far side
+    Points outside the grid and those further than `reach` metres from its plane (the far side
     of the body is under every maplet) are left out.
     """
     frame = (grid.center, grid.axes / np.array([[grid.gsd], [grid.gsd], [1.0]]))
@@ -213,7 +213,7 @@ def _move_together(
     index: IntArray,
     keep: BoolArray,
 ) -> IntArray:
-    """Move the returns that are kept to the front, in their order; return where cells start now."""
+    """Move the kept returns to the front, in their order; return the new starts of the cells."""
     dx, dy, height = local
     begins = np.zeros(len(start), dtype=np.int64)
     at = 0
@@ -234,8 +234,8 @@ def _correct(
     slope_y: float,
     result: FloatArray,
 ) -> None:
-    """Carry heights of one cell to its grid point."""
-    # Of slices the compiler knows that no index is negative, and takes several returns at once.
+    """Move heights of one cell to its grid point."""
+    # For slices the compiler knows that no index is negative, and vectorises.
     dx, dy, height = local[0][first:end], local[1][first:end], local[2][first:end]
     carried = result[first:end]
     for k in range(len(carried)):
@@ -246,7 +246,7 @@ def _correct(
 def _follow(
     slopes: tuple[FloatArray, FloatArray], new: tuple[FloatArray, FloatArray], neglected: float
 ) -> IntArray:
-    """Let the slopes of cells (C,) be the new ones where they differ; return where they do."""
+    """Update the slopes of cells (C,) where they changed; return these cells."""
     some = np.empty(len(slopes[0]), dtype=np.int64)
     count = 0
     for c in range(len(some)):
@@ -266,7 +266,7 @@ def _correct_some(
     cells: IntArray,
     result: FloatArray,
 ) -> None:
-    """Carry the heights of some cells (M,) to their grid points."""
+    """Move the heights of some cells (M,) to their grid points."""
     slope_x, slope_y = slopes
     for c in cells:
         _correct(start[c], start[c + 1], local, slope_x[c], slope_y[c], result)
@@ -281,10 +281,10 @@ def _all_means(start: IntArray, values: FloatArray) -> FloatArray:
 
 @compiled
 def _means_of(start: IntArray, values: FloatArray, runs: IntArray, out: FloatArray) -> None:
-    """Write the means of some runs of `values` (K,), summed with the rounding errors carried along.
+    """Write the means of some runs of `values` (K,), by compensated summation.
 
-    The carried sum (Neumaier 1974) makes the mean correctly rounded for all practical purposes,
-    so that it does not depend on the order of the returns either.
+    The compensated sum (Neumaier 1974) makes the mean correctly rounded for all practical purposes,
+    so that it does not depend on the order of the returns.
     """
     for c in runs:
         total, lost = 0.0, 0.0

@@ -1,4 +1,4 @@
-"""Medians of a few values, as kernels ask for them cell by cell, and of many cells at once."""
+"""Medians of a few values inside kernels, and of many cells at once."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 from spcola.arrays import FloatArray, IntArray, read_only
 from spcola.compilation import compiled, compiled_inline
 
-# Runs of up to so many values are sorted side by side, of all even lengths up to the first number,
-# then in steps; what is longer is counted, one run at a time.
+# Runs of up to so many values are sorted by networks, of all even lengths up to the first number,
+# then in steps; longer ones are handled by counting, one at a time.
 _EVERY, _STEP, _LONGEST = 64, 8, 128
-# Runs of about one length are looked for among so many at once, which lie near each other.
+# Runs are grouped by length among so many neighbours.
 _NEAR = 16384
-# Runs that are sorted side by side: with the usual tens of values they lie in the nearest cache.
+# Runs that are sorted in parallel: with the usual tens of values they fit the nearest cache.
 _LANES = 64
 
 
@@ -22,9 +22,9 @@ _LANES = 64
 def median_of(values: FloatArray, size: int) -> float:
     """Median of the first `size` (≥ 1) values, none of them NaN.
 
-    The upper middle is the largest value that has no more than half of them below it. Candidates
-    are tried by counting, each between the bounds that the ones before it leave: a count has no
-    branches and takes several values at once, which is twice as fast as moving them about.
+    The upper middle is the largest value with at most half of the values below it. Candidates are
+    tested by counting, each between the bounds set by the earlier ones: counting has no branches
+    and is vectorised, which is twice as fast as moving values.
     """
     middle = size // 2
     low, high, least = -np.inf, np.inf, 0
@@ -33,7 +33,7 @@ def median_of(values: FloatArray, size: int) -> float:
         whole *= 2
     i = 0
     for _ in range(whole):
-        # In the order of van der Corput's sequence: values that come sorted are bisected.
+        # In the order of van der Corput's sequence: sorted values are bisected.
         bit = whole >> 1
         while i & bit:
             i ^= bit
@@ -86,10 +86,10 @@ def middle_network(size: int) -> IntArray:
 
 @compiled
 def column_medians(values: FloatArray, network: IntArray, out: FloatArray) -> None:
-    """Medians of the columns of `values` (N, C), N even, which are put in another order.
+    """Medians of the columns of `values` (N, C), N even, whose values are reordered.
 
-    `network` is that of :func:`middle_network` for N. Exchanges have no branches, and take
-    several columns at once: with NaN among its values a column's median means nothing.
+    `network` is that of :func:`middle_network` for N. Exchanges have no branches, and are
+    vectorised over columns: the median of a column with NaN is meaningless.
     """
     for e in range(len(network)):
         _exchange(values[network[e, 0]], values[network[e, 1]])
@@ -117,21 +117,21 @@ def run_medians(
 ) -> None:
     """Write the medians of some runs of values to `out`; NaN for those without any.
 
-    Runs of about one length are sorted side by side by a network of exchanges: there are no
-    branches, and each exchange takes several runs at once.
+    Runs of similar length are sorted in parallel by a network of exchanges: there are no branches,
+    and each exchange is vectorised over several runs.
 
     Parameters
     ----------
     start : (C + 1,) ndarray of int
         The values of run c are ``values[start[c]:start[c + 1]]``.
     values : (K,) ndarray
-        None of them NaN.
+        Without NaN.
     runs : (M,) ndarray of int
-        The runs that are asked for.
+        The requested runs.
     out : (C,) ndarray
-        What stands there of other runs stays.
+        Unchanged for other runs.
     center : (C,) ndarray, optional
-        Of each run the distances from it are taken.
+        Medians are of the distances from this center of each run.
     """
     for first in range(0, len(runs), _NEAR):
         _run_medians(start, values, runs[first : first + _NEAR], center, _networks(), out)
@@ -139,7 +139,7 @@ def run_medians(
 
 @cache
 def _networks() -> tuple[IntArray, IntArray, IntArray]:
-    """Exchanges (E, 2) of all lengths one after another, where each begins, and the lengths."""
+    """Exchanges (E, 2) of all lengths one after another, the start of each, and the lengths."""
     lengths = [*range(2, _EVERY + 1, 2), *range(_EVERY + _STEP, _LONGEST + 1, _STEP)]
     networks = [middle_network(length) for length in lengths]
     begin = np.cumsum([0, *(len(network) for network in networks)])
@@ -147,8 +147,8 @@ def _networks() -> tuple[IntArray, IntArray, IntArray]:
 
 
 @compiled_inline
-def _kind(size: int) -> int:
-    """Which of the lengths a run of 1 … `_LONGEST` values is brought to."""
+def _network_of(size: int) -> int:
+    """Number of the network for a run of 1 … `_LONGEST` values."""
     if size <= _EVERY:
         return (size + 1) // 2 - 1
     return _EVERY // 2 + (size - _EVERY + _STEP - 1) // _STEP - 1
@@ -164,16 +164,16 @@ def _run_medians(
     out: FloatArray,
 ) -> None:
     exchanges, begin, lengths = networks
-    ordered, first = _by_kind(start, runs, len(lengths))
+    ordered, first = _by_length(start, runs, len(lengths))
     block = np.zeros((_LONGEST, _LANES))
-    for kind in range(len(lengths)):
-        length = lengths[kind]
+    for which in range(len(lengths)):
+        length = lengths[which]
         lower, upper = block[length // 2 - 1], block[length // 2]
-        for done in range(first[kind], first[kind + 1], _LANES):
-            some = ordered[done : min(done + _LANES, first[kind + 1])]
+        for done in range(first[which], first[which + 1], _LANES):
+            some = ordered[done : min(done + _LANES, first[which + 1])]
             for j in range(len(some)):
                 _put_column(start, values, some[j], center, length, block, j)
-            for e in range(begin[kind], begin[kind + 1]):
+            for e in range(begin[which], begin[which + 1]):
                 _exchange(block[exchanges[e, 0]], block[exchanges[e, 1]])
             for j in range(len(some)):
                 odd = (start[some[j] + 1] - start[some[j]]) % 2
@@ -182,21 +182,21 @@ def _run_medians(
 
 
 @compiled
-def _by_kind(start: IntArray, runs: IntArray, kinds: int) -> tuple[IntArray, IntArray]:
-    """Runs in the order of their kinds, and where each begins; behind them empty and long ones."""
-    first = np.zeros(kinds + 2, dtype=np.int64)
-    kind = np.empty(len(runs), dtype=np.int64)
+def _by_length(start: IntArray, runs: IntArray, lengths: int) -> tuple[IntArray, IntArray]:
+    """Runs ordered by network, and the start of each group; then empty and long runs."""
+    first = np.zeros(lengths + 2, dtype=np.int64)
+    which = np.empty(len(runs), dtype=np.int64)
     for n in range(len(runs)):
         size = start[runs[n] + 1] - start[runs[n]]
-        kind[n] = _kind(size) if 0 < size <= _LONGEST else kinds
-        first[kind[n] + 1] += 1
-    for k in range(kinds + 1):
+        which[n] = _network_of(size) if 0 < size <= _LONGEST else lengths
+        first[which[n] + 1] += 1
+    for k in range(lengths + 1):
         first[k + 1] += first[k]
     free = first.copy()
     ordered = np.empty(len(runs), dtype=np.int64)
     for n in range(len(runs)):
-        ordered[free[kind[n]]] = runs[n]
-        free[kind[n]] += 1
+        ordered[free[which[n]]] = runs[n]
+        free[which[n]] += 1
     return ordered, first[:-1]
 
 
@@ -210,9 +210,9 @@ def _put_column(
     block: FloatArray,
     j: int,
 ) -> None:
-    """Write a run into column j, with the infinities around it that keep its middle in the middle.
+    """Write a run into column j, padded by infinities so that its middle remains in the middle.
 
-    Of an odd number of values the middle one comes to lie below the middle of the column.
+    For an odd number of values the middle one is just below the middle of the column.
     """
     size = start[run + 1] - start[run]
     low = (length - size) // 2
@@ -229,7 +229,7 @@ def _put_column(
 def _median_of_others(
     start: IntArray, values: FloatArray, runs: IntArray, center: FloatArray | None, out: FloatArray
 ) -> None:
-    """Write the medians of empty runs and of those that are too long for a network."""
+    """Write the medians of empty runs and of those too long for a network."""
     longest = 0
     for run in runs:
         longest = max(longest, start[run + 1] - start[run])

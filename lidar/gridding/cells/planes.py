@@ -1,9 +1,9 @@
 """Planes through the heights of neighbouring cells: the slopes of gridded returns.
 
-The heights stand at the cells' own *places* (the mean position of their returns), not at the
-grid points. A plane through such heights has the slope of the ground whatever the returns'
-positions in their cells, so that slopes need no good start, bear gaps, and the iteration of
-:mod:`lidar.gridding.gridding` cannot feed on its own errors: with one return in each cell it is
+The heights belong to the cells' own *places* (the mean position of their returns), not to the grid
+points. A plane through such heights has the slope of the ground whatever the returns' positions in
+their cells, so that slopes need no good start, tolerate gaps, and the iteration of
+:mod:`lidar.gridding.gridding` cannot amplify its own errors: with one return in each cell it is
 exact after a single round.
 """
 
@@ -28,16 +28,16 @@ class PlaneFit:
     slope_x, slope_y : ndarrays
         Along Ux and Uy, metres per grid step; 0 where nothing determines them.
     leverage : ndarray
-        Variance that the slopes' uncertainty adds to a height carried from the cell's place to
-        its grid point, in units of the variance of one weight-1 height.
+        Variance that the slopes' uncertainty adds to a height moved from the cell's place to its
+        grid point, in units of the variance of one weight-1 height.
     own : ndarray
-        Share of the cell's own height in that correction: its error is in the slopes as well,
-        and partly takes itself back.
+        Weight of the cell's own height in that correction: its error is in the slopes as well,
+        and partly cancels.
     unresolved : ndarray
-        Square of that carrying distance along directions in which the slope is not
-        determined, square grid steps.
+        Square of the distance from place to grid point along directions in which the slope is
+        not determined, square grid steps.
     misfit : ndarray
-        Variance of one weight-1 height about the plane, m²: noise, and ground that is no plane.
+        Variance of one weight-1 height about the plane, m²: noise, and departures from a plane.
         0 where no more than three heights determine it.
     """
 
@@ -60,9 +60,9 @@ def fit_planes(
 ) -> PlaneFit:
     """Fit a plane to the 3 × 3 cells around each cell that has a height.
 
-    Where those leave a direction in which the places scatter by less than `baseline` (grid
-    steps, standard deviation), 5 × 5 cells are taken, and so on up to `max_radius`; a direction
-    that is still not determined is given the slope 0.
+    Where those leave a direction in which the places scatter by less than `baseline` (grid steps,
+    standard deviation), 5 × 5 cells are used, and so on up to `max_radius`; a direction that is
+    still not determined gets the slope 0.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def fitted_plane(
     least: float,
     max_radius: int,
 ) -> FloatArray:
-    """What is known of the plane of one cell, in the order of `PlaneFit`."""
+    """Layers of the plane of one cell, in the order of `PlaneFit`."""
     radius, fitted = 1, False
     while not fitted and radius <= max_radius:
         moments = _moments(place_x, place_y, height, weight, row, column, radius)
@@ -133,7 +133,7 @@ def _moments(
     rows, columns = height.shape
     total = sum_x = sum_y = sum_h = count = 0.0
     xx = xy = yy = xh = yh = hh = 0.0
-    # Heights from that of the middle: the body's radius would eat the digits of the squares.
+    # Heights relative to the middle one: the body's radius would cost digits of the squares.
     middle = height[row, column]
     for r in range(max(0, row - radius), min(rows, row + radius + 1)):
         for c in range(max(0, column - radius), min(columns, column + radius + 1)):
@@ -207,7 +207,7 @@ def _by_principal_axes(
     weight: float,
     result: FloatArray,
 ) -> float:
-    """Fill in what the determined direction tells, if one is; return what of hh is left."""
+    """Fill in the determined direction, if there is one; return the remainder of hh."""
     total, mean_x, mean_y, xx, xy, yy, xh, yh, hh, _ = moments
     half, mean = np.hypot(0.5 * (xx - yy), xy), 0.5 * (xx + yy)
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)

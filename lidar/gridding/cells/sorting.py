@@ -1,8 +1,8 @@
-"""Points sorted into the cells of a grid by counting, in an order that depends on nothing else.
+"""Points sorted into the cells of a grid by counting, in a unique order.
 
-Within a cell points keep the order in which they came. A few points go to their cells at once.
-Many are first dealt to blocks of cells, then within each block: what is written to lies in the
-cache, and blocks are sorted on several cores. The result is the same to the bit.
+Within a cell points keep their original order. A few points are sorted directly. Many are first
+distributed to blocks of cells, then sorted within each block: each block fits the cache, and blocks
+are sorted on several cores. The result is the same to the bit.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from spcola.compilation import compiled, compiled_inline, usable_threads
 Frame = tuple[FloatArray, FloatArray]
 """Centre (3,) of a grid, metres, and its axes (3, 3): Ux and Uy over the GSD, Uz."""
 Sorted = tuple[IntArray, IntArray, FloatArray]
-"""Starts of the cells (C + 1,), which points lie in them, in their order, and where (3, K).
+"""Starts of the cells (C + 1,), the sorted points' numbers, and their places (3, K).
 
 Place in the cell along Ux and Uy in grid steps [24], height along Uz in metres.
 """
 
-# Points from which on they are worth the waking of threads, and the detour by blocks.
+# Number of points above which threads, and the detour by blocks, are worthwhile.
 MANY = 1_000_000
 # Cells of a block: their points, some tens each, fit into the cache of a core.
 _BLOCK = 2048
 
 
 def sort_points(points: FloatArray, frame: Frame, half_size: int, reach: float) -> Sorted:
-    """Sort points (N, 3), metres, by their cells; those beside the grid or beyond `reach` go."""
+    """Sort points (N, 3), metres, by cells; drop those outside the grid or beyond `reach`."""
     cells = (2 * half_size + 1) ** 2
     if len(points) < MANY or cells <= _BLOCK:
         return _sorted(points, frame, half_size, reach)
@@ -44,7 +44,7 @@ def sort_points(points: FloatArray, frame: Frame, half_size: int, reach: float) 
             return _count_blocks(points, chunk, frame, half_size, reach, blocks)
 
         counts = np.array(list(pool.map(counted, chunks)))
-        # In each block first what comes from the first chunk, and so on.
+        # In each block first the points of the first chunk, and so on.
         before = np.cumsum(counts, axis=0) - counts
         begin = np.concatenate([[0], np.cumsum(counts.sum(axis=0))])
         index, local = np.empty(begin[-1], dtype=np.int32), np.empty((3, begin[-1]))
@@ -67,7 +67,7 @@ def sort_points(points: FloatArray, frame: Frame, half_size: int, reach: float) 
 def _placed(
     points: FloatArray, i: int, frame: Frame, half_size: int, reach: float
 ) -> tuple[int, float, float, float]:
-    """Cell of a point, −1 beside the grid, and where it is: grid steps, and metres along Uz."""
+    """Cell of a point, −1 outside the grid, and its place: grid steps, and metres along Uz."""
     center, axes = frame
     x, y, z = points[i, 0] - center[0], points[i, 1] - center[1], points[i, 2] - center[2]
     along_x = x * axes[0, 0] + y * axes[0, 1] + z * axes[0, 2]
@@ -99,7 +99,7 @@ def _sorted(points: FloatArray, frame: Frame, half_size: int, reach: float) -> S
             k = free[cell[i]]
             free[cell[i]] += 1
             index[k] = i
-            # Worked out again: keeping it takes more memory, and time, than this.
+            # Computed again: storing it takes more memory, and time, than this.
             _, along_x, along_y, height = _placed(points, i, frame, half_size, reach)
             local[0, k] = along_x - np.floor(along_x + 0.5)
             local[1, k] = along_y - np.floor(along_y + 0.5)
@@ -155,7 +155,7 @@ def _sort_block(
     index: IntArray,
     local: FloatArray,
 ) -> None:
-    """Bring what was dealt to a block into the order of its cells, and note where they start."""
+    """Sort the points of a block by cells, and store the starts of its cells."""
     side = 2 * half_size + 1
     first, own = begin[block], block * _BLOCK
     size, cells = begin[block + 1] - first, min(_BLOCK, side * side - own)

@@ -1,7 +1,7 @@
-"""Windows of planes whose heights change while their places do not.
+"""Plane fits in fixed windows of cells, for heights that change while their places do not.
 
-The slopes of a plane are linear in the heights: sums with factors that the places give, along whole
-rows of a grid. An iteration of slopes and medians asks for them a dozen times.
+The slopes of a plane are linear in the heights: sums with factors given by the places, along whole
+rows of a grid. An iteration of slopes and medians uses them a dozen times.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from spcola.compilation import compiled
 
 
 class PlaneWindows:
-    """The windows of :func:`fit_planes`, for heights that change at places that do not.
+    """Windows of :func:`fit_planes` with fixed places.
 
     Slopes are linear in the heights. In windows of 3 × 3 cells, which nearly all are, the factors
-    are kept.
+    are stored.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class PlaneWindows:
         self._wide = _factors(framed[0], framed[1], framed[2], self._least, self._factor)
 
     def fit(self, height: FloatArray) -> PlaneFit:
-        """Return all that is known of the planes through `height` (R, C), as for `slopes`."""
+        """Return the planes through `height` (R, C), as :func:`fit_planes` does."""
         layers = plane_layers(
             *self._cells[:2], height, self._cells[2], self._least, self._max_radius
         )
@@ -55,7 +55,7 @@ class PlaneWindows:
     def slopes(self, height: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the slopes along Ux and Uy (R, C), metres per step, 0 where empty.
 
-        `height` (R, C) are metres at the places; NaN where these are.
+        `height` (R, C) are metres at the places; NaN where empty.
         """
         windows = (self._least, self._max_radius)
         slopes = _slopes(height, self._factor, self._wide, self._cells, windows)
@@ -125,9 +125,9 @@ def _add_moments(
 
 @compiled
 def _is_narrow(sums: FloatArray, weight: float, least: float) -> bool:
-    """Make of the sums of a window its mean and what the factors need; 0 where it is too narrow.
+    """Turn the sums of a window into its mean and terms of the factors; 0 where it is too narrow.
 
-    These are 1 / (Σw determinant), mean x and y, and the moments xx, xy and yy about the mean.
+    The terms are 1 / (Σw determinant), mean x and y, and the moments xx, xy and yy about the mean.
     """
     if not weight > 0:
         sums[0] = 0.0

@@ -1,4 +1,4 @@
-"""A box in space: the returns that may fall on a grid, and no others, lie in one."""
+"""A box in space that contains all returns that may fall on a grid."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _ROUNDING_M = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """What lies within `half` of `center` along each of three axes.
+    """The points within `half` of `center` along each of three axes.
 
     Parameters
     ----------
     center : (3,) array_like
         Body-fixed, metres.
     axes : (3, 3) array_like
-        Rows are unit vectors, square to each other.
+        Rows are unit vectors, perpendicular to each other.
     half : (3,) array_like
         Half the length along each axis, metres.
 
@@ -67,16 +67,16 @@ class Box:
         return float(np.linalg.norm(self.half))
 
     def grown(self, by: float) -> Box:
-        """Return the box that reaches `by` metres further on all sides."""
+        """Return the box extended by `by` metres on all sides."""
         return replace(self, half=self.half + by)
 
     def mapped(self, transform: Callable[[FloatArray], FloatArray]) -> Box:
-        """Return a box, turned as the image of this one, that holds it.
+        """Return a box that contains the image of this one, rotated with it.
 
         `transform` takes points (N, 3) and is affine, so that corners bound the image.
         """
         steps = transform(self.center + np.vstack([np.zeros(3), self.axes]))
-        # The rotation nearest to the images of the axes, which need not be square to each other.
+        # The rotation nearest to the images of the axes, which need not be perpendicular.
         left, _, right = np.linalg.svd(steps[1:] - steps[0])
         axes = left @ right
         along = transform(self.corners) @ axes.T
@@ -92,7 +92,7 @@ class Box:
     def touches(self, middles: FloatArray, reach: ArrayLike) -> BoolArray:
         """Return which balls (N,) of radius `reach` about `middles` (N, 3) may have a point inside.
 
-        All that have; some beside the edges and corners of the box have none.
+        True for all that have; also for some outside the edges and corners of the box.
         """
         along = np.abs((middles - self.center) @ self.axes.T)
         limit = self.half + np.asarray(reach, dtype=np.float64)[..., None]

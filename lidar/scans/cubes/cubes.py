@@ -1,12 +1,12 @@
-"""Returns sorted by where they lie: cubes of space, and places in them counted in quanta.
+"""Returns sorted by place: cubes of space, and integer places within them.
 
-A scan comes in the order of time, a mapola asks for what lies around a place. Sorted by the cube
-of a body-fixed lattice that it falls into, all that is near lies together. Cubes know no surface:
-tracks, overhangs and returns far off any ground are in one like all others.
+A scan comes in the order of time, a mapola needs the returns around a place. Sorted by the cubes of
+a body-fixed lattice, near returns are stored together. Cubes do not depend on a surface: tracks,
+overhangs and returns far off any ground are treated like all others.
 
 Coordinates are whole numbers of quanta; a cube's edge is a power of two of them, so that the upper
 bits of a coordinate are its cube and the lower ones the place in it, 64 bits for all three axes.
-What a return is rounded to depends on nothing else: not on the cubes, nor on its neighbours.
+The rounding of a return depends on nothing else: not on the cubes, nor on its neighbours.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from spcola.arrays import FloatArray, IntArray
 from spcola.compilation import compiled, compiled_inline
 
 QUANTUM_M = 5e-5
-"""Step in which places are counted, metres: rounding displaces a return by 25 µm at most along
-each axis, a thousandth of the noise of a range."""
+"""Unit of places, metres: rounding displaces a return by at most 25 µm along each axis, a
+thousandth of the noise of a range."""
 
-# Room for a place along one axis; three make one number.
+# Bits of a place along one axis; three of them fit one number.
 _ROOM = 21
-# Edges of 41 cm to 105 m, as powers of two of a quantum; larger ones have no room.
+# Edges of 41 cm to 105 m, as powers of two of a quantum; larger ones do not fit.
 _FEWEST_BITS, _USUAL_BITS, MOST_BITS = 13, 16, _ROOM
-# Returns to a cube: fewer would be all index, more reach far beyond what is asked for.
+# Returns per cube: with fewer the index dominates, with more too many are read in vain.
 _AIM = 120
 
 
 @dataclass(frozen=True, eq=False)
 class CubedPoints:
-    """N points in the T cubes of a lattice that hold any.
+    """N points in the T occupied cubes of a lattice.
 
     Attributes
     ----------
     bits : int
-        The edge of a cube is so many powers of two of a quantum.
+        The edge of a cube is 2 ** bits quanta.
     cube : (T, 3) int64 ndarray
         Cube (i, j, k) reaches from i to i + 1 edges along x, and so on.
     start : (T + 1,) int64 ndarray
@@ -69,7 +69,7 @@ class CubedPoints:
         return float(np.sqrt(0.75) * edge_of(self.bits))
 
     def part(self, begin: int, end: int) -> CubedPoints:
-        """Return rows `begin` to `end`, at least one, with the cubes that hold them."""
+        """Return rows `begin` to `end`, at least one, with their cubes."""
         first = int(np.searchsorted(self.start, begin, side="right")) - 1
         last = int(np.searchsorted(self.start, end, side="left"))
         start = np.clip(self.start[first : last + 1], begin, end) - begin
@@ -92,7 +92,7 @@ class CubedPoints:
 
 
 def edge_of(bits: int) -> float:
-    """Return the edge, metres, of cubes of so many powers of two of a quantum."""
+    """Return the edge, metres, of cubes of 2 ** bits quanta."""
     return float(QUANTUM_M * (1 << bits))
 
 
@@ -104,13 +104,13 @@ def cubed(points: FloatArray, bits: int | None = None) -> tuple[CubedPoints, Int
     points : (N, 3) ndarray
         Metres, finite.
     bits : int, optional
-        Size of the cubes; so that some hundreds of returns share one if not given.
+        Size of the cubes; by default such that some hundreds of returns share one.
 
     Returns
     -------
     CubedPoints
     (N,) int64 ndarray
-        Which of `points` each row is; those of a cube keep their order.
+        Number among `points` of each row; points of a cube keep their order.
     """
     steps = _quanta(np.ascontiguousarray(points))
     if bits is None:
@@ -120,7 +120,7 @@ def cubed(points: FloatArray, bits: int | None = None) -> tuple[CubedPoints, Int
 
 
 def _fitting_bits(steps: IntArray) -> int:
-    """Size of cube that about as many returns as wished for share."""
+    """Size of cube with about the desired number of returns."""
     bits = _USUAL_BITS
     while bits < MOST_BITS and len(steps) < _AIM / 2 * _occupied(steps, bits):
         bits += 1
@@ -130,7 +130,7 @@ def _fitting_bits(steps: IntArray) -> int:
 
 
 def _occupied(steps: IntArray, bits: int) -> int:
-    """Count the cubes that hold a point."""
+    """Count the occupied cubes."""
     return len(_numbered(steps, bits)[0])
 
 
@@ -146,7 +146,7 @@ def _quanta(points: FloatArray) -> IntArray:
 
 @compiled
 def _numbered(steps: IntArray, bits: int) -> tuple[IntArray, IntArray]:
-    """Cubes (T, 3) in the order in which they are met, and the cube of each point (N,)."""
+    """Occupied cubes (T, 3) in the order of their first points, and the cube of each point (N,)."""
     count = len(steps)
     size = 64
     while size < 2 * count:
@@ -158,7 +158,7 @@ def _numbered(steps: IntArray, bits: int) -> tuple[IntArray, IntArray]:
     last = -1
     for n in range(count):
         i, j, k = steps[n, 0] >> bits, steps[n, 1] >> bits, steps[n, 2] >> bits
-        # The next return of a scan mostly lies in the cube of the last one.
+        # The next return of a scan is mostly in the same cube as the last one.
         if last >= 0 and cube[last, 0] == i and cube[last, 1] == j and cube[last, 2] == k:
             number[n] = last
             continue
@@ -249,7 +249,7 @@ def _touching(
 ) -> tuple[IntArray, int]:
     chosen = np.empty(len(middle), dtype=np.int64)
     center = box[0]
-    count = held = 0
+    count = total = 0
     for t in range(len(middle)):
         x, y, z = middle[t, 0], middle[t, 1], middle[t, 2]
         near = abs(x - center[0]) <= across[0]
@@ -258,8 +258,8 @@ def _touching(
         near &= _is_inside(x, y, z, box, 0.0)
         chosen[count] = t
         count += near
-        held += near * (start[t + 1] - start[t])
-    return chosen[:count], held
+        total += near * (start[t + 1] - start[t])
+    return chosen[:count], total
 
 
 @compiled
@@ -296,15 +296,15 @@ def _keep_inside(points: FloatArray, rows: IntArray, box: BoxArrays) -> int:
 
 
 def touching(cubes: CubedPoints, box: Box, reach: float = 0.0) -> tuple[IntArray, int]:
-    """Return the cubes (numbers) that may hold points within `reach` (m) of `box`; how many in all.
+    """Return the cubes (numbers) that may have points within `reach` (m) of `box`; how many points.
 
-    A cube that lies apart from the box along an axis of either holds none.
+    A cube that lies apart from the box along an axis of either has none.
     """
     room, slant = 0.5 * edge_of(cubes.bits) + reach, np.abs(box.axes)
     along = box.half + 0.5 * edge_of(cubes.bits) * slant.sum(axis=1) + reach
     wide = (box.center, box.axes, along)
-    chosen, held = _touching(cubes.middle, cubes.start, wide, room + box.half @ slant)
-    return chosen, held
+    chosen, total = _touching(cubes.middle, cubes.start, wide, room + box.half @ slant)
+    return chosen, total
 
 
 def unpack_inside(
@@ -316,10 +316,10 @@ def unpack_inside(
     *,
     reach: float = 0.0,
 ) -> int:
-    """Unpack what lies in `box`, or within `reach` metres beyond its sides; return how many.
+    """Unpack the points in `box`, or within `reach` metres of its sides; return how many.
 
     Points of the `chosen` cubes (numbers) are written to the front of `points` (M, 3), metres,
-    and their rows to that of `rows` (M,), which have room for all that these cubes hold.
+    and their rows to that of `rows` (M,), which have room for all points of these cubes.
     """
     packed = (cubes.place, cubes.start, cubes.corner)
     arrays = (box.center, box.axes, box.half)
@@ -328,9 +328,9 @@ def unpack_inside(
 
 
 def keep_inside(points: FloatArray, rows: IntArray, box: Box) -> int:
-    """Move what lies in `box` to the front, in its order; return how many there are.
+    """Move the points in `box` to the front, in their order; return how many there are.
 
-    What has no place (NaN) lies nowhere.
+    Points without a place (NaN) are never inside.
     """
     count: int = _keep_inside(points, rows, (box.center, box.axes, box.half))
     return count

@@ -1,9 +1,9 @@
-"""The control network of a solution: how its landmarks and states err together.
+"""The control network of a solution: correlated errors of its landmarks and states.
 
-The places of landmarks in images tie landmarks and states to one another better than either is
-known by itself. What is left is mostly what the whole network shares: how it lies, how it is
-turned, how large it is. A fit that takes the landmarks' sigmas for independent errors misjudges
-both.
+The measured places of landmarks in images constrain landmarks and states relative to one another
+better than either is known alone. The remaining error is mostly common to the whole network: its
+position, orientation and scale. A fit that takes the landmarks' sigmas for independent errors
+misjudges both.
 """
 
 from __future__ import annotations
@@ -20,32 +20,31 @@ from spcola.camera import SpcImage, partials_position, partials_rotation, projec
 from spcola.errors import InvalidValueError
 from spcola.math.robust import huber_weight, mad
 
-# Turns of a camera that nothing but its landmarks tells, radians: of a solution that turned its
-# cameras until the landmarks fitted, what a state states of its pointing is not known beside its
-# place.
+# Prior of camera pointing, radians: practically free. A solution turns its cameras until the
+# landmarks fit, so the stated sigma of pointing is not independent of that of position.
 _FREE_TURN = 0.1
-# Rounds in which residuals are weighed by their size, and the size is taken from them.
+# Rounds of robust weighting: weights from residuals, sigma from weighted residuals.
 _ROUNDS = 3
-# Places in images are written to so many pixels: no residual tells a smaller error than this.
+# Places in images are rounded to so many pixels: a smaller sigma cannot be inferred.
 _ROUNDED = 0.005
-# A smaller share of residuals that landmarks and states leave tells no error of a place.
+# Below this share of redundant residuals the sigma of a place is not estimated.
 _LEAST_FREE = 0.1
-# Fewer landmarks than these do not tell how a camera is turned.
+# Fewer landmarks than these do not determine the orientation of a camera.
 _LEAST_SEEN = 3
 
 
 @dataclass(frozen=True)
 class NetworkOptions:
-    """What is believed beforehand.
+    """Prior sigmas and limits.
 
     Parameters
     ----------
     pixel_sigma : float
-        Of a landmark's place in an image, pixels, before the residuals have told.
+        Prior sigma of a landmark's place in an image, pixels.
     center_sigma : float
-        Of a landmark whose file states none, metres, each axis.
+        Sigma of a landmark whose file states none, metres, each axis.
     position_sigma : float
-        Of a spacecraft position whose file states none, metres, each axis.
+        Sigma of a spacecraft position whose file states none, metres, each axis.
     most_images : int
         More are thinned evenly: memory and time grow with their square and cube.
     """
@@ -58,23 +57,23 @@ class NetworkOptions:
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """How N landmarks err, given where images see them.
+    """Errors of N landmarks and their correlations, from their places in images.
 
     Attributes
     ----------
     names : tuple of str
-        Of the landmarks.
+        Names of the landmarks.
     offset : (N, 3) ndarray
-        Estimated error of each V, body-fixed, metres: what is to be taken from V.
+        Estimated error of each V, body-fixed, metres: to be subtracted from V.
     own : (N, 3, 3) ndarray
-        Covariance of what is left, where landmarks err by themselves, square metres.
+        Covariance of the independent part of the remaining errors, square metres.
     shared : (N, 3, M) ndarray
-        Patterns in which they err together, of standard deviation 1 each, metres: the covariance of
-        landmarks i and j is ``shared_i shared_jᵀ``, plus `own` where i = j.
+        Patterns of shared errors, of standard deviation 1 each, metres: the covariance of landmarks
+        i and j is ``shared_i shared_jᵀ``, plus `own` where i = j.
     pixel_sigma : float
         Robust standard deviation of the residuals, pixels; NaN if there are none.
     images, seen : int
-        Images that took part, and places of landmarks in them.
+        Number of images used, and of places of landmarks in them.
     """
 
     names: tuple[str, ...]
@@ -96,9 +95,9 @@ def solve_network(
 ) -> Network:
     """Adjust landmarks and states to the landmarks' places in the images (eqs. 4–14, all at once).
 
-    Normal equations of all landmark vectors and states with their priors; the landmarks, of which
-    each has three components of its own, are eliminated. States have the prior of their place;
-    their pointing is free, since a solution's place and pointing err together.
+    Normal equations of all landmark vectors and states with their priors; the landmarks, of three
+    components each, are eliminated. States have the prior of their position; their pointing is
+    free, since position and pointing of a solution have correlated errors.
 
     Parameters
     ----------
@@ -108,19 +107,19 @@ def solve_network(
     sigma : (N, 3) ndarray
         One standard deviation of each; NaN or 0 where none is stated.
     images : sequence of SpcImage
-        States of the solution with the landmarks seen. Places that are marked as deweighted, or of
-        landmarks not named, do not count, nor do images that see fewer than three.
+        States of the solution with the landmarks seen. Places that are marked as deweighted or
+        belong to other landmarks are not used, nor are images with fewer than three.
     options : NetworkOptions, optional
 
     Returns
     -------
     Network
-        Without images the landmarks' own sigmas.
+        Without images, `own` contains the landmarks' stated sigmas.
 
     Raises
     ------
     InvalidValueError
-        If shapes disagree, a centre is not finite, or a landmark lies behind a camera that sees it.
+        If shapes disagree, a centre is not finite, or a landmark lies behind its camera.
     """
     options = options or NetworkOptions()
     check_shape(centers, (len(names), 3), "centers")
@@ -136,10 +135,10 @@ def solve_network(
     for _ in range(_ROUNDS):
         normal = _Normal.of(sightings, weight / spread**2, stated)
         left = residual - normal.predicted(sightings)
-        # Each camera takes three numbers out of its residuals at least, each landmark some.
+        # Each camera absorbs at least three of its residuals, each landmark some.
         free, least = normal.freedom(residual.size), _LEAST_FREE * residual.size
         spread = float(mad(left)) * float(np.sqrt(residual.size / max(free, least)))
-        # Residuals that can all be explained are 0 however wrong the places are.
+        # Residuals without redundancy are 0 whatever the errors of the places.
         spread = max(spread, options.pixel_sigma if free < least else _ROUNDED)
         weight = huber_weight(np.linalg.norm(left, axis=1) / spread, k=2.5)
     return Network(
@@ -155,7 +154,7 @@ def solve_network(
 
 @dataclass(frozen=True, eq=False)
 class _Sighting:
-    """What one image sees: K landmarks."""
+    """Linearised observations of K landmarks in one image."""
 
     landmark: IntArray  # (K,)
     residual: FloatArray  # (K, 2) observed less predicted, pixels
@@ -213,7 +212,7 @@ class _Normal:
 
     @classmethod
     def of(cls, sightings: list[_Sighting], weight: FloatArray, sigma: FloatArray) -> _Normal:
-        """Build and solve at the weights (R,), 1/pixels², of the sightings' residuals in turn."""
+        """Build and solve with weights (R,), 1/pixels², of the sightings' residuals in turn."""
         count, states = len(sigma), len(sightings)
         block = np.einsum("ni,ij->nij", sigma**-2, np.eye(3))
         right = np.zeros((count, 3))
@@ -242,8 +241,8 @@ class _Normal:
             for seen, parts in zip(seen_by, blocks, strict=True)
         ]
         for place, (seen, parts) in enumerate(ties):
-            held = np.einsum("kia,ij,ljb->kalb", parts, own[place], parts)
-            matrix[seen[:, None], :, seen[None, :], :] -= held.transpose(0, 2, 1, 3)
+            coupling = np.einsum("kia,ij,ljb->kalb", parts, own[place], parts)
+            matrix[seen[:, None], :, seen[None, :], :] -= coupling.transpose(0, 2, 1, 3)
             pull[seen] -= np.einsum("kia,ij,j->ka", parts, own[place], right[place])
         root = _inverse_root(matrix.reshape(6 * states, 6 * states))
         moved = (root @ (root.T @ pull.ravel())).reshape(states, 6)
@@ -256,7 +255,7 @@ class _Normal:
         return cls(landmarks, moved, own, ties, root)
 
     def predicted(self, sightings: list[_Sighting]) -> FloatArray:
-        """Residuals (R, 2) that the corrections explain."""
+        """Residuals (R, 2) due to the corrections."""
         return np.concatenate(
             [
                 np.einsum("kai,ki->ka", one.by_landmark, self.landmarks[one.landmark])
@@ -266,14 +265,14 @@ class _Normal:
         )
 
     def freedom(self, size: int) -> float:
-        """How many of `size` residuals landmarks and states leave; below 0 if there are too few."""
+        """Redundancy of `size` residuals; below 0 if there are too few."""
         seen = np.array([len(images) for images, _ in self.ties])
-        # A landmark or state has no more of its own than it is seen by.
+        # A landmark or state absorbs no more residuals than it has.
         taken = float(np.sum(np.minimum(3, 2 * seen))) + 3.0 * len(self.states)
         return size - taken
 
     def patterns(self) -> FloatArray:
-        """How landmarks err with the states (N, 3, M)."""
+        """Errors of the landmarks (N, 3, M) due to those of the states."""
         count = self.root.shape[0]
         blocks = self.root.reshape(-1, 6, count)
         patterns = np.zeros((len(self.own), 3, count))

@@ -1,8 +1,9 @@
 """Landmark vectors and spacecraft states from pixel residuals (Gaskell et al., eqs. 4–14).
 
 Each solution iterates normal equations ``M δq = w`` with a-priori terms on the diagonal and in
-w; its covariance is the inverse of M. The formal uncertainty of one solution weights the next:
-a landmark's observations carry the uncertainty of the states, a state's that of the landmarks.
+w; its covariance is the inverse of M. The formal uncertainty of one solution enters the weights of
+the next: a landmark's observations include the uncertainty of the states, a state's that of the
+landmarks.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ LANDMARK_PARAMETERS = ("V x", "V y", "V z")
 STATE_PARAMETERS = ("tau 1", "tau 2", "tau 3", "V0 x", "V0 y", "V0 z")
 
 CONDITION = 1e-12
-"""Smallest eigenvalue of the normal matrix, scaled to a unit diagonal, that counts as not zero."""
+"""Smallest eigenvalue of the normal matrix, scaled to a unit diagonal, above rounding."""
 
 
 class Prior(NamedTuple):
@@ -48,7 +49,7 @@ class Prior(NamedTuple):
 
 @dataclass(frozen=True)
 class EstimationOptions:
-    """When to stop: the step in units of its own formal sigma, and how many steps at most."""
+    """When to stop: the step relative to its own formal sigma, and the most steps."""
 
     tolerance: float = 1e-6
     max_iterations: int = 20
@@ -66,7 +67,7 @@ class LandmarkSolution:
     estimate : (3,) ndarray
         V, body-fixed, metres.
     covariance : (3, 3) ndarray
-        Of V, square metres.
+        Covariance of V, square metres.
     residuals : (N, 2) ndarray
         Observed less predicted pixel and line in each image.
     iterations : int
@@ -76,8 +77,8 @@ class LandmarkSolution:
     reason : str
         Why the iteration stopped.
     gain : (N, 3, 2) ndarray
-        ∂V/∂(pixel, line) of each observation, metres per pixel: how errors of observations, and
-        of states, reach V.
+        ∂V/∂(pixel, line) of each observation, metres per pixel: it propagates errors of
+        observations and states into V.
     """
 
     estimate: FloatArray
@@ -104,7 +105,7 @@ class StateSolution:
     image : SpcImage
         The image with the new V0, axes and their sigmas.
     covariance : (6, 6) ndarray
-        Of (τ1, τ2, τ3, V0), in radians and metres.
+        Covariance of (τ1, τ2, τ3, V0), in radians and metres.
     residuals : (N, 2) ndarray
         Observed less predicted pixel and line of each landmark.
     iterations, converged, reason
@@ -127,7 +128,7 @@ def solve_normal(
     Raises
     ------
     NotObservableError
-        If M is rank deficient; it names the parameters that the data leave free.
+        If M is rank deficient; the error names the parameters that are not determined.
     """
     scale = np.sqrt(np.diag(matrix))
     empty = ~(scale > 0)
@@ -152,30 +153,30 @@ def solve_landmark(
     prior: Prior | None = None,
     options: EstimationOptions = DEFAULTS,
 ) -> LandmarkSolution:
-    """Return the landmark vector that its places in several images determine [9, 10].
+    """Return the landmark vector determined by its places in several images [9, 10].
 
     Parameters
     ----------
     start : (3,) array_like
-        V to begin with, body-fixed, metres.
+        V to start from, body-fixed, metres.
     images : sequence of N SpcImage
-        Those that see it. Finite sigmas of V0 and pointing add to the observation's variance.
+        Images with the landmark. Finite sigmas of V0 and pointing add to the variance.
     observed : (N, 2) array_like
-        Pixel and line in each.
+        Pixel and line in each image.
     sigma_px : (N,) array_like or float, or (N, 2, 2) array_like
         One standard deviation of each, pixels, or covariances, pixels².
     state_covariance : (N, 6, 6) array_like, optional
-        Of (τ1, τ2, τ3, V0) of each image, in place of its sigmas: errors of position and pointing
-        that go together hardly move the ground.
+        Covariance of (τ1, τ2, τ3, V0) of each image, which replaces its sigmas: correlated errors
+        of position and pointing hardly move the ground.
     prior : Prior, optional
-        Of V, metres.
+        Prior of V, metres.
     options : EstimationOptions
         When to stop.
 
     Raises
     ------
     NotObservableError
-        If images and prior leave a direction free (one image alone, say).
+        If images and prior leave a direction free (such as one image alone).
     InvalidValueError
         If observations or sigmas have another shape, are not finite, or a sigma not positive.
     """
@@ -225,12 +226,12 @@ def solve_state(
     use_prior: bool = True,
     options: EstimationOptions = DEFAULTS,
 ) -> StateSolution:
-    """Return the spacecraft state that the landmarks in an image determine [11, 13, 14].
+    """Return the spacecraft state determined by the landmarks in an image [11, 13, 14].
 
     Parameters
     ----------
     image : SpcImage
-        With the state to begin with.
+        With the state to start from.
     landmarks : (N, 3) array_like
         V of each, body-fixed, metres.
     observed : (N, 2) array_like
@@ -247,8 +248,8 @@ def solve_state(
     Raises
     ------
     NotObservableError
-        If landmarks and prior leave a parameter free (fewer than three landmarks without a
-        prior, say).
+        If landmarks and prior leave a parameter free (such as fewer than three landmarks without
+        a prior).
     InvalidValueError
         If an array has another shape, is not finite, or a sigma not positive.
     """
@@ -267,7 +268,7 @@ def solve_state(
     def add_prior(now: SpcImage) -> tuple[FloatArray, FloatArray]:
         if not use_prior:
             return np.zeros(6), np.zeros(6)
-        # [11] turns the axes by −τ in space: what has been turned so far, as τ
+        # [11] turns the axes by −τ in space: the total turn so far, as τ
         turned = Rotation.from_matrix(now.axes @ image.axes.T).as_rotvec()
         missing = np.concatenate([turned, image.scobj - now.scobj])
         return _prior_terms(missing, np.concatenate([image.pointing_sigma, image.scobj_sigma]))
@@ -282,7 +283,7 @@ def solve_state(
 
 @dataclass(frozen=True, eq=False)
 class _Found(Generic[S]):
-    """Where an iteration ended."""
+    """Final state of an iteration."""
 
     state: S
     covariance: FloatArray
@@ -300,10 +301,10 @@ def _iterate(
     parameters: Sequence[str],
     options: EstimationOptions,
 ) -> _Found[S]:
-    """Repeat [4–7] until the step vanishes beside its formal sigma.
+    """Repeat [4–7] until the step is far below its formal sigma.
 
     `linearise` gives residuals (N, 2), partials (N, 2, n) and variances (N, 2, 2) at a state;
-    `add_prior` what goes on the diagonal of M and to w.
+    `add_prior` the terms of the prior on the diagonal of M and in w.
     """
     state = start
     residuals, partials, variances = linearise(state)
@@ -342,9 +343,9 @@ def _prior_terms(missing: FloatArray, sigma: FloatArray) -> tuple[FloatArray, Fl
 
 
 def _spread(partials: FloatArray, sigma: FloatArray) -> FloatArray:
-    """Return the variance (…, 2, 2) that independent sigmas (…, 3) give pixel and line.
+    """Return the variance (…, 2, 2) of pixel and line due to independent sigmas (…, 3).
 
-    NaN sigmas are unknown and give nothing: the weights are then those of the pixels alone.
+    NaN sigmas are unknown and add nothing: the weights are then those of the pixels alone.
     """
     scaled = partials * np.nan_to_num(sigma)[..., None, :]
     variance: FloatArray = scaled @ np.swapaxes(scaled, -1, -2)
@@ -352,7 +353,7 @@ def _spread(partials: FloatArray, sigma: FloatArray) -> FloatArray:
 
 
 def _state_covariances(images: Sequence[SpcImage], given: ArrayLike | None) -> FloatArray:
-    """Return covariances (N, 6, 6) of states: those given, else of independent known sigmas."""
+    """Return covariances (N, 6, 6) of states: those given, else from finite sigmas."""
     if given is not None:
         covariances = np.asarray(given, dtype=np.float64)
         check_shape(covariances, (len(images), 6, 6), "state_covariance")
@@ -382,7 +383,7 @@ def _checked(observed: ArrayLike, sigma_px: ArrayLike, count: int) -> tuple[Floa
 
 
 def _not_observable(parameters: Sequence[str], free: BoolArray) -> NotObservableError:
-    """Return the error that names the parameters which are free."""
+    """Return the error that names the free parameters."""
     names = tuple(name for name, loose in zip(parameters, free, strict=True) if loose)
     return NotObservableError(
         f"the observations leave {', '.join(names)} free", names, do="add images or a prior"

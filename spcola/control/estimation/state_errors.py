@@ -1,4 +1,4 @@
-"""How well the state of an image is known: position and pointing together."""
+"""Covariance of the state of an image: position and pointing together."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from spcola.control.estimation.landmark_fit import solve_state
 from spcola.errors import NotObservableError
 from spcola.math.robust import mad
 
-# Landmarks of one SPC solution fit no better than this, pixels, however few tell.
+# Smallest sigma of landmarks of an SPC solution in images, pixels, even if few show less.
 _LEAST_PX = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Fixes:
-    """Landmarks by which the state of an image was solved.
+    """Landmarks that determine the state of an image.
 
     Parameters
     ----------
@@ -46,9 +46,9 @@ class Fixes:
 
 
 def measured_sigma(images: list[tuple[SpcImage, Fixes]]) -> float:
-    """Return one standard deviation, pixels, of measured landmarks: what their errors leave.
+    """Return one standard deviation of measured landmarks, pixels, without their own errors.
 
-    By the median deviation of all residuals; a tenth of a pixel at least.
+    From the median deviation of all residuals; a tenth of a pixel at least.
     """
     if not sum(len(fixes.points) for _, fixes in images):
         return _LEAST_PX
@@ -63,17 +63,17 @@ def state_covariance(
 ) -> FloatArray:
     """Return the covariance (6, 6) of (τ1, τ2, τ3, V0), radians and metres [13, 14].
 
-    The solution has turned the camera until its ground fits: the position is known to its
-    stated sigma, the ground in the middle of the image and the roll to the stated sigma of
-    pointing, and the landmarks in the image tell the rest. Independent sigmas of position and
-    pointing would have the ground err by both.
+    The solution has turned the camera until its ground fits: the position is known to its stated
+    sigma, the ground in the middle of the image and the roll to the stated sigma of pointing, and
+    the landmarks in the image determine the rest. Independent sigmas of position and pointing
+    would assign both errors to the ground.
 
     Parameters
     ----------
     image : SpcImage
         Its stated sigmas are used.
     anchor : (3,) array_like
-        Ground in the middle of what the image shows, body-fixed, metres.
+        Ground in the middle of the image, body-fixed, metres.
     fixes : Fixes
         May be empty.
     sigma_px : float
@@ -85,14 +85,14 @@ def state_covariance(
         If the image states no sigmas and has too few landmarks.
     """
     turns = image.pointing_sigma
-    held = float(np.sqrt(np.mean(turns[:2] ** 2))) / image.camera.pixel_angle
+    anchor_sigma = float(np.sqrt(np.mean(turns[:2] ** 2))) / image.camera.pixel_angle
     points, observed, spread = fixes.points, fixes.observed, fixes.sigma
     noise = np.full(len(points), sigma_px)
     middle = np.array(project_image(image, anchor))
-    if np.isfinite(held) and held > 0 and np.isfinite(middle).all():
+    if np.isfinite(anchor_sigma) and anchor_sigma > 0 and np.isfinite(middle).all():
         points = np.concatenate([points, np.reshape(anchor, (1, 3))])
         observed = np.concatenate([observed, middle[None]])
-        noise = np.append(noise, held)
+        noise = np.append(noise, anchor_sigma)
         spread = np.concatenate([spread, np.zeros((1, 3))])
     if not len(points):
         raise NotObservableError("states no sigma, and has no landmarks", (), where=image.name)
@@ -101,13 +101,13 @@ def state_covariance(
 
 
 def by_position_and_pointing(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Part covariances (…, 6, 6) of states into errors of position, and of pointing.
+    """Split covariances (…, 6, 6) of states into errors of position, and of pointing.
 
     Returns
     -------
     position, pointing : (…, 6, 6) ndarrays
-        Errors of the position with the turn of the camera that goes along with them, and what is
-        left of the pointing at a known position. Their sum is `covariance`.
+        Errors of the position with the correlated turn of the camera, and the remaining error of
+        the pointing at a known position. Their sum is `covariance`.
     """
     crossed, placed = covariance[..., :3, 3:], covariance[..., 3:, 3:]
     along = crossed @ np.linalg.inv(placed) @ np.swapaxes(crossed, -1, -2)

@@ -19,7 +19,7 @@ ByteOrder = Literal[">", "<"]
 def read_image_data(
     path: str | Path, width: int, height: int, *, byte_order: ByteOrder | None = None
 ) -> AnyArray:
-    """Read the pixels of an image whose size its .SUM file tells.
+    """Read the pixels of an image whose size is in its .SUM file.
 
     Parameters
     ----------
@@ -28,10 +28,10 @@ def read_image_data(
     width, height : int
         NPX and NLN.
     byte_order : {">", "<"}, optional
-        Of 16-bit data. If not given, the one in which neighbours are alike: in the wrong order the
-        least significant byte leads, and neighbours differ as noise does. SPC's own, most
-        significant byte first, unless the other makes the sum of differences between neighbours
-        less than half as large.
+        Byte order of 16-bit data. If not given, the one in which neighbours are similar: in the
+        wrong order the least significant byte leads, and neighbours differ like noise. SPC's own,
+        most significant byte first, unless the other makes the sum of differences between
+        neighbours less than half as large.
 
     Returns
     -------
@@ -95,8 +95,8 @@ def _order_of(content: bytes, width: int, height: int) -> ByteOrder:
 def _roughness(pixels: AnyArray) -> tuple[np.int64, np.int64]:
     """Sums of absolute differences between neighbours along lines and columns of pixels (R, C).
 
-    As they are, and with the two bytes of each exchanged. Compiled, and row by row so that several
-    pixels are taken at once: images are read by the thousand, and this looks at all of them.
+    With the bytes of each pixel unchanged and exchanged. Compiled, and row by row so that it is
+    vectorised: images are read by the thousand, and this reads all pixels.
     """
     rows, columns = pixels.shape
     kept, swapped = np.int64(0), np.int64(0)

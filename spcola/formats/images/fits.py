@@ -1,7 +1,7 @@
-"""Images as FITS: the pixels, and a header that says where and how they were taken.
+"""Images as FITS: the pixels, and a header with camera and state.
 
-The first row of the file is the first line of the image. Lengths stand in metres; a card holds
-twenty characters of a number, so that directions are kept to about 1e-14.
+The first row of the file is the first line of the image. Lengths are in metres; a card has twenty
+characters for a number, so that directions are accurate to about 1e-14.
 """
 
 from __future__ import annotations
@@ -102,15 +102,15 @@ def read_fits_image(path: str | Path) -> SpcImage:
 
 @contextmanager
 def reading_fits(path: str | Path) -> Iterator[Any]:
-    """Yield the units of a FITS file, all of which is in memory.
+    """Yield the units of a FITS file, read completely into memory.
 
-    On damaged files astropy warns, or raises whatever its layers happen to meet. This is the one
-    place that turns all of it into one line, so nothing but reading may stand within the block.
+    On damaged files astropy warns, or raises various errors. This is the one place that turns all
+    of them into one line, so the block must contain nothing but reading.
 
     Raises
     ------
     FormatError
-        If the file cannot be read, or the block fails on what is in it.
+        If the file cannot be read, or the block fails.
     """
     from astropy.io import fits  # noqa: PLC0415
 
@@ -127,7 +127,7 @@ def reading_fits(path: str | Path) -> Iterator[Any]:
 
 
 def _check_counts(content: bytes, path: str | Path) -> None:
-    """Refuse more axes or columns than FITS allows: astropy asks for each of them."""
+    """Refuse more axes or columns than FITS allows: astropy reads a keyword for each."""
     for key in (b"NAXIS   =", b"TFIELDS ="):
         at = content.find(key)
         while at >= 0:
@@ -141,13 +141,13 @@ def _check_counts(content: bytes, path: str | Path) -> None:
 
 
 class _Header:
-    """The cards of a file, asked for one by one."""
+    """The cards of a file."""
 
     def __init__(self, path: str | Path, cards: Mapping[str, Any]) -> None:
         self._path, self._cards = path, cards
 
     def number(self, key: str) -> float:
-        """Return a number, or refuse the file for want of it."""
+        """Return a number; an error if there is none."""
         value = self._cards.get(key)
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise FormatError("has no number", f"{self._path}: keyword {key}")
@@ -156,7 +156,7 @@ class _Header:
         return float(value)
 
     def text(self, key: str) -> str:
-        """Return a text, or refuse the file for want of it."""
+        """Return a text; an error if there is none."""
         value = self._cards.get(key)
         if not isinstance(value, str):
             raise FormatError("has no text", f"{self._path}: keyword {key}")
@@ -167,7 +167,7 @@ class _Header:
         return np.array([self.number(f"{key}_{axis}") for axis in "XYZ"])
 
     def sigma(self, key: str) -> FloatArray:
-        """Return three numbers (3,), NaN if there is none of them."""
+        """Return three numbers (3,), NaN if all are missing."""
         known = any(f"{key}_{axis}" in self._cards for axis in "XYZ")
         return self.vector(key) if known else np.full(3, np.nan)
 

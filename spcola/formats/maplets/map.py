@@ -49,7 +49,7 @@ _NODE = np.dtype([("height", ">i2"), ("albedo", "u1")])
 
 @dataclass(frozen=True, eq=False)
 class MapFile:
-    """A maplet with the header of the file that it came from."""
+    """A maplet with the header of its file."""
 
     maplet: Maplet
     header: MapHeader
@@ -65,7 +65,7 @@ def read_map(path: str | Path, *, name: str | None = None) -> MapFile:
     Parameters
     ----------
     path : str or Path
-        The file; kilometres inside, metres in what is returned.
+        The file, in kilometres; the result is in metres.
     name : str, optional
         Name of the maplet; the stem of the file's name if not given.
 
@@ -73,7 +73,7 @@ def read_map(path: str | Path, *, name: str | None = None) -> MapFile:
     ------
     FormatError
         If the file is truncated, its length contradicts q, or a field of the header is absurd;
-        the bytes are named.
+        the message names the bytes.
     """
     content = read_bytes(path)
     if len(content) < RECORD:
@@ -104,7 +104,7 @@ def read_map(path: str | Path, *, name: str | None = None) -> MapFile:
 
 
 def read_maplet(path: str | Path, *, name: str | None = None) -> Maplet:
-    """Read a .MAP file, and the sigma companion ``NAME.SIG`` beside it if there is one.
+    """Read a .MAP file, and the sigma companion ``NAME.SIG`` next to it if there is one.
 
     Raises
     ------
@@ -140,9 +140,9 @@ def write_maplet(
     maplet : Maplet
         Metres.
     header : MapHeader, optional
-        What :func:`read_map` found, to be kept.
+        From :func:`read_map`, to be kept.
     sigma_companion : bool
-        Also write the heights' sigma to ``NAME.SIG`` beside it.
+        Also write the heights' sigma to ``NAME.SIG`` next to it.
 
     Raises
     ------
@@ -158,7 +158,7 @@ def write_maplet(
 
 
 def map_content(maplet: Maplet, header: MapHeader | None = None) -> bytes:
-    """Return what :func:`write_maplet` writes.
+    """Return the content that :func:`write_maplet` writes.
 
     Raises
     ------

@@ -38,7 +38,7 @@ _SMALLEST_HSCALE, _LARGEST_HSCALE = 1e-12, 1e4
 
 @dataclass(frozen=True)
 class MapHeader:
-    """What a .MAP file holds beside the maplet: kept so that an untouched file is rewritten alike.
+    """Content of a .MAP header beyond the maplet, kept so that a file is rewritten unchanged.
 
     Parameters
     ----------
@@ -46,8 +46,8 @@ class MapHeader:
         Bytes 1-6, unused by SPC (some writers sign here).
     version : int
         Signed version byte: 0 Gaskell, above 0 SPC, below 0 OLA.
-    hscale : float, optional
-        Height quantum in units of the GSD; used again only while it still reproduces every
+    Height quantum in units of the GSD; used again while it reproduces every height, otherwise
+    a new one is chosen. ``None`` chooses one.
         height, otherwise a new one is chosen. ``None`` chooses one.
     sigma_direction : bytes
         Direction of the position uncertainty, each byte / 255.
@@ -56,7 +56,7 @@ class MapHeader:
     hidden_counts : bytes
         Height counts of the file in its own order, kept only if a missing point has one.
     padding : bytes
-        What follows the last grid point, kept only if it is not all zero.
+        Bytes after the last grid point, kept only if not all zero.
     """
 
     leading: bytes = bytes(6)
@@ -80,7 +80,7 @@ def map_length(half_size: int) -> int:
 
 
 def check_length(content: bytes, half_size: int, path: str | Path) -> None:
-    """Refuse a file whose length is not that of its q, and say so if q looks byte-swapped."""
+    """Refuse a file whose length is not that of its q; detect a byte-swapped q."""
     place = f"{path}, bytes 11-12 (q)"
     if len(content) == map_length(half_size) and half_size >= 1:
         return
@@ -104,7 +104,7 @@ def check_length(content: bytes, half_size: int, path: str | Path) -> None:
 
 
 def grid_of(record: AnyArray, path: str | Path) -> MapletGrid:
-    """Return the frame that the header describes, or say which bytes are absurd."""
+    """Return the frame in the header, or an error that names the absurd bytes."""
     fields = [record["gsd"], *record["center"], *record["axes"].ravel()]
     if not np.all(np.isfinite(fields)):
         raise FormatError("GSD, V or an axis is not a finite number", f"{path}, bytes 7-63")
@@ -158,7 +158,7 @@ def _center_sigma(direction: AnyArray, size_km: float) -> FloatArray:
 
 
 def encode_header(maplet: Maplet, header: MapHeader) -> AnyArray:
-    """Return the header record (1,) of `maplet`, its hscale still to be chosen.
+    """Return the header record (1,) of `maplet`, without its hscale.
 
     Raises
     ------
@@ -181,7 +181,7 @@ def encode_header(maplet: Maplet, header: MapHeader) -> AnyArray:
 
 
 def _store_center_sigma(record: AnyArray, sigma: FloatArray, header: MapHeader) -> None:
-    """Store sigma of V: the header's own bytes if they say the same, else new ones."""
+    """Store sigma of V: the header's own bytes if they decode to it, else new ones."""
     stored = np.frombuffer(header.sigma_direction, np.uint8)
     size = float(np.linalg.norm(sigma))
     if np.array_equal(_center_sigma(stored, header.sigma_size_km), sigma, equal_nan=True):
@@ -197,8 +197,8 @@ def choose_hscale(heights: FloatArray, kept: float | None, name: str) -> float:
     largest = float(np.nanmax(np.abs(heights), initial=0.0))
     if kept is not None and kept > 0:
         counts = heights[np.isfinite(heights)] / kept
-        # Half a thousandth of a count: what the rounding of GSD and hscale to 4 bytes can do to
-        # a count that was an integer, with room; a height that was changed is not that close.
+        # Half a thousandth of a count: above the effect of rounding GSD and hscale to 4 bytes on
+        # an integer count; a changed height is not that close.
         exact = np.all(np.abs(counts - np.rint(counts)) < 5e-4)
         if exact and largest <= 32767 * kept:
             return kept

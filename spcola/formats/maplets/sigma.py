@@ -14,7 +14,7 @@ from spcola.formats.text.source import KM, read_bytes
 
 
 def sigma_path(path: str | Path) -> Path:
-    """Return the sigma companion's path: ``NAME.SIG`` beside ``NAME.MAP``."""
+    """Return the sigma companion's path: ``NAME.SIG`` next to ``NAME.MAP``."""
     return Path(path).with_suffix(".SIG")
 
 
@@ -26,17 +26,17 @@ def read_sigma(
     Parameters
     ----------
     path : str or Path
-        Kilometres inside.
+        File, in kilometres.
     half_size : int
         q of the maplet.
     byte_order : {">", "<"}, optional
-        Big-endian is the rule, but some builds write little-endian; if not given, the order in
-        which every value is NaN, 0, or between 1e-12 and 1e5 km is taken, big-endian first.
+        Big-endian is the rule, but some builds write little-endian; if not given, the first
+        order, big-endian first, in which every value is NaN, 0, or between 1e-12 and 1e5 km.
 
     Returns
     -------
     (2q+1, 2q+1) ndarray
-        Metres, indexed ``[m + q, n + q]``; NaN where not known (stored NaN).
+        Metres, indexed ``[m + q, n + q]``; NaN where unknown (stored NaN).
 
     Raises
     ------
@@ -69,7 +69,7 @@ def write_sigma(path: str | Path, sigma: FloatArray) -> None:
 
 
 def sigma_content(sigma: FloatArray) -> bytes:
-    """Return what :func:`write_sigma` writes."""
+    """Return the content that :func:`write_sigma` writes."""
     return (np.asarray(sigma).T / KM).astype(">f4").tobytes()
 
 

@@ -17,13 +17,13 @@ from spcola.shape.icq import IcqShape, first_open_edge, label_name
 def read_icq(path: str | Path) -> IcqShape:
     """Read an ICQ text file: Q, then x y z (km) for F = 1 … 6, J = 0 … Q, I = 0 … Q (I fastest).
 
-    Labels are kept as they stand, those of one vertex too. A fourth column (relative albedo, or
-    sigma in metres in SIGMA.TXT) becomes the layer.
+    Labels are unchanged, also those of one vertex. A fourth column (relative albedo, or sigma in
+    metres in SIGMA.TXT) becomes the layer.
 
     Raises
     ------
     FormatError
-        If a number is none, a line has another count than the first, the number of lines
+        If a word is no number, a line has another count than the first, the number of lines
         contradicts Q, a vertex is further than 1e5 km or two labels of one vertex lie apart by
         more than a hundredth of the largest radius.
     """
@@ -74,7 +74,7 @@ def write_icq(path: str | Path, shape: IcqShape, *, digits: int = 5) -> None:
     Raises
     ------
     InvalidValueError
-        If the layer holds a value that is not finite.
+        If the layer contains a value that is not finite.
     WorkspaceError
         If the file cannot be written.
     """
@@ -88,7 +88,7 @@ def write_icq(path: str | Path, shape: IcqShape, *, digits: int = 5) -> None:
 
 
 def check_radius(rows: NumberRows, table: FloatArray, metres: float) -> None:
-    """Refuse a table (N, 3) of vertices, in units of `metres`, that lie beyond any small body.
+    """Check that a table (N, 3) of vertices, in units of `metres`, fits a small body.
 
     Raises
     ------

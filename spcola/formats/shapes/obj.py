@@ -39,14 +39,14 @@ def read_obj(path: str | Path, *, unit: Unit = "km", faces_from: FacesFrom = 1) 
     path : str or Path
         The file.
     unit : {"km", "m"}
-        Of the coordinates: OBJ has none; kilometres are the practice of SPC.
+        Unit of the coordinates: OBJ has none; kilometres are the practice of SPC.
     faces_from : {1, 0}
-        The number of the first vertex: 1 in OBJ, 0 in files of programs that take it for PLY.
+        The number of the first vertex: 1 in OBJ, 0 in files of programs that confuse it with PLY.
 
     Raises
     ------
     FormatError
-        If a number is none, a face names a vertex that does not exist, a statement is unknown,
+        If a word is no number, a face names a vertex that does not exist, a statement is unknown,
         or there is no vertex or face; with its line.
     """
     statements = _Statements(read_text_bytes(path), Path(path))
@@ -70,9 +70,9 @@ def write_obj(path: str | Path, mesh: Mesh, *, unit: Unit = "km") -> None:
     path : str or Path
         Written whole or not at all.
     mesh : Mesh
-        Its name and the unit stand in a comment.
+        Its name and the unit are written as a comment.
     unit : {"km", "m"}
-        Of the coordinates.
+        Unit of the coordinates.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def write_obj(path: str | Path, mesh: Mesh, *, unit: Unit = "km") -> None:
 
 
 def divided(values: FloatArray, unit: float) -> FloatArray:
-    """Return `values` / `unit`, each nudged by a last bit where that makes it multiply back."""
+    """Return `values` / `unit`, each changed by a last bit where that makes it multiply back."""
     result: FloatArray = values / unit
     for side in (-np.inf, np.inf):
         near = np.nextafter(result, side)
@@ -97,7 +97,7 @@ def divided(values: FloatArray, unit: float) -> FloatArray:
 
 
 class _Statements:
-    """The lines of an OBJ file, told apart by their first word (all at once: files are large)."""
+    """The lines of an OBJ file, by their first word (all at once: files are large)."""
 
     def __init__(self, content: bytes, path: Path) -> None:
         self.path = path
@@ -117,7 +117,7 @@ class _Statements:
                 raise FormatError(f"{name!r} is no statement of OBJ", f"{path}, line {line + 1}")
 
     def rows(self, letter: bytes) -> NumberRows:
-        """Return the numbers behind the statements `letter`; of ``v/vt/vn`` only the first."""
+        """Return the numbers after the statements `letter`; of ``v/vt/vn`` only the first."""
         chosen = self.letter == ord(letter)
         text = self.text.copy()
         text[self.first[chosen]] = _BLANK
@@ -139,7 +139,7 @@ def _first_words(text: AnyArray, begins: IntArray, ends: IntArray) -> IntArray:
 
 
 def _without_slashes(text: AnyArray, lines: IntArray, path: Path) -> AnyArray:
-    """Blank what stands from a slash to the end of its word (indices of texture and normals)."""
+    """Blank words from their first slash on (indices of texture and normals)."""
     index = np.arange(len(text))
     slash = np.maximum.accumulate(np.where(text == _SLASH, index, -1))
     blank = np.maximum.accumulate(np.where(text <= _BLANK, index, -1))

@@ -61,18 +61,18 @@ def read_shape(
     path : str or Path
         The file.
     unit : {"km", "m"}
-        Of an OBJ or PLY, which state none; ICQ is in kilometres.
+        Unit of an OBJ or PLY, which state none; ICQ is in kilometres.
     faces_from : {1, 0}
-        The number by which the faces of an OBJ name its first vertex.
+        The number of the first vertex in the faces of an OBJ.
     icq_edges : {"mean", "first", "refuse"}
-        Where labels of one vertex of an ICQ differ (:meth:`spcola.shape.icq.IcqShape.mesh`).
+        Treatment of differing labels of one vertex (:meth:`spcola.shape.icq.IcqShape.mesh`).
 
     Raises
     ------
     FormatError
-        If it is none of these, or as their readers.
+        If it is none of these, or as raised by their readers.
     InvalidValueError
-        If labels of an ICQ differ and that is to be refused.
+        If labels of an ICQ differ and `icq_edges` is "refuse".
     """
     form = recognise_shape(path)
     if form == "icq":

@@ -18,19 +18,19 @@ _END = "END"
 
 
 def read_list(path: str | Path, *, kind: ListKind = "image") -> list[str]:
-    """Read a list: one name on each line up to ``END``; what follows ``END`` is not read.
+    """Read a list: one name on each line up to ``END``; the rest is ignored.
 
     Parameters
     ----------
     path : str or Path
         The file.
     kind : {"image", "landmark"}
-        What is listed: names of images have up to 12 characters, of landmarks and maps up to 6.
+        Type of the names: those of images have up to 12 characters, of landmarks and maps up to 6.
 
     Raises
     ------
     FormatError
-        If a line holds no name or several, a name is too long or stands twice, or ``END`` is
+        If a line has no name or several, a name is too long or appears twice, or ``END`` is
         missing (the file is truncated).
     """
     cursor = LineCursor(path)
@@ -39,7 +39,7 @@ def read_list(path: str | Path, *, kind: ListKind = "image") -> list[str]:
         name = read_name(cursor, line, kind)
         if name in names:
             raise cursor.error(
-                f"{name} stands twice, first on line {names[name]}", "remove one line"
+                f"{name} appears twice, first on line {names[name]}", "remove one line"
             )
         names[name] = cursor.number
     return list(names)
@@ -51,7 +51,7 @@ def write_list(path: str | Path, names: Iterable[str], *, kind: ListKind = "imag
     Raises
     ------
     InvalidValueError
-        If a name is too long for SPC, is ``END``, or stands twice.
+        If a name is too long for SPC, is ``END``, or appears twice.
     WorkspaceError
         If the file cannot be written.
     """
@@ -59,6 +59,6 @@ def write_list(path: str | Path, names: Iterable[str], *, kind: ListKind = "imag
     for name in names:
         check_name(name, kind, path)
         if name in seen or name == _END:
-            raise InvalidValueError(f"{name} stands twice or is the end mark", path)
+            raise InvalidValueError(f"{name} appears twice or is the end mark", path)
         seen[name] = None
     atomic.write_text(path, "".join(f"{name}\n" for name in (*seen, _END)))

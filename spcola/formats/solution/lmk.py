@@ -1,4 +1,4 @@
-"""Landmarks, .LMK: a maplet's frame, its uncertainty, the images that see it, its neighbours."""
+"""Landmarks, .LMK: a maplet's frame, its uncertainty, the images with it, its neighbours."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def read_landmark(path: str | Path) -> Landmark:
     Raises
     ------
     FormatError
-        If a line is missing or holds something else than it should, or the frame is absurd
-        (see :func:`spcola.formats.text.source.check_grid_km`).
+        If a line is missing or has unexpected content, or the frame is absurd (see
+        :func:`spcola.formats.text.source.check_grid_km`).
     """
     cursor = LineCursor(path)
     name, status = _read_first_line(cursor)
@@ -91,7 +91,7 @@ def write_landmark(path: str | Path, landmark: Landmark, *, like: str | Path | N
     landmark : Landmark
         Metres.
     like : str or Path, optional
-        A file whose layout is kept wherever it says the same (:mod:`spcola.formats.text.layout`).
+        A file whose layout is kept for unchanged lines (:mod:`spcola.formats.text.layout`).
 
     Raises
     ------
@@ -104,7 +104,7 @@ def write_landmark(path: str | Path, landmark: Landmark, *, like: str | Path | N
 
 
 def _known(value: float) -> float:
-    """Return `value`, or NaN for the negative number that means unknown."""
+    """Return `value`, or NaN for a negative number, which means unknown."""
     return float("nan") if value < 0 else float(value)
 
 
@@ -181,7 +181,7 @@ def _lines(landmark: Landmark) -> list[str]:
 def _overlap_line(overlap: MapOverlap) -> str:
     """Return the line of an overlap: the name in six columns, three numbers in ten each.
 
-    They have two decimals, as in published files, or as many more as it takes to read them again.
+    They have two decimals, as in published files, or more if needed to read them again exactly.
     """
     check_name(overlap.name, "landmark", overlap.name)
     numbers = (overlap.x, overlap.y, overlap.h)
@@ -191,7 +191,7 @@ def _overlap_line(overlap: MapOverlap) -> str:
 
 
 def _overlap_number(value: float) -> str:
-    """Return a number in ten columns, or in more, that reads as the same double."""
+    """Return a number in ten or more columns that reads as the same double."""
     text = f"{value:.2f}"
     if float(text) != value:
         text = repr(value)

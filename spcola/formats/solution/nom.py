@@ -24,13 +24,13 @@ _LABELS = ("SCOBJ", "SIGMA_VSO", "CX", "CY", "CZ", "SIGMA_PTG")
 
 
 def read_nominal(path: str | Path) -> NominalState:
-    """Read a .NOM file; what follows SIGMA_PTG is kept as it stands.
+    """Read a .NOM file; lines after SIGMA_PTG are kept unchanged.
 
     Raises
     ------
     FormatError
-        If a line is missing or holds something else than it should, the velocity exceeds
-        1000 km/s, or the spacecraft is further than 1e7 km.
+        If a line is missing or has unexpected content, the velocity exceeds 1000 km/s, or
+        the spacecraft is further than 1e7 km.
     """
     cursor = LineCursor(path)
     name = read_image_name(cursor)
@@ -53,7 +53,7 @@ def write_nominal(path: str | Path, state: NominalState, *, like: str | Path | N
     state : NominalState
         Metres, metres per second and radians.
     like : str or Path, optional
-        A file whose layout is kept wherever it says the same (:mod:`spcola.formats.text.layout`).
+        A file whose layout is kept for unchanged lines (:mod:`spcola.formats.text.layout`).
 
     Raises
     ------
@@ -76,7 +76,7 @@ def write_nominal(path: str | Path, state: NominalState, *, like: str | Path | N
 
 
 def _read_velocity(cursor: LineCursor) -> tuple[FloatArray, str]:
-    """Return the velocity (3,), m/s, and the word behind it, of the next line."""
+    """Return the velocity (3,), m/s, and the word after it, of the next line."""
     words = cursor.next("the velocity").split()
     label = " ".join(words[3:])
     if len(words) < 3 or label in _LABELS:

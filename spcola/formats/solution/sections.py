@@ -1,4 +1,4 @@
-"""The sections at the end of .SUM and .LMK files: what was seen where, and what overlaps."""
+"""The sections at the end of .SUM and .LMK files: observations and overlaps."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def read_sections(
     cursor : LineCursor
         Before the first heading.
     parsers : dict
-        For each heading that may stand there (once), what reads one of its lines.
+        For each allowed heading (at most once), the parser of one of its lines.
 
     Returns
     -------
@@ -35,7 +35,7 @@ def read_sections(
     Raises
     ------
     FormatError
-        If a heading is unknown or stands twice, an entry is none, the end is missing, or
+        If a heading is unknown or appears twice, an entry is invalid, the end is missing, or
         something follows it.
     """
     found: dict[str, tuple[Entry, ...]] = {}
@@ -44,7 +44,7 @@ def read_sections(
         if heading not in parsers:
             raise cursor.error(f"{heading!r} is none of the headings {', '.join(parsers)}, {END}")
         if heading in found:
-            raise cursor.error(f"the heading {heading} stands twice")
+            raise cursor.error(f"the heading {heading} appears twice")
         entries = []
         first, found[heading] = heading, ()
         while not _is_heading(heading := cursor.next(END)):
@@ -71,9 +71,9 @@ def read_point(cursor: LineCursor, tokens: list[str], kind: str, *, extra: bool)
     tokens : list of str
         Its words.
     kind : {"image", "landmark"}
-        What the name names.
+        Type of the name.
     extra : bool
-        Whether more numbers may follow (limb lines); they are kept as they stand.
+        Whether more numbers may follow (limb lines); they are kept as text.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def read_name(cursor: LineCursor, text: str, kind: str) -> str:
     Raises
     ------
     FormatError
-        If SPC cannot hold it.
+        If it does not fit SPC.
     """
     try:
         return check_name(text, kind, cursor.place)
@@ -104,7 +104,7 @@ def read_name(cursor: LineCursor, text: str, kind: str) -> str:
 
 
 def refuse_duplicates(cursor: LineCursor, points: Sequence[Entry], heading: str) -> None:
-    """Refuse a section, read with `cursor`, in which one name stands twice.
+    """Refuse a section, read with `cursor`, in which a name appears twice.
 
     Raises
     ------
@@ -115,7 +115,7 @@ def refuse_duplicates(cursor: LineCursor, points: Sequence[Entry], heading: str)
     for index, point in enumerate(points):
         if point.name in seen:
             cursor.number = cursor.lines.index(heading) + index + 2
-            raise cursor.error(f"{point.name} stands twice under {heading}", "remove one line")
+            raise cursor.error(f"{point.name} appears twice under {heading}", "remove one line")
         seen.add(point.name)
 
 

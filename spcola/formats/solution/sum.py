@@ -32,7 +32,7 @@ from spcola.formats.text.source import (
 from spcola.navigation import et_from_utc
 
 LABEL_COLUMN = 63
-"""Where the label of a line begins in .SUM, .NOM and .LMK files."""
+"""Column of the labels in .SUM, .NOM and .LMK files."""
 
 _LINE_SCAN_COLUMN = 13
 _LARGEST_SIDE = 65536
@@ -42,7 +42,7 @@ def read_summary(path: str | Path) -> SpcImage:
     """Read a .SUM file.
 
     The sections LANDMARKS and LIMB FITS may be absent; the line ``END FILE`` may not. The older
-    ``SIGPXL`` in place of ``DISTORTION`` is read over: such a camera has no distortion.
+    ``SIGPXL`` instead of ``DISTORTION`` is ignored: such a camera has no distortion.
 
     Returns
     -------
@@ -52,8 +52,8 @@ def read_summary(path: str | Path) -> SpcImage:
     Raises
     ------
     FormatError
-        If a line is missing or holds something else than it should, a direction is no unit
-        vector, the spacecraft is further than 1e7 km, or the image is of a line-scan camera.
+        If a line is missing or has unexpected content, a direction is no unit vector, the
+        spacecraft is further than 1e7 km, or the image is of a line-scan camera.
     """
     cursor = LineCursor(path)
     name = read_image_name(cursor)
@@ -98,7 +98,7 @@ def read_summary(path: str | Path) -> SpcImage:
 def write_summary(path: str | Path, image: SpcImage, *, like: str | Path | None = None) -> None:
     """Write a .SUM file (the pixels go into a .DAT file, :mod:`spcola.formats.images.dat`).
 
-    An unknown sigma is written as −1, a value that SPC takes for a weak prior.
+    An unknown sigma is written as −1, which SPC interprets as a weak prior.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def write_summary(path: str | Path, image: SpcImage, *, like: str | Path | None 
     image : SpcImage
         Metres and radians.
     like : str or Path, optional
-        A file whose layout is kept wherever it says the same (:mod:`spcola.formats.text.layout`).
+        A file whose layout is kept for unchanged lines (:mod:`spcola.formats.text.layout`).
 
     Raises
     ------
@@ -122,7 +122,7 @@ def write_summary(path: str | Path, image: SpcImage, *, like: str | Path | None 
 
 
 def labelled(text: str, label: str) -> str:
-    """Return a line with its `label` in column 63, where SPC puts it, or behind longer text."""
+    """Return a line with its `label` in column 63, as in SPC, or after longer text."""
     return f"{text:<{LABEL_COLUMN - 1}} {label}\n"
 
 
@@ -137,7 +137,7 @@ def read_image_name(cursor: LineCursor) -> str:
     Raises
     ------
     FormatError
-        If there is none, SPC cannot hold it, or column 14 announces a line-scan image.
+        If there is none, it does not fit SPC, or column 14 marks a line-scan image.
     """
     line = cursor.next("the image's name")
     if line[_LINE_SCAN_COLUMN : _LINE_SCAN_COLUMN + 1] == "L":
@@ -177,7 +177,7 @@ def read_axes(cursor: LineCursor) -> FloatArray:
 
 
 def _read_utc(cursor: LineCursor) -> str:
-    """Return the time on the next line as it stands there, checked."""
+    """Return the time on the next line unchanged, after checking it."""
     utc = cursor.next("the time of the exposure").strip()
     try:
         et_from_utc(utc)

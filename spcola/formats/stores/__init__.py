@@ -1,4 +1,4 @@
-"""HDF5 files: layers, names, and a digest that finds damage."""
+"""HDF5 files: layers, names, and a digest that detects damage."""
 
 import lazy_loader
 

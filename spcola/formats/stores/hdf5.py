@@ -1,4 +1,4 @@
-"""HDF5 files: written whole or not at all, read as if nothing in them could be trusted."""
+"""HDF5 files: written atomically, and checked completely when read."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from spcola.atomic import replacing
 from spcola.errors import FormatError, InvalidValueError, SpcolaError
 from spcola.formats.text.source import regular_size
 
-# From this version on HDF5 checks sums of what it reads of its own structures, attributes included,
-# before it follows them: a flipped bit is an error and no endless loop. Texts of variable length
-# lie in heaps without a sum, and are not written (:func:`stored`).
+# From this version on HDF5 verifies checksums of its own structures, attributes included, before it
+# follows them: a flipped bit is an error and no endless loop. Texts of variable length lie in heaps
+# without a checksum, and are not written (:func:`stored`).
 _WRITTEN = ("v110", "v110")
 NUMBERS = "iuf"
-"""Kinds of NumPy types that are real numbers."""
+"""Kinds of NumPy dtypes that are real numbers."""
 
 _SEAL = "seal"
 
 
 class _Patient(io.FileIO):
-    """A file that notes that it could not be written, and goes on as if it had been.
+    """A file that records a write error, and then discards further writes.
 
-    HDF5 does not bear errors of the disk: what it could not write it tries to write again whenever
-    an object is closed, and in the end it brings the interpreter down.
+    HDF5 does not tolerate disk errors: it repeats a failed write whenever an object is closed, and
+    finally crashes the interpreter.
     """
 
     error: OSError | None = None
@@ -42,7 +42,7 @@ class _Patient(io.FileIO):
         view = memoryview(data).cast("B")
         done = len(view) if self.error else 0
         try:
-            # A plain file may write less than it is asked to.
+            # A plain file may write less than requested.
             while done < len(view):
                 done += super().write(view[done:]) or 0
         except OSError as error:
@@ -61,24 +61,24 @@ class _Patient(io.FileIO):
 
 @contextmanager
 def reading_hdf5(path: str | Path, form: str, what: str, do: str) -> Iterator[Any]:
-    """Yield an HDF5 file whose attribute ``format`` is `form`, for reading alone.
+    """Yield an HDF5 file whose attribute ``format`` is `form`, read-only.
 
-    On damaged files h5py raises whatever its layers happen to meet (OSError, RuntimeError,
-    KeyError, TypeError, OverflowError ...). This is the one place that turns all of it into one
-    line, so nothing but reading may stand within the block.
+    On damaged files h5py raises various errors (OSError, RuntimeError, KeyError, TypeError,
+    OverflowError ...). This is the one place that turns all of them into one line, so the block
+    must contain nothing but reading.
 
     Parameters
     ----------
     path : str or Path
     form : str
-        What the attribute ``format`` has to be.
+        Required value of the attribute ``format``.
     what, do : str
-        What to say of a file that is damaged, and what to do about it.
+        Message for a damaged file, and what to do about it.
 
     Raises
     ------
     FormatError
-        If the file cannot be read, is of another form, or the block fails on what is in it.
+        If the file cannot be read, is of another form, or the block fails.
     """
     try:
         regular_size(path)
@@ -98,16 +98,16 @@ def reading_hdf5(path: str | Path, form: str, what: str, do: str) -> Iterator[An
 def read_layer(
     group: Any, name: str, shape: tuple[int | None, ...], kinds: str = NUMBERS
 ) -> AnyArray:
-    """Return the dataset `name` of `group`, checked before anything of it is in memory.
+    """Return the dataset `name` of `group`, checked before it is read into memory.
 
     Parameters
     ----------
     group : h5py.Group
     name : str
     shape : tuple of int or None
-        What it has to be; None is any length that the file has room for.
+        Required shape; None is any length that fits the file.
     kinds : str
-        Kinds of NumPy types that it may have.
+        Allowed kinds of NumPy dtypes.
 
     Raises
     ------
@@ -123,9 +123,9 @@ def read_layer(
     fits = len(found) == len(shape)
     if not fits or any(w not in (None, n) for n, w in zip(found, shape, strict=True)):
         raise InvalidValueError(f"is of shape {found}", name)
-    # What is not stored is one number throughout, and has the room that its shape is checked for.
+    # A dataset without storage is one constant; its size is limited by the check of its shape.
     if None in shape and data.nbytes > data.id.get_storage_size():
-        raise InvalidValueError(f"says {data.nbytes} bytes, more than are stored", name)
+        raise InvalidValueError(f"states {data.nbytes} bytes, more than are stored", name)
     values: AnyArray = data[()]
     return values
 
@@ -161,19 +161,19 @@ def read_text(node: Any, name: str) -> str:
 
 
 def stored(text: str) -> AnyArray:
-    """Return a text as an attribute keeps it: UTF-8 of fixed length; :func:`read_text` reads it."""
+    """Return a text as attribute: UTF-8 of fixed length; :func:`read_text` reads it."""
     content = text.encode("utf-8")
     return np.array(content, dtype=f"S{max(len(content), 1)}")
 
 
 def stored_names(names: Iterable[str]) -> AnyArray:
-    """Return texts (N,) as a dataset keeps them; :func:`read_names` reads it."""
+    """Return texts (N,) as a dataset; :func:`read_names` reads it."""
     content = [name.encode("utf-8") for name in names]
     return np.array(content, dtype=f"S{max([1, *map(len, content)])}")
 
 
 def read_names(group: Any, name: str, count: int) -> list[str]:
-    """Return the dataset `name` of `group`: so many texts.
+    """Return the dataset `name` of `group`: `count` texts.
 
     Raises
     ------
@@ -198,7 +198,7 @@ def new_hdf5(path: str | Path) -> Iterator[Any]:
             with h5py.File(raw, "w", libver=_WRITTEN) as file:
                 yield file
         except (RuntimeError, OSError):
-            # What cannot be read back was not written.
+            # A file that cannot be read back was not written.
             if raw.error is None:
                 raise
         if raw.error is not None:
@@ -207,33 +207,33 @@ def new_hdf5(path: str | Path) -> Iterator[Any]:
 
 @contextmanager
 def replacing_hdf5(path: str | Path) -> Iterator[Any]:
-    """Yield an empty HDF5 file that takes the place of `path` when the block ends without an error.
+    """Yield an empty HDF5 file that replaces `path` when the block ends without an error.
 
     Raises
     ------
     WorkspaceError
-        If it cannot be written; what was there before stays.
+        If it cannot be written; the old file remains.
     """
     with replacing(path) as temporary, new_hdf5(temporary) as file:
         yield file
 
 
 def seal(file: Any) -> None:
-    """Give a file a checksum of all that it holds but the values of its datasets, as `sealed`."""
+    """Add a checksum of the file without the values of its datasets, as attribute `sealed`."""
     file.attrs[_SEAL] = stored(_digest(file))
 
 
 def sealed(file: Any) -> bool | None:
-    """Tell whether a file is as `seal` left it; None if it has no such checksum.
+    """Return whether a file is unchanged since `seal`; None if it has no such checksum.
 
     It covers the names of all groups and datasets, their attributes, and types and shapes of
-    datasets; not their values, which are to have checksums among the attributes.
+    datasets; not their values, which need checksums among the attributes.
     """
     return read_text(file, _SEAL) == _digest(file) if _SEAL in file.attrs else None
 
 
 def _plain(value: Any) -> Any:
-    """Return the value of an attribute as JSON knows it."""
+    """Return the value of an attribute as a type of JSON."""
     if isinstance(value, str):
         return value
     return value.decode("latin-1") if isinstance(value, bytes) else np.asarray(value).tolist()

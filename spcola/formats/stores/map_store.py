@@ -1,9 +1,9 @@
-"""A folder of maplets: .MAP files for every SPC program, and one HDF5 for what a .MAP cannot hold.
+"""A folder of maplets: .MAP files for every SPC program, and one HDF5 file for everything else.
 
-A .MAP quantises heights and has no place for sigma and further layers. The HDF5 beside the .MAP
-files holds these, and heights and frames at full precision: it is what is read back. It also
-knows the digest of each .MAP, so that a .MAP that was changed, or that an interrupted run left
-behind, is noticed and not mixed up.
+A .MAP quantises heights and has no place for sigma and further layers. The HDF5 file next to the
+.MAP files contains these, and heights and frames at full precision: it is what is read back. It
+also contains the digest of each .MAP, so that a changed .MAP, or one left by an interrupted run, is
+detected.
 """
 
 from __future__ import annotations
@@ -43,23 +43,23 @@ M = TypeVar("M", bound=Maplet)
 
 @dataclass(frozen=True)
 class MapStore(Generic[M]):
-    """How maplets of one kind are kept in a folder.
+    """Storage of maplets of one type in a folder.
 
     Parameters
     ----------
     kind : str
-        What one of them is, in words ("fused maplet").
+        Name of the type, in words ("fused maplet").
     file : str
         Name of the HDF5 file.
     form : str
-        Name and version of its form, kept inside.
+        Name and version of its format, stored inside.
     layers : tuple of str
-        Attributes that are kept as arrays, height, sigma and albedo among them.
+        Attributes stored as arrays, including height, sigma and albedo.
     make : callable
         Makes the value again from name and grid, and from layers, ``center_sigma`` and mappings
-        as keywords: as a rule the class.
+        as keywords: usually the class.
     mappings : tuple of str
-        Attributes that are kept as mappings of str to float.
+        Attributes stored as mappings of str to float.
     """
 
     kind: str
@@ -74,21 +74,21 @@ class MapStore(Generic[M]):
     ) -> list[str]:
         """Write maplets as the new content of `folder`, and return their names.
 
-        One is in memory at a time. All are first written beside their final places and renamed
-        at the end: an error or a full disk in between leaves the folder as it was. .MAP files
-        that the HDF5 knew before and that are no longer made are removed.
+        One is in memory at a time. All are first written next to their final places and renamed at
+        the end: an error or a full disk leaves the folder unchanged. .MAP files of the old HDF5
+        that are no longer made are removed.
 
         Raises
         ------
         WorkspaceError
             If the folder cannot be written.
         InvalidValueError
-            If two maplets bear one name, or a name is no file name.
+            If two maplets have the same name, or a name is no file name.
         """
         folder = Path(folder)
         former = self._former(folder)
         try:
-            # Somebody may have removed it, to have its content made again.
+            # The user may have removed it, to have its content made again.
             folder.mkdir(exist_ok=True)
             staging = Path(tempfile.mkdtemp(prefix=".maps.", suffix=".part", dir=folder))
         except OSError as error:
@@ -97,7 +97,7 @@ class MapStore(Generic[M]):
             with replacing(folder / self.file) as temporary:
                 names = self._stage(temporary, staging, maplets, sigma_companions)
                 staged = sorted(staging.iterdir())
-                # All at the end: each by itself would wait for all that was written before it.
+                # All at the end: each one would wait for all earlier writes.
                 flush(staged)
                 for path in staged:
                     path.replace(folder / path.name)
@@ -109,7 +109,7 @@ class MapStore(Generic[M]):
         return names
 
     def names(self, folder: str | Path) -> list[str]:
-        """Return the names of the maplets in `folder`, in the order of the alphabet.
+        """Return the names of the maplets in `folder`, in alphabetical order.
 
         Raises
         ------
@@ -142,11 +142,11 @@ class MapStore(Generic[M]):
 
     @property
     def _again(self) -> str:
-        """What to do about a folder that cannot be used."""
+        """Advice for a folder that cannot be used."""
         return f"make the {self.kind}s again"
 
     def _former(self, folder: Path) -> list[str]:
-        """Names that the HDF5 holds so far; none if it is damaged, for it is being replaced."""
+        """Names in the old HDF5; none if it is damaged, since it is being replaced."""
         try:
             return self.names(folder) if (folder / self.file).exists() else []
         except (FormatError, WorkspaceError):
@@ -177,7 +177,7 @@ class MapStore(Generic[M]):
     def _check_name(self, name: str, taken: list[str]) -> None:
         """Refuse a name that is taken, or that would hide the file or lead out of the folder."""
         if name in taken:
-            raise InvalidValueError(f"two {self.kind}s bear this name", name)
+            raise InvalidValueError(f"two {self.kind}s have this name", name)
         if not name or Path(name).name != name or name.startswith("."):
             raise InvalidValueError("is no name for a file", repr(name))
 
@@ -198,7 +198,7 @@ class MapStore(Generic[M]):
         """Read one maplet, whose .MAP has so many bytes, from its group."""
         kept = group.attrs
         half_size = int(read_number(group, "half_size"))
-        # A layer of one number throughout takes no room here, whatever its shape: the .MAP tells.
+        # A constant layer takes no space here, whatever its shape: the .MAP has the size.
         if map_length(half_size) != map_bytes:
             raise InvalidValueError(f"of {half_size} is not that of its .MAP", "half_size")
         grid = MapletGrid(kept["center"], kept["axes"], read_number(group, "gsd"), half_size)
@@ -219,10 +219,10 @@ class MapStore(Generic[M]):
 
 
 def _store_layer(group: Any, name: str, values: AnyArray) -> None:
-    """Write a layer into its group; one number throughout takes no room.
+    """Write a layer into its group; a constant takes no space.
 
-    Nothing is packed: the last digits of heights are noise, and packing them takes most of the time
-    of writing and spares a seventh of the room.
+    Nothing is compressed: the last digits of heights are noise, and compression takes most of the
+    time of writing to save a seventh of the space.
     """
     first = values.flat[0]
     if (values == first).all() or np.isnan(values).all():

@@ -1,4 +1,4 @@
-"""What text formats share: numbers, lines, columns, and errors with their place."""
+"""Common parts of text formats: numbers, lines, columns, and errors with their place."""
 
 import lazy_loader
 

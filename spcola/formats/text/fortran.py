@@ -7,15 +7,15 @@ import re
 import numpy as np
 
 LARGEST_NUMBER = 1e100
-"""Nothing measured is larger; its square still is a double."""
+"""Larger than any measurement; its square is still a double."""
 
-# One way alone to take each digit: two would take the square of their number in a long row of them.
+# Only one way to match each digit: two would take quadratic time for a long row of them.
 _NUMBER = re.compile(r"[+-]?(\d+(?:\.\d*)?|\.\d+)([DdEe][+-]?\d+|[+-]\d{3})?")
 _EXPONENT = re.compile(r"(?<=[\d.])[Dd]?(?=[+-]\d)|[Dd]")
 
 
 def parse_number(text: str) -> float:
-    """Return the number that `text` holds; ``0.5D-02``, ``5E-3``, ``.5-100`` and ``5`` are numbers.
+    """Return the number in `text`; ``0.5D-02``, ``5E-3``, ``.5-100`` and ``5`` are numbers.
 
     Raises
     ------
@@ -41,8 +41,8 @@ def format_d(value: float, width: int, digits: int) -> str:
     """Format as Fortran's ``Dw.d``: ``0.5000000000D-02`` for 0.005 with ten digits.
 
     An unknown value (NaN) has no Fortran form; it becomes −1, which the readers of this program
-    take for unknown where only positive numbers make sense (sigmas), and which SPC, squaring it,
-    takes for a weak prior.
+    interpret as unknown where only positive numbers make sense (sigmas), and which SPC, squaring
+    it, interprets as a weak prior.
     """
     known = -1.0 if np.isnan(value) else value
     mantissa, exponent = f"{abs(known):.{digits - 1}e}".split("e")
@@ -52,7 +52,7 @@ def format_d(value: float, width: int, digits: int) -> str:
 
 
 def format_fixed(value: float, width: int, decimals: int) -> str:
-    """Format as Fortran's ``Fw.d``, with more decimals (and columns) where these would lose.
+    """Format as Fortran's ``Fw.d``, with more decimals (and columns) where it would lose digits.
 
     A focal-plane coefficient of 117.647058823 written with four decimals would move a landmark:
     ten significant digits are kept, as in the ``D20.10`` of the other lines. A value that fits

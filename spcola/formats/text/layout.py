@@ -1,4 +1,4 @@
-"""Keeping the layout of an existing text file when it is written again."""
+"""Preservation of the layout of an existing text file when it is written again."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ _Key = tuple[str, str]
 
 
 def in_layout_of(text: str, like: str | Path | None) -> str:
-    """Return `text` with the lines of the file `like` wherever they say the same.
+    """Return `text` with lines from the file `like` wherever these have the same content.
 
-    A line of the old file stays if each of its numbers rounds to that of the new line: spacing,
-    labels, further digits and the end of the file are kept. Where all lines of the old file
-    are still wanted, headings without entries stay as well.
+    A line of the old file is kept if each of its numbers rounds to that of the new line: spacing,
+    labels, further digits and the end of the file are preserved. Where all lines of the old file
+    still occur, headings without entries are kept as well.
 
     Parameters
     ----------
     text : str
         A .SUM, .LMK or .NOM file as this program writes it.
     like : str or Path or None
-        The file whose layout is to be kept; None returns `text`.
+        The file whose layout is preserved; None returns `text`.
 
     Raises
     ------
@@ -40,19 +40,19 @@ def in_layout_of(text: str, like: str | Path | None) -> str:
     wanted = dict(new)
     if [key for key, _ in old if key in wanted or not _is_bare(key)] == list(wanted):
         lines = [
-            line if key not in wanted or _says_the_same(wanted[key], line) else wanted[key]
+            line if key not in wanted or _has_same_content(wanted[key], line) else wanted[key]
             for key, line in old
         ]
     else:
         lines = [
-            kept[key] if key in kept and _says_the_same(line, kept[key]) else line
+            kept[key] if key in kept and _has_same_content(line, kept[key]) else line
             for key, line in new
         ]
     return "".join(lines)
 
 
 def _keyed_lines(text: str) -> list[tuple[_Key, str]]:
-    """Return each line with what tells it: its number before the sections, its name in them."""
+    """Return each line with its key: its number before the sections, its name in them."""
     keyed: list[tuple[_Key, str]] = []
     section = ""
     for number, line in enumerate(text.splitlines(keepends=True)):
@@ -71,13 +71,13 @@ def _is_bare(key: _Key) -> bool:
     return key[0] == ""
 
 
-def _says_the_same(new: str, old: str) -> bool:
-    """Whether each word of `old` is that of `new`, or a number that rounds to it."""
+def _has_same_content(new: str, old: str) -> bool:
+    """Return whether each word of `old` is that of `new`, or a number that rounds to it."""
     old_words = [_ALIASES.get(word, word) for word in _words(old)]
     new_words = _words(new)
     if old_words[-1:] == ["SIGPXL"]:
         return not any(parse_number(word) for word in new_words[:-1])
-    if len(old_words) == 2 and len(new_words) == 4:  # one sigma that stands for three
+    if len(old_words) == 2 and len(new_words) == 4:  # one sigma for all three
         old_words = [old_words[0]] * 3 + old_words[1:]
     return len(old_words) == len(new_words) and all(
         a == b or (is_number(a) and is_number(b) and _rounds_to(a, b))
@@ -95,5 +95,5 @@ def _rounds_to(old: str, new: str) -> bool:
     """Whether the number `old`, rounded to the digits that `new` shows, is `new`."""
     exponent = Decimal(new.upper().replace("D", "E")).as_tuple().exponent
     unit = 10.0 ** int(exponent)
-    # Half a unit, and what a double adds to it.
+    # Half a unit, and the rounding error of a double.
     return abs(parse_number(old) - parse_number(new)) <= 0.5 * unit * (1.0 + 1e-6)

@@ -1,4 +1,4 @@
-"""Text files whose every line is expected: a cursor that names the line that is wrong."""
+"""Text files with a fixed sequence of lines: a cursor that names the wrong line in errors."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class LineCursor:
         return FormatError(what, self.place, do)
 
     def next(self, wanted: str) -> str:
-        """Return the next line without its end; `wanted` says what it should have been.
+        """Return the next line without its end; `wanted` is its description for errors.
 
         Raises
         ------
@@ -70,9 +70,9 @@ class LineCursor:
         line : str
             The line that was read last.
         counts : sequence of int
-            How many numbers may stand there.
+            Allowed numbers of numbers.
         labels : sequence of str
-            The labels that may follow them, the usual one first.
+            Allowed labels after them, the usual one first.
 
         Raises
         ------
@@ -116,7 +116,7 @@ class LineCursor:
         return [int(value) for value in values]
 
     def next_sigma(self, *labels: str) -> FloatArray:
-        """Return the next line's three sigmas (3,) (one stands for all); negative is unknown, NaN.
+        """Return the next line's three sigmas (3,) (one is repeated); negative is unknown, NaN.
 
         Raises
         ------

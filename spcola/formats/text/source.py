@@ -1,4 +1,4 @@
-"""Reading a file's bytes, and the limits beyond which its numbers cannot be what they say."""
+"""Reading of a file's bytes, and limits of plausible numbers."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ _LONGEST_NAME = {"image": 12, "landmark": 6}
 def regular_size(path: str | Path) -> int:
     """Return the size in bytes of a regular file.
 
-    A pipe or a device has no size by which the work on it could be bounded, and may never end.
+    A pipe or a device has no size that limits the work on it, and may never end.
 
     Raises
     ------
     FormatError
-        If it is none.
+        If it is not a regular file.
     OSError
-        If it is not there, or closed to this user.
+        If it does not exist, or this user has no access.
     """
     status = Path(path).stat()
     if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
@@ -45,7 +45,7 @@ def regular_size(path: str | Path) -> int:
 
 
 def read_text_bytes(path: str | Path) -> bytes:
-    """Return the content of a text file without the mark (0x1A) by which DOS ends one.
+    """Return the content of a text file without the byte 0x1A at the end of DOS files.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def read_text_bytes(path: str | Path) -> bytes:
 
 
 def whole_number(text: str) -> int | None:
-    """Return the count that ASCII digits stand for; None for one that no file can hold."""
+    """Return the value of ASCII digits; None if there are others, or too many for any file."""
     return int(text) if text.isascii() and text.isdigit() and len(text) <= _MOST_DIGITS else None
 
 
@@ -92,12 +92,12 @@ def as_format_error(place: str) -> Iterator[None]:
 
 
 def check_name(name: str, kind: str, where: str | Path) -> str:
-    """Return `name` if SPC can hold it: an image's in 12 characters, a landmark's in 6.
+    """Return `name` if it fits SPC: an image's 12 characters, a landmark's 6.
 
     Raises
     ------
     InvalidValueError
-        If it is empty or too long, or has characters that cannot stand in a file name or column.
+        If it is empty or too long, or has characters not allowed in a file name or column.
     """
     longest = _LONGEST_NAME[kind]
     if not 1 <= len(name) <= longest:
@@ -116,10 +116,10 @@ def check_name(name: str, kind: str, where: str | Path) -> str:
 
 
 def check_grid_km(center_km: FloatArray, gsd_km: float, half_size: int) -> None:
-    """Refuse a maplet frame that cannot be in kilometres.
+    """Check that a maplet frame is plausible in kilometres.
 
-    The rule: GSD between 1e-9 km and 100 km; |V| at most 1e5 km; and half a side of the maplet
-    at most ten times |V| (a GSD in metres beside a V in kilometres breaks this), unless V is 0.
+    The rule: GSD between 1e-9 km and 100 km; |V| at most 1e5 km; and half a side of the maplet at
+    most ten times |V| (a GSD in metres next to a V in kilometres breaks this), unless V is 0.
 
     Raises
     ------

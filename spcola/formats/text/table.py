@@ -1,4 +1,4 @@
-"""Large tables of numbers in text: parsed at once, yet the bad line is named."""
+"""Large tables of numbers in text: parsed at once, with the bad line in errors."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from spcola.formats.text.fortran import LARGEST_NUMBER, parse_number
 
 _NUMBER_BYTES = np.zeros(256, dtype=bool)
 _NUMBER_BYTES[np.frombuffer(b"0123456789+-.eEdD", np.uint8)] = True
-# What bytes.split takes for a blank; other control characters are part of a (wrong) word.
+# Blanks of bytes.split; other control characters are part of a (wrong) word.
 _BLANK_BYTES = np.zeros(256, dtype=bool)
 _BLANK_BYTES[np.frombuffer(b" \t\n\r\v\f", np.uint8)] = True
 
 
 @dataclass(frozen=True, eq=False)
 class NumberRows:
-    """The numbers of a text, with what is needed to say where one stood.
+    """The numbers of a text, and the line of each.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class NumberRows:
     values : (N,) ndarray
         All numbers, in their order.
     counts : (L,) ndarray of int
-        How many of them stand on each line.
+        How many of them are on each line.
     lines : (L,) ndarray of int
         Number of each line in the file, from 1.
     """
@@ -41,7 +41,7 @@ class NumberRows:
     lines: IntArray
 
     def without_blank_lines(self) -> NumberRows:
-        """Return the same without the lines that hold no number."""
+        """Return the same without lines that have no number."""
         kept = self.counts > 0
         return NumberRows(self.path, self.values, self.counts[kept], self.lines[kept])
 
@@ -53,7 +53,7 @@ class NumberRows:
         return head, tail
 
     def table(self, widths: tuple[int, ...], what: str) -> FloatArray:
-        """Return the numbers as a table (L, W): every line has as many, one of `widths`.
+        """Return the numbers as a table (L, W): every line has the same count, one of `widths`.
 
         Raises
         ------
@@ -114,7 +114,7 @@ def parse_rows(text: bytes, path: str | Path, *, lines: IntArray | None = None) 
 
 
 def _parse_fast(text: bytes, count: int) -> FloatArray | None:
-    """Return the `count` numbers of `text`, or None if that is not what it plainly holds."""
+    """Return the `count` numbers of `text`, or None if it is not a plain list of them."""
     plain = text.replace(b"D", b"E").replace(b"d", b"e")
     try:
         values: FloatArray = np.fromstring(plain, dtype=np.float64, sep=" ")
@@ -124,7 +124,7 @@ def _parse_fast(text: bytes, count: int) -> FloatArray | None:
 
 
 def _parse_words(text: bytes, rows: NumberRows, row: AnyArray) -> FloatArray:
-    """Parse word by word: slow, but it finds the bad one, and reads exponents without a letter."""
+    """Parse word by word: slow, but finds the bad one, and reads exponents without a letter."""
     values = np.empty(len(row))
     for index, word in enumerate(text.split()):
         try:

@@ -1,6 +1,6 @@
-"""Gaps of a grid: which of them are narrow, and what the known points around fill in.
+"""Gaps of a grid: detection of narrow ones, and interpolation from the known points around.
 
-A filled value is never data: it only lets splines and filters run over a layer.
+A filled value is never data: it only allows splines and filters to be applied to a layer.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from scipy.ndimage import (
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.compilation import compiled
 
-# Gaussian, cells, of the neighbourhood of which a point of a narrow gap knows this share.
+# Gaussian, cells: in narrow gaps the smoothed share of known points exceeds this limit.
 _NEAR, _SHARE = 1.0, 0.2
-# Sweeps after which narrow gaps bend least; in wide ones more would change little that is near.
+# Sweeps until narrow gaps bend least; in wide gaps more sweeps would hardly change the rim.
 _SWEEPS = 30
 
 
 def carried_on(layer: FloatArray) -> FloatArray:
-    """Return a layer (R, C) in which each unknown point has the value of the nearest known one.
+    """Return a layer (R, C) with each unknown point at the value of the nearest known one.
 
     NaN everywhere if no point is known.
     """
@@ -40,8 +40,8 @@ def carried_on(layer: FloatArray) -> FloatArray:
 def bridged_mask(known: BoolArray, max_gap: int) -> BoolArray:
     """Return `known` (R, C) with the gaps that are no wider than `max_gap` cells closed.
 
-    A gap is what a square of max_gap + 1 cells cannot enter (a morphological closing): the
-    outline of the known area is not moved outward.
+    A gap is closed if a square of max_gap + 1 cells does not fit into it (a morphological
+    closing): the outline of the known area does not move outward.
     """
     width = max_gap + 1
     square = np.ones((width, width), dtype=bool)
@@ -51,7 +51,7 @@ def bridged_mask(known: BoolArray, max_gap: int) -> BoolArray:
 
 
 def closable(known: BoolArray) -> BoolArray:
-    """Mask (R, C) of what is known or lies in a gap narrow enough to be closed from around."""
+    """Mask (R, C) of points that are known or lie in a gap narrow enough to be closed."""
     if known.all():
         return known
     near: BoolArray = known | (gaussian_filter(known.astype(np.float64), _NEAR) > _SHARE)
@@ -59,10 +59,10 @@ def closable(known: BoolArray) -> BoolArray:
 
 
 def closed(layer: FloatArray) -> FloatArray:
-    """Return a layer (R, C) with its narrow gaps closed so that it bends least; the others NaN.
+    """Return a layer (R, C) with its narrow gaps closed by least bending; the others NaN.
 
-    Heights that are missing at random, or line by line, are nearly as good as if they were known:
-    what is smooth over some cells is told by the cells around. A mean of these would flatten it.
+    Heights that are missing at random, or line by line, are nearly as good as known ones: a
+    surface smooth over some cells is determined by the cells around. Their mean would flatten it.
     Of a gap wider than two cells only the rim is closed.
     """
     known = np.isfinite(layer)
@@ -95,9 +95,9 @@ def _fitted(height: FloatArray, terms: int) -> FloatArray:
     rows, columns = height.shape
     design = _polynomial((rows, columns))[:terms]
     known = np.isfinite(height)
-    held = design * known.ravel()
-    right = held @ np.where(known, height, 0.0).ravel()
-    solution = np.linalg.lstsq(held @ design.T, right, rcond=1e-12)[0]
+    weighted = design * known.ravel()
+    right = weighted @ np.where(known, height, 0.0).ravel()
+    solution = np.linalg.lstsq(weighted @ design.T, right, rcond=1e-12)[0]
     fitted: FloatArray = (solution @ design).reshape(height.shape)
     return fitted
 
@@ -114,7 +114,7 @@ def _polynomial(shape: tuple[int, int]) -> FloatArray:
 def filled(height: FloatArray) -> FloatArray:
     """Return `height` (R, C), metres, with gaps closed by the nearest known point about its trend.
 
-    Only so that splines can be run over it; what was a gap stays out of every comparison.
+    Only for interpolation by splines; points of gaps are excluded from every comparison.
     """
     known = np.isfinite(height)
     if known.all() or not known.any():
@@ -125,10 +125,10 @@ def filled(height: FloatArray) -> FloatArray:
 
 
 def bridged(height: FloatArray) -> FloatArray:
-    """Heights (R, C), metres, with gaps closed by what is around: smoothly where they are narrow.
+    """Return heights (R, C), metres, with gaps interpolated: smoothly where they are narrow.
 
-    A wide gap, or one that is open to the edge, goes on as the surface's paraboloid does: what is
-    level there has a kink that a filter carries far. 0 everywhere if nothing is known.
+    A wide gap, or one that is open to the edge, is filled with the surface's paraboloid: a level
+    filling would have a kink that a filter carries far. 0 everywhere if nothing is known.
     """
     known = np.isfinite(height)
     if known.all():
@@ -141,9 +141,9 @@ def bridged(height: FloatArray) -> FloatArray:
 
 @compiled
 def _relax(layer: FloatArray, points: IntArray, sweeps: int) -> None:
-    """Move some points (N, 2), row and column, of a layer to where it bends least, in place.
+    """Move some points (N, 2), row and column, of a layer to least bending, in place.
 
-    Gauss–Seidel on the squared Laplacian, the layer carried on beyond its edges.
+    Gauss–Seidel on the squared Laplacian, with the layer extended beyond its edges.
     """
     last_row, last_column = layer.shape[0] - 1, layer.shape[1] - 1
     for _ in range(sweeps):

@@ -1,4 +1,4 @@
-"""How surfaces on grids correlate and bend."""
+"""Correlation and bending of surfaces on grids."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""How much a gridded surface bends, and what that does to the mean height of a cell."""
+"""Bending of a gridded surface, and its effect on the mean height of a cell."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from spcola.arrays import FloatArray
 
 CELL_SHARE = 1.0 / 24.0
-"""Of its bending, the height by which a quadratic surface's mean over the cell around a grid point
-exceeds the height there: ∫ ½ (h_xx x² + h_yy y²) over the unit square."""
+"""Factor from bending to the difference between a quadratic surface's mean over the cell around a
+grid point and its height there: ∫ ½ (h_xx x² + h_yy y²) over the unit square."""
 
 BENDING_NOISE = 4.0
 """Variance of :func:`bending` for independent heights of variance 1."""
@@ -21,8 +21,8 @@ BENDING_RANGE_NOISE = 39.7
 def bending(height: FloatArray) -> FloatArray:
     """Return ``h_xx + h_yy`` of the quadratic surface fitted to the 3 × 3 heights around a point.
 
-    Least squares, so that noise makes :data:`BENDING_NOISE` times its variance of it, where second
-    differences along the two axes would make 20 times.
+    Least squares, so that the variance due to noise is :data:`BENDING_NOISE` times that of the
+    heights; second differences along the two axes would make 20 times.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def bending(height: FloatArray) -> FloatArray:
     Returns
     -------
     (R, C) ndarray
-        Metres (per square grid step); positive in hollows. NaN at the border and beside a gap.
+        Metres (per square grid step); positive in hollows. NaN at the border and next to a gap.
     """
     bend = np.full(height.shape, np.nan)
     center = height[1:-1, 1:-1]
@@ -43,10 +43,10 @@ def bending(height: FloatArray) -> FloatArray:
 
 
 def bending_range(height: FloatArray) -> FloatArray:
-    """Return by how much :func:`bending` differs within the 3 × 3 points around each, metres.
+    """Return the range of :func:`bending` within the 3 × 3 points around each point, metres.
 
-    At the edge of a boulder it is what the bending of one point leaves unsaid. 0 where at most one
-    of them is known.
+    At the edge of a boulder it shows bending that a single point misses. 0 where at most one of
+    them is known.
     """
     bend = bending(height)
     known = np.isfinite(bend)

@@ -10,7 +10,7 @@ from scipy import fft
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.math.robust import Scores
 
-# Fewer points tell no variance.
+# Fewer points do not determine a variance.
 _LEAST_POINTS = 30
 
 
@@ -24,13 +24,13 @@ def shift_variances(
 ) -> FloatArray:
     """Variance of ``fixed(x) − moving(x − shift)`` for every whole-cell shift up to `reach`.
 
-    Only points that both surfaces hold count, by their weights; the mean difference is removed for
-    each shift.
+    Only points known on both surfaces are used, by their weights; the mean difference is removed
+    for each shift.
 
     Parameters
     ----------
     moving, fixed : (N, N) ndarrays
-        Heights, metres; any finite value where they are not known.
+        Heights, metres; any finite value where unknown.
     moving_mask : (N, N) bool ndarray
         Where `moving` is known.
     fixed_weight : (N, N) ndarray
@@ -41,8 +41,8 @@ def shift_variances(
     Returns
     -------
     (2·reach + 1, 2·reach + 1) ndarray
-        Index ``[dy + reach, dx + reach]``; square metres; NaN where points of less than 30
-        in weight meet.
+        Index ``[dy + reach, dx + reach]``; square metres; NaN where the summed weight of common
+        points is below 30.
     """
     base = float(np.mean(fixed[fixed_weight > 0]))
     a, b = moving - base, fixed - base
@@ -72,7 +72,7 @@ def shift_correlations(
     Parameters
     ----------
     moving, fixed : (N, N) ndarrays
-        Of any unit, with means near 0; any finite value where they are not known.
+        Of any unit, with means near 0; any finite value where unknown.
     moving_mask, fixed_mask : (N, N) bool ndarrays
         Where they are known.
     reach : int
@@ -81,7 +81,7 @@ def shift_correlations(
     Returns
     -------
     (2·reach + 1, 2·reach + 1) ndarray
-        Index ``[dy + reach, dx + reach]``, −1 … 1; NaN where fewer than 30 points meet, or one
+        Index ``[dy + reach, dx + reach]``, −1 … 1; NaN where fewer than 30 points overlap, or one
         side has no texture there.
     """
     size = _padded(fixed.shape, reach)
@@ -100,13 +100,13 @@ def shift_correlations(
 
 
 def _padded(shape: tuple[int, ...], reach: int) -> tuple[int, int]:
-    """Size of a transform in which lags up to `reach` do not meet the other edge."""
+    """Size of a transform in which lags up to `reach` do not wrap around."""
     rows, columns = (fft.next_fast_len(n + reach, real=True) for n in shape)
     return rows, columns
 
 
 def _spectra(values: FloatArray, weight: AnyArray, size: tuple[int, int]) -> AnyArray:
-    """Transforms (3, …) of the weights of values, of the weighed values, and of their squares."""
+    """Transforms (3, …) of weights, of weighted values, and of weighted squares of values."""
     first = values * weight
     spectra: AnyArray = fft.rfft2(np.stack([weight, first, values * first]), size)
     return spectra
@@ -133,8 +133,8 @@ def autocovariance(residual: FloatArray, reach: int) -> FloatArray:
     Returns
     -------
     (2·reach + 1, 2·reach + 1) ndarray
-        Square metres. Symmetric; the centre is the variance. A Hann window takes it to 0 at the
-        edge, and the lags that hold most of it are left nearly as they are.
+        Square metres. Symmetric; the centre is the variance. A Hann window tapers it to 0 at the
+        edge and hardly changes the short lags.
     """
     known = np.isfinite(residual)
     size = _padded(residual.shape, reach)
@@ -162,18 +162,18 @@ def independent_patches(residual: FloatArray, *, reach: int = 20) -> float:
 
 
 def _area(covariance: FloatArray) -> float:
-    """Cells that an autocovariance covers, at least one."""
+    """Area of the correlation, cells, at least one."""
     variance = float(covariance[covariance.shape[0] // 2, covariance.shape[1] // 2])
     return max(float(np.sum(covariance)) / variance, 1.0) if variance > 0 else 1.0
 
 
 def _usable(reach: int, residual: FloatArray) -> int:
-    """Largest lag that a field can tell about."""
+    """Largest lag that the size of a field allows."""
     return max(1, min(reach, residual.shape[0] // 4))
 
 
 class RobustCovariance(NamedTuple):
-    """Covariance (P, P) of an estimate, and how many independent patches its residual has."""
+    """Covariance (P, P) of an estimate, and the number of independent patches of its residual."""
 
     matrix: FloatArray
     patches: float
@@ -186,23 +186,23 @@ def robust_covariance(
     rise: FloatArray | None = None,
     reach: int = 20,
 ) -> RobustCovariance:
-    """Covariance of a robust least-squares estimate under the errors that the residual shows.
+    """Covariance of a robust least-squares estimate with correlated residuals.
 
     A robust estimate solves ``Σ ψ(e_i) g_i = 0``. With C the autocovariance of ψ(e) and
-    ``H = Σ ψ′(e_i) g_i r_iᵀ`` its covariance is ``H⁻¹ (Σ_ij g_i C(i − j) g_jᵀ) H⁻ᵀ``: errors that
-    neighbours share count as shared (the "sandwich" estimate). What P parameters have taken out of
-    the residuals is put back by n / (n − P), n the independent patches.
+    ``H = Σ ψ′(e_i) g_i r_iᵀ`` its covariance is ``H⁻¹ (Σ_ij g_i C(i − j) g_jᵀ) H⁻ᵀ``: correlated
+    errors of neighbours are included (the "sandwich" estimate). The loss of P degrees of freedom
+    is compensated by n / (n − P), n the independent patches.
 
     Parameters
     ----------
     design : (P, N, N) ndarray
         Partial derivatives g at each grid point; 0 where nothing was compared.
     scores : Scores
-        Of residuals (N, N) that are of one standard deviation throughout (metres, or over the
-        points' own sigma, as the design is then too); NaN where nothing was compared.
+        Scores of residuals (N, N) of uniform standard deviation (metres, or over the points' own
+        sigma, as the design is then too); NaN where nothing was compared.
     rise : (P, N, N) ndarray, optional
-        r: by how much the residual changes with the estimate, where that is known better than by g,
-        whose own noise would pass for information; g by default.
+        r: change of the residual with the estimate, where it is known better than by g, whose own
+        noise would count as information; g by default.
     reach : int
         Largest lag, cells; at most a quarter of the grid is used.
 
@@ -227,7 +227,7 @@ def robust_covariance(
 
 
 def _smeared(design: FloatArray, covariance: FloatArray) -> FloatArray:
-    """``Σ_ij g_i C(i − j) g_jᵀ`` (P, P) over a grid, by FFT; C is held positive."""
+    """``Σ_ij g_i C(i − j) g_jᵀ`` (P, P) over a grid, by FFT; the spectrum of C is kept positive."""
     reach = covariance.shape[0] // 2
     size = _padded(design.shape[1:], reach)
     kernel = np.zeros(size)
@@ -235,7 +235,7 @@ def _smeared(design: FloatArray, covariance: FloatArray) -> FloatArray:
     kernel[np.ix_(index, index)] = covariance
     power = np.maximum(fft.rfft2(kernel).real, 0.0)
     spectra = fft.rfft2(design, size).reshape(len(design), -1)
-    # Columns of a real transform that stand for their mirror images too.
+    # Columns of a real transform that also represent their mirror images.
     twice = np.full(power.shape, 2.0)
     twice[:, 0] = 1.0
     if size[1] % 2 == 0:

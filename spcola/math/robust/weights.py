@@ -1,4 +1,4 @@
-"""Robust scale and weights: the one home of median deviations, Huber, Cauchy, Tukey."""
+"""Robust scale and weights: median deviations, Huber, Cauchy, Tukey."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def mad(values: ArrayLike, axis: int | None = None) -> FloatArray:
     -------
     ndarray
         1.4826 × MAD, in the unit of `values`: the standard deviation if they are normal. NaN
-        where nothing is known. Without `axis` a 0-d array.
+        where no value is known. Without `axis` a 0-d array.
     """
     array = np.asarray(values, dtype=np.float64)
     if axis is None:
@@ -43,7 +43,7 @@ HUBER = 1.345
 def huber_weight(z: ArrayLike, k: float = HUBER) -> FloatArray:
     """Return Huber's weights: 1 for |z| ≤ k, then k/|z| (95 % efficient with k = 1.345).
 
-    `z` are residuals over their standard deviation; NaN weighs 0.
+    `z` are residuals over their standard deviation; NaN gets weight 0.
     """
     size = np.abs(np.asarray(z, dtype=np.float64))
     weight = k / np.maximum(size, k)
@@ -53,7 +53,7 @@ def huber_weight(z: ArrayLike, k: float = HUBER) -> FloatArray:
 def cauchy_weight(z: ArrayLike, k: float = 2.385) -> FloatArray:
     """Return Cauchy's weights 1 / (1 + (z/k)²) (95 % efficient with k = 2.385).
 
-    `z` are residuals over their standard deviation; NaN weighs 0.
+    `z` are residuals over their standard deviation; NaN gets weight 0.
     """
     ratio = np.asarray(z, dtype=np.float64) / k
     weight = 1.0 / (1.0 + ratio * ratio)
@@ -65,7 +65,7 @@ def huber_solution(
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return the least-squares solution (P,) of ``rows · p = values`` and Huber's weights (N,).
 
-    Weights are those of residuals over their median deviation, a few rounds of them.
+    Weights are those of residuals over their median deviation, iterated for a few rounds.
 
     Parameters
     ----------
@@ -73,12 +73,12 @@ def huber_solution(
     values : (N,) ndarray
     rounds : int
     largest_condition : float
-        Of the normal matrix scaled to a unit diagonal.
+        Largest condition number of the normal matrix scaled to a unit diagonal.
 
     Returns
     -------
     tuple or None
-        None where columns depend on one another, or one of them is 0.
+        None where columns are linearly dependent, or one of them is 0.
     """
     weight: FloatArray = np.ones(len(rows))
     solution: FloatArray = np.zeros(rows.shape[1])
@@ -107,8 +107,8 @@ TUKEY = 4.685
 def biweight(z: ArrayLike, c: float = TUKEY) -> FloatArray:
     """Return Tukey's weights (1 − (z/c)²)², 0 beyond c (95 % efficient with c = 4.685).
 
-    `z` are residuals over their standard deviation; NaN weighs 0. What lies far off on one side
-    only does not pull at all, but the start must be good: begin with :func:`huber_weight`.
+    `z` are residuals over their standard deviation; NaN gets weight 0. Outliers on one side have
+    no influence at all, but the start must be good: begin with :func:`huber_weight`.
     """
     ratio = np.minimum(np.abs(np.asarray(z, dtype=np.float64)) / c, 1.0)
     weight: FloatArray = (1.0 - ratio * ratio) ** 2
@@ -116,16 +116,16 @@ def biweight(z: ArrayLike, c: float = TUKEY) -> FloatArray:
 
 
 class Scores(NamedTuple):
-    """What residuals pull with, ψ(e), and by how much that changes with them, ψ′(e)."""
+    """Scores of residuals, ψ(e), and their derivatives, ψ′(e)."""
 
     pull: FloatArray
     slope: FloatArray
 
 
 def huber_scores(residual: ArrayLike, spread: float) -> Scores:
-    """Return Huber's ψ, the residual cut off at 1.345 `spread`; of no spread the residual itself.
+    """Return Huber's ψ, the residual cut off at 1.345 `spread`; the residual itself if that is 0.
 
-    Any unit; NaN stays NaN.
+    Any unit; NaN remains NaN.
     """
     array = np.asarray(residual, dtype=np.float64)
     if not spread > 0:
@@ -135,9 +135,9 @@ def huber_scores(residual: ArrayLike, spread: float) -> Scores:
 
 
 def biweight_scores(residual: ArrayLike, spread: float) -> Scores:
-    """Return Tukey's ψ, 0 beyond 4.685 `spread`; of no spread the residual itself.
+    """Return Tukey's ψ, 0 beyond 4.685 `spread`; the residual itself if that is 0.
 
-    Any unit; NaN stays NaN.
+    Any unit; NaN remains NaN.
     """
     array = np.asarray(residual, dtype=np.float64)
     if not spread > 0:
@@ -148,7 +148,7 @@ def biweight_scores(residual: ArrayLike, spread: float) -> Scores:
 
 
 def _median(array: FloatArray, axis: int) -> FloatArray:
-    """Return the median of what is not NaN along `axis`; NaN where there is nothing.
+    """Return the median of the values that are not NaN along `axis`; NaN where there is none.
 
     ``numpy.nanmedian`` warns of slices without a value, which are an ordinary case here (a
     cell without returns), and its warning filter is not safe in threads.

@@ -1,8 +1,8 @@
-"""Errors that several observations share: a few patterns, and what each has of its own beside.
+"""Errors that several observations share: a few patterns, and a residual covariance for each.
 
 The covariance of N observations is ``Σ_k p_k p_kᵀ`` of patterns p_k (of standard deviation 1) plus
 one block for each observation. Scans, states of images, landmarks, maplets and the ground differ in
-where their patterns come from; how these are parted and counted is the same, and stands here.
+the source of their patterns; their separation and counting are the same, and are done here.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from scipy import linalg
 from spcola.arrays import FloatArray
 
 SHARED = 1.2
-"""A pattern of errors is one that observations share if it holds more than a single one's (1)."""
+"""A pattern is shared if its variance exceeds that of a single observation (1)."""
 
 
 def covariance_root(covariance: FloatArray) -> FloatArray:
@@ -25,12 +25,12 @@ def covariance_root(covariance: FloatArray) -> FloatArray:
 
 
 def patterns_of(correlation: FloatArray) -> FloatArray:
-    """Patterns (N, K) of standard deviation 1 that several of N observations share.
+    """Return patterns (N, K) of standard deviation 1 that several of N observations share.
 
     Parameters
     ----------
     correlation : (N, N) ndarray
-        Of their errors.
+        Correlation of their errors.
     """
     size, vectors = np.linalg.eigh(correlation)
     kept = size > SHARED
@@ -39,29 +39,29 @@ def patterns_of(correlation: FloatArray) -> FloatArray:
 
 
 def own_share(patterns: FloatArray) -> FloatArray:
-    """Share (N,) of each observation's variance that its patterns (N, K) leave, 0 to 1."""
+    """Return the share (N,) of each observation's variance outside its patterns (N, K), 0 to 1."""
     return np.clip(1.0 - np.sum(patterns**2, axis=1), 0.0, 1.0)
 
 
 def strongest(patterns: FloatArray, *, least: float) -> tuple[FloatArray, FloatArray]:
-    """Patterns (N, 3, K) that displace the N places by `least` metres at least, and the rest.
+    """Patterns (N, 3, K) that displace the N places by at least `least` metres, and the rest.
 
     Parameters
     ----------
     patterns : (N, 3, M) ndarray
-        Of standard deviation 1 each, metres.
+        Patterns of standard deviation 1 each, metres.
     least : float
         Root of the sum of squares over all places, metres.
 
     Returns
     -------
     kept : (N, 3, K) ndarray
-        The same errors in patterns that have nothing to do with one another, strongest first.
+        The same errors in uncorrelated patterns, strongest first.
     rest : (N, 3, 3) ndarray
-        Covariance of each place by what is not kept, square metres.
+        Covariance of each place due to the patterns left out, square metres.
     """
     count = len(patterns)
-    # Spelled out: NumPy cannot tell the length of an axis from an array of size 0.
+    # Spelled out: NumPy cannot infer the length of an axis of an array of size 0.
     flat = patterns.reshape(3 * count, patterns.shape[2])
     if not flat.size:
         return np.zeros((count, 3, 0)), np.zeros((count, 3, 3))

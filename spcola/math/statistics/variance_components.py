@@ -1,4 +1,4 @@
-"""Sizes of errors that are part of the question: the most likely ones."""
+"""Sizes of errors estimated with the parameters, by maximum likelihood."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ def most_likely_sizes(
 ) -> FloatArray:
     """Maximise a restricted likelihood with a log-normal prior over K sizes of errors.
 
-    Patterson & Thompson (1971): it does not mistake the freedom of the other parameters for small
-    errors. By a simplex, as the deviance is noisy at its last digits and K is 1 to 3.
+    Patterson & Thompson (1971): the estimate allows for the degrees of freedom of the other
+    parameters. By a simplex, as the deviance is noisy at its last digits and K is 1 to 3.
 
     Parameters
     ----------
     deviance : callable
         Minus twice the logarithm of the likelihood, of sizes (K,).
     median : (K,) ndarray
-        Of the prior.
+        Median of the prior.
     width : float or (K,) ndarray
         Standard deviation of the natural logarithm.
     start : (K,) ndarray
-        Where the search begins.
+        Start of the search.
     steps : (K,) ndarray
         First steps of the logarithms.
     reach : float
-        Logarithms stay within this of the median's: e to its minus is as good as none.
+        Largest distance of the logarithms from the median's; exp(−reach) is practically 0.
     tolerance : (float, float)
-        Of the logarithms, and of the deviance.
+        Tolerances of the logarithms, and of the deviance.
 
     Returns
     -------

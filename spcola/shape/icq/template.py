@@ -19,8 +19,8 @@ from spcola.arrays import (
 from spcola.errors import InvalidValueError
 from spcola.shape.mesh import Mesh
 
-# Which labels name one vertex (Gaskell's ICQ format): each word gives I, J and the face of one
-# end, t standing for 0 … Q and r for Q … 0.
+# Pairs of labels that name one vertex (Gaskell's ICQ format): each word gives I, J and the face of
+# one end, t running from 0 to Q and r from Q to 0.
 _SHARED_EDGES = (
     ("tq6", "rq4"),
     ("t06", "tq2"),
@@ -37,26 +37,26 @@ _SHARED_EDGES = (
 )
 
 IcqEdges = Literal["mean", "first", "refuse"]
-"""Which place a vertex has whose labels differ by more than rounding."""
+"""Place of a vertex whose labels differ by more than rounding."""
 
-# Two labels of one vertex may differ by this share of the largest radius: the rounding of the
-# five decimals that ICQ files have.
+# Tolerance of labels of one vertex, over the largest radius: the rounding of the five decimals in
+# ICQ files.
 _EDGE_TOLERANCE = 1e-5
-# Published shapes whose faces were made one by one differ by 3e-3 of the largest radius at their
-# edges; a file in another order of labels, or of another Q, by much of the radius.
+# Largest difference of labels of one vertex, over the largest radius: up to 3e-3 in published
+# shapes whose faces were made one by one; much more if the order of labels or Q is another.
 _LARGEST_GAP = 1e-2
 
 
 @dataclass(frozen=True)
 class EdgeGaps:
-    """How far labels of one vertex lie apart.
+    """Differences between labels of one vertex.
 
     Attributes
     ----------
     shared : int
         Pairs of labels that name one vertex, 12 (Q + 1) of them.
     differing : int
-        Those that differ by more than rounding, 1e-5 of the largest radius.
+        Pairs that differ by more than rounding, 1e-5 of the largest radius.
     max_m, rms_m : float
         Largest distance, and root mean square over those that differ, metres; 0 if none does.
     """
@@ -78,8 +78,8 @@ class IcqShape:
     """A shape whose vertices are labelled (I, J, F), 0 ≤ I, J ≤ Q, faces F = 1 … 6.
 
     The faces look to +Z, −Y, −X, +Y, +X, −Z. Vertices on edges and corners have two or three
-    labels: 6 (Q + 1)² labels name 6 Q² + 2 vertices. Each label is kept as it is given:
-    :attr:`gaps` tells how far those of one vertex differ, :meth:`mesh` makes one of them.
+    labels: 6 (Q + 1)² labels name 6 Q² + 2 vertices. Each label is kept as given: :attr:`gaps`
+    gives the differences for one vertex, :meth:`mesh` merges them.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class IcqShape:
         Body-fixed, metres, indexed ``[F − 1, J, I]``.
     layer : (6, Q+1, Q+1) array_like, optional
         The fourth column of a file: relative albedo, or sigma in metres.
-    name : str
+    Name of the body or file.
         What it is a shape of.
 
     Raises
@@ -126,7 +126,7 @@ class IcqShape:
 
     @property
     def gaps(self) -> EdgeGaps:
-        """How far labels of one vertex lie apart."""
+        """Differences between labels of one vertex."""
         one, other = shared_labels(self.q)
         points = self.vertices.reshape(-1, 3)
         apart = np.linalg.norm(points[one] - points[other], axis=1)
@@ -150,13 +150,12 @@ class IcqShape:
             ICQ shapes have them).
         edges : {"mean", "first", "refuse"}
             Where labels of one distinct vertex differ by more than rounding it is put at their
-            mean, or at the first; or the shape is refused. Labels that agree have the place of
-            the first.
+            mean, or at the first; or the shape is refused. Labels that agree are put at the first.
 
         Raises
         ------
         InvalidValueError
-            If labels differ and that is to be refused.
+            If labels differ and `edges` is "refuse".
         """
         gaps = self.gaps
         if gaps.differing and edges == "refuse":
@@ -205,7 +204,7 @@ _MERGED: dict[IcqEdges, str] = {
 def first_open_edge(vertices: FloatArray) -> tuple[int, int] | None:
     """Return the first two label numbers that name one vertex but lie apart, or None.
 
-    Apart means by more than a hundredth of the largest radius: no shape has such edges.
+    Apart means by more than a hundredth of the largest radius, which no shape has.
 
     Parameters
     ----------
@@ -221,7 +220,7 @@ def first_open_edge(vertices: FloatArray) -> tuple[int, int] | None:
 
 
 def _differing(vertices: FloatArray, share: float) -> BoolArray:
-    """Tell which pairs of shared labels differ by more than a share of the largest radius."""
+    """Return which pairs of shared labels differ by more than a share of the largest radius."""
     one, other = shared_labels(vertices.shape[1] - 1)
     points = vertices.reshape(-1, 3)
     gaps = np.max(np.abs(points[one] - points[other]), axis=1)
@@ -250,7 +249,7 @@ def shared_labels(q: int) -> tuple[IntArray, IntArray]:
 
 
 def distinct_vertices(q: int) -> tuple[IntArray, IntArray]:
-    """Return which vertex each label names, and the first label of each vertex.
+    """Return the vertex of each label, and the first label of each vertex.
 
     Returns
     -------
@@ -294,7 +293,7 @@ def icq_q(count: int) -> int | None:
 def as_icq(mesh: Mesh) -> IcqShape | None:
     """Return a mesh whose vertices are the labels of an ICQ, in its order; None if they are not.
 
-    They are if there are as many as some Q has, and labels of one vertex lie together.
+    They are if their number fits some Q, and labels of one vertex agree.
     """
     q = icq_q(len(mesh.vertices))
     if q is None:

@@ -15,7 +15,7 @@ from spcola.truth.body.surface import BLOCK
 
 
 class AlbedoField(NamedTuple):
-    """All numbers of the albedo, as the kernels take them; lengths in metres."""
+    """Parameters of the albedo for the kernels; lengths in metres."""
 
     radius: float
     octaves: FloatArray

@@ -1,4 +1,4 @@
-"""The synthetic body: a seed, sizes, and questions that its surface answers exactly."""
+"""The synthetic body: a seed, sizes, and exact queries of its surface."""
 
 from __future__ import annotations
 
@@ -32,21 +32,21 @@ from spcola.truth.body.tracing import hits
 __all__ = ["BodySettings", "TruthBody"]
 
 _CHUNK = 16_384
-# Q of the directions that the fingerprint is taken in.
+# Q of the directions of the fingerprint.
 _PROBES = 24
-# The site is as rough as elsewhere at this distance from its middle, in its radii.
+# Distance from the site's middle, in its radii, at which the ground is as rough as elsewhere.
 _SITE_EDGE = 1.5
-# A ray may leap this share of the smallest boulder: it cannot pass unseen through more of one
-# than its thinnest edge.
+# A ray may leap this share of the smallest boulder: it cannot miss more of one than its thinnest
+# edge.
 _LEAP_SHARE = 0.3
-# Craters larger than this, in the smallest boulder that counts, count as such terrain.
+# Craters larger than this, in the smallest flagged boulder, are flagged too.
 _CRATER_FACTOR = 2.0
 
 
 class TruthBody:
     """A body of known surface: ``r(direction)``, one radius in each direction.
 
-    The surface is single-valued everywhere, boulders included: they are ellipsoids buried so far
+    The surface is single-valued everywhere, boulders included: they are ellipsoids buried so deep
     that their sides end at a finite slope, and none overhangs. Lengths are metres in the
     body-fixed frame.
 
@@ -119,8 +119,8 @@ class TruthBody:
     def fingerprint(self) -> str:
         """Hexadecimal digest of radii and albedos over the body, to the last bit.
 
-        Another version of this program that makes another body of the same settings gives another
-        one: what was measured on the one says nothing of the other.
+        Another version of this program that makes another body from the same settings gives another
+        digest: measurements on the one are not valid for the other.
         """
         everywhere = icq_directions(_PROBES).reshape(-1, 3)
         values = np.stack([self.radius(everywhere), self.albedo(everywhere)])
@@ -171,10 +171,10 @@ class TruthBody:
     def nearest(self, points: FloatArray) -> SurfacePoints:
         """Return the points of the surface nearest to `points` (N, 3), metres.
 
-        The place found is a point of the surface to rounding, and the distance a local minimum
-        within 1e-8 m (for points further than 5 cm from it). It is the least of all where the
-        surface, within that distance of the point, has no detail narrower than a third of the
-        distance: another bump may be nearer, by less than that detail is high.
+        The result is a point of the surface to rounding, and the distance a local minimum within
+        1e-8 m (for points further than 5 cm from it). It is the global minimum where the surface,
+        within that distance of the point, has no detail narrower than a third of the distance:
+        another bump may be nearer, by less than the height of that detail.
         """
         rows = np.ascontiguousarray(points, dtype=np.float64)
         found = _spread(nearest_points, (self._surface, search_pattern()), (rows,), 7)
@@ -195,7 +195,7 @@ class TruthBody:
         return IcqShape(radius[..., None] * directions, name="truth")
 
     def mesh(self, q: int) -> Mesh:
-        """Return the surface as 12 `q`² triangles, of which the vertices lie on it exactly."""
+        """Return the surface as 12 `q`² triangles, whose vertices lie on it exactly."""
         return self.icq(q).mesh()
 
     def albedo(self, directions: FloatArray) -> FloatArray:
@@ -203,7 +203,7 @@ class TruthBody:
         return _spread(albedos, (self._albedo_field,), (_unit(directions),))
 
     def terrain(self, directions: FloatArray, *, smallest: float) -> AnyArray:
-        """Return what ground lies in the `directions` (N, 3): flags (N,) of uint8.
+        """Return the terrain in the `directions` (N, 3): flags (N,) of uint8.
 
         The flags, of :mod:`spcola.truth.body.terrain`: BOULDER inside the outline of a boulder (or
         a rock) whose longest axis is at least `smallest`, metres; CRATER inside the rim of a crater
@@ -220,10 +220,10 @@ class TruthBody:
         return flags
 
     def mean_plane(self, direction: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
-        """Return centroid (3,), metres, and outward unit normal (3,) of the ground about.
+        """Return centroid (3,), metres, and outward unit normal (3,) of the ground at a direction.
 
-        The plane is that of least squares through the surface over a square of `width`, metres,
-        across `direction`.
+        The plane is the least-squares fit to the surface over a square of `width`, metres, across
+        `direction`.
         """
         middle = self.radius(direction[None])[0] * _unit(direction[None])[0]
         frame = MapletGrid.facing(middle, middle, width / 8.0, 4)
@@ -235,7 +235,7 @@ class TruthBody:
 
 
 def _low_degree(settings: BodySettings) -> FloatArray:
-    """Return the `shape` (11,) of a spinning top: flattened, ridged at the equator, a bit odd."""
+    """Return the `shape` (11,) of a spinning top: flattened, with a ridge, irregular."""
     draw = stream(settings.seed, "low degree").uniform(-1.0, 1.0, size=10)
     zonal = np.array([-0.07, 0.012 * draw[0], 0.06])
     tesseral = draw[1:9] * np.repeat([0.010, 0.018, 0.010, 0.012], 2)
@@ -243,7 +243,7 @@ def _low_degree(settings: BodySettings) -> FloatArray:
 
 
 def _site_numbers(settings: BodySettings) -> FloatArray:
-    """Return the `site` (6,) of a :class:`Surface`; of no extent where there is none."""
+    """Return the `site` (6,) of a :class:`Surface`; without extent if there is none."""
     if settings.site is None:
         return np.array([1.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     chord = settings.site.radius_on(settings.radius) / settings.radius
@@ -272,8 +272,8 @@ def _spread(
     """Call ``fill(*fixed, *rows, out)`` by chunks of the `rows` (N, 3), on all cores.
 
     `out` is (N,), or (N, `width`). Plain threads over kernels without the GIL rather than one
-    parallel kernel: these may be called from worker threads, where parallel regions must not
-    meet. Each result depends on its own row alone, so that chunks and threads leave no trace.
+    parallel kernel: these may be called from worker threads, where parallel regions are not
+    allowed. Each result depends on its own row alone, whatever the chunks and threads.
     """
     out = np.empty(len(rows[0]) if width is None else (len(rows[0]), width))
     cuts = [slice(i, i + _CHUNK) for i in range(0, len(out), _CHUNK)]

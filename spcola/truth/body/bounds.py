@@ -1,7 +1,7 @@
-"""How high the relief may stand anywhere near a direction: what rays fly over without looking.
+"""Upper bounds of the relief near a direction, over which rays skip without evaluating it.
 
-A cube around the body is cut into cells. For each cell, and for neighbourhoods of it that grow by
-factors of two, the table holds a height above the smooth shape that nothing exceeds there.
+A cube around the body is divided into cells. For each cell, and for neighbourhoods of it that grow
+by factors of two, the table has a height above the smooth shape that nothing exceeds there.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ _MARGIN = 1.1
 
 
 class Bounds(NamedTuple):
-    """Heights that the relief does not exceed; lengths in metres.
+    """Upper bounds of the relief; lengths in metres.
 
-    ``tops[cell, level]`` is the height above the smooth shape under which everything stays within
-    ``reach[level]`` of a cell. `slope` is that of the smooth shape at its steepest, `leap` a
-    length within which no crossing is looked for; nothing is further from O than `ceiling`. The
-    `radius` and the `shape` are the surface's, repeated so that kernels need no more than this.
+    ``tops[cell, level]`` is the height above the smooth shape under which everything lies within
+    ``reach[level]`` of a cell. `slope` is the steepest slope of the smooth shape, `leap` a length
+    within which crossings are ignored; nothing is further from O than `ceiling`. The `radius` and
+    the `shape` are copies of the surface's, so that kernels need no other argument.
     """
 
     radius: float
@@ -55,7 +55,7 @@ class Bounds(NamedTuple):
 
 @compiled
 def _heights_above(surface: Surface, directions: FloatArray, radius: FloatArray) -> None:
-    """Take the smooth shape from each `radius` (N,) in the unit `directions` (N, 3)."""
+    """Subtract the smooth shape from each `radius` (N,) in the unit `directions` (N, 3)."""
     for i in range(len(radius)):
         d = directions[i]
         radius[i] -= surface.radius * low_degree(surface.shape, d[0], d[1], d[2])
@@ -63,7 +63,7 @@ def _heights_above(surface: Surface, directions: FloatArray, radius: FloatArray)
 
 @compiled
 def _steepest(surface: Surface, directions: FloatArray) -> float:
-    """Return the steepest change of the smooth shape from one of the (N, 3) to the next.
+    """Return the steepest change of the smooth shape between successive directions (N, 3).
 
     As a factor of the mean radius, per chord of the unit sphere.
     """
@@ -116,7 +116,7 @@ def make_bounds(
     ----------
     surface : Surface
     boulders : Features
-        Those of the surface.
+        Boulders of the surface.
     radii_of : callable
         Returns radii (N,) of a surface in unit directions (N, 3).
     leap : float
@@ -174,10 +174,10 @@ def fly(
     i: int,
     span: tuple[float, float],
 ) -> float:
-    """Return how far ray `i` may go from ``span[0]`` (to ``span[1]`` at most) over all relief.
+    """Return the distance that ray `i` can safely advance from ``span[0]``, up to ``span[1]``.
 
-    On its way by d the ray comes down by no more than d cos θ, with θ from the vertical at its
-    beginning; and the smooth shape comes up by no more than its slope times d sin θ.
+    Over a distance d the ray descends by at most d cos θ, with θ from the vertical at its
+    beginning; and the smooth shape rises by at most its slope times d sin θ.
     """
     t, end = span
     while t < end:

@@ -1,6 +1,6 @@
-"""Cells on a cube around a body: which features of its surface may reach into each.
+"""Cells on a cube around a body: lists of the features of its surface that reach into each.
 
-A direction falls on the face of its largest component; the gnomonic coordinate u of a face is
+A direction belongs to the face of its largest component; the gnomonic coordinate u of a face is
 warped to ``s = u (1 + k) / (1 + k |u|)``, so that cells differ in width by √2 and not by 3.
 """
 
@@ -14,15 +14,15 @@ from spcola.arrays import FloatArray, IntArray
 from spcola.compilation import compiled
 
 _WARP = 0.41421356237309503
-# No direction is further from the centre of its cell than this over the cells along a face,
-# as a chord of the unit sphere (a test holds it).
+# Largest distance of a direction from the centre of its cell, over the cells along a face, as a
+# chord of the unit sphere (checked by a test).
 CELL_REACH = 1.25
 # The largest component of a unit vector is at least 1/√3.
 _LEAST_COMPONENT = 0.577
 
 
 class Indexed(NamedTuple):
-    """Features by cells, as the kernels take them.
+    """Features by cells, for the kernels.
 
     `numbers` (N, K) has a row for each feature; the features that may reach into cell c are
     ``items[start[c]:start[c + 1]]``, ascending.
@@ -48,13 +48,13 @@ def unwarp(s: float) -> float:
 
 @compiled
 def warp_step(u: float) -> float:
-    """Return how fast the gnomonic coordinate u grows with the warped one."""
+    """Return the derivative of the gnomonic coordinate u by the warped one."""
     return (1.0 + _WARP * abs(u)) ** 2 / (1.0 + _WARP)
 
 
 @compiled
 def face_place(x: float, y: float, z: float) -> tuple[int, float, float]:
-    """Return the face (0 … 5) that a direction falls on, and its warped coordinates there."""
+    """Return the face (0 … 5) of a direction, and its warped coordinates there."""
     ax, ay, az = abs(x), abs(y), abs(z)
     if ax >= ay and ax >= az:
         return (0 if x > 0 else 1), warp(y / ax), warp(z / ax)
@@ -73,7 +73,7 @@ def cell_at(face: int, s: float, t: float, cells: int) -> int:
 
 @compiled
 def cell_of(x: float, y: float, z: float, cells: int) -> int:
-    """Return the cell (as numbered by :func:`cell_directions`) that a direction falls in."""
+    """Return the cell (as numbered by :func:`cell_directions`) of a direction."""
     face, s, t = face_place(x, y, z)
     return cell_at(face, s, t, cells)
 
@@ -103,7 +103,7 @@ def cell_directions(cells: int) -> FloatArray:
 
 @compiled
 def _span(low: float, high: float, depth: tuple[float, float], cells: int) -> tuple[int, int]:
-    """Return the first cell, and the one behind the last, that a component's range may touch."""
+    """Return the first cell, and the one after the last, that a component's range may touch."""
     least = warp(low / depth[0] if low < 0.0 else low / depth[1])
     most = warp(high / depth[1] if high < 0.0 else high / depth[0])
     first = int(np.floor((least + 1.0) * 0.5 * cells - 1e-9))
@@ -115,7 +115,7 @@ def _span(low: float, high: float, depth: tuple[float, float], cells: int) -> tu
 def _list_cells(
     directions: FloatArray, reach: FloatArray, centres: FloatArray, cells: int, found: IntArray
 ) -> int:
-    """Write (cell, feature) pairs into `found` (M, 2) as far as it reaches; return how many."""
+    """Write (cell, feature) pairs into `found` (M, 2) while there is room; return how many."""
     count = 0
     for item in range(len(directions)):
         d, chord = directions[item], reach[item]
@@ -142,7 +142,7 @@ def _list_cells(
 
 
 def cells_for(count: int) -> int:
-    """Return how many cells along a face serve `count` features: some four cells for each."""
+    """Return the number of cells along a face for `count` features: some four cells for each."""
     return int(np.clip(np.sqrt(4.0 * count / 6.0), 8, 512))
 
 
@@ -154,13 +154,13 @@ def index_features(
     Parameters
     ----------
     numbers : (N, K) ndarray
-        What the features' kernel needs.
+        Parameters of the features' kernel.
     directions : (N, 3) ndarray
         Unit vectors to their centres.
     chords : (N,) ndarray
-        How far they reach, as chords of the unit sphere.
+        Their reaches, as chords of the unit sphere.
     cells : int
-        Along each side of a face.
+        Number along each side of a face.
     """
     directions, chords = np.ascontiguousarray(directions), np.ascontiguousarray(chords)
     centres = cell_directions(cells)

@@ -9,15 +9,15 @@ from spcola.compilation import compiled
 from spcola.truth.body.surface import Surface, block_radii
 
 # Slopes are differences over this arc, metres, to both sides: on curves as sharp as the smallest
-# boulder's, what is neglected and what is rounded off are both below 1e-7.
+# boulder's, the truncation and rounding errors are both below 1e-7.
 _ARC = 1e-5
 _RINGS = 3
 _PATTERN = 1 + 3 * _RINGS * (_RINGS + 1)
 _MOST_PROJECTIONS = 40
-# A place is known to this, metres: by its square over the distance, too little to count, is the
-# distance too large.
+# Accuracy of a place, metres: the distance is too large by its square over the distance, which is
+# negligible.
 _CLOSE = 1e-5
-# A place so far beside the normal is on an edge.
+# Distance from the normal above which a place is on an edge.
 _BESIDE = 1e-4
 
 
@@ -138,7 +138,7 @@ def _search(
     pattern: FloatArray,
     work: tuple[FloatArray, ...],
 ) -> float:
-    """Move `d` (3,) to the best of a `pattern` about `d`, if one is nearer than it.
+    """Move `d` (3,) to the best of a `pattern` about `d`, if one is nearer.
 
     `reach` is the radius of the pattern, metres, and the distance so far; returns the new one.
     """
@@ -165,7 +165,7 @@ def _search(
 
 @compiled
 def _sideways(point: FloatArray, d: FloatArray, radius: float, normal: FloatArray) -> float:
-    """Return how far `point` lies beside the normal of the place at `radius` in direction `d`."""
+    """Return the distance of `point` from the normal of the place at `radius` in direction `d`."""
     height, square = 0.0, 0.0
     for axis in range(3):
         height += (point[axis] - radius * d[axis]) * normal[axis]
@@ -185,7 +185,7 @@ def _descend(
 ) -> float:
     """Bring `d` (3,) nearer by hexagons that shrink where they do not help; return the distance.
 
-    For edges, at which projection does not settle.
+    For edges, where projection does not converge.
     """
     step, best = reach
     while step > _CLOSE:
@@ -202,9 +202,9 @@ def nearest_points(
 ) -> None:
     """Fill `out` (N, 7) with the surface point nearest to each of `points`, distance, normal.
 
-    From the point under it on its own radius the surface is followed by projection. Then the
-    disc that alone can hold something nearer is searched on a lattice, and from the best place
-    found there followed again; on an edge, where projection gets stuck, by ever smaller hexagons.
+    The search follows the surface by projection from the point in the same direction. Then the
+    disc that alone can contain a nearer point is searched on a lattice, and followed again from
+    the best place; on an edge, where projection fails, by ever smaller hexagons.
     """
     work = (
         np.empty((_PATTERN, 3)),

@@ -1,4 +1,4 @@
-"""Craters, boulders and spots of the synthetic body: drawn by power laws; and their shape."""
+"""Craters, boulders and spots of the synthetic body: random catalogues, and their shapes."""
 
 from __future__ import annotations
 
@@ -11,40 +11,40 @@ from spcola.compilation import compiled
 from spcola.errors import SettingsError
 from spcola.truth.body.streams import stream
 
-# A boulder is an ellipsoid of which the equator lies this share of its third semi-axis below the
-# ground: sides then end at 64° at most, and the radius stays a function of direction.
+# A boulder is an ellipsoid whose equator lies this share of its third semi-axis below the ground:
+# its sides end at 64° at most, and the radius remains a function of direction.
 BURIED = 0.4
 OUTLINE = float(np.sqrt(1.0 - BURIED**2))
-"""Size of a boulder's outline, where it leaves the ground, in those of the whole ellipsoid."""
+"""Size of a boulder's outline, where it meets the ground, relative to the whole ellipsoid."""
 BOULDER_SLOPE = 2.1
 """Tangent of the steepest side of a boulder."""
 BOULDER_HEIGHT = 0.3
-"""No boulder is higher above the ground than this, in diameters."""
+"""Largest height of a boulder above the ground, in diameters."""
 CRATER_DEPTH = 0.14
 """Depth of a crater below the ground, in diameters."""
 CRATER_RIM = 0.03
 """Height of its rim above the ground, in diameters."""
 CRATER_REACH = 2.0
-"""Distance at which the rim has come down to the ground, in crater radii."""
-# What is left standing on the smooth site is no larger than this share of its diameter.
+"""Distance at which the rim has fallen to the ground, in crater radii."""
+# Largest feature on the smooth site, as a share of its diameter.
 _LARGEST_ON_SITE = 0.05
 
 
 @dataclass(frozen=True)
 class PowerLaw:
-    """How many features there are: ``N(> D) = density · D ** -slope`` per square kilometre.
+    """Numbers of features: ``N(> D) = density · D ** -slope`` per square kilometre.
 
     Parameters
     ----------
     density_per_km2 : float
         Features larger than 1 m per square kilometre; 0 for none.
     slope : float
-        Of the cumulative number.
+        Exponent of the cumulative number.
     smallest, largest : float
         Diameters, metres.
     contrast : float
-        The density goes as ``1 − contrast · x`` of the unit direction: sinusoidal in longitude,
-        least at 0, greatest at 180° (Weirich et al., section 2.4); 0 for an even one.
+        The density is ``1 − contrast · x`` of the unit direction: sinusoidal in longitude, least
+        at 0, greatest at 180° (Weirich et al., section 2.4); 0 for a uniform one.
 
     Raises
     ------
@@ -74,23 +74,23 @@ class PowerLaw:
         most, least = self.smallest**-self.slope, self.largest**-self.slope
         share = generator.random(count)
         diameters = (least + share * (most - least)) ** (-1.0 / self.slope)
-        # Rounded: powers differ in the last bit from one machine's library to another's.
+        # Rounded: powers differ in the last bit between the libraries of machines.
         return np.sort(np.round(diameters, 9))[::-1]
 
 
 @dataclass(frozen=True)
 class SmoothSite:
-    """Where a spacecraft could land: smooth, with few craters and boulders.
+    """A smooth area with few craters and boulders, as for a landing.
 
     Parameters
     ----------
     diameter : float
-        Metres; but no more than 50/245 of the body's radius, so that small bodies have theirs.
+        Metres; at most 50/245 of the body's radius, so that small bodies have one too.
     latitude_deg, longitude_deg : float
-        Of its middle.
+        Position of its middle.
     share : float
-        Of the roughness at wavelengths below its diameter, and of the number of craters and
-        boulders, that is left.
+        Remaining share of the roughness at wavelengths below its diameter, and of the number of
+        craters and boulders.
 
     Raises
     ------
@@ -112,7 +112,7 @@ class SmoothSite:
         """Unit vector (3,) to its middle."""
         latitude, longitude = np.radians([self.latitude_deg, self.longitude_deg])
         x, y = np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude)
-        # Rounded: sines differ in the last bit from one machine's library to another's.
+        # Rounded: sines differ in the last bit between the libraries of machines.
         return np.round(np.array([x, y, np.sin(latitude)]), 12)
 
     def radius_on(self, body_radius: float) -> float:
@@ -131,8 +131,8 @@ class Features:
     diameter : (N,) ndarray
         Metres (of a boulder: the longest axis of its outline).
     numbers : (N, K) ndarray
-        What :func:`crater_height`, :func:`boulder_height` or :func:`spot_albedo` needs, one row
-        for each.
+        Parameters of :func:`crater_height`, :func:`boulder_height` or :func:`spot_albedo`, one
+        row for each.
     reach : (N,) ndarray
         Distance from the centre beyond which the feature adds nothing, metres.
     """
@@ -146,16 +146,16 @@ class Features:
         return len(self.diameter)
 
     def without(self, dropped: FloatArray) -> Features:
-        """Return the features of which `dropped` (N,) is false."""
+        """Return the features where `dropped` (N,) is False."""
         kept = ~np.asarray(dropped, dtype=bool)
         arrays = (self.direction, self.diameter, self.numbers, self.reach)
         return Features(*(read_only(array[kept]) for array in arrays))
 
 
 def directions(count: int, contrast: float, generator: np.random.Generator) -> FloatArray:
-    """Draw unit vectors (count, 3) whose density goes as ``1 − contrast · x``.
+    """Draw unit vectors (count, 3) with a density of ``1 − contrast · x``.
 
-    By rejection from a cube: sums, products and roots alone, equal on every machine.
+    By rejection from a cube: only sums, products and roots, which are equal on every machine.
     """
     kept = np.empty((0, 3))
     while len(kept) < count:
@@ -171,7 +171,7 @@ def directions(count: int, contrast: float, generator: np.random.Generator) -> F
 def on_site(
     features: Features, site: SmoothSite | None, radius: float, generator: np.random.Generator
 ) -> FloatArray:
-    """Return which features (N,) the smooth `site` of a body of mean `radius` does without."""
+    """Return which features (N,) are missing on the smooth `site` of a body of mean `radius`."""
     chance = generator.random(len(features))
     if site is None:
         return np.zeros(len(features))
@@ -220,7 +220,7 @@ def draw_boulders(
 def draw_spots(law: PowerLaw, radius: float, seed: int, extremes: tuple[float, float]) -> Features:
     """Draw the spots of a body of mean `radius`, metres, half of them bright and half dark.
 
-    What they add to the relative albedo goes up (and down) to the `extremes`.
+    Their contributions to the relative albedo reach up (and down) to the `extremes`.
     """
     generator = stream(seed, "spots")
     count = int(generator.poisson(law.expected(4.0 * np.pi * radius**2)))
@@ -236,8 +236,8 @@ def draw_spots(law: PowerLaw, radius: float, seed: int, extremes: tuple[float, f
 def from_centre(x: float, y: float, z: float, radius: float, feature: FloatArray) -> float:
     """Return the square of the distance from a feature's centre, in its radii.
 
-    Distances are chords at the body's mean `radius`; the feature begins with its direction and
-    its radius.
+    Distances are chords at the body's mean `radius`; the first numbers of the feature are its
+    direction and its radius.
     """
     dx, dy, dz = x - feature[0], y - feature[1], z - feature[2]
     scale = radius / feature[3]
@@ -246,10 +246,10 @@ def from_centre(x: float, y: float, z: float, radius: float, feature: FloatArray
 
 @compiled
 def crater_height(x: float, y: float, z: float, radius: float, crater: FloatArray) -> float:
-    """Return what a crater adds to the radius in direction (x, y, z), metres.
+    """Return the height of a crater in direction (x, y, z), metres (added to the radius).
 
-    A bowl ``−depth (1 − q)²`` up to the rim, q being the squared distance in crater radii, and a
-    round rim on it that has come down to the ground at twice the radius.
+    A bowl ``−depth (1 − q)²`` up to the rim, q the squared distance in crater radii, and a round
+    rim on it that has fallen to the ground at twice the radius.
     """
     square = from_centre(x, y, z, radius, crater)
     if square < 1.0:
@@ -271,7 +271,7 @@ def boulder_square(x: float, y: float, z: float, radius: float, boulder: FloatAr
 
 @compiled
 def boulder_height(x: float, y: float, z: float, radius: float, boulder: FloatArray) -> float:
-    """Return the height of a boulder above the ground in direction (x, y, z), 0 beside it."""
+    """Return the height of a boulder above the ground in direction (x, y, z), 0 outside it."""
     square = boulder_square(x, y, z, radius, boulder)
     if square >= OUTLINE * OUTLINE:
         return 0.0
@@ -280,7 +280,7 @@ def boulder_height(x: float, y: float, z: float, radius: float, boulder: FloatAr
 
 @compiled
 def spot_albedo(x: float, y: float, z: float, radius: float, spot: FloatArray) -> float:
-    """Return what a spot adds to the relative albedo in direction (x, y, z)."""
+    """Return the relative albedo that a spot adds in direction (x, y, z)."""
     square = from_centre(x, y, z, radius, spot)
     if square >= 1.0:
         return 0.0

@@ -1,11 +1,11 @@
-"""Rocks below the smallest boulder of the catalogue: from an integer hash, none of them held.
+"""Rocks below the smallest boulder of the catalogue: computed from an integer hash, not stored.
 
-Each octave of diameters has its own cells on the cube around the body, so wide that a rock of it
-reaches no further than into the next one; in each cell lies one rock or none. Whether, where and
-what is hashed from the cell's number. The chance of one is the power law's, by the area of the
-cell; where that would be over 1 (Weirich et al.'s rocks below 10 cm, around longitude 180°) some
-are missing: one in seventy of that octave. No rock lies in the outermost cells of a face of the
-cube, where it would be cut: a strip as wide as a few rocks, along the cube's edges, is without.
+Each octave of diameters has its own cells on the cube around the body, so wide that a rock reaches
+no further than into the next one; each cell has one rock or none. Its existence, place and shape
+are hashed from the cell's number. The chance of one follows the power law by the area of the cell;
+where it would exceed 1 (Weirich et al.'s rocks below 10 cm, around longitude 180°) some are
+missing: one in seventy of that octave. The outermost cells of a face of the cube have no rock,
+since it would be cut: a strip as wide as a few rocks, along the cube's edges, is empty.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ _TWELVE_BITS = np.uint32(4095)
 
 
 class Rocks(NamedTuple):
-    """All numbers of the rocks, as the kernels take them; lengths in metres.
+    """Parameters of the rocks for the kernels; lengths in metres.
 
-    Of octave k the largest diameter is ``largest[k]`` and a face has ``cells[k]`` cells along its
+    In octave k the largest diameter is ``largest[k]``, a face has ``cells[k]`` cells along its
     sides, and ``chance[k]`` is that of a rock in a cell where the `weight` is 1. `weight` (6, P, P)
-    holds by patches of the faces [face, t, s] the density as a factor of the mean one, times the
-    area of the unit sphere per area of the face. `sizes` are evenly spread over the cumulative
-    number of an octave (as factors of its smallest), `turns` (T, 2) over the directions.
+    is the density by patches of the faces [face, t, s], as a factor of the mean one, times the area
+    of the unit sphere per area of the face. `sizes` are spread evenly over the cumulative number of
+    an octave (as factors of its smallest), `turns` (T, 2) over the directions.
     """
 
     radius: float
@@ -72,7 +72,7 @@ def make_rocks(
 ) -> Rocks:
     """Return the rocks of `law` from its smallest diameter down by halves to `smallest`, metres.
 
-    None for no rocks. On the `site` there are fewer, as of boulders.
+    None for no rocks. There are fewer on the `site`, like boulders.
     """
     count = 0 if smallest is None else max(0, round(float(np.log2(law.smallest / smallest))))
     largest = law.smallest / 2.0 ** np.arange(count)
@@ -108,7 +108,7 @@ def _weights(law: PowerLaw, radius: float, site: SmoothSite | None) -> FloatArra
 
 @compiled
 def rock_word(seed: int, octave: int, face: int, row: int, column: int) -> np.uint32:
-    """Return the hash of a cell: its top 20 bits place its rock, its last 12 say if it has one."""
+    """Return the hash of a cell: the top 20 bits place its rock, the last 12 decide on one."""
     word = np.uint32(np.uint32(seed) + np.uint32(octave) * _SECOND)
     word = np.uint32(word + np.uint32(face + 1) * _FACE)
     word = np.uint32(word + np.uint32(row) * _ROW)
@@ -117,14 +117,14 @@ def rock_word(seed: int, octave: int, face: int, row: int, column: int) -> np.ui
 
 @compiled
 def rock_place(word: np.uint32) -> tuple[float, float]:
-    """Return where in its cell a rock lies, along s and along t, in widths of the cell."""
+    """Return the place of a rock in its cell, along s and along t, in widths of the cell."""
     place = int(np.uint32(word >> _S12) & _TEN_BITS), int(np.uint32(word >> _S22) & _TEN_BITS)
     return (place[0] + 0.5) / 1024.0, (place[1] + 0.5) / 1024.0
 
 
 @compiled
 def rock_chance(weight: FloatArray, face: int, row: int, column: int, cells: int) -> float:
-    """Return the `weight` that holds for a cell; 0 in the outermost cells of a face."""
+    """Return the `weight` of a cell; 0 in the outermost cells of a face."""
     if min(row, column) < 1 or max(row, column) > cells - 2:
         return 0.0
     patches = weight.shape[1]
@@ -133,7 +133,7 @@ def rock_chance(weight: FloatArray, face: int, row: int, column: int, cells: int
 
 @compiled
 def has_rock(word: np.uint32, chance: float) -> bool:
-    """Return whether there is a rock in a cell of which `word` is the hash."""
+    """Return whether there is a rock in a cell with the hash `word`."""
     return int(word & _TWELVE_BITS) < 4096.0 * chance
 
 
@@ -147,7 +147,7 @@ def rock_diameter(word: np.uint32, least: float, sizes: FloatArray) -> float:
 def rock_shape(
     word: np.uint32, diameter: float, turns: FloatArray, place: tuple[float, float]
 ) -> float:
-    """Return a rock's height above the ground at a `place` from its centre, 0 beside it; metres."""
+    """Return a rock's height (metres) above the ground at a `place` from its centre; 0 outside."""
     word = mixed(np.uint32(word + _SECOND))
     turn = int(np.uint32(word >> _S8) & _SIX_BITS)
     second = 0.6 + 0.4 / 255.0 * int(np.uint32(word >> _S14) & _EIGHT_BITS)
@@ -183,9 +183,9 @@ def _octave_top(
     metric: tuple[float, float, float],
     least: float,
 ) -> float:
-    """Return how high a rock of an octave stands at (face, s, t), metres; 0 beside all.
+    """Return the height of a rock of an octave at (face, s, t), metres; 0 outside all.
 
-    Rocks below the diameter `least` do not count.
+    Rocks below the diameter `least` are ignored.
     """
     face, s, t = at
     cells, largest = rocks.cells[octave], rocks.largest[octave]
@@ -210,7 +210,7 @@ def _octave_top(
 
 @compiled
 def raise_rocks(rocks: Rocks, directions: FloatArray, top: FloatArray, count: int) -> None:
-    """Raise `top` to how high rocks stand in the first `count` unit directions (N, 3), metres."""
+    """Raise `top` to the rocks' heights in the first `count` unit directions (N, 3), metres."""
     for n in range(count):
         at = face_place(directions[n, 0], directions[n, 1], directions[n, 2])
         metric = _metric(rocks.radius, at[1], at[2])

@@ -4,8 +4,8 @@ Everything here is integer arithmetic and IEEE sums and products, so that a seed
 surface on every machine. The noise is a function of the point in space, hence without seams or
 poles on a body, and needs no storage at any resolution.
 
-The hash has 32 bits and the gradients come from its bits without a table, because processors do
-both to several points at once: a loop over points is then two to three times as fast.
+The hash has 32 bits and the gradients come from its bits without a table, so that loops over points
+are vectorised: two to three times as fast.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from spcola.arrays import FloatArray
 from spcola.compilation import compiled, compiled_inline
 
 # Multipliers and shifts of Wellons' "lowbias32" hash (public domain), three odd constants (the
-# primes of XXH32) that part the axes, and one that parts the octaves.
+# primes of XXH32) that separate the axes, and one that separates the octaves.
 _MIX_1 = np.uint32(0x7FEB352D)
 _MIX_2 = np.uint32(0x846CA68B)
 _AXIS_X = np.uint32(0x9E3779B1)
@@ -37,7 +37,7 @@ NOISE_RMS = 0.1911
 
 @compiled
 def mixed(word: np.uint32) -> np.uint32:
-    """Return 32 bits that look random for each value of `word`."""
+    """Return 32 bits that appear random for each value of `word`."""
     word = np.uint32(word ^ np.uint32(word >> _S16))
     word = np.uint32(word * _MIX_1)
     word = np.uint32(word ^ np.uint32(word >> _S15))
@@ -65,8 +65,8 @@ def _ease(t: float) -> float:
 def gradient_noise(x: float, y: float, z: float, seed: np.uint32) -> float:
     """Return gradient noise (Perlin 2002) at a point in units of the lattice; mean 0.
 
-    Written out corner by corner: a loop over the corners would keep the loop over points from
-    being done for several points at once.
+    Written out corner by corner: a loop over the corners would prevent the vectorisation of the
+    loop over points.
     """
     fx, fy, fz = np.floor(x), np.floor(y), np.floor(z)
     x0 = np.uint32(np.uint32(np.int32(fx)) * _AXIS_X + seed)
@@ -92,9 +92,9 @@ def gradient_noise(x: float, y: float, z: float, seed: np.uint32) -> float:
 def add_noise(places: FloatArray, octaves: FloatArray, seed: int, out: FloatArray, n: int) -> None:
     """Add octaves of noise at the first `n` of the `places` (3, M), metres, to `out` (M,).
 
-    `octaves` (K, 3) holds for each the lattice constants per metre, the amplitude (rms) divided
-    by :data:`NOISE_RMS`, and its number, by which its lattice differs from the others'. Rows are
-    whole and counted from 0, because only what lies without gaps is done several at a time.
+    `octaves` (K, 3) has for each the lattice constants per metre, the amplitude (rms) divided by
+    :data:`NOISE_RMS`, and its number, which makes its lattice differ from the others'. Rows are
+    contiguous and counted from 0, which vectorisation requires.
     """
     x, y, z = places[0], places[1], places[2]
     for octave in range(len(octaves)):
@@ -110,12 +110,12 @@ def fractal_octaves(
     """Return octaves (K, 3) from wavelength `longest` down to `shortest`, metres, by halves.
 
     The rms of an octave of wavelength λ is ``rms · (λ / reference) ** exponent``, metres. The
-    noise repeats its sign over about two lattice constants: that is taken as its wavelength.
+    The noise repeats its sign over about two lattice constants, which define its wavelength.
     """
     if rms <= 0.0 or longest < shortest:
         return np.zeros((0, 3))
     count = int(np.floor(np.log2(longest / shortest) + 1e-9)) + 1
     wavelength = longest / 2.0 ** np.arange(count)
     amplitude = rms * (wavelength / reference) ** exponent / NOISE_RMS
-    # Rounded: powers differ in the last bit from one machine's library to another's.
+    # Rounded: powers differ in the last bit between the libraries of machines.
     return np.stack([2.0 / wavelength, np.round(amplitude, 12), np.arange(count)], axis=1)

@@ -1,4 +1,4 @@
-"""What the synthetic body is like: its settings."""
+"""Settings of the synthetic body."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from spcola.errors import SettingsError
 from spcola.truth.body.relief import PowerLaw, SmoothSite
 
-# Roughness at wavelengths beyond this share of the radius would only move a body about.
+# Roughness at wavelengths beyond this share of the radius would only displace the body.
 _LONGEST_SHARE = 0.63
 
 
@@ -19,14 +19,14 @@ def _even(density_per_km2: float, slope: float, smallest: float, largest: float)
 
 @dataclass(frozen=True)
 class BodySettings:
-    """What the body is like; the defaults are the synthetic Bennu's of Weirich et al.
+    """Properties of the body; the defaults are the synthetic Bennu's of Weirich et al.
 
     Parameters
     ----------
     seed : int
         The same seed and settings give the same body on every machine; 0 or more.
     radius : float
-        Of the smooth shape's mean, metres.
+        Mean radius of the smooth shape, metres.
     shape : float
         1 for a spinning top, 0 for a sphere: factor of the low-degree coefficients.
     roughness : float
@@ -40,21 +40,21 @@ class BodySettings:
         The amplitude goes as ``1 + contrast · (y² − x²)`` of the direction: greatest at 90° and
         270° of longitude (Weirich et al., section 2.4).
     craters, boulders : PowerLaw
-        How many there are: on a square kilometre ``1e4 · D ** -2.9`` craters and
-        ``1e4 · D ** -2.7`` boulders larger than D metres (Weirich et al., section 2.4).
+        Numbers: on a square kilometre ``1e4 · D ** -2.9`` craters and ``1e4 · D ** -2.7``
+        boulders larger than D metres (Weirich et al., section 2.4).
     smallest_rock : float, optional
         Rocks by the law of the boulders down to this diameter, metres (by halves from their
-        smallest; 0.05 in Weirich et al.). None for none: they double the time of every question.
+        smallest; 0.05 in Weirich et al.). None for no rocks: they double the time of every query.
     site : SmoothSite, optional
-        Where it is smooth; None for nowhere.
+        Smooth area; None for none.
     albedo : float
         Rms of the relative albedo about 1, without the spots.
     mean_albedo : float
         The albedo itself, where the relative one is 1.
     spots : PowerLaw
-        How many isolated spots there are.
+        Number of isolated spots.
     bright, dark : float
-        What the brightest and the darkest spot add to the relative albedo.
+        Relative albedo added by the brightest and the darkest spot.
 
     Raises
     ------

@@ -14,17 +14,17 @@ from spcola.truth.body.rocks import Rocks, raise_rocks
 from spcola.truth.body.roughness import add_noise
 
 BLOCK = 256
-"""Directions that are worked on together: their scratch stays in the fastest cache."""
+"""Directions evaluated together: their scratch memory fits the fastest cache."""
 
 
 class Surface(NamedTuple):
-    """All numbers of a surface, as the kernels take them; lengths in metres.
+    """Parameters of a surface for the kernels; lengths in metres.
 
     `shape` (11,) are the coefficients of :func:`low_degree`. `swells` and `octaves`
-    are those of the roughness, longer and shorter than the smooth site, of which the amplitude
-    goes as ``1 + roughness_contrast · (y² − x²)``; the shorter ones are weaker on the `site`
-    (6,): its direction, the chords of the unit sphere at which it ends and at which the ground is
-    as rough as elsewhere, and the share that is left.
+    are those of the roughness, longer and shorter than the smooth site, with an amplitude of
+    ``1 + roughness_contrast · (y² − x²)``; the shorter ones are weaker on the `site` (6,): its
+    direction, the chords of the unit sphere at which it ends and at which the ground is as rough
+    as elsewhere, and the remaining share.
     """
 
     radius: float
@@ -44,8 +44,8 @@ def low_degree(shape: FloatArray, x: float, y: float, z: float) -> float:
     """Return the smooth shape in the unit direction (x, y, z), as a factor of the mean radius.
 
     `shape` (11,) are the coefficients of P2, P3, P4 and those of the real and imaginary parts of
-    ``z·(x+iy)``, ``(x+iy)²``, ``(x+iy)³``, ``(x+iy)⁴``. Polynomials of the components alone: no
-    sine or logarithm that libraries round differently.
+    ``z·(x+iy)``, ``(x+iy)²``, ``(x+iy)³``, ``(x+iy)⁴``. Only polynomials of the components: no
+    sine or logarithm, which libraries round differently.
     """
     zz, c = z * z, shape
     value = 1.0 + c[0] * 0.5 * (3.0 * zz - 1.0) + c[1] * 0.5 * z * (5.0 * zz - 3.0)
@@ -59,7 +59,7 @@ def low_degree(shape: FloatArray, x: float, y: float, z: float) -> float:
 
 @compiled
 def smoothed(surface: Surface, x: float, y: float, z: float) -> float:
-    """Return the share of the short roughness that the site leaves in a unit direction."""
+    """Return the share of the short roughness that remains on the site in a unit direction."""
     s = surface.site
     dx, dy, dz = x - s[0], y - s[1], z - s[2]
     square = dx * dx + dy * dy + dz * dz
@@ -71,7 +71,7 @@ def smoothed(surface: Surface, x: float, y: float, z: float) -> float:
 
 @compiled
 def crater_relief(surface: Surface, x: float, y: float, z: float) -> float:
-    """Return what craters add to the radius in a unit direction, metres."""
+    """Return the height of craters in a unit direction, metres (added to the radius)."""
     relief, craters = 0.0, surface.craters
     cell = cell_of(x, y, z, craters.cells)
     for place in range(craters.start[cell], craters.start[cell + 1]):
@@ -82,7 +82,7 @@ def crater_relief(surface: Surface, x: float, y: float, z: float) -> float:
 
 @compiled
 def boulder_top(surface: Surface, x: float, y: float, z: float) -> float:
-    """Return how high a boulder stands in a unit direction, metres; 0 beside all."""
+    """Return the height of a boulder in a unit direction, metres; 0 outside all."""
     top, boulders = 0.0, surface.boulders
     cell = cell_of(x, y, z, boulders.cells)
     for place in range(boulders.start[cell], boulders.start[cell + 1]):

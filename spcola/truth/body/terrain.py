@@ -1,4 +1,4 @@
-"""What kind of ground there is on the synthetic body: flags of a direction."""
+"""Type of terrain on the synthetic body: flags of a direction."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from spcola.truth.body.relief import OUTLINE, boulder_square, from_centre
 from spcola.truth.body.surface import Surface
 
 BOULDER = 1
-"""Inside the outline of a boulder, where it leaves the ground."""
+"""Inside the outline of a boulder, where it meets the ground."""
 CRATER = 2
 """Inside the rim of a crater."""
 SMOOTH = 4
@@ -24,7 +24,7 @@ def flag(
 ) -> None:
     """Fill `out` (N,) with the flags of the unit `directions` (N, 3).
 
-    Only the first `boulders` and `craters` of the catalogues count: they are the largest.
+    Only the first `boulders` and `craters` of the catalogues, the largest, are used.
     """
     size, site = surface.radius, surface.site
     for i in range(len(directions)):

@@ -1,7 +1,7 @@
 """The first hits of rays on the synthetic body.
 
-Rays are followed many at a time: all that are still under way are looked at together, so that the
-roughness, most of the work, is computed for several directions at once.
+Rays are followed many at a time: all active rays are evaluated together, so that the roughness,
+most of the work, is computed for several directions at once.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ _WORTH_A_FLIGHT = 1.5
 _ON_SURFACE = 1e-11
 _MOST_LOOKS = 20_000
 
-# What is kept of a ray under way: where it is and ends and began, the last place above the
-# ground and the first below it with the clearances there, which of the two stayed last, and how
-# often it was looked at. Distances are from the foot (the point of the ray next to O): of the
-# size of the body, not of the range.
+# State of an active ray: its present, final and first distances, the last place above the ground
+# and the first below it with the clearances there, which of the two was kept last, and the number
+# of evaluations. Distances are from the foot (the point of the ray nearest to O): of the size of
+# the body, not of the range.
 _T, _END, _START, _ABOVE, _F_ABOVE, _BELOW, _F_BELOW, _SIDE, _LOOKS = range(9)
 
 
 class Rays(NamedTuple):
-    """Rays on their way: each row is one, with unit `beams` (N, 3), `feet` (N, 3), `state` (N, 9).
+    """Active rays: each row is one, with unit `beams` (N, 3), `feet` (N, 3), `state` (N, 9).
 
-    Kernels take all of them and a number: a row cut out of an array is counted by each who holds
-    it, and that would take longer than the work.
+    Kernels take all of them and a number: Numba would count references to a row cut out of an
+    array, which takes longer than the work.
     """
 
     beams: FloatArray
@@ -43,7 +43,7 @@ class Rays(NamedTuple):
 
 @compiled
 def _begin(bounds: Bounds, rays: Rays, i: int, origins: FloatArray) -> bool:
-    """Set out a ray of the `origins` (N, 3); return whether it comes near the body at all."""
+    """Initialise a ray of the `origins` (N, 3); return whether it comes near the body at all."""
     beams, feet, state = rays
     state[i] = 0.0
     closest = 0.0
@@ -65,10 +65,10 @@ def _begin(bounds: Bounds, rays: Rays, i: int, origins: FloatArray) -> bool:
 
 @compiled_inline
 def _march(bounds: Bounds, rays: Rays, i: int) -> float:
-    """Return the next place of a ray that is above the ground, by at least as far as is safe.
+    """Return the next place of a ray that is safely above the ground.
 
-    The ground, no steeper for long than a boulder's side, cannot come to meet it within the step;
-    near the ground it leaps to where the last two looks say that it is.
+    The ground, no steeper for long than a boulder's side, cannot rise to it within the step; near
+    the ground it jumps to the crossing extrapolated from the last two evaluations.
     """
     beams, feet, state = rays
     t, height = state[i, _T], state[i, _F_ABOVE]
@@ -91,7 +91,7 @@ def _march(bounds: Bounds, rays: Rays, i: int) -> float:
 
 @compiled_inline
 def _narrow(state: FloatArray, i: int) -> float:
-    """Return where to look next between the places above and below the ground.
+    """Return the next place to evaluate between those above and below the ground.
 
     Regula falsi in the Illinois form; every eighth step bisects, so that a kink cannot stall it.
     """
@@ -104,7 +104,7 @@ def _narrow(state: FloatArray, i: int) -> float:
 
 @compiled_inline
 def _bracket(state: FloatArray, i: int, value: float) -> bool:
-    """Narrow the two places by the clearance between them; return whether that is not enough."""
+    """Narrow the two places by the clearance between them; return whether to continue."""
     if value > 0.0:
         state[i, _ABOVE], state[i, _F_ABOVE] = state[i, _T], value
         state[i, _F_BELOW] *= 0.5 if state[i, _SIDE] == 1.0 else 1.0
@@ -122,10 +122,10 @@ def _bracket(state: FloatArray, i: int, value: float) -> bool:
 
 @compiled_inline
 def _advance(bounds: Bounds, rays: Rays, i: int, value: float) -> bool:
-    """Move a ray on by what is known of the clearance `value` where it is.
+    """Advance a ray by the clearance `value` at its place.
 
-    Returns whether it is to be looked at again; if not, it hit at ``state[_T]`` (NaN: it missed).
-    Until the ground is crossed ``state[_F_BELOW]`` holds how fast the clearance falls, ≥ 0.
+    Returns whether to continue; if not, it hit at ``state[_T]`` (NaN: it missed). Until the ground
+    is crossed ``state[_F_BELOW]`` is the rate at which the clearance falls, ≥ 0.
     """
     state = rays.state
     state[i, _LOOKS] += 1.0
@@ -142,10 +142,10 @@ def _advance(bounds: Bounds, rays: Rays, i: int, value: float) -> bool:
         state[i, _LOOKS] = 0.0
         state[i, _T] = _narrow(state, i)
     elif state[i, _T] > state[i, _START]:
-        # It flew too far, over ground steeper than the bounds allow for.
+        # It went too far, over ground steeper than the bounds allow for.
         state[i, _T] = max(state[i, _START], state[i, _T] + 3.0 * value - 0.1)
     else:
-        # A ray that begins below the ground has nothing to hit.
+        # A ray that begins below the ground hits nothing.
         state[i, _T] = np.nan
     if not state[i, _T] < state[i, _END] or state[i, _LOOKS] > _MOST_LOOKS:
         state[i, _T] = np.nan
@@ -160,7 +160,7 @@ def _look(
     scratch: tuple[FloatArray, FloatArray, FloatArray],
     clear: FloatArray,
 ) -> None:
-    """Fill `clear` with the height over the ground of each ray that is `under_way`."""
+    """Fill `clear` with the height over the ground of each ray in `under_way`."""
     beams, feet, state = rays
     directions, radius, block = scratch
     count = len(under_way)

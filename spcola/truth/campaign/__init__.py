@@ -1,4 +1,4 @@
-"""Where the spacecraft flies and looks: passes, stations, cameras, states."""
+"""Positions and pointing of the spacecraft: passes, stations, cameras, states."""
 
 import lazy_loader
 

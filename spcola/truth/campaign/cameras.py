@@ -1,4 +1,4 @@
-"""The framing cameras of the synthetic mission, and how they are turned to a target."""
+"""The framing cameras of the synthetic mission, and their pointing to a target."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _PIXEL_MM, _DETECTOR = 0.0085, 1024
 _FOCAL_LENGTHS_MM = {"MapCam": 125.0, "PolyCam": 628.9}
 LEAST_DETECTOR = 16
 """Pixels across the smallest detector."""
-# As many decimals of the K-matrix as a .SUM file holds, so that it holds all of it.
+# Decimals of the K-matrix in a .SUM file, so that it is exact there.
 _K_DECIMALS = 4
 
 
@@ -26,7 +26,7 @@ def framing_camera(name: str, detector: int = _DETECTOR) -> Camera:
         125 mm and 68 µrad a pixel, or 629 mm and 13.5 µrad.
     detector : int
         Pixels across. With fewer than the 1024 of the true ones pixels are larger, so that the
-        field of view (70 and 14 mrad) stays.
+        field of view (70 and 14 mrad) is unchanged.
 
     Raises
     ------
@@ -48,8 +48,8 @@ def framing_camera(name: str, detector: int = _DETECTOR) -> Camera:
 def looking(position: FloatArray, target: FloatArray) -> FloatArray:
     """Return camera axes (3, 3), body-fixed, at `position` with the boresight to `target`.
 
-    Cx lies in the body's equatorial plane, and Cy points to the south; straight above a pole,
-    where that says nothing, Cx is the body's +X turned into the image.
+    Cx lies in the body's equatorial plane, and Cy points to the south; straight above a pole, where
+    that is undefined, Cx is the body's +X turned into the image.
     """
     cz = (target - position) / np.linalg.norm(target - position)
     cx = np.cross(cz, [0.0, 0.0, 1.0])
@@ -60,9 +60,9 @@ def looking(position: FloatArray, target: FloatArray) -> FloatArray:
 
 
 def turned_to(axes: FloatArray, boresight: FloatArray) -> FloatArray:
-    """Return camera axes (3, 3) after the smallest turn that brings Cz to `boresight` (3,), unit.
+    """Return camera axes (3, 3) after the smallest rotation that brings Cz to unit `boresight`.
 
-    Nothing turns about the boresight itself, at a pole as little as anywhere.
+    There is no rotation about the boresight itself, also at a pole.
     """
     cz = axes[2]
     across = np.cross(cz, boresight)
@@ -70,7 +70,7 @@ def turned_to(axes: FloatArray, boresight: FloatArray) -> FloatArray:
     cross = np.array(
         [[0.0, -across[2], across[1]], [across[2], 0.0, -across[0]], [-across[1], across[0], 0.0]]
     )
-    # Rodrigues' formula, with sine and cosine taken from the vectors themselves.
+    # Rodrigues' formula, with sine and cosine computed from the vectors.
     rotation = np.eye(3) + cross + cross @ cross / (1.0 + along)
     turned: FloatArray = axes @ rotation.T
     return turned

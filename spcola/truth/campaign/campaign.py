@@ -1,4 +1,4 @@
-"""Imaging campaigns: the legs along which a synthetic spacecraft takes images, by phase."""
+"""Imaging campaigns: the legs of a synthetic spacecraft that takes images, by phase."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from spcola.errors import SettingsError
 from spcola.truth.campaign.cameras import LEAST_DETECTOR
 
 APPROACH, PRELIMINARY_SURVEY, DETAILED_SURVEY = "AP", "PS", "DS"
-"""Codes of the phases, with which the names of their images begin."""
+"""Codes of the phases, the first letters of their images' names."""
 
 NOMINAL_SIGMAS = {APPROACH: 400.0, PRELIMINARY_SURVEY: 100.0, DETAILED_SURVEY: 6.4}
 """Errors of nominal positions, metres (Weirich et al., section 2.3)."""
 
 BENNU_RADIUS = 245.0
-"""Mean radius, metres, of the body for which the phases were planned."""
+"""Mean radius, metres, of the body of the planned phases."""
 
 FILL = 0
-"""As number of rows: as many as reach over the body's disc."""
+"""Value for the number of rows: as many as cover the body's disc."""
 
 _DAY = 86400.0
 _POLAR_LATITUDE = 80.0
 # From its closest point, 8.9 km from O, a straight pass is 11.1 km away after 36.7° (Table 1).
 _CLOSEST, _POLAR_REACH_DEG = 8900.0, 36.7
-# Share of a polar pass, about its closest point, that is MapCam's; and of its images.
+# Share of a polar pass, about its closest point, taken with MapCam; and of its images.
 _MAPCAM_PART, _MAPCAM_IMAGES = 0.1, 0.05
 
 
 @dataclass(frozen=True)
 class Leg:
-    """Images taken on one straight way past the body, or from one place.
+    """Images taken on one straight path past the body, or from one place.
 
-    Places are given as they stand to the Sun: the body turns under them. Pairs are those of the
-    first and of the last moment; equal ones make a station that stands still.
+    Places are relative to the Sun: the body rotates under them. Pairs are those of the first and of
+    the last moment; equal ones make a fixed station.
 
     Parameters
     ----------
@@ -45,24 +45,24 @@ class Leg:
     day : int
         Day of the campaign; legs of a day follow each other.
     images : int
-        How many are taken: of the frames of all steps an even part, if it is less than all.
+        Number of images: an even selection from the frames of all steps, if it is less than all.
     camera : str
-        One that :func:`spcola.truth.campaign.cameras.framing_camera` knows.
+        A name for :func:`spcola.truth.campaign.cameras.framing_camera`.
     local_times_h, latitudes_deg, ranges : tuple of 2 float
         Local solar time and latitude under the spacecraft, hours and degrees; distance from O,
         metres.
     turns : float
         Duration, in rotations of the body.
     steps : int
-        Moments at which frames are planned; there are more of them where `images` needs it.
+        Moments with planned frames; there are more of them where `images` requires it.
     columns, rows : int
         Frames side by side at each step: a grid about the centre, or with
         `rows` = :data:`FILL` a sweep from north to south over the whole disc.
     off_nadir_deg : float
-        The frames lie beside the centre of the disc, where the ground (of a sphere) is seen at
-        this angle from its normal: to the east, or the west if negative.
+        The frames lie at a distance from the centre of the disc at which the ground (of a sphere)
+        is seen at this angle from its normal: to the east, or the west if negative.
     nominal_sigma : float
-        Of nominal positions, metres.
+        Sigma of nominal positions, metres.
     """
 
     phase: str
@@ -90,19 +90,19 @@ class Leg:
 
 @dataclass(frozen=True)
 class CampaignSettings:
-    """All images of a campaign beside those of the passes.
+    """All images of a campaign except those of the passes.
 
     Parameters
     ----------
     legs : tuple of Leg
     radius : float
-        Of the body's mean, metres.
+        Mean radius of the body, metres.
     detector : int
         Pixels across a camera's detector.
     epoch : float
         Ephemeris time at which day 0 begins, s (2019 JUN 01 00:00 UTC).
     cadence : float
-        Between the frames of one step, at most, s.
+        Largest interval between the frames of one step, s.
     overlap : float
         Share of the field of view by which neighbouring frames overlap.
     """
@@ -142,8 +142,8 @@ class CampaignSettings:
     ) -> CampaignSettings:
         """Return the campaign of Weirich et al. (section 2.5, Table 1) with so many images.
 
-        Around a body of another radius all ranges change in proportion, so that it looks as
-        large; nominal errors stay.
+        Around a body of another radius all ranges change in proportion, so that its apparent size
+        is the same; nominal errors are unchanged.
         """
         legs = (
             *approach_legs(approach),
@@ -169,7 +169,7 @@ def approach_legs(images: int = 927) -> tuple[Leg, ...]:
     sides = [1] * 5 + [2] * 3 + [3]
     legs = []
     for day, (count, side) in enumerate(zip(shares, sides, strict=True)):
-        # A rotation takes some 0.18 of a day; the way goes on through the rest of it.
+        # A rotation takes some 0.18 of a day; the path continues through the rest of it.
         way = np.array([day, day + 0.18]) / 8.18
         legs.append(
             Leg(
@@ -191,12 +191,12 @@ def approach_legs(images: int = 927) -> tuple[Leg, ...]:
 def preliminary_survey_legs(images: int = 877) -> tuple[Leg, ...]:
     """Return the passes of the north pole, the equator and the south pole, 8.9 to 11.1 km.
 
-    PolyCam sweeps from north to south; around the closest points to the poles MapCam takes the
+    PolyCam sweeps from north to south; around the closest points to the poles MapCam images the
     whole disc. The northern pass runs from east to west, the others from west to east. Phase
     angles are 37° to 92°.
     """
     north, middle, south = _shared(images, [807.0, 591.0, 723.0])
-    # Seen from O the equatorial pass spans phase angles of 92° to 37°, morning side.
+    # From O the equatorial pass spans phase angles of 92° to 37°, morning side.
     reach = np.radians((92.0 - 37.0) / 2.0)
     equatorial = Leg(
         PRELIMINARY_SURVEY,
@@ -251,7 +251,7 @@ def detailed_survey_legs(images: int = 3265) -> tuple[Leg, ...]:
 
 
 def place_of(local_time_h: float, latitude_deg: float, distance: float) -> FloatArray:
-    """Return a place (3,), metres, as it stands to the Sun: x at local noon, y at 18 h."""
+    """Return a place (3,), metres, relative to the Sun: x at local noon, y at 18 h."""
     longitude, latitude = np.radians(15.0 * (local_time_h - 12.0)), np.radians(latitude_deg)
     ring = np.cos(latitude)
     direction = [ring * np.cos(longitude), ring * np.sin(longitude), np.sin(latitude)]
@@ -291,7 +291,7 @@ def _polar_pass(day: int, images: int, latitude_deg: float, *, heading: float) -
 
 
 def _shared(total: int, weights: Sequence[float]) -> list[int]:
-    """Deal `total` out by weight, to the last one."""
+    """Divide `total` by weight into whole numbers with the same sum."""
     ends = np.round(total * np.cumsum(weights) / np.sum(weights)).astype(int)
     return [int(count) for count in np.diff(ends, prepend=0)]
 

@@ -1,4 +1,4 @@
-"""When and from where a synthetic spacecraft looks at the synthetic body."""
+"""Times and positions of the synthetic spacecraft's passes over the body."""
 
 from __future__ import annotations
 
@@ -16,38 +16,38 @@ _DAY = 86400.0
 _MONTHS = "JANFEBMARAPRMAYJUNJULAUGSEPOCTNOVDEC"
 
 Pattern = Literal["lattice", "poles-belt-samples"]
-# Of all passes, these shares go to each pole and to the belt; the rest are samples between.
+# Shares of all passes over each pole and the belt; the rest are samples between.
 _POLE_SHARE, _BELT_SHARE = 0.15, 0.4
-# One pass of a pole looks straight at it, the others stand around: their scans overlap there.
+# One pass of a pole is straight above it, the others around: their scans overlap there.
 _POLE_LATITUDE, _NEAR_POLE_LATITUDE = np.radians(88.0), np.radians(75.0)
 _SAMPLES_FROM, _SAMPLES_TO = np.radians(20.0), np.radians(62.0)
 
 
 @dataclass(frozen=True)
 class PassSettings:
-    """How the observations are spread over days, local times and the body.
+    """Distribution of the observations over days, local times and the body.
 
     Parameters
     ----------
     count : int
         Number of passes.
     pattern : {"lattice", "poles-belt-samples"}
-        Where they go: evenly over the sphere; or both poles several times, a closed belt along
-        the equator, and samples of the middle latitudes.
+        Distribution of directions: evenly over the sphere; or both poles several times, a closed
+        belt along the equator, and samples of the middle latitudes.
     directions_deg : tuple of (float, float)
         Longitude and latitude of each pass, degrees, instead of a pattern (and of `count`).
     days : int
-        Days that they are dealt to.
+        Number of days of the passes.
     local_times_h : tuple of float
         Local solar time under the spacecraft, one for each day in turn, hours.
     nearest, farthest : float
         Distances from O between which the passes lie, metres.
     duration : float
-        Of a pass, seconds.
+        Duration of a pass, seconds.
     period : float
-        Of the body's rotation, seconds.
+        Period of the body's rotation, seconds.
     sun_latitude_deg : float
-        Of the sub-solar point: small, so that a pole stays dark.
+        Latitude of the sub-solar point: small, so that a pole remains dark.
     epoch : float
         Ephemeris time at which the first day begins, s (2019 JUL 01 00:00 UTC).
     """
@@ -93,7 +93,7 @@ class PassSettings:
 
 @dataclass(frozen=True)
 class Pass:
-    """One pass: the spacecraft stands still in space while the body turns under it.
+    """One pass: the spacecraft is fixed in space while the body rotates under it.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Pass:
     longitude, latitude : float
         Of the spacecraft at the middle of the pass, body-fixed, radians.
     distance : float
-        From O, metres.
+        Distance from O, metres.
     """
 
     number: int
@@ -147,9 +147,9 @@ def day_of(time: float) -> str:
 def plan_passes(settings: PassSettings, generator: np.random.Generator) -> list[Pass]:
     """Return the passes in order of time.
 
-    The directions are dealt to the days in turn. A day has one local time; the next pass is always
-    the one whose longitude shows that time soonest after the pass before, so that few rotations
-    serve many passes.
+    The directions are assigned to the days in turn. A day has one local time; the next pass is
+    always the one whose longitude has that time soonest after the pass before, so that few
+    rotations suffice for many passes.
 
     Raises
     ------
@@ -220,7 +220,7 @@ def _samples(count: int) -> FloatArray:
 
 
 def _wait(settings: PassSettings, longitude: float, local_time_h: float, free: float) -> float:
-    """Return how long after `free`, s, a pass begins whose middle has the local time."""
+    """Return the time after `free`, s, until a pass begins whose middle has the local time."""
     noon = longitude - np.radians(15.0 * (local_time_h - 12.0))
     phase = (settings.sun_longitude(free + settings.duration / 2.0) - noon) / (2.0 * np.pi)
     return float((phase % 1.0) * settings.period)

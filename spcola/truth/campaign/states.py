@@ -1,4 +1,4 @@
-"""States of the synthetic images: the true one, the one SPC solved for, and navigation's."""
+"""States of the synthetic images: the true one, the SPC solution's, and navigation's."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ class StateSettings:
     Parameters
     ----------
     per_pass : int
-        Images of a pass, from its first to its last moment, so that they span it.
+        Images of a pass, from its first to its last moment.
     position_sigma : float
-        Of solved positions, for each axis, metres.
+        Sigma of solved positions, for each axis, metres.
     pixel_sigma : float
-        Of the measured pixel and line of landmarks.
+        Sigma of the measured pixel and line of landmarks.
     nominal_pointing_sigma : float
-        Of nominal pointing, about each camera axis, radians.
+        Sigma of nominal pointing, about each camera axis, radians.
     most_emission_deg, most_incidence_deg : float
         Beyond these angles from the maplet's normal a landmark is not measured, or too dark.
     coarsest : float
-        An image of which a pixel covers more GSDs than this has nothing to say about a maplet.
+        Largest size of a pixel, in GSDs of a maplet, at which an image measures it.
     distortion : tuple of 4 float
-        Of the cameras, by Owen's model (:mod:`spcola.camera.distortion`): images are rendered with
-        it, and the solution knows it.
+        Distortion of the cameras, by Owen's model (:mod:`spcola.camera.distortion`): images are
+        rendered with it, and the solution uses it.
     """
 
     per_pass: int = 3
@@ -65,11 +65,11 @@ class SolvedState:
     Attributes
     ----------
     truth : SpcImage
-        In the body frame; with it the image is rendered.
+        In the body frame; the image is rendered with it.
     solved : SpcImage
-        As the SPC solution has it, in its frame.
+        State of the SPC solution, in its frame.
     nominal : NominalState
-        As navigation had it before, in the frame of the solution.
+        A-priori state of navigation, in the frame of the solution.
     """
 
     truth: SpcImage
@@ -88,10 +88,10 @@ def make_state(
 ) -> SolvedState:
     """Return the states of an image.
 
-    The solved place is off by the settings' sigma on each axis. The solved axes look from there at
-    the same ground, by the smallest turn: the solution has turned them until its landmarks fit, so
-    that errors of position and pointing go together, and the stated sigma of pointing is what is
-    left of it at a known place.
+    The solved position has an error of the settings' sigma on each axis. The solved axes point from
+    there to the same ground, by the smallest rotation: the solution has turned them until its
+    landmarks fit, so that errors of position and pointing are correlated, and the stated sigma of
+    pointing is that at a known position.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def make_state(
     settings : StateSettings
     generator : numpy.random.Generator
     bits : int
-        Depth of the image: of its brightness, what is above the noise and below saturation counts.
+        Depth of the image: its thresholds lie above the noise and below saturation.
     """
     truth = SpcImage(
         name=station.name,
@@ -142,9 +142,9 @@ def make_state(
 
 
 def _capped_deviation(generator: np.random.Generator) -> FloatArray:
-    """Return a deviation (3,) of σ = 1 as a distance: none further than 1, a third just there.
+    """Return a deviation (3,) with σ = 1 of its length: capped at 1, which a third reach.
 
-    So the paper's kernels were made: some 70 % lie within σ, and what lies beyond is set to it
+    The paper's kernels were made like this: some 70 % lie within σ, and those beyond are set to it
     (Weirich et al., section 2.6).
     """
     direction = generator.normal(size=3)

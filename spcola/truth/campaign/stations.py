@@ -1,4 +1,4 @@
-"""Stations: when, from where, at what and with which camera each image is taken."""
+"""Stations: time, position, target and camera of each image."""
 
 from __future__ import annotations
 
@@ -19,35 +19,35 @@ from spcola.truth.campaign.campaign import (
 from spcola.truth.campaign.passes import Pass, PassSettings
 
 _DAY = 86400.0
-# Times are kept as exact as a .SUM file writes them.
+# Times have the precision of a .SUM file.
 _DECIMALS = 3
 # The plastic number's reciprocal: with its square it fills the plane most evenly (Roberts 2018).
 _PLASTIC = 0.7548776662466927
 PASS_PHASE = "P"
-"""Phase of the images that are taken during a pass."""
+"""Phase of the images taken during a pass."""
 
 
 @dataclass(frozen=True, eq=False)
 class Station:
-    """One image to be taken; all of it is true, in the body-fixed frame.
+    """One image to be taken; all values are true, in the body-fixed frame.
 
     Attributes
     ----------
     name : str
-        Of the image: at most 12 characters.
+        Name of the image: at most 12 characters.
     phase : str
         Code of the phase.
     time : float
         Ephemeris time, s, to the millisecond.
     position : (3,) ndarray
-        Of the spacecraft, metres.
+        Position of the spacecraft, metres.
     target : (3,) ndarray
-        Point on the boresight, about where it meets the ground (of a sphere), metres.
+        Point on the boresight, near its intersection with the ground (of a sphere), metres.
     camera : Camera
     nominal_sigma : float
-        Of the nominal position, metres.
+        Sigma of the nominal position, metres.
     velocity : (3,) ndarray
-        Rate of the position in the turning frame, m/s.
+        Rate of the position in the rotating frame, m/s.
     """
 
     name: str
@@ -67,7 +67,7 @@ def plan_stations(campaign: CampaignSettings, passes: PassSettings) -> list[Stat
     ----------
     campaign : CampaignSettings
     passes : PassSettings
-        Of it, only the rotation and the Sun count.
+        Only its rotation and Sun are used.
     """
     stations: list[Station] = []
     free: dict[int, float] = {}
@@ -86,21 +86,21 @@ def stations_of_pass(
     detector: int = 1024,
     nominal_sigma: float = 6.4,
 ) -> list[Station]:
-    """Return the stations of a pass, from its first to its last moment: they span it.
+    """Return the stations of a pass, from its first to its last moment.
 
-    All look to O. The middle one has PolyCam, the others MapCam.
+    All point to O. The middle one has PolyCam, the others MapCam.
 
     Parameters
     ----------
     at : Pass
     per_pass : int
-        How many.
+        Number of stations.
     radius : float
-        Of the body's mean, metres.
+        Mean radius of the body, metres.
     detector : int
         Pixels across.
     nominal_sigma : float
-        Metres.
+        Sigma of the nominal positions, metres.
     """
     stations = []
     for number, share in enumerate(np.linspace(0.02, 0.98, per_pass)):
@@ -124,9 +124,9 @@ def stations_of_pass(
 
 
 def ground_toward(position: FloatArray, aim: FloatArray, radius: float) -> FloatArray:
-    """Return where a sphere about O is met from `position` toward `aim`, metres (3,) all.
+    """Return the intersection (3,) of a sphere about O with the line from `position` to `aim`.
 
-    Past the limb it is the point of the line next to O.
+    Past the limb it is the point of the line nearest to O. All in metres.
     """
     along = (aim - position) / np.linalg.norm(aim - position)
     foot = position - (position @ along) * along
@@ -170,8 +170,8 @@ def _stations_of_leg(
 def _part(steps: int, frames: int, count: int) -> list[tuple[int, int]]:
     """Return `count` of all pairs of a step and a frame, in order, spread evenly over both.
 
-    Those that Roberts' sequence in the plane, counted from the middle step and frame, brings
-    closest to 0: a lattice, of which a smaller part is a coarser one, and a single pair the middle.
+    These are the pairs closest to 0 in Roberts' sequence in the plane, counted from the middle step
+    and frame: a lattice, of which a smaller part is a coarser one, and a single pair the middle.
     """
     step, frame = np.divmod(np.arange(steps * frames), frames)
     turned = _PLASTIC * (step - steps // 2) + _PLASTIC**2 * (frame - frames // 2)
@@ -181,9 +181,9 @@ def _part(steps: int, frames: int, count: int) -> list[tuple[int, int]]:
 
 
 def _frames(leg: Leg, spacing: float, campaign: CampaignSettings) -> list[tuple[float, float]]:
-    """Return where the frames of a step aim, columns east and rows north of their middle.
+    """Return the aims of the frames of a step, columns east and rows north of their middle.
 
-    `spacing`, metres, is that of neighbours where they are closest.
+    `spacing`, metres, is the smallest distance of neighbours.
     """
     rows = leg.rows
     if rows == FILL:
@@ -201,8 +201,8 @@ def _target(
 ) -> FloatArray:
     """Return the target (3,) of a frame, metres; `spacing` is an angle, radians."""
     distance = float(np.linalg.norm(position))
-    # Seen at this angle from its normal, ground lies so far from the axis through O, and the line
-    # to it meets the plane through O a little further out.
+    # Ground seen at this angle from its normal is at this distance from the axis through O; the
+    # line to it meets the plane through O a little further out.
     impact = radius * np.sin(np.radians(leg.off_nadir_deg))
     middle = impact / np.sqrt(1.0 - (impact / distance) ** 2)
     cx, cy, _ = looking(position, np.zeros(3))

@@ -28,14 +28,14 @@ def write_image(
     Parameters
     ----------
     folder : str or Path
-        Exists.
+        Existing folder.
     name : str
-        Of the files, without suffix.
+        Name of the files, without suffix.
     rendered : Rendered
         Only the numbers of the detector are written.
     image : SpcImage
-        The state that the FITS header tells: the solved or nominal one, where the truth is to
-        be kept apart. A .DAT file has no header.
+        The state for the FITS header: the solved or nominal one, so that the truth is not
+        published. A .DAT file has no header.
     formats : sequence of {"dat", "fits"}
     settings : ImageSettings, optional
         Those of the rendering, for the scale of brightness in the FITS header.

@@ -1,4 +1,4 @@
-"""Images of the truth body: what a framing camera measures, pixel by pixel, by rays."""
+"""Images of the truth body by a framing camera, rendered by ray tracing."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from spcola.truth.body.body import TruthBody
 from spcola.truth.sampled.sampled_surface import SampledSurface
 
 BIT_DEPTHS = (8, 12, 14, 16)
-# Blocks of pixels, so that the rays of a thread lie together.
+# Blocks of pixels, so that the rays of a thread are close together.
 _BLOCK = 90
 _LEAST_COS_EMISSION = 0.02
-# Steps of the two-dimensional sequence of the plastic number (Roberts 2018): any number of
-# its points fills a pixel evenly.
+# Steps of the two-dimensional sequence of the plastic number (Roberts 2018): any number of its
+# points fills a pixel evenly.
 _STEP_X, _STEP_Y = 0.7548776662466927, 0.5698402909980532
 
 
 @dataclass(frozen=True)
 class ImageSettings:
-    """How light becomes numbers.
+    """Detector and exposure.
 
     Parameters
     ----------
@@ -42,19 +42,19 @@ class ImageSettings:
     rays_per_pixel : int
         1 for its centre alone; more are spread evenly over the pixel.
     psf_sigma : float
-        Of a Gaussian point spread, pixels; 0 for none. The frame's edge is continued outward.
+        Sigma of a Gaussian point spread, pixels; 0 for none. The frame's edge is continued outward.
     bits : {8, 12, 14, 16}
-        Of the numbers, of which the largest is ``2 ** bits − 1``; brighter is cut there.
+        Depth of the numbers, the largest of which is ``2 ** bits − 1``; brighter pixels saturate.
     exposure_iof : float
         The I/F that gives the share `exposure_share` of the largest number.
     exposure_share : float
-        See there.
+        Share of the largest number at `exposure_iof`.
     full_well : float
         Electrons at the largest number: the shot noise is their square root.
     read_noise : float
         Electrons, one standard deviation, in every pixel.
     noise : bool
-        Whether there is any. What noise makes negative is cut at 0.
+        Whether there is any noise. Negative numbers are set to 0.
 
     Raises
     ------
@@ -85,7 +85,7 @@ class ImageSettings:
 
     @property
     def largest(self) -> int:
-        """The largest number that a pixel can hold."""
+        """The largest number of a pixel."""
         return int(2**self.bits - 1)
 
     @property
@@ -96,7 +96,7 @@ class ImageSettings:
 
 @dataclass(frozen=True, eq=False)
 class Rendered:
-    """An image and what stands behind each pixel.
+    """An image with the geometry of each pixel.
 
     All arrays are (NLN, NPX). Geometry is that of the ray through the pixel's centre; NaN where
     it misses the body.
@@ -106,13 +106,13 @@ class Rendered:
     dn : ndarray of uint16 (uint8 for 8 bits)
         The image.
     iof : ndarray of float32
-        I/F without noise, point spread in; 0 beside the body.
+        I/F without noise, after the point spread; 0 outside the body.
     incidence, emission : ndarray of float32
         Angles from the surface normal, radians.
     distance : ndarray
         From the camera, metres.
     lit : ndarray of bool
-        Whether the Sun shines there: it stands above the ground and nothing before it.
+        Whether the Sun is above the local horizon and not occluded.
     """
 
     dn: AnyArray
@@ -130,7 +130,7 @@ class Rendered:
 
 
 class _Frame(NamedTuple):
-    """What is filled: the arrays of :class:`Rendered` without noise."""
+    """The arrays of :class:`Rendered` without noise, filled block by block."""
 
     iof: FloatArray
     incidence: FloatArray
@@ -140,7 +140,7 @@ class _Frame(NamedTuple):
 
 
 class _Scene(NamedTuple):
-    """What is rendered."""
+    """Input of the rendering."""
 
     surface: SampledSurface
     body: TruthBody
@@ -156,7 +156,7 @@ def render(
     settings: ImageSettings | None = None,
     generator: np.random.Generator,
 ) -> Rendered:
-    """Return the image that a camera takes of the body.
+    """Return a camera's image of the body.
 
     ``I/F = mean albedo · relative albedo · Φ``, 0 in cast shadow; then point spread, exposure,
     noise (shot noise as a Gaussian of the electrons' variance, and read noise), and whole numbers.
@@ -164,14 +164,14 @@ def render(
     Parameters
     ----------
     surface : SampledSurface
-        Of `body`; its spacing should not be wider than a pixel on the ground.
+        Sampled from `body`; its spacing should not exceed a pixel on the ground.
     body : TruthBody
         Gives the albedo.
     image : SpcImage
         TRUE state in the body-fixed frame: camera with its distortion, place, axes, Sun.
     settings : ImageSettings, optional
     generator : numpy.random.Generator
-        Of the noise; the same state gives the same image, however many threads render it.
+        Generator of the noise; the same state gives the same image, whatever the number of threads.
     """
     settings = settings or ImageSettings()
     scene = _Scene(surface, body, image, settings)
@@ -199,7 +199,7 @@ def render(
 
 
 def expose(iof: FloatArray, settings: ImageSettings, generator: np.random.Generator) -> AnyArray:
-    """Return the numbers (NLN, NPX) that a detector makes of I/F (NLN, NPX)."""
+    """Return the numbers (NLN, NPX) of a detector for I/F (NLN, NPX)."""
     numbers = settings.dn_per_iof * iof
     if settings.noise:
         per_electron = settings.largest / settings.full_well
@@ -230,9 +230,9 @@ def _render_block(scene: _Scene, frame: _Frame, block: tuple[slice, slice]) -> N
 
 
 def _rays(count: int) -> FloatArray:
-    """Return where rays pass a pixel (count, 2), from its centre: at it in the mean.
+    """Return the places of rays in a pixel (count, 2), relative to its centre, of mean 0.
 
-    The first points of the sequence lie to one side: 16 of them would shift an image by 0.1 pixel.
+    The first points of the sequence are one-sided: 16 of them would shift an image by 0.1 pixel.
     """
     steps = np.arange(count)[:, None] * np.array([_STEP_X, _STEP_Y])
     places: FloatArray = (0.5 + steps) % 1.0 - 0.5
@@ -240,7 +240,7 @@ def _rays(count: int) -> FloatArray:
 
 
 class _View(NamedTuple):
-    """What N rays see."""
+    """Intersections of N rays."""
 
     iof: FloatArray
     cos_incidence: FloatArray
@@ -250,7 +250,7 @@ class _View(NamedTuple):
 
 
 def _look(scene: _Scene, pixels: FloatArray, lines: FloatArray) -> _View:
-    """Return what the rays through pixels and lines (N,) see."""
+    """Return the intersections of the rays through pixels and lines (N,)."""
     surface, body, image, settings = scene
     beams = ray(image, pixels, lines)
     hits = surface.cast(image.position, beams)
@@ -264,7 +264,7 @@ def _look(scene: _Scene, pixels: FloatArray, lines: FloatArray) -> _View:
     lit[where] = True
     iof = np.zeros(len(beams))
     phase = np.arccos(np.clip(-beams[where] @ image.sun, -1.0, 1.0))
-    # What a ray has met faces the camera, whatever the normal smoothed over cells says.
+    # A hit faces the camera, whatever the normal smoothed over cells is.
     facing = np.maximum(cos_emission[where], _LEAST_COS_EMISSION)
     shading = photometric_function(settings.photometry)(cos_incidence[where], facing, phase)
     iof[where] = body.settings.mean_albedo * body.albedo(hits.points[where]) * shading

@@ -1,4 +1,4 @@
-"""Arrays without an owner, for the innermost loops of kernels."""
+"""Arrays without reference counting, for the innermost loops of kernels."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from numba.extending import intrinsic
 
 @intrinsic  # type: ignore[untyped-decorator]
 def borrowed(_context: Any, array: Any) -> Any:
-    """Return ``borrowed(array)``, inside a kernel: the array as long as its owner keeps it.
+    """Return ``borrowed(array)``, inside a kernel: the array, valid as long as its owner keeps it.
 
-    Numba counts the references to an array with locked instructions, wherever one goes into a
-    function that the compiler does not merge with its caller: a score of them for a ray, on
-    counters that all threads share. An array that nobody owns is not counted.
+    Numba counts the references to an array with atomic instructions, wherever one is passed to a
+    function that the compiler does not inline: some twenty times for a ray, on counters shared by
+    all threads. A borrowed array is not counted.
     """
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:

@@ -1,9 +1,9 @@
-"""Where a ray goes through the bilinear surface of a tile.
+"""Intersection of a ray with the bilinear surface of a tile.
 
-Whether a ray stays above a block of cells is told by the ends of its way over it and the block's
+Whether a ray passes above a block of cells follows from the ends of its way over it and the block's
 maximum (Tevs et al. 2008, "Maximum mipmaps for fast, accurate, and scalable dynamic height field
-rendering", here on a sphere). What is left are single cells. A ray that dips into a cell and
-comes out again through its saddle is taken to pass.
+rendering", here on a sphere). The rest are single cells. A ray that enters a cell and leaves it
+again through its saddle is assumed to pass.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ _ON_SURFACE = 1e-9
 
 
 class Cell(NamedTuple):
-    """A cell on a face, of which the radius is ``radius + p·rise_u + q·rise_v + p·q·twist``.
+    """A cell on a face, with the radius ``radius + p·rise_u + q·rise_v + p·q·twist``.
 
-    p and q run from 0 to 1 over the cell, which begins at `column` and `row`; `square` is that of
-    the distance of the foot of the ray from O.
+    p and q run from 0 to 1 over the cell, which begins at `column` and `row`; `square` is the
+    squared distance of the ray's foot from O.
     """
 
     column: int
@@ -49,7 +49,7 @@ def _at_cell(line: Line, cell: Cell, t: float) -> float:
 
 @compiled
 def _crossing(line: Line, cell: Cell, ends: tuple[float, float, float, float]) -> float:
-    """Return where a ray goes through a cell's surface: regula falsi in the Illinois form."""
+    """Return the place where a ray crosses a cell's surface: regula falsi in the Illinois form."""
     above, f_above, below, f_below = ends
     last = 0
     for step in range(_MOST_REFINEMENTS):
@@ -78,10 +78,10 @@ def _in_cell(
     places: tuple[int, int, int, int],
     way: tuple[float, float, float],
 ) -> float:
-    """Return where a ray hits the surface of a cell, NaN if it does not.
+    """Return the place where a ray hits the surface of a cell, NaN if it does not.
 
-    `places` are the column and row of the cell in the tile and on the face; `way` where the ray
-    comes in, where it leaves, and its squared distance from O at the foot.
+    `places` are the column and row of the cell in the tile and on the face; `way` the places where
+    the ray enters and leaves, and its squared distance from O at the foot.
     """
     (pool, slot), (t, leave, square) = tile, way
     side = tiling.size + 3
@@ -106,10 +106,10 @@ def _beyond(
     block: tuple[int, int, int],
     way: tuple[float, bool],
 ) -> tuple[int, int]:
-    """Return the column and row, in the tile, of the cell where a ray comes out of a block.
+    """Return the column and row, in the tile, of the cell where a ray leaves a block.
 
-    `block` is a column and row in it and its level, `way` where the ray leaves it and whether
-    through a side of u. Whatever is rounded, the ray goes to a neighbour of the block.
+    `block` is a column and row in it and its level, `way` the place where the ray leaves it and
+    whether through a side of u. Whatever the rounding, the ray goes to a neighbour of the block.
     """
     (column, row, level), (t, through_u) = block, way
     i, j, size = column >> level, row >> level, 1 << level
@@ -134,11 +134,11 @@ def in_tile(
     corner: tuple[int, int],
     way: tuple[float, float, float, float],
 ) -> float:
-    """Return where a ray hits the surface of a tile: NaN if it does not, −∞ if from below.
+    """Return the place where a ray hits the surface of a tile: NaN for none, −∞ if from below.
 
     `tile` is the pool and the tile's row in it, `corner` the column and row, in cells, of its
-    first node; `way` where the ray comes in, where it leaves, its squared distance from O at the
-    foot, and where it began.
+    first node; `way` the places where the ray enters and leaves, its squared distance from O at
+    the foot, and its beginning.
     """
     t, end, square, start = way
     (pool, slot), starts, size = tile, tiling.starts, tiling.size
@@ -161,8 +161,8 @@ def in_tile(
             found = _in_cell(tiling, tile, line, places, (t, leave, square))
         column, row = _beyond(line, corner, (column, row, level), (leave, through_u))
         t = leave
-        # Where the block above ends too, it may be worth while to look at a larger one again.
+        # Where the block above ends too, a larger one may be tried again.
         if column >> (level + 1) != i >> 1 or row >> (level + 1) != j >> 1:
             level = min(level + 1, top)
-    # What began below the ground hits nothing; elsewhere that is the rounding of a border.
+    # A ray that began below the ground hits nothing; elsewhere that is rounding at a border.
     return -np.inf if found == start else found

@@ -1,12 +1,12 @@
-"""The tiles of a cube around a body: which directions their nodes have, and what they hold.
+"""The tiles of a cube around a body: directions of their nodes, and their contents.
 
-A direction p falls on the face of its largest component w; there it has gnomonic coordinates
-u, v, its other components divided by w, in axis order. A face has ``across · size`` cells along
-each; their nodes are shared with the neighbouring face along an edge, where both interpolate
-between the same values, so that nothing gapes between faces. A straight line in space is a
-straight line on each face, which is why rays are followed here.
+A direction p belongs to the face of its largest component w; there it has gnomonic coordinates u,
+v, its other components divided by w, in axis order. A face has ``across · size`` cells along each;
+their nodes are shared with the neighbouring face along an edge, where both interpolate between the
+same values, so that there is no gap between faces. A straight line in space is a straight line on
+each face, which is why rays are followed here.
 
-A tile holds float32 numbers: its nodes with one more on each side (for slopes), row after row of
+A tile contains float32 numbers: its nodes with one more on each side (for slopes), row after row of
 v, then the maxima over 2 × 2 cells, over 4 × 4, and so on to the whole tile.
 """
 
@@ -21,7 +21,7 @@ from spcola.compilation import compiled
 
 
 class Tiling(NamedTuple):
-    """How the faces of the cube are cut.
+    """Division of the faces of the cube into tiles and cells.
 
     Attributes
     ----------
@@ -30,9 +30,9 @@ class Tiling(NamedTuple):
     size : int
         Cells along each side of a tile, a power of two.
     starts : (levels + 1,) ndarray
-        Where in a tile the maxima over ``2 ** level`` cells begin; that of level 0 is unused.
+        Start, in a tile, of the maxima over ``2 ** level`` cells; that of level 0 is unused.
     base : float
-        What the numbers of a tile are differences from.
+        Reference value of the numbers in a tile.
     """
 
     across: int
@@ -60,13 +60,13 @@ class Tiling(NamedTuple):
 
     @property
     def length(self) -> int:
-        """How many numbers a tile holds."""
+        """Number of values of a tile."""
         return int(self.starts[-1]) + 1
 
 
 @compiled
 def face_of(x: float, y: float, z: float) -> int:
-    """Return the face (+x, −x, +y, −y, +z, −z: 0 … 5) that a direction falls on."""
+    """Return the face (+x, −x, +y, −y, +z, −z: 0 … 5) of a direction."""
     ax, ay, az = abs(x), abs(y), abs(z)
     if ax >= ay and ax >= az:
         return 0 if x > 0 else 1
@@ -116,7 +116,7 @@ def place_in_tile(tiling: Tiling, x: float, y: float, z: float) -> tuple[int, fl
 
 @compiled
 def tiles_of(tiling: Tiling, directions: FloatArray, wanted: AnyArray) -> None:
-    """Mark in `wanted` (tiles,) those that the `directions` (N, 3) fall in."""
+    """Mark in `wanted` (tiles,) the tiles of the `directions` (N, 3)."""
     for i in range(len(directions)):
         face, across, along = place_of(tiling, directions[i, 0], directions[i, 1], directions[i, 2])
         wanted[tile_of(tiling, face, across, along)] = True
@@ -192,7 +192,7 @@ def value_in(tiling: Tiling, tile: FloatArray, across: float, along: float) -> f
 def look_up(
     tiling: Tiling, slots: IntArray, pool: FloatArray, directions: FloatArray, out: FloatArray
 ) -> None:
-    """Fill `out` (N,) with the values in `directions` (N, 3), whose tiles are there."""
+    """Fill `out` (N,) with the values in `directions` (N, 3), whose tiles are present."""
     for i in range(len(directions)):
         x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
         tile, across, along = place_in_tile(tiling, x, y, z)

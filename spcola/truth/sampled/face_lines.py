@@ -1,6 +1,6 @@
 """Rays on the faces of a cube: a straight line in space is a straight line on each face.
 
-A ray is its foot, the point next to O, and its unit vector; places on it are distances from the
+A ray is its foot, the point nearest to O, and its unit vector; places on it are distances from the
 foot, and the distance from O grows from there to both sides.
 """
 
@@ -19,7 +19,7 @@ Vector = tuple[float, float, float]
 class Line(NamedTuple):
     """A ray on a face: w = w0 + t·wd, and u, v in cells are (x0 + t·xd)/w, (y0 + t·yd)/w.
 
-    `across` and `along` tell which way u and v go: 1, −1, or 0 for not at all.
+    `across` and `along` are the directions of u and v: 1, −1, or 0 for constant.
     """
 
     w0: float
@@ -54,7 +54,7 @@ def line_on(tiling: Tiling, face: int, foot: Vector, beam: Vector) -> Line:
 
 @compiled
 def _meets(start: float, rate: float, line: Line, border: int, t: float) -> float:
-    """Return where a coordinate reaches `border`, t at least; infinity if it never does."""
+    """Return where a coordinate reaches `border`, at `t` or later; infinity if it never does."""
     slope = rate - border * line.wd
     if slope == 0.0:
         return np.inf
@@ -93,7 +93,7 @@ def square_of(line: Line, t: float, size: int, count: int) -> tuple[int, int]:
 
 @compiled
 def next_face(face: int, line: Line, through_u: bool) -> int:
-    """Return the face behind the side through which a ray leaves `face`."""
+    """Return the face beyond the side through which a ray leaves `face`."""
     _, b, c, _ = face_axes(face)
     if through_u:
         return 2 * b + (line.across < 0)

@@ -1,4 +1,4 @@
-"""Where the Sun shines on the body: the share of a rotation during which the ground is lit."""
+"""Illumination of the body: the share of a rotation during which the ground is lit."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _CHUNK = 250_000
 
 
 class ShadowedSurface(Protocol):
-    """A surface that says what stands in the light, as ``SampledSurface`` does."""
+    """A surface with occlusion, such as ``SampledSurface``."""
 
     def radius(self, directions: FloatArray) -> FloatArray:
         """Return the radius (N,), metres, in `directions` (N, 3)."""
@@ -35,15 +35,15 @@ class ShadowedSurface(Protocol):
 class LightMap:
     """The share of a rotation, 0 … 1, during which each place of the body is lit.
 
-    Lit is ground on which the Sun shines at an incidence below a limit, and that lies in no cast
-    shadow. The shares stand on the nodes of a cube's six faces.
+    Ground is lit if the incidence is below a limit and it lies in no cast shadow. The shares are
+    stored at the nodes of a cube's six faces.
 
     Parameters
     ----------
     tiling : Tiling
         One tile to a face.
     shares : (6, M) ndarray of float32
-        Of the nodes, as the tiling orders them.
+        Of the nodes, in the order of the tiling.
     """
 
     tiling: Tiling
@@ -64,15 +64,16 @@ class LightMap:
         Parameters
         ----------
         surface : SampledSurface
-            Of the body.
+            Surface of the body.
         sun_latitude : float
-            Of the sub-solar point, radians.
+            Latitude of the sub-solar point, radians.
         spacing : float
             Greatest distance between nodes, metres; slopes are those between neighbours.
         hours : int
-            Moments of the rotation that are looked at, evenly spread.
+            Number of moments of the rotation, evenly spread.
         most_incidence : float
-            Beyond this angle from the normal the ground counts as dark, radians: what an SPC
+            Beyond this angle from the normal the ground counts as dark, radians, since SPC
+            solutions do not use it. 80° by default.
             solution makes no use of. 80° by default.
 
         Raises
@@ -124,7 +125,7 @@ def _nodes(surface: ShadowedSurface, spacing: float) -> tuple[Tiling, FloatArray
 
 
 def _cells(directions: FloatArray, surface: ShadowedSurface, spacing: float) -> int:
-    """Return how many cells across a face are no wider than `spacing`, metres."""
+    """Return the number of cells across a face whose width is at most `spacing`, metres."""
     return max(16, int(np.ceil(2.0 * float(surface.radius(directions).max()) / spacing)))
 
 

@@ -1,4 +1,4 @@
-"""The body's surface on tiles: rays at a small part of the cost of the procedural one."""
+"""The body's surface on tiles: rays at a small part of the cost of the exact one."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from spcola.truth.sampled.traversal import Tiles, first_hits, mark_needed, shado
 
 _CHUNK = 8192
 _COARSE_CELLS = 256
-# Between two nodes of the coarse sampling the ground rises no steeper than this (63°).
+# Largest slope (63°) of the ground between two nodes of the coarse sampling.
 _STEEPEST = 2.0
 _LIFT_SHARE = 0.01
 
@@ -33,26 +33,26 @@ class RadialBody(Protocol):
 class SampledSurface:
     """A body's radius sampled on the six faces of a cube, bilinear between the samples.
 
-    Tiles are made when a ray first comes near them, and the longest unused are given up when
-    memory is short; all methods may be called from several threads at once. Rays are exact on the
-    bilinear surface. From the body it differs by the square of the spacing where that is smooth,
-    and about linearly at the edges of boulders, which go over a cell: on a body of 245 m, by an
-    rms of 0.6, 1.6, 4.2 and 11 mm at 5, 10, 20 and 40 cm (1 % of the ground by more than 2, 8, 21
-    and 48 mm). Normals are smoothed over two cells.
+    Tiles are computed when a ray first comes near them, and the least recently used are dropped
+    when memory is short; all methods may be called from several threads at once. Rays are exact
+    on the bilinear surface. Its difference from the body is proportional to the square of the
+    spacing where that is smooth, and about linear at the edges of boulders, which are smeared over
+    a cell: on a body of 245 m, an rms of 0.6, 1.6, 4.2 and 11 mm at 5, 10, 20 and 40 cm (1 % of
+    the ground by more than 2, 8, 21 and 48 mm). Normals are smoothed over two cells.
 
     Parameters
     ----------
     body : RadialBody
-        What is sampled, e.g. a :class:`~spcola.truth.body.TruthBody`.
+        The body, e.g. a :class:`~spcola.truth.body.TruthBody`.
     spacing : float
         Greatest distance between samples, metres (in the middle of a face; less at its corners).
     memory_bytes : int
-        What the tiles may take.
+        Largest memory of the tiles.
 
     Raises
     ------
     SettingsError
-        If the spacing is not positive or the memory holds no tile.
+        If the spacing is not positive or the memory is too small for a tile.
     """
 
     def __init__(self, body: RadialBody, spacing: float, *, memory_bytes: int = 2**30) -> None:
@@ -75,17 +75,17 @@ class SampledSurface:
 
     @property
     def tiling(self) -> Tiling:
-        """How the cube around the body is cut."""
+        """Division of the cube around the body."""
         return self._store.tiling
 
     @property
     def memory_bytes(self) -> int:
-        """What the tiles take at most."""
+        """Largest memory of the tiles."""
         return 4 * self._store.capacity * self._store.tiling.length
 
     @property
     def tiles_made(self) -> int:
-        """How many tiles have been made so far, those given up since included."""
+        """Number of tiles computed so far, dropped ones included."""
         return self._store.made
 
     def radius(self, directions: FloatArray) -> FloatArray:
@@ -116,13 +116,13 @@ class SampledSurface:
         return SurfacePoints(distance, starts + distance[:, None] * beams, normals)
 
     def occluded(self, points: FloatArray, toward: FloatArray) -> BoolArray:
-        """Tell whether ground stands between points of the ground and infinity.
+        """Return whether ground occludes the directions from points of the ground.
 
         Parameters
         ----------
         points : (N, 3) ndarray
-            Body-fixed, metres, on the ground; one that lies below the sampled ground is lifted
-            onto it. NaN is never occluded.
+            Body-fixed, metres, on the ground; points below the sampled ground are lifted onto it.
+            NaN is never occluded.
         toward : (3,) or (N, 3) array_like
             Direction to the light or the camera, of any length.
         """
@@ -143,7 +143,7 @@ class SampledSurface:
         """Call `fill` for all rays by chunks, on all cores, each with its tiles under lease.
 
         Plain threads over kernels without the GIL: this may be called from worker threads, where
-        parallel regions of Numba must not meet.
+        parallel regions of Numba are not allowed.
         """
         parts = [slice(i, min(i + _CHUNK, len(beams))) for i in range(0, len(beams), _CHUNK)]
         if len(parts) <= 1:
@@ -191,10 +191,10 @@ def _cube_nodes(cells: int) -> FloatArray:
 
 
 def _bounds(body: RadialBody, across: int, largest: float) -> tuple[FloatArray, FloatArray, float]:
-    """Return radii (tiles,) that the surface does not go below or above in each tile.
+    """Return bounds (tiles,) of the radius of the surface in each tile, lower and upper.
 
-    From a coarse sampling, with what the ground may rise or fall between its nodes. The third
-    value is a radius far below all of the ground.
+    From a coarse sampling, extended by the largest slope between its nodes. The third value is a
+    radius far below all of the ground.
     """
     per_tile = -(-_COARSE_CELLS // across)
     cells = across * per_tile

@@ -1,4 +1,4 @@
-"""Tiles of a function of direction, made when they are asked for, the oldest given up first."""
+"""Tiles of a function of direction, computed when needed, the least recently used dropped first."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ _CHUNK = 1 << 15
 class TileStore:
     """Values of a function on the tiles of a cube; safe to use from several threads at once.
 
-    Whoever reads tiles holds a lease on them: a tile under lease stays where it is. Leases are
-    given whole or waited for, so that two that need more than there is room for take turns.
+    Reading tiles requires a lease on them: a leased tile is not moved. All tiles of a lease are
+    granted at once, so that two leases that exceed the memory together take turns.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class TileStore:
         Takes unit vectors (N, 3), returns values (N,).
     tiling : Tiling
     memory_bytes : int
-        What all tiles may take together.
+        Largest memory of all tiles.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class TileStore:
         self.slots: IntArray = np.full(tiling.total, -1, dtype=np.int32)
         self.lower = np.full(tiling.total, -np.inf)
         self.upper = np.full(tiling.total, np.inf)
-        # Memory is taken by the system page by page as tiles are written.
+        # The system allocates memory page by page as tiles are written.
         self.pool: FloatArray = np.empty((self.capacity, tiling.length), dtype=np.float32)
         self.made = 0
         self._field = field
@@ -63,12 +63,12 @@ class TileStore:
 
     @contextmanager
     def lease(self, tiles: IntArray) -> Iterator[None]:
-        """Keep the `tiles` (distinct numbers), at most `capacity`, in the pool; make the missing.
+        """Keep the `tiles` (distinct numbers, at most `capacity`) in the pool; make missing ones.
 
         Raises
         ------
         SettingsError
-            If there are more than there is room for.
+            If there are more than fit.
         """
         if len(tiles) > self.capacity:
             raise SettingsError(
@@ -107,7 +107,7 @@ class TileStore:
             look_up(self.tiling, self.slots, self.pool, directions, out)
 
     def _take(self, tiles: IntArray) -> None:
-        """Count a lease on each of the tiles, as soon as all have room."""
+        """Count a lease on each of the tiles, as soon as all fit."""
         with self._change:
             while True:
                 fresh = int(np.count_nonzero(self._leases[tiles] == 0))
@@ -119,7 +119,7 @@ class TileStore:
             self._clock += 1
 
     def _ensure(self, tiles: IntArray) -> None:
-        """Make those of the leased tiles that are missing, or wait for who makes them."""
+        """Compute missing leased tiles, or wait for the thread that computes them."""
         while True:
             with self._change:
                 missing = tiles[self._place[tiles] < 0]
@@ -152,7 +152,7 @@ class TileStore:
         self._place[tiles] = order
 
     def _make(self, tiles: IntArray) -> None:
-        """Fill the slots assigned to the tiles; give them back if that fails."""
+        """Fill the slots assigned to the tiles; release them on failure."""
         done = 0
         per_call = max(1, _NODES_AT_ONCE // self.tiling.nodes)
         try:

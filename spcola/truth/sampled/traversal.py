@@ -1,4 +1,4 @@
-"""Rays over the tiles of a cube: which tiles they may need, what they hit, the normals there."""
+"""Rays over the tiles of a cube: tiles needed, hits, and normals there."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from spcola.truth.sampled.face_lines import (
 
 
 class Tiles(NamedTuple):
-    """The tiles as the kernels take them; see :class:`spcola.truth.sampled.tile_store.TileStore`.
+    """The tiles for the kernels; see :class:`spcola.truth.sampled.tile_store.TileStore`.
 
     `floor` and `ceiling` are radii between which the surface lies.
     """
@@ -47,11 +47,11 @@ class Tiles(NamedTuple):
 def _span(
     origin: Vector, beam: Vector, floor: float, ceiling: float
 ) -> tuple[float, float, float, Vector]:
-    """Return the distance of a ray's foot, where it is between ceiling and floor, and its foot.
+    """Return a ray's foot distance, its interval between ceiling and floor, and its foot.
 
     Start and end are distances from the foot, which are of the body's size whatever the range;
-    the start is NaN for a ray that stays above the ceiling, goes away, or begins under the floor.
-    Nobody follows a ray to where it passes O: its direction from there turns too fast.
+    the start is NaN for a ray that remains above the ceiling, goes away, or begins under the
+    floor. Rays are not followed to where they pass O: their direction from there changes too fast.
     """
     closest = -(origin[0] * beam[0] + origin[1] * beam[1] + origin[2] * beam[2])
     foot = at(origin, beam, closest)
@@ -70,7 +70,7 @@ def _span(
 
 @compiled
 def needs(tiles: Tiles, origin: Vector, beam: Vector, wanted: AnyArray) -> None:
-    """Mark in `wanted` (tiles,) all tiles that a ray may dip into, up to where it must have hit."""
+    """Mark in `wanted` (tiles,) all tiles that a ray may enter, up to its certain hit."""
     tiling = tiles.tiling
     _, t, end, foot = _span(origin, beam, tiles.floor, tiles.ceiling)
     square = foot[0] ** 2 + foot[1] ** 2 + foot[2] ** 2
@@ -99,8 +99,8 @@ def needs(tiles: Tiles, origin: Vector, beam: Vector, wanted: AnyArray) -> None:
 def hit(tiles: Tiles, origin: Vector, beam: Vector, wanted: AnyArray) -> tuple[float, int]:
     """Return the distance of the first hit, NaN for none, and the tile, −1 for none.
 
-    A tile that is not there is marked in `wanted`, and −2 is returned for it. (There is one way
-    out of this function and of those below it, because Numba then need not count references.)
+    A missing tile is marked in `wanted`, and −2 is returned for it. (This function and those below
+    it have a single exit, so that Numba need not count references.)
     """
     tiling = tiles.tiling
     closest, t, end, foot = _span(origin, beam, tiles.floor, tiles.ceiling)
@@ -138,9 +138,9 @@ def hit(tiles: Tiles, origin: Vector, beam: Vector, wanted: AnyArray) -> tuple[f
 
 @compiled
 def normal_at(tiles: Tiles, point: Vector) -> Vector:
-    """Return the outward unit normal at a point of the surface, whose tile is there.
+    """Return the outward unit normal at a point of the surface, whose tile is present.
 
-    Of the slopes at the four nodes around, bilinear between them, so that the normal is
+    Computed from the slopes at the four nodes around, bilinear between them, so that the normal is
     continuous; the surface itself has creases at the borders of cells.
     """
     tiling = tiles.tiling
@@ -183,7 +183,7 @@ def _slopes(
 
 @compiled
 def _part(values: Vector, axes: tuple[int, int, int], axis: int) -> float:
-    """Return which of the values along w, u, v belongs to the axis 0, 1 or 2 of space."""
+    """Return the value along w, u or v for the axis 0, 1 or 2 of space."""
     if axes[0] == axis:
         return values[0]
     return values[1] if axes[1] == axis else values[2]
@@ -251,7 +251,7 @@ def shadows(
     out: AnyArray,
     wanted: AnyArray,
 ) -> bool:
-    """Tell in `out` (N,) which rays from points of the ground meet ground; False as above.
+    """Store in `out` (N,) which rays from points of the ground meet ground; False as above.
 
     The points are lifted by `lift` above the ground, or onto it first if they lie below.
     """

@@ -1,4 +1,4 @@
-"""Maplets, landmarks and shape as SPC would find them, errors included."""
+"""Maplets, landmarks and shape of an SPC solution with errors."""
 
 import lazy_loader
 

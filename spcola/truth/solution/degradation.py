@@ -1,4 +1,4 @@
-"""What SPC makes of true heights: softer, shorter, noisy, and adrift where there is no light."""
+"""Degradation of true heights by SPC: smoothing, noise, and drift where there is no light."""
 
 from __future__ import annotations
 
@@ -12,30 +12,31 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import SettingsError
 
-# Slopes, against the ground around, between which the surface passes from even to steep.
+# Slopes, relative to the ground around, between which the surface passes from even to steep.
 _STEEP = (0.5, 1.2)
-# Cells (1 σ): over which the edge between lit and dark ground is told, and what is left of the
-# form of ground in the dark.
+# Cells (1 σ): width of the transition between lit and dark ground, and smoothing of ground in
+# the dark.
 _DUSK, _BLURRED = 4.0, 6.0
-# Less than this is no darkness to speak of: lit maplets need no drift.
+# Smaller depths count as no darkness: lit maplets need no drift.
 _NO_DEPTH = 1e-3
 _MOST_MARGIN = 60.0
 
 
 @dataclass(frozen=True)
-class Softness:
-    """How a solution smooths and shortens.
+class Smoothing:
+    """Smoothing of heights and reduction of steep relief by a solution.
 
     Parameters
     ----------
     smoothing, steep_smoothing : float
-        Gaussian (1 σ, cells) that even ground and steep edges are smoothed by; 0 leaves the
-        heights as they are.
+        Gaussian smoothing (1 σ, cells) of even ground and of steep edges; 0 leaves the heights
+        unchanged.
     steepest : float
-        Slope, against the ground around, that what is steep is flattened towards.
+        Slope, relative to the ground around, to which steep faces are flattened.
     anchor : float
-        Cells over which stereo holds the heights where slopes would take them.
+        Distance, cells, over which stereo constrains the heights integrated from slopes.
     expected : float
+        Factor of the sigma on the change of heights by one more smoothing.
         The sigma states this many times what one more smoothing takes from the heights.
     """
 
@@ -54,7 +55,7 @@ class Softness:
 
 @dataclass(frozen=True)
 class Darkness:
-    """What a solution does where light is poor.
+    """Errors of a solution where light is poor.
 
     Parameters
     ----------
@@ -63,14 +64,14 @@ class Darkness:
     noise : float
         Factor of the noise where it is hardly lit at all.
     dark : float
-        Share of a rotation: the heights drift and lose their form where it is lit for less.
+        Share of a rotation: heights drift and lose detail where the ground is lit for less.
     drift : float
         Rms of the drift in the dark, metres.
     wavelength : float
-        The longest of the drift, cells.
+        The longest wavelength of the drift, cells.
     reach : float
-        Cells that heights are carried on from lit ground into such as is never lit; none are
-        given further in. Infinite for heights everywhere.
+        Distance, cells, to which heights are extrapolated from lit ground into ground that is
+        never lit; there are none further in. Infinite for heights everywhere.
     """
 
     poor: float = 0.25
@@ -88,19 +89,19 @@ class Darkness:
 
     @property
     def margin(self) -> int:
-        """Cells outside a grid whose light tells on it."""
+        """Cells outside a grid whose light affects it."""
         return int(np.ceil(max(3.0 * _DUSK, min(self.reach, _MOST_MARGIN) + 1.0)))
 
 
 class Shade(NamedTuple):
-    """What poor light does to heights on a grid (R, C).
+    """Effect of poor light on heights on a grid (R, C).
 
     Attributes
     ----------
     noise : ndarray
         Factor of the noise, 1 in good light.
     depth : ndarray
-        How far the ground is given over to the dark, 0 … 1.
+        Depth of darkness, 0 … 1.
     lost : ndarray of bool
         Where there are no heights.
     """
@@ -110,12 +111,12 @@ class Shade(NamedTuple):
     lost: BoolArray
 
     def cropped(self, margin: int) -> Shade:
-        """Return what is left without `margin` cells along each edge."""
+        """Return the shade without `margin` cells along each edge."""
         inner = (slice(margin, -margin),) * 2
         return Shade(self.noise[inner], self.depth[inner], self.lost[inner])
 
     def blurred(self, height: FloatArray) -> FloatArray:
-        """Return heights (R, C) that lose their form in the dark."""
+        """Return heights (R, C) without detail in the dark."""
         if not self.depth.any():
             return height
         soft = gaussian_filter(height, _BLURRED, mode="nearest")
@@ -124,10 +125,10 @@ class Shade(NamedTuple):
 
 
 def shaded(share: FloatArray, darkness: Darkness) -> Shade:
-    """Return what light of the given `share` (R, C) of a rotation does to heights.
+    """Return the effect on heights of light for the given `share` (R, C) of a rotation.
 
-    Shadows of few cells are bridged from both sides: their depth is that of the dark in the mean
-    over some cells. In the dark there is nothing to have noise from; heights drift there instead.
+    Shadows of few cells are bridged from both sides: the depth is that of the mean darkness over
+    some cells. In the dark there is no noise, since there is no signal; heights drift instead.
     """
     if (share >= darkness.poor).all():
         none = np.zeros(share.shape)
@@ -140,25 +141,25 @@ def shaded(share: FloatArray, darkness: Darkness) -> Shade:
     return Shade(1.0 + (darkness.noise - 1.0) * poor, depth, _beyond(share, darkness.reach))
 
 
-def softened(height: FloatArray, gsd: float, softness: Softness) -> FloatArray:
-    """Return heights (R, C), metres, smoothed, more so at steep edges, and with boulders short.
+def smoothed(height: FloatArray, gsd: float, smoothing: Smoothing) -> FloatArray:
+    """Return heights (R, C), metres, smoothed, more so at steep edges, and with boulders too low.
 
-    The smoothed surface is left as it is where it is even. Where it is steep against the ground
+    The smoothed surface is unchanged where it is even. Where it is steep relative to the ground
     around, it is smoothed more, and its slopes are flattened towards `steepest`: such faces lie
-    in shadow, or are seen by too few pixels. Heights follow from the slopes as photoclinometry
-    integrates them, held to the true ones (which stereo would give) over a distance of `anchor`
-    cells, so that not only the faces come out wrong, but the tops too.
+    in shadow, or cover too few pixels. Heights are integrated from the slopes as in
+    photoclinometry, constrained to the true ones (which stereo would give) over a distance of
+    `anchor` cells, so that the tops are wrong too, not only the faces.
     """
-    if softness.smoothing == 0.0:
+    if smoothing.smoothing == 0.0:
         return height.copy()
-    even = gaussian_filter(height, softness.smoothing, mode="nearest")
-    soft = gaussian_filter(height, softness.steep_smoothing, mode="nearest")
-    ground = gaussian_filter(even, 4.0 * softness.steep_smoothing, mode="nearest")
+    even = gaussian_filter(height, smoothing.smoothing, mode="nearest")
+    soft = gaussian_filter(height, smoothing.steep_smoothing, mode="nearest")
+    ground = gaussian_filter(even, 4.0 * smoothing.steep_smoothing, mode="nearest")
     low, high = _STEEP
     share = np.clip((_slope(even - ground, gsd) - low) / (high - low), 0.0, 1.0)
     detail = even + share * (soft - even) - ground
-    kept = (1.0 + (_slope(detail, gsd) / softness.steepest) ** 4) ** -0.25
-    return ground + integrated(detail, kept, softness.anchor)
+    kept = (1.0 + (_slope(detail, gsd) / smoothing.steepest) ** 4) ** -0.25
+    return ground + integrated(detail, kept, smoothing.anchor)
 
 
 def _slope(height: FloatArray, gsd: float) -> FloatArray:
@@ -169,7 +170,7 @@ def _slope(height: FloatArray, gsd: float) -> FloatArray:
 
 
 def integrated(height: FloatArray, kept: FloatArray, anchor: float) -> FloatArray:
-    """Return the surface whose steps are those of `height` times `kept` (R, C), least squares.
+    """Return the surface with the steps of `height` times `kept` (R, C), by least squares.
 
     Minimises ``Σ |∇z − kept ∇h|² + Σ (z − h)² / anchor²``, whose normal equations the cosine
     transform solves exactly.
@@ -189,21 +190,21 @@ def integrated(height: FloatArray, kept: FloatArray, anchor: float) -> FloatArra
     return solved
 
 
-def unresolved(height: FloatArray, softness: Softness) -> FloatArray:
-    """Return a local rms (R, C), metres, of what another smoothing would take from `height`.
+def unresolved(height: FloatArray, smoothing: Smoothing) -> FloatArray:
+    """Return a local rms (R, C), metres, of the change of `height` by another smoothing.
 
-    A solution can tell this from its own heights: where it is rough or steep, as much again may
-    have been lost before.
+    A solution can estimate this from its own heights: where it is rough or steep, as much may have
+    been lost before.
     """
-    if softness.smoothing == 0.0:
+    if smoothing.smoothing == 0.0:
         return np.zeros(height.shape)
-    taken = height - gaussian_filter(height, softness.steep_smoothing, mode="nearest")
+    taken = height - gaussian_filter(height, smoothing.steep_smoothing, mode="nearest")
     rms: FloatArray = np.sqrt(gaussian_filter(taken**2, 1.5, mode="nearest"))
-    return softness.expected * rms
+    return smoothing.expected * rms
 
 
 def _beyond(share: FloatArray, reach: float) -> BoolArray:
-    """Return which ground (R, C) is never lit and further than `reach` cells from any that is."""
+    """Return which ground (R, C) is never lit and further than `reach` cells from lit ground."""
     if (share > 0.0).all():
         return np.zeros(share.shape, dtype=np.bool_)
     if not (share > 0.0).any():
@@ -213,10 +214,10 @@ def _beyond(share: FloatArray, reach: float) -> BoolArray:
 
 
 def quadratic(height: FloatArray) -> FloatArray:
-    """Return the surface of second degree (R, C) next to heights (R, C), by least squares.
+    """Return the quadratic surface (R, C) fitted to heights (R, C) by least squares.
 
-    The body's own curvature and the tilt of the ground: what no smoothing should change, and what
-    would make it change heights at the edges.
+    It contains the body's curvature and the tilt of the ground, which smoothing should not change,
+    and which would cause edge effects.
     """
     rows, columns = (
         np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, n), 3, increasing=True))[0]

@@ -1,4 +1,4 @@
-"""Landmarks of the synthetic solution: which images see them, where, and what overlaps what."""
+"""Landmarks of the synthetic solution: their images, places in them, and overlaps."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from spcola.truth.campaign.states import SolvedState, StateSettings
 from spcola.truth.sampled.sampled_surface import SampledSurface
 
 _PRIOR_SIGMA = 5.0
-# The neighbours of a maplet: centres within its square, or not far outside, that face its way.
+# Neighbours of a maplet: centres within its square, or not far outside, that face its way.
 _NEAR, _FACING = 1.5, 0.5
 
 
 class PlacedMaplet(Protocol):
-    """Of a maplet, what a landmark is made of: its heights are not needed."""
+    """The parts of a maplet that a landmark needs, without heights."""
 
     @property
     def name(self) -> str:
@@ -38,7 +38,7 @@ class PlacedMaplet(Protocol):
 
 
 class SolvedCenter(Protocol):
-    """A maplet of the solution that knows where its centre truly is."""
+    """A maplet of the solution with the true place of its centre."""
 
     @property
     def maplet(self) -> PlacedMaplet:
@@ -57,31 +57,31 @@ def measure_landmarks(
     settings: StateSettings,
     generator: np.random.Generator,
 ) -> tuple[ImagePoint, ...]:
-    """Return the landmarks that an image sees, where it sees them.
+    """Return the landmarks in an image, with their places.
 
-    Measured is the true centre through the true state, with noise: what the solution predicts
-    from its own centres and states differs by its errors. Seen is what lies in the frame, is not
-    too small, faces camera and Sun, and has no other ground before it or between it and the Sun.
+    The true centre is projected through the true state, with noise: the prediction from the
+    solution's centres and states differs by their errors. A landmark is measured if it is in the
+    frame, large enough, faces camera and Sun, and is neither occluded nor in shadow.
 
     Parameters
     ----------
     state : SolvedState
     solved_maplets : sequence of SolvedCenter
     surface : SampledSurface
-        Of the true body.
+        Sampled surface of the true body.
     settings : StateSettings
     generator : numpy.random.Generator
-        As many numbers are drawn whatever is seen.
+        The number of random numbers used does not depend on visibility.
 
     Returns
     -------
     tuple of ImagePoint
-        In the order of the maplets; pixel and line with two decimals, as the files hold them.
+        In the order of the maplets; pixel and line with two decimals, as in the files.
     """
     image = state.truth
     centers = np.array([solved.true_center for solved in solved_maplets]).reshape(-1, 3)
     noise = settings.pixel_sigma * generator.normal(size=(2, len(centers)))
-    # Two decimals, so that .LMK and .SUM say the same.
+    # Two decimals, so that .LMK and .SUM agree.
     measured = np.round(np.stack(project_image(image, centers)) + noise, 2)
     seen = _in_frame(image, measured) & _facing(state, solved_maplets, settings)
     seen &= _resolved(image, centers, solved_maplets, settings)
@@ -98,7 +98,7 @@ def measure_landmarks(
 def landmarks_of(
     maplets: Sequence[PlacedMaplet], images: Sequence[SpcImage], *, rms: float
 ) -> list[Landmark]:
-    """Return the landmarks of all maplets: pictures as the images list them, and overlaps.
+    """Return the landmarks of all maplets: pictures as listed by the images, and overlaps.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def landmarks_of(
     images : sequence of SpcImage
         With their landmarks; each landmark's pictures follow their order.
     rms : float
-        RMSLMK of all.
+        RMSLMK of all landmarks.
     """
     pictures: dict[str, list[ImagePoint]] = defaultdict(list)
     for image in images:
@@ -135,7 +135,7 @@ def overlaps_of(maplets: Sequence[PlacedMaplet]) -> list[tuple[MapOverlap, ...]]
     found = []
     for number, maplet in enumerate(maplets):
         reach = _NEAR * maplet.grid.half_size
-        # A neighbour that faces this way at all is no higher than it is far.
+        # A neighbour that faces this way at all is no higher than its distance.
         near = np.array(tree.query_ball_point(centers[number], 2.0 * reach * maplet.grid.gsd))
         near = np.sort(near[near != number])
         x, y, height = maplet.grid.project(centers[near])
@@ -147,7 +147,7 @@ def overlaps_of(maplets: Sequence[PlacedMaplet]) -> list[tuple[MapOverlap, ...]]
 
 
 def _in_frame(image: SpcImage, measured: FloatArray) -> BoolArray:
-    """Tell which measured pixels and lines (2, N) lie in the frame; NaN do not."""
+    """Return which measured pixels and lines (2, N) lie in the frame; NaN do not."""
     size = np.array([[image.camera.width], [image.camera.height]])
     inside: BoolArray = np.all((measured > 1.0) & (measured < size), axis=0)
     return inside
@@ -156,7 +156,7 @@ def _in_frame(image: SpcImage, measured: FloatArray) -> BoolArray:
 def _facing(
     state: SolvedState, solved_maplets: Sequence[SolvedCenter], settings: StateSettings
 ) -> BoolArray:
-    """Tell which maplets (N,) face the camera and the Sun, by the solution's own geometry."""
+    """Return which maplets (N,) face the camera and the Sun, by the solution's own geometry."""
     grids = [solved.maplet.grid for solved in solved_maplets]
     normals = np.array([grid.uz for grid in grids]).reshape(-1, 3)
     toward = state.solved.position - np.array([grid.center for grid in grids]).reshape(-1, 3)
@@ -173,7 +173,7 @@ def _resolved(
     solved_maplets: Sequence[SolvedCenter],
     settings: StateSettings,
 ) -> BoolArray:
-    """Tell for which maplets (N,) the pixels are fine enough."""
+    """Return for which maplets (N,) the pixels are fine enough."""
     gsd = np.array([solved.maplet.grid.gsd for solved in solved_maplets])
     pixel = image.camera.pixel_angle * np.linalg.norm(image.position - centers, axis=1)
     fine: BoolArray = pixel <= settings.coarsest * gsd

@@ -1,4 +1,4 @@
-"""Errors of heights that belong together over a distance: on a maplet's cells, and on the body."""
+"""Correlated errors of heights: on a maplet's cells, and on the body."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def correlated_noise(
 ) -> FloatArray:
     """Return noise of rms 1 whose correlation is 1/e at a distance of `correlation` cells.
 
-    White noise under a Gaussian of σ = correlation / 2, divided by the rms that it leaves in the
-    mean over all seeds: single samples are not scaled to their own.
+    White noise smoothed by a Gaussian of σ = correlation / 2, divided by the expected rms over all
+    seeds: single samples are not scaled to their own.
     """
     width = correlation / 2.0
     margin = int(np.ceil(4.0 * width))
@@ -32,8 +32,8 @@ def correlated_noise(
 def drift_noise(points: FloatArray, wavelength: float, seed: int) -> FloatArray:
     """Return noise (…) of rms 1 at body-fixed `points` (…, 3): fractal, of one body and seed.
 
-    It is a field in space, so that maplets that share ground share it. The longest wavelength
-    holds three quarters of its variance; two more follow by halves, each half as strong.
+    It is a field in space, so that maplets with common ground share it. The longest wavelength
+    has three quarters of its variance; two more follow by halves, each half as strong.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def drift_noise(points: FloatArray, wavelength: float, seed: int) -> FloatArray:
     wavelength : float
         The longest, metres.
     seed : int
-        Of the field, 32 bits.
+        Seed of the field, 32 bits.
     """
     shortest = wavelength / 2.0 ** (_OCTAVES - 1)
     octaves = fractal_octaves(1.0, wavelength, 1.0, wavelength, shortest)

@@ -1,4 +1,4 @@
-"""An SPC solution of the synthetic body, degraded from the truth the way SPC does it."""
+"""An SPC solution of the synthetic body, degraded from the truth like those of SPC."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from spcola.truth.sampled.light import LightMap
 from spcola.truth.solution.degradation import (
     Darkness,
     Shade,
-    Softness,
+    Smoothing,
     quadratic,
     shaded,
-    softened,
+    smoothed,
     unresolved,
 )
 from spcola.truth.solution.noise import correlated_noise, drift_noise
 
-# Cells around a maplet that are evaluated too, so that smoothing has no edge.
+# Cells evaluated around a maplet, so that smoothing has no edge effects.
 _MARGIN = 8
 
 
 @dataclass(frozen=True)
 class SolutionSettings:
-    """Error levels of the solution; the defaults are what is published for Bennu.
+    """Error levels of the solution; the defaults are those published for Bennu.
 
     Parameters
     ----------
     gsd : float
-        Of the maplets, metres.
+        GSD of the maplets, metres.
     half_size : int
         q of the maplets.
     maplets : int, optional
-        How many cover the body; by default as many as `overlap` asks for.
+        Number of maplets over the body; by default given by `overlap`.
     overlap : float
         Share of a side that a maplet has in common with the next.
     noise : float
@@ -49,13 +49,13 @@ class SolutionSettings:
     correlation : float
         Distance, cells, at which its correlation has fallen to 1/e.
     center_sigma : float
-        Of a maplet's centre, for each axis, metres.
+        Sigma of a maplet's centre, for each axis, metres.
     albedo_noise : float
         Rms of the error of the relative albedo.
-    softness : Softness
-        How the solution smooths and shortens.
+    softness : Smoothing
+        Smoothing of heights, and reduction of steep relief.
     darkness : Darkness
-        What it does where light is poor.
+        Errors where light is poor.
     """
 
     gsd: float = 0.35
@@ -66,7 +66,7 @@ class SolutionSettings:
     correlation: float = 5.0
     center_sigma: float = 0.06
     albedo_noise: float = 0.01
-    softness: Softness = field(default_factory=Softness)
+    softness: Smoothing = field(default_factory=Smoothing)
     darkness: Darkness = field(default_factory=Darkness)
 
     def __post_init__(self) -> None:
@@ -78,7 +78,7 @@ class SolutionSettings:
             raise SettingsError("must not be negative", "error levels of the solution")
 
     def count(self, radius: float) -> int:
-        """Return how many maplets cover a body of mean `radius`, metres."""
+        """Return the number of maplets over a body of mean `radius`, metres."""
         if self.maplets is not None:
             return self.maplets
         step = (1.0 - self.overlap) * 2.0 * self.half_size * self.gsd
@@ -87,14 +87,14 @@ class SolutionSettings:
 
 @dataclass(frozen=True, eq=False)
 class SolvedMaplet:
-    """A maplet of the solution, and where its centre truly is.
+    """A maplet of the solution, and the true place of its centre.
 
     Attributes
     ----------
     maplet : Maplet
         In the frame of the solution.
     true_center : (3,) ndarray
-        The point of the true surface that the centre stands for, body frame, metres.
+        The point of the true surface at the centre, body frame, metres.
     """
 
     maplet: Maplet
@@ -102,7 +102,7 @@ class SolvedMaplet:
 
 
 def maplet_directions(body: TruthBody, settings: SolutionSettings) -> FloatArray:
-    """Return the directions (N, 3) about which the maplets lie that cover the whole body."""
+    """Return the directions (N, 3) of maplets that cover the whole body."""
     return lattice(settings.count(body.settings.radius))
 
 
@@ -113,7 +113,7 @@ def heights_in_frame(body: TruthBody, grid: MapletGrid, to_frame: Similarity) ->
     ----------
     body : TruthBody
     grid : MapletGrid
-        In the frame that `to_frame` leads to from the body's own.
+        In the target frame of `to_frame`.
     to_frame : Similarity
         Planted similarity.
     """
@@ -136,11 +136,11 @@ def make_maplet(
 ) -> SolvedMaplet:
     """Return one maplet in the frame of the solution.
 
-    It faces the mean plane about `direction` (3,) and is wrong in the ways of `settings`:
-    smoothed, boulders short, noisy where `light` is poor, adrift and without form in the dark,
-    and without heights deep in it. Its sigma states what a solution could know of that: its
-    noise, what the roughness that it has left lets expect to be lost, and that it has no light.
-    The centre is off by its own sigma (and by the drift, in the dark), which moves all of it.
+    It faces the mean plane about `direction` (3,) and has the errors of `settings`: smoothed, with
+    boulders too low, noisy where `light` is poor, with drift and without detail in the dark, and
+    without heights deep in it. Its sigma states the errors that a solution could estimate: its
+    noise, the expected loss by smoothing, and missing light. The centre has an error of its own
+    sigma (and of the drift, in the dark), which moves all of it.
     """
     grid = _facing(body, to_spc, direction, settings)
     wide = MapletGrid(grid.center, grid.axes, grid.gsd, grid.half_size + _MARGIN)
@@ -181,7 +181,7 @@ def _facing(
 def _shade(
     grid: MapletGrid, height: FloatArray, back: Similarity, light: LightMap, darkness: Darkness
 ) -> Shade:
-    """Return the shade on a grid; what lies beyond its edge counts, as far as it reaches in."""
+    """Return the shade on a grid, including the effect of surroundings beyond its edge."""
     margin = darkness.margin
     around = MapletGrid(grid.center, grid.axes, grid.gsd, grid.half_size + margin)
     places = back.apply(around.points(np.pad(height, margin, mode="edge")))
@@ -194,7 +194,7 @@ def _degraded(
 ) -> tuple[FloatArray, FloatArray]:
     """Return heights without their drift, and their sigma (R, C), metres."""
     trend = quadratic(truth)
-    height = softened(truth - trend, settings.gsd, settings.softness)
+    height = smoothed(truth - trend, settings.gsd, settings.softness)
     level = settings.noise * shade.noise
     loss = unresolved(height, settings.softness)
     noise = level * correlated_noise(truth.shape, settings.correlation, generator)
@@ -204,10 +204,9 @@ def _degraded(
 def _drift(
     body: TruthBody, places: FloatArray, depth: FloatArray, settings: SolutionSettings
 ) -> FloatArray:
-    """Return by how much (...), metres, heights at `places` (..., 3) drift.
+    """Return the drift (...), metres, of heights at `places` (..., 3).
 
-    Alike in all maplets of a place, and in the shape; `depth` (...) is how far it is given over to
-    the dark.
+    The same in all maplets of a place, and in the shape; `depth` (...) is the depth of darkness.
     """
     if not depth.any():
         return np.zeros(depth.shape)
@@ -224,7 +223,7 @@ def _albedo(
     settings: SolutionSettings,
     generator: np.random.Generator,
 ) -> FloatArray:
-    """Return the relative albedo (R, C) as the solution has it: 1 where it cannot know."""
+    """Return the relative albedo (R, C) of the solution: 1 where it cannot be determined."""
     truth = body.albedo(places.reshape(-1, 3)).reshape(dark.shape)
     noise = settings.albedo_noise * generator.normal(size=dark.shape)
     albedo: FloatArray = 1.0 + (1.0 - dark) * (truth - 1.0) + noise
@@ -239,13 +238,12 @@ def spc_shape(
     light: LightMap | None = None,
     settings: SolutionSettings | None = None,
 ) -> IcqShape:
-    """Return the solution's shape model: the truth averaged over the facets, adrift in the dark.
+    """Return the solution's shape model: the truth averaged over facets, with drift in the dark.
 
-    Each vertex takes the mean radius of nine directions over a quad's width about it. Where there
-    is no `light` it drifts as the maplets of `settings` do that a shape is made of; the rest of
-    their errors averages out over a facet.
+    Each vertex is the mean radius of nine directions over a quad's width about it. Without `light`
+    it drifts like the maplets of `settings`; the rest of their errors averages out over a facet.
     """
-    # Labels of one vertex must not lie apart, on whichever side of a shadow rounding puts them.
+    # Labels of one vertex must be equal, whatever rounding does at the edge of a shadow.
     number, first = distinct_vertices(q)
     directions = icq_directions(q).reshape(-1, 3)[first]
     east = np.cross(

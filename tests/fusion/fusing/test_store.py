@@ -60,7 +60,7 @@ def test_an_error_leaves_the_folder_as_it_was(tmp_path, make_fused, assert_same)
 
     with pytest.raises(WorkspaceError, match="No space left"):
         write_fused(tmp_path, failing())
-    with pytest.raises(InvalidValueError, match="bear this name"):
+    with pytest.raises(InvalidValueError, match="have this name"):
         write_fused(tmp_path, [first, first])
     for name in ("", "../AA0001"):
         with pytest.raises(InvalidValueError, match="no name for a file"):

@@ -24,10 +24,10 @@ from fusion.truth import make_mission
 from fusion.truth.generation import LIDAR_FOLDER, SPC_FOLDER
 from fusion.truth.presets import MissionSettings
 from fusion.workspace import Workspace, new_workspace
-from lidar.formats import LidarOptions
 from lidar.formats.missions import write_ola
 from lidar.formats.missions.ola import read_ola
 from lidar.formats.native import write_scan
+from lidar.formats.records import LidarOptions
 from lidar.scans import Scan
 from spcola.arrays import FloatArray
 from spcola.formats.maplets import write_maplet
@@ -166,11 +166,11 @@ def imported(
         ("mirror x", "the lidar fits when mirrored in X"),
         ("west", "the lidar fits when mirrored in Y (longitudes of the other sign)"),
         ("one turn 90 z", "the lidar fits as it is"),
-        ("cloud", "no turn"),
-        ("shuffle", "no turn"),
-        ("other", "no turn"),
-        ("sphere", "no turn"),
-        ("relief", "no turn"),
+        ("cloud", "no rotation"),
+        ("shuffle", "no rotation"),
+        ("other", "no rotation"),
+        ("sphere", "no rotation"),
+        ("relief", "no rotation"),
     ],
 )
 def test_files_of_a_mission_made_wrong(
@@ -179,7 +179,7 @@ def test_files_of_a_mission_made_wrong(
     workspace = imported(how)
     search = search_workspace_frames(workspace, workspace.settings())
     assert search.text.startswith(text)
-    assert search.found != (text == "no turn")
+    assert search.found != (text == "no rotation")
 
 
 @pytest.mark.parametrize(
@@ -189,7 +189,7 @@ def test_files_of_a_mission_made_wrong(
         pytest.param("mirror x", "the lidar fits when mirrored in X", marks=pytest.mark.slow),
     ],
 )
-def test_register_refuses_lidar_of_another_frame_and_says_which(
+def test_register_refuses_lidar_of_another_frame_and_names_it(
     imported: Callable[[str], Workspace], how: str, text: str
 ) -> None:
     root = imported(how).root

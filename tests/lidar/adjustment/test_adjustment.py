@@ -1,4 +1,4 @@
-"""Displacements of scans: planted ones recovered, what no overlap tells left unknown."""
+"""Displacements of scans: planted ones recovered, unobservable ones left to the prior."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def test_a_scan_that_meets_no_other_keeps_its_prior() -> None:
 
 
 def test_a_few_cells_that_meet_by_chance_move_nothing() -> None:
-    """The fourth scan is far off; some of its strays lie beside the others."""
+    """The fourth scan is far off; some of its outliers lie near the others."""
     rng = np.random.default_rng(7)
     moved = np.hstack([0.05 * rng.normal(size=(3, 3)), np.zeros((3, 3))])
     returns = scans_on(moved, rng)
@@ -153,7 +153,7 @@ def meeting(
     )
 
 
-def test_one_cell_of_strays_does_not_turn_scans_that_nothing_else_holds() -> None:
+def test_one_cell_of_outliers_does_not_turn_otherwise_free_scans() -> None:
     """Three scans that only touch each other may turn together as they like."""
     rng = np.random.default_rng(21)
     moved = np.hstack([0.05 * rng.normal(size=(3, 3)), np.zeros((3, 3))])
@@ -162,11 +162,11 @@ def test_one_cell_of_strays_does_not_turn_scans_that_nothing_else_holds() -> Non
     assert equations is not None
     before, place = unadjusted(NAMES, NODES, OPTIONS), GRID.center + np.array([[0.0, 9, 4]])
     alone = adjust_scans(before, [equations], options=OPTIONS)
-    stray = meeting((1, 3), place, GRID.uz, np.array([7.5]))
-    with_stray = adjust_scans(before, [equations, stray], options=OPTIONS)
-    np.testing.assert_array_equal(with_stray.displacement, alone.displacement)
-    np.testing.assert_array_equal(with_stray.cells, alone.cells)
-    assert with_stray.step_m == pytest.approx(alone.step_m)
+    outlier = meeting((1, 3), place, GRID.uz, np.array([7.5]))
+    with_outlier = adjust_scans(before, [equations, outlier], options=OPTIONS)
+    np.testing.assert_array_equal(with_outlier.displacement, alone.displacement)
+    np.testing.assert_array_equal(with_outlier.cells, alone.cells)
+    assert with_outlier.step_m == pytest.approx(alone.step_m)
 
 
 def test_a_cell_that_agrees_with_the_others_counts() -> None:
@@ -185,7 +185,7 @@ def test_a_cell_that_agrees_with_the_others_counts() -> None:
 
 
 def test_tracks_that_cross_judge_each_other() -> None:
-    """Nothing but crossings, a metre apart where centimetres were expected; two are strays'."""
+    """Nothing but crossings, a metre apart where centimetres were expected; two are outliers."""
     rng = np.random.default_rng(23)
     moved = rng.normal(size=(4, 3))
     crossings = []
@@ -194,8 +194,8 @@ def test_tracks_that_cross_judge_each_other() -> None:
         normal, place = rng.normal(size=3), GRID.center + rng.uniform(-20, 20, (1, 3))
         normal /= np.linalg.norm(normal)
         apart = normal @ (moved[first] - moved[second]) + 0.01 * rng.normal()
-        stray = 40.0 if number in (7, 30) else 0.0
-        crossings.append(meeting((first, second), place, normal, np.array([apart + stray])))
+        outlier = 40.0 if number in (7, 30) else 0.0
+        crossings.append(meeting((first, second), place, normal, np.array([apart + outlier])))
     found = unadjusted(NAMES, NODES, OPTIONS)
     for _ in range(3):
         still = [left_by(found, part) for part in crossings]
@@ -222,14 +222,14 @@ def test_the_size_of_the_displacements_is_estimated() -> None:
     assert adjusted(returns, estimate=False).sizes == AdjustmentOptions(0.05, 5e-4).sizes
 
 
-def test_flat_ground_tells_heights_and_not_where_scans_lie_sideways() -> None:
+def test_flat_ground_determines_heights_and_not_horizontal_displacements() -> None:
     rng = np.random.default_rng(4)
     moved = np.zeros((3, 6))
     moved[0, :3] = 0.08 * GRID.uz
     found = adjusted(scans_on(moved, rng, relief=0.0), estimate=False)
     local = relative(found.displacement) @ GRID.axes.T
     assert local[0, 2] - local[1, 2] == pytest.approx(0.08, abs=2e-3)
-    # Hardly anything was learnt of the sideways part, and it is said to be as uncertain as before.
+    # The sideways part is hardly observable, and its stated uncertainty is that of the prior.
     assert np.abs(local[:, :2]).max() < 0.05
     for scan in range(3):
         block = found.covariance[6 * scan : 6 * scan + 3, 6 * scan : 6 * scan + 3]
@@ -272,7 +272,7 @@ def test_a_scan_of_other_ground_is_named() -> None:
 
 
 def test_returns_of_unknown_sigma_and_spread_do_not_rule_the_others() -> None:
-    """Single returns in a corner that two scans share: neither file nor cells tell their noise."""
+    """Single returns in a corner of two scans: neither file nor cells determine their noise."""
     rng = np.random.default_rng(12)
     place = GRID.points(np.zeros(GRID.shape))[18:30, 18:30].reshape(-1, 3)
     noise = 0.03 * rng.normal(size=(2, len(place), 1)) * GRID.uz

@@ -173,8 +173,8 @@ def test_given_sizes_are_kept() -> None:
     assert solve_network([], nodes, FIRST).sizes == FIRST
 
 
-def test_ranges_of_few_days_do_not_tell_the_radius_as_many_scans_would() -> None:
-    """Of a part of the body: around it, chains of overlaps close, and tell the radius."""
+def test_ranges_of_few_days_determine_the_radius_less_than_many_scans() -> None:
+    """Of a part of the body: around it, chains of overlaps close, and determine the radius."""
     true = ErrorSizes(0.03, 0.03, 1e-4, 1e-5, 0.06)
     alone = replace(true, up_m=float(np.hypot(true.up_m, true.day_m)))
     pulls: dict[str, list[float]] = {"days": [], "scans": []}

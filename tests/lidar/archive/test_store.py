@@ -76,7 +76,7 @@ def test_returns_inside_a_box_are_all_there(paths: list[Path], scans: list[Scan]
 def test_memory_of_files_is_given_back_and_mapped_again(
     paths: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """… as a mission has more returns than memory; what is found stays the same."""
+    """… as a mission has more returns than memory; the result is the same."""
     box, given_back = cube_at([50.0, 0.0, 0.0], 12.0), []
     store = ScanStore(paths)
     first = store.returns_inside(box)

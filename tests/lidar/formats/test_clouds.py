@@ -9,8 +9,9 @@ import laspy
 import numpy as np
 import pytest
 
-from lidar.formats import LidarOptions, open_lidar, recognise
+from lidar.formats import open_lidar, recognise
 from lidar.formats.reader import read_scan
+from lidar.formats.records import LidarOptions
 from spcola.errors import FormatError
 
 POINTS = np.random.default_rng(5).normal(size=(20, 3)) * 250
@@ -105,7 +106,7 @@ def test_every_header_line_lost_or_garbled_once(tmp_path: Path, kind: str) -> No
     end = content.index(b"\n", content.index(mark) + 6) + 1 if mark[:1] == b"\n" else 0
     end = end or content.index(mark) + len(mark)
     lines = content[:end].splitlines(keepends=True)
-    # What is a comment, or says nothing about where the points are, may be lost.
+    # Comments, and data that do not concern the places of points, may be lost.
     harmless = (b"comment", b"#", b"VIEWPOINT", b"VERSION", b"COUNT")
     for index, line in enumerate(lines):
         for edited in (b"", b"\xff\xfe" + line[2:]):

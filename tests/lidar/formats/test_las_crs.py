@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from rasterio.crs import CRS
 
-from lidar.formats import LidarOptions
 from lidar.formats.clouds import read_las_system
 from lidar.formats.reader import read_scan
+from lidar.formats.records import LidarOptions
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError
 

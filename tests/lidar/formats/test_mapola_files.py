@@ -142,7 +142,7 @@ def test_names_that_are_no_file_names_are_refused(tmp_path, name):
 
 
 def test_two_of_one_name_are_refused(tmp_path):
-    with pytest.raises(InvalidValueError, match="AA0001: two mapolas bear this name"):
+    with pytest.raises(InvalidValueError, match="AA0001: two mapolas have this name"):
         write_mapolas(tmp_path, [made("AA0001"), made("AA0001", 2)])
     assert list(tmp_path.iterdir()) == []
 

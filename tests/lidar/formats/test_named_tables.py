@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidar.formats import LidarOptions, recognise
+from lidar.formats import recognise
 from lidar.formats.reader import read_scan
+from lidar.formats.records import LidarOptions
 from spcola.errors import FormatError
 from spcola.navigation import et_from_utc
 

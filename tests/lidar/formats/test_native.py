@@ -9,9 +9,10 @@ import h5py
 import numpy as np
 import pytest
 
-from lidar.formats import LidarOptions, recognise
+from lidar.formats import recognise
 from lidar.formats.native import iter_scan, scan_summary, write_scan
 from lidar.formats.reader import read_scan
+from lidar.formats.records import LidarOptions
 from lidar.scans import Scan
 from lidar.scans.cubes import QUANTUM_M
 from lidar.scans.scan import MEASURES

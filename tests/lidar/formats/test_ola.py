@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidar.formats import LidarOptions, open_lidar, recognise
+from lidar.formats import open_lidar, recognise
 from lidar.formats.missions import RECORD, write_ola
 from lidar.formats.reader import read_scan
+from lidar.formats.records import LidarOptions
 from lidar.scans import Scan
 from spcola.errors import FormatError
 

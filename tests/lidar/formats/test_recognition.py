@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidar.formats import LidarOptions, open_lidar, recognise
+from lidar.formats import open_lidar, recognise
 from lidar.formats.missions import write_ola
 from lidar.formats.native import write_scan
 from lidar.formats.recognition import FORMATS
+from lidar.formats.records import LidarOptions
 from lidar.scans import Scan
 from spcola.errors import FormatError, SettingsError
 

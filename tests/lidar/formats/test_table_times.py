@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.formats.tables.times import is_time, times_of
+from lidar.formats.records.times import is_time, times_of
 from spcola.navigation import et_from_utcs
 
 

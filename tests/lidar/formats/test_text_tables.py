@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidar.formats import LidarOptions, open_lidar, recognise
+from lidar.formats import open_lidar, recognise
 from lidar.formats.reader import read_scan
+from lidar.formats.records import LidarOptions
 from spcola.errors import FormatError
 from spcola.navigation import et_from_utc
 

@@ -78,7 +78,7 @@ def test_long_gaps_are_rejected() -> None:
     assert sum(after.rejected.values()) + len(after) == len(before)
 
 
-def test_returns_without_a_time_are_counted_beside_earlier_rejections() -> None:
+def test_returns_without_a_time_are_counted_in_addition_to_earlier_rejections() -> None:
     whole = scan(50)
     time = whole.time.copy()
     time[:7] = np.nan

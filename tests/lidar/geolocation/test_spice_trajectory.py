@@ -191,7 +191,7 @@ def test_names_that_the_kernels_do_not_know_are_refused(tmp_path, scan):
 
 @pytest.mark.real_data
 def test_pointing_of_osiris_rex_by_its_ck(shared_data: Path) -> None:
-    """What MapCam sees by real kernels, in two spans with a gap: turned by 1 mrad, and not."""
+    """Returns seen by MapCam, real kernels, in two spans with a gap: turned by 1 mrad, and not."""
     folder = shared_data / "bennu" / "kernels_mapcam_20190303"
     kernels = KernelSet(
         sorted(
@@ -211,9 +211,9 @@ def test_pointing_of_osiris_rex_by_its_ck(shared_data: Path) -> None:
     points = station + distance[:, None] * ahead
     old = Trajectory("reference", time, station)
     move = KernelPlace(kernels, "-64", BENNU, frame, kernels).geolocation(old, 300.0)
-    stays, inside = move.apply(points, time)
+    moved, inside = move.apply(points, time)
     assert inside.mean() > 0.99
-    np.testing.assert_allclose(stays[inside], points[inside], atol=2e-3)
+    np.testing.assert_allclose(moved[inside], points[inside], atol=2e-3)
     assert not move.apply(np.zeros((3, 3)), np.array([254.0, 300.0, 480.0]) + times[0])[1].any()
     boresight = np.array([1e-3, 0.0, 0.0])
     turned = KernelPlace(kernels, "-64", BENNU, frame, kernels, boresight).geolocation(old, 300.0)
@@ -255,7 +255,7 @@ def test_the_kernels_that_made_the_shots_move_none(
     place = KernelPlace(kernels, "-64", BENNU, frame, reference, max_gap_s=600.0)
     move = place.geolocation(old, RADIUS, times)
     moved_, inside = move.apply(points, times)
-    np.testing.assert_array_equal(inside, known.knows(times))
+    np.testing.assert_array_equal(inside, known.covers(times))
     assert inside.any()
     assert not inside.all()
     assert move.error_m <= 5e-4
@@ -309,4 +309,4 @@ def test_the_last_image_of_a_ck_by_a_later_clock(shared_data: Path) -> None:
         place = KernelPlace(
             kernels, "-64", BENNU, frame, kernels, max_gap_s=600.0, tolerance_s=tolerance
         )
-        assert place.coverage.knows(last)[0] == known
+        assert place.coverage.covers(last)[0] == known

@@ -108,7 +108,7 @@ def test_returns_are_moved_together_in_their_own_memory():
 
 
 def test_what_is_known_of_cells_that_lost_nothing_is_kept():
-    """… and is the same as if it had been found anew; cells that lost all know nothing."""
+    """… and is the same as if it had been found anew; cells that lost all have none."""
     cells = sort_into_cells(GRID, scattered(np.random.default_rng(8), 5000), 5.0)
     keep = np.random.default_rng(9).random(len(cells.index)) > 0.05
     keep[cells.cell == cells.cell[0]] = False

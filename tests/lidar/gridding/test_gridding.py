@@ -24,15 +24,15 @@ def rolling(x, y):
     return 0.3 * x + 0.5 * np.sin(1.3 * x) * np.cos(y)
 
 
-def returns_on(surface, count, rng, *, noise=0.0, sigma=np.nan, strays=0.0, grid=GRID):
-    """Returns at random places of the grid, heights from `surface`, a share of them stray."""
+def returns_on(surface, count, rng, *, noise=0.0, sigma=np.nan, outliers=0.0, grid=GRID):
+    """Returns at random places of the grid, heights from `surface`, a share of them outliers."""
     x, y = rng.uniform(-grid.half_size - 0.5, grid.half_size + 0.5, (2, count))
     height = surface(x * grid.gsd, y * grid.gsd) + noise * rng.normal(size=count)
-    stray = rng.random(count) < strays
+    outlier = rng.random(count) < outliers
     width = grid.half_size * grid.gsd
-    height[stray] = rng.uniform(-width, width, stray.sum())
+    height[outlier] = rng.uniform(-width, width, outlier.sum())
     points = lifted(grid, x, y, height)
-    return Returns(points, np.full(count, sigma), np.zeros(count, dtype=np.int32), ("a",)), stray
+    return Returns(points, np.full(count, sigma), np.zeros(count, dtype=np.int32), ("a",)), outlier
 
 
 def lifted(grid, x, y, height):
@@ -155,7 +155,7 @@ class Reference:
 
 def test_the_order_of_the_returns_changes_nothing():
     rng = np.random.default_rng(14)
-    returns, _ = returns_on(rolling, 20_000, rng, noise=0.01, sigma=0.01, strays=0.01)
+    returns, _ = returns_on(rolling, 20_000, rng, noise=0.01, sigma=0.01, outliers=0.01)
     one = grid_returns("A", GRID, returns)
     order = rng.permutation(len(returns))
     other = grid_returns("A", GRID, returns.select(order))
@@ -167,20 +167,20 @@ def test_the_order_of_the_returns_changes_nothing():
 
 
 @pytest.mark.parametrize("per_cell", [1.5, 3.0, 8.0])
-def test_strays_are_rejected_and_little_else(per_cell):
+def test_outliers_are_rejected_and_little_else(per_cell):
     rng = np.random.default_rng(15)
     count = int(per_cell * 61**2)
-    returns, stray = returns_on(rolling, count, rng, noise=0.01, sigma=0.01, strays=0.005)
+    returns, outlier = returns_on(rolling, count, rng, noise=0.01, sigma=0.01, outliers=0.005)
     result = grid_returns("A", GRID, returns)
     x, y, height = GRID.project(returns.points)
-    gross = stray & (np.abs(height - rolling(x * GRID.gsd, y * GRID.gsd)) > 4 * GRID.gsd)
+    gross = outlier & (np.abs(height - rolling(x * GRID.gsd, y * GRID.gsd)) > 4 * GRID.gsd)
     assert gross.sum() > 10
     assert not (result.used & gross).any()
-    lost = ~result.used & ~stray
+    lost = ~result.used & ~outlier
     assert lost.mean() < 1e-3
     report = result.report
     assert report.used == result.used.sum()
-    assert report.offered == report.used + report.ignored + report.stray + report.outlying
+    assert report.offered == report.used + report.ignored + report.isolated + report.outlying
     filled = np.zeros(GRID.shape, dtype=bool)
     inside = np.abs(np.floor([y + 0.5, x + 0.5])).max(axis=0) <= GRID.half_size
     cell = np.floor([y[inside] + 30.5, x[inside] + 30.5]).astype(int)
@@ -188,13 +188,13 @@ def test_strays_are_rejected_and_little_else(per_cell):
     assert report.emptied == filled.sum() - result.mapola.valid.sum()
 
 
-def test_strays_beyond_the_edge_of_a_raster_are_rejected():
+def test_outliers_beyond_the_edge_of_a_raster_are_rejected():
     rng = np.random.default_rng(18)
     dense, _ = returns_on(rolling, 12 * 61**2, rng, noise=0.01, sigma=0.01)
     x = GRID.project(dense.points)[0]
     lone = rng.uniform([2.0, -30.0, -2.0], [30.0, 30.0, 2.0], (40, 3))
-    strays = lifted(GRID, lone[:, 0], lone[:, 1], lone[:, 2])
-    points = np.concatenate([dense.points[x < 0.0], strays])
+    outliers = lifted(GRID, lone[:, 0], lone[:, 1], lone[:, 2])
+    points = np.concatenate([dense.points[x < 0.0], outliers])
     count = len(points)
     half = Returns(points, np.full(count, 0.01), np.zeros(count, dtype=np.int32), ("a",))
     result = grid_returns("A", GRID, half)
@@ -203,15 +203,15 @@ def test_strays_beyond_the_edge_of_a_raster_are_rejected():
     assert np.isnan(result.mapola.height[:, 33:]).all()
 
 
-def test_strays_side_by_side_beyond_the_edge_do_not_vouch_for_each_other():
+def test_outliers_side_by_side_beyond_the_edge_do_not_support_each_other():
     rng = np.random.default_rng(31)
     raster, _ = returns_on(plane, 12 * 61**2, rng, noise=0.003)
     x, _, _ = GRID.project(raster.points)
-    # A rim of single returns, two cells wide, is ground; two strays beyond it are not.
+    # A rim of single returns, two cells wide, is ground; two outliers beyond it are not.
     rim_x, rim_y = np.repeat([10.9, 11.9], 40), np.tile(np.arange(-20.0, 20.0), 2)
     rim = lifted(GRID, rim_x, rim_y, plane(rim_x * GRID.gsd, rim_y * GRID.gsd))
-    strays = lifted(GRID, np.array([17.0, 18.0]), np.zeros(2), np.array([-2.0, -1.98]))
-    points = np.concatenate([raster.points[x < 10.5], rim, strays])
+    outliers = lifted(GRID, np.array([17.0, 18.0]), np.zeros(2), np.array([-2.0, -1.98]))
+    points = np.concatenate([raster.points[x < 10.5], rim, outliers])
     returns = Returns(
         points, np.full(len(points), np.nan), np.zeros(len(points), dtype=np.int32), ("a",)
     )
@@ -220,8 +220,8 @@ def test_strays_side_by_side_beyond_the_edge_do_not_vouch_for_each_other():
     assert gridding.used[-2 - len(rim) : -2].all()
 
 
-def test_a_stray_beside_a_track_does_not_tilt_it():
-    """In a grid that is dense elsewhere: the track alone does not tell a slope across."""
+def test_an_isolated_return_next_to_a_track_does_not_tilt_it():
+    """In a grid that is dense elsewhere: the track alone does not determine a slope across."""
     rng = np.random.default_rng(32)
     raster, _ = returns_on(plane, 20 * 61**2, rng, noise=0.01)
     x, _, _ = GRID.project(raster.points)
@@ -229,9 +229,9 @@ def test_a_stray_beside_a_track_does_not_tilt_it():
     across = 18.0 + 0.19 * along
     track = lifted(GRID, across, along, plane(across * GRID.gsd, along * GRID.gsd))
     track += 0.01 * rng.normal(size=(len(track), 1)) * GRID.uz
-    # Where the track changes its column, its only two steps across are to the stray and on.
-    stray = lifted(GRID, np.array([17.2]), np.array([3.0]), np.array([-1.2]))
-    points = np.concatenate([raster.points[x < 0.0], track, stray])
+    # Where the track changes its column, its only two steps across are at the isolated return.
+    outlier = lifted(GRID, np.array([17.2]), np.array([3.0]), np.array([-1.2]))
+    points = np.concatenate([raster.points[x < 0.0], track, outlier])
     returns = Returns(
         points, np.full(len(points), 0.01), np.zeros(len(points), dtype=np.int32), ("a",)
     )
@@ -242,11 +242,11 @@ def test_a_stray_beside_a_track_does_not_tilt_it():
     assert np.nanmax(np.abs(error)) < 0.05
 
 
-def test_shots_far_apart_are_no_strays():
+def test_shots_far_apart_are_not_rejected():
     rng = np.random.default_rng(19)
     returns, _ = returns_on(rolling, 120, rng, noise=0.01, sigma=0.01)
     result = grid_returns("A", GRID, returns)
-    assert result.report.stray == 0
+    assert result.report.isolated == 0
     assert result.mapola.valid.sum() > 110
 
 
@@ -262,7 +262,7 @@ def test_boulders_stay():
     rng = np.random.default_rng(16)
     returns, _ = returns_on(ground, 2 * 61**2, rng, noise=0.003, sigma=0.003)
     result = grid_returns("A", GRID, returns)
-    assert result.report.stray == 0
+    assert result.report.isolated == 0
     assert np.nanmin(result.mapola.height[21:24, 34:37]) > 0.2
 
 

@@ -67,7 +67,7 @@ def test_leverage_is_the_variance_that_sampled_noise_gives():
     own, correction = np.array(carried).transpose(1, 0, 2, 3)
     known = np.isfinite(height)
     variance, covariance = correction.var(axis=0), (own * correction).mean(axis=0)
-    # The heights of 4000 samples tell a variance to 2.2 %, the largest of 70 to three times that.
+    # A variance from 4000 samples is known to 2.2 %, the largest of 70 to three times that.
     assert variance[known] == pytest.approx(fit.leverage[known], rel=0.09)
     assert covariance[known] == pytest.approx(fit.own[known], abs=0.06)
 
@@ -127,7 +127,7 @@ def test_expectations_equal_plain_numpy(empty):
     assert np.isnan(got.height[np.isnan(height)]).all()
 
 
-def test_a_third_of_strays_does_not_move_an_expectation():
+def test_a_third_of_outliers_does_not_move_an_expectation():
     place = np.zeros(SHAPE)
     ground = 0.1 * COLUMN
     rng = np.random.default_rng(7)
@@ -156,6 +156,6 @@ def test_support_is_a_neighbour_within_the_steepest_slope():
     height[1, 1], height[3, 3] = 4.0, np.nan
     row, column = np.array([0, 0, 2, 2, 4, 1]), np.array([0, 0, 2, 2, 4, 1])
     value = np.array([4.0 + 1.4, 4.0 + 1.5, 0.9, 2.2, 1.1, 4.0])
-    # Steepest 1 per step: across a corner √2 is allowed; an unknown cell says nothing.
+    # Steepest 1 per step: across a corner √2 is allowed; an unknown cell is ignored.
     got = supported(height, row, column, value, 1.0)
     assert list(got) == [True, False, True, False, False, False]

@@ -80,13 +80,13 @@ def test_what_is_unknown_stays_so_and_bends_nothing():
     border[11:19, 11:19] = False
     np.testing.assert_array_equal(points.height[border], height[border])
     # h_xx = 0.4 per metre: over a cell of half a metre its mean exceeds the middle by 0.4 / 96.
-    # A border without known bending around it shares what its neighbourhood says.
+    # A border without known bending around it takes that of its neighbourhood.
     lowered = (height - points.height)[13:17, 13:17]
     assert lowered == pytest.approx(np.full((4, 4), 0.4 / 96.0), rel=0.2)
     assert np.all(bending_variance(height, sigma**2)[~mapola.valid] >= 0.0)
 
 
-def test_no_height_is_lost_beside_wide_gaps_and_nothing_warns(recwarn):
+def test_no_height_is_lost_next_to_wide_gaps_and_nothing_warns(recwarn):
     rng = np.random.default_rng(6)
     height = 0.05 * rng.normal(size=GRID.shape)
     height[:, 5:40] = np.nan

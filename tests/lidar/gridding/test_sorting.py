@@ -14,7 +14,7 @@ GRID = MapletGrid.facing([100.0, 20.0, -40.0], [0.9, 0.2, -0.3], 0.5, 60)
 def test_many_points_are_sorted_as_a_few(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(1)
     local = rng.uniform(-35, 35, (30_000, 3)) * [1.0, 1.0, 0.3]
-    # Some rows of the grid stay empty, and with them whole blocks.
+    # Some rows of the grid remain empty, and with them whole blocks.
     local = local[(local[:, 1] < -5.0) | (local[:, 1] > 20.0)]
     points = GRID.center + local @ GRID.axes
     points[::1000] = np.nan
@@ -31,7 +31,7 @@ def test_many_points_are_sorted_as_a_few(monkeypatch: pytest.MonkeyPatch) -> Non
     assert np.isnan(whole).any()
 
 
-def test_a_grid_beside_all_points_stays_empty(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_grid_outside_all_points_remains_empty(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (sorting, cells):
         monkeypatch.setattr(module, "MANY", 10)
     found = sort_into_cells(GRID, np.full((50, 3), 900.0), 5.0)

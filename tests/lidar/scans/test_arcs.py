@@ -36,7 +36,7 @@ def test_names_of_many_arcs_sort_as_the_arcs_do() -> None:
     assert names[0] == "t:01"
 
 
-def test_a_store_tells_returns_by_arc(tmp_path: Path) -> None:
+def test_a_store_numbers_returns_by_arc(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     points = rng.uniform(-40, 40, (900, 3))
     track = replace(Scan.of_points("track", points), time=np.linspace(5e8, 5e8 + 3599.0, 900))

@@ -16,7 +16,7 @@ def turned(seed: int) -> np.ndarray:
     return axes
 
 
-def test_corners_lie_on_the_box_and_nothing_beyond_is_held() -> None:
+def test_corners_lie_on_the_box_and_points_beyond_do_not() -> None:
     box = Box(np.array([1.0, -2.0, 3.0]), turned(1), np.array([2.0, 0.5, 4.0]))
     away = box.corners - box.center
     assert np.linalg.norm(away, axis=1) == pytest.approx(np.full(8, box.radius))

@@ -72,8 +72,8 @@ def test_all_that_is_inside_is_found(half: float, reach: float) -> None:
     cubes, order = cubed(points)
     box = turned_box(points[17] + 0.3, half)
     found, rows = np.empty((6000, 3)), np.empty(6000, dtype=np.int64)
-    chosen, held = touching(cubes, box, reach)
-    assert held == np.diff(cubes.start)[chosen].sum()
+    chosen, total = touching(cubes, box, reach)
+    assert total == np.diff(cubes.start)[chosen].sum()
     count = unpack_inside(cubes, chosen, box, found, rows, reach=reach)
     # Half a quantum along three axes is what rounding may carry across a side.
     sure, maybe = (box.grown(reach + by).holds(points) for by in (-QUANTUM_M, QUANTUM_M))

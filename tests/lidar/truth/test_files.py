@@ -12,6 +12,7 @@ import pytest
 from lidar.formats import open_lidar, recognise
 from lidar.formats.native import scan_summary
 from lidar.formats.reader import read_scan
+from lidar.formats.records import LidarOptions
 from lidar.scans import Scan
 from lidar.truth import (
     FORMATS,
@@ -247,8 +248,6 @@ def test_formats_are_known_by_name(scan: Scan, tmp_path: Path) -> None:
 
 
 def test_chunks_of_the_reader_are_of_the_size_asked_for(scan: Scan, tmp_path: Path) -> None:
-    from lidar.formats import LidarOptions  # noqa: PLC0415
-
     write_scans(tmp_path / "scan.laz", [scan], format="laz")
     sizes = [len(c) for c in open_lidar(tmp_path / "scan.laz", options=LidarOptions(chunk=5000))]
     assert max(sizes) == 5000

@@ -61,7 +61,7 @@ def test_a_pointing_error_moves_points_across_the_beam(body: TruthBody) -> None:
     assert np.max(np.abs(np.sum(shift * moved.beam, axis=1))) < 2e-3
 
 
-def test_noise_strays_and_lost_shots_come_as_often_as_stated() -> None:
+def test_noise_outliers_and_lost_shots_come_as_often_as_stated() -> None:
     # On a sphere seen at its middle no shot goes in at a steep angle.
     body = TruthBody(BodySettings.sphere(60.0))
     settings = LidarSettings(width=40.0, spacing=0.2, slope_noise=0.0, overflow_share=0.02)
@@ -75,10 +75,10 @@ def test_noise_strays_and_lost_shots_come_as_often_as_stated() -> None:
     assert np.max(np.linalg.norm(scan.points - scan.spacecraft, axis=1)[lost]) < 0.1
     assert np.all((scan.intensity == 0) == lost)
     error = (scan.range - exact.range)[~lost]
-    strays = np.abs(error) > 0.2
-    assert np.mean(strays) == pytest.approx(0.005, abs=0.0015)
+    outliers = np.abs(error) > 0.2
+    assert np.mean(outliers) == pytest.approx(0.005, abs=0.0015)
     assert np.max(np.abs(error)) < 30.2
-    assert np.std(error[~strays]) == pytest.approx(0.03, rel=0.02)
+    assert np.std(error[~outliers]) == pytest.approx(0.03, rel=0.02)
 
 
 def test_the_table_reads_back_without_its_rejects(body: TruthBody, tmp_path) -> None:

@@ -148,7 +148,7 @@ def test_echoes_are_lost_where_the_ground_is_steep(sphere: TruthBody) -> None:
         assert np.mean(lost[there]) == pytest.approx(share, abs=4 * spread + 1e-3)
 
 
-def test_a_beam_beside_the_body_has_no_echo(sphere: TruthBody) -> None:
+def test_a_beam_past_the_body_has_no_echo(sphere: TruthBody) -> None:
     scan = scan_of(sphere, LidarSettings.exact(200.0, 4.0))
     missed = incidence_cosine(scan) == 0.0
     assert 0.5 < missed.mean() < 0.9

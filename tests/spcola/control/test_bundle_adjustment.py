@@ -87,7 +87,7 @@ def test_errors_of_landmarks_are_found_within_their_joint_covariance():
 
 
 def test_what_the_network_shares_is_no_better_known_than_its_sigmas_allow():
-    """Where the whole network lies is told by the priors alone: 50 centres, and 24 positions."""
+    """The priors alone determine the position of the network: 50 centres, and 24 positions."""
     names, centers, images, _ = planted(1)
     network = solved(names, centers, images)
     mean = np.tile(np.eye(3), (1, len(names))) / len(names)
@@ -141,7 +141,7 @@ def test_a_network_may_be_of_any_size(landmarks, images):
 
 @pytest.mark.parametrize(("landmarks", "images"), [(50, 24), (8, 1), (50, 2), (3, 3)])
 def test_places_that_fit_exactly_do_not_make_a_network_exact(landmarks, images):
-    """Few images can explain any places: no residual is left, and that tells nothing of them."""
+    """Few images can explain any places: residuals of 0 without redundancy are no evidence."""
     names, centers, seen, _ = planted(7)
     names, centers = names[:landmarks], centers[:landmarks]
     exact = []

@@ -43,7 +43,7 @@ def outcome(call: Callable[[], Any]) -> tuple[Any, str | None]:
 
 @pytest.fixture
 def every_corruption_is_seen(tmp_path: Path) -> Callable[..., None]:
-    """Return a check: whatever line of a good file is corrupted, the reader says so.
+    """Return a check: whatever line of a good file is corrupted, the reader reports it.
 
     Where the corrupted text still is a good file, what is read from it must differ from what the
     good one holds; `dump` turns what was read into something comparable.

@@ -53,7 +53,7 @@ def test_the_order_is_that_in_which_neighbours_differ_less_than_half_as_much(see
         np.testing.assert_array_equal(read_image_data(path, cols, rows), there)
 
 
-def test_most_significant_first_where_nothing_tells(tmp_path):
+def test_most_significant_first_where_undetermined(tmp_path):
     path = tmp_path / "A.DAT"
     path.write_bytes(b"\x01\x00" * 6)
     assert read_image_data(path, 3, 2).tolist() == [[256] * 3] * 2
@@ -107,7 +107,7 @@ def test_every_corrupted_line_of_a_list_is_seen(every_corruption_is_seen):
     ("text", "kind", "message"),
     [
         ("AA0001\nAA0002\n", "landmark", r"line 3: the file ends where END should be"),
-        ("AA0001\nAA0001\nEND\n", "landmark", r"line 2: AA0001 stands twice, first on line 1"),
+        ("AA0001\nAA0001\nEND\n", "landmark", r"line 2: AA0001 appears twice, first on line 1"),
         ("AA0001\n\nEND\n", "landmark", r"line 2: landmark name '' has 0"),
         ("AA0001 AA0002\nEND\n", "image", r"line 1: image name 'AA0001 AA0002'"),
         ("AA00011\nEND\n", "landmark", r"line 1: landmark name .* 7 characters"),

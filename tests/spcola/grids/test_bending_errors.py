@@ -22,7 +22,7 @@ def test_bending_of_a_quadric_is_exact_and_planes_have_none():
     assert np.isnan(bending(quadric)[0]).all()
 
 
-def test_a_gap_makes_the_points_beside_it_unknown():
+def test_a_gap_makes_the_points_next_to_it_unknown():
     height = X**2
     height[10, 10] = np.nan
     unknown = np.isnan(bending(height)[1:-1, 1:-1])

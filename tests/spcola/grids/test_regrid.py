@@ -41,7 +41,7 @@ def test_onto_itself_is_the_identity():
     source = Maplet("A", grid, height, 1 + 0.1 * rng.random(grid.shape), rng.random(grid.shape))
     out = project_maplet(source, grid)
     np.testing.assert_allclose(out.height, np.where(out.valid, height, np.nan), atol=1e-9)
-    # A point all of whose cells have a known corner stays; the missing one has no height.
+    # A point all of whose cells have a known corner is kept; the missing one has no height.
     assert np.array_equal(out.valid, np.isfinite(height))
     np.testing.assert_allclose(out.albedo[out.valid], source.albedo[out.valid], atol=1e-9)
     np.testing.assert_allclose(out.sigma[out.valid], source.sigma[out.valid], atol=1e-9)
@@ -155,11 +155,11 @@ def test_window_is_the_part_of_the_grid_that_is_reached():
 
 @pytest.mark.real_data
 def test_real_maplet_onto_itself(shared_data):
-    """Its unknown points stay unknown, all others keep their height."""
+    """Its unknown points remain unknown, all others keep their height."""
     source = read_maplet(shared_data / "bennu" / "OLA001.MAP")
     out = project_maplet(source, source.grid)
     assert not (out.valid & ~source.valid).any()
-    # A point without a whole cell beside it cannot be interpolated.
+    # A point without a whole cell next to it cannot be interpolated.
     lost = source.valid & ~out.valid
     assert lost.sum() <= 40
     np.testing.assert_allclose(

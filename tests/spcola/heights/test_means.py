@@ -172,7 +172,7 @@ def test_a_mean_joins_pieces_and_holds_them():
 
 
 @pytest.mark.parametrize("method", ["patches", "probing"])
-def test_sigma_of_large_grids_knows_means(method):
+def test_sigma_of_large_grids_includes_means(method):
     problem = problem_of(np.random.default_rng(8), (60, 60), 4, sparse=0.05)
     options = PosteriorOptions(core=20, margin=16, samples=120)
     ratio = posterior_sigma(problem, method=method, options=options) / posterior_sigma(problem)

@@ -67,7 +67,7 @@ def test_steps_of_exact_slopes_of_a_quadratic_are_its_differences():
 
 
 @pytest.mark.parametrize("missing", [(4, 5), (0, 0)])
-def test_slopes_beside_an_unknown_height_are_one_sided(missing):
+def test_slopes_next_to_an_unknown_height_are_one_sided(missing):
     row, column = np.indices((9, 11)).astype(float)
     height = 2.0 * column + row
     height[missing] = np.nan

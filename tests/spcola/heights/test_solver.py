@@ -222,9 +222,9 @@ def rough_problem(size, seed):
 
 
 def test_iterations_do_not_grow_with_the_grid_on_rough_masks():
-    """A larger rough mask has worse places: necks, corners that touch, pieces held by one height.
+    """A larger rough mask has worse places: necks, corners that touch, pieces of one constraint.
 
-    Counts grew when loose parts were lifted beside the cycle, not in turn with it, and when
+    Counts grew when loose parts were shifted along with the cycle, not in turn, and when
     aggregates joined what the mask parts. Floating parts must not disturb the others: on coarse
     levels they end as points that nothing holds.
     """
@@ -285,9 +285,9 @@ def test_wild_weights_and_thin_masks_need_a_bounded_number_of_cycles(kind):
 
 
 def test_aggregates_leave_out_points_that_their_constraint_holds():
-    """Stiff pairs that a soft edge joins to a held point, for which it is the stiffest.
+    """Stiff pairs that a soft edge joins to a constrained point, for which it is the stiffest.
 
-    Aggregates of all three would be held as firmly as that point: the cycle would leave 0.99 of
+    Aggregates of all three would be as firm as that point: the cycle would leave 0.99 of
     what the pairs are off by.
     """
     size, rng = 66, np.random.default_rng(5)
@@ -405,13 +405,13 @@ def test_lone_point_is_unknown_not_zero():
 
 
 @pytest.mark.parametrize(("loss", "left"), [("huber", 0.08), ("cauchy", 0.001)])
-def test_robust_loss_sheds_stray_heights(loss, left):
+def test_robust_loss_down_weights_outliers(loss, left):
     rng = np.random.default_rng(2)
     row, column = np.indices((60, 60))
     plane = 0.1 * column + 0.05 * row
     height = np.where(rng.random((60, 60)) < 0.2, plane, np.nan)
-    stray = np.isfinite(height) & (rng.random((60, 60)) < 0.05)
-    height[stray] += 30.0
+    outlier = np.isfinite(height) & (rng.random((60, 60)) < 0.05)
+    height[outlier] += 30.0
     problem = plane_problem(
         (60, 60), 0.1, 0.05, edge=400.0, height=height, weight=np.full((60, 60), 1 / 0.1**2)
     )
@@ -421,7 +421,7 @@ def test_robust_loss_sheds_stray_heights(loss, left):
     assert robust.converged, robust.reason
     assert np.abs(square.height - plane).max() > 5.0
     assert np.abs(robust.height - plane).max() < left
-    assert (robust.constraint_weight[stray] < 0.05 * problem.weight[stray]).all()
+    assert (robust.constraint_weight[outlier] < 0.05 * problem.weight[outlier]).all()
 
 
 def test_running_out_of_iterations_is_said():
@@ -573,8 +573,8 @@ def test_parts_are_labelled_in_order_also_across_bands(holes):
 
 
 @pytest.mark.parametrize("weight", [1e-6, 1e-3, 1.0, 1e3])
-def test_loose_and_firm_parts_beside_each_other(weight):
-    """Parts in narrow squares beside a frame that is firmly held: the coarse grids mix them."""
+def test_loose_and_firm_parts_next_to_each_other(weight):
+    """Parts in narrow squares inside a firmly constrained frame: the coarse grids mix them."""
     rng = np.random.default_rng(18)
     size = 90
     mask = np.zeros((size, size), dtype=bool)

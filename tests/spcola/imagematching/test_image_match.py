@@ -13,7 +13,7 @@ LIGHT = [0.5, 0.2, 0.8]
 
 
 def matched(waves, image, *, shift=(0.0, 0.0), height=None, **options):
-    """Match with the ground put `shift` (x, y) metres beside its place."""
+    """Match with the ground displaced by `shift` (x, y) metres."""
     grid = waves.grid
     moved = grid.center - shift[0] * grid.ux - shift[1] * grid.uy
     view = view_of(
@@ -39,7 +39,7 @@ def test_a_planted_shift_is_recovered(waves, photographed, shift):
 
 
 def test_the_covariance_is_that_of_many_matches(waves):
-    """Height errors that hold together over cells: white noise would be told as too sure."""
+    """Height errors correlated over cells: as white noise they would give too small a sigma."""
     image = waves.photograph("A", [0.2, 0.1, 1.0], LIGHT, pixel=0.5)
     rng, pulls = np.random.default_rng(3), []
     for _ in range(40):

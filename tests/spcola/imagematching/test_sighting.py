@@ -42,7 +42,7 @@ def states(waves, photographs):
 
 
 def sought(waves, photographs, states, off):
-    """Look for the ground put `off` (local, metres) beside its place."""
+    """Look for the ground displaced by `off` (local, metres)."""
     grid = replace(waves.grid, center=waves.grid.center - np.array(off) @ waves.grid.axes)
     options = SightOptions(function=lambert)
     ground = Maplet("GROUND", grid, waves.heights())
@@ -99,7 +99,7 @@ def many(photographs, states, rng, *, match):
     return sightings
 
 
-def test_sizes_of_errors_are_told_by_how_images_contradict(photographs, states):
+def test_sizes_of_errors_follow_from_contradictions_of_images(photographs, states):
     rng = np.random.default_rng(2)
     tight = {name: 1e-8 * covariance for name, covariance in states.items()}
     found = estimate_factors(many(photographs, tight, rng, match=0.03))
@@ -125,12 +125,12 @@ def test_position_and_pointing_that_go_together_hardly_move_the_ground(waves, ph
     together = np.sqrt(np.diag(rows @ states["P0"] @ rows.T))
     sigmas = np.concatenate([image.pointing_sigma, image.scobj_sigma])
     alone = np.sqrt(np.diag(rows @ np.diag(sigmas**2) @ rows.T))
-    held = 1e-5 / image.camera.pixel_angle
-    np.testing.assert_allclose(together, held, rtol=0.05)
+    expected = 1e-5 / image.camera.pixel_angle
+    np.testing.assert_allclose(together, expected, rtol=0.05)
     assert (alone > 5.0 * together).all()
 
 
-def test_landmarks_tell_a_state_better(waves, photographs):
+def test_landmarks_constrain_a_state_better(waves, photographs):
     image, rng = photographs[0], np.random.default_rng(1)
     points = waves.grid.center + rng.uniform(-8, 8, (30, 2)) @ waves.grid.axes[:2]
     noise = 0.2 * rng.normal(size=(30, 2))

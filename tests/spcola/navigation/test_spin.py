@@ -1,4 +1,4 @@
-"""Rotation of a body: SPICE says the same, and a change is what it is called."""
+"""Rotation of a body: agreement with SPICE, and the effect of changing it."""
 
 from __future__ import annotations
 

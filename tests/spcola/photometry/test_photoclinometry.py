@@ -101,7 +101,7 @@ def test_what_no_sun_lights_and_no_camera_sees_has_no_slope():
     assert slope_variance(beside, aside, framed=False).defined.all()
 
 
-def test_shadow_and_saturation_are_told_by_the_pixels():
+def test_shadow_and_saturation_are_recognised_by_the_pixels():
     pixels = np.full((100, 100), 1000, dtype=np.uint16)
     pixels[:, :50] = 10
     pixels[:20, :] = 4095
@@ -116,7 +116,7 @@ def test_shadow_and_saturation_are_told_by_the_pixels():
     )
 
 
-def test_a_pixel_over_four_points_tells_each_a_quarter():
+def test_information_of_a_pixel_is_divided_among_its_points():
     suns = [direction(40.0, azimuth) for azimuth in (0.0, 120.0, 240.0)]
     # 0.25 m a pixel at 1 km: half a grid step there, two grid steps at 4 km.
     near, far, further = (

@@ -114,7 +114,7 @@ def apart(q=64, radius=290.0):
     return vertices, chosen
 
 
-def test_labels_that_differ_are_kept_apart_and_told():
+def test_labels_that_differ_are_kept_apart_and_reported():
     vertices, _ = apart()
     shape = IcqShape(vertices)
     np.testing.assert_array_equal(shape.vertices, vertices)

@@ -52,7 +52,7 @@ def test_outermost_and_nearest_of_several_sheets(grid: MapletGrid) -> None:
         np.testing.assert_allclose(heights, expected, atol=1e-10)
 
 
-def test_nan_beside_the_shape_and_for_a_surface_seen_from_within(grid: MapletGrid) -> None:
+def test_nan_outside_the_shape_and_for_a_surface_seen_from_within(grid: MapletGrid) -> None:
     small = RayCaster(Mesh(sheet(1.0, half=5.5), TWO_TRIANGLES))
     heights = shape_heights(small, grid, reach=3.0)
     inside = np.max(np.abs(np.stack(np.meshgrid(grid.offsets, grid.offsets))), axis=0) <= 5

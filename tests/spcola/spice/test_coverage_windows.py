@@ -1,4 +1,4 @@
-"""When kernels tell a position and an attitude: spans, gaps between states, and who answers."""
+"""Coverage of positions and attitudes by kernels: spans, gaps between states, precedence."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def test_states_at_listed_epochs_leave_gaps(tmp_path: Path, kind: int) -> None:
         known = coverage(CRAFT, max_gap_s=600.0)
     wanted = [-1.0, 0.0, 30.0, 541.0, 19_999.0, 20_000.0, 20_001.0, 40_540.0, 40_541.0]
     right = [False, True, True, False, False, True, False, True, False]
-    np.testing.assert_array_equal(known.knows(wanted), right)
+    np.testing.assert_array_equal(known.covers(wanted), right)
 
 
 @pytest.mark.parametrize("kind", [8, 12])
@@ -209,7 +209,7 @@ def test_what_covers_together() -> None:
     second = Track((Segment(3.0, 15.0, none), Segment(18.0, 18.0, none)))
     both = Coverage((first, second))
     np.testing.assert_array_equal(both.windows(), [[4.0, 15.0], [18.0, 18.0]])
-    assert both.knows([3.0, 4.0, 15.0, 16.0, 18.0]).tolist() == [False, True, True, False, True]
+    assert both.covers([3.0, 4.0, 15.0, 16.0, 18.0]).tolist() == [False, True, True, False, True]
     assert not len(Coverage((first, Track(()))).windows())
 
 

@@ -132,7 +132,7 @@ def test_body_fixed_positions_turn_with_the_body(tmp_path: Path) -> None:
     np.testing.assert_array_equal(state_times(kernel), times)
     with KernelSet([kernel, pck(tmp_path, "a.tpc", "10.0")]).load():
         track = body_fixed_trajectory("still", -999, BENNU, times)
-        with pytest.raises(KernelError, match="position of -999 at 2101955: SPICE says"):
+        with pytest.raises(KernelError, match="position of -999 at 2101955: SPICE reports"):
             body_fixed_trajectory("still", -999, BENNU, [1e6])
         with pytest.raises(KernelError, match="pointing of NOWHERE"):
             body_fixed_axes("NOWHERE", BENNU, [0.0])

@@ -15,7 +15,7 @@ from spcola.spice.kernels import state_times
 
 PHOBOS = 401
 NOVEMBER = et_from_utc("2018-11-08T00:00:00") + 86400.0 * np.arange(25.0)
-# A body with all that SPICE knows: its rotation, two periodic terms, and frame and epoch.
+# A body with all constants of SPICE: its rotation, two periodic terms, and frame and epoch.
 WHOLE = {
     "BODY401_POLE_RA": "( 317.68 -0.108 0.0 )",
     "BODY401_POLE_DEC": "( 52.90 -0.061 0.0 )",

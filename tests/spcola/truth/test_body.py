@@ -42,7 +42,7 @@ def test_rays_meet_a_sphere_where_the_formula_says() -> None:
     np.testing.assert_allclose(sphere.cast(origins, 5.0 * beam), expected, rtol=0, atol=1e-9)
 
 
-def test_a_ray_beside_or_away_from_the_body_misses() -> None:
+def test_a_ray_past_or_away_from_the_body_misses() -> None:
     sphere = TruthBody(BodySettings.sphere(75.0))
     origins = np.array([[3500.0, 0.0, 0.0]] * 3)
     beams = np.array([[-1.0, 0.0, 0.03], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])

@@ -62,7 +62,7 @@ def test_octaves_add_up() -> None:
         assert out[n] == pytest.approx(expected, abs=1e-11)
 
 
-def test_a_value_does_not_depend_on_those_beside_it() -> None:
+def test_a_value_does_not_depend_on_its_neighbours() -> None:
     points = np.random.default_rng(3).uniform(-50.0, 50.0, (3, 101))
     octaves = fractal_octaves(0.5, 4.0, 0.9, 16.0, 2.0)
     together = np.zeros(101)

@@ -1,4 +1,4 @@
-"""Rocks that nobody holds: as many and as large as the power law says, and whole everywhere."""
+"""Rocks that are not stored: numbers and sizes by the power law, and none cut anywhere."""
 
 from __future__ import annotations
 

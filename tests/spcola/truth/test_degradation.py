@@ -12,11 +12,11 @@ from spcola.errors import SettingsError
 from spcola.truth.body import stream
 from spcola.truth.solution.degradation import (
     Darkness,
-    Softness,
+    Smoothing,
     integrated,
     quadratic,
     shaded,
-    softened,
+    smoothed,
     unresolved,
 )
 from spcola.truth.solution.noise import correlated_noise, drift_noise
@@ -36,17 +36,17 @@ def _boulder(across: float, size: int = 61) -> np.ndarray:
 )
 def test_boulders_come_out_short_of_any_size(across: float, least: float, most: float) -> None:
     truth = _boulder(across)
-    height = softened(truth, GSD, Softness())
+    height = smoothed(truth, GSD, Smoothing())
     # By about a cell, as the mission's models were (Weirich et al., section 4).
     assert least < truth.max() - height.max() < most
-    # The ground some way off stays where it is, to what stereo leaves of the integral's change.
+    # The ground further off is unchanged, except for the part of the integral that stereo leaves.
     assert np.abs(height[:4]).max() < 0.05 * truth.max()
     np.testing.assert_allclose(height, height.T, atol=1e-12)
     np.testing.assert_allclose(height, height[::-1], atol=1e-12)
 
 
 def test_what_is_steeper_loses_more() -> None:
-    low, high = (softened(f * _boulder(4.0), GSD, Softness()).max() / f for f in (0.2, 1.0))
+    low, high = (smoothed(f * _boulder(4.0), GSD, Smoothing()).max() / f for f in (0.2, 1.0))
     assert high < 0.9 * low
 
 
@@ -55,10 +55,10 @@ def test_a_plane_is_not_changed_by_smoothing() -> None:
     plane = 0.1 * m - 0.2 * n
     # But at the edges, where nothing is known beyond them.
     inner = (slice(36, -36),) * 2
-    np.testing.assert_allclose(softened(plane, GSD, Softness())[inner], plane[inner], atol=2e-3)
+    np.testing.assert_allclose(smoothed(plane, GSD, Smoothing())[inner], plane[inner], atol=2e-3)
 
 
-def test_tilt_and_curvature_are_told_exactly_and_leave_nothing_of_them() -> None:
+def test_tilt_and_curvature_are_fitted_exactly_and_removed() -> None:
     generator = stream(6, "surface")
     m, n = np.meshgrid(np.linspace(-1, 1, 30), np.linspace(-1, 1, 41), indexing="ij")
     terms = np.stack([np.ones_like(m), m, n, m * m, m * n, n * n], axis=-1)
@@ -71,8 +71,8 @@ def test_tilt_and_curvature_are_told_exactly_and_leave_nothing_of_them() -> None
 
 def test_no_smoothing_changes_nothing() -> None:
     height = stream(1, "heights").normal(size=(20, 20))
-    none = Softness(smoothing=0.0)
-    np.testing.assert_array_equal(softened(height, GSD, none), height)
+    none = Smoothing(smoothing=0.0)
+    np.testing.assert_array_equal(smoothed(height, GSD, none), height)
     np.testing.assert_array_equal(unresolved(height, none), 0.0)
 
 
@@ -168,7 +168,7 @@ def test_drift_has_rms_1_and_belongs_to_places() -> None:
 )
 def test_softness_out_of_range_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(SettingsError):
-        replace(Softness(), **wrong)
+        replace(Smoothing(), **wrong)
 
 
 @pytest.mark.parametrize(

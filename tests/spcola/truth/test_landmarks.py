@@ -1,4 +1,4 @@
-"""Landmarks: seen where geometry says so, measured as exactly as stated."""
+"""Landmarks: seen where geometry predicts, measured as exactly as stated."""
 
 from __future__ import annotations
 

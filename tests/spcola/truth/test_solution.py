@@ -17,16 +17,17 @@ from spcola.truth.sampled import LightMap
 from spcola.truth.sampled.cube import Tiling, tile_directions
 from spcola.truth.solution import (
     SolutionSettings,
+    heights_in_frame,
     make_maplet,
     maplet_directions,
     spc_shape,
 )
-from spcola.truth.solution.degradation import Darkness, Softness
-from spcola.truth.solution.solution import SolvedMaplet, heights_in_frame
+from spcola.truth.solution.degradation import Darkness, Smoothing
+from spcola.truth.solution.solution import SolvedMaplet
 
 SMALL = SolutionSettings(gsd=0.5, half_size=16, maplets=40)
 EXACT = replace(
-    SMALL, noise=0.0, center_sigma=0.0, albedo_noise=0.0, softness=Softness(smoothing=0.0)
+    SMALL, noise=0.0, center_sigma=0.0, albedo_noise=0.0, softness=Smoothing(smoothing=0.0)
 )
 TO_SPC = Similarity.from_rotation_vector([1e-4, -2e-4, 3e-4], [0.07, -0.05, 0.04], 0.99975)
 ASIDE = [0.5, 0.7, 0.3]
@@ -104,7 +105,7 @@ def test_in_good_light_the_errors_are_as_large_as_stated(body: TruthBody) -> Non
 
 
 def test_centres_err_by_their_sigma_and_stand_for_a_point_of_the_surface(body: TruthBody) -> None:
-    settings = replace(SMALL, softness=Softness(smoothing=0.0))
+    settings = replace(SMALL, softness=Smoothing(smoothing=0.0))
     solved = [_maplet(body, settings, seed=number) for number in range(60)]
     truth = solved[0].true_center
     assert np.linalg.norm(truth) == pytest.approx(body.radius(truth[None])[0], abs=1e-8)
@@ -206,15 +207,15 @@ def test_maplets_cover_the_whole_body_with_the_stated_overlap() -> None:
     directions = maplet_directions(ball, settings)
     assert len(directions) == settings.count(60.0)
     points = 60.0 * lattice(20_000)
-    held = np.zeros(len(points))
+    covered = np.zeros(len(points))
     for direction in directions:
         grid = MapletGrid.facing(60.0 * direction, direction, settings.gsd, settings.half_size)
         x, y, height = grid.project(points)
         inside = np.maximum(np.abs(x), np.abs(y)) <= grid.half_size
-        held += inside & (height > -30.0)
-    assert held.min() >= 1
+        covered += inside & (height > -30.0)
+    assert covered.min() >= 1
     # Each point lies in 1 / (1 − overlap)² of them, on a plane.
-    assert held.mean() == pytest.approx(1.0 / 0.63**2, rel=0.1)
+    assert covered.mean() == pytest.approx(1.0 / 0.63**2, rel=0.1)
     assert len(maplet_directions(ball, SMALL)) == 40
 
 

@@ -152,7 +152,7 @@ def test_settings_out_of_range_are_refused(wrong) -> None:
         replace(SETTINGS, **wrong)
 
 
-def test_a_camera_distorts_the_image_and_the_solution_knows_it() -> None:
+def test_a_camera_distorts_the_image_and_the_solution_uses_it() -> None:
     bent = replace(EXACT, distortion=(2e-5, 0.0, 0.0, 0.0))
     straight, curved = _state(_station(), EXACT), _state(_station(), bent)
     ground = 245.0 * np.array([[0.6, -0.25, 0.44]])

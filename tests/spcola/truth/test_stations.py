@@ -1,4 +1,4 @@
-"""Stations: the phases of the published campaign, and geometry that formulas tell."""
+"""Stations: the phases of the published campaign, and geometry by formulas."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ def test_off_nadir_is_the_angle_at_the_ground(angle_deg: float) -> None:
 
 
 def test_the_velocity_is_the_rate_of_the_position() -> None:
-    """Where there are many images the positions themselves tell it."""
+    """Where there are many images the positions themselves show it."""
     leg = replace(NADIR, images=3000, local_times_h=(9.0, 15.0), ranges=(3000.0, 5000.0))
     found = _plan(leg)
     for before, at, after in list(zip(found, found[1:], found[2:], strict=False))[::500]:

@@ -12,7 +12,7 @@ from spcola.formats.shapes.ply.header import PlyElement, PlyHeader, PlyProperty
 from spcola.formats.text.table import NumberRows, parse_rows
 
 PlyValues = dict[str, AnyArray]
-"""Values by property; a list is flattened, its counts stand under ``NAME.count``."""
+"""Values by property; a list is flattened, its counts are under ``NAME.count``."""
 
 
 def read_elements(content: bytes, header: PlyHeader, path: str | Path) -> dict[str, PlyValues]:
@@ -21,7 +21,7 @@ def read_elements(content: bytes, header: PlyHeader, path: str | Path) -> dict[s
     Raises
     ------
     FormatError
-        If the data end early, go on behind the last element, or a number is none.
+        If the data end early, go on after the last element, or a word is no number.
     """
     if header.encoding == "ascii":
         return _read_ascii(content, header, path)
@@ -58,7 +58,7 @@ def _read_ascii(content: bytes, header: PlyHeader, path: str | Path) -> dict[str
 
 
 def _ascii_values(rows: NumberRows, element: PlyElement) -> PlyValues:
-    """Return the properties of an element that stands on `rows`."""
+    """Return the properties of an element in `rows`."""
     ends = np.cumsum(rows.counts)
     at = ends - rows.counts
     values: PlyValues = {}
@@ -175,7 +175,7 @@ def _list_length(content: bytes, at: int, entry: PlyProperty, order: str) -> tup
     if entry.count_kind is None:
         return 1, at
     count = _number(content, at, order + entry.count_kind)
-    # A count that is cut off or negative asks for more than any file has: the caller refuses it.
+    # A count that is cut off or negative requires more than any file has: the caller refuses it.
     return len(content) if count is None else count, at + np.dtype(entry.count_kind).itemsize
 
 

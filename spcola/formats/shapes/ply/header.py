@@ -1,4 +1,4 @@
-"""The header of a PLY file: which elements follow, and how they are encoded."""
+"""The header of a PLY file: its elements and their encoding."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class PlyElement:
 
 @dataclass(frozen=True)
 class PlyHeader:
-    """What the header says, how many lines it has, where the data begin, and its comments."""
+    """Content of the header, its number of lines, first byte of the data, and its comments."""
 
     encoding: Encoding
     elements: tuple[PlyElement, ...]
@@ -82,7 +82,7 @@ def parse_header(content: bytes, path: str | Path) -> PlyHeader:
     Raises
     ------
     FormatError
-        If a line is not one of a PLY header, or ``end_header`` does not come.
+        If a line is not one of a PLY header, or ``end_header`` is missing.
     """
     encoding: Encoding | None = None
     elements: list[PlyElement] = []
@@ -128,7 +128,7 @@ def _element(words: list[str], others: list[PlyElement], place: str) -> PlyEleme
     if count is None:
         raise FormatError("an element needs a name and a count", place)
     if any(other.name == words[1] for other in others):
-        raise FormatError(f"the element {words[1]} stands twice", place)
+        raise FormatError(f"the element {words[1]} appears twice", place)
     return PlyElement(words[1], count)
 
 
@@ -138,7 +138,7 @@ def _with_property(element: PlyElement, words: list[str], place: str) -> PlyElem
     if len(kinds) != wanted or any(kind not in TYPES for kind in kinds):
         raise FormatError(f"{' '.join(words)!r} is no property of PLY", place)
     if element.property(words[-1]):
-        raise FormatError(f"the property {words[-1]} of {element.name} stands twice", place)
+        raise FormatError(f"the property {words[-1]} of {element.name} appears twice", place)
     count_kind = TYPES[kinds[0]] if wanted == 2 else None
     if count_kind is not None and count_kind.startswith("f"):
         raise FormatError(f"the list {words[-1]} is counted by no whole number", place)

@@ -37,14 +37,14 @@ _FORMATS: dict[Encoding, str] = {
 
 @dataclass(frozen=True, eq=False)
 class PlyMesh:
-    """A mesh and the other numbers that its file holds for each vertex.
+    """A mesh and the further numbers for each vertex.
 
     Parameters
     ----------
     mesh : Mesh
         Metres.
     layers : dict of str to (V,) ndarray
-        As they stand in the file.
+        Unchanged from the file.
     """
 
     mesh: Mesh
@@ -52,14 +52,14 @@ class PlyMesh:
 
 
 def read_ply(path: str | Path, *, unit: Unit = "km") -> PlyMesh:
-    """Read a PLY mesh with everything that it holds for each vertex.
+    """Read a PLY mesh with all numbers for each vertex.
 
     Parameters
     ----------
     path : str or Path
         The file: ascii, or binary in either byte order.
     unit : {"km", "m"}
-        Of the coordinates: PLY has none.
+        Unit of the coordinates: PLY has none.
 
     Raises
     ------
@@ -101,9 +101,9 @@ def write_ply_mesh(
     path : str or Path
         Written whole or not at all.
     mesh : Mesh
-        Metres; its name and the unit stand in a comment.
+        Metres; its name and the unit are written as a comment.
     unit : {"km", "m"}
-        Of the coordinates in the file.
+        Unit of the coordinates in the file.
     encoding : {"little", "big", "ascii"}
         Byte order, or text.
     layers : mapping of str to (V,) ndarray, optional

@@ -1,4 +1,4 @@
-"""Points led by another aggregate than their own: what the cycle's proof asks of them."""
+"""Points moved to another aggregate than their own: the conditions of the cycle's proof."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spcola.compilation import Bands
-from spcola.heights.strays import Strays
+from spcola.heights.isolated_points import IsolatedPoints
 
 
 def level(rng, size, cuts):
@@ -70,33 +70,33 @@ def smoothing(fine, size):
 
 
 @pytest.mark.parametrize("cuts", [0.0, 0.2, 0.5])
-def test_strays_keep_what_makes_the_cycle_positive(cuts):
+def test_isolated_points_keep_the_cycle_positive(cuts):
     """The coarse matrix is at least ½ PᵀAP, carries constants, and leaves no negative weight."""
     size, found = 12, 0
     for seed in range(6):
         fine = level(np.random.default_rng(seed), size, cuts)
         coarse = plain(fine, size)
-        strays = Strays.lead_away(fine, coarse, (size // 2, size // 2), Bands(size**2, 1))
-        found += len(strays.place)
+        isolated = IsolatedPoints.reassign(fine, coarse, (size // 2, size // 2), Bands(size**2, 1))
+        found += len(isolated.place)
         assert min(each.min() for each in coarse) >= 0
         assert coarse[2].sum() == pytest.approx(fine[2].sum())
-        moved = smoothing(fine, size) @ leads(size, strays.place)
+        moved = smoothing(fine, size) @ leads(size, isolated.place)
         # A black point may follow any aggregate: it is smoothed before it counts.
         low = np.linalg.eigvalsh(matrix(coarse) - 0.5 * moved.T @ matrix(fine) @ moved)
         assert low[0] > -1e-12
     assert found > 0
 
 
-def test_strays_are_led_as_the_prolongation_that_moves_them():
-    """Restriction and correction are those of P with the strays' rows moved, smoothed."""
+def test_isolated_points_move_as_the_prolongation_does():
+    """Restriction and correction are those of the smoothed P with moved rows."""
     size, rng = 12, np.random.default_rng(1)
     fine = level(rng, size, 0.2)
     coarse = plain(fine, size)
-    strays = Strays.lead_away(fine, coarse, (size // 2, size // 2), Bands(size**2, 1))
-    change = smoothing(fine, size) @ (leads(size, strays.place) - leads(size, []))
+    isolated = IsolatedPoints.reassign(fine, coarse, (size // 2, size // 2), Bands(size**2, 1))
+    change = smoothing(fine, size) @ (leads(size, isolated.place) - leads(size, []))
     value, source = rng.normal(size=coarse[0].shape), rng.normal(size=fine[0].shape)
     answer, residual = np.zeros_like(source), np.zeros_like(value)
-    strays.correct(value, answer)
-    strays.restrict(source, residual)
+    isolated.correct(value, answer)
+    isolated.restrict(source, residual)
     np.testing.assert_allclose(answer.ravel(), change @ value.ravel(), atol=1e-12)
     np.testing.assert_allclose(residual.ravel(), source.ravel() @ change, atol=1e-12)

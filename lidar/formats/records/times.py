@@ -1,4 +1,4 @@
-"""Times as lidar tables write them: UTC in ISO form, beside ephemeris time or alone."""
+"""Times of lidar tables: UTC in ISO form, next to ephemeris time or alone."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LEAP_S = 0.5
 
 
 def is_time(text: str) -> bool:
-    """Tell whether a text is a UTC in ISO form (calendar or day of year)."""
+    """Return whether a text is a UTC in ISO form (calendar or day of year)."""
     return _TIME.fullmatch(text) is not None
 
 
@@ -37,15 +37,15 @@ def _converted(texts: list[str]) -> FloatArray:
         times = _interpolated(texts)
         return et_from_utcs(texts) if times is None else times
     except FormatError:
-        # One is no time after all (month 13): take them singly to find out which.
+        # One of them is invalid (month 13): convert them singly to find out which.
         return np.array([_time_or_nan(text) for text in texts])
 
 
 def _interpolated(texts: list[str]) -> FloatArray | None:
-    """Count times (N,) from the first and last, which SPICE converts: it takes 20 µs for each.
+    """Interpolate times (N,) from the first and last, since SPICE takes 20 µs for each.
 
-    None if that is not exact: a leap second between them, a span over which TDB does not run
-    evenly against UTC to a microsecond, or a form that only SPICE reads.
+    None if that is not exact: a leap second between them, a span over which the difference of
+    TDB and UTC varies by a microsecond, or a form that only SPICE reads.
     """
     if len(texts) < _FEW:
         return None
@@ -71,6 +71,6 @@ def _time_or_nan(text: str) -> float:
 
 
 def times_differ(et: FloatArray, utcs: list[str]) -> BoolArray:
-    """Tell where ephemeris times (N,), s, and UTC texts say different things."""
+    """Return where ephemeris times (N,), s, and UTC texts disagree."""
     differ: BoolArray = ~(np.abs(et - times_of(utcs)) <= _SAME_TIME_S)
     return differ

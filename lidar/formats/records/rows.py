@@ -9,30 +9,30 @@ from pathlib import Path
 
 import numpy as np
 
-from lidar.formats.tables.times import is_time
+from lidar.formats.records.times import is_time
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.errors import FormatError
 
 MOST_ROWS = 50_000
-"""Rows held at once, whatever chunk is asked for: as Python texts they are large."""
+"""Rows read at once, whatever chunk is requested: as Python texts they are large."""
 
 
 @dataclass(frozen=True)
 class RowLayout:
-    """Where things stand in the rows of a text table.
+    """Layout of the rows of a text table.
 
     Parameters
     ----------
     count : int
         Fields in a row.
     numbers, texts : tuple of int
-        The fields (from 0) that are wanted as numbers and as texts; others are not looked at.
+        The fields (from 0) to read as numbers and as texts; others are ignored.
     separator : str, optional
         Between fields; blanks if not given.
     skip : int
         Header lines.
     rows : int, optional
-        Lines that hold rows, where others follow them; all if not given.
+        Number of rows, where other lines follow them; all lines if not given.
     fixed : bool
         All rows are equally long, so that a shorter last one has been cut off.
     split : callable, optional
@@ -54,12 +54,12 @@ class RowLayout:
         return [field.strip() for field in fields]
 
     def is_timed_row(self, line: str) -> bool:
-        """Tell whether a line has as many fields, and a UTC for the first wanted text."""
+        """Return whether a line has all fields, and a UTC as the first text."""
         fields = self.fields(line)
         return len(fields) == self.count and is_time(fields[self.texts[0]])
 
     def parse(self, line: str) -> tuple[list[float], list[str]] | None:
-        """Return the wanted numbers and texts of a row, None if it has no such fields."""
+        """Return the requested numbers and texts of a row, None if it has no such fields."""
         fields = self.fields(line)
         # Python would read "1_0" as ten.
         if len(fields) != self.count or "_" in line:
@@ -72,14 +72,14 @@ class RowLayout:
 
 @dataclass(frozen=True, eq=False)
 class RowChunk:
-    """Some rows: N of them readable.
+    """Some rows, N of them readable.
 
     Parameters
     ----------
     numbers : (C, N) ndarray
-        One row of it for each wanted number.
+        One row for each requested number.
     texts : list of list of str
-        One list for each wanted text.
+        One list for each requested text.
     unreadable : int
         Rows that have too few or too many fields, or text where a number should be.
     """
@@ -90,7 +90,7 @@ class RowChunk:
 
 
 def read_rows(path: Path, layout: RowLayout, chunk: int) -> Iterator[RowChunk]:
-    """Yield the rows of a text table in chunks; blank lines and lines after # are passed over.
+    """Yield the rows of a text table in chunks; blank lines and lines after # are skipped.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def read_rows(path: Path, layout: RowLayout, chunk: int) -> Iterator[RowChunk]:
 
 
 def _check_end(path: Path, layout: RowLayout, lines: list[str], previous: str, before: int) -> None:
-    """Refuse a last row that is cut off: it has no line end, and misses something."""
+    """Refuse a last row that is cut off: without a line end, and incomplete."""
     last = lines[-1]
     if last.endswith("\n") or not last.strip():
         return
@@ -135,7 +135,7 @@ def _parse(path: Path, layout: RowLayout, lines: list[str], before: int) -> RowC
 
 
 def _parse_sound(layout: RowLayout, lines: list[str]) -> RowChunk | None:
-    """Parse rows at once, ten times as fast; None if one of them needs a closer look."""
+    """Parse rows at once, ten times as fast; None if one of them is irregular."""
     if layout.split or any("_" in line or "#" in line or line.isspace() for line in lines):
         return None
     mark = layout.separator
@@ -185,18 +185,18 @@ def first_lines(head: bytes) -> list[str]:
     if b"\0" in head:
         return []
     lines = head.decode("ascii", errors="replace").splitlines()
-    # The last one may have been cut by the length of the head.
+    # The last one may be incomplete: the head has a fixed length.
     return lines[:-1] if len(lines) > 1 and not head.endswith(b"\n") else lines
 
 
 def mostly(lines: list[str], fits: Callable[[str], bool]) -> bool:
-    """Tell whether most of the non-blank `lines` fit, so that one bad row does not hide a table."""
+    """Return whether most of the non-blank `lines` fit: one bad row must not hide a table."""
     filled = [line for line in lines if line.strip()]
     return 2 * sum(map(fits, filled)) > len(filled)
 
 
 def is_number(text: str) -> bool:
-    """Tell whether a text is a number."""
+    """Return whether a text is a number."""
     try:
         float(text)
     except ValueError:
@@ -207,6 +207,6 @@ def is_number(text: str) -> bool:
 def flags_of(
     column: FloatArray,
 ) -> tuple[AnyArray, BoolArray]:
-    """Return flags (N,) as whole numbers, and which of them are (the others become −1)."""
+    """Return flags (N,) as whole numbers, and which of them are whole (the others become −1)."""
     known: BoolArray = (np.abs(column) < 2**53) & (column == np.rint(column))
     return np.where(known, column, -1).astype(np.int64), known

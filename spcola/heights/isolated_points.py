@@ -1,19 +1,19 @@
-"""Points that their 2 × 2 aggregate does not hold together: led by the aggregate beside theirs.
+"""Points without an edge to the others of their 2 × 2 aggregate, moved to the aggregate next to it.
 
-Where a hole is one point wide, or two points of the mask meet corner to corner, an aggregate joins
-what lies on either side of it. On all coarser levels the surface is then tied together there, and
-iterations grow with the number of such places (the worst of them count). A stray is a point
-without an edge to the others of its aggregate; here it moves to the aggregate that it has an edge
-to. Few points are strays, so that the kernels of a whole level know nothing of them.
+Where a hole is one point wide, or two points of the mask meet at a corner, a 2 × 2 aggregate joins
+points of different pieces. All coarser levels then connect the pieces there, and the iterations
+grow with the number of such places. An isolated point has no edge to the others of its aggregate;
+here it moves to the aggregate that it has an edge to. These points are few, so the kernels of a
+whole level ignore them.
 
-A stray d moves the row of the prolongation P at d from its own aggregate X to another, Y. Smoothed
-on either side, as in the cycle, P changes by φ (e_Y − e_X)ᵀ, where φ is the smoother's answer to a
-unit at d: a patch of 5 × 5 points. Black points have φ = 0, because they are smoothed anew on
-either side of P.
+Moving a point d changes the row of the prolongation P at d from its own aggregate X to another, Y.
+Smoothed on either side, as in the cycle, P changes by φ (e_Y − e_X)ᵀ, where φ is the smoother's
+response to a unit at d: a patch of 5 × 5 points. Black points have φ = 0, because they are smoothed
+anew on either side of P.
 
-The coarse matrix stays at least ½ PᵀAP (see `multigrid`): if a stray has a second edge, of weight
-w to an aggregate Z, then Y and Z are joined by the aggregate V in the corner between them, and
-w (y − z)² ≤ 2 w (y − v)² + 2 w (v − z)².
+The coarse matrix is still at least ½ PᵀAP (see `multigrid`): if an isolated point has a second
+edge, of weight w to an aggregate Z, then Y and Z are joined by the aggregate V in the corner
+between them, and w (y − z)² ≤ 2 w (y − v)² + 2 w (v − z)².
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ Coefficients = tuple[FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
-class Strays:
-    """The strays of one level that the cycle has to see to: the red ones.
+class IsolatedPoints:
+    """The isolated points of one level that change the cycle: the red ones.
 
     Parameters
     ----------
     place : (n, 4) integer ndarray
-        Row and column of each, and those of the aggregate that leads it, all in padded arrays.
+        Row and column of each point and of its new aggregate, all in padded arrays.
     patch : (n, 5, 5) ndarray
         φ around each.
     """
@@ -46,14 +46,14 @@ class Strays:
 
     @classmethod
     def none(cls) -> Self:
-        """Return the strays of a level without any."""
+        """Return an instance without points."""
         return cls(np.zeros((0, 4), dtype=np.int64), np.zeros((0, 5, 5)))
 
     @classmethod
-    def lead_away(
+    def reassign(
         cls, fine: Coefficients, coarse: Coefficients, size: tuple[int, int], bands: Bands
     ) -> Self:
-        """Return the strays of a level, and take them into account in its coarser level.
+        """Return the isolated points of a level; adapt the coarser level in place.
 
         Parameters
         ----------
@@ -65,16 +65,16 @@ class Strays:
             The threads to use.
         """
         place = np.concatenate(bands.run(size, _find, *fine)).reshape(-1, 4)
-        _lead(*fine, place, *coarse)
+        _move_coefficients(*fine, place, *coarse)
         red = place[place[:, :2].sum(axis=1) % 2 == 0]
         return cls(red, _patches(*fine, red))
 
     def restrict(self, source: FloatArray, coarse: FloatArray) -> None:
-        """Take the residual that plain aggregates summed in `coarse` to where it belongs."""
+        """Move the residual that plain aggregates summed in `coarse` to the new aggregates."""
         _restrict(self.place, self.patch, source, coarse)
 
     def correct(self, coarse: FloatArray, answer: FloatArray) -> None:
-        """Add to the smoothed `answer` what the right aggregates would have changed."""
+        """Add to the smoothed `answer` the change due to the new aggregates."""
         _correct(self.place, self.patch, coarse, answer)
 
 
@@ -93,8 +93,8 @@ def _along(down: FloatArray, i: int, j: int) -> tuple[float, float]:
 
 
 @compiled_inline
-def _inside(right: FloatArray, down: FloatArray, i: int, j: int) -> float:
-    """How strongly the aggregate holds its point (i, j)."""
+def _weight_inside(right: FloatArray, down: FloatArray, i: int, j: int) -> float:
+    """Return the weight of the edges of (i, j) inside its aggregate."""
     return _across(right, i, j)[0] + _along(down, i, j)[0]
 
 
@@ -108,7 +108,7 @@ def _out(i: int) -> int:
 def _find(
     right: FloatArray, down: FloatArray, ground: FloatArray, first: int, last: int
 ) -> IntArray:
-    """Strays in rows `first` … `last` − 1 of aggregates, four numbers for each (see `Strays`)."""
+    """Isolated points in rows `first` … `last` − 1 of aggregates: rows of `place`, flat."""
     found = [0 for _ in range(0)]
     for i in range(2 * first + 1, min(2 * last + 1, right.shape[0] - 1)):
         inside, out = (down[i], down[i - 1]) if i % 2 == 1 else (down[i - 1], down[i])
@@ -116,10 +116,10 @@ def _find(
             if right[i, pair] > 0:
                 continue
             for j in range(pair, pair + 2):
-                # Nearly all points are held inside or not at all: the call is for the others.
+                # Nearly all points have an edge inside, or none at all: the call is for the others.
                 if inside[j] > 0 or right[i, j - 1] + right[i, j] + out[j] == 0:
                     continue
-                if _is_stray(right, down, ground, i, j):
+                if _is_reassigned(right, down, ground, i, j):
                     sideways = _across(right, i, j)[1] >= _along(down, i, j)[1]
                     found.append(i)
                     found.append(j)
@@ -129,13 +129,13 @@ def _find(
 
 
 @compiled
-def _is_stray(right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j: int) -> bool:
-    """Whether (i, j) moves out of its aggregate: not if it is alone there, or the last to stay."""
+def _is_reassigned(right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j: int) -> bool:
+    """Whether (i, j) moves out of its aggregate: not if it is alone or the last one there."""
     if not _can_move(right, down, ground, i, j):
         return False
     m, n = i - _out(i), j - _out(j)
     for a, b in ((m, n), (m, j), (i, n)):
-        if _held(right, down, ground, a, b) > 0:
+        if _diagonal(right, down, ground, a, b) > 0:
             later = a > i or (a == i and b > j)
             if later or not _can_move(right, down, ground, a, b):
                 return True
@@ -144,42 +144,42 @@ def _is_stray(right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j
 
 @compiled
 def _can_move(right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j: int) -> bool:
-    """Whether (i, j) has no edge inside its aggregate, but out of it, to points that stay.
+    """Whether (i, j) has no edge inside its aggregate, but edges to points that do not move.
 
-    If these are two, they must be joined around the corner, no less strongly than by the edge
-    that is given up.
+    Two such points must be joined around the corner, no less strongly than by the edge that is
+    given up.
     """
     across, along = _across(right, i, j)[1], _along(down, i, j)[1]
-    if across + along == 0 or _inside(right, down, i, j) > 0:
+    if across + along == 0 or _weight_inside(right, down, i, j) > 0:
         return False
     a, b = i + _out(i), j + _out(j)
-    if across > 0 and not _stays(right, down, ground, i, b):
+    if across > 0 and not _remains(right, down, ground, i, b):
         return False
-    if along > 0 and not _stays(right, down, ground, a, j):
+    if along > 0 and not _remains(right, down, ground, a, j):
         return False
     if across == 0 or along == 0:
         return True
     around = min(_along(down, i, b)[1], _across(right, a, j)[1])
-    return around >= min(across, along) and _stays(right, down, ground, a, b)
+    return around >= min(across, along) and _remains(right, down, ground, a, b)
 
 
 @compiled
-def _stays(right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j: int) -> bool:
-    """Whether (i, j) certainly is no stray: held inside its aggregate, or alone there."""
+def _remains(right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j: int) -> bool:
+    """Whether (i, j) certainly does not move: it has an edge inside its aggregate, or is alone."""
     m, n = i - _out(i), j - _out(j)
-    others = _held(right, down, ground, m, j) + _held(right, down, ground, i, n)
-    alone = others + _held(right, down, ground, m, n) == 0
-    return alone or _inside(right, down, i, j) > 0
+    others = _diagonal(right, down, ground, m, j) + _diagonal(right, down, ground, i, n)
+    alone = others + _diagonal(right, down, ground, m, n) == 0
+    return alone or _weight_inside(right, down, i, j) > 0
 
 
 @compiled_inline
-def _held(right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j: int) -> float:
-    """All that holds the point (i, j)."""
+def _diagonal(right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j: int) -> float:
+    """Diagonal of the matrix at (i, j)."""
     return (right[i, j] + right[i, j - 1]) + (down[i, j] + down[i - 1, j]) + ground[i, j]
 
 
 @compiled
-def _lead(
+def _move_coefficients(
     right: FloatArray,
     down: FloatArray,
     ground: FloatArray,
@@ -188,13 +188,13 @@ def _lead(
     coarse_down: FloatArray,
     coarse_ground: FloatArray,
 ) -> None:
-    """Give the edges and constraints of strays to the aggregates that they move to."""
+    """Move the edges and constraints of isolated points to their new aggregates."""
     half = np.float32(0.5)
     for k in range(len(place)):
         i, j = place[k, 0], place[k, 1]
         r, c = (i + 1) // 2, (j + 1) // 2
         across, along = _across(right, i, j)[1], _along(down, i, j)[1]
-        # An edge is kept at the first of its two points.
+        # An edge is stored at the first of its two points.
         above, left = r - (i % 2), c - (j % 2)
         coarse_right[r, left] = max(coarse_right[r, left] - half * across, 0)
         coarse_down[above, c] = max(coarse_down[above, c] - half * along, 0)
@@ -226,11 +226,11 @@ def _patches(
 def _pull(
     right: FloatArray, down: FloatArray, ground: FloatArray, i: int, j: int, m: int, n: int
 ) -> float:
-    """What a unit at (i, j) moves its neighbour (m, n) by when that is smoothed."""
+    """Return the change of the neighbour (m, n), when smoothed, for a unit at (i, j)."""
     weight = right[i, min(j, n)] if i == m else down[min(i, m), j]
     if weight == 0:
         return weight
-    return weight / _held(right, down, ground, m, n)
+    return weight / _diagonal(right, down, ground, m, n)
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""What a reader of lidar files is told beyond the file itself."""
+"""Options of the readers of lidar files."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class LidarOptions:
     sigma_m : float
         One standard deviation of a single range, metres, where the file gives none (NaN: unknown).
     chunk : int
-        Records held in memory at once.
+        Records in memory at once.
     columns : mapping of str to str
         For tables: quantity to column with its unit, such as ``{"x": "X [km]"}``.
     unit : {"m", "km", "cm", "mm"}, optional
@@ -39,8 +39,8 @@ class LidarOptions:
     reference_offset_m : float, optional
         Expected distance from spacecraft to point less the range, metres; the format's own if
         not given (OLA 1.15 m, LOLA 0.545 m, others 0).
-    range_tolerance_m : float, optional
-        A return is rejected if distance less range differs from the expected by more than this,
+    A return is rejected if distance less range differs from the expected by more than this,
+    metres, or if two positions of it differ by more; the format's own if not given.
         metres, or two statements of its position differ by more; the format's own if not given.
     radius_limits_m : (float, float), optional
         Returns nearer to or further from the body's centre than this, metres, are rejected.

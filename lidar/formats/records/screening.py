@@ -1,4 +1,4 @@
-"""Screening: which records of a lidar file become returns, and why the others do not."""
+"""Screening: acceptance of the records of a lidar file as returns, with reasons for the others."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lidar.formats.options import LidarOptions
+from lidar.formats.records.options import LidarOptions
 from lidar.scans import Scan
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.compilation import compiled, compiled_inline
@@ -16,9 +16,9 @@ from spcola.errors import FormatError
 
 # 1950 to 2150: every altimeter that flew or will fly soon; a garbled time falls outside.
 _EARLIEST_S, _LATEST_S = -1.6e9, 4.8e9
-# Nothing that a lidar ranges to lies a light-minute from the body's centre.
+# No target of a lidar is further than a light-minute from the body's centre.
 _FARTHEST_M = 2e10
-# Beside what a format's own flags refuse; the first that holds is counted.
+# Reasons after those of the format's own flags; the first that applies is counted.
 _REASONS = (
     "not finite",
     "no-echo sentinel",
@@ -32,7 +32,7 @@ _REASONS = (
 
 @dataclass(frozen=True, eq=False)
 class Records:
-    """Raw records of one chunk, N of them, in SI units; None: the file has no such quantity.
+    """Raw records of one chunk, N of them, in SI units; None: the file lacks the quantity.
 
     Parameters
     ----------
@@ -46,9 +46,9 @@ class Records:
     time, intensity, flag, sigma : (N,) ndarray
         As in `Scan`.
     refused : mapping of str to (N,) bool ndarray
-        What the format's own flags refuse, by reason; the first that holds is counted.
+        Records refused by the format's own flags, by reason; the first that applies is counted.
     unreadable : int
-        Records so broken that they have no place in the arrays.
+        Records too broken for the arrays.
     """
 
     points: FloatArray
@@ -65,21 +65,21 @@ class Records:
 
 @dataclass(frozen=True)
 class Agreement:
-    """How far apart two statements of one quantity may be.
+    """Tolerances between two values of one quantity in a record.
 
     Parameters
     ----------
     offset_m : float
         Distance from spacecraft to point less the range, as expected of the instrument.
     tolerance_m : float
-        Largest departure from it, and largest distance between two statements of the position.
+        Largest departure from it, and largest distance between two values of the position.
     """
 
     offset_m: float
     tolerance_m: float
 
     def adjusted(self, options: LidarOptions) -> Agreement:
-        """Return the agreement with what `options` state in place of the format's own."""
+        """Return the agreement with the values in `options`, which replace the format's own."""
         offset, tolerance = options.reference_offset_m, options.range_tolerance_m
         return Agreement(
             self.offset_m if offset is None else offset,
@@ -88,7 +88,7 @@ class Agreement:
 
 
 class Screen:
-    """Turns the chunks of one file into scans, in order.
+    """Converts the chunks of one file into scans, in order.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ class Screen:
         return self._scan(records, verdict.code == 0, counts)
 
     def _verdict(self, records: Records) -> _Verdict:
-        """Judge every record by the first reason that there is to refuse it."""
+        """Return the first reason to refuse each record."""
         reasons = (*records.refused, *_REASONS)
         code = np.zeros(len(records.points), dtype=np.uint8)
         for number, mask in enumerate(records.refused.values(), start=1):
@@ -165,7 +165,7 @@ class Screen:
         )
 
     def _check_radius(self, verdict: _Verdict, points: FloatArray) -> None:
-        """Refuse the file if it has hardly any return on the body."""
+        """Refuse the file if hardly any return is within the radius limits."""
         limits = self._options.radius_limits_m
         if limits is None:
             return
@@ -186,13 +186,13 @@ class Screen:
         def layer(values: AnyArray | None, default: AnyArray) -> AnyArray:
             if values is None:
                 return default
-            # Several times as fast as by the mask.
+            # Several times as fast as with the mask.
             return values if rows is None else values.take(rows, axis=0)
 
         unknown = np.full(count, np.nan)
         points = layer(records.points, unknown)
         spacecraft = layer(records.spacecraft, np.full((count, 3), np.nan))
-        # No accepted return has distance zero, for its range would not be positive.
+        # No accepted return has distance zero, since its range would not be positive.
         beam, distance = _beams(points, spacecraft)
         return Scan(
             name=options.name or self._path.stem,
@@ -212,7 +212,7 @@ class Screen:
 
 @dataclass(frozen=True, eq=False)
 class _Verdict:
-    """Which of the `reasons` refuses each record: its number from 1 on in `code` (N,), or 0."""
+    """The reason that refuses each record: its number among `reasons` from 1 on, or 0 (N,)."""
 
     code: AnyArray
     reasons: tuple[str, ...]
@@ -243,9 +243,9 @@ def _judge(
     time: FloatArray,
     limits: FloatArray,
 ) -> None:
-    """Give each record not refused yet the number, beyond `before`, of its first reason.
+    """Assign to each record not refused yet the number, after `before`, of its first reason.
 
-    Layers that the format does not have are empty. In the order of :data:`_REASONS`.
+    Layers missing in the format are empty. In the order of :data:`_REASONS`.
     """
     offset, tolerance, lowest, highest = limits
     for n in range(len(points)):
@@ -284,7 +284,7 @@ def _judge(
 
 @compiled_inline
 def _apart(point: FloatArray, spherical: FloatArray) -> float:
-    """Distance between two statements of a position, metres."""
+    """Distance between two values of a position, metres."""
     level = spherical[2] * np.cos(spherical[1])
     x = level * np.cos(spherical[0]) - point[0]
     y = level * np.sin(spherical[0]) - point[1]
