@@ -16,7 +16,7 @@ def influence(observations: Observations, fit: MixedFit) -> FloatArray:
     observations : Observations
     fit : MixedFit
         Of them; with `joint` the inverse of the normal matrix of parameters and effects, the
-        estimate is ``joint · [A Z]ᵀ S⁻¹ y`` (docs: mathematics §12), which is linear in y.
+        estimate is ``joint · [A Z]ᵀ S⁻¹ y`` (docs: derivations §12), which is linear in y.
 
     Returns
     -------

@@ -119,7 +119,7 @@ class StageContext:
 class Stage(Protocol):
     """One arrow of the data's walk.
 
-    A module ``fusion.stages.NAME`` offers one as ``STAGE``. The pipeline hashes inputs, the
+    A module of ``fusion.stages`` offers one as ``STAGE``. The pipeline hashes inputs, the
     declared tables and the version: where the hash and the outputs are those of the last run, the
     stage is up to date and is skipped.
     """

@@ -91,7 +91,7 @@ class Scan:
 
     @classmethod
     def of_points(cls, name: str, points: FloatArray, **known: AnyArray | str) -> Scan:
-        """Build a scan from points (N, 3), metres, and the `known` layers only.
+        """Build the scan `name` from `points` (N, 3), metres, and the `known` layers only.
 
         All other layers are NaN (flags are 0: a point without a flag counts as valid). Where the
         spacecraft is known, range and beam that are not given follow from it.
@@ -122,7 +122,7 @@ class Scan:
         return replace(self, **kept)
 
     def with_points(self, points: FloatArray, **changed: AnyArray | str) -> Self:
-        """Return the scan with its returns at other places (such as after a re-projection)."""
+        """Return the scan with its returns at other `points` (N, 3), m, and layers `changed`."""
         return replace(self, points=points, **changed)  # type: ignore[arg-type]
 
     @property

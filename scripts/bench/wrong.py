@@ -97,7 +97,7 @@ def taken_through(workspace: Path, spc: Path, lidar: Path) -> dict[str, Any]:
 
 
 def seen(summary: dict[str, Any]) -> dict[str, float]:
-    """What the tests of a registration saw, in the words of docs/truth.md."""
+    """What the tests of a registration saw, in the words of docs/validation/wrong_input.md."""
     agreement, landmarks = summary["agreement"], summary["landmarks"]
     used, rejected = summary["n_used"], summary["n_rejected"]
     return {

@@ -1,7 +1,7 @@
 """Whether a registration may be used: whether the surfaces agree as their sigmas say they should.
 
 Each test has a limit that right input passes with room, and that some kind of wrong input fails:
-docs/truth.md has the rates of false alarms and misses.
+docs/validation/wrong_input.md has the rates of false alarms and misses.
 """
 
 from __future__ import annotations

@@ -133,7 +133,7 @@ class Equations:
         Whatever errors do within a cluster is counted; `inside` is the share of their correlation
         that lies within clusters and not across their borders. Of K clusters' scores the solution
         has taken P freedoms, put back by K/(K − P). Infinite where K does not exceed P. Source:
-        Huber (1967); Liang & Zeger (1986); docs: mathematics §20.
+        Huber (1967); Liang & Zeger (1986); docs: derivations §20.
         """
         size, held = self.right.size, self.scores[self.cells > 0]
         if len(held) <= size:

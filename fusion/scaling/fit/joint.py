@@ -150,7 +150,7 @@ class ScaleEstimate:
 def estimate_scale(
     observations: ScaleObservations, *, options: ScaleOptions | None = None
 ) -> ScaleEstimate:
-    """Estimate ε with all that could be mistaken for it, robustly (docs: mathematics §17).
+    """Estimate ε with all that could be mistaken for it, robustly (docs: derivations §17).
 
     Parameters
     ----------

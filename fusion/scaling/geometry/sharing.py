@@ -49,7 +49,7 @@ def maplet_shares(grid: MapletGrid, height: FloatArray, maplets: Sequence[Maplet
 def ground_in_common(grids: Sequence[MapletGrid]) -> FloatArray:
     """Share (N, N) of its ground that each of N squares has in common with each other one.
 
-    Of squares of one size in much the same plane: (1 − |Δx|/L) (1 − |Δy|/L), which is the
+    Of squares of one size in much the same plane: ``(1 − |Δx|/L) (1 − |Δy|/L)``, which is the
     correlation of what is averaged over them.
     """
     count = len(grids)

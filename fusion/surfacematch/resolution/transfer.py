@@ -28,7 +28,7 @@ class Transfer:
         Share of the first surface's relief that the second one has: Re Σ S₁₂ / Σ S₁₁. Noise of the
         second does not enter, as it is not coherent with the first.
     coherence : (K,) ndarray
-        |Σ S₁₂|² / (Σ S₁₁ Σ S₂₂): where it is small the gain is not known.
+        ``|Σ S₁₂|² / (Σ S₁₁ Σ S₂₂)``: where it is small the gain is not known.
     """
 
     wavenumber: FloatArray
