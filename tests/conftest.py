@@ -24,7 +24,7 @@ SHARED = TESTS.parents[1] / "shared" / "data"
 LONG = (
     "spcola/heights/test_solver.py",
     "test_bad_input.py",
-    "fusion/scaling/test_settling.py",
+    "fusion/scaling/test_iteration.py",
     "lidar/adjustment/test_normal_equations.py",
     "fusion/scaling/test_ground.py",
     "fusion/truth/test_demo.py",

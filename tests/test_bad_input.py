@@ -630,7 +630,7 @@ def test_returns_beside_the_grids_are_told_by_the_mapolas(mission: Path, tmp_pat
     away = np.random.default_rng(3).normal(loc=(150.0, 0.0, 0.0), size=(500, 3))
     call("import", root, write_table(tmp_path / "away.csv", away, "x_m,y_m,z_m"))
     line = refused(root, "mapolas")
-    assert "one frame and unit" in line
+    assert "the same frame and unit" in line
     assert "is covered" in line
 
 

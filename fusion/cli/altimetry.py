@@ -12,14 +12,14 @@ from fusion.cli.output import (
     JsonOption,
     LimitMbOption,
     LimitSOption,
-    leave_to_child,
+    run_in_child,
     show,
 )
 from fusion.cli.stages import (
     ClusterOption,
     WorkersOption,
-    as_workers_see,
     executor,
+    shared_path,
 )
 
 if TYPE_CHECKING:
@@ -33,26 +33,31 @@ def import_(
         str,
         typer.Option(
             metavar="F",
-            help="native, las, cloud, ola, table, lola, hayabusa, hayabusa2, nlr or track; told "
-            "from the content if not given.",
+            help="native, las, cloud, ola, table, lola, hayabusa, hayabusa2, nlr or track; "
+            "recognised by content if not given.",
         ),
     ] = "",
     columns: Annotated[
         list[str] | None,
         typer.Option(
             metavar="QUANTITY=COLUMN",
-            help="For tables: which column holds a quantity, and in what unit, such as "
-            "'x=X [km]'. Repeat it for each column.",
+            help="For tables: the column of a quantity, with its unit, such as 'x=X [km]'. Repeat "
+            "it for each column.",
         ),
     ] = None,
     unit: Annotated[
-        str, typer.Option(metavar="m|km|cm|mm", help="Of coordinates, if the file states none.")
+        str,
+        typer.Option(metavar="m|km|cm|mm", help="Unit of coordinates, if not in the file."),
     ] = "",
     name: Annotated[
         str,
-        typer.Option(metavar="NAME", help="Of the scan (one file only); else the file's name."),
+        typer.Option(
+            metavar="NAME", help="Name of the scan (one file only); by default the file's name."
+        ),
     ] = "",
-    gps_time: Annotated[bool, typer.Option("--gps-time", help="Keep the GPS time of LAS.")] = False,
+    gps_time: Annotated[
+        bool, typer.Option("--gps-time", help="Keep the GPS time of LAS files.")
+    ] = False,
     workers: WorkersOption = None,
     cluster: ClusterOption = "",
     isolate: IsolateOption = False,
@@ -62,33 +67,32 @@ def import_(
 ) -> None:
     """Read lidar files into the workspace.
 
-    Returns without an echo, flagged as bad, or far off the shape are left out and counted by
-    reason. A file that was imported before is recognised by its content.
+    Shots without an echo, returns flagged as bad and returns far from the shape are left out and
+    counted by reason. A file that was imported before is recognised by its content.
     """
-    # The machinery is imported here and not above, so that help comes at once.
+    # Imported here and not above, so that --help is fast.
     from fusion.runtime import Progress
     from fusion.stages import import_scans
     from fusion.stages.ingest import Source
     from fusion.workspace import Workspace
 
     if isolate:
-        leave_to_child(workspace, limit_mb, limit_s)
+        run_in_child(workspace, limit_mb, limit_s)
     if name and len(files) > 1:
         raise typer.BadParameter("names one file only", param_hint="--name")
-    there = Workspace.open(as_workers_see(workspace, cluster))
+    there = Workspace.open(shared_path(workspace, cluster))
     settings = there.settings()
     wanted = _columns(columns or [])
     sources = [
-        Source(as_workers_see(file, cluster), name, format, wanted, unit, gps_time)
-        for file in files
+        Source(shared_path(file, cluster), name, format, wanted, unit, gps_time) for file in files
     ]
-    hands, progress = executor(workers, cluster), Progress.fitting(silent=as_json)
-    done = import_scans(there, sources, settings=settings, executor=hands, progress=progress)
+    workforce, progress = executor(workers, cluster), Progress.fitting(silent=as_json)
+    done = import_scans(there, sources, settings=settings, executor=workforce, progress=progress)
     show({"scans": [one.as_dict() for one in done]}, map(_line, done), as_json=as_json)
 
 
 def _columns(texts: list[str]) -> dict[str, str]:
-    """Read ``quantity=column`` pairs; several may stand in one text, separated by commas."""
+    """Parse ``quantity=column`` pairs; one text may have several, separated by commas."""
     pairs = {}
     for part in (part for text in texts for part in text.split(",")):
         quantity, sign, column = part.partition("=")
@@ -99,7 +103,7 @@ def _columns(texts: list[str]) -> dict[str, str]:
 
 
 def _line(done: Imported) -> str:
-    """Say what became of one file."""
+    """Return the line about one imported file."""
     rejected = ", ".join(f"{count} {reason}" for reason, count in done.scan.rejected.items())
     kind = done.scan.parameters.get("format", "")
     return (

@@ -1,4 +1,4 @@
-"""``spcola``: where the commands come together."""
+"""``spcola``: the commands and the program's entry."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from fusion.cli.program import guarded
 app = typer.Typer(
     name="spcola",
     help="Fuses laser altimetry with stereophotoclinometry.",
-    epilog="A first run: spcola demo. In a workspace of your own: init, import, run.",
+    epilog="First run: spcola demo. With your own data: spcola init, import, run.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
@@ -74,8 +74,8 @@ def main() -> None:
     except SystemExit as end:
         if not end.code:
             raise
-        # HDF5 crashes in its own clean-up if a file could not be flushed (a full disk): after an
-        # error, which has been told by now, the process ends without it.
+        # HDF5 crashes in its clean-up if a file could not be flushed (a full disk). The error has
+        # been printed by now: the process ends without that clean-up.
         with suppress(OSError):
             sys.stdout.flush()
         with suppress(OSError):

@@ -28,12 +28,12 @@ def assess(
     frame: Annotated[
         Literal["spc", "body"],
         typer.Option(
-            help="In whose coordinates the models of --model stand: those of the SPC solution, or "
-            "the body's own (the lidar's)."
+            help="Coordinates of the models of --model: those of the SPC solution (spc), or the "
+            "true body-fixed ones, which are the lidar's (body)."
         ),
     ] = "spc",
     unit: Annotated[
-        Literal["km", "m"], typer.Option(help="Of an OBJ or PLY of --model that states none.")
+        Literal["km", "m"], typer.Option(help="Unit of an OBJ or PLY of --model that states none.")
     ] = "km",
     only: Annotated[
         bool, typer.Option("--only", help="Assess the models of --model, not those of WS.")
@@ -44,27 +44,27 @@ def assess(
             metavar="N",
             min=1,
             max=1_000_000,
-            help="Compare the heights of at most so many maplets.",
+            help="Most maplets whose heights are compared.",
         ),
     ] = 200,
     vertices: Annotated[
         int,
         typer.Option(
-            metavar="N", min=1, max=100_000_000, help="Of a model at most so many enter its 3D rms."
+            metavar="N", min=1, max=100_000_000, help="Most vertices of a model in its 3D rms."
         ),
     ] = 40_000,
     report: Annotated[
-        Path | None, typer.Option(metavar="FILE.html", help="Write the page of figures there.")
+        Path | None, typer.Option(metavar="FILE.html", help="Write a page of figures to this file.")
     ] = None,
     workers: WorkersOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Compare models with the truth of a synthetic mission.
 
-    3D rms and optimised 3D rms, height errors by region, slopes, resolution, calibration of the
-    stated sigmas, FormU, and what was recovered of what was planted.
+    Prints 3D rms and optimised 3D rms, height errors by region, slopes, resolution, calibration of
+    the stated sigmas, FormU, and recovered against planted parameters.
     """
-    # The machinery is imported here and not above, so that help comes at once.
+    # Imported here and not above, so that --help is fast.
     from fusion.runtime import Progress, ThreadExecutor
     from fusion.truth import read_truth
     from fusion.truth.assessment import (

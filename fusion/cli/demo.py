@@ -13,19 +13,22 @@ from fusion.cli.stages import WorkersOption
 
 def demo(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="An empty folder, or that of an earlier demo.")
+        Path,
+        typer.Argument(metavar="DIR", help="A new or empty folder, or that of an earlier demo."),
     ] = Path("spcola-demo"),
     workers: WorkersOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Run the main job on a small synthetic body.
+    """Run the whole processing on a small synthetic body.
 
-    Lidar scans and an SPC solution are made of a body that is known, with errors planted in them;
-    all stages run; what they recover is printed beside what was planted.
+    Lidar scans that leave gaps and an SPC solution with a pole in shadow are made of a known body,
+    with planted errors. All stages run; recovered and planted parameters are printed side by side,
+    with a line on each that is off by more than three sigma, and the errors of the heights of SPC,
+    lidar and both.
     """
-    # The machinery is imported here and not above, so that help comes at once.
+    # Imported here and not above, so that --help is fast.
     from fusion.runtime import Progress, ThreadExecutor
-    from fusion.truth import demonstrate, recovery_table
+    from fusion.truth import demonstrate, errors_table, recovery_table
 
     progress = Progress.fitting(silent=as_json)
     shown = demonstrate(folder, ThreadExecutor(workers), progress)
@@ -34,6 +37,8 @@ def demo(
         *ran,
         "",
         *recovery_table(shown.recovered),
+        "",
+        *errors_table(shown.errors),
         "",
         f"workspace: {shown.workspace.root}",
         f"report: {shown.workspace.report_path.resolve()}",

@@ -12,27 +12,25 @@ from fusion.cli.output import (
     JsonOption,
     LimitMbOption,
     LimitSOption,
-    leave_to_child,
+    run_in_child,
     show,
     value_lines,
 )
 
 FacesOption = Annotated[
     int,
-    typer.Option(
-        min=0, max=1, help="By which number the faces of an OBJ name its first vertex: 1, or 0."
-    ),
+    typer.Option(min=0, max=1, help="Number of the first vertex in the faces of an OBJ: 1, or 0."),
 ]
 
 
 def init(
-    workspace: Annotated[Path, typer.Argument(metavar="WS", help="The folder to make.")],
+    workspace: Annotated[Path, typer.Argument(metavar="WS", help="The folder of the workspace.")],
     spc: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR",
             help="An SPC working folder (MAPFILES, LMKFILES, SUMFILES ...). Its files are linked "
-            "into the workspace, not copied. WS may be that folder itself.",
+            "into the workspace, not copied. WS may be the same folder.",
         ),
     ] = None,
     shape: Annotated[
@@ -40,7 +38,7 @@ def init(
         typer.Option(metavar="FILE", help="A shape model (ICQ, OBJ or PLY); it is copied."),
     ] = None,
     unit: Annotated[
-        Literal["km", "m"], typer.Option(help="Of the coordinates of an OBJ or PLY shape.")
+        Literal["km", "m"], typer.Option(help="Unit of the coordinates of an OBJ or PLY shape.")
     ] = "km",
     faces_from: FacesOption = 1,
     body: Annotated[str, typer.Option(metavar="NAME", help="Name of the body.")] = "body",
@@ -51,15 +49,15 @@ def init(
 ) -> None:
     """Make a workspace: folders and settings.
 
-    Every setting stands, with its default and what it means, in spcola.toml. What is in the
-    folder already stays.
+    All settings, with defaults and meanings, are written to spcola.toml. Existing files in the
+    folder are unchanged.
     """
-    # The machinery is imported here and not above, so that help comes at once.
+    # Imported here and not above, so that --help is fast.
     from fusion.inspection import describe_workspace
     from fusion.workspace import SETTINGS_FILE, new_workspace
 
     if isolate:
-        leave_to_child(workspace, limit_mb, limit_s)
+        run_in_child(workspace, limit_mb, limit_s)
     if spc is not None and shape is not None:
         raise typer.BadParameter("give --spc or --shape, not both", param_hint="--shape")
     made = new_workspace(
@@ -91,19 +89,20 @@ def info(
     limit_s: LimitSOption = 3600.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Tell what a workspace holds and what its mapolas will take, or what a file is.
+    """Describe a workspace or a file.
 
-    For the time that mapolas will take, a few of them are made and thrown away.
+    Of a workspace: its content, which stages are due, and a forecast of time, memory and disk for
+    making mapolas. A few mapolas are made and discarded to measure the time.
     """
     from fusion.inspection import describe_file, describe_workspace, mapolas_forecast
     from fusion.workspace import Workspace
 
     if isolate:
-        leave_to_child(path, limit_mb, limit_s)
+        run_in_child(path, limit_mb, limit_s)
     if path.is_dir():
         opened = Workspace.open(path)
         content = describe_workspace(opened)
-        # Mapolas that cannot be made as things are take no time.
+        # No forecast for mapolas that cannot be made.
         sound = not content["problems"]
         content["mapolas_forecast"] = mapolas_forecast(opened, opened.settings()) if sound else {}
     else:

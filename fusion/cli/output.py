@@ -1,4 +1,4 @@
-"""What commands print: one JSON object, or lines for people."""
+"""Output of commands: one JSON object, or lines of text."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fusion.pipeline import StageRun
 
 MANY_LINES = 25
-"""A table in a summary longer than this is not printed for people, only counted."""
+"""A longer table in a summary is not printed as text, only counted."""
 
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on standard output, nothing else.")
@@ -28,13 +28,13 @@ IsolateOption = Annotated[
     bool,
     typer.Option(
         "--isolate",
-        help="Run in a process of its own with limits, so that a file made for it can do no harm.",
+        help="Run in a separate process with limits, so that a malicious file can do no harm.",
     ),
 ]
 LimitMbOption = Annotated[
     int,
     typer.Option(
-        "--limit-mb", metavar="MB", min=2048, max=1 << 24, help="With --isolate: most memory."
+        "--limit-mb", metavar="MB", min=2048, max=1 << 24, help="With --isolate: limit of memory."
     ),
 ]
 LimitSOption = Annotated[
@@ -44,13 +44,13 @@ LimitSOption = Annotated[
         metavar="S",
         min=1.0,
         max=1e7,
-        help="With --isolate: longest time, seconds.",
+        help="With --isolate: limit of time, seconds.",
     ),
 ]
 
 
-def leave_to_child(folder: Path, limit_mb: int, limit_s: float) -> None:
-    """Run this command again in a process of its own, and end with its exit code.
+def run_in_child(folder: Path, limit_mb: int, limit_s: float) -> None:
+    """Run this command again in a separate process, and end with its exit code.
 
     Raises
     ------
@@ -74,15 +74,15 @@ def show(content: Mapping[str, Any], lines: Iterable[str], *, as_json: bool) -> 
     Raises
     ------
     SpcolaError
-        If standard output cannot be written (a full disk, say).
+        If standard output cannot be written, as on a full disk.
     """
-    # What it needs is imported by now, or the command would not have run.
+    # The command has imported these by now.
     from fusion.runtime import json_text
 
     try:
         text = json_text(content) if as_json else "".join(f"{x}\n" for x in lines)
         typer.echo(text.encode("utf-8", "backslashreplace").decode("utf-8"), nl=False)
-        # What waits in a buffer would fail when the interpreter ends, where nobody can tell it.
+        # A full disk would otherwise fail at the end of the interpreter, without a message.
         sys.stdout.flush()
     except BrokenPipeError:
         raise
@@ -91,7 +91,7 @@ def show(content: Mapping[str, Any], lines: Iterable[str], *, as_json: bool) -> 
 
 
 def run_content(run: StageRun) -> dict[str, Any]:
-    """Return what ``--json`` prints of one stage."""
+    """Return the content of ``--json`` for one stage."""
     content: dict[str, Any] = {"stage": run.stage, "state": run.state, "seconds": run.seconds}
     if run.reason:
         content["reason"] = run.reason
@@ -103,19 +103,19 @@ def run_content(run: StageRun) -> dict[str, Any]:
 
 
 def run_lines(run: StageRun) -> list[str]:
-    """Return what people read of one stage: its state, and the single values of its summary."""
+    """Return the lines about one stage: its state, and the single values of its summary."""
     took = f" in {run.seconds:.1f} s" if run.state == "ran" else ""
     why = f": {run.reason}" if run.reason else ""
     shown = {key: value for key, value in run.summary.items() if key not in _VERDICT}
-    said = {finding["text"] for finding in run.summary.get("findings") or ()}
-    if "reasons" in shown and not [text for text in shown["reasons"] or () if text not in said]:
+    found = {finding["text"] for finding in run.summary.get("findings") or ()}
+    if "reasons" in shown and not [text for text in shown["reasons"] or () if text not in found]:
         del shown["reasons"]
     verdict = [f"  {line}" for line in verdict_lines(run.summary)]
     return [f"{run.stage}: {run.state}{took}{why}", *verdict, *value_lines(shown)]
 
 
 def value_lines(summary: Mapping[str, Any], indent: str = "  ") -> list[str]:
-    """Return a line for each number, word or short list in `summary`; tables are left to files."""
+    """Return a line for each number, word or short list in `summary`; long tables are counted."""
     lines = []
     for key, value in summary.items():
         if isinstance(value, Mapping):
@@ -143,7 +143,7 @@ def _is_single(value: Any) -> bool:
 
 
 def _text(value: Any) -> str:
-    """Return a number with six figures, and what is unknown as a word."""
+    """Return a number with six digits; "unknown" for None and NaN."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "unknown"
     return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""How every command ends: what is printed on an error, and with which exit code."""
+"""Errors of commands: one printed line, and the exit code."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ Options = ParamSpec("Options")
 
 
 def guarded(command: Callable[Options, None]) -> Callable[Options, None]:
-    """Make an error of `command` one line on standard error and exit code 1.
+    """Turn an error of `command` into one line on standard error and exit code 1.
 
-    Wrong usage (exit code 2) is told by Typer, here and before the command begins.
+    Typer reports wrong usage (exit code 2), also before the command begins.
     """
 
     @functools.wraps(command)
@@ -32,17 +32,17 @@ def guarded(command: Callable[Options, None]) -> Callable[Options, None]:
         except (typer.Exit, typer.BadParameter, BrokenPipeError):
             raise
         except KeyboardInterrupt as error:
-            _tell("interrupted: what was finished is kept, and the command can be given again")
+            _print("interrupted: what is finished is kept; give the command again to go on")
             raise typer.Exit(INTERRUPTED) from error
         except Exception as error:
-            _tell(_line_of(error), error)
+            _print(_line_of(error), error)
             raise typer.Exit(FAILED) from error
 
     return guard
 
 
 def _line_of(error: Exception) -> str:
-    """Say in one line what happened; of what nobody expected, also how to learn more."""
+    """Return one line about an error; for an unexpected one, also how to learn more."""
     text = " ".join(str(error).split()) or "no message"
     if isinstance(error, SpcolaError):
         return f"error: {text}"
@@ -59,8 +59,8 @@ def _line_of(error: Exception) -> str:
     )
 
 
-def _tell(line: str, error: BaseException | None = None) -> None:
-    """Print one line to standard error; before it the traceback, if the user asked for it."""
+def _print(line: str, error: BaseException | None = None) -> None:
+    """Print one line to standard error, after the traceback if the user set the variable."""
     if error is not None and os.environ.get(DEBUG_VARIABLE, "") not in ("", "0"):
         typer.echo("".join(traceback.format_exception(error)), err=True, nl=False)
     typer.echo(line, err=True)

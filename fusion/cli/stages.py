@@ -1,4 +1,4 @@
-"""The commands that run stages: one by one, or all with ``spcola run``."""
+"""Commands that run stages: one by one, or all with ``spcola run``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fusion.workspace.settings import Settings
 
 WorkspaceArgument = Annotated[Path, typer.Argument(metavar="WS", help="The workspace.")]
-ForceOption = Annotated[bool, typer.Option("--force", help="Run even what is up to date.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Run even if up to date.")]
 WorkersOption = Annotated[
     int | None,
     typer.Option(metavar="N", min=1, max=1024, help="Threads; by default one for each core."),
@@ -31,7 +31,8 @@ ClusterOption = Annotated[
     str,
     typer.Option(
         metavar="ADDRESS",
-        help="Of a Dask scheduler whose workers do the work. They see the workspace by its path.",
+        help="Address of a Dask scheduler whose workers do the work. All must reach the workspace "
+        "under the same path.",
     ),
 ]
 
@@ -41,15 +42,15 @@ AcceptOption = Annotated[
     typer.Option(
         "--accept",
         metavar="CODE",
-        help="Use a doubtful result all the same; its code is printed with it. Repeat it for "
-        "several. For this run; [accept] codes in spcola.toml keeps it.",
+        help="Use a doubtful result, by the code that is printed with it. Repeat it for several. "
+        "For this run only; [accept] codes in spcola.toml keeps it.",
     ),
 ]
 
 
 @dataclass(frozen=True)
-class How:
-    """How stages are run: what all their commands have in common."""
+class RunOptions:
+    """Options that all commands of stages share."""
 
     force: bool
     workers: int | None
@@ -58,19 +59,20 @@ class How:
     as_json: bool
 
 
-# Options that are called otherwise than the keys of their tables.
+# Options with other names than the keys of their tables.
 _OPTIONS = {"gsd_m": "gsd"}
-_ONCE = "For this run; write it into spcola.toml to keep it."
+_ONCE = "For this run only; write it into spcola.toml to keep it."
 
 
 def mapolas(
     workspace: WorkspaceArgument,
     source: Annotated[
         Literal["maplets", "cover"] | None,
-        typer.Option(help=f"Where mapolas are made: [mapolas] source. {_ONCE}"),
+        typer.Option(help=f"Centres of mapolas, [mapolas] source. {_ONCE}"),
     ] = None,
     gsd: Annotated[
-        float | None, typer.Option(metavar="M", help=f"[mapolas] gsd_m. {_ONCE}")
+        float | None,
+        typer.Option(metavar="M", help=f"Ground sample distance, m: [mapolas] gsd_m. {_ONCE}"),
     ] = None,
     force: ForceOption = False,
     workers: WorkersOption = None,
@@ -78,13 +80,16 @@ def mapolas(
     accept: AcceptOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Grid the returns into mapolas.
+    """Grid lidar returns into mapolas: maplets of lidar heights.
 
-    Per cell the median of slope-corrected heights, their count, spread and sigma.
+    Each cell gets the median of slope-corrected heights, their count, spread and sigma.
     """
     changed = {"source": source, "gsd_m": gsd}
     _run(
-        workspace, ("mapolas",), ("mapolas", changed), How(force, workers, cluster, accept, as_json)
+        workspace,
+        ("mapolas",),
+        ("mapolas", changed),
+        RunOptions(force, workers, cluster, accept, as_json),
     )
 
 
@@ -92,33 +97,33 @@ def register(
     workspace: WorkspaceArgument,
     model: Annotated[
         Literal["rigid", "similarity", "affine"] | None,
-        typer.Option(help=f"[register] model. {_ONCE}"),
+        typer.Option(help=f"Transform, [register] model: 6, 7 or 12 parameters. {_ONCE}"),
     ] = None,
     against: Annotated[
         Literal["maplets", "bigmap", "shape"] | None,
-        typer.Option(help=f"[register] against. {_ONCE}"),
+        typer.Option(help=f"SPC surface of the match, [register] against. {_ONCE}"),
     ] = None,
     by: Annotated[
         Literal["topography", "returns", "images", "both"] | None,
         typer.Option(
-            help="[register] by: heights of mapolas, the returns themselves, images rendered from "
-            f"mapolas, or heights and images. {_ONCE}"
+            help="What is matched, [register] by: heights of mapolas, returns themselves, images "
+            f"rendered from mapolas, or heights and images. {_ONCE}",
         ),
     ] = None,
     apply: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Take the transform of another registration.json, or of JSON with model, scale, "
-            "rotation_deg and translation_m (V_spc = translation + scale R V_lidar), and fit "
-            f"nothing: [register] apply. {_ONCE}",
+            help="Apply the transform of this registration.json instead of a fit, or of JSON with "
+            "model, scale, rotation_deg and translation_m (V_spc = translation + scale R V_lidar): "
+            f"[register] apply. {_ONCE}",
         ),
     ] = None,
     inverse: Annotated[
         bool | None,
         typer.Option(
             "--inverse/--no-inverse",
-            help=f"That file takes SPC to lidar coordinates: [register] inverse. {_ONCE}",
+            help=f"That file transforms SPC to lidar coordinates: [register] inverse. {_ONCE}",
         ),
     ] = None,
     force: ForceOption = False,
@@ -127,10 +132,10 @@ def register(
     accept: AcceptOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Register the mapolas to the SPC surface.
+    """Register mapolas to the SPC surface.
 
-    Each is matched in three components; one transform is fitted to all: registration.json. It takes
-    lidar coordinates to SPC coordinates; its `inverse` takes SPC to lidar.
+    Each mapola is matched in three components, and one transform is fitted to all of them. The
+    transform in registration.json maps lidar to SPC coordinates; its `inverse` maps SPC to lidar.
     """
     given = None if apply is None else str(apply.resolve())
     changed = {
@@ -144,7 +149,7 @@ def register(
         workspace,
         ("register",),
         ("register", changed),
-        How(force, workers, cluster, accept, as_json),
+        RunOptions(force, workers, cluster, accept, as_json),
     )
 
 
@@ -158,9 +163,9 @@ def fuse(
 ) -> None:
     """Fuse maplets with lidar heights.
 
-    Slopes are integrated with the registered lidar heights as constraints: fused/.
+    Slopes are integrated with the registered lidar heights as constraints. Results are in fused/.
     """
-    _run(workspace, ("fuse",), ("fuse", {}), How(force, workers, cluster, accept, as_json))
+    _run(workspace, ("fuse",), ("fuse", {}), RunOptions(force, workers, cluster, accept, as_json))
 
 
 def bigmap(
@@ -173,27 +178,29 @@ def bigmap(
 ) -> None:
     """Make bigmaps of fused maplets, of SPC maplets and of returns.
 
-    One frame for each site of [bigmap] sites in spcola.toml; by default the two poles.
+    One bigmap of each at every site of [bigmap] sites in spcola.toml; by default the two poles.
     """
-    _run(workspace, ("bigmap",), ("bigmap", {}), How(force, workers, cluster, accept, as_json))
+    _run(
+        workspace, ("bigmap",), ("bigmap", {}), RunOptions(force, workers, cluster, accept, as_json)
+    )
 
 
 def scale(
     workspace: WorkspaceArgument,
     destination: Annotated[
         Path | None,
-        typer.Argument(
-            metavar="DEST", help="With --apply: a new folder; by default WS with -scaled behind."
-        ),
+        typer.Argument(metavar="DEST", help="With --apply: a new folder; by default WS-scaled."),
     ] = None,
     method: Annotated[
         Literal["pairs", "shots"] | None,
-        typer.Option(help=f"[scale] method: paired bigmaps, or shots against the shape. {_ONCE}"),
+        typer.Option(
+            help=f"Paired bigmaps, or single shots against the shape: [scale] method. {_ONCE}"
+        ),
     ] = None,
     apply: Annotated[
         bool,
         typer.Option(
-            "--apply", help="Write a scaled copy of the SPC solution; the original stays."
+            "--apply", help="Write a scaled copy of the SPC solution; the original is unchanged."
         ),
     ] = False,
     force: ForceOption = False,
@@ -202,18 +209,18 @@ def scale(
     accept: AcceptOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Find scale, centre and prime meridian.
+    """Estimate scale, centre and prime meridian.
 
-    From paired bigmaps, or from single shots, with their sigmas: scale.json. With --apply a copy
-    of maplets, landmarks, states and shape is written in which all lengths are 1 + epsilon times
-    as long: a workspace of its own, with the same scans. It is refused where epsilon is less than
-    three of its sigmas, not determined, or not separable, unless --accept names that. Epsilon > 0:
-    the SPC body is too small. Ranges are then longer than predicted by SPC's trajectory, and
-    shorter by an independent one.
+    They come from paired bigmaps or single shots and are written with their sigmas to scale.json.
+    Epsilon > 0 means that the SPC body is too small: ranges are longer than predicted by SPC's
+    trajectory, and shorter than predicted by an independent one. With --apply a new workspace is
+    written: a copy of maplets, landmarks, states and shape with all lengths times 1 + epsilon, and
+    the same scans. This is refused if epsilon is below three sigmas, not determined or not
+    separable, unless --accept names that finding.
     """
     if destination is not None and not apply:
         raise typer.BadParameter("is given without --apply", param_hint="DEST")
-    how = How(force, workers, cluster, accept, as_json)
+    how = RunOptions(force, workers, cluster, accept, as_json)
     if apply:
         _scale_and_apply(workspace, destination, method, how)
     else:
@@ -221,7 +228,7 @@ def scale(
 
 
 def _scale_and_apply(
-    workspace: Path, destination: Path | None, method: str | None, how: How
+    workspace: Path, destination: Path | None, method: str | None, how: RunOptions
 ) -> None:
     """Bring the scale up to date, and write the copy."""
     from fusion.stages.scale import apply_scale
@@ -246,16 +253,16 @@ def release(
     accept: AcceptOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the products, manifest and report.
+    """Write products, manifest and report.
 
-    release/ gets every product in every format chosen, with its provenance; report.html shows
-    the result.
+    Every product is written to release/ in every chosen format, with its provenance. report.html
+    shows the results.
     """
     _run(
         workspace,
         ("release", "report"),
         ("release", {}),
-        How(force, workers, cluster, accept, as_json),
+        RunOptions(force, workers, cluster, accept, as_json),
     )
 
 
@@ -269,9 +276,10 @@ def run(
 ) -> None:
     """Run all stages that are not up to date.
 
-    An interrupted run goes on where it was; a changed setting or file re-runs what depends on it.
+    An interrupted run resumes; after a change of settings or files, the stages that depend on it
+    run again.
     """
-    pipeline = _pipeline(workspace, ("", {}), How(force, workers, cluster, accept, as_json))
+    pipeline = _pipeline(workspace, ("", {}), RunOptions(force, workers, cluster, accept, as_json))
     runs = pipeline.run(force=force)
     lines = [line for one in runs for line in run_lines(one)]
     show(_together(pipeline, runs), lines, as_json=as_json)
@@ -282,7 +290,7 @@ def _run(
     workspace: Path,
     stages: tuple[str, ...],
     change: tuple[str, dict[str, Any]],
-    how: How,
+    how: RunOptions,
 ) -> None:
     """Run stages with some settings of one table changed (None: not changed), and print."""
     pipeline = _pipeline(workspace, change, how)
@@ -293,7 +301,7 @@ def _run(
 
 
 def _end(pipeline: Pipeline, runs: list[StageRun]) -> None:
-    """End with an error if a result may not be used: what follows it did not run.
+    """End with an error if a result may not be used, so that later stages did not run.
 
     Raises
     ------
@@ -307,7 +315,7 @@ def _end(pipeline: Pipeline, runs: list[StageRun]) -> None:
 
 
 def executor(workers: int | None, cluster: str) -> Executor:
-    """Return who does the work: threads at home, or a cluster.
+    """Return the executor: threads of this machine, or a cluster.
 
     Raises
     ------
@@ -331,21 +339,21 @@ def executor(workers: int | None, cluster: str) -> Executor:
     return ClusterExecutor(cluster)
 
 
-def as_workers_see(path: Path, cluster: str) -> Path:
-    """Return a path that means the same to the workers of a cluster, whose folder is another."""
+def shared_path(path: Path, cluster: str) -> Path:
+    """Return a path that is valid for the workers of a cluster in their folder too."""
     return path.absolute() if cluster else path
 
 
-def _pipeline(workspace: Path, change: tuple[str, dict[str, Any]], how: How) -> Pipeline:
+def _pipeline(workspace: Path, change: tuple[str, dict[str, Any]], how: RunOptions) -> Pipeline:
     """Return all stages over a workspace, with some settings of one table changed."""
-    # The machinery is imported here and not above, so that help comes at once.
+    # Imported here and not above, so that --help is fast.
     from fusion.pipeline import Pipeline
     from fusion.runtime import Progress
     from fusion.stages import load_stages
     from fusion.workspace import Workspace
 
     table, changed = change
-    opened = Workspace.open(as_workers_see(workspace, how.cluster))
+    opened = Workspace.open(shared_path(workspace, how.cluster))
     settings = opened.settings()
     given = {key: value for key, value in changed.items() if value is not None}
     settings = _changed(settings, table, given)
@@ -355,17 +363,17 @@ def _pipeline(workspace: Path, change: tuple[str, dict[str, Any]], how: How) -> 
         except SettingsError as error:
             raise typer.BadParameter(error.what, param_hint="--accept") from error
     progress = Progress.fitting(silent=how.as_json)
-    hands = executor(how.workers, how.cluster)
-    return Pipeline(opened, settings, load_stages(), hands, progress)
+    workforce = executor(how.workers, how.cluster)
+    return Pipeline(opened, settings, load_stages(), workforce, progress)
 
 
 def _changed(settings: Settings, table: str, given: dict[str, Any]) -> Settings:
-    """Return settings with keys of one table as options give them.
+    """Return settings with keys of one table replaced by options.
 
     Raises
     ------
     typer.BadParameter
-        If one is not allowed, by the name of its option.
+        If a value is not allowed; it names the option.
     """
     for key, value in given.items():
         try:
@@ -377,5 +385,5 @@ def _changed(settings: Settings, table: str, given: dict[str, Any]) -> Settings:
 
 
 def _together(pipeline: Pipeline, runs: list[StageRun]) -> dict[str, Any]:
-    """Return what ``--json`` prints of several stages."""
+    """Return the content of ``--json`` for several stages."""
     return {"workspace": str(pipeline.workspace.root), "stages": [run_content(one) for one in runs]}

@@ -1,4 +1,4 @@
-"""The first lines of the program: what must hold before anything else is imported."""
+"""Start of the program: interrupts and limits, before anything else is imported."""
 
 import os
 import signal
@@ -6,17 +6,17 @@ import signal
 from fusion.runtime.processes import leave_at_once
 
 if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-    # Imports take a while, and nothing is begun that could be left half done. Here and not in
-    # `main`, so that little time is left before it.
+    # An interrupt during the imports, which take a while, needs no clean-up. Set here and not in
+    # `main`, to be early.
     signal.signal(signal.SIGINT, leave_at_once)
 
 
 def main() -> None:
     """Run the command line; the entry point of the installation."""
     if "SPCOLA_LIMITS" in os.environ:
-        from fusion.runtime.processes import keep_limits
+        from fusion.runtime.processes import apply_limits
 
-        keep_limits()
+        apply_limits()
     from fusion.cli.app import main as program
 
     program()

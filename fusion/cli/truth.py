@@ -1,4 +1,4 @@
-"""``spcola truth``: a synthetic mission, made and measured against."""
+"""``spcola truth``: make a synthetic mission, and assess models against it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fusion.cli.stages import WorkersOption
 
 app = typer.Typer(
     name="truth",
-    help="Synthetic missions of a known body, and how far a model is from it.",
+    help="Make a synthetic mission; assess models against it.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -23,27 +23,28 @@ app = typer.Typer(
 
 def make(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="A new folder, or that of a mission to finish.")
+        Path, typer.Argument(metavar="DIR", help="A new folder, or that of an unfinished mission.")
     ],
     preset: Annotated[
-        Literal["tiny", "mini", "pole", "bennu", "mission"],
+        Literal["tiny", "mini", "pole", "demo", "bennu", "mission"],
         typer.Option(
-            help="tiny: for tests. mini: 75 m, as the demo. pole: mini with a pole that is never "
-            "lit. bennu: 245 m, 40 scans, images and maplets of the whole body. mission: 640 "
-            "scans, lidar only unless --images is given."
+            help="tiny: for tests. mini: 75 m, 20 scans, 64 maplets, images. pole: mini with a "
+            "pole that is never lit. demo: 60 m, a pole that is never lit, gaps between the scans. "
+            "bennu: 245 m, 40 scans, images and maplets of the whole body. mission: 640 scans, "
+            "lidar only unless --images is given."
         ),
     ] = "mini",
     seed: Annotated[
         int,
-        typer.Option(metavar="N", min=0, max=2**32 - 1, help="Another seed, another mission."),
+        typer.Option(metavar="N", min=0, max=2**32 - 1, help="Seed of all random errors."),
     ] = 1,
     format: Annotated[
-        Literal["ola", "hdf5", "laz"], typer.Option(help="Of the scans: what they are written as.")
+        Literal["ola", "hdf5", "laz"], typer.Option(help="File format of the scans.")
     ] = "ola",
     images: Annotated[
         bool | None,
         typer.Option(
-            "--images/--no-images", help="Whether images are rendered; else as the preset has it."
+            "--images/--no-images", help="Whether images are rendered; by default as in the preset."
         ),
     ] = None,
     changes: Annotated[
@@ -51,21 +52,21 @@ def make(
         typer.Option(
             "--set",
             metavar="PATH=VALUE",
-            help="Change a setting of the preset, as truth.json names it under 'settings': "
+            help="Change a setting of the preset, by its name under 'settings' in truth.json: "
             "solution.noise=0.2, lidar.spacing=0.07, body.smallest_rock=0.05, "
             "campaign.legs.0.images=4. Repeat it for several.",
         ),
     ] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say how large it is.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only print its size.")] = False,
     workers: WorkersOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Make a synthetic mission: lidar scans, images and an SPC solution of a known body.
 
-    Its size is said first, and it is refused if the disk lacks room. A killed run goes on where
-    it was if the command is given again. What is planted comes last, into truth.json.
+    Its size is printed first, and it is refused if the disk lacks room. An interrupted run resumes
+    if the command is given again. The planted values are written last, to truth.json.
     """
-    # The machinery is imported here and not above, so that help comes at once.
+    # Imported here and not above, so that --help is fast.
     from fusion.runtime import Progress, ThreadExecutor
     from fusion.truth import PRESETS, changed, make_mission, mission_size
 
@@ -91,7 +92,7 @@ def make(
     )
     content["planted"] = planted.in_view()
     lines = [
-        f"Made {folder}: {preset}, seed {seed}. What is planted is in {folder / 'truth.json'}.",
+        f"Made {folder}: {preset}, seed {seed}. Planted values are in {folder / 'truth.json'}.",
         f"Next: spcola init WS --spc {folder / 'spc'}, spcola import WS {folder / 'lidar'}/*",
     ]
     show(content, lines, as_json=as_json)

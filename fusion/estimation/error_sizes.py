@@ -1,4 +1,4 @@
-"""Sizes of errors that are part of the question."""
+"""Sizes of errors that are estimated with the parameters (variance components)."""
 
 from __future__ import annotations
 
@@ -11,20 +11,19 @@ from spcola.arrays import FloatArray
 
 @dataclass(frozen=True)
 class ErrorSizes:
-    """Sizes of the errors that single observations cannot know, in the unit of the values.
+    """Standard deviations of errors beyond the observations' own covariance, in their unit.
 
-    As a prior, each is the median of a log-normal distribution that is `width` wide (standard
-    deviation of the natural logarithm); a size of 0 is held at 0, and a width of 0 holds all.
-    `shared` has one size for each group of effects; those of the groups numbered in `held` stay as
-    they are.
+    As a prior, each is the median of a log-normal distribution with standard deviation `width` of
+    the natural logarithm. A size of 0 is fixed at 0, and a width of 0 fixes all. `shared` has one
+    size for each group of effects; `fixed` lists the indices of groups whose size is not estimated.
     """
 
     independent: float
     shared: tuple[float, ...] = ()
     width: float = 1.0
-    held: tuple[int, ...] = ()
+    fixed: tuple[int, ...] = ()
 
     @property
     def all(self) -> FloatArray:
-        """The sizes (1 + G,): independent, then those of the groups."""
+        """All sizes (1 + G,): the independent one, then those of the groups."""
         return np.array([self.independent, *self.shared])

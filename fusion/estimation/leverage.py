@@ -1,4 +1,4 @@
-"""How much each observation of a fit moves its estimate, and what two fits share by that."""
+"""Influence of each observation of a fit on its estimate."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from spcola.arrays import FloatArray
 
 
 def influence(observations: Observations, fit: MixedFit) -> FloatArray:
-    """Change of the estimate (P, N, D) for a change of each value, at the fit's weights and sizes.
+    """Return ∂estimate/∂value (P, N, D) at the fit's weights and error sizes.
 
     Parameters
     ----------
     observations : Observations
     fit : MixedFit
-        Of them; with `joint` the inverse of the normal matrix of parameters and effects, the
-        estimate is ``joint · [A Z]ᵀ S⁻¹ y`` (docs: derivations §12), which is linear in y.
+        Fit of `observations`. With `joint`, the inverse of the normal matrix of parameters and
+        effects, the estimate is ``joint · [A Z]ᵀ S⁻¹ y`` (docs: derivations §12), linear in y.
 
     Returns
     -------

@@ -1,15 +1,15 @@
-"""Linear estimation with correlated errors whose size is part of the question.
+"""Linear estimation with shared errors and variance components.
 
-Displacements of mapolas and range residuals of images have errors of three kinds: what the
-single match knows of itself (a covariance), what it cannot know (the error of a maplet's centre,
-say: independent, of one unknown size), and what many share (the trajectory error of a scan, the
-bias of a day: random effects of another unknown size). Leaving out the third makes every sigma
-too small, because a hundred mapolas of one scan are then a hundred witnesses instead of one.
+Displacements of mapolas and range residuals of images have three parts of error: the covariance
+of the single match, an independent error of unknown size (such as that of a maplet's centre), and
+errors that many observations share (the trajectory error of a scan, the bias of a day), which are
+random effects of unknown size. Without the shared errors every sigma comes out too small, because
+a hundred mapolas of one scan then count as a hundred independent observations.
 
 The model is ``y_i = A_i p + Σ_g Z_ig u_g + e_i`` with ``e_i ~ N(0, C_i + σ_m² I)``,
 ``u_g ~ N(0, σ_g² I)`` and Gaussian priors on ``p``. The sizes σ_m, σ_g maximise the restricted
-likelihood (REML: Patterson & Thompson 1971), which does not mistake the freedom of ``p`` for
-small errors. Robust weights (Huber) and a final rejection keep single bad matches from pulling.
+likelihood (REML: Patterson & Thompson 1971), which accounts for the degrees of freedom that ``p``
+takes. Robust weights (Huber) and a final rejection limit the influence of single bad matches.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ class Observations:
     design : (N, D, P) ndarray
         Partial derivatives with respect to the parameters.
     covariance : (N, D, D) ndarray
-        What each observation knows of its own error.
+        Covariance of each observation's own error.
     effects : tuple of (N, D, R_g) ndarrays
-        How the random effects of each group enter: scans, images, days …; all effects of a group
-        are of one size.
+        Design matrices of the random effects of each group (scans, images, days …); all effects of
+        a group have one size.
 
     Raises
     ------
@@ -78,16 +78,16 @@ class Observations:
 
 @dataclass(frozen=True, eq=False)
 class MixedFit:
-    """What came out.
+    """Result of :func:`fit_mixed`.
 
     Attributes
     ----------
     estimate : (P,) ndarray
         In the units that the design matrix implies.
     covariance : (P, P) ndarray
-        Of the estimate, shared effects and priors included.
+        Covariance of the estimate, shared effects and priors included.
     joint : (P + R, P + R) ndarray
-        Of the estimate and of the effects of all groups whose size is not 0, in their order.
+        Covariance of the estimate and of the effects of all groups of non-zero size, in order.
     residual : (N, D) ndarray
         Observed minus computed, shared effects **not** removed.
     conditional : (N, D) ndarray
@@ -101,9 +101,9 @@ class MixedFit:
     iterations : int
     converged : bool
     reason : str
-        Why it stopped.
+        Why the iteration stopped.
     moved : float
-        By how many of its sigmas the estimate moved most in the last round.
+        Largest change of the estimate in the last round, in its sigmas.
     """
 
     estimate: FloatArray
@@ -133,7 +133,7 @@ class MixedFit:
 
 @dataclass(frozen=True, eq=False)
 class MixedOptions:
-    """How the fit is done.
+    """Options of :func:`fit_mixed`.
 
     Parameters
     ----------
@@ -142,14 +142,14 @@ class MixedOptions:
     sizes : ErrorSizes
         Prior of the error sizes.
     scale : (P,) ndarray
-        A natural size of each parameter, by which the normal matrix is made dimensionless
-        before its rank is judged.
+        Typical size of each parameter, which makes the normal matrix dimensionless before its rank
+        is tested.
     names : tuple of str
         Names of the parameters, for messages.
     reject : float
-        Observations further off than this many standard deviations do not enter.
+        Observations with residuals of more than this many standard deviations are rejected.
     max_rounds : int
-        Most re-weightings, before and after rejection begins.
+        Largest number of re-weightings before rejection begins, and again after.
     robust : bool
         False: plain weighted least squares, nothing rejected.
     """
@@ -166,7 +166,7 @@ class MixedOptions:
 def fit_mixed(observations: Observations, options: MixedOptions) -> MixedFit:
     """Estimate parameters, error sizes and shared effects together.
 
-    At given sizes it solves Henderson's mixed-model equations; the sizes maximise the restricted
+    At given sizes, Henderson's mixed-model equations are solved; the sizes maximise the restricted
     likelihood (Patterson & Thompson 1971). Docs: derivations §12.
 
     Parameters
@@ -178,23 +178,23 @@ def fit_mixed(observations: Observations, options: MixedOptions) -> MixedFit:
     Returns
     -------
     MixedFit
-        Its covariance holds the shared effects and is conditional on the error sizes found.
+        Its covariance includes the shared effects and is conditional on the estimated error sizes.
 
     Raises
     ------
     NotObservableError
-        If the observations and priors leave a combination of parameters free; the parameters
-        in it are named. Or if half of the observations contradict the rest.
+        If the observations and priors do not determine a combination of parameters, which are
+        named; or if half of the observations contradict the rest.
     InvalidValueError
         If there is no observation.
     """
     count = len(observations.value)
     if count == 0:
         raise InvalidValueError("there is no observation", "fit")
-    check_rank(_reach(observations, options), options.names)
-    # The matrices are small: threads of BLAS would cost more than they bring.
+    check_rank(_scaled_normal_matrix(observations, options), options.names)
+    # The matrices are small: BLAS threads would slow it down.
     with one_blas_thread():
-        state, solution = _settle(observations, options)
+        state, solution = _reweight(observations, options)
     residual, conditional = _residuals(observations, solution)
     return MixedFit(
         estimate=solution.estimate,
@@ -206,23 +206,23 @@ def fit_mixed(observations: Observations, options: MixedOptions) -> MixedFit:
         weight=state.before,
         sizes=state.sizes,
         iterations=state.rounds,
-        converged=state.settled,
-        reason="weights settled"
-        if state.settled
-        else f"weights still moved after {state.rounds} rounds",
+        converged=state.converged,
+        reason="weights converged"
+        if state.converged
+        else f"weights still changed after {state.rounds} rounds",
         moved=state.moved,
     )
 
 
-def _settle(observations: Observations, options: MixedOptions) -> tuple[_State, _Solution]:
-    """Re-weight until the weights settle; the solution is that of the last weights."""
+def _reweight(observations: Observations, options: MixedOptions) -> tuple[_State, _Solution]:
+    """Re-weight until the weights converge; return the solution with the last weights."""
     state = _State(np.ones(len(observations.value)), options.sizes)
-    # Nothing is rejected before the weights have settled: a fit that outliers still pull would
-    # reject the good ones.
+    # Nothing is rejected before the weights have converged: a fit still biased by outliers would
+    # reject good observations.
     for reject in (np.inf, options.reject):
         for _ in range(options.max_rounds):
             state = _round(observations, options, state, reject)
-            if state.settled:
+            if state.converged:
                 break
         if not options.robust:
             break
@@ -232,13 +232,13 @@ def _settle(observations: Observations, options: MixedOptions) -> tuple[_State, 
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Where the re-weighting stands: weights after and before the last round, its estimate."""
+    """State of the re-weighting: weights after and before the last round, its estimate."""
 
     weight: FloatArray
     sizes: ErrorSizes
     before: FloatArray = field(default_factory=lambda: np.ones(0))
     rounds: int = 0
-    settled: bool = False
+    converged: bool = False
     estimate: FloatArray = field(default_factory=lambda: np.zeros(0))
     moved: float = np.inf
 
@@ -267,18 +267,18 @@ def _round(
             f"the observations contradict one another: {np.count_nonzero(new)} of {len(new)} agree "
             f"within {reject:g} sigma",
             options.names,
-            do="look at the single matches: they may be of another body or another epoch",
+            do="check the single matches: they may be of another body or another epoch",
         )
-    settled = same_rejected and bool(np.max(np.abs(new - state.weight)) < 1e-3)
+    converged = same_rejected and bool(np.max(np.abs(new - state.weight)) < 1e-3)
     estimate, moved = solution.estimate, np.inf
     if state.estimate.size:
         sigma = np.sqrt(np.diag(solution.joint)[: len(estimate)])
         moved = float(np.max(np.abs(estimate - state.estimate) / sigma))
-    return _State(new, sizes, state.weight, state.rounds + 1, settled, estimate, moved)
+    return _State(new, sizes, state.weight, state.rounds + 1, converged, estimate, moved)
 
 
 def _residuals(observations: Observations, solution: _Solution) -> tuple[FloatArray, FloatArray]:
-    """Residuals (N, D) with the shared effects in them, and without."""
+    """Residuals (N, D) including the estimated shared effects, and without them."""
     residual = observations.value - np.einsum("ndp,p->nd", observations.design, solution.estimate)
     conditional = residual
     for group, effect in zip(observations.effects, solution.effects, strict=True):
@@ -286,10 +286,10 @@ def _residuals(observations: Observations, solution: _Solution) -> tuple[FloatAr
     return residual, conditional
 
 
-def _reach(observations: Observations, options: MixedOptions) -> FloatArray:
-    """Scaled normal matrix (P, P) of the design alone: what could be seen with perfect data.
+def _scaled_normal_matrix(observations: Observations, options: MixedOptions) -> FloatArray:
+    """Scaled normal matrix (P, P) of the design alone, as if all observations had one sigma.
 
-    A parameter with a prior is never free.
+    A parameter with a prior counts as determined.
     """
     rows = (observations.design * options.scale).reshape(-1, len(options.scale))
     return rows.T @ rows / len(rows) + np.diag(np.isfinite(options.prior).astype(np.float64))
@@ -308,8 +308,8 @@ def _solve(
 ) -> _Solution:
     """Solve for parameters and shared effects at given error sizes.
 
-    The shared effects are carried as parameters with a prior of 1/σ_g², which is Henderson's
-    form of the same estimator: no N × N covariance is ever built.
+    The shared effects are estimated as parameters with prior precision 1/σ_g² (Henderson's form of
+    the same estimator), so no N × N covariance is built.
     """
     spread = _spread(observations, sizes) / weight[:, None, None]
     # A group of size 0 has no effects.
@@ -321,7 +321,7 @@ def _solve(
     design = np.concatenate([observations.design, *(group for _, group in groups)], axis=2)
     whitener = np.linalg.inv(np.linalg.cholesky(spread))
     rows = np.einsum("nij,njp->nip", whitener, design).reshape(-1, design.shape[2])
-    seen = np.einsum("nij,nj->ni", whitener, observations.value).ravel()
+    whitened = np.einsum("nij,nj->ni", whitener, observations.value).ravel()
     own = np.concatenate([np.empty(0), *(np.full(group.shape[2], size) for size, group in groups)])
     precision = np.concatenate([1.0 / options.prior**2, 1.0 / own**2])
     normal = rows.T @ rows + np.diag(precision)
@@ -329,12 +329,12 @@ def _solve(
     scale = 1.0 / np.sqrt(np.diag(normal))
     unitless = normal * np.outer(scale, scale)
     lower = np.linalg.cholesky(unitless)
-    right = rows.T @ seen
+    right = rows.T @ whitened
     inverse = np.linalg.inv(unitless) * np.outer(scale, scale)
     both = inverse @ right
     count = observations.design.shape[2]
     deviance = (
-        float(seen @ seen - both @ right)
+        float(whitened @ whitened - both @ right)
         - 2.0 * float(np.sum(np.log(np.einsum("nii->ni", whitener))))
         + 2.0 * float(np.sum(np.log(np.diag(lower) / scale)))
         + 2.0 * float(np.sum(np.log(own)))
@@ -352,7 +352,7 @@ def _spread(observations: Observations, sizes: ErrorSizes) -> FloatArray:
 def _by_group(
     estimates: FloatArray, observations: Observations, sizes: ErrorSizes
 ) -> tuple[FloatArray, ...]:
-    """Part the estimated effects into their groups; those of a group of size 0 are 0."""
+    """Split the estimated effects into their groups; those of a group of size 0 are 0."""
     parts, start = [], 0
     for size, group in zip(sizes.shared, observations.effects, strict=True):
         count = group.shape[2]
@@ -364,10 +364,10 @@ def _by_group(
 def _estimate_sizes(
     observations: Observations, weight: FloatArray, options: MixedOptions, start: ErrorSizes
 ) -> ErrorSizes:
-    """Maximise the restricted likelihood over the error sizes that are not held at 0."""
+    """Maximise the restricted likelihood over the error sizes that are not fixed."""
     prior = options.sizes.all
-    stays = np.isin(np.arange(len(prior)) - 1, options.sizes.held)
-    free = np.flatnonzero((prior > 0) & ~stays)
+    fixed = np.isin(np.arange(len(prior)) - 1, options.sizes.fixed)
+    free = np.flatnonzero((prior > 0) & ~fixed)
     if options.sizes.width <= 0 or not free.size:
         return start
 
@@ -396,7 +396,7 @@ def _sized(sizes: ErrorSizes, free: AnyArray, values: FloatArray) -> ErrorSizes:
 def _robust_weights(
     conditional: FloatArray, observations: Observations, sizes: ErrorSizes, reject: float
 ) -> FloatArray:
-    """Huber weights (N,) by the size of each residual in its own standard deviations."""
+    """Huber weights (N,) from the residuals in units of their standard deviations."""
     solved = np.linalg.solve(_spread(observations, sizes), conditional[..., None])[..., 0]
     distance = np.sqrt(np.einsum("ni,ni->n", conditional, solved) / conditional.shape[1])
     weights: FloatArray = huber_weight(distance, k=2.0)

@@ -1,4 +1,4 @@
-"""Whether observations leave a combination of parameters free."""
+"""Test whether observations determine all combinations of parameters."""
 
 from __future__ import annotations
 
@@ -7,18 +7,17 @@ import numpy as np
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
 
-# Smallest share of the largest eigenvalue of the scaled normal matrix that is still information
-# and not rounding.
+# Eigenvalues of the scaled normal matrix below this share of the largest are rounding errors.
 _RANK_TOLERANCE = 1e-11
 
 
 def check_rank(information: FloatArray, names: tuple[str, ...]) -> None:
-    """Refuse a scaled information matrix (P, P) that leaves some direction free.
+    """Refuse a scaled normal matrix (P, P) that does not determine some direction.
 
     Raises
     ------
     NotObservableError
-        Naming the parameters that take part in the free directions.
+        With the names of the parameters that are part of the undetermined directions.
     """
     values, vectors = np.linalg.eigh(information)
     free = values <= _RANK_TOLERANCE * max(float(values[-1]), 0.0)
@@ -27,7 +26,7 @@ def check_rank(information: FloatArray, names: tuple[str, ...]) -> None:
     taking_part = np.max(np.abs(vectors[:, free]), axis=1) > 0.1
     involved = tuple(name for name, part in zip(names, taking_part, strict=True) if part)
     raise NotObservableError(
-        f"the observations leave {', '.join(involved)} free",
+        f"the observations do not determine {', '.join(involved)}",
         involved,
         do="add observations from other parts of the body, or estimate fewer parameters",
     )

@@ -1,10 +1,12 @@
 from .constraints import Candidate as Candidate
+from .constraints import Constraints as Constraints
 from .constraints import lidar_constraints as lidar_constraints
 from .fuse import FuseInput as FuseInput
 from .fuse import FuseOptions as FuseOptions
 from .fuse import FuseResult as FuseResult
 from .fuse import fuse_maplet as fuse_maplet
 from .illumination import Illumination as Illumination
+from .information import DEFAULT_INFORMATION as DEFAULT_INFORMATION
 from .information import Comparison as Comparison
 from .information import SlopeInformation as SlopeInformation
 from .information import estimate_information as estimate_information

@@ -1,8 +1,7 @@
 """Registered mapolas as constraining heights on the grid of a maplet.
 
-A mapola of about the same GSD gives heights of points. A cell of a coarser one says what the mean
-height of the points in it is, and nothing about the detail between them, which is left to the
-slopes.
+A mapola of about the same GSD gives heights of points. A cell of a coarser mapola gives the mean
+height of the points in it; the detail between them is determined by the slopes.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ from spcola.arrays import (
 from spcola.grids import MapletGrid, overlaps, project_maplet
 from spcola.heights import MeanConstraints
 
-# A mapola whose GSD is larger than the grid's by this factor holds means, not points.
+# A mapola whose GSD is larger than the grid's by this factor gives means, not points.
 _COARSE = 1.5
 # Share of its points that a cell must have on the grid to count as whole.
 _WHOLE = 0.9
-# Metres: no cell is known better.
+# Smallest sigma of a cell, metres.
 _LEAST_SIGMA = 1e-6
 
 
@@ -41,7 +40,7 @@ class Constraints:
     sigma : (2q+1, 2q+1) ndarray
         Independent from cell to cell, metres.
     count : (2q+1, 2q+1) int ndarray
-        Returns behind each height, or in the coarse cell around the point.
+        Returns that contribute to each height, or to the coarse cell around the point.
     means : MeanConstraints, optional
         Heights of the cells of coarser mapolas, over the points without a height of their own.
     coarse : (2q+1, 2q+1) ndarray, optional
@@ -56,7 +55,7 @@ class Constraints:
 
     @property
     def known(self) -> BoolArray:
-        """Mask of the points that a height, or a mean, holds."""
+        """Mask of the points that have a height or lie in a mean."""
         points: BoolArray = np.isfinite(self.height)
         return points if self.coarse is None else points | np.isfinite(self.coarse)
 
@@ -76,7 +75,7 @@ class Constraints:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A registered mapola that may hold heights for a grid; read only if it is needed.
+    """A registered mapola that may have heights for a grid; read only if it is needed.
 
     Parameters
     ----------
@@ -93,21 +92,21 @@ class Candidate:
 def lidar_constraints(grid: MapletGrid, candidates: Iterable[Candidate]) -> Constraints:
     """Project registered mapolas onto `grid`, one height for each point.
 
-    Overlapping mapolas hold the same returns, so averaging them would count returns twice. Each
-    point takes the height of one: the first in order that holds it, so the caller puts the
-    mapola of the same place first.
+    Overlapping mapolas contain the same returns, so averaging them would count returns twice. Each
+    point has the height of the first mapola that covers it, so the caller puts the mapola of the
+    same place first.
 
     Parameters
     ----------
     grid : MapletGrid
         In SPC coordinates.
     candidates : iterable of Candidate
-        Best first. Those that reach no point that is still without a height are not read.
+        Best first. Those that cover no point still without a height are not read.
 
     Returns
     -------
     Constraints
-        Metres along the grid's Uz; a sigma is carried over from the mapola's Uz [24–27].
+        Metres along the grid's Uz; sigmas are converted from the mapola's Uz [24–27].
     """
     height, sigma, coarse = (np.full(grid.shape, np.nan) for _ in range(3))
     count = np.zeros(grid.shape, dtype=np.int32)
@@ -149,9 +148,9 @@ class _Areas:
         return bool(self._means)
 
     def add(self, mapola: Mapola, unknown: BoolArray) -> BoolArray:
-        """Add the cells that lie whole over `unknown` points (R, C); return which these are.
+        """Add the cells that lie wholly over `unknown` points (R, C); return the points added.
 
-        Of a cell in part it would not be known what its mean over that part is.
+        The mean over a part of a cell is not known.
         """
         grid = self._grid
         projected = project_maplet(mapola, grid)
@@ -166,7 +165,7 @@ class _Areas:
             return new
         chosen, number = np.unique(cell[new], return_inverse=True)
         self._labels[new] = sum(len(part) for part in self._means) + number
-        # Tilts of the planes cancel over a cell: its mean is the height of its middle.
+        # A tilt of the planes cancels over a cell: its mean is the height of its middle.
         middle = grid.project(mapola.points().reshape(-1, 3)[chosen])[2]
         self._means.append(middle)
         self._sigmas.append(mapola.sigma.ravel()[chosen])
@@ -182,10 +181,10 @@ class _Areas:
 
 
 def _reaches(other: MapletGrid, grid: MapletGrid, unknown: BoolArray) -> bool:
-    """Whether an `unknown` point of `grid` may lie over `other`, whatever its height is.
+    """Return whether an `unknown` point of `grid` may lie over `other`, whatever its height is.
 
-    Relief shifts a point sideways where the planes are inclined; up to a quarter of the grid's
-    width of it is allowed for.
+    Relief shifts a point sideways where the planes are inclined to each other; relief up to a
+    quarter of the grid's width is allowed for.
     """
     if not unknown.any():
         return False
@@ -200,7 +199,7 @@ def _nearest_cell(
 ) -> tuple[IntArray, IntArray, BoolArray]:
     """Row and column (R, C) of the cell of `other` nearest to each point of `grid` at `height`.
 
-    And whether the point lies in that cell; beside `other` it does not.
+    Third, whether the point lies in that cell: not if it is outside `other`.
     """
     x, y, _ = other.project(grid.points(np.nan_to_num(height)))
     q = other.half_size

@@ -1,4 +1,4 @@
-"""One fused maplet: energy (A) with slopes from images and heights from a lidar."""
+"""Fusion of one maplet: energy (A) with slopes from images and heights from a lidar."""
 
 from __future__ import annotations
 
@@ -31,26 +31,26 @@ from spcola.photometry import SlopeVariance
 
 @dataclass(frozen=True)
 class FuseOptions:
-    """How heights are fused.
+    """Options of the fusion.
 
     Parameters
     ----------
     loss : {"l2", "huber", "cauchy"}
-        Loss on the lidar heights; the robust ones keep stray returns from pulling.
+        Loss on the lidar heights; the robust ones limit the influence of outliers.
     loss_scale : float
-        In standard deviations: residuals below it count in full.
+        In standard deviations: residuals below it have full weight.
     step_loss_scale : float
-        In standard deviations: steps of SPC that the lidar contradicts by more than that lose
-        weight (Cauchy's loss).
+        In standard deviations: steps of SPC that the lidar contradicts by more are down-weighted
+        (Cauchy's loss).
     fraction : float
-        Share of the lidar heights that constrain (1: all, weighted by their uncertainty).
+        Share of the lidar heights that is used (1: all, weighted by their uncertainty).
     seed : int
-        Of the random subset.
+        Seed of the random subset.
     fill_sigma_m : float
-        Uncertainty, metres, of a height that comes from the shape alone, where no lidar height
-        could tell.
+        Sigma, metres, of a height that comes from the shape alone, if it cannot be estimated from
+        the lidar.
     tolerance_m : float
-        Largest height error that the solver may leave, metres.
+        Largest height error of the solver, metres.
     """
 
     loss: Literal["l2", "huber", "cauchy"] = "huber"
@@ -64,22 +64,23 @@ class FuseOptions:
 
 @dataclass(frozen=True, eq=False)
 class FuseInput:
-    """What goes into one fused maplet; all layers are on `grid`, heights in metres along Uz.
+    """Input of one fused maplet; all layers are on `grid`, heights in metres along Uz.
 
     Parameters
     ----------
     name : str
     grid : MapletGrid
-        In SPC coordinates; the maplet's own, moved by what the match says of its centre.
+        In SPC coordinates: the maplet's own, its centre corrected by its match.
     spc : Maplet
         The SPC maplet on that grid.
     lidar : Constraints
     prior : (2q+1, 2q+1) ndarray
         Heights of the shape model; NaN where there is none.
     common_covariance : (3, 3) ndarray
-        Of what all lidar heights of the maplet share (registration, scans), body-fixed, m².
+        Of the error that all lidar heights of the maplet share (registration, scans), body-fixed,
+        m².
     light : SlopeVariance, optional
-        What images tell of the slopes there; where they tell nothing, `spc` has no heights.
+        Variance of the slopes from images; `spc` has no heights where images determine no slope.
     """
 
     name: str
@@ -93,19 +94,19 @@ class FuseInput:
 
 @dataclass(frozen=True, eq=False)
 class FuseResult:
-    """The fused maplet and what is to be told of it.
+    """The fused maplet and statistics about it.
 
     Attributes
     ----------
     maplet : FusedMaplet
     solution : HeightSolution
     untied : int
-        Connected parts that no lidar height ties, so that the SPC maplet or the shape does.
+        Number of connected parts without lidar height; SPC or the shape fixes their mean height.
     downweighted : int
         Lidar heights to which the robust loss gave less than half of their weight.
     misfit : float
-        Robust standard deviation of lidar less SPC heights, less a constant, over what it is in the
-        whole solution; NaN where they do not meet.
+        Robust standard deviation of lidar minus SPC heights about their median, over that of the
+        whole solution; NaN if they have no common point.
     """
 
     maplet: FusedMaplet
@@ -118,18 +119,17 @@ class FuseResult:
 def fuse_maplet(
     parts: FuseInput, information: SlopeInformation, *, options: FuseOptions | None = None
 ) -> FuseResult:
-    """Minimise (A) of MATH §5 for one maplet and say how sure each height is.
+    """Minimise (A) of MATH §5 for one maplet, with the sigma of each height.
 
-    - Between points that the SPC maplet knows, its height steps enter, weighted by
-      `information`; elsewhere the steps of the shape do, with the roughness that the lidar shows
-      about it.
-    - Lidar heights constrain with 1/σ², under a robust loss.
-    - Heights of SPC, and of the shape where SPC has none, constrain weakly: their errors hold
-      together over many points, so each of them counts as one of that many. This is what ties a
-      part that no return reached.
-    - The sigma is that of the inverse normal matrix, but far from the lidar no less than SPC's,
-      and far from both no less than the shape's; with what all lidar heights share added, and far
-      from them what the maplet's centre does: vertically, and horizontally times the slope.
+    - Height steps come from the SPC maplet where it has both points, weighted by `information`;
+      elsewhere from the shape, with its step error estimated from the lidar.
+    - Lidar heights have weight 1/σ² and a robust loss.
+    - Heights of SPC, and of the shape where SPC has none, have small weights: their errors are
+      correlated over many points, so the weight of one independent height is divided among these.
+      They fix the height of parts without returns.
+    - The sigma is that of the inverse normal matrix, but far from the lidar at least SPC's, and far
+      from both at least the shape's. The error that all lidar heights share is added, and far
+      from them that of the maplet's centre: vertical, and horizontal times the slope.
 
     Parameters
     ----------
@@ -142,15 +142,15 @@ def fuse_maplet(
     Returns
     -------
     FuseResult
-        ``solution.converged`` and its reason say whether the tolerance was reached.
+        ``solution.converged`` and its reason state whether the tolerance was reached.
     """
     options = options or FuseOptions()
     generator = np.random.default_rng([options.seed, _name_number(parts.name)])
     lidar = parts.lidar.subset(options.fraction, generator)
     shape = information.shape or _assumed_shape(information, options)
     problem = _problem(parts, lidar, information, shape, options)
-    # The loss is for the lidar alone; the weak SPC and shape heights stay quadratic because
-    # their weights keep them far below its scale.
+    # In effect the loss concerns the lidar only: SPC and shape heights have weights so small that
+    # their residuals remain in its quadratic part.
     solution = solve_heights(problem, options=_solver(options))
     own = posterior_sigma(problem, weight=solution.constraint_weight)
     with_lidar = lidar.known
@@ -179,38 +179,38 @@ def fuse_maplet(
 
 
 def _name_number(name: str) -> int:
-    """A number that a maplet's name always gives, so that its random subset is its own."""
+    """A number made from a maplet's name, so that each maplet has its own random subset."""
     return int.from_bytes(name.encode("utf-8")[:16].ljust(16, b"\0"), "little")
 
 
 def _assumed_shape(information: SlopeInformation, options: FuseOptions) -> ShapeInformation:
-    """What a shape is taken to know where no lidar height could tell: less than SPC."""
+    """The shape's assumed errors if the lidar cannot determine them: larger than SPC's."""
     return ShapeInformation(
         2.0 * information.step_sigma_m, options.fill_sigma_m, information.correlated_cells
     )
 
 
 def _shape_surface(parts: FuseInput, lidar: Constraints) -> FloatArray:
-    """The shape, its gaps closed; without one a plane."""
+    """Heights of the shape with gaps filled; of a plane if there is no shape."""
     if np.isfinite(parts.prior).any():
         return filled(parts.prior)
     return plane_of(np.where(np.isfinite(lidar.height), lidar.height, parts.spc.height))
 
 
 def _ground(parts: FuseInput, lidar: Constraints, surface: FloatArray) -> FloatArray:
-    """What the ground is like, for the weights of steps: lidar, else SPC, else the shape.
+    """Approximate ground, for the weights of steps: lidar, else SPC, else the shape.
 
-    Each bent onto the one before by the nearest departure, so that no step stands between them that
-    the ground does not have. Not by a plane through it: along a single track that would be turned
-    by its noise.
+    Each is corrected by its nearest difference from the preceding one, so that there is no
+    artificial step between them. A plane through the differences would be tilted by noise if the
+    lidar is a single track.
     """
     spc = parts.spc.height + np.nan_to_num(carried_on(lidar.height - parts.spc.height))
     known = np.where(np.isfinite(lidar.height), lidar.height, spc)
     if lidar.coarse is not None:
         known = np.where(np.isfinite(known), known, lidar.coarse)
     bent = surface + np.nan_to_num(carried_on(known - surface))
-    # A stray return is one cell wide, a boulder is not: the median keeps the one from
-    # loosening the steps around it that are to hold it off.
+    # An outlier is one cell wide, a boulder is wider: the median removes outliers, which would
+    # otherwise reduce the weights of the steps around them.
     return ndimage.median_filter(bent, size=3, mode="nearest")
 
 
@@ -221,7 +221,7 @@ def _problem(
     shape: ShapeInformation,
     options: FuseOptions,
 ) -> HeightProblem:
-    """Put steps, weights and constraints together."""
+    """Assemble steps, weights and constraints."""
     valid, gsd = parts.spc.valid, parts.grid.gsd
     mask = valid | lidar.known | np.isfinite(parts.prior)
     known = np.where(valid, parts.spc.height, 0.0)
@@ -231,25 +231,24 @@ def _problem(
     bent = np.abs(np.nan_to_num(bending(ground)))
     steps, weights = [], []
     for axis in (1, 0):
-        seen = _both(valid, axis)
-        step = np.where(seen, np.diff(known, axis=axis), np.diff(surface, axis=axis))
-        # SPC errs where the ground is steep and its own slope is then too small: the lidar's,
-        # which the ground follows, says so too.
+        imaged = _both(valid, axis)
+        step = np.where(imaged, np.diff(known, axis=axis), np.diff(surface, axis=axis))
+        # SPC errors grow with slope, and SPC underestimates steep slopes: the larger of its slope
+        # and the lidar's is used.
         ground_step = np.diff(ground, axis=axis)
         slope = np.maximum(np.abs(step), np.abs(ground_step)) / gsd
         bend = along_edges(bent, axis)
         light = None if parts.light is None else light_along_edges(parts.light, 1, axis)
         sigma = information.step_sigma(slope, bend, gsd, light)
-        sigma = np.where(seen, sigma, shape.step_sigma_m)
-        # The flank of a boulder that SPC cut short, or that the shape does not know, is no error
-        # of the size that steps have: there the step says nothing, and least squares would pull
-        # the flank down by it.
+        sigma = np.where(imaged, sigma, shape.step_sigma_m)
+        # The flank of a boulder that SPC or the shape lacks is an outlier among the errors of
+        # steps: with full weight the step would flatten the flank.
         measured = _both(np.isfinite(lidar.height), axis)
         spread = np.hypot(sigma, along_edges(noise, axis))
-        contradicted = np.where(seen | measured, (ground_step - step) / spread, 0.0)
+        contradicted = np.where(imaged | measured, (ground_step - step) / spread, 0.0)
         trust = cauchy_weight(contradicted, options.step_loss_scale)
         # SPC rounds what the lidar resolves.
-        trust = np.where(seen & measured, trust / STEPS_ALIKE**2, trust)
+        trust = np.where(imaged & measured, trust / STEPS_ALIKE**2, trust)
         steps.append(step)
         weights.append(np.where(_both(mask, axis), trust / sigma**2, 0.0))
     height, weight = _heights(parts, lidar, information, shape)
@@ -265,7 +264,7 @@ def _solver(options: FuseOptions) -> SolverOptions:
 
 
 def _both(mask: BoolArray, axis: int) -> BoolArray:
-    """Edges (along `axis`) both ends of which are in `mask`."""
+    """Mask of the edges along `axis` that have both ends in `mask`."""
     count = mask.shape[axis]
     return np.take(mask, range(1, count), axis) & np.take(mask, range(count - 1), axis)
 
@@ -273,13 +272,13 @@ def _both(mask: BoolArray, axis: int) -> BoolArray:
 def _heights(
     parts: FuseInput, lidar: Constraints, information: SlopeInformation, shape: ShapeInformation
 ) -> tuple[FloatArray, FloatArray]:
-    """Constraining heights and weights: the lidar's, else the maplet's own, else the shape's."""
+    """Constraining heights and weights: of the lidar, else of the maplet, else of the shape."""
     own = np.where(np.isfinite(parts.spc.sigma), parts.spc.sigma, information.height_sigma_m)
     own = np.hypot(own, _center_sigma(parts))
-    held = parts.spc.valid
-    height = np.where(held, parts.spc.height, parts.prior)
+    valid = parts.spc.valid
+    height = np.where(valid, parts.spc.height, parts.prior)
     one = shape.height_sigma_m * np.sqrt(shape.correlated_cells)
-    sigma = np.where(held, own * np.sqrt(information.correlated_cells), one)
+    sigma = np.where(valid, own * np.sqrt(information.correlated_cells), one)
     with_lidar = np.isfinite(lidar.height)
     height = np.where(with_lidar, lidar.height, height)
     sigma = np.where(with_lidar, lidar.sigma, sigma)
@@ -288,7 +287,7 @@ def _heights(
 
 
 def _center_sigma(parts: FuseInput) -> float:
-    """Uncertainty of the maplet's centre along Uz, metres; 0 where the file does not say."""
+    """Sigma of the maplet's centre along Uz, metres; 0 where the file has none."""
     along = parts.grid.uz**2 @ np.nan_to_num(parts.spc.center_sigma) ** 2
     return float(np.sqrt(along))
 
@@ -301,13 +300,13 @@ def _sigma(
     height: FloatArray,
     own: FloatArray,
 ) -> FloatArray:
-    """Standard deviation, metres, of the fused heights, of which the steps and heights say `own`.
+    """Standard deviation, metres, of the fused heights; `own` is that of the inverse normal matrix.
 
-    Steps that err independently hold heights together over more points than errors of SPC do, so
-    that many weak heights of SPC would seem to average out. Where SPC is alone it is no better than
-    it says, its centre included; near the lidar it is by what its errors have in common with those
-    there: an exponential correlation, lidar on both sides, leaves a share tanh(distance / length).
-    So it is with the shape, away from what either knows.
+    `own` is too small far from the lidar: independent step errors correlate heights over more
+    points than SPC's errors do, so that many SPC heights seem to average out. There the sigma is at
+    least SPC's, its centre included. Near the lidar, it partly determines SPC's errors: with
+    an exponential correlation and lidar on both sides, a share tanh(distance / length) remains.
+    The same holds for the shape, far from both.
     """
     valid = parts.spc.valid
     free = np.where(valid, _free(lidar.known, information.correlated_cells), 0.0)
@@ -321,7 +320,7 @@ def _sigma(
 
 
 def _free(known: BoolArray, cells: float) -> FloatArray:
-    """Share of an error over `cells` points that what is `known` around leaves, 0 … 1."""
+    """Share (0 … 1) of an error correlated over `cells` that remains, given `known` points."""
     if not known.any():
         return np.ones(known.shape)
     away = ndimage.distance_transform_edt(~known)
@@ -330,10 +329,10 @@ def _free(known: BoolArray, cells: float) -> FloatArray:
 
 
 def _displaced_variance(grid: MapletGrid, height: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Variance, m², of the height error that a displacement of the whole surface makes.
+    """Variance, m², of the height error caused by a displacement of the whole surface.
 
-    A surface displaced by D is met at a height that is off by D_z − ∇h · D_xy. The `covariance`
-    of D is body-fixed, m².
+    A displacement D changes the height at a point by D_z − ∇h · D_xy. The `covariance` of D is
+    body-fixed, m².
     """
     slope_x, slope_y = slopes_of(height, grid.gsd)
     rows = np.nan_to_num(np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=-1))
@@ -343,13 +342,13 @@ def _displaced_variance(grid: MapletGrid, height: FloatArray, covariance: FloatA
 
 
 def _untied(solution: HeightSolution, with_lidar: BoolArray) -> int:
-    """Number of connected parts in which no lidar height lies."""
+    """Number of connected parts without a lidar height."""
     labels = solution.components
     everything = set(np.unique(labels[labels >= 0]).tolist())
     return len(everything - set(np.unique(labels[with_lidar]).tolist()))
 
 
 def _downweighted(problem: HeightProblem, solution: HeightSolution, with_lidar: BoolArray) -> int:
-    """Number of lidar heights that the loss left with less than half of their weight."""
+    """Number of lidar heights whose weight the loss reduced by more than half."""
     halved = solution.constraint_weight < 0.5 * problem.weight
     return int(np.count_nonzero(halved & with_lidar))

@@ -1,4 +1,4 @@
-"""Which images lit a maplet, and what they tell of its slopes."""
+"""The images that show a maplet, and the accuracy of slopes from them."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from spcola.grids import Maplet, MapletGrid
 from spcola.photometry import SlopeVariance, slope_variance
 
 Light = Literal["images", "sun"]
-# Images in which half of the maplets have to lie, for these to be what the maplets were made from:
-# fewer determine no slope.
+# The maplets are assumed to be made from the images at hand if half of them lie in this many or
+# more: fewer images determine no slope.
 _ENOUGH = 3
-# Images that stand for all others of a campaign in whose light a maplet may have been seen.
-_STAND_INS = 48
+# Number of images that represent a campaign's illumination if its own images are not at hand.
+_MOST_SAMPLES = 48
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +31,10 @@ class Illumination:
     images : tuple of SpcImage
         States, without pixels.
     light : {"images", "sun"}
-        Whether a point has to lie on the detector of an image, or only in such light as the
-        images that stood above it were taken in: the latter where the maplets come from more
-        images than are at hand.
+        "images": a point has to lie on the detector of an image. "sun": all images taken from above
+        its horizon count, for maplets made from more images than are at hand.
     exposed : callable
-        Returns an image with its pixels, where it has any.
+        Returns an image with its pixels, if it has any.
     """
 
     images: tuple[SpcImage, ...]
@@ -49,28 +48,28 @@ class Illumination:
         grids: list[MapletGrid],
         exposed: Callable[[SpcImage], SpcImage] = lambda image: image,
     ) -> Illumination:
-        """Return `images` as what maplets on `grids` come from, if half of these lie in three."""
+        """Choose `light`: "images" if half of the `grids` lie in three images, else "sun"."""
         framed = cls(images, "images", exposed)
         shown = [len(list(framed.facing(grid))) for grid in grids]
         enough = bool(shown) and float(np.median(shown)) >= _ENOUGH
         return framed if enough else cls(images, "sun", exposed)
 
     def facing(self, grid: MapletGrid) -> Iterator[SpcImage]:
-        """Yield the images that may show a grid: above its plane and, of images, towards it."""
+        """Yield the images that may show a grid: from above its plane, if framed pointing at it."""
         away = self._positions - grid.center
         distance = np.linalg.norm(away, axis=1)
         faces = away @ grid.uz > 0.0
         if self.light == "images":
-            # The grid reaches so far around its centre as seen from there.
+            # Half field of view plus the angular radius of the grid.
             width = self._half_widths + np.arctan2(grid.radius, distance)
             faces &= np.sum(self._boresights * -away, axis=1) > np.cos(width) * distance
         found = np.flatnonzero(faces)
         if self.light == "sun":
-            found = found[:: max(1, -(-len(found) // _STAND_INS))]
+            found = found[:: max(1, -(-len(found) // _MOST_SAMPLES))]
         return (self.images[number] for number in found)
 
     def variance(self, maplet: Maplet) -> SlopeVariance:
-        """Return how well the images tell the slopes of `maplet`."""
+        """Return the variance of the slopes of `maplet` from the images."""
         framed = self.light == "images"
         images = (self.exposed(image) if framed else image for image in self.facing(maplet.grid))
         return slope_variance(maplet, images, framed=framed)
@@ -85,7 +84,7 @@ class Illumination:
 
     @cached_property
     def _half_widths(self) -> FloatArray:
-        """Angle, radians, that reaches the furthest corner, wherever the boresight meets it."""
+        """Angle, radians, of the detector's diagonal: reaches every corner from any boresight."""
         return np.array(
             [
                 np.hypot(image.camera.width, image.camera.height) * image.camera.pixel_angle

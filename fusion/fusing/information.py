@@ -1,4 +1,4 @@
-"""How much the SPC slopes and the lidar heights know, estimated from both."""
+"""Errors of SPC slopes and heights, estimated by comparison with the lidar."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from spcola.photometry import SlopeVariance
 
 # Fewer differences than this do not give a spread.
 _ENOUGH = 200
-# Lags, cells, over which steps are relied upon: further apart, heights of the lidar or of the
-# maplet itself take over.
+# Largest lag, cells, at which steps matter: over larger distances heights of the lidar or of the
+# maplet itself dominate.
 _STEP_REACH = 3
-# Steps in a group whose median tells its variance: to 12 %.
+# Steps in a group; their median determines the variance to 12 %.
 _GROUP = 100
-# As many of all steps as make a thousand groups are enough.
+# Largest number of steps used: enough for a thousand groups.
 _MOST_STEPS = 100_000
-# Groups below which nothing is said of what makes steps worse.
+# With fewer groups the dependence of step errors on slope, bending and light is not estimated.
 _LEAST_GROUPS = 5
 
 
@@ -34,27 +34,27 @@ class SlopeInformation:
     Parameters
     ----------
     step_sigma_m : float
-        Standard deviation of the error of a height step between neighbours, metres, as if
-        steps erred independently; such that over a few cells the surface is no more certain
-        than the data show.
+        Standard deviation of the error of a height step between neighbours, metres, if steps were
+        independent; large enough that over a few cells the surface is no more certain than
+        observed.
     steep_sigma : float
-        What is added (in quadrature) per unit of slope: SPC smooths where the surface is steep.
+        Addition (in quadrature) per unit of slope: SPC smooths where the surface is steep.
         Dimensionless; times the GSD it is metres.
     bend_sigma : float
-        What is added per metre of bending (:mod:`spcola.grids.statistics.bending_errors`): SPC
-        rounds edges and cuts boulders short. Dimensionless.
+        Addition per metre of bending (:mod:`spcola.grids.statistics.bending_errors`): SPC rounds
+        edges and flattens boulders. Dimensionless.
     height_sigma_m : float
         Standard deviation of the SPC heights about the lidar's after registration, metres.
     correlated_cells : float
-        Number of neighbouring points whose SPC height errors are one error.
+        Number of neighbouring points over which SPC height errors are correlated.
     light_sigma : float
-        Error of a brightness relative to its image's mean, as the steps show it: times the root
-        of what :mod:`spcola.photometry.photoclinometry` says of a slope it is that slope's.
+        Error of a brightness relative to its image's mean, estimated from the steps: times the root
+        of a slope's variance from :mod:`spcola.photometry.photoclinometry` it is the slope's sigma.
     usual_light : float
-        Variance of slopes by photoclinometry at which a step has `step_sigma_m`: that of the
-        middle step.
+        Variance of slopes by photoclinometry at which a step has `step_sigma_m`: the median of all
+        steps.
     shape : ShapeInformation, optional
-        What the shape model knows; None where no lidar height could tell.
+        Errors of the shape model; None if the lidar does not determine them.
     """
 
     step_sigma_m: float
@@ -78,7 +78,7 @@ class SlopeInformation:
         gsd : float
             Metres.
         light : ndarray, optional
-            Variance of the slope by photoclinometry; where it is not known, the usual one.
+            Variance of the slope by photoclinometry; `usual_light` where it is not finite.
         """
         growth = np.hypot(self.steep_sigma * gsd * slope, self.bend_sigma * bend)
         if light is not None:
@@ -91,9 +91,8 @@ class SlopeInformation:
 DEFAULT_INFORMATION = SlopeInformation(
     step_sigma_m=0.05, steep_sigma=0.3, bend_sigma=0.3, height_sigma_m=0.15, correlated_cells=50.0
 )
-"""What is assumed where lidar and SPC nowhere overlap: half of the rms error that Weirich et al.
-(2022) found for SPC models of Bennu's size goes into a step, and errors hold together over about
-seven points."""
+"""Assumed where lidar and SPC do not overlap: a step has half of the rms error that Weirich et al.
+(2022) found for SPC models of Bennu's size, and errors are correlated over about seven points."""
 
 
 def along_edges(layer: FloatArray, axis: int) -> FloatArray:
@@ -102,9 +101,9 @@ def along_edges(layer: FloatArray, axis: int) -> FloatArray:
 
 
 def light_along_edges(light: SlopeVariance, lag: int, axis: int) -> FloatArray:
-    """Variance of the mean slope between points `lag` apart: mean of both ends, infinite if either.
+    """Variance of the mean slope between points `lag` apart: the mean of both ends' variances.
 
-    Errors of neighbouring slopes are one error: they share images.
+    Errors of neighbouring slopes are fully correlated, as they share images.
     """
     layer = light.along_x if axis == 1 else light.along_y
     ahead, behind = ends(layer, lag, axis)
@@ -114,7 +113,7 @@ def light_along_edges(light: SlopeVariance, lag: int, axis: int) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Lidar and SPC heights on one grid, aligned: what the information is estimated from.
+    """Aligned lidar and SPC heights on one grid, from which SPC's errors are estimated.
 
     Parameters
     ----------
@@ -125,7 +124,7 @@ class Comparison:
     gsd : float
         Metres.
     light : SlopeVariance, optional
-        What images tell of the slopes there.
+        Variance of the slopes from images.
     shape : (2q+1, 2q+1) ndarray, optional
         Heights of the shape model, metres.
     """
@@ -141,10 +140,9 @@ class Comparison:
 def estimate_information(comparisons: list[Comparison], *, reach: int = 8) -> SlopeInformation:
     """Estimate the uncertainty of SPC slopes and heights from their differences to a lidar.
 
-    The lidar's own variance is taken off. SPC errors hold together over some cells, while energy
-    (A) knows only steps that err independently: their size is chosen so that over one to three
-    cells the surface is nowhere more certain than the differences show
-    (:func:`fusion.fusing.variogram.walk_sigma`).
+    The lidar's own variance is subtracted. SPC errors are correlated over some cells, while energy
+    (A) assumes independent step errors: their size is chosen so that over one to three cells the
+    surface is nowhere more certain than observed (:func:`fusion.fusing.variogram.walk_sigma`).
 
     Parameters
     ----------
@@ -181,9 +179,9 @@ def estimate_information(comparisons: list[Comparison], *, reach: int = 8) -> Sl
 
 
 def _shape_information(comparisons: list[Comparison]) -> ShapeInformation | None:
-    """What the shape knows of the ground that SPC does not, or of all of it if that is too little.
+    """Errors of the shape on ground without SPC heights; on all ground if that is too little.
 
-    It is there that the shape is relied upon, and where nothing is lit it may be worse.
+    The fusion uses the shape only there, and on unlit ground it may be less accurate.
     """
     known = [pair for pair in comparisons if pair.shape is not None]
     everywhere = [pair.lidar - pair.shape for pair in known if pair.shape is not None]
@@ -193,9 +191,10 @@ def _shape_information(comparisons: list[Comparison]) -> ShapeInformation | None
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """Differences of the error over one lag: squared, the lidar's share, its slope and bend.
+    """Squared differences (N,) of the error over one lag, and their possible causes.
 
-    And the variance of the slope by photoclinometry: 0 where that is not known.
+    These are the lidar's variance, slope and bending, and the variance of the slope by
+    photoclinometry (0 where it is not known).
     """
 
     square: FloatArray
@@ -224,16 +223,16 @@ def _steps(comparisons: list[Comparison], errors: list[FloatArray], lag: int) ->
 
 
 def _centered(error: FloatArray) -> FloatArray:
-    """Known errors less their median."""
+    """Finite errors less their median."""
     known = error[np.isfinite(error)]
     return known - np.median(known) if known.size else known
 
 
 def _excess(square: FloatArray, noise: FloatArray) -> float:
-    """Variance that the squared differences show beyond the lidar's noise; at least 0.
+    """Variance of the differences in excess of the lidar's noise; at least 0.
 
-    The median of a squared normal deviate is 0.4549 of its variance; the median is taken, so
-    that boulders and stray returns do not speak for the ground.
+    The median of a squared normal deviate is 0.4549 of its variance; the median makes it robust
+    against boulders and outliers.
     """
     if not square.size:
         return 0.0
@@ -241,10 +240,10 @@ def _excess(square: FloatArray, noise: FloatArray) -> float:
 
 
 def _growth(steps: _Steps, gsd: float) -> tuple[float, float, float]:
-    """How much the step error grows with slope, with bending and with the lack of light.
+    """Growth of the step error with slope, with bending and with poor light.
 
-    Of groups of steps alike in all three the variance is their excess; a constant and what the
-    three add are fitted to it, none of them negative.
+    The excess variance of groups of steps similar in all three is fitted by a constant and three
+    non-negative coefficients.
     """
     some = slice(None, None, -(-len(steps.slope) // _MOST_STEPS) or 1)
     causes = np.stack([steps.slope, steps.bend, np.sqrt(steps.light)], axis=1)[some]
@@ -256,7 +255,7 @@ def _growth(steps: _Steps, gsd: float) -> tuple[float, float, float]:
     if len(rows) < _LEAST_GROUPS:
         return DEFAULT_INFORMATION.steep_sigma, DEFAULT_INFORMATION.bend_sigma, 0.0
     table = np.array(rows)
-    # A variance estimated from squares is known to a share of itself.
+    # The sigma of an estimated variance is proportional to the variance.
     table /= np.maximum(table[:, 4:], max(float(np.median(table[:, 4])), 1e-12))
     found, _ = nnls(table[:, :4], table[:, 4])
     steep, bend, light = np.sqrt(found[1:])
@@ -266,7 +265,7 @@ def _growth(steps: _Steps, gsd: float) -> tuple[float, float, float]:
 def _groups(causes: FloatArray) -> list[IntArray]:
     """Split N rows of `causes` (N, C) at the medians of one column after the other.
 
-    Until a group would hold fewer than :data:`_GROUP`; a column in which all are equal is skipped.
+    Stops before groups have fewer than :data:`_GROUP` rows; constant columns are skipped.
     """
     varied = [column for column in causes.T if np.ptp(column) > 0.0] if len(causes) else []
     groups: list[IntArray] = [np.arange(len(causes))]

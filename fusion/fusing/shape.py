@@ -1,4 +1,4 @@
-"""How much the shape model knows of ground of which SPC knows nothing, estimated from the lidar."""
+"""Errors of the shape model on ground without SPC heights, estimated from the lidar."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from fusion.fusing.variogram import correlated_cells, mean_square, walk_sigma
 from spcola.arrays import FloatArray
 
-# Fewer differences than this do not tell a spread.
+# Fewer differences than this do not determine a spread.
 _ENOUGH = 200
 # Largest lag of the variogram, cells.
 _REACH = 8
@@ -28,7 +28,7 @@ class ShapeInformation:
     height_sigma_m : float
         Root mean square error of a height, metres.
     correlated_cells : float
-        Number of neighbouring points whose errors are one error.
+        Number of neighbouring points over which errors are correlated.
     """
 
     step_sigma_m: float
@@ -37,15 +37,15 @@ class ShapeInformation:
 
 
 def estimate_shape(departures: Sequence[FloatArray]) -> ShapeInformation | None:
-    """Estimate them from what the lidar's heights depart from the shape's.
+    """Estimate the errors of the shape from lidar minus shape heights.
 
-    Boulders that the shape does not show are its errors, so that mean squares are taken and no
-    medians. The lidar's noise is left in: the safe side.
+    Boulders missing in the shape are errors, so mean squares are used rather than medians. The
+    lidar's noise is not subtracted, which is conservative.
 
     Parameters
     ----------
     departures : sequence of (2q+1, 2q+1) ndarrays
-        Lidar less shape, metres, on grids of one GSD; NaN where it is not to count.
+        Lidar minus shape, metres, on grids of one GSD; NaN where it is not used.
 
     Returns
     -------

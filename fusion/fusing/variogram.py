@@ -1,4 +1,4 @@
-"""How differences of a surface's errors grow with the distance between two points."""
+"""Variograms: how differences of a surface's errors grow with the distance of two points."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from spcola.arrays import FloatArray
 
 
 def ends(values: FloatArray, lag: int, axis: int) -> tuple[FloatArray, FloatArray]:
-    """Values `lag` cells ahead along `axis`, and the ones they are compared with."""
+    """Return the values `lag` cells ahead along `axis`, and those they are compared with."""
     ahead = np.take(values, range(lag, values.shape[axis]), axis=axis)
     behind = np.take(values, range(values.shape[axis] - lag), axis=axis)
     return ahead, behind
 
 
 def mean_square(layers: Sequence[FloatArray], reach: int) -> tuple[FloatArray, list[int]]:
-    """Return the mean squared difference over 1 … `reach` cells, and how many it is the mean of.
+    """Return the mean squared difference (L,) over 1 … `reach` cells, and the numbers of pairs.
 
-    Along both axes of `layers` (R, C), NaN where unknown; 0 where there are none.
+    Along both axes of `layers` (R, C), NaN where unknown; 0 where there are no pairs.
     """
     squares, counts = [], []
     for lag in range(1, reach + 1):
@@ -31,12 +31,12 @@ def mean_square(layers: Sequence[FloatArray], reach: int) -> tuple[FloatArray, l
 
 
 def walk_sigma(variogram: FloatArray) -> float:
-    """Sigma of a step, metres, with which the grid is nowhere more certain than the variogram.
+    """Smallest sigma of a step, metres, for which no difference is more certain than observed.
 
     On a square grid whose steps err independently with σ, the difference over L cells has the
     variance σ² R(L), R being the resistance between two nodes of a grid of unit resistors: 1/2 for
     neighbours, about (ln L + 1.617) / π beyond (Cserti 2000, Am. J. Phys. 68, 896). It grows far
-    less than along a line, because there are many ways around.
+    less than along a line, because there are many paths between two nodes.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def walk_sigma(variogram: FloatArray) -> float:
 
 
 def correlated_cells(variogram: FloatArray, height_sigma: float) -> float:
-    """Area, in cells, over which height errors hold together: π L², L where γ reaches 63 %."""
+    """Correlation area of height errors, cells: π L², where γ(L) reaches 63 % of the sill."""
     sill = 2.0 * height_sigma**2
     reached = np.nonzero(variogram >= 0.63 * sill)[0]
     length = float(reached[0] + 1) if reached.size else float(len(variogram))

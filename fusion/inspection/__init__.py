@@ -1,4 +1,4 @@
-"""What a file or a workspace holds, and what its stages will take."""
+"""Content of a file or a workspace, and time and memory that its stages will take."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""What a workspace holds, and what a file is: the facts behind ``spcola info``."""
+"""Content of a workspace or a file, for ``spcola info``."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _RESULTS = (MAPOLAS_HDF5, FUSED_HDF5, ADJUSTMENT_HDF5)
 
 
 def describe_workspace(workspace: Workspace) -> dict[str, Any]:
-    """Return what a workspace holds and which stages are due.
+    """Return the content of a workspace and which stages are due.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def describe_workspace(workspace: Workspace) -> dict[str, Any]:
 
 
 def _problems(workspace: Workspace) -> list[str]:
-    """Return what is wrong with scans and maplets: commands that use them refuse it."""
+    """Return what is wrong with scans and maplets, so that commands refuse them."""
     found = []
     for path in workspace.scan_paths():
         try:
@@ -90,18 +90,18 @@ def _problems(workspace: Workspace) -> list[str]:
 
 
 def describe_file(path: Path, *, faces_from: FacesFrom = 1) -> dict[str, Any]:
-    """Return what a file is: by its suffix one of SPC or of a workspace, else by its content.
+    """Return the type and content of a file, recognised by its suffix or by its content.
 
     Parameters
     ----------
     path : Path
     faces_from : {1, 0}
-        The number by which the faces of an OBJ name its first vertex.
+        Number of the first vertex in the faces of an OBJ.
 
     Raises
     ------
     FormatError
-        If it is none of them, with what it is instead, or does not hold what it promises.
+        If it is in no known format, with what it is instead, or is damaged.
     WorkspaceError
         If there is no such file.
     """
@@ -134,7 +134,7 @@ def _lidar_format(path: Path) -> str:
     Raises
     ------
     FormatError
-        If it is none; with what the file is, and which command takes it.
+        If it is none; with what the file is, and which command reads it.
     """
     try:
         return recognise(path)
@@ -147,7 +147,7 @@ def _lidar_format(path: Path) -> str:
 
 
 def _has_faces(path: Path) -> bool:
-    """Tell a mesh in PLY from a cloud of points."""
+    """Return whether a PLY has faces: a mesh, not a point cloud."""
     faces = parse_header(read_bytes(path, most=_HEAD), path).element("face")
     return faces is not None and faces.count > 0
 
@@ -155,7 +155,7 @@ def _has_faces(path: Path) -> bool:
 def _describe_kernel(path: Path) -> dict[str, Any] | None:
     """Describe a SPICE kernel; None if it is none.
 
-    Its first word says what it is; older text kernels lack it, and are known by their data blocks.
+    The first word gives its type; older text kernels lack it and are recognised by data blocks.
     """
     head = read_bytes(path, most=_HEAD)
     words = head[:80].decode("ascii", errors="replace").split()
@@ -184,7 +184,7 @@ def _describe_map(path: Path) -> dict[str, Any]:
 
 
 def maplet_facts(maplet: Maplet) -> dict[str, Any]:
-    """Return what is worth knowing of a maplet, in JSON types."""
+    """Return name, grid, place and range of heights of a maplet, in JSON types."""
     center = maplet.grid.center
     radius = float(np.linalg.norm(center))
     known = maplet.height[maplet.valid]
@@ -246,7 +246,7 @@ def _describe_shape(path: Path, faces_from: FacesFrom) -> dict[str, Any]:
     form = recognise_shape(path)
     shape = read_icq(path) if form == "icq" else None
     mesh = shape.mesh() if shape else read_shape(path, faces_from=faces_from)
-    # Programs write an ICQ as an OBJ too, all labels in their order.
+    # Some programs write an ICQ as an OBJ, with all labels in order.
     labels = shape or as_icq(mesh)
     return {
         "kind": f"shape ({form}, taken as km)",
@@ -261,7 +261,7 @@ def _describe_shape(path: Path, faces_from: FacesFrom) -> dict[str, Any]:
 
 
 def _icq_facts(shape: IcqShape) -> dict[str, Any]:
-    """Return Q of a shape in the order of an ICQ, and how its edges close."""
+    """Return Q of an ICQ shape, and the differences between labels of one vertex."""
     gaps = shape.gaps
     return {
         "icq_q": shape.q,
@@ -305,7 +305,7 @@ def _describe_lidar(path: Path, format: str) -> dict[str, Any]:
 
 
 def _las_facts(path: Path) -> dict[str, Any]:
-    """Return in what a LAS file gives its coordinates."""
+    """Return the coordinate system of a LAS file."""
     system = read_las_system(path)
     return {
         "coordinate_system": system.name or system.kind,

@@ -1,4 +1,4 @@
-"""What making mapolas will take: returns, disk, time and memory, before it begins."""
+"""Forecast of returns, disk, time and memory for making mapolas."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from fusion.workspace.settings import Settings
 from spcola.arrays import IntArray
 from spcola.grids import MapletGrid
 
-# Grids for each core that are made to see how long one takes.
+# Grids for each core that are made to time them.
 _SAMPLE = 2
-# Rounds in which scans are compared until they stand still, and how many times as long it takes to
-# compare scans on a grid as to make it. Measured on 57 million returns: 1.6.
+# Iterations of the comparison of scans until it converges, and its time on a grid relative to
+# making the grid. Measured on 57 million returns: 1.6.
 _ROUNDS = 2
 _COMPARING = 1.6
-# Bytes that one return takes while its grid is made. Measured: peaks over grids of 0.18, 1.2 and
+# Memory of one return while its grid is made, bytes. Measured: peaks over grids of 0.18, 1.2 and
 # 4.7 million returns were 258, 407 and 812 MB.
 BYTES_PER_RETURN = 150
 
 
 def mapolas_forecast(workspace: Workspace, settings: Settings) -> dict[str, Any]:
-    """Return what the mapolas of a workspace will take; empty where none can be made.
+    """Return the forecast for the mapolas of a workspace; empty if none can be made.
 
-    A few of them are made, and thrown away, to see how long one return takes here and now. Memory
-    is without what the system keeps of files that are read, and gives back when it is needed.
+    A few of them are made, and discarded, to time one return on this machine. Memory is without
+    the system's cache of files.
     """
     if STAGE.missing(workspace, settings):
         return {}
@@ -59,9 +59,9 @@ def mapolas_forecast(workspace: Workspace, settings: Settings) -> dict[str, Any]
 def _seconds_per_return(
     source: ReturnSource, grids: Sequence[MapletGrid], counts: IntArray, cores: int
 ) -> float:
-    """Time that one return takes on all cores together, by grids of a middling number of returns.
+    """Return the time per return on all cores together, measured on grids of median size.
 
-    Cores share memory, caches and perhaps other work: what one does alone says too little.
+    Cores share memory, caches and other work: the speed of one alone is no guide.
     """
     filled = np.flatnonzero(counts)
     if not len(filled):

@@ -1,4 +1,4 @@
-"""What a file is that is in none of the formats that are read: told from its first bytes."""
+"""Recognise files in formats that are not read, by their first bytes."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _MARK = b"\xef\xbb\xbf"
 
 
 def name_content(head: bytes) -> tuple[str, str]:
-    """Return what a file is, and what to do with it, told from its first bytes.
+    """Return what a file is, by its first bytes, and what to do with it.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What the import of a lidar file will take, by how long it takes here and now.
+"""Forecast of time and memory for the import of a lidar file, measured on this machine.
 
 Measured on files of 4 and 8 million returns, while other jobs shared the machine, against imports
 by one worker without the start of the program: OLA 7.2 s forecast, 8 to 9 s taken; LAS 8.5 and 8;
@@ -24,12 +24,12 @@ from lidar.scans import Scan
 from spcola.errors import SpcolaError
 
 BYTES_PER_RETURN = 525
-"""What one return of a chunk takes while it is read, screened, sorted and packed.
+"""Memory of one return of a chunk while it is read, screened, sorted and packed.
 
 Measured on OLA tables: peaks of one worker and of two were 0.35 and 0.46 GB at chunks of 200,000
 returns, 0.77 and 1.30 GB at a million, of which the program takes 0.25 GB.
 """
-# Returns that are packed to see how long one takes; fewer before that, while code is compiled.
+# Returns that are packed to time one; fewer before that, while code is compiled.
 _SAMPLE, _FIRST = 200_000, 1000
 
 
@@ -49,7 +49,7 @@ class ImportClock:
     _sample: Scan | None = field(default=None, init=False)
 
     def timed(self, chunks: Iterator[Scan]) -> Iterator[Scan]:
-        """Yield the chunks of a file; what is done with them between does not count."""
+        """Yield the chunks of a file; what the caller does with them is not timed."""
         while True:
             begun = self.now()
             scan = next(chunks, None)
@@ -62,10 +62,9 @@ class ImportClock:
             yield scan
 
     def forecast(self, path: Path) -> dict[str, Any]:
-        """Return what importing the file `path`, whose chunks were timed, takes one worker.
+        """Return the forecast for one worker of importing `path`, whose chunks were timed.
 
-        The program starts within seconds, which do not count. ``import_s`` is None where no sample
-        can be written.
+        Without the start of the program. ``import_s`` is None if no sample can be written.
         """
         chunk = min(self.returns, ImportSettings().chunk)
         taken = (PROGRAM_BYTES + chunk * BYTES_PER_RETURN) / 1e6
@@ -76,7 +75,7 @@ class ImportClock:
         return {"import_s": seconds, "import_memory_mb": taken}
 
     def _packing_s(self, size: int) -> float:
-        """Time to pack all returns and to digest the scan and its source of `size` bytes, s."""
+        """Return the time to pack all returns and to digest the scan and its source file, s."""
         if self._sample is None:
             return 0.0
         with tempfile.TemporaryDirectory() as folder:

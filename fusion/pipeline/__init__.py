@@ -1,4 +1,4 @@
-"""Stages run in their order, skipped where they are up to date."""
+"""Runs the stages in order and skips those that are up to date."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""What of a stage's results is not as the stage left it."""
+"""Results of a stage that were changed, removed or added since the stage wrote them."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from dataclasses import dataclass
 
 from fusion.estimation.verdict import Code, Finding, Severity
 
-# So many files are named; of the others only the number is.
+# So many files are named; the others are counted.
 _NAMED = 3
 
 
 @dataclass(frozen=True)
 class Changed:
-    """Files that are not as a stage left them, by their names in the catalogue.
+    """Files that changed since a stage wrote them, by their names in the catalogue.
 
     Attributes
     ----------
     stage : str
     differing, gone, foreign : tuple of str
-        With another content than the stage recorded; missing; there, but not in its record.
+        With another content than recorded; missing; present but not recorded.
     unrecorded : tuple of str
-        There, and the stage has no record that could tell whether they are as it left them.
+        Present, but the stage has no record to compare them with.
     """
 
     stage: str
@@ -35,12 +35,12 @@ class Changed:
 
     @property
     def is_contradicted(self) -> bool:
-        """Whether the record of the stage says otherwise."""
+        """Whether the files contradict the record of the stage."""
         return bool(self.differing or self.gone or self.foreign)
 
     @property
     def text(self) -> str:
-        """What is not as it was, in one clause."""
+        """What changed, in one clause."""
         parts = []
         if self.differing:
             verb = "has" if len(self.differing) == 1 else "have"
@@ -51,17 +51,16 @@ class Changed:
             verb = "is" if len(self.gone) == 1 else "are"
             parts.append(f"{_named(self.gone)}, which stage {self.stage} wrote, {verb} gone")
         if self.foreign:
-            verb = "stands" if len(self.foreign) == 1 else "stand"
+            verb = "is" if len(self.foreign) == 1 else "are"
             parts.append(f"{_named(self.foreign)} {verb} not in the record of stage {self.stage}")
         if self.unrecorded:
             parts.append(
-                f"no record of stage {self.stage} tells whether {_named(self.unrecorded)} "
-                f"{'is' if len(self.unrecorded) == 1 else 'are'} as it was left"
+                f"stage {self.stage} has no record, so {_named(self.unrecorded)} cannot be checked"
             )
         return " and ".join(parts)
 
     def finding(self, severity: Severity) -> Finding:
-        """Return this as a finding about whatever rests on these files."""
+        """Return a finding about results that depend on these files."""
         return Finding(Code.CHANGED_INPUT, severity, self.text)
 
 

@@ -1,4 +1,4 @@
-"""Whether what stages wrote is still as they left it, by the digests in their records."""
+"""Whether the files that stages wrote are unchanged, by the digests in their records."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ class Changes:
     catalog: Catalog
 
     def own(self, stage: Stage) -> Changed:
-        """Return what of the last results of `stage` is not as it left it."""
+        """Return which of the last results of `stage` changed since it ran."""
         record = self.catalog.record(stage.name)
         return Changed(stage.name) if record is None else self._of_record(record)
 
     def before(self, stage: Stage, inputs: Collection[str]) -> list[Changed]:
-        """Return what is not as the stages left it on whose results `stage` rests.
+        """Return which results changed of the stages on which `stage` depends.
 
         Parameters
         ----------
         stage : Stage
         inputs : collection of str
-            The files that it reads, by their names in the catalogue.
+            Names in the catalogue of the files that it reads.
         """
         owned = dict(self._owners(stage, inputs))
         found = []
@@ -79,14 +79,14 @@ class Changes:
         return Changed(record.stage, tuple(differing), gone)
 
     def _owners(self, stage: Stage, inputs: Iterable[str]) -> Iterator[tuple[str, Stage]]:
-        """Yield the inputs that lie where another stage alone writes, and that stage."""
+        """Yield the inputs in places where only another stage writes, and that stage."""
         for name in inputs:
             for other in self.stages:
                 if other is not stage and name.partition("/")[0] in other.places:
                     yield name, other
 
     def _upstream(self, stage: Stage, named: Collection[str]) -> list[Stage]:
-        """Return the stages `named` and those that `stage` needs, each with what it needs."""
+        """Return the stages `named`, those that `stage` needs, and what these need."""
         wanted, waiting = set[str](), [*stage.needs, *named]
         known = {one.name: one for one in self.stages}
         while waiting:

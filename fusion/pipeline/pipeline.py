@@ -1,4 +1,4 @@
-"""The pipeline: runs the stages whose inputs, settings or version changed, and only those."""
+"""The pipeline runs the stages whose inputs, settings or version changed, and only those."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from fusion.pipeline.stage import (
 )
 from fusion.runtime import Executor, Progress, ThreadExecutor, plain
 from fusion.runtime.machine import one_blas_thread
-from fusion.runtime.processes import clear_leftovers, heed_interrupts, locked, remove_folder
+from fusion.runtime.processes import check_interrupts, clear_leftovers, locked, remove_folder
 from fusion.workspace import OWN_FOLDERS, Workspace, make_folder
 from fusion.workspace.settings import Settings
 from spcola.errors import SpcolaError, WorkspaceError
@@ -44,7 +44,7 @@ LOCK_FILE = ".lock"
 
 @dataclass(frozen=True)
 class StageRun:
-    """What became of one stage.
+    """Outcome of one stage.
 
     Parameters
     ----------
@@ -53,13 +53,13 @@ class StageRun:
     seconds : float
         Time that it took.
     summary : mapping
-        Of this run, or of the last one where the stage is up to date.
+        Summary of this run, or of the last one if the stage is up to date.
     reason : str
         Why it cannot run.
     obstacle : str
         Why its result may not be used, by its verdict; empty if it may.
     notes : tuple of str
-        What was found changed or damaged, and what was done about it.
+        Files that were changed or damaged, and what was done about them.
     """
 
     stage: str
@@ -80,9 +80,9 @@ class Pipeline:
     workspace : Workspace
     settings : Settings
     stages : sequence of Stage
-        In the order of the data's walk.
+        In the order in which data pass through them.
     executor, progress
-        Where work is done and told.
+        Where work is done, and where its progress is reported.
     """
 
     workspace: Workspace
@@ -93,18 +93,18 @@ class Pipeline:
 
     @one_blas_thread()
     def run(self, *, force: bool = False) -> list[StageRun]:
-        """Bring every stage up to date; one that lacks its inputs is passed over with a reason.
+        """Bring every stage up to date; one without its inputs is skipped with a reason.
 
         Raises
         ------
         WorkspaceError
             If no stage can run.
         SpcolaError
-            If a stage fails; what earlier stages made stays.
+            If a stage fails; results of earlier stages are kept.
         """
         with opened(self.workspace) as catalog:
             fit = self._without_unsound(catalog)
-            runs = [fit._bring_up(stage, catalog, force) for stage in self.stages]
+            runs = [fit._update(stage, catalog, force) for stage in self.stages]
         if all(run.state == "cannot run" for run in runs):
             reason = runs[0].reason if runs else "there is no stage"
             raise WorkspaceError(f"nothing can run: {reason}", self.workspace.root)
@@ -124,28 +124,26 @@ class Pipeline:
         stage = next((stage for stage in self.stages if stage.name == name), None)
         if stage is None:
             names = ", ".join(stage.name for stage in self.stages)
-            raise WorkspaceError(
-                f"no stage is called {name!r}", self.workspace.root, f"use {names}"
-            )
+            raise WorkspaceError(f"there is no stage {name!r}", self.workspace.root, f"use {names}")
         with opened(self.workspace) as catalog:
             for earlier in self.stages[: self.stages.index(stage)]:
                 if self._is_stale(earlier, catalog):
                     self.progress.note(
                         f"note: {earlier.name} is out of date; spcola run brings all up to date"
                     )
-            run = self._without_unsound(catalog)._bring_up(stage, catalog, force)
+            run = self._without_unsound(catalog)._update(stage, catalog, force)
         if run.state == "cannot run":
             raise WorkspaceError(f"{name} cannot run: {run.reason}", self.workspace.root)
         return run
 
     def states(self) -> dict[str, str]:
         """Return for each stage "up to date", "due", or "cannot run: …"."""
-        # Without the lock: one may look at a workspace while another program works in it.
-        with closing(Catalog(self.workspace, looking=True)) as catalog:
+        # Without the lock: a workspace can be read while another program works in it.
+        with closing(Catalog(self.workspace, read_only=True)) as catalog:
             return {stage.name: self._state(stage, catalog) for stage in self.stages}
 
     def _state(self, stage: Stage, catalog: Catalog) -> str:
-        """Return how `stage` stands; see :meth:`states`."""
+        """Return the state of `stage`; see :meth:`states`."""
         try:
             missing = stage.missing(self.workspace, self.settings)
             missing = missing or self._obstacle(stage, catalog)
@@ -158,13 +156,13 @@ class Pipeline:
             return f"cannot run: {error}"
         return f"due: {changed.text}" if changed else "due"
 
-    def _bring_up(self, stage: Stage, catalog: Catalog, force: bool) -> StageRun:
+    def _update(self, stage: Stage, catalog: Catalog, force: bool) -> StageRun:
         """Run `stage` unless it is up to date or lacks its inputs."""
-        heed_interrupts()
+        check_interrupts()
         changes = Changes(self.stages, catalog)
         missing = stage.missing(self.workspace, self.settings)
         if missing:
-            return self._cannot(stage, missing, changes)
+            return self._without_inputs(stage, missing, changes)
         if found := self._obstacle(stage, catalog):
             return StageRun(stage.name, "cannot run", reason=found)
         begun = time.monotonic()
@@ -175,16 +173,16 @@ class Pipeline:
         if against and Code.CHANGED_INPUT not in self.settings.accept.codes:
             return _not_made(stage, self._advice(against[0]))
         if not force and (record := self._current(stage, catalog, key)):
-            # What a killed run with other settings had finished helps nobody any more.
+            # Parts that a killed run with other settings had finished are of no use.
             remove_folder(whole / stage.name)
             run = StageRun(stage.name, "up to date", summary=record.summary)
-            return self._became(run, self._tell(catalog, ()))
+            return self._judged(run, self._report(catalog, ()))
         bad = self._unsound(key.inputs, catalog)
         if bad and Code.UNSOUND_MAPLET not in self.settings.accept.codes:
             return _not_made(stage, _sound_advice(bad))
         own = changes.own(stage)
         noted = _notes(stage, own, changes.used_before(stage, key.inputs))
-        notes = self._tell(catalog, [*(changed.text for changed in before), *noted])
+        notes = self._report(catalog, [*(changed.text for changed in before), *noted])
         scratch = whole / stage.name / key.digest[:16]
         self._clear_scratch(scratch)
         make_folder(scratch)
@@ -210,10 +208,10 @@ class Pipeline:
         remove_folder(scratch.parent)
         took = time.monotonic() - begun
         run = StageRun(stage.name, "ran", took, plain(result.summary))
-        return self._became(run, (*notes, *self._tell(catalog, result.notes)))
+        return self._judged(run, (*notes, *self._report(catalog, result.notes)))
 
     def _note_shape(self, inputs: Mapping[str, str]) -> None:
-        """Say what has to be decided of a shape that a stage uses."""
+        """Print the remark on an ICQ shape whose edges do not close, if the stage reads it."""
         if not self.workspace.has_shape():
             return
         path = self.workspace.shape_path()
@@ -223,22 +221,22 @@ class Pipeline:
             self.progress.note(f"note: {path}: {remark} ([body] icq_edges)")
 
     def _without_unsound(self, catalog: Catalog) -> Pipeline:
-        """Return the pipeline over a workspace without its unsound maplets, if that is accepted."""
+        """Return the pipeline without unsound maplets in its workspace, if that is accepted."""
         if Code.UNSOUND_MAPLET not in self.settings.accept.codes:
             return self
         names = frozenset(one.name for one in unsound(self.workspace, catalog))
         return replace(self, workspace=replace(self.workspace, left_out=names))
 
     def _unsound(self, inputs: Mapping[str, str], catalog: Catalog) -> tuple[Unsound, ...]:
-        """Return the unsound maplets, for a stage that reads maplets; those left out too."""
+        """Return the unsound maplets if the stage reads maplets, including those left out."""
         if not unsound_matters(inputs):
             return ()
         return unsound(replace(self.workspace, left_out=frozenset()), catalog)
 
-    def _cannot(self, stage: Stage, missing: str, changes: Changes) -> StageRun:
-        """Return that a stage lacks its inputs; its earlier results that are gone are no results.
+    def _without_inputs(self, stage: Stage, missing: str, changes: Changes) -> StageRun:
+        """Return the outcome of a stage without its inputs.
 
-        Else what rests on them would be taken as up to date.
+        If its earlier results are gone, stages that depend on them must not pass as up to date.
         """
         gone = changes.own(stage).gone
         if not gone or Code.CHANGED_INPUT in self.settings.accept.codes:
@@ -256,21 +254,21 @@ class Pipeline:
             again = f"run: spcola run {self.workspace.root}"
         return f"{changed.text}; {again}, or --accept {Code.CHANGED_INPUT}"
 
-    def _tell(self, catalog: Catalog, notes: Sequence[str]) -> tuple[str, ...]:
+    def _report(self, catalog: Catalog, notes: Sequence[str]) -> tuple[str, ...]:
         """Print notes, and those of the catalogue; return them."""
-        told = (*catalog.notes, *notes)
+        reported = (*catalog.notes, *notes)
         catalog.notes.clear()
-        for note in told:
+        for note in reported:
             self.progress.note(f"note: {note}")
-        return told
+        return reported
 
-    def _became(self, run: StageRun, notes: tuple[str, ...]) -> StageRun:
-        """Add to what became of a stage why its result may not be used, and what was noted."""
+    def _judged(self, run: StageRun, notes: tuple[str, ...]) -> StageRun:
+        """Add to the outcome of a stage why its result may not be used, and the notes."""
         verdict = Verdict.from_json(run.summary)
         return replace(run, obstacle=verdict.obstacle(self.settings.accept.codes), notes=notes)
 
     def _obstacle(self, stage: Stage, catalog: Catalog) -> str:
-        """Return which result that `stage` rests on may not be used, and why; empty if all may."""
+        """Return which result that `stage` needs may not be used, and why; empty if all may."""
         for needed in (one for one in self.stages if one.name in stage.needs):
             record = catalog.record(needed.name)
             verdict = Verdict() if record is None else Verdict.from_json(record.summary)
@@ -282,12 +280,12 @@ class Pipeline:
         return ""
 
     def _keep(self, stage: Stage, catalog: Catalog, key: _Key, result: StageResult) -> None:
-        """Record what `stage` made, and remove what its last run made and this one did not."""
+        """Record the outputs of `stage`, and remove those of its last run that this one lacks."""
         before = catalog.record(stage.name)
         outputs = catalog.digests(list(result.outputs))
         for path, digest in ({} if before is None else before.outputs).items():
             file = self.workspace.root / path
-            # A file that was changed by hand since is not ours to remove.
+            # A file that was changed since by hand is not removed.
             if path not in outputs and file.is_file() and catalog.digest(file) == digest:
                 file.unlink()
         finished = datetime.now(UTC).isoformat(timespec="seconds")
@@ -305,7 +303,7 @@ class Pipeline:
         )
 
     def _key(self, stage: Stage, catalog: Catalog) -> _Key:
-        """Digest what the result of `stage` depends on."""
+        """Return the key of `stage`: a digest of all that its result depends on."""
         inputs = catalog.digests(stage.inputs(self.workspace, self.settings))
         tables = {
             kind.__name__: find_table(self.settings, kind).model_dump(mode="json")
@@ -316,7 +314,7 @@ class Pipeline:
         return _Key(content_digest(content), version, tables, inputs)
 
     def _current(self, stage: Stage, catalog: Catalog, key: _Key) -> StageRecord | None:
-        """Return the record of the last run if it still holds: same key, outputs untouched."""
+        """Return the record of the last run if it is current: same key, outputs unchanged."""
         record = catalog.record(stage.name)
         if record is None or record.key != key.digest:
             return None
@@ -326,14 +324,14 @@ class Pipeline:
         return record if catalog.digests_of(files) == list(record.outputs.values()) else None
 
     def _is_stale(self, stage: Stage, catalog: Catalog) -> bool:
-        """Tell whether `stage` ran before but what it depends on has changed since."""
+        """Return whether `stage` ran before but its inputs, settings or version changed since."""
         if catalog.record(stage.name) is None or stage.missing(self.workspace, self.settings):
             return False
         return self._current(stage, catalog, self._key(stage, catalog)) is None
 
     @staticmethod
     def _clear_scratch(scratch: Path) -> None:
-        """Remove what runs of the stage with other inputs or settings left behind."""
+        """Remove finished parts of runs of the stage with other inputs or settings."""
         if scratch.parent.is_dir():
             for left in scratch.parent.iterdir():
                 if left != scratch:
@@ -341,12 +339,12 @@ class Pipeline:
 
 
 def _not_made(stage: Stage, reason: str) -> StageRun:
-    """Return that a stage must not run, which is no result to go on with."""
+    """Return the outcome of a stage that must not run, so that no other may use its result."""
     return StageRun(stage.name, "cannot run", reason=reason, obstacle=f"not made: {reason}")
 
 
 def unsound_matters(inputs: Collection[str]) -> bool:
-    """Tell whether a stage with these inputs reads maplets."""
+    """Return whether a stage with these inputs reads maplets."""
     return any(name.startswith("MAPFILES/") for name in inputs)
 
 
@@ -361,7 +359,7 @@ def _sound_advice(unsound: Sequence[Unsound]) -> str:
 
 
 def _notes(stage: Stage, own: Changed, used: Sequence[str]) -> list[str]:
-    """What people are told before `stage` runs: its results or inputs are not what they were."""
+    """Return notes to print before `stage` runs: its results or inputs changed."""
     notes = [changed_since(used, stage.name)] if used else []
     return [*notes, f"{own.text}: the stage runs again"] if own else notes
 
@@ -384,12 +382,12 @@ class _Key:
 
 @contextmanager
 def opened(workspace: Workspace) -> Iterator[Catalog]:
-    """Open the catalogue of a workspace, and keep other programs out of the workspace meanwhile.
+    """Open the catalogue of a workspace, and lock the workspace meanwhile.
 
     Raises
     ------
     WorkspaceError
-        If another program is at work in it, or it cannot be written.
+        If another program works in it, or it cannot be written.
     """
     own = [workspace.root, *(workspace.root / name for name in (*OWN_FOLDERS, RECORD_FOLDER))]
     with locked(workspace.root / LOCK_FILE):

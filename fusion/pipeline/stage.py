@@ -1,4 +1,4 @@
-"""What a stage is: declared inputs, declared settings, and a run that names what it made."""
+"""Interface of a stage: declared inputs and settings, and a run that returns its outputs."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ AnyTable = TypeVar("AnyTable", bound=Table)
 
 @dataclass(frozen=True)
 class StageResult:
-    """What a stage made.
+    """Outputs of a stage.
 
     Parameters
     ----------
     outputs : iterable of Path
-        Every file that it wrote (or found finished); their digests go into the catalogue, and
-        what an earlier run of the stage made and this one did not is removed.
+        Every file that it wrote (or found finished). Their digests go into the catalogue; outputs
+        of the last run that are not among them are removed.
     summary : mapping
-        What the command prints, and with ``--json`` returns; JSON types, NaN allowed.
+        What the command prints, also with ``--json``; JSON types, NaN allowed.
     notes : tuple of str
-        What people should know of this run, and of no later one.
+        Messages about this run only.
     """
 
     outputs: tuple[Path, ...]
@@ -40,7 +40,7 @@ class StageResult:
 
 @dataclass(frozen=True)
 class StageContext:
-    """What a stage is given to run with.
+    """Inputs, settings and tools with which a stage runs.
 
     Parameters
     ----------
@@ -52,16 +52,16 @@ class StageContext:
     executor : Executor
         Where work over items is done.
     progress : Progress
-        Where it is told.
+        Where its progress is reported.
     inputs : mapping of str to str
         The digest of each input, by its name in the catalogue (``workspace.relative(path)``).
     key : str
-        Digest of inputs, settings and version: what artefacts carry.
+        Digest of inputs, settings and version, written into artefacts.
     scratch : Path
-        A folder of this run's own. It survives an interruption as long as `key` stays the same,
-        so that finished parts can be picked up, and is removed when the stage is done.
+        A folder of this run. It survives an interruption as long as `key` is unchanged, so that
+        finished parts can be used again, and is removed when the stage is done.
     own : Changed, optional
-        What of its last results is not as it left it.
+        Which of its last results changed since.
     """
 
     workspace: Workspace
@@ -80,7 +80,7 @@ class StageContext:
         Raises
         ------
         SettingsError
-            If the stage did not declare it: a change of it would go unnoticed.
+            If the stage did not declare it, so that a change of it would go unnoticed.
         """
         if kind not in self.tables:
             raise SettingsError(f"the stage does not declare {kind.__name__}", "stage")
@@ -112,15 +112,15 @@ class StageContext:
         return list(self.stream(title, function, items, total=len(items)))
 
     def write_json(self, name: str, content: Mapping[str, Any]) -> Path:
-        """Write a JSON artefact of the stage; it carries `key`."""
+        """Write a JSON artefact of the stage, with `key` in it."""
         return self.workspace.write_json(name, {**content, "made_by": self.key})
 
 
 class Stage(Protocol):
-    """One arrow of the data's walk.
+    """One step of the processing.
 
-    A module of ``fusion.stages`` offers one as ``STAGE``. The pipeline hashes inputs, the
-    declared tables and the version: where the hash and the outputs are those of the last run, the
+    A module ``fusion.stages.NAME`` defines one as ``STAGE``. The pipeline hashes inputs, the
+    declared tables and the version: if the hash and the outputs are those of the last run, the
     stage is up to date and is skipped.
     """
 
@@ -131,17 +131,17 @@ class Stage(Protocol):
 
     @property
     def version(self) -> int:
-        """Raised whenever the same inputs and settings would give other results than before."""
+        """Version, increased whenever the same inputs and settings would give other results."""
         ...
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """Names of the stages whose results it uses, and which therefore must be fit for use."""
+        """Names of the stages whose results it uses, so that they must be accepted."""
         ...
 
     @property
     def places(self) -> tuple[str, ...]:
-        """Folders and files of the workspace into which nobody else writes."""
+        """Folders and files of the workspace that only this stage writes."""
         ...
 
     @property
@@ -150,7 +150,7 @@ class Stage(Protocol):
         ...
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
-        """Return why the stage cannot run (one clause that says what to do), or ``""``."""
+        """Return why the stage cannot run (one clause with what to do), or ``""``."""
         ...
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:

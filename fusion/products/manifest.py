@@ -1,4 +1,4 @@
-"""Where products come from, and the manifest of a release that says so."""
+"""Provenance of products, and the manifest of a release."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FORMAT = "spcola release 1"
 
 
 def versions() -> dict[str, str]:
-    """Versions of what computed: spcola, numpy, scipy, Python."""
+    """Return the versions of spcola, numpy, scipy and Python."""
     return {
         "spcola": spcola.__version__,
         "numpy": np.__version__,
@@ -33,7 +33,7 @@ def versions() -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Provenance:
-    """What one product was made from; it stands inside the product itself too.
+    """What one product was made from; also written into the product.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Provenance:
     settings : mapping
         Tables of settings that the product depends on, JSON types.
     versions : mapping of str to str
-        Of the program and what it computes with.
+        Versions of the program and its numerical libraries.
     """
 
     body: str
@@ -58,7 +58,7 @@ class Provenance:
         return hashlib.sha256(_line(self.settings).encode()).hexdigest()
 
     def text(self) -> str:
-        """Return all of it as one line of ASCII JSON, the same for the same content."""
+        """Return one line of ASCII JSON, the same for the same content."""
         return _line({**asdict(self), "settings_digest": self.settings_digest})
 
 
@@ -73,7 +73,7 @@ class Product:
     kind : str
         ``map``, ``sigma``, ``fits``, ``geotiff``, ``obj``, ``ply``, ``layers``.
     maplet : str
-        Name of the maplet or bigmap; empty for a file that holds all.
+        Name of the maplet or bigmap; empty for a file of all of them.
     sha256 : str
     bytes : int
     made_from : mapping of str to str
@@ -91,7 +91,7 @@ class Product:
 def describe_product(
     path: Path, *, kind: str, maplet: str, made_from: Mapping[str, str]
 ) -> Product:
-    """Take size and digest of a finished product."""
+    """Return the entry of a finished product, with its size and digest."""
     try:
         with path.open("rb") as stream:
             digest = hashlib.file_digest(stream, "sha256").hexdigest()
@@ -103,7 +103,7 @@ def describe_product(
 def manifest_text(
     products: Sequence[Product], provenance: Provenance, stages: Sequence[Mapping[str, Any]] = ()
 ) -> str:
-    """Return the manifest of a release as JSON; it holds no time, so that equal runs are equal.
+    """Return the manifest of a release as JSON, without times, so that equal runs give equal files.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def check_release(folder: str | Path) -> int:
     Raises
     ------
     FormatError
-        Naming the first product that is missing or differs.
+        With the first product that is missing or differs.
     """
     entries = read_manifest(folder)["products"]
     for number, entry in enumerate(entries, start=1):
@@ -177,5 +177,5 @@ def check_release(folder: str | Path) -> int:
 
 
 def _line(content: Mapping[str, Any]) -> str:
-    """Canonical JSON on one line."""
+    """Return canonical JSON on one line."""
     return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)

@@ -17,7 +17,7 @@ SOURCES: Mapping[str, str] = {"SPC": "spc", "OLA": "alt", "SPO": "spo", "SFM": "
 
 
 def lon_lat_deg(points: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Planetocentric east longitude (0 … 360) and latitude of points (…, 3), degrees.
+    """Return planetocentric east longitude (0 … 360) and latitude of points (…, 3), degrees.
 
     NaN points have NaN directions; the longitude of a pole is 0.
     """
@@ -30,7 +30,7 @@ def lon_lat_deg(points: ArrayLike) -> tuple[FloatArray, FloatArray]:
 def product_stem(
     grid: MapletGrid, *, version: int, source: str = "SPO", product: str = "dtm"
 ) -> str:
-    """Name a local product: ``l_{GSD}mm_{src}_{product}_{lat}{n|s}{lon}_v{NNN}``.
+    """Return the name of a local product: ``l_{GSD}mm_{src}_{product}_{lat}{n|s}{lon}_v{NNN}``.
 
     The GSD is in whole millimetres (five digits or more), latitude and longitude of V are in
     hundredths of a degree, so ``5595n04217`` is 55.95° N 42.17° E.
@@ -38,8 +38,8 @@ def product_stem(
     Raises
     ------
     InvalidValueError
-        If the source or the version is none, or the product is not of lower-case letters and
-        digits.
+        If the source or the version is invalid, or the product has other characters than
+        lower-case letters and digits.
     """
     if source not in SOURCES:
         raise InvalidValueError(f"is none of {', '.join(SOURCES)}", f"source {source}")
@@ -58,10 +58,10 @@ def product_stem(
 def product_stems(
     grids: Sequence[MapletGrid], *, version: int, source: str = "SPO", product: str = "dtm"
 ) -> list[str]:
-    """Name several products so that no two have one name.
+    """Return names of several products, no two of them equal.
 
-    Where centres agree to 0.01° and GSDs to 1 mm, the second is called ``dtm2`` and so on, in
-    the order given.
+    If centres agree to 0.01° and GSDs to 1 mm, the second is called ``dtm2`` and so on, in the
+    given order.
     """
     seen: dict[str, int] = {}
     stems = []

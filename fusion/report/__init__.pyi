@@ -1,7 +1,9 @@
 from .gather import PLANTED_FILE as PLANTED_FILE
 from .gather import gather_report as gather_report
+from .gather import places_of as places_of
 from .page import make_report as make_report
 from .recovered import Recovered as Recovered
+from .recovered import SurfaceErrors as SurfaceErrors
 from .style import INK as INK
 from .style import MUTED as MUTED
 from .style import drawing as drawing

@@ -1,4 +1,4 @@
-"""What the report shows; every part may be missing, and is then said to be missing."""
+"""Content of the report; every part may be missing, which the report then states."""
 
 from __future__ import annotations
 
@@ -8,13 +8,18 @@ from typing import Any
 
 from fusion.estimation.verdict import Verdict
 from fusion.fusing.maplets import FusedMaplet
-from fusion.report.recovered import Recovered
-from spcola.arrays import FloatArray, check_shape, frozen
+from fusion.report.recovered import Recovered, SurfaceErrors
+from spcola.arrays import (
+    AnyArray,
+    FloatArray,
+    check_shape,
+    frozen,
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """One place as images, lidar and both see it, on the grid of the fused maplet.
+    """Heights of SPC, lidar and both fused at one place, on the grid of the fused maplet.
 
     Parameters
     ----------
@@ -40,7 +45,7 @@ class Surfaces:
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """Where maplets lie and how much of each the lidar covers.
+    """Places of maplets, and the share of each that the lidar covers.
 
     Parameters
     ----------
@@ -59,8 +64,28 @@ class Coverage:
 
 
 @dataclass(frozen=True, eq=False)
+class Origins:
+    """What the fused heights rest on, all over the body.
+
+    Parameters
+    ----------
+    directions : (N, 3) ndarray
+        Of points of fused maplets, body-fixed; of any length.
+    source : (N,) integer ndarray
+        One :class:`fusion.fusing.maplets.Source` for each point.
+    """
+
+    directions: FloatArray
+    source: AnyArray
+
+    def __post_init__(self) -> None:
+        check_shape(self.directions, (None, 3), "directions")
+        check_shape(self.source, (len(self.directions),), "source")
+
+
+@dataclass(frozen=True, eq=False)
 class ReportData:
-    """All that a report is made of.
+    """All content of a report.
 
     Parameters
     ----------
@@ -70,12 +95,15 @@ class ReportData:
     registration, scale : mapping, optional
         Contents of ``registration.json`` and ``scale.json``.
     planted : tuple of Recovered
-        In the demo: what was planted, and what was found of it.
+        In the demo: planted and recovered parameters.
     versions : mapping of str to str
     verdicts : mapping of str to Verdict
-        By stage, in the order of the data's walk.
+        By stage, in the order of the processing.
     accepted : tuple of str
-        Codes of findings that somebody accepted.
+        Codes of findings that the user accepted.
+    origins : Origins, optional
+    errors : tuple of SurfaceErrors
+        In the demo: how far each surface is from the true one.
     """
 
     body: str = "body"
@@ -87,3 +115,5 @@ class ReportData:
     versions: Mapping[str, str] | None = None
     verdicts: Mapping[str, Verdict] = field(default_factory=dict)
     accepted: tuple[str, ...] = ()
+    origins: Origins | None = None
+    errors: tuple[SurfaceErrors, ...] = ()

@@ -1,10 +1,11 @@
-"""Gathers what the report shows from a workspace."""
+"""Gather the content of the report from a workspace."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -13,53 +14,67 @@ from fusion.fusing.maplets import FUSED_HDF5, FusedMaplet, fused_names, read_fus
 from fusion.pipeline.catalog import read_records
 from fusion.products import versions
 from fusion.registration.results import transform_of
-from fusion.report.data import Coverage, ReportData, Surfaces
-from fusion.report.recovered import Recovered
+from fusion.report.data import (
+    Coverage,
+    Origins,
+    ReportData,
+    Surfaces,
+)
+from fusion.report.recovered import Recovered, SurfaceErrors
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError
 from spcola.grids import project_maplet
 from spcola.math import Affine
 
-PLANTED_FILE = "planted.json"
-"""Where a demo tells the report what it planted: a list under ``planted``, each entry with the
-keys of :class:`~fusion.truth.recovery.Recovered`, null for NaN."""
+Row = TypeVar("Row", Recovered, SurfaceErrors)
 
-# Stages whose results are judged, in the order of the data's walk.
+PLANTED_FILE = "planted.json"
+"""File in which a demo writes what it planted: a list under ``planted``, each entry with the
+keys of :class:`~fusion.report.Recovered`, and one under ``errors`` with those of
+:class:`~fusion.report.SurfaceErrors`; null for NaN."""
+
+# Stages whose results are judged, in the order of the processing.
 _JUDGED = ("register", "fuse", "scale")
-# Choosing the places to show looks at this many maplets at most, evenly taken from all.
+# Places to show, and the points of the map of sources, come from this many maplets at most, evenly
+# taken from all; from that many points at most.
 _LOOKED_AT = 200
+_MOST_POINTS = 400_000
 
 
 def gather_report(workspace: Workspace, *, body: str, accepted: Sequence[str] = ()) -> ReportData:
-    """Read what is there; what is not is left out, and so is what rests on a refused registration.
+    """Read what exists; what depends on a refused registration is left out.
 
     Parameters
     ----------
     workspace : Workspace
     body : str
-        Its name.
+        Name of the body.
     accepted : sequence of str
-        Codes of findings that somebody accepted.
+        Codes of findings that the user accepted.
 
     Raises
     ------
     SpcolaError
-        If a file that is there cannot be used.
+        If an existing file cannot be used.
     """
     registration = _optional_json(workspace, workspace.registration_path)
     scale = _optional_json(workspace, workspace.scale_path)
     refused = registration is not None and registration.get("verdict") == "refused"
+    surfaces, origins = ((), None) if refused else _places(workspace)
+    known = _optional_json(workspace, workspace.root / PLANTED_FILE) or {}
     return ReportData(
         body=body,
-        surfaces=() if refused else _places(workspace, registration),
+        surfaces=surfaces,
         coverage=_coverage(workspace),
         registration=registration,
         scale=scale,
-        planted=_planted(workspace),
+        planted=_rows(known, "planted", Recovered),
         versions=versions(),
         verdicts=_verdicts(workspace),
         accepted=tuple(accepted),
+        origins=origins,
+        errors=_rows(known, "errors", SurfaceErrors),
     )
 
 
@@ -71,21 +86,29 @@ def _verdicts(workspace: Workspace) -> dict[str, Verdict]:
 
 
 def choose_places(surfaces: list[Surfaces]) -> list[Surfaces]:
-    """Choose, each once: the largest lidar coverage, the most shadow, the largest difference.
+    """Choose, each once, where one sees most of what each surface lacks.
 
-    Shadow is where SPC has no height (or only a filled one) and the lidar has.
+    Where the lidar holds a part and SPC alone the rest; where most is in shadow; the largest
+    difference; the largest lidar coverage. Shadow is where SPC has no height (or only a filled
+    one) and the lidar has.
     """
     chosen: list[Surfaces] = []
     for why, worth in (
-        ("largest lidar coverage", _covered),
+        ("a gap of the lidar, which only images see", _at_a_gap),
         ("most that only lidar sees", _only_lidar),
         ("largest difference of fused and SPC heights", _difference),
+        ("largest lidar coverage", _covered),
     ):
         best = max(surfaces, key=worth, default=None)
         if best is None or worth(best) <= 0 or best.fused.name in {c.fused.name for c in chosen}:
             continue
         chosen.append(Surfaces(best.fused, best.spc, best.lidar, why))
     return chosen
+
+
+def _at_a_gap(place: Surfaces) -> float:
+    only_images = np.isfinite(place.spc) & ~np.isfinite(place.lidar)
+    return min(float(np.mean(only_images)), _covered(place))
 
 
 def _covered(place: Surfaces) -> float:
@@ -102,19 +125,44 @@ def _difference(place: Surfaces) -> float:
     return float(np.sqrt(np.mean(known**2))) if known.size else 0.0
 
 
-def _places(workspace: Workspace, registration: dict[str, Any] | None) -> tuple[Surfaces, ...]:
-    """Read candidates one after another and keep the best for each reason."""
+def places_of(workspace: Workspace, *, most: int | None = None) -> Iterator[Surfaces]:
+    """Yield three surfaces on one grid for all fused maplets, or for `most` evenly taken.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    most : int, optional
+
+    Raises
+    ------
+    SpcolaError
+        If a file that is there cannot be used.
+    """
     folder = workspace.root / "fused"
     if not (folder / FUSED_HDF5).is_file():
-        return ()
-    names = fused_names(folder)
+        return
+    registration = _optional_json(workspace, workspace.registration_path)
     where = str(workspace.registration_path)
     transform = None if registration is None else transform_of(registration, where)
+    names = fused_names(folder)
+    step = 1 if most is None else max(1, len(names) // most)
+    for name in names[::step]:
+        yield _surfaces(workspace, read_fused(folder, name), transform)
+
+
+def _places(workspace: Workspace) -> tuple[tuple[Surfaces, ...], Origins | None]:
+    """Read candidates one after another; keep the best for each reason, and what all rest on."""
     kept: list[Surfaces] = []
-    for name in names[:: max(1, len(names) // _LOOKED_AT)]:
-        # Only the best so far stay in memory.
-        kept = choose_places([*kept, _surfaces(workspace, read_fused(folder, name), transform)])
-    return tuple(kept)
+    directions, sources = [], []
+    for place in places_of(workspace, most=_LOOKED_AT):
+        # Only the best so far are kept in memory.
+        kept = choose_places([*kept, place])
+        directions.append(place.fused.points()[place.fused.valid])
+        sources.append(place.fused.source[place.fused.valid])
+    if not directions:
+        return (), None
+    step = -(-sum(map(len, sources)) // _MOST_POINTS) or 1
+    return tuple(kept), Origins(np.concatenate(directions)[::step], np.concatenate(sources)[::step])
 
 
 def _surfaces(workspace: Workspace, fused: FusedMaplet, transform: Affine | None) -> Surfaces:
@@ -129,7 +177,7 @@ def _surfaces(workspace: Workspace, fused: FusedMaplet, transform: Affine | None
 
 
 def _coverage(workspace: Workspace) -> Coverage | None:
-    """Centres of maplets and mapolas, and what the lidar covers of each."""
+    """Return the centres of maplets and mapolas, and the share of each that the lidar covers."""
     centers: dict[str, FloatArray] = {}
     share: dict[str, float] = {}
     for name in workspace.maplet_names():
@@ -149,22 +197,21 @@ def _optional_json(workspace: Workspace, path: Path) -> dict[str, Any] | None:
     return workspace.read_json(path.name) if path.is_file() else None
 
 
-def _planted(workspace: Workspace) -> tuple[Recovered, ...]:
-    """Read what a demo planted."""
-    content = _optional_json(workspace, workspace.root / PLANTED_FILE)
-    if content is None:
-        return ()
+def _rows(content: Mapping[str, Any], key: str, kind: type[Row]) -> tuple[Row, ...]:
+    """Read the rows of one kind that a demo wrote; null is NaN."""
     try:
-        return tuple(_recovered(entry) for entry in content["planted"])
-    except (KeyError, TypeError, ValueError) as error:
-        path = workspace.root / PLANTED_FILE
-        raise FormatError(f"does not say what was planted ({error})", path) from error
+        return tuple(_row(entry, kind) for entry in content.get(key, ()))
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise FormatError(f"does not state what was planted ({error})", PLANTED_FILE) from error
 
 
-def _recovered(entry: dict[str, Any]) -> Recovered:
-    """Read one planted value; null is NaN."""
-    planted, recovered, sigma = (
-        float("nan") if entry[key] is None else float(entry[key])
-        for key in ("planted", "recovered", "sigma")
-    )
-    return Recovered(str(entry["name"]), planted, recovered, sigma, str(entry["unit"]))
+def _row(entry: Mapping[str, Any], kind: type[Row]) -> Row:
+    """Read one row: texts as they are, numbers and null as numbers."""
+    values: dict[str, Any] = {
+        field.name: entry[field.name] if field.default is MISSING else entry.get(field.name, "")
+        for field in fields(kind)
+    }
+    for name, value in values.items():
+        if not isinstance(value, str):
+            values[name] = float("nan" if value is None else value)
+    return kind(**values)

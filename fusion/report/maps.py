@@ -1,4 +1,4 @@
-"""Figures over the whole body: coverage, and what the registration left."""
+"""Figures over the whole body: coverage, and residuals of the registration."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def registration_figure(registration: Mapping[str, Any]) -> Figure:
 
 
 def _known(entry: Mapping[str, Any]) -> bool:
-    """Tell whether a mapola was matched, so that it has a residual."""
+    """Return whether a mapola was matched, so that it has a residual."""
     residual = entry.get("residual_m")
     return residual is not None and all(part is not None for part in residual)
 
@@ -94,7 +94,7 @@ def _histograms(
     residual = np.array([e["residual_m"] for e in entries], dtype=np.float64).reshape(-1, 3)
     used = np.array([bool(e["used"]) for e in entries], dtype=bool)
     spread = np.array(registration["residual_std_m"], dtype=np.float64)
-    # Rejected mapolas may lie anywhere: the edge bins take what is beyond.
+    # Rejected mapolas may lie anywhere: the outermost bins include all beyond.
     reach = 4.0 * max(float(np.max(np.nan_to_num(spread))), 1e-3)
     edges = np.linspace(-reach, reach, 25)
     for axis, panel in enumerate(panels):

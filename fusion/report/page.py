@@ -1,4 +1,4 @@
-"""The report as one HTML page that needs nothing else."""
+"""The report as one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ import numpy as np
 
 from fusion.report.data import ReportData, Surfaces
 from fusion.report.maps import coverage_figure, registration_figure
+from fusion.report.origins import origins_figure
 from fusion.report.scale import scale_figure
 from fusion.report.style import html_figure
 from fusion.report.surfaces import surfaces_figure
 from fusion.report.tables import (
     checks_table,
+    errors_table,
     planted_table,
     registration_tables,
     rejected_table,
@@ -26,8 +28,9 @@ if TYPE_CHECKING:
     pass
 
 _SECTIONS = (
-    ("planted", "Planted and recovered"),
+    ("origins", "What the surface rests on"),
     ("surfaces", "Surfaces"),
+    ("planted", "Planted and recovered"),
     ("coverage", "Coverage"),
     ("registration", "Registration"),
     ("scale", "Scale"),
@@ -35,12 +38,13 @@ _SECTIONS = (
 
 
 def make_report(data: ReportData) -> str:
-    """Return the report as HTML: style and figures inside, no link to anything outside.
+    """Return the report as self-contained HTML, with style and figures inside.
 
-    A part that is missing in `data` is said to be missing; what was planted is left out unless
-    given, as only a demo plants anything. Equal data give equal text.
+    Missing parts of `data` are stated as missing, except planted values, which only a demo has.
+    Equal data give equal text.
     """
     parts = {
+        "origins": _origins(data),
         "planted": planted_table(data.planted) if data.planted else "",
         "surfaces": "".join(_surfaces(place) for place in data.surfaces)
         or _missing("There are no fused maplets yet."),
@@ -73,13 +77,29 @@ def _surfaces(place: Surfaces) -> str:
         f"{escape(fused.name)}, {fused.grid.size} × {fused.grid.size} points at "
         f"{fused.grid.gsd:.4g} m. Top: hillshades, lit from the upper left at 45°. Middle: "
         "differences of height along Uz, on one colour scale. Bottom: one standard deviation of "
-        "the fused height, lidar returns in each cell, and what each height rests on. Pale green: "
-        f"unknown. The lidar holds {100 * np.mean(both):.0f} % of the points. Rows run along −Ux, "
+        "the fused height, lidar returns in each cell, and the source of each height. Pale green: "
+        f"unknown. The lidar covers {100 * np.mean(both):.0f} % of the points. Rows run along −Ux, "
         "columns along Uy, metres from the centre; N is the direction of the body's north."
     )
     why = f": {escape(place.why)}" if place.why else ""
     figure = html_figure(surfaces_figure(place), caption, f"surfaces of {fused.name}", "png")
     return f"<h3>{escape(fused.name)}{why}</h3>{figure}"
+
+
+def _origins(data: ReportData) -> str:
+    """The map of what the fused heights rest on; how far each surface is from the true one."""
+    figure = ""
+    if data.origins is not None:
+        caption = (
+            "What the fused heights rest on: images alone where no return fell, lidar alone where "
+            "no image shows lit ground, both elsewhere. Of the points nearest to a pixel the most "
+            "frequent source is drawn. Planetocentric coordinates; the polar views end at 30° of "
+            "latitude."
+        )
+        figure = html_figure(
+            origins_figure(data.origins), caption, "what the fused heights rest on", "png"
+        )
+    return (errors_table(data.errors) if data.errors else "") + figure
 
 
 def _coverage(data: ReportData) -> str:
@@ -90,7 +110,7 @@ def _coverage(data: ReportData) -> str:
     mean = f"; on average {100 * share.mean():.0f} % of a mapola's points" if share.size else ""
     caption = (
         f"Centres of {len(data.coverage.centers)} maplets, coloured by the share of their points "
-        f"that hold a lidar height{mean}. Planetocentric coordinates."
+        f"with a lidar height{mean}. Planetocentric coordinates."
     )
     return html_figure(coverage_figure(data.coverage), caption, "coverage of the body")
 
@@ -100,14 +120,14 @@ def _registration(data: ReportData) -> str:
     if data.registration is None:
         return _missing("There is no registration yet.")
     intro = (
-        "<p>The transform takes lidar to SPC coordinates: "
+        "<p>The transform maps lidar to SPC coordinates: "
         "V<sub>SPC</sub> = translation + scale · R · V<sub>lidar</sub>.</p>"
     )
     caption = (
-        "Top: what the fit leaves of each mapola's displacement (SPC minus registered lidar); "
+        "Top: residual displacement of each mapola after the fit (SPC minus registered lidar); "
         "arrows east and north, their key at the lower right, colour upward. Bottom: the same "
         "along the body-fixed axes; dashed: one standard deviation of those used; the outermost "
-        "bins hold what lies beyond."
+        "bins include all beyond."
     )
     figure = html_figure(registration_figure(data.registration), caption, "registration residuals")
     return (
@@ -131,8 +151,8 @@ def _scale(data: ReportData) -> str:
     caption = (
         "ε of paired bigmaps (or single shots): per day, against local solar time and against "
         "longitude. Line and grey band: joint fit and its standard deviation. A slope over the "
-        "day would speak of errors of lighting or pointing, a wave once around of an offset of "
-        "the centre."
+        "day would indicate errors of lighting or pointing, a wave once around an offset of the "
+        "centre."
     )
     figure = html_figure(
         scale_figure(data.scale), caption, "scale by day, local time and longitude"

@@ -19,7 +19,7 @@ PPM = 1e6
 def scale_figure(scale: Mapping[str, Any]) -> Figure:
     """Three panels over one axis of ε: per day, per local time, per longitude.
 
-    Single values are those of pairs or, where there are none, of single shots.
+    Single values are those of pairs or, without pairs, of single shots.
     """
     single = scale.get("per_pair") or scale.get("per_shot") or []
     pairs = [entry for entry in single if entry.get("epsilon") is not None]
@@ -80,7 +80,7 @@ def _by_angle(
         centers, means, errors, fmt="o", color=FUSED, ms=5, capsize=3, zorder=3, label="bin mean"
     )
     if used.any():
-        # Strays outside must not flatten the rest.
+        # Outliers must not compress the axis.
         half = 1.6 * max(
             float(np.percentile(np.abs(epsilon[used] - np.median(epsilon[used])), 98)), 1.0
         )

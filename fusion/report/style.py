@@ -1,4 +1,4 @@
-"""How all figures of the report look, and how they get into the page."""
+"""Style of all figures of the report, and their embedding into the page."""
 
 from __future__ import annotations
 
@@ -15,6 +15,11 @@ if TYPE_CHECKING:
 SPC, LIDAR, FUSED, REJECTED = "#0072b2", "#e69f00", "#009e73", "#cc3311"
 """Colours (Okabe and Ito; Tol) that remain distinct for colour-blind readers."""
 INK, MUTED = "#222222", "#8a8a8a"
+
+SOURCES = ("none", "image", "lidar", "both", "filled")
+"""Words for each :class:`fusion.fusing.maplets.Source`, in its order."""
+SOURCE_COLOURS = ("#ffffff", SPC, LIDAR, FUSED, "#bbbbbb")
+"""Colours of them."""
 
 _SETTINGS: dict[str, Any] = {
     "font.size": 9,
@@ -42,7 +47,7 @@ _SETTINGS: dict[str, Any] = {
 
 @contextmanager
 def drawing(width: float, height: float) -> Iterator[Figure]:
-    """Yield an empty figure (inches) in the report's style, without any global state left."""
+    """Yield an empty figure (size in inches) in the report's style; global state is restored."""
     import matplotlib as mpl  # noqa: PLC0415  (0.4 s at start-up)
     from matplotlib.figure import Figure  # noqa: PLC0415
 

@@ -1,4 +1,4 @@
-"""Figures of one place: hillshades, differences, and what the fused heights rest on."""
+"""Figures of one place: hillshades, differences, and sources of the fused heights."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fusion.report.data import Surfaces
-from fusion.report.style import FUSED, INK, LIDAR, SPC, drawing
+from fusion.report.style import INK, SOURCE_COLOURS, SOURCES, drawing
 from spcola.arrays import FloatArray
 from spcola.grids import MapletGrid
 
@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MISSING = "#d5e8c0"
-_SOURCES = ("none", "image", "lidar", "both", "filled")
-_SOURCE_COLOURS = ("#ffffff", SPC, LIDAR, FUSED, "#bbbbbb")
 
 
 def hillshade(height: FloatArray, gsd: float) -> FloatArray:
@@ -44,7 +42,7 @@ def hillshade(height: FloatArray, gsd: float) -> FloatArray:
 
 
 def _slope(image: FloatArray, gsd: float) -> FloatArray:
-    """Slope down the rows: the mean of the steps to those neighbours that are known, else 0."""
+    """Return the slope down the rows: mean of the steps to known neighbours, else 0."""
     steps = np.diff(image, axis=0, append=np.nan) / gsd
     before = np.vstack([np.full((1, image.shape[1]), np.nan), steps[:-1]])
     known = np.isfinite(steps).astype(float) + np.isfinite(before)
@@ -123,13 +121,13 @@ def _origins(figure: Figure, panels: Any, place: Surfaces) -> None:
     half = (grid.half_size + 0.5) * grid.gsd
     source = panels[2].imshow(
         fused.source.T,
-        cmap=ListedColormap(_SOURCE_COLOURS),
+        cmap=ListedColormap(SOURCE_COLOURS),
         norm=BoundaryNorm(np.arange(-0.5, 5.0), 5),
         extent=(-half, half, -half, half),
         interpolation="nearest",
     )
     bar = _bar(figure, source, panels[2], "", ticks=range(5))
-    bar.ax.set_xticklabels(_SOURCES)
+    bar.ax.set_xticklabels(SOURCES)
     panels[2].set_title("heights rest on")
 
 
@@ -141,7 +139,7 @@ def _bar(figure: Figure, drawn: Any, panel: Any, label: str, **options: Any) -> 
 
 
 def _symmetric_limit(gaps: list[FloatArray]) -> float:
-    """98th percentile of the sizes of all differences: one scale that strays do not set."""
+    """Return the 98th percentile of all absolute differences, a limit robust to outliers."""
     sizes = np.concatenate([np.abs(gap[np.isfinite(gap)]) for gap in gaps])
     return max(float(np.percentile(sizes, 98)), 1e-6) if sizes.size else 1.0
 
@@ -157,7 +155,7 @@ def _statistics(panel: Any, gap: FloatArray) -> None:
 
 
 def _axes(panel: Any) -> None:
-    """Label the axes of an image panel, only where no other panel is beside or below."""
+    """Label the axes of an image panel on the left and lower edges of the figure only."""
     place = panel.get_subplotspec()
     for spine in panel.spines.values():
         spine.set_visible(True)

@@ -15,13 +15,13 @@ from fusion.estimation.verdict import (
     Severity,
 )
 from fusion.report.data import ReportData
-from fusion.report.recovered import Recovered
+from fusion.report.recovered import Recovered, SurfaceErrors
 
 # Beyond this many sigmas a recovered number disagrees with what was planted.
 _SUSPICIOUS_PULL = 3.0
-# Marks at the start of a cell: text, and a number that stands out.
+# Marks at the start of a cell: text, and a highlighted number.
 _TEXT, _OFF = "\x00", "\x01"
-# Coverage and correlation are told to two digits.
+# Coverage and correlation are printed to two digits.
 _SHARE = 0.1
 
 
@@ -38,7 +38,7 @@ def number(value: Any, sigma: Any = None) -> str:
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, caption: str = "") -> str:
-    """Return an HTML table; the first cell of each row is its heading. Cells are HTML already."""
+    """Return an HTML table; the first cell of each row is its heading. Cells are HTML."""
     title = f"<caption>{caption}</caption>" if caption else ""
     heads = "".join(f"<th>{cell}</th>" for cell in head)
     body = "".join(
@@ -51,10 +51,10 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, caption: str = 
 
 
 def verdicts_box(data: ReportData) -> str:
-    """Whether the results may be used, and every finding that speaks against them; "" if unjudged.
+    """Return the verdicts with the findings against using the results; "" if there is no verdict.
 
-    Notes, which only say what is weakly determined, stand with the numbers that they are about; but
-    that the lidar fits in another frame is what a reader needs first.
+    Notes on what is weakly determined are shown with their numbers, except that the lidar fits in
+    another frame: a reader needs that first.
     """
     rows = []
     for stage, verdict in data.verdicts.items():
@@ -73,13 +73,13 @@ def verdicts_box(data: ReportData) -> str:
 
 
 def _finding(finding: Finding, accepted: Sequence[str]) -> str:
-    """One finding with its code, and whether somebody accepted it."""
+    """Return one finding with its code, and whether the user accepted it."""
     word = ", accepted" if finding.code in accepted else ""
     return f"{escape(finding.text)} <code>[{finding.code}{word}]</code>"
 
 
 def registration_tables(registration: Mapping[str, Any]) -> str:
-    """Tables of the transform and of what the fit left."""
+    """Return tables of the transform and of the residuals of the fit."""
     rows = [_row("scale − 1, 10⁻⁶", _minus_one(registration.get("scale")),
                  registration.get("scale_sigma"), factor=1e6)]  # fmt: skip
     for key, label in (("rotation", "rotation {} , °"), ("translation", "translation {} , m")):
@@ -101,7 +101,7 @@ def registration_tables(registration: Mapping[str, Any]) -> str:
 
 
 def checks_table(registration: Mapping[str, Any]) -> str:
-    """Table of what was tested beside the fit, and the list of what it hardly determines."""
+    """Return the table of tests of the fit, and the list of weakly determined parameters."""
     rows = []
     names = {"strain": "shear and non-uniform scale", "scale": "scale against 1"}
     for key, test in (registration.get("tests") or {}).items():
@@ -110,9 +110,9 @@ def checks_table(registration: Mapping[str, Any]) -> str:
             why = f"{_TEXT}{escape(str(test.get('reason') or ''))}"
             rows.append([names.get(key, escape(key)), squares, _chance(test.get("p_value")), why])
     for name in (registration.get("stability") or {}).get("suspect_regions") or []:
-        said = f"{_TEXT}without it the transform changes by more than it should"
-        rows.append([escape(str(name)), "", "", said])
-    caption = "Checks: χ² of its degrees of freedom, and the chance of as much"
+        why = f"{_TEXT}without it the transform changes by more than its sigmas allow"
+        rows.append([escape(str(name)), "", "", why])
+    caption = "Checks: χ² of its degrees of freedom, and the probability of a larger one"
     shown = table(["", "χ²", "p", ""], rows, caption=caption) if rows else ""
     return shown + _noted("Weakly determined", registration.get("reasons") or [])
 
@@ -125,7 +125,7 @@ def _chance(p_value: Any) -> str:
 
 
 def rejected_table(registration: Mapping[str, Any], *, most: int = 40) -> str:
-    """Table of the mapolas that were not used, with the reasons."""
+    """Return the table of mapolas that were not used, with the reasons."""
     left = [entry for entry in registration["per_mapola"] if not entry.get("used")]
     if not left:
         return "<p>Every mapola was used.</p>"
@@ -134,7 +134,7 @@ def rejected_table(registration: Mapping[str, Any], *, most: int = 40) -> str:
             escape(str(entry["name"])),
             number(entry.get("coverage"), _SHARE),
             number(entry.get("correlation"), _SHARE),
-            f"{_TEXT}{escape(str(entry.get('reason') or 'not said'))}",
+            f"{_TEXT}{escape(str(entry.get('reason') or 'not stated'))}",
         ]
         for entry in left[:most]
     ]
@@ -144,7 +144,7 @@ def rejected_table(registration: Mapping[str, Any], *, most: int = 40) -> str:
 
 
 def scale_tables(scale: Mapping[str, Any]) -> str:
-    """Table of the scale's numbers and the list of what could not be observed."""
+    """Return the table of the scale's numbers and the list of parameters not observed."""
     rows = [_row("ε, 10⁻⁶", scale.get("epsilon"), scale.get("epsilon_sigma"), factor=1e6)]
     rows += [_row("size correction, m", scale.get("size_correction_m"),
                   scale.get("size_correction_sigma_m"))]  # fmt: skip
@@ -161,16 +161,16 @@ def scale_tables(scale: Mapping[str, Any]) -> str:
 
 
 def _noted(heading: str, reasons: Mapping[str, Any] | Sequence[Any]) -> str:
-    """Return a heading and a list of reasons; nothing if there is none."""
+    """Return a heading and a list of reasons; "" if there is none."""
     items = reasons.items() if isinstance(reasons, Mapping) else ((None, text) for text in reasons)
-    said = "".join(
+    listed = "".join(
         f"<li>{escape(f'{key}: {text}' if key else str(text))}</li>" for key, text in items
     )
-    return f'<h3>{heading}</h3><ul class="reasons">{said}</ul>' if said else ""
+    return f'<h3>{heading}</h3><ul class="reasons">{listed}</ul>' if listed else ""
 
 
 def planted_table(planted: Sequence[Recovered]) -> str:
-    """Table of what was planted and what was recovered; large pulls stand out."""
+    """Return the table of planted and recovered values; large pulls are marked."""
     rows = []
     for entry in planted:
         suspicious = abs(entry.pull) > _SUSPICIOUS_PULL
@@ -185,7 +185,23 @@ def planted_table(planted: Sequence[Recovered]) -> str:
             ]
         )
     caption = "pull = (recovered − planted) / sigma; beyond 3 in red"
-    return table(["", "planted", "recovered", "sigma", "pull"], rows, caption=caption)
+    why = {entry.name: entry.explanation for entry in planted if entry.explanation}
+    shown = table(["", "planted", "recovered", "sigma", "pull"], rows, caption=caption)
+    return shown + _noted(f"Beyond {_SUSPICIOUS_PULL:g} sigma", why)
+
+
+def errors_table(errors: Sequence[SurfaceErrors]) -> str:
+    """Table of how far each surface is from the true one, in a synthetic mission."""
+    rows = [
+        [
+            escape(one.name),
+            f"{100 * one.share:.0f} %",
+            *(number(round(size, 3)) for size in (one.within_68_m, one.within_95_m, one.rms_m)),
+        ]
+        for one in errors
+    ]
+    head = ["", "ground covered", "68 % of errors below, m", "95 % below, m", "rms, m"]
+    return table(head, rows, caption="Heights of each surface against the true ones")
 
 
 def _row(label: str, value: Any, sigma: Any, *, factor: float = 1.0) -> list[str]:
@@ -196,7 +212,7 @@ def _row(label: str, value: Any, sigma: Any, *, factor: float = 1.0) -> list[str
 
 
 def _cell(cell: str) -> str:
-    """Return one cell; a leading mark tells text, or a number that stands out."""
+    """Return one cell; a leading mark selects text, or a highlighted number."""
     if cell.startswith(_TEXT):
         return f'<td class="text">{cell[1:]}</td>'
     if cell.startswith(_OFF):
@@ -205,7 +221,7 @@ def _cell(cell: str) -> str:
 
 
 def _three(values: Any) -> list[Any]:
-    """Return three values, unknown ones where there are none."""
+    """Return three values; three None if there are none."""
     return [None] * 3 if values is None else list(values)
 
 

@@ -1,4 +1,4 @@
-"""The same work on more than one machine: tasks for a Dask cluster over a shared folder."""
+"""Executor on several machines: tasks for a Dask cluster over a shared folder."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from distributed.scheduler import KilledWorker
 
 from fusion.runtime.executor import AHEAD
 from fusion.runtime.machine.threads import one_blas_thread
-from fusion.runtime.processes.interrupt import heed_interrupts
+from fusion.runtime.processes.interrupt import check_interrupts
 from spcola.errors import SettingsError, SpcolaError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 WHERE = "--cluster"
-# Results are the same to the bit where these are.
+# Where these versions are the same, results are bit-identical.
 _ALIKE = ("spcola", "numpy", "scipy", "numba")
 _ANSWER_S = 20
-# How often it is asked whether the cluster is still there while a result is waited for.
+# Interval of checks that the cluster is still there while waiting for a result.
 _LOOK_S = 5
 _START = "start one: dask scheduler, and on each machine: dask worker ADDRESS"
-# A task is given up when so many workers died of it, or its function was lost as often.
+# A task is given up after so many workers died of it, or its function was lost as often.
 _TRIES = 3
 
 
 class ClusterError(SpcolaError):
-    """A cluster that was there is lost, or cannot do the work."""
+    """The cluster was lost, or cannot do the work."""
 
 
 @dataclass
@@ -52,15 +52,15 @@ class _Waiting(Generic[Item]):
 
 
 class ClusterExecutor:
-    """Runs calls on the workers of a Dask scheduler; they see the workspace under its path.
+    """Runs calls on the workers of a Dask scheduler; all reach the workspace under the same path.
 
-    The function of a step is sent to the workers once, an item and its result with each task. A
-    worker that dies changes nothing but the time: its tasks are done by others.
+    The function of a step is sent to the workers once, an item and its result with each task. If
+    a worker dies, others do its tasks; results do not change.
 
     Parameters
     ----------
     address : str
-        Of the scheduler, such as ``tcp://10.0.0.1:8786``.
+        Address of the scheduler, such as ``tcp://10.0.0.1:8786``.
 
     Raises
     ------
@@ -107,17 +107,17 @@ class ClusterExecutor:
         payload = cloudpickle.dumps(function)
         waiting: deque[_Waiting[Item]] = deque()
         try:
-            with self._told():
+            with self._loss_reported():
                 sent = _Sent(self._client, payload)
             for item in items:
-                with self._told():
+                with self._loss_reported():
                     waiting.append(_Waiting(item, sent.submit(item)))
                 if len(waiting) >= ahead * self.workers:
                     yield self._taken(waiting, sent)
             while waiting:
                 yield self._taken(waiting, sent)
         finally:
-            # Of a cluster that is lost nothing has to be taken back.
+            # A lost cluster has no tasks to cancel.
             if self._client.status == "running":
                 self._client.cancel([one.future for one in waiting], force=True)
 
@@ -130,7 +130,7 @@ class ClusterExecutor:
         oldest = waiting[0]
         while True:
             try:
-                with self._told():
+                with self._loss_reported():
                     self._wait(oldest.future)
                 result = oldest.future.result()
                 break
@@ -143,10 +143,10 @@ class ClusterExecutor:
                 oldest.tries += 1
                 if oldest.tries >= _TRIES:
                     raise _given_up() from error
-                with self._told():
+                with self._loss_reported():
                     oldest.future = sent.submit_again(oldest.item)
         waiting.popleft()
-        heed_interrupts()
+        check_interrupts()
         return result
 
     def _wait(self, future: Any) -> None:
@@ -157,7 +157,7 @@ class ClusterExecutor:
                 future.exception(timeout=_LOOK_S)
             except TimeoutError:
                 alone = None if self._check_alive() else alone or time.monotonic()
-            heed_interrupts()
+            check_interrupts()
             if alone is not None and time.monotonic() - alone > _ANSWER_S:
                 raise self._deserted()
 
@@ -176,8 +176,8 @@ class ClusterExecutor:
         return len(found.get("workers", {}))
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
-        """Say in one line that the cluster is lost, whatever of it fails first."""
+    def _loss_reported(self) -> Iterator[None]:
+        """Turn whatever fails first when the cluster is lost into one error of one line."""
         try:
             yield
         except (OSError, ClosedClientError) as error:
@@ -228,32 +228,32 @@ class ClusterExecutor:
 
 
 class _Sent:
-    """A function that the workers hold."""
+    """A function that was sent to the workers."""
 
     def __init__(self, client: Any, payload: bytes) -> None:
         self._client, self._payload = client, payload
         self._digest = sha256(payload).hexdigest()
-        self._held = self._scattered()
+        self._function = self._scattered()
 
     def _scattered(self) -> Any:
         return self._client.scatter(self._payload, broadcast=True, hash=False, timeout=_ANSWER_S)
 
     def submit(self, item: Any) -> Any:
-        return self._client.submit(perform, self._held, self._digest, item, pure=False)
+        return self._client.submit(perform, self._function, self._digest, item, pure=False)
 
     def submit_again(self, item: Any) -> Any:
-        """Submit an item after the workers that held the function were lost with it."""
-        self._held = self._scattered()
+        """Submit an item again after the workers that had the function were lost."""
+        self._function = self._scattered()
         return self.submit(item)
 
 
 def _asked(address: str) -> dict[str, Any]:
-    """Return what the server at `address` says of itself.
+    """Return the identity that the server at `address` reports.
 
     Raises
     ------
     OSError, ValueError
-        If nothing answers in Dask's language within the time, or the address cannot be read.
+        If nothing answers in Dask's protocol within the time, or the address cannot be parsed.
     """
 
     async def identity() -> dict[str, Any]:
@@ -264,12 +264,12 @@ def _asked(address: str) -> dict[str, Any]:
     try:
         return asyncio.run(asyncio.wait_for(identity(), _ANSWER_S))
     except (TypeError, MemoryError) as error:
-        # What another server answers is read as the length of a message, and its parts.
-        raise OSError("no answer in Dask's language") from error
+        # The answer of another kind of server is misread as lengths of messages.
+        raise OSError("no answer in Dask's protocol") from error
 
 
 def _check_scheduler(address: str) -> None:
-    """Refuse what is no scheduler before a client is made: it would wait for it for minutes."""
+    """Refuse an address without a scheduler at once: a client would wait for minutes."""
     try:
         found = _asked(address)
     except (OSError, ValueError) as error:
@@ -295,7 +295,7 @@ def _given_up() -> ClusterError:
     )
 
 
-# What this worker does now: unpacked once, for it may open files or build what rays are cast at.
+# The current function of this worker. It is unpacked once: that may open files or build a shape.
 _unpacked: dict[str, Callable[[Any], Any]] = {}
 
 

@@ -1,4 +1,4 @@
-"""Where the work over maplets and scans is done: threads at home."""
+"""Executors run the work over maplets and scans: the interface, and threads of this machine."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Protocol, TypeVar
 
 from fusion.runtime.machine.threads import one_blas_thread
-from fusion.runtime.processes.interrupt import heed_interrupts
+from fusion.runtime.processes.interrupt import check_interrupts
 from spcola.errors import SettingsError
 
 Item = TypeVar("Item")
@@ -18,17 +18,17 @@ Result = TypeVar("Result")
 
 
 AHEAD = 2
-"""Results per worker that wait to be taken, where nothing else is said."""
+"""Default number of results per worker that may wait to be taken."""
 
-# Between kernels a worker needs the interpreter for microseconds; by default whoever has it need
-# not give it up for five milliseconds.
+# Between kernels a worker needs the interpreter for microseconds; by default Python lets a thread
+# keep it for five milliseconds.
 _SWITCH_S = 2e-4
 # More threads than any machine has cores only take memory: each holds returns of its own.
 _MOST_WORKERS = 1024
 
 
 class Executor(Protocol):
-    """Hands calls to workers. A cluster has only to offer these two to take the threads' place."""
+    """Interface of what runs calls on workers: threads, or a cluster."""
 
     workers: int
 
@@ -37,8 +37,8 @@ class Executor(Protocol):
     ) -> Iterator[Result]:
         """Yield the results in the order of `items`.
 
-        At most `ahead` results per worker wait to be taken. Where some calls take many times as
-        long as others a few more keep all workers busy behind a long one.
+        At most `ahead` results per worker wait to be taken. If some calls take many times as long
+        as others, a larger `ahead` keeps all workers busy behind a long one.
         """
         ...
 
@@ -103,7 +103,7 @@ class ThreadExecutor:
 def _taken(waiting: deque[Future[Result]]) -> Result:
     """Return the oldest result, unless Ctrl-C came before it."""
     result = waiting.popleft().result()
-    heed_interrupts()
+    check_interrupts()
     return result
 
 

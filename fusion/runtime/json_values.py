@@ -1,4 +1,4 @@
-"""Values as JSON text: what JSON does not know in types that it does."""
+"""Values as JSON text: arrays, numpy numbers and paths become JSON types."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def json_text(content: Mapping[str, Any]) -> str:
         text = json.dumps(plain(content), indent=2, sort_keys=True, ensure_ascii=False)
     except RecursionError as error:
         raise InvalidValueError("is nested too deep to be written as JSON") from error
-    # Bytes of a file's name that are no UTF-8: the escape of Python is that of JSON.
+    # Bytes of a file name that are not UTF-8: Python's escape is also JSON's.
     return text.encode("utf-8", "backslashreplace").decode("utf-8") + "\n"
 
 
 def plain(value: Any) -> Any:
-    """Return `value` in the types that JSON knows; NaN and infinity are None."""
+    """Return `value` in JSON types; NaN and infinity become None."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):

@@ -1,4 +1,4 @@
-"""What a user sees of long work: a bar on a terminal, plain lines in a pipe, or nothing."""
+"""Progress of long work: a bar on a terminal, plain lines in a pipe, or nothing."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from rich.progress import Progress as RichProgress
 PATIENCE_S = 2.0
 """Work shorter than this shows nothing."""
 LINE_INTERVAL_S = 10.0
-"""Between two plain lines about one task."""
+"""Time between two plain lines about one task."""
 
 Mode = Literal["bar", "lines", "silent"]
 
 
 class Task:
-    """One piece of work whose parts are counted; :meth:`advance` tells that one is done."""
+    """A piece of work whose parts are counted; :meth:`advance` counts one as done."""
 
     def __init__(self, title: str, total: int | None, show: Callable[[Task], None]) -> None:
         self.title = title

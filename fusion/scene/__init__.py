@@ -1,4 +1,4 @@
-"""The data model of the fusion: what surrounds a maplet in a workspace."""
+"""Data model of the fusion: the data around a maplet in a workspace."""
 
 import lazy_loader
 

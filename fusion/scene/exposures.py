@@ -1,4 +1,4 @@
-"""The pixels of a workspace's images, the last few of them in memory."""
+"""Pixels of a workspace's images, with the last few in memory."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import lru_cache
 from fusion.workspace import Workspace
 from spcola.camera import SpcImage
 
-# Images whose pixels are held at a time: neighbouring maplets lie in the same.
+# Images whose pixels are in memory at a time: neighbouring maplets lie in the same images.
 _IMAGES_KEPT = 64
 
 

@@ -1,4 +1,4 @@
-"""What surrounds one maplet of a workspace: mapolas, registration, images, shape."""
+"""Data around one maplet of a workspace: mapolas, registration, images, shape."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from spcola.math import Affine
 from spcola.photometry import SlopeVariance
 from spcola.shape import RayCaster, shape_heights
 
-# A mapola whose grid points lie within so many steps of the maplet's gives the result its grid.
+# A mapola whose grid points lie within this many cells of the maplet's: the result has its grid.
 _SAME_PLACE = 2.0
 # The information is one for the whole solution; at most this many maplets are compared for it.
 _SAMPLE = 24
@@ -40,7 +40,7 @@ Run = Callable[[Callable[[str], Comparison | None], list[str]], Iterable[Compari
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What the fusion of one maplet may need of the workspace.
+    """Data of a workspace that the fusion of single maplets uses.
 
     Attributes
     ----------
@@ -48,13 +48,13 @@ class Scene:
     transform : Affine
         Lidar → SPC.
     placements : dict of str to Placement
-        How each mapola is registered beside that.
+        Registration of each mapola relative to `transform`.
     grids, mapola_grids : dict of str to MapletGrid
-        Of the maplets; of the mapolas in SPC coordinates.
+        Grids of the maplets, and of the mapolas in SPC coordinates.
     prior : callable
-        Heights of the shape on a grid.
+        Grid → heights of the shape on it.
     illumination : Illumination, optional
-        The images that the slopes come from.
+        The images from which the slopes come.
     """
 
     workspace: Workspace
@@ -67,7 +67,7 @@ class Scene:
 
     @classmethod
     def of(cls, workspace: Workspace, *, light: LightSource = "auto") -> Scene:
-        """Read the frame of the scene; maplets and mapolas are read when their turn comes.
+        """Read registration and grids; the layers of maplets and mapolas are read on demand.
 
         Parameters
         ----------
@@ -90,15 +90,15 @@ class Scene:
 
     @property
     def targets(self) -> list[str]:
-        """Names to be fused: all maplets, and the mapolas of places without one."""
+        """Names to be fused: all maplets, and the mapolas that have no maplet."""
         return [*self.grids, *(name for name in self.mapola_grids if name not in self.grids)]
 
     def parts(self, name: str) -> FuseInput:
-        """Gather what goes into the fused maplet `name`."""
+        """Gather the input of the fused maplet `name`."""
         spc = self._spc(name)
         light = self._light(spc)
         near = self.near(name, spc.grid)
-        # What all lidar heights share is where the first of their mapolas is registered.
+        # The registration error of the first mapola is taken as shared by all lidar heights.
         common = self.placements[near[0]].covariance if near else np.zeros((3, 3))
         return FuseInput(
             name=name,
@@ -111,7 +111,7 @@ class Scene:
         )
 
     def comparison(self, name: str) -> Comparison | None:
-        """Lidar and SPC heights of the maplet `name`, aligned; None where they do not meet."""
+        """Lidar and SPC heights of the maplet `name`, aligned; None where they have no common point."""
         spc = self._spc(name)
         light = self._light(spc)
         lidar = lidar_constraints(spc.grid, self._candidates(self.near(name, spc.grid)))
@@ -133,21 +133,21 @@ class Scene:
         return estimate_information([pair for pair in compared if pair is not None])
 
     def _shape(self, spc: Maplet) -> FloatArray:
-        """Heights of the shape on the grid of a maplet; without one, those that SPC filled in."""
+        """Heights of the shape on a maplet's grid; without a shape, the maplet's own heights."""
         height = self.prior(spc.grid)
         return height if np.isfinite(height).any() else spc.height
 
     def _light(self, spc: Maplet) -> SlopeVariance | None:
-        """What images tell of the slopes of a maplet; None where that is not known."""
+        """Variance of a maplet's slopes from images; None where it is not known."""
         return None if self.illumination is None else self.illumination.variance(spc)
 
     def _spc(self, name: str) -> Maplet:
         """The SPC maplet on the grid of the result.
 
-        Its centre is moved onto the registered lidar by what its own match says, as SPC itself
-        would solve it anew: slopes of a displaced maplet would blur every boulder. Where a mapola
-        lies on the same place the result has the mapola's grid, so that it is the smooth SPC
-        heights that are interpolated and not the sharp ones of the lidar.
+        Its centre is moved onto the registered lidar by the residual of its own match: slopes of a
+        displaced maplet would blur every boulder. Where a mapola lies at the same place the result
+        has the mapola's grid, so that the smooth SPC heights are interpolated rather than the
+        sharper lidar heights.
         """
         if name not in self.grids:
             grid = self.mapola_grids[name]
@@ -184,7 +184,7 @@ class Scene:
         )
 
     def _candidates(self, names: list[str]) -> list[Candidate]:
-        """Registered mapolas."""
+        """Registered mapolas as candidates, read on demand."""
 
         def loader(name: str) -> Callable[[], Mapola]:
             return lambda: replace(self.workspace.mapola(name), grid=self.mapola_grids[name])
@@ -193,7 +193,7 @@ class Scene:
 
 
 def _where_lit(spc: Maplet, light: SlopeVariance | None) -> Maplet:
-    """The maplet where images determine its slopes."""
+    """Return the maplet with NaN where images do not determine its slopes."""
     if light is None:
         return spc
     return replace(spc, height=np.where(light.defined, spc.height, np.nan))
@@ -202,7 +202,7 @@ def _where_lit(spc: Maplet, light: SlopeVariance | None) -> Maplet:
 def _illumination(
     workspace: Workspace, grids: list[MapletGrid], light: LightSource
 ) -> Illumination | None:
-    """The images of the workspace as a source of slopes; None if there are none, or by choice."""
+    """Images of the workspace as a source of slopes; None without images or if light is "none"."""
     if light == "none":
         return None
     images = tuple(workspace.images())
@@ -215,7 +215,7 @@ def _illumination(
 
 
 def _is_same_place(one: MapletGrid, other: MapletGrid) -> bool:
-    """Whether two grids have one size and lie on each other to a cell or so."""
+    """Return whether two grids have the same size, and points less than two cells apart."""
     if (one.half_size, one.gsd) != (other.half_size, other.gsd):
         return False
     flat = np.zeros(one.shape)
@@ -224,7 +224,7 @@ def _is_same_place(one: MapletGrid, other: MapletGrid) -> bool:
 
 
 def _prior(workspace: Workspace) -> Callable[[MapletGrid], FloatArray]:
-    """Heights of the shape on a grid; NaN everywhere where there is no shape."""
+    """Return a function grid → heights of the shape; all NaN if there is no shape."""
     if not workspace.has_shape():
         return lambda grid: np.full(grid.shape, np.nan)
     caster = RayCaster(workspace.shape())

@@ -11,11 +11,11 @@ from spcola.grids import Maplet, MapletGrid, overlaps, project_maplet
 from spcola.shape import RayCaster, shape_heights
 
 Reference = Callable[[str, MapletGrid], Surface]
-"""The SPC surface on a grid, for the mapola of a name."""
+"""(name of a mapola, grid) → SPC surface on that grid."""
 
 
 def surface_reference(workspace: Workspace, against: str) -> Reference:
-    """The SPC surface on any grid: the maplet itself, a bigmap, or the shape.
+    """Return the SPC surface on any grid: the maplet itself, a bigmap, or the shape.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def surface_reference(workspace: Workspace, against: str) -> Reference:
     -------
     callable
         (name, grid) → heights and sigmas (2q+1, 2q+1), metres along the grid's Uz; NaN where SPC
-        has none. A shape states no sigmas.
+        has none. A shape has no sigmas.
     """
     if against == "shape":
         caster = RayCaster(workspace.shape())

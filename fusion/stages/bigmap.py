@@ -1,4 +1,4 @@
-"""Bigmap: fused maplets, SPC maplets and lidar returns over larger squares, in one frame each."""
+"""Bigmap: fused maplets, SPC maplets and lidar returns over larger squares, each in one frame."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ from spcola.shape import RayCaster, shape_heights
 class BigmapStage:
     """Fused maplets, maplets, scans → bigmaps of each site in one frame.
 
-    ``bigmaps/SITE.MAP`` is of the fused maplets, ``bigmaps/maplets/`` holds the same of the SPC
-    maplets, ``bigmaps/returns/`` of the registered returns; each with its sigma beside it.
+    ``bigmaps/SITE.MAP`` is made of the fused maplets, ``bigmaps/maplets/SITE.MAP`` of the SPC
+    maplets, ``bigmaps/returns/SITE.MAP`` of the registered returns; each has a sigma companion.
     """
 
     name: str = "bigmap"
@@ -56,11 +56,11 @@ class BigmapStage:
     )
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
-        """Return why there is no bigmap to be made."""
+        """Return why no bigmap can be made; empty if it can."""
         if not workspace.fused_names():
             return f"there are no fused maplets; run: spcola fuse {workspace.root}"
         if not workspace.has_shape():
-            return "there is no shape in SHAPEFILES on which to lay a bigmap"
+            return "there is no shape in SHAPEFILES to place a bigmap on"
         return ""
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
@@ -80,13 +80,13 @@ class BigmapStage:
         Raises
         ------
         WorkspaceError
-            If two sites bear one name, or no ray meets the shape at a site.
+            If two sites have the same name, or no ray meets the shape at a site.
         """
         workspace, table = context.workspace, context.table(BigmapSettings)
         names = [site.name for site in table.sites]
         if len(set(names)) < len(names):
             where = f"{workspace.root / SETTINGS_FILE}: [bigmap] sites"
-            raise WorkspaceError("two sites bear one name", where, "rename one")
+            raise WorkspaceError("two sites have the same name", where, "rename one")
         shape = workspace.shape()
         radius = context.table(BodySettings).mean_radius_m or shape.mean_radius
         store = located_store(
@@ -128,7 +128,7 @@ class _Builder:
         self._fused = {name: workspace.fused(name).grid for name in workspace.fused_names()}
 
     def write_site(self, site: BigmapSite) -> tuple[list[Path], dict[str, Any]]:
-        """Make and write the bigmaps of `site`; return the files and what to tell."""
+        """Make and write the bigmaps of `site`; return the files and a summary."""
         grid = self._grid(site)
         spc = (self._workspace.maplet(name) for name in _over(grid, self._maplets))
         fused = (self._workspace.fused(name) for name in _over(grid, self._fused))
@@ -148,7 +148,7 @@ class _Builder:
         return files, {**summary, **dict(zip(keys, shares, strict=True))}
 
     def _grid(self, site: BigmapSite) -> MapletGrid:
-        """Lay the site's grid where its latitude and longitude meet the shape."""
+        """Return the site's grid, centred where its latitude and longitude meet the shape."""
         latitude, longitude = np.radians([site.latitude_deg, site.longitude_deg])
         away = np.array(
             [
@@ -170,11 +170,11 @@ class _Builder:
             f"{self._workspace.root / SETTINGS_FILE}: [bigmap] site {site.name}",
             f"check its size_m and gsd_m, and the unit of the shape (its radius: {self._radius:g})",
         )
-        # The plane is square to the radius: a single facet's normal would tilt it.
+        # The plane is normal to the radius: the normal of a single facet would tilt it.
         return MapletGrid.facing(hits.points[0], away, gsd, half_size)
 
     def _joined(self, name: str, grid: MapletGrid, maplets: Iterable[Maplet]) -> Maplet:
-        """Bigmap of maplets (MATH §6)."""
+        """Return the bigmap of maplets (MATH §6)."""
         table = self._table
         reference = None
         if table.max_distance_m:
@@ -188,7 +188,7 @@ class _Builder:
         return make_bigmap(name, grid, maplets, options=options, reference=reference)
 
     def _gridded(self, name: str, grid: MapletGrid) -> Maplet:
-        """Bigmap of all registered returns over the grid (MATH §7)."""
+        """Return the bigmap of all registered returns over the grid (MATH §7)."""
         options = LidarBigmapOptions(max_gap=self._table.max_gap)
         there = options.gridding.box(grid).mapped(self._transform.inverse().apply)
         inside = self._store.returns_inside(there)
@@ -198,5 +198,5 @@ class _Builder:
 
 
 def _over(grid: MapletGrid, grids: dict[str, MapletGrid]) -> list[str]:
-    """Names of the grids that may share ground with `grid`."""
+    """Return the names of the grids that may overlap `grid`."""
     return [name for name, other in grids.items() if overlaps(grid, other)]

@@ -1,4 +1,4 @@
-"""Fuse: SPC maplets and registered mapolas become fused maplets."""
+"""Fuse: fused maplets from SPC maplets and registered mapolas."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ class FuseStage:
     tables: tuple[type[Table], ...] = (FuseSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
-        """Return why there is nothing to fuse."""
+        """Return why nothing can be fused; empty if it can."""
         if not workspace.registration_path.is_file():
             return f"there is no registration; run: spcola register {workspace.root}"
         return ""
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return registration, mapolas, maplets, images, and the shape where there is one."""
+        """Return registration, mapolas, maplets, images, and the shape if there is one."""
         lit = find_table(settings, FuseSettings).light != "none"
         return [
             workspace.registration_path,
@@ -57,7 +57,7 @@ class FuseStage:
         ]
 
     def run(self, context: StageContext) -> StageResult:
-        """Estimate how much slopes and heights know, then fuse every maplet."""
+        """Estimate the information of SPC slopes and heights, then fuse every maplet."""
         workspace, table = context.workspace, context.table(FuseSettings)
         scene = Scene.of(workspace, light=table.light)
         information = scene.information(partial(context.map, "compare lidar and SPC"))
@@ -82,15 +82,15 @@ class FuseStage:
 
 STAGE = FuseStage()
 
-# Differences of lidar and SPC in one maplet, over those of the solution, that are no chance: in
-# right input they lie within 0.8 and 1.4.
+# Limit of the differences of lidar and SPC in one maplet relative to those of the solution; for
+# correct input they lie within 0.8 and 1.4.
 _CONTRADICTS = 3.0
 # Maplets named in a finding.
 _NAMED = 5
 
 
 class _Tally:
-    """Counts what the fused maplets rest on while they pass by."""
+    """Counts sources, sigmas and misfits of the fused maplets."""
 
     def __init__(self) -> None:
         self.sources = dict.fromkeys(Source, 0)
@@ -100,7 +100,7 @@ class _Tally:
         self.downweighted = self.not_converged = 0
 
     def passed(self, results: Iterable[FuseResult]) -> Iterator[FusedMaplet]:
-        """Yield the maplets."""
+        """Yield the maplets and count them."""
         for result in results:
             maplet = result.maplet
             for source in Source:
@@ -126,8 +126,8 @@ class _Tally:
         named = ", ".join(f"{name} ({misfit:.1f} times)" for misfit, name in worst[:_NAMED])
         rest = f" and {len(worst) - _NAMED} more" if len(worst) > _NAMED else ""
         text = (
-            f"in {len(worst)} of {compared} maplets the lidar contradicts the SPC heights by more "
-            f"than {_CONTRADICTS:g} times what it does elsewhere: {named}{rest}"
+            f"in {len(worst)} of {compared} maplets the lidar differs from the SPC heights by more "
+            f"than {_CONTRADICTS:g} times as much as elsewhere: {named}{rest}"
         )
         return Verdict((Finding(Code.MAPLET_CONTRADICTED, most, text, worst[0][0], _CONTRADICTS),))
 

@@ -1,4 +1,4 @@
-"""The stages of the pipeline, in the order in which the data walk through them."""
+"""The stages of the pipeline, in the order in which data pass through them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ ORDER = ("ingest", "mapolas", "register", "fuse", "bigmap", "scale", "release", 
 
 
 def load_stage(name: str) -> Stage:
-    """Return the stage `name`; its module is imported now, not when the program starts."""
+    """Return the stage `name`; its module is imported only now."""
     stage: Stage = import_module(f"fusion.stages.{name}").STAGE
     return stage
 

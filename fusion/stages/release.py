@@ -1,4 +1,4 @@
-"""Release: fused maplets and bigmaps as products, with a manifest of where they come from."""
+"""Release: fused maplets and bigmaps as products, with a manifest of their provenance."""
 
 from __future__ import annotations
 
@@ -41,23 +41,23 @@ SURFACE_WRITERS: Mapping[str, tuple[str, Writer]] = {
     "obj": (".obj", write_obj),
     "ply": (".ply", write_ply),
 }
-"""Format → suffix and writer, of those that need no more than the maplet."""
+"""Format → suffix and writer, for formats that need only the maplet."""
 
 
 UPSTREAM = ("ingest", "mapolas", "register", "fuse", "bigmap")
-"""Stages whose settings have a part in what is released."""
+"""Stages whose settings the products depend on."""
 
 
 @dataclass(frozen=True)
 class Origins:
-    """Says what products are made from.
+    """Provenance of products.
 
     Parameters
     ----------
     workspace : Workspace
     body : str
     stages : tuple of mappings
-        How the stages upstream ran; without times, so that equal runs are equal.
+        Records of the stages upstream; without times, so that equal runs give equal files.
     settings : mapping
         Their settings and those of the release.
     digest : callable
@@ -72,7 +72,7 @@ class Origins:
 
     @classmethod
     def of(cls, context: StageContext) -> Origins:
-        """Gather the records of the stages before this one."""
+        """Read the records of the stages before this one."""
         records = [asdict(r) for r in read_records(context.workspace) if r.stage in UPSTREAM]
         stages = [{k: v for k, v in record.items() if k != "finished"} for record in records]
         settings: dict[str, Any] = {}
@@ -84,7 +84,7 @@ class Origins:
         return cls(context.workspace, body, tuple(stages), settings, FileDigests())
 
     def made_from(self, name: str) -> dict[str, str]:
-        """Return path → digest of what the maplet `name` was made from (empty: what all were)."""
+        """Return path → digest of the files of which the maplet `name` (empty: all) was made."""
         root = self.workspace.root
         candidates = [root / "fused" / FUSED_HDF5, self.workspace.registration_path]
         if name:
@@ -97,7 +97,7 @@ class Origins:
         return {self.workspace.relative(path): self.digest(path) for path in paths}
 
     def provenance(self, made_from: Mapping[str, str]) -> Provenance:
-        """Return what stands inside a product."""
+        """Return the provenance to write into a product."""
         return Provenance(self.body, made_from, self.settings)
 
 
@@ -112,7 +112,7 @@ class ReleaseStage:
     tables: tuple[type[Table], ...] = (ReleaseSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
-        """Return why there is nothing to release."""
+        """Return why nothing can be released; empty if it can."""
         if not (workspace.root / "fused" / FUSED_HDF5).is_file():
             return f"there are no fused maplets; run: spcola fuse {workspace.root}"
         return ""
@@ -125,8 +125,8 @@ class ReleaseStage:
     def run(self, context: StageContext) -> StageResult:
         """Build everything in the scratch folder, then move it to release/, the manifest last.
 
-        While there is a manifest, the products beside it are those that it describes: the old
-        one is removed before the first product is replaced.
+        A manifest always describes the products next to it: the old one is removed before the
+        first product is replaced.
         """
         build = context.scratch / "products"
         shutil.rmtree(build, ignore_errors=True)
@@ -158,7 +158,7 @@ def bigmap_paths(workspace: Workspace) -> list[Path]:
 
 
 def build_products(context: StageContext, build: Path, origins: Origins) -> list[Product]:
-    """Write every product into the folder `build`, and describe them."""
+    """Write every product into the folder `build`; return their entries."""
     workspace, table = context.workspace, context.table(ReleaseSettings)
     names = [*fused_names(workspace.root / "fused"), *_bigmap_names(workspace)]
     grids = [_grid(workspace, name) for name in names]
@@ -181,7 +181,7 @@ def build_products(context: StageContext, build: Path, origins: Origins) -> list
 def _write_maps(
     workspace: Workspace, build: Path, names: list[str], origins: Origins
 ) -> list[Product]:
-    """Write the .MAP files, their sigma and the HDF5 with the layers that a .MAP cannot hold."""
+    """Write the .MAP files, their sigmas and the HDF5 with the other layers."""
     maplets = (load_fused(workspace, name) for name in names)
     write_fused(build, maplets, sigma_companions=True)
     files = [("layers", FUSED_HDF5, "")]
@@ -194,7 +194,7 @@ def _write_maps(
 
 
 def load_fused(workspace: Workspace, name: str) -> FusedMaplet:
-    """Read a fused maplet, or a bigmap with the sources of the fused maplets under it."""
+    """Read a fused maplet, or a bigmap with the sources of its fused maplets."""
     folder = workspace.root / "fused"
     if workspace.fused_path(name).is_file():
         return read_fused(folder, name)
@@ -210,7 +210,7 @@ def _grid(workspace: Workspace, name: str) -> MapletGrid:
 
 
 def publish(build: Path, folder: Path, files: list[str], manifest: str) -> list[Path]:
-    """Move `files` from `build` to `folder`, then write the manifest; return what is there.
+    """Move `files` from `build` to `folder`, then write the manifest; return all paths.
 
     Raises
     ------
@@ -230,7 +230,7 @@ def publish(build: Path, folder: Path, files: list[str], manifest: str) -> list[
 def _write(
     stem: Path, maplet: FusedMaplet, provenance: Provenance, table: ReleaseSettings
 ) -> Iterator[tuple[str, Path]]:
-    """Write the formats asked for, each as one file; yield kind and path."""
+    """Write the chosen formats, each as one file; yield kind and path."""
     if "fits" in table.products:
         path = stem.with_name(f"{stem.name}.fits")
         write_fits_dtm(path, maplet, provenance, version=table.version)
@@ -244,7 +244,7 @@ def _write(
 
 
 def _bigmap_names(workspace: Workspace) -> list[str]:
-    """Return the bigmaps that are no fused maplets by name."""
+    """Return the names of bigmaps without those of fused maplets."""
     fused = set(workspace.fused_names())
     names = [path.stem for path in bigmap_paths(workspace) if path.suffix == ".MAP"]
     return [name for name in names if name not in fused]

@@ -1,4 +1,4 @@
-"""Report: everything that is there, on one page."""
+"""Report: all results on one page."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from spcola import atomic
 
 @dataclass(frozen=True)
 class ReportStage:
-    """Whatever the stages made → report.html."""
+    """Results of all stages → report.html."""
 
     name: str = "report"
-    version: int = 2
+    version: int = 3
     needs: tuple[str, ...] = ()
     places: tuple[str, ...] = ("report.html",)
     tables: tuple[type[Table], ...] = (BodySettings, AcceptSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
-        """Return why there is nothing to report."""
+        """Return why there is nothing to report; empty if there is."""
         if self.inputs(workspace, settings):
             return ""
         return f"there is nothing to show yet; run: spcola run {workspace.root}"
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return all that the report reads and that is there."""
+        """Return the existing files that the report reads."""
         root = workspace.root
         results = [root / "fused" / FUSED_HDF5, workspace.registration_path, workspace.scale_path]
         candidates = [*results, root / PLANTED_FILE, *workspace.maplet_files()]
@@ -38,7 +38,7 @@ class ReportStage:
         return [path for path in candidates if path.is_file()]
 
     def run(self, context: StageContext) -> StageResult:
-        """Gather the parts, compose the page, write it whole or not at all."""
+        """Gather the content, compose the page, write it whole or not at all."""
         workspace = context.workspace
         data = gather_report(
             workspace,

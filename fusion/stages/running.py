@@ -1,4 +1,4 @@
-"""Stages run from Python, as the commands run them."""
+"""Run stages from Python, as the commands do."""
 
 from __future__ import annotations
 
@@ -44,14 +44,14 @@ def import_scans(
     WorkspaceError
         If two files would get one name, or a file cannot be read.
     FormatError
-        If a file does not hold what its format promises.
+        If a file does not have the content of its format.
     """
     chosen, workers = settings or workspace.settings(), executor or ThreadExecutor()
     shown = progress or Progress("silent")
     sources = [file if isinstance(file, Source) else Source(Path(file)) for file in files]
     with opened(workspace) as catalog:
         done = import_files(workspace, chosen, sources, Workers(workers, shown, catalog.digesting))
-        catalog.rewritten(STAGE.name, [workspace.scan_path(one.scan.name) for one in done])
+        catalog.update_digests(STAGE.name, [workspace.scan_path(one.scan.name) for one in done])
     Pipeline(workspace, chosen, [STAGE], workers, shown).run_stage(STAGE.name)
     return done
 

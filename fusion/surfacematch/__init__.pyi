@@ -1,4 +1,5 @@
 from .displacing import BORDER as BORDER
+from .displacing import gauss_newton as gauss_newton
 from .displacing import spline_of as spline_of
 from .match import match_surfaces as match_surfaces
 from .values import Match as Match

@@ -21,14 +21,14 @@ from spcola.arrays import BoolArray, FloatArray
 from spcola.grids.statistics import RobustCovariance, robust_covariance
 from spcola.math.robust import biweight_scores
 
-# Slopes that correlate by less have no relief in common: chance makes a few hundredths of ten
-# thousand of them.
-_TOLD = 0.2
+# Surfaces whose slopes correlate by less have no relief in common; ten thousand random slopes
+# correlate by a few hundredths.
+_MIN_SLOPE_CORRELATION = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """Two surfaces on one grid, gaps filled, their common plane taken out.
+    """Two surfaces on one grid, gaps filled, their common plane subtracted.
 
     Parameters
     ----------
@@ -36,15 +36,13 @@ class Fields:
         Metres; finite everywhere.
     moving_known, fixed_known : (R, C) bool ndarray
     moving_near : (R, C) bool ndarray
-        Where the moving surface is known or closed from around, so that values between points may
-        rest on it.
+        Where the moving surface is known or a narrow gap, so that it may be interpolated.
     sigma : (R, C) ndarray
         Of their difference, relative.
-    tipping : (2, R, C) ndarray
-        What a tilt that rises by 1 m over the grid does to the difference, along x and along y:
-        :func:`tipping`.
+    tilting : (2, R, C) ndarray
+        Partials of the difference with respect to tilts along x and y: :func:`tilt_partials`.
     level : float
-        What a filter made of a difference of 1 m that is alike everywhere.
+        Partial of the (filtered) difference with respect to a constant height.
     """
 
     moving: FloatArray
@@ -53,7 +51,7 @@ class Fields:
     fixed: FloatArray
     fixed_known: BoolArray
     sigma: FloatArray
-    tipping: FloatArray
+    tilting: FloatArray
     level: float
 
     @property
@@ -63,13 +61,13 @@ class Fields:
 
 
 @dataclass(frozen=True, eq=False)
-class Left:
-    """What is left of the difference of two surfaces at a displacement.
+class Residual:
+    """Residual difference of two surfaces at a displacement.
 
     Attributes
     ----------
     standardised : (R, C) ndarray
-        Less a plane, over the relative sigma; NaN where nothing was compared.
+        Difference less a plane, over the relative sigma; NaN where nothing was compared.
     moved : (R, C) ndarray
         The moving surface, displaced, metres.
     """
@@ -85,7 +83,7 @@ class Left:
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """The displacement that makes the difference of two surfaces smallest.
+    """The displacement that minimises the difference of two surfaces.
 
     Attributes
     ----------
@@ -96,24 +94,24 @@ class Alignment:
     covariance : (5, 5) ndarray
         Of shift (cells) and plane (metres).
     patches : float
-        Of the differences, about independent.
-    left : Left
+        Approximate number of independent differences.
+    residual : Residual
     iterations : int
-    settled : bool
+    converged : bool
     """
 
     shift: FloatArray
     plane: FloatArray
     covariance: FloatArray
     patches: float
-    left: Left
+    residual: Residual
     iterations: int
-    settled: bool
+    converged: bool
 
 
 @lru_cache(4)
 def tilts(shape: tuple[int, int]) -> FloatArray:
-    """Planes (2, R, C) that rise by 1 over a grid along x and along y, 0 in its middle."""
+    """Planes (2, R, C) that rise by 1 over a grid, along x and along y, and are 0 in its middle."""
     rows, columns = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
     rising = np.stack(
         [
@@ -125,13 +123,13 @@ def tilts(shape: tuple[int, int]) -> FloatArray:
     return rising
 
 
-def tipping(height: FloatArray, gsd: float) -> FloatArray:
-    """What rotations about the middle of a grid do to a surface's heights, to first order.
+def tilt_partials(height: FloatArray, gsd: float) -> FloatArray:
+    """Partials of a surface's heights with respect to rotations about the middle of its grid.
 
-    A surface that tilts by ω along x rises by ω x, and what lies at height z above the middle moves
-    by −ω z along x: heights change by ``ω (x + z ∂z/∂x)``. Without the second term the shape of a
-    round body would speak against any rotation about the body's centre, which leaves a globe as it
-    is: on a maplet that is half a radius wide a displacement would come out a quarter too small.
+    A surface that tilts by ω along x rises by ω x, and points at height z above the middle move by
+    −ω z along x: heights change by ``ω (x + z ∂z/∂x)``. Without the second term the curvature of a
+    round body would resist a rotation about the body's centre, which leaves a globe unchanged: on a
+    maplet half a radius wide a displacement would come out a quarter too small.
 
     Parameters
     ----------
@@ -143,7 +141,7 @@ def tipping(height: FloatArray, gsd: float) -> FloatArray:
     Returns
     -------
     (2, R, C) ndarray
-        Metres, of tilts along x and along y that rise by 1 m over the grid.
+        Metres, for tilts along x and along y that rise by 1 m over the grid.
     """
     rows, columns = height.shape
     extent = gsd**2 * np.array([columns, rows])[:, None, None]
@@ -153,18 +151,18 @@ def tipping(height: FloatArray, gsd: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class Search:
-    """How a displacement is looked for.
+    """Options of the search for a displacement.
 
     Parameters
     ----------
     reach : float
-        Cells: the sigma of a displacement that the relief does not tell.
+        Sigma, cells, of the displacement in directions that the relief does not determine.
     max_iterations : int
     tolerance : float
-        One that moves by less, cells, has settled.
+        A step smaller than this, cells, means convergence.
     area : float
-        Cells over which errors hold together; 0: as the residual shows. For a start of another
-        search a guess will do.
+        Assumed correlation area of errors, cells; 0: estimated from the residual. A guess is good
+        enough for the start of another search.
     """
 
     reach: float
@@ -175,7 +173,7 @@ class Search:
 
 @dataclass(frozen=True, eq=False)
 class Aligner:
-    """Two surfaces, made ready to be displaced against each other.
+    """Two surfaces, prepared for displacements against each other.
 
     Attributes
     ----------
@@ -183,10 +181,10 @@ class Aligner:
     coefficients : (R + 4, C + 4) ndarray
         Of the cubic spline through the moving surface.
     partials : (2, R, C) ndarray
-        What a displacement does to the difference, by the slopes of the *fixed* surface, over
-        sigma. As ``Σ ∂m (f − m)`` changes by ``Σ ∂m ∂f`` when m is displaced, and as the noise of
-        one surface has nothing to do with the slopes of the other, this is what the data know;
-        squares of one surface's slopes hold its noise.
+        Partials of the difference with respect to the displacement, by the slopes of the *fixed*
+        surface, over sigma. ``Σ ∂m (f − m)`` changes by ``Σ ∂m ∂f`` when m is displaced. The noise
+        of one surface is independent of the slopes of the other, so this is an unbiased normal
+        matrix; squares of one surface's slopes would include its noise.
     """
 
     fields: Fields
@@ -195,80 +193,82 @@ class Aligner:
 
     @classmethod
     def of(cls, fields: Fields) -> Aligner:
-        """Fit the spline, take the slopes."""
+        """Compute spline coefficients and slopes."""
         partials = -np.stack(slopes_of(fields.fixed)) / fields.sigma
         return cls(fields, spline_of(fields.moving), partials)
 
     def align(self, start: FloatArray, search: Search) -> Alignment | None:
         """Find the displacement near `start` (2,), cells, robustly (Huber, then Tukey).
 
-        Along a direction in which the two surfaces have no relief in common, on a plane or along a
-        ridge, nothing is looked for: the displacement is 0 there, ± the reach.
+        In directions in which the two surfaces have no relief in common (on a plane, along a
+        ridge) the displacement is 0 ± the reach.
 
         Returns
         -------
         Alignment or None
             None where too few points are common.
         """
-        told = self._told(start)
-        if told is None:
+        observable = self._observable(start)
+        if observable is None:
             return None
-        found = self._settled(told @ (told.T @ start), told, search)
+        found = self._gauss_newton(observable @ (observable.T @ start), observable, search)
         if found is None:
             return None
-        near = self._linearised(found.shift, told)
-        left = near.left(found.plane)
-        known = self._covariance(near, left, found.spread, search.area)
+        near = self._linearised(found.shift, observable)
+        residual = near.residual(found.plane)
+        robust = self._covariance(near, residual, found.spread, search.area)
         return Alignment(
             shift=found.shift,
             plane=found.plane,
-            covariance=_in_full(known.matrix, told, search.reach),
-            patches=known.patches,
-            left=left,
+            covariance=_in_full(robust.matrix, observable, search.reach),
+            patches=robust.patches,
+            residual=residual,
             iterations=found.iterations,
-            settled=found.settled,
+            converged=found.converged,
         )
 
-    def left_at(self, shift: FloatArray, plane: FloatArray) -> Left:
-        """What is left of the difference at a displacement (2,), cells, beside a plane (3,)."""
-        return self._linearised(shift, np.zeros((2, 0))).left(plane)
+    def residual_at(self, shift: FloatArray, plane: FloatArray) -> Residual:
+        """Residual at a displacement (2,), cells, less a plane (3,)."""
+        return self._linearised(shift, np.zeros((2, 0))).residual(plane)
 
-    def _settled(self, start: FloatArray, told: FloatArray, search: Search) -> _Settled | None:
-        """Gauss–Newton along `told` (2, K) from a displacement (2,), and the plane there."""
+    def _gauss_newton(
+        self, start: FloatArray, observable: FloatArray, search: Search
+    ) -> _GaussNewton | None:
+        """Displacement and plane by Gauss–Newton along `observable` (2, K) from `start` (2,)."""
         fields = self.fields
-        shift, plane, spread, iterations, settled = gauss_newton(
-            (self.coefficients, fields.fixed, fields.sigma, fields.tipping),
+        shift, plane, spread, iterations, converged = gauss_newton(
+            (self.coefficients, fields.fixed, fields.sigma, fields.tilting),
             (fields.moving_masks, fields.fixed_known),
-            np.ascontiguousarray(told),
+            np.ascontiguousarray(observable),
             fields.level,
             np.array(start, dtype=np.float64),
             (search.max_iterations, search.tolerance),
         )
-        return _Settled(shift, plane, spread, iterations, settled) if iterations else None
+        return _GaussNewton(shift, plane, spread, iterations, converged) if iterations else None
 
     def _covariance(
-        self, near: _Linearised, left: Left, spread: float, area: float
+        self, near: _Linearised, residual: Residual, spread: float, area: float
     ) -> RobustCovariance:
-        """Of displacements along the directions that are told, and of the plane."""
+        """Covariance of displacements along the observable directions, and of the plane."""
         design = near.partials * near.compared
         if area > 0.0:
             rows = design.reshape(len(design), -1)
             guess = np.linalg.inv(rows @ rows.T) * area * spread**2
             return RobustCovariance(guess, np.count_nonzero(near.compared) / area)
-        along = near.told.shape[1]
+        along = near.observable.shape[1]
         rise = design.copy()
-        rise[:along] = np.tensordot(near.told.T, self.partials * near.compared, axes=1)
-        return robust_covariance(design, biweight_scores(left.standardised, spread), rise=rise)
+        rise[:along] = np.tensordot(near.observable.T, self.partials * near.compared, axes=1)
+        return robust_covariance(design, biweight_scores(residual.standardised, spread), rise=rise)
 
-    def _told(self, start: FloatArray) -> FloatArray | None:
+    def _observable(self, start: FloatArray) -> FloatArray | None:
         """Directions (2, K), K = 0 … 2, in which both surfaces have relief in common.
 
-        The correlation of their slopes tells: slopes that are noise are each surface's own. None
-        where too few points are common.
+        The criterion is the correlation of their slopes, as noise of the surfaces is uncorrelated.
+        None where too few points are common.
         """
         fields = self.fields
-        moved, held = displaced(self.coefficients, fields.moving_masks, start[0], start[1])
-        compared = fields.fixed_known & held
+        moved, valid = displaced(self.coefficients, fields.moving_masks, start[0], start[1])
+        compared = fields.fixed_known & valid
         if np.count_nonzero(compared) < LEAST_POINTS:
             return None
         moments = slope_moments(moved, self.partials, fields.sigma, compared)
@@ -279,52 +279,52 @@ class Aligner:
             for matrix in (common, moments[:2, :2], moments[2:, 2:])
         )
         own = one * two
-        told: FloatArray = directions[:, shared > _TOLD * np.sqrt(own)]
-        return told
+        observable: FloatArray = directions[:, shared > _MIN_SLOPE_CORRELATION * np.sqrt(own)]
+        return observable
 
-    def _linearised(self, shift: FloatArray, told: FloatArray) -> _Linearised:
-        """Of the difference at a displacement (2,), cells, with respect to those along `told`."""
+    def _linearised(self, shift: FloatArray, observable: FloatArray) -> _Linearised:
+        """Linearise the difference at a displacement (2,), cells, along `observable` (2, K)."""
         fields = self.fields
-        moved, held = displaced(self.coefficients, fields.moving_masks, shift[0], shift[1])
-        told = np.ascontiguousarray(told)
-        others = (fields.fixed, fields.sigma, fields.tipping)
-        partials, difference = partial_layers(moved, others, told, fields.level)
-        return _Linearised(partials, difference, fields.fixed_known & held, moved, told)
+        moved, valid = displaced(self.coefficients, fields.moving_masks, shift[0], shift[1])
+        observable = np.ascontiguousarray(observable)
+        others = (fields.fixed, fields.sigma, fields.tilting)
+        partials, difference = partial_layers(moved, others, observable, fields.level)
+        return _Linearised(partials, difference, fields.fixed_known & valid, moved, observable)
 
 
-def _in_full(covariance: FloatArray, told: FloatArray, reach: float) -> FloatArray:
-    """Covariance (5, 5) of shift and plane from that of the directions `told` (2, K) and plane."""
-    count = told.shape[1]
+def _in_full(covariance: FloatArray, observable: FloatArray, reach: float) -> FloatArray:
+    """Covariance (5, 5) of shift and plane from that along `observable` (2, K) and of the plane."""
+    count = observable.shape[1]
     rise = np.zeros((5, count + 3))
-    rise[:2, :count], rise[2:, count:] = told, np.eye(3)
+    rise[:2, :count], rise[2:, count:] = observable, np.eye(3)
     full: FloatArray = rise @ covariance @ rise.T
-    full[:2, :2] += reach**2 * (np.eye(2) - told @ told.T)
+    full[:2, :2] += reach**2 * (np.eye(2) - observable @ observable.T)
     return full
 
 
 class _Linearised(NamedTuple):
-    """Partials (K + 3, R, C) by displacements along `told` (2, K) and by the plane, over sigma.
+    """Partials (K + 3, R, C) over sigma, by displacements along `observable` and by the plane.
 
-    With them the differences (R, C) over sigma, where they may be compared, and the moved surface.
+    Also the differences (R, C) over sigma, the mask of compared points, and the moved surface.
     """
 
     partials: FloatArray
     difference: FloatArray
     compared: BoolArray
     moved: FloatArray
-    told: FloatArray
+    observable: FloatArray
 
-    def left(self, plane: FloatArray) -> Left:
-        """What is left beside a plane (3,)."""
+    def residual(self, plane: FloatArray) -> Residual:
+        """Residual less a plane (3,)."""
         level = self.difference - np.tensordot(plane, self.partials[-3:], axes=1)
-        return Left(np.where(self.compared, level, np.nan), self.moved)
+        return Residual(np.where(self.compared, level, np.nan), self.moved)
 
 
-class _Settled(NamedTuple):
-    """Where Gauss–Newton ended, and the robust standard deviation of what is left there."""
+class _GaussNewton(NamedTuple):
+    """Result of Gauss–Newton, with the robust standard deviation of the residual."""
 
     shift: FloatArray
     plane: FloatArray
     spread: float
     iterations: int
-    settled: bool
+    converged: bool

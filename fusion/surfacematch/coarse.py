@@ -12,20 +12,20 @@ from spcola.arrays import FloatArray
 from spcola.grids.statistics import shift_variances
 
 APART = 3.0
-"""Two displacements further apart than this many cells are two answers."""
+"""Displacements further apart than this, cells, count as different solutions."""
 AREA = 60.0
-"""Cells over which differences hold together, about."""
+"""Approximate area over which differences are correlated, cells."""
 
 
 class CoarseShift(NamedTuple):
-    """The best whole-cell shift (2,), x and y, cells, and others that may rival it."""
+    """The best whole-cell shift (2,), x and y, cells, and other minima about as good."""
 
     start: FloatArray
     rivals: list[FloatArray]
 
 
 def coarse_shift(fields: Fields, *, reach: int, ambiguity: float) -> CoarseShift:
-    """Find the best whole-cell shift, and up to three others that may rival it.
+    """Find the best whole-cell shift, and up to three others about as good.
 
     Parameters
     ----------
@@ -33,8 +33,8 @@ def coarse_shift(fields: Fields, *, reach: int, ambiguity: float) -> CoarseShift
     reach : int
         Largest shift along either axis, cells.
     ambiguity : float
-        A rival is a valley of the difference's variance, apart from the best one, that is no
-        deeper by more than this factor, or deep against what unrelated terrain shows.
+        A rival is another local minimum of the difference's variance, at most this factor above
+        the best one, or at most a quarter of the median over all shifts.
     """
     weight = np.where(fields.fixed_known, fields.sigma**-2, 0.0)
     variance = shift_variances(
@@ -58,11 +58,11 @@ def coarse_shift(fields: Fields, *, reach: int, ambiguity: float) -> CoarseShift
 
 
 def _likeliest(variance: FloatArray, count: float) -> tuple[int, int]:
-    """Row and column of the likeliest shift: that of least variance, unless many are alike.
+    """Row and column of the shift of greatest posterior probability.
 
-    ``n/2 ln(variance)`` for n = `count` independent differences, and a Gaussian prior as wide as
-    the capture range: over flat ground, or along a ridge, the least of many like variances is none
-    to follow.
+    The cost is ``n/2 ln(variance)`` for n = `count` independent differences, plus a Gaussian prior
+    as wide as the capture range: over flat ground, or along a ridge, many variances are about
+    equal and their minimum has no meaning.
     """
     reach = variance.shape[0] // 2
     step = np.arange(-reach, reach + 1) / reach

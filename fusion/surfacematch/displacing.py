@@ -1,4 +1,4 @@
-"""Kernels of the displacement of one surface against another: spline, slopes, Gauss–Newton."""
+"""Compiled loops of the displacement of one surface against another: spline, Gauss–Newton."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from spcola.math.robust import HUBER, MAD_TO_SIGMA, TUKEY
 LEAST_POINTS = 30
 """Fewer points give no displacement."""
 
-# Steps that weigh by Huber before Tukey may, and that take the spread anew: spread and weights
-# that follow each other may go in circles.
+# Steps with Huber's weights before Tukey's, and steps that estimate the spread anew: spread and
+# weights that depend on each other may cycle.
 _ROUNDS_OF_HUBER, _ROUNDS_OF_SPREAD = 2, 5
-# Each so many-th residual tells the spread, to some hundredths.
-_THINNED = 4
-# Steps, cells, that are small enough after so many.
-_TO_AND_FRO = 5e-3
+# Every so many-th residual is used for the spread, which makes it accurate to some hundredths.
+_SPREAD_STEP = 4
+# Tolerance, cells, after _ROUNDS_OF_SPREAD steps.
+_OSCILLATION = 5e-3
 BORDER = 2
 """Coefficients of a spline beyond each edge of its grid."""
-# Cells over which an edge is felt.
-_FELT = 14
+# Cells over which an edge affects spline coefficients.
+_EDGE_REACH = 14
 
 
 def spline_of(height: FloatArray) -> FloatArray:
-    """Coefficients (R + 4, C + 4) of the cubic spline through heights (R, C), as `displaced` uses.
+    """Coefficients (R + 4, C + 4) of the cubic spline through heights (R, C), for `displaced`.
 
-    Beyond its edges a surface goes on as its point reflection in the edge does. A mirrored one
-    would be level there, and a round body is steepest at the edges of its maplets: between points
-    this draws a displacement by up to a tenth of a cell.
+    Beyond its edges a surface is continued by point reflection in the edge. Mirror reflection would
+    make it level there, whereas a round body is steepest at the edges of its maplets: this would
+    bias a displacement by up to a tenth of a cell.
     """
-    wide = np.pad(height, _FELT, mode="reflect", reflect_type="odd")
-    cut = _FELT - BORDER
+    wide = np.pad(height, _EDGE_REACH, mode="reflect", reflect_type="odd")
+    cut = _EDGE_REACH - BORDER
     return np.ascontiguousarray(ndimage.spline_filter(wide, order=3)[cut:-cut, cut:-cut])
 
 
@@ -41,59 +41,61 @@ def spline_of(height: FloatArray) -> FloatArray:
 def gauss_newton(
     layers: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
     known: tuple[tuple[BoolArray, BoolArray], BoolArray],
-    told: FloatArray,
+    observable: FloatArray,
     level: float,
     start: FloatArray,
     limits: tuple[int, float],
 ) -> tuple[FloatArray, FloatArray, float, int, bool]:
-    """Displace, linearise, re-weight, solve, until the displacement settles.
+    """Displace, linearise, re-weight and solve until the displacement converges.
 
-    `layers` are the spline's coefficients, the fixed surface, sigma, and what tilts do; `known`
-    is where the displaced surface is (as :func:`displaced` takes it) and where the fixed one is.
-    After 0 iterations too few points are common.
+    `layers` are the spline's coefficients, the fixed surface, sigma, and the partials with respect
+    to tilts. `known` are the masks of the displaced surface (as in :func:`displaced`) and of the
+    fixed one. `observable` (2, K) are the directions in which the displacement is estimated.
+
+    Returns shift (2,), plane (3,), spread, iterations (0 if too few points are common), converged.
     """
-    coefficients, fixed, sigma, tipping = layers
-    shift, along = start.copy(), told.shape[1]
+    coefficients, fixed, sigma, tilting = layers
+    shift, along = start.copy(), observable.shape[1]
     estimate, spread = np.zeros(along + 3), 0.0
     for iteration in range(1, limits[0] + 1):
-        moved, held = displaced(coefficients, known[0], shift[0], shift[1])
-        compared = (known[1] & held).ravel()
+        moved, valid = displaced(coefficients, known[0], shift[0], shift[1])
+        compared = (known[1] & valid).ravel()
         if np.count_nonzero(compared) < LEAST_POINTS:
             return shift, estimate[along:], spread, 0, False
-        grids, apart = partial_layers(moved, (fixed, sigma, tipping), told, level)
+        grids, apart = partial_layers(moved, (fixed, sigma, tilting), observable, level)
         rows, difference = grids.reshape(along + 3, -1), apart.ravel()
         estimate[:along] = 0.0
         if iteration == 1:
-            estimate[along] = np.median(_each(difference / rows[along], compared, 1))
+            estimate[along] = np.median(_every(difference / rows[along], compared, 1))
         for weighing in range(2 if iteration <= _ROUNDS_OF_HUBER else 1):
-            left = np.abs(difference - estimate @ rows)
-            # About 0, where the plane of the step before has put their middle.
+            residual = np.abs(difference - estimate @ rows)
+            # About 0: the plane of the previous step has removed their median.
             if iteration == 1 or (weighing == 0 and iteration <= _ROUNDS_OF_SPREAD):
-                each = _each(left, compared, _THINNED if along else 1)
-                spread = float(MAD_TO_SIGMA * np.median(each))
-            weight = _weights(left, compared, spread, iteration > _ROUNDS_OF_HUBER)
-            normal, right = weighed_products(weight, rows, difference)
+                sample = _every(residual, compared, _SPREAD_STEP if along else 1)
+                spread = float(MAD_TO_SIGMA * np.median(sample))
+            weight = _weights(residual, compared, spread, iteration > _ROUNDS_OF_HUBER)
+            normal, right = weighted_products(weight, rows, difference)
             estimate = np.linalg.solve(normal, right)
         most = 0.0
         for axis in range(2):
             offset = 0.0
             for k in range(along):
-                offset += told[axis, k] * min(max(estimate[k], -1.0), 1.0)
+                offset += observable[axis, k] * min(max(estimate[k], -1.0), 1.0)
             shift[axis] += offset
             most = max(most, abs(offset))
-        # Where a displacement changes which points are compared, it goes to and fro by some
-        # thousandths of a cell.
-        enough = limits[1] if iteration <= _ROUNDS_OF_SPREAD else max(limits[1], _TO_AND_FRO)
-        # A rough answer need not have come to Tukey's weights.
-        fewest = 2 if limits[1] > _TO_AND_FRO else _ROUNDS_OF_HUBER + 2
+        # Where a displacement changes which points are compared, it oscillates by some thousandths
+        # of a cell.
+        enough = limits[1] if iteration <= _ROUNDS_OF_SPREAD else max(limits[1], _OSCILLATION)
+        # A rough result does not need Tukey's weights.
+        fewest = 2 if limits[1] > _OSCILLATION else _ROUNDS_OF_HUBER + 2
         if most < enough and iteration >= fewest:
             return shift, estimate[along:], spread, iteration, True
     return shift, estimate[along:], spread, limits[0], False
 
 
 @compiled
-def _each(values: FloatArray, where: BoolArray, step: int) -> FloatArray:
-    """Each so many-th of the values (N,) at the points of a mask."""
+def _every(values: FloatArray, where: BoolArray, step: int) -> FloatArray:
+    """Every `step`-th of the values (N,) at the points of a mask."""
     kept = np.empty(values.shape[0])
     count, passed = 0, step - 1
     for n in range(values.shape[0]):
@@ -106,30 +108,32 @@ def _each(values: FloatArray, where: BoolArray, step: int) -> FloatArray:
 
 
 @compiled
-def _weights(left: FloatArray, compared: BoolArray, spread: float, redescend: bool) -> FloatArray:
-    """Tukey's or Huber's weights of absolute residuals (N,); 0 where none was compared.
+def _weights(
+    residual: FloatArray, compared: BoolArray, spread: float, redescend: bool
+) -> FloatArray:
+    """Tukey's or Huber's weights of absolute residuals (N,); 0 where nothing was compared.
 
-    Of no spread all weigh 1. Boulders that SPC shortens all lie to one side, and any weight left to
-    them would pull the height; but Tukey's need the good start that Huber's lead to.
+    All are 1 if the spread is 0. Boulders that SPC shortens all lie to one side, so that any weight
+    of them would bias the height; but Tukey's weights need the good start that Huber's provide.
     """
-    weight = np.empty(left.shape[0])
+    weight = np.empty(residual.shape[0])
     if spread <= 1e-12:
         weight[:] = compared
     elif redescend:
-        for n in range(left.shape[0]):
-            ratio = min(left[n] / (TUKEY * spread), 1.0)
+        for n in range(residual.shape[0]):
+            ratio = min(residual[n] / (TUKEY * spread), 1.0)
             weight[n] = compared[n] * (1.0 - ratio * ratio) ** 2
     else:
-        for n in range(left.shape[0]):
-            weight[n] = compared[n] * min(HUBER * spread / max(left[n], 1e-300), 1.0)
+        for n in range(residual.shape[0]):
+            weight[n] = compared[n] * min(HUBER * spread / max(residual[n], 1e-300), 1.0)
     return weight
 
 
 @compiled_sums
-def weighed_products(
+def weighted_products(
     weight: FloatArray, rows: FloatArray, values: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Sums (P, P) of weighed products of layers (P, N), and (P,) of layers by values (N,)."""
+    """Weighted sums (P, P) of products of layers (P, N), and (P,) of layers by values (N,)."""
     count = rows.shape[0]
     square, right = np.empty((count, count)), np.empty(count)
     for p in range(count):
@@ -150,33 +154,33 @@ def weighed_products(
 def partial_layers(
     moved: FloatArray,
     others: tuple[FloatArray, FloatArray, FloatArray],
-    told: FloatArray,
+    observable: FloatArray,
     level: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Partials (K + 3, R, C) and differences (R, C) over sigma.
 
-    `others` are the fixed surface, sigma, and what tilts along x and y do (2, R, C).
-    Slopes are antisymmetric differences of the displaced heights and not the spline's own: its
-    smoothing of noise depends on where between the points it is evaluated, and slopes that see
-    that would draw the displacement to half a cell. By these a noise of the heights is not
-    correlated with its slope.
+    `others` are the fixed surface, sigma, and the partials with respect to tilts along x and y
+    (2, R, C). Slopes are antisymmetric differences of the displaced heights, not the spline's own:
+    the spline's smoothing of noise depends on the sub-cell position, and its slopes would bias the
+    displacement towards half a cell. Antisymmetric differences are uncorrelated with the noise of
+    the heights.
     """
     height, width = moved.shape
-    along = told.shape[1]
+    along = observable.shape[1]
     layers = np.empty((along + 3, height, width))
     difference = np.empty(moved.shape)
-    fixed, sigma, tipping = others
+    fixed, sigma, tilting = others
     slope_x, slope_y = slopes_of(moved)
     for r in range(height):
         for c in range(width):
             share = 1.0 / sigma[r, c]
             difference[r, c] = share * (fixed[r, c] - moved[r, c])
             for k in range(along):
-                slope = told[0, k] * slope_x[r, c] + told[1, k] * slope_y[r, c]
+                slope = observable[0, k] * slope_x[r, c] + observable[1, k] * slope_y[r, c]
                 layers[k, r, c] = -share * slope
             layers[along, r, c] = share * level
-            layers[along + 1, r, c] = share * tipping[0, r, c]
-            layers[along + 2, r, c] = share * tipping[1, r, c]
+            layers[along + 1, r, c] = share * tilting[0, r, c]
+            layers[along + 2, r, c] = share * tilting[1, r, c]
     return layers, difference
 
 
@@ -184,18 +188,28 @@ def partial_layers(
 def slope_moments(
     moved: FloatArray, partials: FloatArray, sigma: FloatArray, compared: BoolArray
 ) -> FloatArray:
-    """Covariances (4, 4) times their number of slopes over sigma at the points compared.
+    """Covariances (4, 4), times the number of points, of slopes over sigma at compared points.
 
-    Of the displaced surface along x and y, with its sign turned, then of `partials` (2, R, C).
+    The four are the slopes of the displaced surface along x and y with reversed sign, then the two
+    of `partials` (2, R, C).
     """
     slope_x, slope_y = slopes_of(moved)
-    layers = np.empty((4, *moved.shape))
-    layers[0], layers[1] = -slope_x / sigma, -slope_y / sigma
-    layers[2:] = partials
-    ones = np.ones(moved.size)
-    weight = compared.ravel() * ones
-    square, total = weighed_products(weight, layers.reshape(4, -1), ones)
-    return square - np.outer(total, total) / max(float(weight.sum()), 1.0)
+    height, width = moved.shape
+    layers, weight = np.empty((4, moved.size)), np.empty(moved.size)
+    common = 0
+    for r in range(height):
+        for c in range(width):
+            n = r * width + c
+            layers[0, n] = -slope_x[r, c] / sigma[r, c]
+            layers[1, n] = -slope_y[r, c] / sigma[r, c]
+            layers[2, n], layers[3, n] = partials[0, r, c], partials[1, r, c]
+            weight[n] = 1.0 if compared[r, c] else 0.0
+            common += 1 if compared[r, c] else 0
+    square, total = weighted_products(weight, layers, np.ones(moved.size))
+    for p in range(4):
+        for q in range(4):
+            square[p, q] -= total[p] * total[q] / max(common, 1)
+    return square
 
 
 @compiled
@@ -207,9 +221,10 @@ def displaced(
 ) -> tuple[FloatArray, BoolArray]:
     """Cubic spline at ``(x − shift_x, y − shift_y)``, and where it is known.
 
-    `coefficients` are those of :func:`spline_of`. A value is known where the nearest point is known
-    and those around at least near to known ones: `known` are the masks (R, C) of both. A
-    displacement that is alike everywhere needs one set of weights.
+    `coefficients` are those of :func:`spline_of`. `known` are two masks (R, C): points that are
+    known, and points that are known or next to known ones. A value is known if its nearest point is
+    in the first mask and all points around it are in the second. As the displacement is the same
+    everywhere, one set of spline weights suffices.
     """
     rows, columns = known[0].shape
     i, j = int(np.floor(-shift_y)), int(np.floor(-shift_x))
@@ -221,7 +236,7 @@ def displaced(
     later = 1 if -shift_x - j > 0.5 else 0
     along = np.empty((coefficients.shape[0], columns))
     value = np.empty(known[0].shape)
-    held = np.zeros(known[0].shape, dtype=np.bool_)
+    valid = np.zeros(known[0].shape, dtype=np.bool_)
     first, past = min(max(-1 - j, 0), columns), max(min(columns - j, columns), 0)
     for r in range(along.shape[0]):
         line = coefficients[r]
@@ -252,9 +267,10 @@ def displaced(
             continue
         nearest, near, next_to = known[0][r + i + lower], known[1][r + i], known[1][r + i + down]
         for c in range(max(0, -j), min(columns, columns - j - right)):
-            held[r, c] = near[c + j] & near[c + j + right] & next_to[c + j] & next_to[c + j + right]
-            held[r, c] &= nearest[c + j + later]
-    return value, held
+            both = near[c + j] & near[c + j + right]
+            valid[r, c] = both & next_to[c + j] & next_to[c + j + right]
+            valid[r, c] &= nearest[c + j + later]
+    return value, valid
 
 
 @compiled
@@ -288,5 +304,5 @@ def _spline(t: float) -> FloatArray:
 
 @compiled
 def _bordered(index: int, size: int) -> int:
-    """Place of a grid point's coefficient; those further off than the border are its last."""
+    """Index of a grid point's coefficient, limited to the border."""
     return min(max(index, -BORDER), size - 1 + BORDER) + BORDER

@@ -11,10 +11,10 @@ from fusion.surfacematch.alignment import (
     Aligner,
     Alignment,
     Fields,
-    Left,
+    Residual,
     Search,
+    tilt_partials,
     tilts,
-    tipping,
 )
 from fusion.surfacematch.coarse import APART, AREA, coarse_shift
 from fusion.surfacematch.resolution.noise import NoiseSpectrum, supported
@@ -25,18 +25,17 @@ from spcola.arrays import BoolArray, FloatArray
 from spcola.grids import MapletGrid
 from spcola.grids.gaps import bridged, closable, plane_of
 
-# Ground that differs by no more than this many of its stated sigmas is the same ground, however
-# little relief there is to correlate.
-_AS_STATED = 2.0
+# Surfaces that differ by no more than this many stated sigmas show the same ground, however little
+# relief there is to correlate.
+_WITHIN_STATED = 2.0
 # A filtered match further from the unfiltered one than this many of the latter's sigmas has found
-# another valley.
-_TORN = 5.0
-# Share of a grid: so many gaps of the displaced surface do not matter.
+# another minimum.
+_OTHER_MINIMUM = 5.0
+# Share of a grid: fewer additional gaps of the displaced surface do not matter.
 _FEW = 0.03
-# A displacement that moves by less than that, cells, has settled; one that is a start for another
-# search, or a rival, sooner.
-_SETTLED, _ROUGH = 1e-3, 0.03
-# No displacement is known better than this, cells.
+# Tolerances of a displacement, cells: of the result, and of a start for another search or a rival.
+_FINE, _ROUGH = 1e-3, 0.03
+# Smallest sigma of a displacement, cells.
 _ROUNDING = 1e-6
 
 
@@ -44,20 +43,19 @@ _ROUNDING = 1e-6
 class _Pair:
     """Two surfaces on one grid at one resolution, less the plane that they have in common.
 
-    A value between points rests on the points around it. Where many of the lidar's are missing the
-    SPC surface is displaced instead, and compared at the points that the lidar has: gaps that are
-    closed from one side draw a displacement towards whole cells, by a third of its sigma where 5 %
-    are missing, by more than one sigma where 30 % are. Else it is the lidar, whose slopes, by which
-    the points weigh, have less noise.
+    Usually the lidar surface is displaced (interpolated), as its slopes have less noise. Where many
+    of its points are missing the SPC surface is displaced instead and compared at the points that
+    the lidar has: interpolating over one-sided gaps biases a displacement towards whole cells, by
+    a third of its sigma with 5 % missing, by more than one sigma with 30 %.
     """
 
     moving: FloatArray
     fixed: FloatArray
     plane: FloatArray  # (3,) height in the middle, rise over the grid along x and y
-    sigma: FloatArray  # of their difference, against that of the points known best
-    stated: float  # metres, what a `sigma` of 1 is; 0 where none is known
+    sigma: FloatArray  # of their difference, relative to that of the most accurate points
+    stated: float  # metres that correspond to a `sigma` of 1; 0 if no sigma is known
     gsd: float
-    turned: bool = False  # whether `moving` is the SPC surface and `fixed` the lidar's
+    swapped: bool = False  # whether `moving` is the SPC surface and `fixed` the lidar's
 
     @property
     def moving_known(self) -> BoolArray:
@@ -68,11 +66,11 @@ class _Pair:
         return np.isfinite(self.fixed)
 
     def with_few_gaps_moving(self) -> _Pair:
-        """The pair, turned if the moving surface lacks many more points than the fixed one."""
+        """Return the pair, swapped if the moving surface lacks many more points than the other."""
         lacking = np.count_nonzero(self.fixed_known) - np.count_nonzero(self.moving_known)
         if lacking <= _FEW * self.moving.size:
             return self
-        return replace(self, moving=self.fixed, fixed=self.moving, turned=True)
+        return replace(self, moving=self.fixed, fixed=self.moving, swapped=True)
 
 
 def match_surfaces(
@@ -87,13 +85,13 @@ def match_surfaces(
 ) -> Match:
     """Match the lidar heights `moving` to the SPC heights `fixed` on one grid.
 
-    The likelihood of the difference ``fixed(x) − moving(x − d) − d_z − plane`` is made greatest,
-    given how both surfaces' sigmas vary from point to point and, with `spectrum`, over which
-    wavelengths the errors are spread; robustly (Huber, then Tukey): first on whole cells over the
-    capture range, then by Gauss–Newton at sub-cell accuracy. The plane is a nuisance: a maplet's
-    own long-wave tilt must not be taken for a displacement of a sloping surface. Ground that SPC
-    hardly knows, as in shadow, where its heights drift by decimetres together, has little say.
-    What the relief does not tell stays 0 within the capture range, which is its sigma then.
+    The likelihood of the difference ``fixed(x) − moving(x − d) − d_z − plane`` is maximised
+    robustly (Huber, then Tukey), given the relative sigmas of the points and, with `spectrum`, the
+    power spectrum of the errors: first on whole cells over the capture range, then by Gauss–Newton
+    at sub-cell accuracy. The plane is a nuisance parameter: a maplet's own long-wave tilt must not
+    be mistaken for a displacement of a sloping surface. Ground with large SPC sigmas, as in shadow,
+    has little weight. Directions that the relief does not determine have displacement 0 and the
+    capture range as sigma.
 
     Parameters
     ----------
@@ -101,7 +99,7 @@ def match_surfaces(
     grid : MapletGrid
         Grid of both.
     moving, fixed : Surface
-        Of the grid's shape.
+        With layers of the grid's shape.
     blur_cells : float
         Standard deviation, in cells, of the Gaussian that brings the sharper surface (lidar if
         positive, SPC if negative) to the resolution of the other.
@@ -112,16 +110,16 @@ def match_surfaces(
     Returns
     -------
     Match
-        With NaN displacement and a `reason` where nothing trustworthy was found.
+        With NaN displacement and a `reason` if there is no trustworthy match.
     """
     options = options or MatchOptions()
     pair = _prepare(grid, moving, fixed, blur_cells).with_few_gaps_moving()
     both = float(np.mean(pair.moving_known & pair.fixed_known))
     if both < options.min_coverage:
-        few = f"only {both:.0%} of the grid is held by both surfaces"
+        few = f"only {both:.0%} of the grid has both surfaces"
         return unmatched(name, grid, both, Cause.NOT_COVERED, few)
     fields, reach = _plain(pair), max(1, int(np.ceil(options.capture_m / grid.gsd)))
-    start, rivals = coarse_shift(fields, reach=reach, ambiguity=options.ambiguity)
+    start, starts = coarse_shift(fields, reach=reach, ambiguity=options.ambiguity)
     if max(abs(start)) == reach > 1:
         edge = f"the best match lies at the edge of the capture range ({options.capture_m:g} m)"
         return unmatched(name, grid, both, Cause.CAPTURE_RANGE, edge)
@@ -131,25 +129,24 @@ def match_surfaces(
     if plain is None:
         few = "too few points are common to both surfaces"
         return unmatched(name, grid, both, Cause.NOT_COVERED, few)
-    others = [aligner.align(rival, rough) for rival in rivals]
-    alike = [other for other in others if other and _as_good(other, plain, options)]
-    sharp = None if spectrum is None or alike else _whitened(fields, spectrum, plain, rough)
+    others = [aligner.align(other, rough) for other in starts]
+    rivals = [other for other in others if other and _as_good(other, plain, options)]
+    sharp = None if spectrum is None or rivals else _whitened(fields, spectrum, plain, rough)
     if sharp is None:
-        best = aligner.align(plain.shift, replace(rough, tolerance=_SETTLED, area=0.0)) or plain
-        return _judged(name, grid, pair, _Found(best, best.left, alike), options)
-    return _judged(
-        name, grid, pair, _Found(sharp, aligner.left_at(sharp.shift, sharp.plane), alike), options
-    )
+        best = aligner.align(plain.shift, replace(rough, tolerance=_FINE, area=0.0)) or plain
+        return _judged(name, grid, pair, _Found(best, best.residual, rivals), options)
+    residual = aligner.residual_at(sharp.shift, sharp.plane)
+    return _judged(name, grid, pair, _Found(sharp, residual, rivals), options)
 
 
 def _prepare(grid: MapletGrid, moving: Surface, fixed: Surface, blur_cells: float) -> _Pair:
-    """Bring both surfaces to one resolution, and take out the plane of the fixed one."""
-    soft_moving, soft_fixed = moving.height, fixed.height
+    """Bring both surfaces to one resolution, and subtract the plane of the fixed one."""
+    moving_height, fixed_height = moving.height, fixed.height
     if blur_cells > 0:
-        soft_moving = blurred_over_gaps(soft_moving, blur_cells, of_slopes=fixed.of_slopes)
+        moving_height = blurred_over_gaps(moving_height, blur_cells, of_slopes=fixed.of_slopes)
     elif blur_cells < 0:
-        soft_fixed = blurred_over_gaps(soft_fixed, -blur_cells, of_slopes=moving.of_slopes)
-    plane = plane_of(soft_fixed)
+        fixed_height = blurred_over_gaps(fixed_height, -blur_cells, of_slopes=moving.of_slopes)
+    plane = plane_of(fixed_height)
     rows, columns = plane.shape
     rise = np.array(
         [
@@ -159,14 +156,14 @@ def _prepare(grid: MapletGrid, moving: Surface, fixed: Surface, blur_cells: floa
         ]
     )
     sigma, stated = _relative_sigma(moving, fixed)
-    return _Pair(soft_moving - plane, soft_fixed - plane, rise, sigma, stated, grid.gsd)
+    return _Pair(moving_height - plane, fixed_height - plane, rise, sigma, stated, grid.gsd)
 
 
 def _relative_sigma(moving: Surface, fixed: Surface) -> tuple[FloatArray, float]:
-    """Sigma of the difference at each point against that of the points known best, at least 1.
+    """Sigma of the difference at each point relative to the most accurate points, at least 1.
 
-    Second that of these points, metres; 0 where none is stated. The displacements searched for are
-    small against how far sigmas reach: where they lie before the move is good enough.
+    The second value is the sigma of the most accurate points, metres; 0 if none is stated. Sigmas
+    vary slowly compared with the displacements searched for: they are taken before the move.
     """
     sigma: FloatArray = np.sqrt(moving.variance + fixed.variance)
     both = np.isfinite(moving.height) & np.isfinite(fixed.height)
@@ -179,16 +176,16 @@ def _relative_sigma(moving: Surface, fixed: Surface) -> tuple[FloatArray, float]
 
 
 def _as_good(other: Alignment, best: Alignment, options: MatchOptions) -> bool:
-    """Whether another displacement leaves about the same difference as the best one."""
+    """Return whether another displacement leaves about the same variance as the best one."""
     apart = float(np.hypot(*(other.shift - best.shift))) > APART
-    spread, least = (float(np.nanvar(one.left.standardised)) for one in (other, best))
+    spread, least = (float(np.nanvar(one.residual.standardised)) for one in (other, best))
     return apart and spread < options.ambiguity * least
 
 
 def _plain(pair: _Pair) -> Fields:
-    """The surfaces as they are, all wavelengths alike."""
-    # That of SPC has the smoother slopes.
-    spc = bridged(pair.moving if pair.turned else pair.fixed)
+    """The two surfaces without filter."""
+    # The SPC surface has the smoother slopes.
+    spc = bridged(pair.moving if pair.swapped else pair.fixed)
     level = pair.plane[0] + np.tensordot(pair.plane[1:], tilts(spc.shape), axes=1)
     return Fields(
         bridged(pair.moving),
@@ -197,7 +194,7 @@ def _plain(pair: _Pair) -> Fields:
         bridged(pair.fixed),
         pair.fixed_known,
         pair.sigma,
-        np.ascontiguousarray(tipping(spc + level, pair.gsd)),
+        np.ascontiguousarray(tilt_partials(spc + level, pair.gsd)),
         1.0,
     )
 
@@ -207,11 +204,11 @@ def _whitened(
 ) -> Alignment | None:
     """Align the surfaces again, filtered so that their difference is white; None if no better.
 
-    Where gaps leave too little that the filter can be sure of, or the relief has nothing at short
-    wavelengths, the unfiltered answer is the sharper one.
+    The unfiltered alignment is more accurate where gaps leave too few points for the filter, or the
+    relief has no short wavelengths.
     """
-    moving, fixed, *tipped = spectrum.whitened(
-        np.stack([plain_fields.moving, plain_fields.fixed, *plain_fields.tipping])
+    moving, fixed, *tilted = spectrum.whitened(
+        np.stack([plain_fields.moving, plain_fields.fixed, *plain_fields.tilting])
     )
     fields = Fields(
         moving,
@@ -220,72 +217,72 @@ def _whitened(
         fixed,
         supported(plain_fields.fixed_known),
         plain_fields.sigma,
-        np.stack(tipped),
+        np.stack(tilted),
         spectrum.level,
     )
-    fine = replace(search, tolerance=_SETTLED, area=0.0)
+    fine = replace(search, tolerance=_FINE, area=0.0)
     sharp = Aligner.of(fields).align(plain.shift, fine)
-    if sharp is None or not sharp.settled or not np.isfinite(sharp.covariance).all():
+    if sharp is None or not sharp.converged or not np.isfinite(sharp.covariance).all():
         return None
     moved = sharp.shift - plain.shift
     apart = moved @ np.linalg.solve(plain.covariance[:2, :2], moved)
     gained = np.trace(sharp.covariance[:2, :2]) < np.trace(plain.covariance[:2, :2])
-    return sharp if gained and apart < _TORN**2 else None
+    return sharp if gained and apart < _OTHER_MINIMUM**2 else None
 
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """The displacement, what is left there of the unfiltered difference, and others as good."""
+    """The best alignment, its residual without filter, and rivals that are about as good."""
 
     best: Alignment
-    left: Left
-    alike: list[Alignment]
+    residual: Residual
+    rivals: list[Alignment]
 
 
 def _judged(
     name: str, grid: MapletGrid, pair: _Pair, found: _Found, options: MatchOptions
 ) -> Match:
-    """Turn an alignment into the result, with the reason if it cannot be trusted."""
+    """Convert an alignment to a match, with the reason if it must not be used."""
     local, covariance = _in_metres(pair, found, options)
-    left = found.left
+    residual = found.residual
     match = Match(
         name=name,
         center=grid.center,
         displacement=grid.axes.T @ local,
         covariance=grid.axes.T @ covariance @ grid.axes,
         local=local,
-        residual=left.standardised * pair.sigma * (-1.0 if pair.turned else 1.0),
-        correlation=_correlation(pair, left),
-        coverage=float(np.mean(left.compared)),
+        residual=residual.standardised * pair.sigma * (-1.0 if pair.swapped else 1.0),
+        correlation=_correlation(pair, residual),
+        coverage=float(np.mean(residual.compared)),
         iterations=found.best.iterations,
         reason="",
-        at_lidar=pair.turned,
+        at_lidar=pair.swapped,
     )
     best = found.best
-    judged = judged_match(match, options, settled=best.settled, patches=best.patches)
-    if judged.cause is Cause.UNCORRELATED and _as_stated(pair, left):
-        alike = replace(options, min_correlation=-1.0)
-        return judged_match(match, alike, settled=best.settled, patches=best.patches)
+    judged = judged_match(match, options, converged=best.converged, patches=best.patches)
+    if judged.cause is Cause.UNCORRELATED and _within_stated(pair, residual):
+        flat = replace(options, min_correlation=-1.0)
+        return judged_match(match, flat, converged=best.converged, patches=best.patches)
     return judged
 
 
 def _in_metres(pair: _Pair, found: _Found, options: MatchOptions) -> tuple[FloatArray, FloatArray]:
     """Displacement (3,) along the grid's axes, metres, and its covariance.
 
-    Along a direction in which others fit as well it is not known within the capture range.
+    Along directions to rivals the sigma is the capture range.
     """
     best, slope = found.best, pair.plane[1:] / pair.moving.shape[::-1]
     covariance = best.covariance[:3, :3].copy()
-    for other in found.alike:
+    for other in found.rivals:
         along = other.shift - best.shift
         reach = options.capture_m / pair.gsd
         covariance[:2, :2] += np.outer(along, along) * reach**2 / (along @ along)
-    # The plane that was taken out has moved too.
+    # The subtracted plane has moved too.
     to_metres = np.diag([pair.gsd, pair.gsd, 1.0])
     to_metres[2, :2] = slope
     up = best.plane[0]
-    if pair.turned:
-        # The plane is where the points of the lidar are, and the middle is that of the SPC surface.
+    if pair.swapped:
+        # The plane refers to the points of the lidar, the middle to those of the SPC surface.
         up += best.plane[1:] @ (best.shift / pair.moving.shape[::-1])
         to_metres = -to_metres
     spread = _positive(to_metres @ covariance @ to_metres.T, _ROUNDING * pair.gsd)
@@ -293,7 +290,7 @@ def _in_metres(pair: _Pair, found: _Found, options: MatchOptions) -> tuple[Float
 
 
 def _positive(covariance: FloatArray, least: float) -> FloatArray:
-    """A covariance (3, 3) with no sigma below `least`: that of equal surfaces is rounding."""
+    """Return a covariance (3, 3) with no sigma below `least` (rounding, for equal surfaces)."""
     if not np.isfinite(covariance).all():
         return covariance
     values, vectors = np.linalg.eigh(covariance)
@@ -303,16 +300,18 @@ def _positive(covariance: FloatArray, least: float) -> FloatArray:
     return positive
 
 
-def _as_stated(pair: _Pair, left: Left) -> bool:
-    """Whether the surfaces differ by no more than their sigmas say."""
-    return float(np.nanstd(left.standardised)) <= _AS_STATED * pair.stated
+def _within_stated(pair: _Pair, residual: Residual) -> bool:
+    """Return whether the residual is as small as the stated sigmas."""
+    return float(np.nanstd(residual.standardised)) <= _WITHIN_STATED * pair.stated
 
 
-def _correlation(pair: _Pair, left: Left) -> float:
+def _correlation(pair: _Pair, residual: Residual) -> float:
     """Weighted correlation of the two surfaces, planes removed, over the compared points."""
-    compared = left.compared
+    compared = residual.compared
     rows, columns = pair.sigma.shape
-    layers = np.stack([np.ones(compared.shape), *tilts((rows, columns)), pair.fixed, left.moved])
+    layers = np.stack(
+        [np.ones(compared.shape), *tilts((rows, columns)), pair.fixed, residual.moved]
+    )
     rows = np.where(compared, layers / pair.sigma, 0.0).reshape(len(layers), -1)
     both = rows @ rows.T
     product = both[3:, 3:] - both[3:, :3] @ np.linalg.solve(both[:3, :3], both[:3, 3:])

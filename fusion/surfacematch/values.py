@@ -133,26 +133,26 @@ class Match:
         return (lidar, lidar + self.residual) if self.at_lidar else (spc - self.residual, spc)
 
 
-def judged_match(match: Match, options: MatchOptions, *, settled: bool, patches: float) -> Match:
+def judged_match(match: Match, options: MatchOptions, *, converged: bool, patches: float) -> Match:
     """Return a match with the reason why it must not be used, if there is one.
 
     Parameters
     ----------
     match : Match
     options : MatchOptions
-    settled : bool
-        Whether its displacement came to rest.
+    converged : bool
+        Whether its displacement did.
     patches : float
-        How many of the differences that are left are independent.
+        Number of independent residuals.
     """
     if match.coverage < options.min_coverage:
         few = f"only {match.coverage:.0%} of the grid could be compared"
         return match.refused(Cause.NOT_COVERED, few)
-    if not settled:
-        moving = f"the displacement still moved after {match.iterations} steps"
-        return match.refused(Cause.NOT_CONVERGED, moving)
+    if not converged:
+        late = f"the displacement did not converge in {match.iterations} steps"
+        return match.refused(Cause.NOT_CONVERGED, late)
     if patches < _MIN_PATCHES:
-        few = f"the differences hold together over so far that only {patches:.0f} are independent"
+        few = f"the differences are so correlated that only {patches:.0f} are independent"
         return match.refused(Cause.FEW_INDEPENDENT, few)
     if match.correlation < options.min_correlation:
         weak = f"the surfaces correlate by {match.correlation:.2f} only"
@@ -164,7 +164,7 @@ def judged_match(match: Match, options: MatchOptions, *, settled: bool, patches:
 
 
 def unmatched(name: str, grid: MapletGrid, coverage: float, cause: Cause, reason: str) -> Match:
-    """Return a match on `grid` that says why there is none: NaN but for the share compared."""
+    """Return the result of a failed match on `grid`: NaN except the share compared, a `reason`."""
     unknown = np.full(3, np.nan)
     return Match(
         name=name,

@@ -1,9 +1,9 @@
-"""How points of two surfaces weigh against each other."""
+"""Relative weights of the points of two surfaces."""
 
 from __future__ import annotations
 
 BEST_SHARE = 0.1
-"""Share of the points that count alike, as known best.
+"""Share of the points, the most accurate, that have equal weight.
 
-A few that claim far more than the rest, or an error of 0, must not carry a match.
+A few points with far smaller sigmas than the rest, or 0, must not dominate a match.
 """

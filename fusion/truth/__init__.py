@@ -1,4 +1,4 @@
-"""Synthetic missions, and how far a model is from the truth."""
+"""Synthetic missions, and the assessment of models against their truth."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The folder of a mission while it is made: what is finished stays, whatever happens."""
+"""The folder of a mission while it is made: finished files survive an interruption."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ _STAMP = "mission.json"
 
 @dataclass(frozen=True)
 class Site:
-    """Where a mission is being made.
+    """Folder in which a mission is being made.
 
-    Every file is written whole or not at all, and none depends on the order in which they are
-    made: one that is there is finished, and a killed run goes on behind it. What later files need
-    of earlier ones, and the files do not hold to the last digit, is kept in notes.
+    Every file is written whole or not at all, and none depends on the order of work: an existing
+    file is finished, and an interrupted run resumes after it. Values that later files need with
+    more digits than earlier files have are kept in notes.
 
     Attributes
     ----------
@@ -51,16 +51,16 @@ class Site:
 
     @property
     def images(self) -> Path:
-        """The folder of the images that are not SPC's own format."""
+        """The folder of the images in other formats than SPC's."""
         return self.root / IMAGE_FOLDER
 
     def note(self, name: str) -> Any:
-        """Return what was noted under `name` by :meth:`keep`; None if nothing was."""
+        """Return the content noted under `name` by :meth:`keep`; None if there is none."""
         path = self._note_path(name)
         return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
 
     def keep(self, name: str, content: Any) -> None:
-        """Note `content`, numbers to the last digit; an item with a note is finished."""
+        """Note `content`, with all digits of numbers; an item with a note is finished."""
         write_text(self._note_path(name), json.dumps(content))
 
     def _note_path(self, name: str) -> Path:
@@ -71,15 +71,15 @@ class Site:
 def building(
     root: Path, settings: MissionSettings, fingerprint: str, *, replace: bool
 ) -> Iterator[Site]:
-    """Open the folder of a mission to make it, or to go on making it.
+    """Open the folder of a mission to make it, or to resume making it.
 
     Parameters
     ----------
     root : Path
-        Made if missing.
+        Created if missing.
     settings : MissionSettings
     fingerprint : str
-        Of the body. What is there of a mission of the same settings, body and version stays.
+        Of the body. Files of a mission of the same settings, body and version are kept.
     replace : bool
         Whether a mission of other settings may be removed.
 
@@ -87,7 +87,7 @@ def building(
     ------
     WorkspaceError
         If `root` holds other things, or another mission that may not be removed; if another
-        program is at work in it, or it cannot be written.
+        program works in it, or it cannot be written.
     """
     making = root / MAKING_FOLDER
     kind = {"digest": settings.digest, "body": fingerprint, "version": spcola.__version__}
@@ -114,7 +114,7 @@ def building(
 
 
 def finished(root: Path, settings: MissionSettings, fingerprint: str) -> Planted | None:
-    """Return what is planted in this mission if it is there, whole; else None."""
+    """Return what is planted in this mission if it exists and is complete; else None."""
     planted = _planted(root)
     if planted is None or not planted.is_of(settings, fingerprint):
         return None
@@ -131,12 +131,12 @@ def files_of(root: Path) -> dict[str, int]:
 
 
 def _names(root: Path) -> set[str]:
-    """Return what is in the folder; refuse one of other things."""
+    """Return the names in the folder, refused unless they are those of a mission."""
     try:
         there = {entry.name for entry in root.iterdir()} if root.exists() else set()
     except OSError as error:
         raise WorkspaceError(f"cannot be listed ({error.strerror})", root) from error
-    # Folders of these names may be somebody's data: only those of a mission made here go.
+    # Folders of these names may be other data: only those of a mission are removed.
     ours = {TRUTH_FILE, MAKING_FOLDER}
     if there - {*_PARTS, *ours} or (there and not there & ours):
         raise WorkspaceError(
@@ -146,7 +146,7 @@ def _names(root: Path) -> set[str]:
 
 
 def _is_of(root: Path, settings: MissionSettings, fingerprint: str, stamp: str) -> bool:
-    """Return whether what is there was made of these settings and body, finished or not."""
+    """Return whether the files were made of these settings and body, complete or not."""
     path = root / MAKING_FOLDER / _STAMP
     if path.is_file():
         return path.read_text(encoding="utf-8") == stamp
@@ -155,7 +155,7 @@ def _is_of(root: Path, settings: MissionSettings, fingerprint: str, stamp: str) 
 
 
 def _planted(root: Path) -> Planted | None:
-    """Return what is planted in the mission there; None if it says nothing that can be read."""
+    """Return what is planted in the mission; None if it cannot be read."""
     try:
         return read_truth(root)
     except SpcolaError:

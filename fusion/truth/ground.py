@@ -1,4 +1,4 @@
-"""The ground of a synthetic body as it is seen at some resolution, sampled."""
+"""The surface of a synthetic body, sampled at some resolution."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from spcola.truth.body import BodySettings, TruthBody
 from spcola.truth.sampled import SampledSurface
 
 SHADOW_SPACING = 1.0
-"""What casts shadows, and stands before landmarks, is resolved to this, metres."""
+"""Resolution of the surface that casts shadows and hides landmarks, metres."""
 
 
 def ground_at(
     settings: BodySettings, spacing: float, *, memory_bytes: int = 2**30
 ) -> SampledSurface:
-    """Return a body's surface, sampled at a spacing, without the rocks that it would not resolve.
+    """Return a body's surface, sampled at a spacing (metres), without rocks it would not resolve.
 
-    Samples that fall on single rocks would stand for all the ground around them.
+    Samples on single small rocks would represent all the surface around them.
     """
     rocks = settings.smallest_rock
     if rocks is not None:
@@ -26,5 +26,5 @@ def ground_at(
 
 
 def shadow_ground(settings: BodySettings) -> SampledSurface:
-    """Return the surface that tells light from shadow."""
+    """Return the surface that casts shadows."""
     return ground_at(settings, SHADOW_SPACING)

@@ -18,16 +18,16 @@ from spcola.truth.imaging import render, write_image
 from spcola.truth.sampled import SampledSurface
 
 FINEST = 0.05
-"""The surface of images is sampled no finer than this, metres: as the truth of Weirich et al."""
+"""Finest sampling of the surface for images, metres: as the truth of Weirich et al."""
 SURFACE_BYTES = 2**30
-"""Memory of that surface, at most."""
+"""Most memory of that surface, bytes."""
 
 
 def write_images(work: Work, states: Sequence[SolvedState]) -> None:
-    """Render and write the images: ``.DAT`` into the SPC folder, FITS beside it.
+    """Render and write the images: ``.DAT`` into the SPC folder, FITS into ``images/``.
 
-    Those whose pixels are alike on the ground share a sampled surface, one after the other, so
-    that only one is in memory. It depends on the image alone how fine its surface is.
+    Images of similar pixel size on the surface share a sampled surface, one after the other, so
+    that only one is in memory. The sampling depends on the image alone.
     """
     wanted = [state for state in states if any(map(missing, files_of_image(work, state)))]
     wanted.sort(key=lambda state: spacing_of(state.truth, work.settings.body.radius))
@@ -52,9 +52,9 @@ def files_of_image(work: Work, state: SolvedState) -> list[Path]:
 
 
 def spacing_of(image: SpcImage, radius: float) -> float:
-    """Return how finely the surface is sampled for an image, metres.
+    """Return the sampling of the surface for an image, metres.
 
-    A power of two, no wider than a pixel on the ground that lies next.
+    It is a power of two, and at most the size of a pixel at the nearest point of the surface.
     """
     distance = float(np.linalg.norm(image.position)) - radius
     pixel = image.camera.pixel_angle * max(distance, 0.0)
@@ -62,7 +62,7 @@ def spacing_of(image: SpcImage, radius: float) -> float:
 
 
 def _write(work: Work, surface: SampledSurface, state: SolvedState) -> None:
-    """Render one image from where it truly was, and write it as what was known then."""
+    """Render one image with its true state, and write it with its nominal state."""
     settings = work.settings.imaging
     name = state.truth.name
     generator = work.random(f"image {name}")
@@ -74,7 +74,7 @@ def _write(work: Work, surface: SampledSurface, state: SolvedState) -> None:
 
 
 def _as_known(state: SolvedState) -> SpcImage:
-    """Return the image with the state that navigation had."""
+    """Return the image with its nominal state, from navigation."""
     nominal = state.nominal
     return replace(
         state.solved,

@@ -1,4 +1,4 @@
-"""The synthetic mission: an SPC working folder and lidar files of a body that is known."""
+"""The synthetic mission: an SPC working folder and lidar files of a known body."""
 
 from __future__ import annotations
 
@@ -44,21 +44,21 @@ def make_mission(
 ) -> Planted:
     """Write a synthetic mission into `folder` and return what was planted.
 
-    ``spc/`` is an SPC working folder in the solution's frame, ``lidar/`` holds one file for each
-    scan in the reference frame (the body's own), ``images/`` the images as FITS, ``truth.json``
-    what is planted, written last: with it, the mission is complete. What is there of the same
-    mission is kept; the bytes depend neither on that nor on the number of workers.
+    ``spc/`` is an SPC working folder in the solution's frame. ``lidar/`` has one file for each
+    scan in the reference frame (the body's own), ``images/`` the images as FITS. ``truth.json``
+    has the planted values; it is written last and completes the mission. Existing files of the
+    same mission are kept; the bytes depend neither on that nor on the number of workers.
 
     Parameters
     ----------
     folder : path
-        Made if missing.
+        Created if missing.
     settings : MissionSettings, optional
         The preset mini by default.
     executor, progress : optional
-        Where work is done, by default on one thread for each core, and where it is told.
+        Where work is done, by default on one thread for each core, and progress reported.
     replace : bool
-        Whether another mission that is there may be removed.
+        Whether another mission in the folder may be removed.
 
     Raises
     ------
@@ -88,9 +88,9 @@ def make_mission(
 def _write_solution(
     work: Work, passes: list[Pass]
 ) -> tuple[dict[str, PlacedCenter], dict[str, TrueState]]:
-    """Write the SPC solution, and the images if wanted; return what is true of them, by name.
+    """Write the SPC solution, and the images if wanted; return true centres and states by name.
 
-    Without a solution only the shape.
+    Without a solution only the shape is written.
     """
     if not work.settings.spc:
         write_shape(work)

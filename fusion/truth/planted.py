@@ -1,4 +1,4 @@
-"""What is planted in a synthetic mission, and the file that keeps it: ``truth.json``."""
+"""What is planted in a synthetic mission, and its file ``truth.json``."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True)
 class PlacedCenter:
-    """Where a maplet of the solution is, without its heights.
+    """Frame of a maplet of the solution, and its true centre.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class PlacedCenter:
     sigma_m : tuple of 3 float
         One standard deviation of the centre.
     true_center_m : tuple of 3 float
-        The point of the true surface that it stands for, body frame.
+        The point of the true surface that it represents, body frame.
     """
 
     name: str
@@ -65,18 +65,18 @@ class PlacedCenter:
 
     @property
     def true_center(self) -> FloatArray:
-        """The point (3,) of the true surface that it stands for, body frame, metres."""
+        """The point (3,) of the true surface that it represents, body frame, metres."""
         return np.array(self.true_center_m)
 
     @property
     def maplet(self) -> PlacedCenter:
-        """Itself: it is all of the maplet that a landmark needs."""
+        """Itself: a landmark needs no more of the maplet."""
         return self
 
 
 @dataclass(frozen=True)
 class TrueState:
-    """Where an image was truly taken from, in the body frame.
+    """True state of an image, in the body frame.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class TrueState:
 
 @dataclass(frozen=True, eq=False)
 class Planted:
-    """What was planted.
+    """Planted values of a mission.
 
     Attributes
     ----------
@@ -101,9 +101,9 @@ class Planted:
     days : mapping of str to float
         Relative bias of the ranges of each day (``YYYY-MM-DD``).
     centers : mapping of str to PlacedCenter
-        Where the maplets are, and where they should be, by their names.
+        Solved and true centres of the maplets, by their names.
     images : mapping of str to TrueState
-        By their names.
+        True states of images, by their names.
     files : mapping of str to int
         Size in bytes of every file of the mission, by its path in the mission's folder.
     fingerprint : str
@@ -120,7 +120,7 @@ class Planted:
 
     @property
     def similarity(self) -> Similarity:
-        """From lidar to SPC coordinates."""
+        """Transform from lidar to SPC coordinates."""
         return self.settings.to_spc
 
     @property
@@ -134,12 +134,12 @@ class Planted:
         return self.settings.rotation_deg[2]
 
     def body(self) -> TruthBody:
-        """Return the body, built anew from its settings.
+        """Return the body, rebuilt from its settings.
 
         Raises
         ------
         FormatError
-            If this version of the program makes another body of them.
+            If this version of the program makes another body from them.
         """
         body = TruthBody(self.settings.body)
         if self.fingerprint and body.fingerprint != self.fingerprint:
@@ -151,11 +151,11 @@ class Planted:
         return body
 
     def is_of(self, settings: MissionSettings, fingerprint: str) -> bool:
-        """Whether it is the mission of these settings and this body."""
+        """Return whether it is the mission of these settings and this body."""
         return self.settings == settings and self.fingerprint == fingerprint
 
     def in_view(self) -> dict[str, Any]:
-        """Return the planted values that a user looks for, in JSON types."""
+        """Return the main planted values, in JSON types."""
         return {
             "epsilon": self.epsilon,
             "scale": self.similarity.scale,
@@ -166,7 +166,7 @@ class Planted:
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Content of ``truth.json``: the planted values in view, the settings to rebuild them."""
+        """Return the content of ``truth.json``: planted values and settings."""
         return {
             **self.in_view(),
             "scans": {name: asdict(errors) for name, errors in self.scans.items()},
@@ -197,7 +197,7 @@ def read_truth(path: str | Path) -> Planted:
     WorkspaceError
         If it is not there.
     FormatError
-        If it is not what :func:`write_truth` writes.
+        If :func:`write_truth` did not write it.
     """
     path = Path(path)
     path = path / TRUTH_FILE if path.is_dir() else path
@@ -223,7 +223,7 @@ def read_truth(path: str | Path) -> Planted:
         raise FormatError(str(error), path, "make the mission again") from error
     except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
         raise FormatError(
-            f"lacks or garbles an entry: {error}", path, "make the mission again"
+            f"an entry is missing or damaged: {error}", path, "make the mission again"
         ) from error
 
 

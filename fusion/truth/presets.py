@@ -1,4 +1,4 @@
-"""The settings of a synthetic mission, and the missions that have a name."""
+"""Settings of a synthetic mission, and the named missions."""
 
 from __future__ import annotations
 
@@ -19,24 +19,32 @@ from spcola.truth.solution import SolutionSettings
 
 LIDAR_FRAME, SPC_FRAME = "lidar", "spc"
 FAR_DIVERGENCE = 4.0e-5
-"""Divergence, rad, by which the footprint at 3.5 km is what OLA's is at 750 m."""
-# No ground of a body stands this many mean radii from its centre.
+"""Divergence, rad, for a footprint at 3.5 km as that of OLA at 750 m."""
+# The surface of a body reaches no further than this many mean radii.
 _CLEAR = 1.25
-# SPC's names of landmarks have six characters, of which two are letters here.
+# SPC's landmark names have six characters, of which two are letters here.
 _MOST_MAPLETS = 9999
+# Longitude and latitude under the spacecraft, degrees: the south pole, two rings around it of which
+# one lacks a scan, and a ring in the north. Nothing lies between 10° and 35° north.
+_WITH_GAPS = (
+    (90.0, -88.0), (270.0, -80.0),
+    *((longitude, -52.0) for longitude in range(20, 380, 72)),
+    *((longitude, -15.0) for longitude in range(0, 315, 45)),
+    *((longitude, 62.0) for longitude in range(45, 405, 90)),
+)  # fmt: skip
 # 2019 AUG 05: no spacecraft is at two places.
 _AFTER_THE_PASSES = 615_211_269.184 + 35 * 86400.0
 
 
 def _sixteen_bits() -> ImageSettings:
-    """Exposed so that the brightest spots at opposition are not cut."""
+    """Return exposures at which the brightest spots at opposition do not saturate."""
     return ImageSettings(bits=16, exposure_share=0.55)
 
 
 def _noise(gsd: float) -> float:
-    """Rms error, metres, of heights at a coarser GSD than 35 cm: 13 cm at 75 cm, as published.
+    """Return the rms error of heights, metres, at a GSD above 35 cm: 13 cm at 75 cm.
 
-    Weirich et al., Table 3, between whose two models it is interpolated.
+    Interpolated between the two models of Weirich et al., Table 3.
     """
     return round(0.10 + (0.13 - 0.10) * (gsd - 0.35) / (0.75 - 0.35), 4)
 
@@ -48,11 +56,11 @@ class MissionSettings:
     Parameters
     ----------
     seed : int
-        Of everything but the body, which has its own.
+        Seed of everything but the body, which has its own.
     body, passes, lidar, solution, states, campaign, imaging
         Settings of the parts.
     tracks : TrackSettings, optional
-        Nadir tracks of the lidar, beside the rasters of the passes.
+        Nadir tracks of the lidar, in addition to the rasters of the passes.
     epsilon : float
         All lengths of the SPC solution have to be multiplied by 1 + ε.
     rotation_deg : tuple of 3 float
@@ -68,7 +76,7 @@ class MissionSettings:
     image_formats : tuple of str
         Of :data:`spcola.truth.imaging.IMAGE_FORMATS`.
     spc : bool
-        Whether there is an SPC solution; else there is its shape alone.
+        Whether there is an SPC solution, or its shape alone.
     images : bool
         Whether images are rendered; without, the solution has their states all the same.
     """
@@ -93,7 +101,7 @@ class MissionSettings:
     images: bool = False
 
     def __post_init__(self) -> None:
-        # What is read back from truth.json must be equal, lists and whole numbers given or not.
+        # Values read back from truth.json must be equal to given lists and integers.
         for name in ("rotation_deg", "translation_m", "day_scale_bias"):
             object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
         object.__setattr__(self, "image_formats", tuple(self.image_formats))
@@ -111,7 +119,7 @@ class MissionSettings:
         self._check_parts()
 
     def _check_parts(self) -> None:
-        """Refuse parts that are right each, but not together."""
+        """Refuse parts that contradict each other."""
         places = {"passes.nearest": self.passes.nearest}
         if self.tracks is not None:
             places["tracks.distance"] = self.tracks.distance
@@ -142,7 +150,7 @@ class MissionSettings:
 
     @classmethod
     def mini(cls, seed: int = 1) -> MissionSettings:
-        """Return the mission of the demo: a body of 75 m, 20 scans, 64 maplets, small images."""
+        """Return a small mission: a body of 75 m, 20 scans, 64 maplets, small images."""
         radius = 75.0
         return cls(
             seed=seed,
@@ -162,6 +170,28 @@ class MissionSettings:
         mini = cls.mini(seed)
         passes = replace(mini.passes, sun_latitude_deg=20.0)
         return replace(mini, passes=passes, images=False)
+
+    @classmethod
+    def demo(cls, seed: int = 1) -> MissionSettings:
+        """Return the mission of the demo, in which neither SPC nor lidar sees everything.
+
+        A body of 60 m with 50 maplets. The Sun stands 30° north, so that the south pole is never
+        lit, and SPC is wrong or empty there. The scans see that pole, but leave a belt north of
+        the equator and a gap south of it.
+        """
+        radius = 60.0
+        return cls(
+            seed=seed,
+            body=BodySettings(seed=seed, radius=radius),
+            passes=PassSettings(directions_deg=_WITH_GAPS, sun_latitude_deg=30.0),
+            lidar=LidarSettings(width=52.0, spacing=0.25, divergence=FAR_DIVERGENCE),
+            solution=SolutionSettings(gsd=0.6, half_size=40, maplets=50, noise=_noise(0.6)),
+            campaign=CampaignSettings.of_phases(
+                approach=9, preliminary_survey=15, detailed_survey=24, radius=radius, detector=256
+            ),
+            day_scale_bias=(6e-6, -4e-6, 2e-6, -7e-6, 3e-6),
+            shape_q=48,
+        )
 
     @classmethod
     def bennu(cls, seed: int = 1) -> MissionSettings:
@@ -205,7 +235,7 @@ class MissionSettings:
         )
 
     def with_images(self, images: bool) -> MissionSettings:
-        """Return the mission with or without rendered images; what has images has a solution."""
+        """Return the mission with or without rendered images; images need a solution."""
         return replace(self, images=images, spc=self.spc or images)
 
     @property
@@ -230,6 +260,7 @@ PRESETS: dict[str, Callable[[int], MissionSettings]] = {
     "tiny": MissionSettings.tiny,
     "mini": MissionSettings.mini,
     "pole": MissionSettings.pole,
+    "demo": MissionSettings.demo,
     "bennu": MissionSettings.bennu,
     "mission": MissionSettings.mission,
 }

@@ -1,4 +1,4 @@
-"""Pulls over many missions: whether the stated sigmas are the true ones."""
+"""Pulls over many missions: whether the stated sigmas are correct."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.stats import chi2, kurtosis
 from fusion.report import Recovered
 
 CONFIDENCE = 0.95
-"""Of the interval that is given for a standard deviation."""
+"""Confidence of the interval of a standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -24,15 +24,14 @@ class PullStatistics:
     count : int
         Missions that recovered the parameter with a sigma.
     missing : int
-        Missions that did not.
+        Missions that did not recover it.
     mean, mean_sigma : float
-        Mean of the pulls (recovered − planted) / sigma and its standard error, from their own
-        scatter.
+        Mean of the pulls (recovered − planted) / sigma, and its standard error from their scatter.
     scatter : float
         Standard deviation of the pulls about their mean (N − 1); NaN of a single mission.
     deviation, lowest, highest : float
-        Root mean square of the pulls about **zero**, which a bias raises too, and the interval
-        that holds the true one at :data:`CONFIDENCE` if the pulls are normal.
+        Root mean square of the pulls about **zero**, which includes a bias, and the interval that
+        contains the true one at :data:`CONFIDENCE` if the pulls are normal.
     error, sigma : float
         Root mean squares of recovered − planted and of the stated sigmas, in `unit`.
     kurtosis : float
@@ -57,7 +56,7 @@ class PullStatistics:
 
 
 def pull_statistics(missions: Sequence[Sequence[Recovered]]) -> list[PullStatistics]:
-    """Return the statistics of every parameter that the missions' tables name.
+    """Return the statistics of every parameter in the tables of the missions.
 
     Parameters
     ----------
@@ -67,7 +66,7 @@ def pull_statistics(missions: Sequence[Sequence[Recovered]]) -> list[PullStatist
     Returns
     -------
     list of PullStatistics
-        In the order in which the names first come.
+        In the order in which the names first appear.
     """
     tables = [{row.name: row for row in rows} for rows in missions]
     names = dict.fromkeys(name for table in tables for name in table)

@@ -1,4 +1,4 @@
-"""Planted against recovered: the only reader of the truth."""
+"""Comparison of recovered with planted parameters."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from spcola.arrays import FloatArray
 def compare(
     planted: Planted, registration: Mapping[str, Any], scale: Mapping[str, Any]
 ) -> list[Recovered]:
-    """Return planted and recovered values side by side.
+    """Return planted and recovered values.
 
     Parameters
     ----------
@@ -38,12 +38,12 @@ def _of_registration(planted: Planted, found: Mapping[str, Any]) -> list[Recover
 
 
 def _of_scale(planted: Planted, found: Mapping[str, Any]) -> list[Recovered]:
-    """Rows of ``scale.json``, as its :mod:`fusion.scaling.fit.observation` defines the signs.
+    """Rows of ``scale.json``, with the signs of :mod:`fusion.scaling.fit.observation`.
 
-    With SPC's trajectory spacecraft and surface are displaced alike, and no offset of the centre
-    is to be seen; with the reference trajectory the lidar surface lies off by −T, and ranges that
-    are too long by a share move it along the beam and not from O: the epsilon of a day with such a
-    bias is none that was planted, and is left out.
+    With SPC's trajectory, spacecraft and surface are displaced alike, and there is no offset of
+    the centre. With the reference trajectory the lidar surface is displaced by −T, and a relative
+    range bias displaces it along the beam, not from the origin: the epsilon of a day with such a
+    bias was not planted, and is left out.
     """
     rows = [_row("epsilon", planted.epsilon, found, "epsilon", "")]
     radius = _ratio(found, "size_correction_m", "epsilon")
@@ -63,7 +63,7 @@ def _of_scale(planted: Planted, found: Mapping[str, Any]) -> list[Recovered]:
 
 
 def _row(name: str, planted: float, found: Mapping[str, Any], key: str, unit: str) -> Recovered:
-    """Read `key` and `key_sigma`, with the unit behind both, from `found`."""
+    """Read `key` and `key_sigma`, both followed by the unit, from `found`."""
     tail = f"_{unit}" if unit else ""
     value = found.get(f"{key}{tail}")
     sigma = found.get(f"{key}_sigma{tail}")
@@ -73,7 +73,7 @@ def _row(name: str, planted: float, found: Mapping[str, Any], key: str, unit: st
 def _rows(
     name: str, planted: Sequence[float] | FloatArray, found: Mapping[str, Any], key: tuple[str, str]
 ) -> list[Recovered]:
-    """Read the components of a vector: as many as were planted of x, y, z."""
+    """Read as many of the components x, y, z of a vector as were planted."""
     base, unit = key
     value = found.get(f"{base}_{unit}") or [None] * 3
     sigma = found.get(f"{base}_sigma_{unit}") or [None] * 3
@@ -88,6 +88,6 @@ def _number(value: Any) -> float:
 
 
 def _ratio(found: Mapping[str, Any], above: str, below: str) -> float:
-    """Return the mean radius that a size correction was made with."""
+    """Return the mean radius with which a size correction was computed."""
     denominator = _number(found.get(below))
     return _number(found.get(above)) / denominator if denominator else float("nan")

@@ -20,7 +20,7 @@ Kind = TypeVar("Kind")
 def restored(kind: type[Kind], values: Any, where: str = "settings") -> Kind:
     """Return the dataclass `kind` from what :func:`dataclasses.asdict` and JSON made of it.
 
-    Lists become tuples and inner tables dataclasses, as the annotations say. The dataclasses check
+    Lists become tuples and inner tables dataclasses, by the annotations. The dataclasses check
     their values themselves.
 
     Parameters
@@ -50,13 +50,13 @@ def restored(kind: type[Kind], values: Any, where: str = "settings") -> Kind:
 
 @cache
 def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
-    """Return what checks the entries of `kind`; a tuple around it carries the options."""
+    """Return the adapter that checks entries of `kind`; a tuple around it has the options."""
     options = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
     return TypeAdapter(cast(Any, tuple)[kind], config=options)
 
 
 def _lacking(whole: Any, given: Any) -> Iterator[str]:
-    """Yield the entries, names joined by dots, that `given` leaves to their defaults."""
+    """Yield the entries, names joined by dots, that are missing in `given`."""
     if isinstance(whole, dict):
         for name, value in whole.items():
             inner = _lacking(value, given[name]) if name in given else iter([""])

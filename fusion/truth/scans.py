@@ -1,4 +1,4 @@
-"""The lidar of a synthetic mission: made chunk by chunk and written at once."""
+"""The lidar of a synthetic mission, made and written chunk by chunk."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from spcola.truth.campaign import Pass, day_of
 
 
 def plan_observations(passes: Sequence[Pass], settings: MissionSettings) -> dict[str, Pass | Track]:
-    """Return what the lidar observes, by the names of its files: rasters, then nadir tracks."""
+    """Return the observations of the lidar by file name: rasters, then nadir tracks."""
     tracks = [] if settings.tracks is None else plan_tracks(settings.tracks)
     return {scan_name(at): at for at in passes} | {track_name(at): at for at in tracks}
 
@@ -31,7 +31,7 @@ def plan_observations(passes: Sequence[Pass], settings: MissionSettings) -> dict
 def day_biases(
     observations: Mapping[str, Pass | Track], settings: MissionSettings
 ) -> dict[str, float]:
-    """Return the relative bias of the ranges of each day that is observed on."""
+    """Return the relative bias of the ranges of each day with observations."""
     days = sorted({day_of(at.middle) for at in observations.values()})
     biases = settings.day_scale_bias or (0.0,)
     return {day: biases[number % len(biases)] for number, day in enumerate(days)}
@@ -40,9 +40,9 @@ def day_biases(
 def write_observations(
     work: Work, observations: Mapping[str, Pass | Track], days: Mapping[str, float]
 ) -> dict[str, ScanErrors]:
-    """Make and write the lidar files; return what is wrong with each, by name.
+    """Make and write the lidar files; return the planted errors of each, by name.
 
-    Only a chunk of a scan is in memory for each worker.
+    Each worker has only a chunk of a scan in memory.
     """
 
     def make(name: str) -> ScanErrors:

@@ -1,4 +1,4 @@
-"""How large a synthetic mission becomes, and how long it takes: known before it is made."""
+"""Forecast of the size of a synthetic mission, and of the time to make it."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ from fusion.truth.presets import MissionSettings
 from lidar.truth import plan_tracks, scan_size
 from spcola.errors import WorkspaceError
 
-# Seconds of one core, as measured where the bench was built; a guide, not a promise.
+# Seconds of one core, as measured on one machine; a rough guide.
 _BASE_SECONDS = 10.0
 _PER_SHOT, _PER_NODE, _PER_STATE = 8e-6, 7e-6, 0.01
 _PER_PIXEL, _PER_IMAGE = 3.3e-6, 0.1
-# Rocks down to centimetres make all questions to the body slower.
+# Rocks down to centimetres make the body slower to evaluate.
 _ROCKY = 1.3
 # Bytes: heights, albedo and sigma of a node; a vertex of the shape; a state with its landmarks, a
-# landmark with its pictures; and what the head of a file takes.
+# landmark with its pictures; the header of a file.
 _NODE_BYTES, _VERTEX_BYTES, _STATE_BYTES, _LANDMARK_BYTES = 6.0, 40.0, 8_000.0, 6_000.0
 _PIXEL_BYTES, _HEAD_BYTES = 2.0, 8_640.0
-# Of memory: the program itself; what a worker has in hand; the surface that images share.
+# Memory of the program itself, of a worker, and of a sample of the surface for images.
 _BASE_MEMORY, _WORKER_MEMORY, _SAMPLE_BYTES = 450e6, 250e6, 4.5
-# A disk that is full to the last byte helps nobody.
+# Some space is to remain on the disk.
 _RESERVE = 1.02
 
 
 @dataclass(frozen=True)
 class MissionSize:
-    """What a mission will be.
+    """Forecast of a mission.
 
     Attributes
     ----------
     scans, shots, returns : int
-        Lidar files; shots of all of them together, and the returns that are expected of those.
+        Lidar files; shots of all of them together, and the expected returns.
     maplets, states, images : int
-        Maplets and images' states of the SPC solution; images that are rendered.
+        Maplets and states of images of the SPC solution; rendered images.
     bytes : float
         On disk.
     seconds : float
@@ -59,7 +59,7 @@ class MissionSize:
     memory_bytes: float
 
     def lines(self) -> Iterator[str]:
-        """Yield the size in words."""
+        """Yield the forecast as lines of text."""
         yield f"{self.scans} lidar files, {self.returns:,} returns"
         if self.maplets:
             yield f"{self.maplets} maplets, {self.states} states, {self.images} rendered images"
@@ -72,7 +72,7 @@ class MissionSize:
 
 
 def mission_size(settings: MissionSettings) -> MissionSize:
-    """Return what a mission of these settings will be."""
+    """Return the forecast for a mission of these settings."""
     tracks = [] if settings.tracks is None else plan_tracks(settings.tracks)
     raster = scan_size(settings.lidar, settings.lidar_format)
     passes = len(settings.passes.directions_deg) or settings.passes.count
@@ -102,7 +102,7 @@ def mission_size(settings: MissionSettings) -> MissionSize:
 
 
 def check_room(root: Path, size: MissionSize) -> None:
-    """Refuse a mission that the disk has no room for; what is there of it already counts.
+    """Refuse a mission that does not fit on the disk; its existing files are taken into account.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def check_room(root: Path, size: MissionSize) -> None:
 
 
 def _amount(count: float) -> str:
-    """Return a number of bytes with a unit that keeps it short."""
+    """Return a number of bytes with a suitable unit."""
     for unit in ("kB", "MB", "GB"):
         count /= 1000.0
         if count < 1000.0:
@@ -133,7 +133,7 @@ def _amount(count: float) -> str:
 
 
 def _duration(seconds: float) -> str:
-    """Return a time in the unit that people would take."""
+    """Return a time with a suitable unit."""
     if seconds < 90.0:
         return f"{max(seconds, 1.0):.0f} s"
     return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"

@@ -32,7 +32,7 @@ SHAPE_FILE = Path("SHAPEFILES") / "SHAPE.TXT"
 
 
 Lit = Callable[[], LightMap]
-"""Says where the Sun shines: worked out when something that needs it is not there yet."""
+"""Returns where the Sun shines; it is computed only if a missing file needs it."""
 
 
 def write_shape(work: Work, light: Lit | None = None) -> None:
@@ -50,12 +50,12 @@ def write_shape(work: Work, light: Lit | None = None) -> None:
 
 
 def write_maplets(work: Work, light: Lit) -> list[PlacedCenter]:
-    """Make and write the maplets, with their sigma companions; leave out what is all dark.
+    """Make and write the maplets with their sigma companions, without those entirely in the dark.
 
     Returns
     -------
     list of PlacedCenter
-        Where they are, in order; the heights themselves are in their files only.
+        Their frames in order; heights are in the files only.
     """
     directions = maplet_directions(work.body, work.settings.solution)
     names = [f"TR{number + 1:04d}" for number in range(len(directions))]
@@ -82,7 +82,7 @@ def light_of(settings: MissionSettings, surface: SampledSurface) -> LightMap:
 
 
 def _write_maplet(work: Work, name: str, direction: FloatArray, light: LightMap) -> dict[str, Any]:
-    """Make and write one maplet; return where it is, or nothing if it is all dark."""
+    """Make and write one maplet; return its frame, or {} if it is entirely in the dark."""
     solved = make_maplet(
         work.body,
         work.settings.to_spc,

@@ -1,4 +1,4 @@
-"""What every part of the generation of a mission works with."""
+"""Settings, folder, body and executor that all parts of making a mission share."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Work:
-    """A mission in the making.
+    """A mission that is being made.
 
     Attributes
     ----------
     settings : MissionSettings
     site : Site
-        Where its files go.
+        Its folder.
     body : TruthBody
     executor, progress
-        Where work is done and told.
+        Where work is done, and where its progress is reported.
     """
 
     settings: MissionSettings
@@ -39,15 +39,15 @@ class Work:
     progress: Progress
 
     def random(self, purpose: str) -> np.random.Generator:
-        """Return the random numbers of one item: no other item draws from them."""
+        """Return a random generator for one item, which no other item uses."""
         return stream(self.settings.seed, purpose)
 
     def done(
         self, title: str, make: Callable[[Item], Result], items: Iterable[Item], count: int
     ) -> Iterator[Result]:
-        """Yield what `make` returns for each of the items, in their order, and tell how far it is.
+        """Yield the results of `make` for the items in their order, with progress.
 
-        The items are made on all workers: `make` may not depend on what was made before.
+        All workers take part: `make` must not depend on other items.
         """
         with self.progress.task(title, count) as task:
             for result in self.executor.stream(make, items):
@@ -56,5 +56,5 @@ class Work:
 
 
 def missing(path: Path) -> bool:
-    """Return whether a file still has to be made: what is there is whole."""
+    """Return whether a file still has to be made; existing files are complete."""
     return not path.exists()

@@ -1,4 +1,4 @@
-"""Making a workspace: out of nothing, out of a shape, or over an SPC working folder."""
+"""Make a workspace: empty, from a shape, or over an SPC working folder."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ def new_workspace(
     shape_unit: Literal["km", "m"] = "km",
     faces_from: Literal[1, 0] = 1,
 ) -> Workspace:
-    """Make `root` a workspace; what is there already stays.
+    """Make `root` a workspace; existing files are unchanged.
 
     Parameters
     ----------
     body : str
         Name of the body.
     spc : Path, optional
-        An SPC working folder. Its files are linked (so that a new solution there is seen here),
-        or copied where the file system knows no links. If it is `root`, nothing is done.
+        An SPC working folder. Its files are linked (a new solution there is then used here), or
+        copied if the file system has no links. If it is `root`, nothing is done.
     shape : Path, optional
-        A shape model; it is read once, to be sure of it, and copied.
+        A shape model; it is read once as a check, and copied.
     shape_unit : {"km", "m"}
         Of an OBJ or PLY shape.
     faces_from : {1, 0}
@@ -79,7 +79,7 @@ def spc_files(folder: Path) -> list[tuple[Path, str]]:
     Raises
     ------
     WorkspaceError
-        If `folder` is none: it has neither MAPFILES nor SUMFILES nor any of their kin.
+        If `folder` has none of the SPC folders (MAPFILES, SUMFILES, …).
     """
     try:
         inside = [
@@ -105,7 +105,7 @@ def spc_files(folder: Path) -> list[tuple[Path, str]]:
 
 
 def _link(source: Path, target: Path) -> None:
-    """Link `target` to `source`, or copy where links cannot be made; what is there stays."""
+    """Link `target` to `source`, or copy if links cannot be made; an existing file is refused."""
     if target.exists() or target.is_symlink():
         raise WorkspaceError("is there already", target, "take another folder for the workspace")
     try:
@@ -119,5 +119,5 @@ def _link(source: Path, target: Path) -> None:
 
 
 def _same(one: Path, other: Path) -> bool:
-    """Tell whether two paths name one folder."""
+    """Return whether two paths name one folder."""
     return one.exists() and other.exists() and one.samefile(other)

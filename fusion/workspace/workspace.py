@@ -30,22 +30,22 @@ from spcola.shape import Mesh
 SETTINGS_FILE = "spcola.toml"
 SPC_FOLDERS = ("MAPFILES", "LMKFILES", "SUMFILES", "IMAGEFILES", "SHAPEFILES", "NOMINALS")
 SPC_LISTS = ("PICTLIST.TXT", "LMRKLIST.TXT", "MAPLIST.TXT")
-# No surface point of a body is nearer or further than this from its mean radius; a unit that is
-# mistaken (metres for kilometres) is a factor of a thousand.
+# Surface points lie within this factor of the mean radius; a wrong unit (metres for kilometres)
+# is a factor of a thousand.
 _UNIT_FACTOR = 30.0
 OWN_FOLDERS = ("scans", "mapolas", "fused", "bigmaps", "pairs", "release")
 
 
 @dataclass(frozen=True)
 class Workspace:
-    """Knows where everything lies and reads it into values.
+    """Paths of all files of a workspace, and their readers.
 
     Parameters
     ----------
     root : Path
-        The folder; it holds ``spcola.toml``.
+        The folder; it contains ``spcola.toml``.
     left_out : frozenset of str
-        Maplets that count as if they were not there.
+        Maplets to ignore.
     """
 
     root: Path
@@ -71,12 +71,12 @@ class Workspace:
 
     @classmethod
     def create(cls, root: str | Path, settings: Settings) -> Workspace:
-        """Make `root` a workspace: its folders and settings. What is there already stays.
+        """Make `root` a workspace: its folders and settings. Existing files are unchanged.
 
         Raises
         ------
         WorkspaceError
-            If it is one already, or cannot be written.
+            If it is a workspace already, or cannot be written.
         """
         root = Path(root)
         if (root / SETTINGS_FILE).exists():
@@ -94,7 +94,7 @@ class Workspace:
         """Return `path` as it is named in the catalogue: relative to the root where inside it."""
         inside = path.is_relative_to(self.root)
         name = path.relative_to(self.root).as_posix() if inside else str(path.resolve())
-        # A data base keeps UTF-8, and a file's name may be no such text.
+        # The data base stores UTF-8, and a file name may not be UTF-8.
         return name.encode("utf-8", "backslashreplace").decode("utf-8")
 
     def maplet_names(self) -> list[str]:
@@ -199,7 +199,7 @@ class Workspace:
         raise WorkspaceError(f"holds several shapes ({names})", folder, "set [body] shape")
 
     def has_shape(self) -> bool:
-        """Tell whether there is any file in SHAPEFILES."""
+        """Return whether there is any file in SHAPEFILES."""
         return bool(self._files(self.root / "SHAPEFILES"))
 
     def shape(self) -> Mesh:
@@ -208,7 +208,7 @@ class Workspace:
         Raises
         ------
         WorkspaceError
-            If it cannot be in the unit of the maplets.
+            If its size does not fit the maplets: a wrong unit.
         """
         path = self.shape_path()
         body = self.settings().body
@@ -244,7 +244,7 @@ class Workspace:
         return self._stems("mapolas", ".MAP")
 
     def mapola_paths(self) -> list[Path]:
-        """Return the files of all mapolas: their maps and the HDF5 of what maps cannot hold."""
+        """Return the files of all mapolas: their maps and the HDF5 with the other layers."""
         return self._files(self.root / "mapolas")
 
     def mapola(self, name: str) -> Mapola:
@@ -254,11 +254,11 @@ class Workspace:
 
     @property
     def adjustment_path(self) -> Path:
-        """Where the displacements of the scans lie that went into the mapolas."""
+        """Where the displacements of scans lie with which the mapolas were made."""
         return self.root / "mapolas" / ADJUSTMENT_HDF5
 
     def adjustment(self) -> ScanAdjustment | None:
-        """Read the displacements of the scans; None where the mapolas were made without."""
+        """Read the displacements of the scans; None if the mapolas were made without."""
         return read_adjustment(self.adjustment_path) if self.adjustment_path.is_file() else None
 
     def fused_names(self) -> list[str]:
@@ -305,7 +305,7 @@ class Workspace:
         return path
 
     def read_json(self, name: str) -> dict[str, Any]:
-        """Read the file `name`; null stays None.
+        """Read the file `name`; null becomes None.
 
         Raises
         ------
@@ -326,7 +326,7 @@ class Workspace:
         return content
 
     def _listed(self, listing: str, kind: ListKind, folder: str, suffix: str) -> list[str]:
-        """Return the names in `listing`; an empty list beside a full folder is refused."""
+        """Return the names in `listing`; an empty list next to a full folder is refused."""
         names = read_list(self.root / listing, kind=kind)
         if not names and (there := len(self._stems(folder, suffix))):
             raise WorkspaceError(
@@ -344,8 +344,8 @@ class Workspace:
     def _files(folder: Path, suffix: str = "") -> list[Path]:
         """Return the visible files of a folder, sorted; none where there is no folder.
 
-        A link that leads nowhere, and a folder that bears the `suffix` of a file, are refused:
-        what they stand for would be left out and nobody told.
+        A link that leads nowhere, and a folder with the `suffix` of a file, are refused: what they
+        stand for would be left out silently.
         """
         try:
             entries = sorted(entry for entry in folder.iterdir() if entry.name[0] != ".")
@@ -374,7 +374,7 @@ class Workspace:
 
 
 def _is_there(path: Path) -> bool:
-    """Tell whether anything bears this name, be it a link that leads nowhere."""
+    """Return whether this path exists, even as a link that leads nowhere."""
     return path.exists() or path.is_symlink()
 
 

@@ -23,7 +23,8 @@ class GriddedReturns(Maplet):
         Robust standard deviation (1.4826 × median absolute deviation) of the slope-corrected
         heights in the cell, metres; NaN where fewer than three returns fell.
     scan_share : mapping of str to float
-        Share of the returns that came from each scan: what makes the errors of two grids alike.
+        Share of the returns from each scan: it determines how far the errors of two grids are
+        correlated.
 
     Raises
     ------
@@ -47,7 +48,7 @@ class GriddedReturns(Maplet):
 
 @dataclass(frozen=True, eq=False)
 class Mapola(GriddedReturns):
-    """Gridded returns with a height only where returns fell.
+    """Gridded returns with heights only in cells with returns.
 
     Raises
     ------
@@ -70,10 +71,10 @@ class Mapola(GriddedReturns):
 
 @dataclass(frozen=True, eq=False)
 class LidarBigmap(GriddedReturns):
-    """Gridded returns that have heights where no return fell, too: `count` is 0 there."""
+    """Gridded returns with heights also in cells without returns, where `count` is 0."""
 
     @property
     def bridged(self) -> BoolArray:
-        """Mask of heights that no return supports."""
+        """Mask of heights in cells without returns."""
         mask: BoolArray = self.valid & (self.count == 0)
         return mask

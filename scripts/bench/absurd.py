@@ -1,10 +1,9 @@
-"""Settings at the ends of their ranges, on a small mission: nothing may end in "unexpected".
+"""Settings at the limits of their ranges, on a small mission: nothing may end as "unexpected".
 
 Each number of spcola.toml is set to the least and the largest value that it takes, one at a time,
-in a copy of a finished workspace, and the stage that the table belongs to is run (for [import],
-[spin] and [spice] that of the mapolas). Printed for each: what became of it (ran, or refused with
-its line), and the seconds; "UNEXPECTED", and exit 1, for any other error, and for one that takes
-longer than --limit.
+in a copy of a finished workspace, and the stage of that table is run (for [import], [spin] and
+[spice] that of the mapolas). Printed for each: the outcome (ran, or refused with its line), and the
+seconds; "UNEXPECTED", and exit 1, for any other error, and for a run longer than --limit.
 
     python scripts/bench/absurd.py WS [--only TABLE[.KEY]] [--limit 120]
 """
@@ -36,7 +35,7 @@ MEMORY = 8 << 30
 
 
 def values_of(info: Any) -> Iterator[Any]:
-    """The ends of a number's range; of a list, lists of them."""
+    """Yield the limits of a number's range; for a list, lists of them."""
     for one in info.metadata:
         if isinstance(one, Span):
             whole = isinstance(info.default, int) and not isinstance(info.default, bool)
@@ -60,7 +59,7 @@ def cases() -> Iterator[tuple[str, str, Any]]:
 
 
 def outcome(root: Path, settings: Settings, stage: str) -> str:
-    """Run a stage and say what became of it."""
+    """Run a stage and return its outcome."""
     pipeline = Pipeline(
         Workspace.open(root),
         settings,

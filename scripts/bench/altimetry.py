@@ -1,17 +1,16 @@
 #!/usr/bin/env python3
-"""A mission's lidar: how fast it is taken in, and how fast mapolas are made of it.
+"""Speed of the import of a mission's lidar, and of making mapolas of it.
 
-A stand-in for a mission is streamed: scans of the preset `mission` (1.2 million shots each) are
-written as OLA L2 in batches (the largest are 14 GB on disk), imported with the real command from a
-cold cache, and removed. By default the 64 scans nearest to the north pole are taken, so that the
-ground is as dense with returns as under all 640 (`--scans 640`). Then the real command makes
-mapolas of 99 × 99 points at 20 cm over all that they cover, again with another pole, and again with
-the first.
+A synthetic mission is streamed: scans of the preset `mission` (1.2 million shots each) are written
+as OLA L2 in batches (the largest are 14 GB on disk), imported with the real command from a cold
+cache, and removed. By default the 64 scans nearest to the north pole are taken, so that returns are
+as dense there as with all 640 (`--scans 640`). Then the real command makes mapolas of 99 × 99
+points at 20 cm over all that they cover, again with another pole, and again with the first.
 
-Printed: the disk's own streaming rate beside the rate of the import; returns gridded per second
-(one return falls into several mapolas) and per second of the mission; the ratio of an update;
-cost against returns over two decades; whether mapolas of the store are those of raw points, and
-whether there and back leaves them as they were; and the median kernel beside its peers.
+Printed: the rate of the import and the streaming rate of the disk; returns gridded per second (one
+return falls into several mapolas) and per second of the mission; the ratio of an update; cost
+against returns over two decades; whether mapolas of the store equal those of raw points, and
+whether they are unchanged after the second change of the pole; the median kernel and its peers.
 
     python scripts/bench/lidar [--scans 64] [--work DIR] [--parts store kernel]
 """
@@ -63,7 +62,7 @@ KERNEL_POINTS, KERNEL_SIDE = 20_000_000, 1001
 
 
 def planned(root: Path, scans: int) -> tuple[Work, dict[str, Pass | Track]]:
-    """Return the mission in the making, and its scans from the north pole on."""
+    """Return the mission being made, and its scans from the north pole on."""
     settings = MissionSettings.mission(1)
     site = Site(root)
     for folder in (site.lidar, site.spc, *(site.spc / name for name in ("SHAPEFILES",))):
@@ -87,7 +86,7 @@ def cold(paths: Sequence[Path]) -> None:
 
 
 def streaming_rate(paths: Sequence[Path]) -> float:
-    """Return the bytes per second at which files are read from the disk and thrown away."""
+    """Return the bytes per second at which files are read from the disk and discarded."""
     cold(paths)
     start, size = time.perf_counter(), 0
     buffer = bytearray(1 << 24)
@@ -99,7 +98,7 @@ def streaming_rate(paths: Sequence[Path]) -> float:
 
 
 class Store:
-    """A workspace that grows batch by batch, and what that costs."""
+    """A workspace that grows batch by batch, and the cost of that."""
 
     def __init__(self, root: Path, scans: int) -> None:
         self.work, self.observations = planned(root, scans)
@@ -156,10 +155,10 @@ class Store:
 
 
 def against_raw(store: Store, paths: Sequence[Path]) -> str:
-    """Compare mapolas of the store with mapolas of the files' points, all of them gone through.
+    """Compare mapolas of the store with mapolas of all points of the files.
 
-    A coordinate that moves by half a quantum may carry a return over the rim of its cell, or to
-    the other side of a median; points rounded to quanta must give the very same heights.
+    A shift of a coordinate by half a quantum may move a return into another cell, or to the other
+    side of a median; points rounded to quanta must give identical heights.
     """
     workspace = Workspace.open(store.path)
     settings = workspace.settings()
@@ -190,7 +189,7 @@ def against_raw(store: Store, paths: Sequence[Path]) -> str:
 
 
 def import_lines(store: Store) -> Iterator[str]:
-    """Yield how fast each command imported its files."""
+    """Yield the speed of each import."""
     disk = float(np.median(store.rates)) / 1e6
     for seconds, size in store.imports:
         rate = size / RECORD_BYTES / seconds / 1e6
@@ -205,7 +204,7 @@ def import_lines(store: Store) -> Iterator[str]:
 
 
 def store_lines(root: Path, scans: int) -> Iterator[str]:
-    """Yield what the store and its mapolas cost."""
+    """Yield the cost of the store and its mapolas."""
     store = Store(root, scans)
     decades: list[tuple[int, float, int]] = []
     for paths in store.batches():
@@ -242,14 +241,14 @@ def store_lines(root: Path, scans: int) -> Iterator[str]:
 
 
 def by_spcola(points: FloatArray) -> FloatArray:
-    """Median heights as gridding takes them, in a frame of any direction."""
+    """Return median heights as in gridding, for a frame of any direction."""
     half = KERNEL_SIDE // 2
     grid = MapletGrid(np.zeros(3), np.eye(3), 1.0, half)
     return sort_into_cells(grid, points, np.inf).middle
 
 
 def by_polars(points: FloatArray) -> FloatArray:
-    """Median heights by a data frame; the cells are worked out first."""
+    """Return median heights by a data frame, after computing the cells."""
     polars = import_module("polars")
     x, y, z = points.T
     cell = _cells(x, y)
@@ -261,7 +260,7 @@ def by_polars(points: FloatArray) -> FloatArray:
 
 
 def by_scipy(points: FloatArray) -> FloatArray:
-    """Median heights by `scipy.stats`."""
+    """Return median heights by `scipy.stats`."""
     x, y, z = points.T
     half = KERNEL_SIDE / 2.0
     edges = np.linspace(-half, half, KERNEL_SIDE + 1)

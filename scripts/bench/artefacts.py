@@ -1,8 +1,8 @@
-"""Digests of every file that missions `tiny` and `mini` leave: has a change moved a number?
+"""Digests of every file of missions `tiny` and `mini`: whether a change of code changed a number.
 
-The real commands make each mission and run all stages and one release. What is written down is a
-digest of each file of the mission and of the workspace. Two programs that print the same digests
-gave the same numbers to the bit. Left out are records of runs (times, folders) and the pictures.
+The real commands make each mission and run all stages and one release. A digest of each file of the
+mission and of the workspace is written. Equal digests mean bit-identical numbers. Left out are
+records of runs (times, folders) and the pictures.
 Text of reports and messages may change while numbers do not: `--numbers` digests JSON files by
 their numbers alone; `--made` digests what an earlier run left in DIR.
 
@@ -25,7 +25,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-# Times of runs; pictures and words of the report; a digest of digests.
+# Times of runs; pictures and text of the report; a digest of digests.
 LEFT_OUT = (
     "catalog.sqlite*",
     "report.html",
@@ -33,7 +33,7 @@ LEFT_OUT = (
     "*.lock",
     "release/manifest.json",
 )
-# What names the folder in which a mission was made.
+# Keys with the folder in which a mission was made.
 FOLDERS = {"made_by", "parameters", "seal"}
 
 
@@ -84,14 +84,14 @@ def spcola(*arguments: object) -> None:
 
 
 def artefacts(folder: Path) -> Iterator[Path]:
-    """Yield what is compared."""
+    """Yield the files that are compared."""
     for path in sorted(folder.rglob("*")):
         if path.is_file() and not any(path.match(pattern) for pattern in LEFT_OUT):
             yield path
 
 
 def digest(path: Path, *, numbers: bool) -> str:
-    """Return the digest of a file; of a JSON file's numbers alone where that is asked."""
+    """Return the digest of a file; with `numbers`, of a JSON file's numbers alone."""
     if path.suffix == ".h5":
         return digest_of_hdf5(path)
     if path.suffix == ".json" and path.parent.name != "mission":

@@ -1,9 +1,9 @@
-"""Whether the number of cores changes any bit: one mission, worked through in several ways.
+"""Whether the number of cores changes any bit: one mission, processed in several ways.
 
-Each way imports and runs the same mission by the real commands, in processes of their own: with
+Each way imports and runs the same mission by the real commands, in separate processes: with
 one, two or three workers, on one core or all, with one thread or two for Numba, OpenMP and BLAS.
 Then every file of the workspaces is compared, byte by byte; of provenance/ without the time of day,
-and without catalog.sqlite, which only holds what provenance/ says, in the order in which it came.
+and without catalog.sqlite, which has the content of provenance/ in the order of its writing.
 
 Printed: for each way its time and the files that differ from those of the first. Ends with 1 if
 any does.
@@ -51,7 +51,7 @@ def command(words: list[str], *, one_core: bool = False, threads: int = 1) -> No
 
 
 def contents(root: Path) -> dict[str, bytes]:
-    """Return every file of a workspace that two runs must have in common."""
+    """Return every file of a workspace that must be equal between runs."""
     found = {}
     for path in sorted(path for path in root.rglob("*") if path.is_file()):
         name = path.relative_to(root)
@@ -78,7 +78,7 @@ def main() -> None:
             made = ["truth", "make", str(mission), "--preset", given.preset]
             command([*made, "--seed", str(given.seed)])
         scans = [str(path) for path in sorted((mission / "lidar").iterdir())]
-        # The path of the workspace stands in some products.
+        # Some products contain the path of the workspace.
         root, first, differ = work / "workspace", dict[str, bytes](), 0
         for name, workers, one_core, threads in WAYS:
             begun = time.monotonic()

@@ -1,13 +1,13 @@
-"""What becomes of flipped bits: in results of a finished workspace, and in headers of its maplets.
+"""Effects of flipped bits in results of a finished workspace, and in headers of its maplets.
 
-Each flip is followed by a command: the stage that reads the file, or `run`. What came of it:
+Each flip is followed by a command: the stage that reads the file, or `run`. Outcomes:
 
-- `refused`: one line, exit 1, and every result as it was;
-- `healed`: the command ended well, and every result holds the numbers that it held before;
-- `no effect`: the flip was not in what a command reads, and nothing else differs;
-- `WRONG`: anything else: another number, a message that nobody expected, a command that hangs.
+- `refused`: one line, exit 1, and all results unchanged;
+- `healed`: the command succeeded, and all results have the same numbers as before;
+- `no effect`: no command reads the flipped bit, and nothing else differs;
+- `WRONG`: anything else: another number, an unexpected message, a command that hangs.
 
-The workspace is copied first, and brought back after each flip.
+The workspace is copied first, and restored after each flip.
 
     python scripts/bench/flips.py WORKSPACE [--flips 1000] [--seed 0] [--runs 0.15] [--headers]
 """
@@ -56,9 +56,9 @@ KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 """Kind → its files, and the commands of the stages that read them."""
 
-# Not results: the index, its lock, and the records of runs, which tell when they were.
+# Not results: the index, its lock, and the records of runs, which include their times.
 ASIDE = ("catalog.sqlite", ".lock", ".scratch", "provenance")
-# What JSON results tell of the run and not of the body.
+# Keys of JSON results about the run, not the body.
 VOLATILE = ("made_by", "key", "finished", "seconds")
 LIMIT_S = 120
 _HEAD = 4096
@@ -77,11 +77,11 @@ class Flip:
 
 
 class Bench:
-    """A finished workspace that is damaged and brought back."""
+    """A finished workspace that is damaged and restored."""
 
     def __init__(self, finished: Path, folder: Path) -> None:
         self.good, self.root = folder / "good", folder / "ws"
-        # With no links out of it: what they lead to is not ours to damage.
+        # Without links: the files they lead to must not be damaged.
         shutil.copytree(finished, self.good)
         shutil.copytree(self.good, self.root)
         self._call("run")
@@ -91,7 +91,7 @@ class Bench:
         self.numbers = {name: numbers(self.good / name) for name in self.stats}
 
     def flips(self, count: int, seed: int, runs: float) -> Iterator[Flip]:
-        """Choose flips: kinds alike, half of them at the beginning of the file."""
+        """Choose flips: equally many of each kind, half of them at the beginning of the file."""
         rng = np.random.default_rng(seed)
         kinds = [kind for kind in KINDS if self._files(kind)]
         for number in range(count):
@@ -103,11 +103,11 @@ class Bench:
             yield Flip(kind, name, 8 * place + int(rng.integers(8)), command)
 
     def outcome(self, flip: Flip) -> tuple[str, str]:
-        """Damage, give the command, look, and bring everything back."""
+        """Damage a file, run the command, compare, and restore everything."""
         path = self.root / flip.name
         content = bytearray(path.read_bytes())
         content[flip.bit // 8] ^= 1 << (flip.bit % 8)
-        # In place, as a disk errs: the time of writing is set back.
+        # In place, as by a disk error: the time of writing is set back.
         before = path.stat()
         with path.open("r+b") as stream:
             stream.write(content)
@@ -136,7 +136,7 @@ class Bench:
         if same:
             return "healed", ""
         read = flip.command == "run" or flip.command == KINDS[flip.kind][1][0]
-        return ("WRONG", "stays damaged") if read else ("no effect", "")
+        return ("WRONG", "remains damaged") if read else ("no effect", "")
 
     def _call(self, command: str) -> Result:
         return CliRunner().invoke(app, [command, str(self.root), "--json"])
@@ -155,7 +155,7 @@ class Bench:
         return found
 
     def _changed(self) -> set[str]:
-        """Results that hold other numbers than before, or are gone, or new."""
+        """Return results that have other numbers than before, or are gone, or new."""
         now = self._look()
         differing = {
             name
@@ -183,7 +183,7 @@ def _is_crash(result: Result) -> bool:
 
 @contextmanager
 def limited() -> Iterator[None]:
-    """Raise TimeoutError in what takes too long."""
+    """Raise TimeoutError in code that takes too long."""
 
     def end(*_: object) -> None:
         raise TimeoutError
@@ -198,7 +198,7 @@ def limited() -> Iterator[None]:
 
 
 def numbers(path: Path) -> Any:
-    """What a file says about the body: not when, where and by whom it was made."""
+    """Return the content of a file about the body, without when and where it was made."""
     content = path.read_bytes()
     try:
         if path.suffix == ".json":
@@ -232,7 +232,7 @@ def _of_hdf5(file: Any) -> dict[str, Any]:
 
 
 def headers(finished: Path, folder: Path) -> Counter[str]:
-    """Flip each bit of the header of one maplet, and tell who notices."""
+    """Flip each bit of the header of one maplet, and count what detects it."""
     root = folder / "headers"
     shutil.copytree(finished, root, ignore=shutil.ignore_patterns("release", "scans", "fused"))
     workspace = Workspace.open(root)
@@ -257,7 +257,7 @@ def _of_header(workspace: Workspace, name: str, before: Any) -> str:
     if moved == 0.0 and np.array_equal(maplet.center_sigma, before.center_sigma, equal_nan=True):
         return "no effect"
     if any(one.name == name for one in unsound_maplets(workspace)):
-        return "refused by what else is known"
+        return "refused by comparison with other files"
     if moved == 0.0:
         return "passes, sigma differs"
     return f"passes, moving points by {10.0 ** np.ceil(np.log10(moved)):g} m at most"

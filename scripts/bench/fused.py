@@ -1,14 +1,14 @@
-"""What fusing gains: fused maplets beside either source alone, region by region.
+"""Gain of fusing: fused maplets compared with either source alone, by region.
 
 For each seed the real commands make a mission, its mapolas, registration and fused maplets. Every
 model is compared with the truth on its own grid; ratios are those of the issue: fused over the
 better of SPC alone and mapolas alone. Mapolas alone are taken twice: as they are, and made without
-moving scans to where they agree (`[mapolas] adjust = false`), which is what gridding alone gives.
+the adjustment of scans (`[mapolas] adjust = false`), which is gridding alone.
 
-Printed: rms of the heights by region, ratios beside their bars, errors at the tops of boulders,
-shares of the errors within one and two sigma beside theirs, resolution, how far neighbouring
-maplets disagree where they overlap; and, with the truth in hand, the best that any weights of both
-sources could reach and what a movement of the whole surface leaves of the errors (moved.py).
+Printed: rms of the heights by region, ratios and their bars, errors at the tops of boulders, shares
+of the errors within one and two sigma and their bars, resolution, disagreement of neighbouring
+maplets in their overlap; and, from the truth, the best that any weights of both sources could
+reach, and the errors left after the best movement of the whole surface (moved.py).
 
     python scripts/bench/fused.py [--preset mini] [--seeds 3] [--work DIR]
 """
@@ -121,11 +121,11 @@ def _gap(one: Maplet, other: Maplet) -> FloatArray:
 
 
 def limit(workspace: Path, mission: Path) -> str:
-    """Say what the best combination of both sources could reach: for each wavelength two weights.
+    """Return the error of the best combination of both sources, with two weights per wavelength.
 
-    They are those that leave least of the error, found with the truth in hand (Wiener), so that no
-    linear combination that treats all ground alike does better. Over the inner squares of maplets
-    that both sources know whole, planes removed, Hann windows.
+    The weights minimise the error against the truth (Wiener), so that no other linear combination
+    that is the same for all places is better. Over the inner squares of maplets without gaps in
+    either source, with planes removed and Hann windows.
     """
     planted = read_truth(mission)
     ground = Ground(planted.body(), light_on(planted), AssessmentSettings())
@@ -140,7 +140,7 @@ def limit(workspace: Path, mission: Path) -> str:
         if np.isfinite(inner).all():
             spectra.append(_ring_sums(*inner))
     if not spectra:
-        return "limit           no maplet that both sources know whole"
+        return "limit           no maplet without gaps in both sources"
     sources, with_truth, truth_power, lidar_error, fused_error = (
         np.sum(each, axis=0) for each in zip(*spectra, strict=True)
     )
@@ -155,7 +155,7 @@ def limit(workspace: Path, mission: Path) -> str:
 
 
 def _least(sources: FloatArray, with_truth: FloatArray, truth_power: FloatArray) -> float:
-    """Return what of the error power the best weights of each wavelength leave."""
+    """Return the error power that the best weights of each wavelength leave."""
     left = 0.0
     for ring in np.nonzero(truth_power > 0)[0]:
         weights = np.linalg.lstsq(sources[ring], with_truth[ring], rcond=1e-12)[0]
@@ -256,22 +256,24 @@ def report(preset: str, seed: int, work: Path) -> Sequence[str]:
     plain = prepared(root, mission, "plain", adjust=False)
     models = assessed(workspace, mission, root / "fused.json")
     raw = assessed(plain, mission, root / "plain.json")
-    told = list(lines(models, raw, f"{preset} {seed}"))
+    report_lines = list(lines(models, raw, f"{preset} {seed}"))
     top = tops(workspace, mission)
-    told.append(
+    report_lines.append(
         "boulder tops    "
         + ", ".join(f"{name} {value:.3f} m" for name, value in top.items())
         + f"; fused / SPC {top[FUSED] / top[SPC]:.2f}"
     )
-    told.append(limit(workspace, mission))
-    told += Errors(workspace, mission).lines()
+    report_lines.append(limit(workspace, mission))
+    report_lines += Errors(workspace, mission).lines()
     gaps = {m.name: seams(m) for m in workspace_models(Workspace.open(workspace)) if m.name in top}
-    told.append("seams           " + ", ".join(f"{name} {v:.4f} m" for name, v in gaps.items()))
-    return told
+    report_lines.append(
+        "seams           " + ", ".join(f"{name} {v:.4f} m" for name, v in gaps.items())
+    )
+    return report_lines
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="What fusing gains on synthetic missions.")
+    parser = argparse.ArgumentParser(description="Gain of fusing on synthetic missions.")
     parser.add_argument("--preset", default="mini")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--work", type=Path)

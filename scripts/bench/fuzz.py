@@ -1,13 +1,13 @@
-"""Mutated files of every kind that the program reads: refused in one line, or read.
+"""Mutated files of every format that the program reads: refused in one line, or read.
 
 Each input is one good small file (`fuzz_samples.py`), mutated (`fuzz_mutations.py`) by a random
 generator that is seeded by seed, kind and number, so that any input can be made again. A child
-process reads them one by one with a limit on processor time and on memory; when it dies, the input
-that killed it is counted and another child goes on behind it.
+process reads them one by one with a limit on processor time and on memory; if it dies, the input
+that killed it is counted and another child continues after it.
 
 `refused`: an error of one line. `accepted`: read, whatever the numbers. `unexpected`: any other
 exception, a warning, or more memory than allowed. `aborts`: the process died. `hangs`: it took
-longer than the limit. The last three should be 0; each is printed with what makes it again.
+longer than the limit. The last three should be 0; each is printed with its number to reproduce it.
 
     python scripts/bench/fuzz.py [--inputs 1000] [--seed 0] [--kind laz] [--only 17 --keep FILE]
 """
@@ -38,14 +38,14 @@ from spcola.errors import SpcolaError
 LIMIT_S = 5.0
 """Processor time for one input; a good one takes a few milliseconds."""
 LIMIT_BYTES = 1 << 30
-"""Address space for one input beyond what the program takes itself."""
+"""Address space for one input, in addition to that of the program."""
 _SILENT_S = 120.0
 OUTCOMES = ("refused", "accepted", "unexpected", "aborts", "hangs")
 
 
 @dataclass
 class Tally:
-    """What became of the inputs of one kind; `failures` are by what was said, with one number."""
+    """Outcomes of the inputs of one kind; `failures` are the numbers of inputs by message."""
 
     counts: Counter[str] = field(default_factory=Counter)
     failures: dict[str, list[int]] = field(default_factory=dict)
@@ -63,21 +63,22 @@ def input_of(sample: Sample, good: bytes, kind: str, seed: int, number: int) -> 
 
 
 def outcome_of(sample: Sample, path: Path) -> tuple[str, str]:
-    """Read a file; return what became of it, and what was said if that should not be."""
+    """Read a file; return the outcome, and the message if it is a failure."""
     try:
-        with warnings.catch_warnings(record=True) as said:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             sample.read(path)
     except SpcolaError as error:
-        said_in_one_line = str(error).encode("utf-8", errors="strict").count(b"\n") == 0
-        return ("refused", "") if said_in_one_line else ("unexpected", "an error of many lines")
+        in_one_line = str(error).encode("utf-8", errors="strict").count(b"\n") == 0
+        return ("refused", "") if in_one_line else ("unexpected", "an error of many lines")
     except BaseException as error:  # a PanicException is none of Exception
         frames = traceback.extract_tb(error.__traceback__)
         own = [frame for frame in frames if "site-packages" not in frame.filename][-1]
         where = f"{Path(own.filename).name}:{own.lineno}, {frames[-1].name}"
         return "unexpected", f"{type(error).__name__} at {where}: {str(error)[:80]!r}"
-    if said:
-        return "unexpected", f"warning {said[0].category.__name__}: {str(said[0].message)[:80]!r}"
+    if caught:
+        first = caught[0]
+        return "unexpected", f"warning {first.category.__name__}: {str(first.message)[:80]!r}"
     return "accepted", ""
 
 
@@ -99,7 +100,7 @@ def read_all(kind: str, numbers: range, seed: int, *, child: bool = True) -> Tal
 
 
 def _made(sample: Sample, folder: Path, *, fork: bool) -> Path:
-    """Make the good file, and read it: what is imported on first use is not an input's time."""
+    """Make the good file, and read it, so that first imports do not count as an input's time."""
     if not fork:
         path = sample.make(folder)
         sample.read(path)
@@ -149,7 +150,7 @@ def _child(kind: str, todo: range, seed: int, path: Path, good: bytes, tally: Ta
 
 
 def _work(kind: str, todo: range, seed: int, path: Path, good: bytes, writing: int) -> None:
-    """What the child does: read, and write one line for each input."""
+    """Run in the child: read inputs, and write one line for each."""
     quiet = os.open(os.devnull, os.O_WRONLY)
     os.dup2(quiet, 2)
     pages = int(Path("/proc/self/statm").read_text().split()[0])
@@ -194,7 +195,7 @@ def main() -> int:
 
 
 def _one(kind: str, seed: int, number: int, keep: Path | None) -> int:
-    """Read one input in this process and say what became of it."""
+    """Read one input in this process and print the outcome."""
     sample = KINDS[kind]
     folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
     path = sample.make(folder)

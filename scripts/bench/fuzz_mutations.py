@@ -1,4 +1,4 @@
-"""Ways in which a good file becomes a bad one: bytes, lines, numbers, headers, structures."""
+"""Mutations of a good file: bytes, lines, numbers, headers, structures."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ _REALS = (0.0, -0.0, 1.0, -1.0, 1e-320, 1e-30, 1e30, 1e300, float("inf"), float(
 
 
 def mutated(content: bytes, form: str, random_: random.Random) -> bytes:
-    """Return `content` with one to three mutations that become its form."""
-    # Most files are damaged once, or somewhere in a header: two wrongs hide each other.
+    """Return `content` with one to three mutations that fit its form."""
+    # Most files are damaged only once: several errors hide each other.
     ways = [random_.choice(_WAYS[form]) for _ in range(random_.choice((1, 1, 1, 2, 3)))]
     # A structure is changed by a library, which needs a whole file.
     for way in sorted(ways, key=lambda way: way is not structure):

@@ -91,5 +91,5 @@ def track(index: int) -> str:
 
 
 def rows(build: Callable[[int], str], header: str = "") -> Callable[[], bytes]:
-    """Return what makes the text of a table."""
+    """Return a function that makes the text of a table."""
     return (header + "".join(map(build, range(COUNT)))).encode

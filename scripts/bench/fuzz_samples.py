@@ -1,6 +1,6 @@
-"""A small good file of each kind that the program reads, and who reads it.
+"""A small good file of each format that the program reads, and its reader.
 
-All are made here or by the program's own writers, so that nothing else is needed.
+All are made here or by the program's own writers.
 """
 
 from __future__ import annotations
@@ -78,13 +78,13 @@ GRID = MapletGrid.facing([230.0, 30.0, -50.0], [1.0, 0.1, -0.2], 0.5, 4)
 
 @dataclass(frozen=True)
 class Sample:
-    """A kind of file: how one is made in a folder (its path comes back), and who reads it."""
+    """A file format: a function that makes a file in a folder (returns its path), and a reader."""
 
     make: Callable[[Path], Path]
     read: Callable[[Path], Any]
     form: Form
     threads: bool = False
-    """Whether its library starts threads of its own, which a process loses when it forks."""
+    """Whether its library starts threads, which a process loses when it forks."""
 
 
 def _maplet() -> Maplet:
@@ -262,7 +262,7 @@ def _daf() -> Daf:
 
 
 def _hexadecimal(value: float) -> str:
-    """Return a number as a transfer file has it."""
+    """Return a number in the notation of transfer files."""
     if value == 0:
         return "0^0"
     exponent, whole = 0, abs(value)

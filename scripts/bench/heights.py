@@ -1,10 +1,10 @@
-"""Time the solver of energy (A) beside its peers: a table, all measured in this run.
+"""Time and memory of the solver of energy (A) and its peers, all measured in this run.
 
-Each case runs in a process of its own: its peak memory is that of the process while it solves,
-interpreter and problem included (these alone are the last column). The error is the largest
-distance to the surface that was planted, which is the exact solution; on small grids the
-distance to a direct solution is given too. Data are in single precision where a grid has more
-than 2001 points a side, unless `--double`.
+Each case runs in a separate process: its peak memory is that of the process while it solves,
+with interpreter and problem (these alone are the last column). The error is the largest distance
+to the planted surface, which is the exact solution; on small grids the distance to a direct
+solution is given too. Data are in single precision on grids of more than 2001 points a side,
+unless `--double`.
 
     python scripts/bench/heights.py [--sizes 99 501] [--kinds full] [--tolerance-m 1e-4]
 """
@@ -48,7 +48,7 @@ Solver = Callable[[HeightProblem, float], tuple[FloatArray, int]]
 
 
 class Case(NamedTuple):
-    """What one solver did with one problem: seconds, metres, gigabytes."""
+    """Result of one solver on one problem: seconds, metres, gigabytes."""
 
     seconds: float
     iterations: int
@@ -63,7 +63,7 @@ def planted_surface(size: int, rng: np.random.Generator) -> FloatArray:
 
 
 def planted_problem(size: int, kind: str, *, double: bool) -> HeightProblem:
-    """Return a problem whose parts are all constrained: 2 % of the heights, or 20 in all."""
+    """Return a problem with constraints in each part: 2 % of the heights, or 20 in all."""
     rng = np.random.default_rng(0)
     real = np.float64 if double else np.float32
     height = planted_surface(size, rng)
@@ -87,7 +87,7 @@ def planted_problem(size: int, kind: str, *, double: bool) -> HeightProblem:
 
 
 def planted_mask(size: int, kind: str, rng: np.random.Generator) -> BoolArray:
-    """64 % of a grid, with wide or narrow pieces; all of it for other kinds."""
+    """Return a mask of 64 % of a grid, in wide or narrow pieces; all of it for other kinds."""
     if not kind.endswith("mask"):
         return np.ones((size, size), dtype=bool)
     scale = 4.0 if kind.startswith("rough") else size / 40
@@ -171,18 +171,18 @@ SOLVERS: dict[str, Solver] = {
     "relaxation": by_relaxation,
 }
 MODULES = {"pyamg": "pyamg", "CHOLMOD": "sksparse_minimal"}
-"""What the project does not depend on (CHOLMOD is in the package sksparse-minimal)."""
+"""Optional packages of the peers (CHOLMOD is in the package sksparse-minimal)."""
 
 
 def warm_up(kind: str, double: bool, tolerance_m: float) -> None:
-    """Compile the kernels of the case, or load them from the cache: small ones like it."""
+    """Compile the kernels of the case, or load them from the cache, with small similar problems."""
     by_multigrid(planted_problem(401, kind, double=double), tolerance_m)
     for islands in (2, 16):
         by_multigrid(loose_islands(islands, double=double), tolerance_m)
 
 
 def loose_islands(islands: int, *, double: bool) -> HeightProblem:
-    """Return squares of 9 × 9 points that hang on one weak height each: parts of their own."""
+    """Return separate squares of 9 × 9 points with one weak height each."""
     size = 10 * islands
     real = np.float64 if double else np.float32
     mask = np.zeros((size, size), dtype=bool)
@@ -213,7 +213,7 @@ def measure(name: str, size: int, kind: str, double: bool, tolerance_m: float) -
 
 
 def forget_peak() -> float:
-    """Let the peak begin at what is held now (Linux; elsewhere planting counts); return it, GB."""
+    """Reset the peak to the memory in use now (on Linux only); return it, GB."""
     clear = Path("/proc/self/clear_refs")
     if clear.exists():
         clear.write_text("5")
@@ -221,21 +221,21 @@ def forget_peak() -> float:
 
 
 def peak_memory() -> float:
-    """Return the most memory that the process held, GB."""
+    """Return the peak memory of the process, GB."""
     unit = 1 if sys.platform == "darwin" else 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e9
 
 
 def apart(task: Callable[..., Any], *arguments: Any) -> Any:
-    """Return what `task` returns in a process of its own."""
+    """Return the result of `task`, run in a separate process."""
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         return pool.apply(task, arguments)
 
 
 def measure_maplets(tolerance_m: float) -> dict[str, float]:
-    """Return the seconds for 1000 maplets of 99 × 99, problems already made, of each solver.
+    """Return the seconds of each solver for 1000 maplets of 99 × 99, without making the problems.
 
-    Peers get fewer, one after the other; their time is scaled.
+    Peers solve fewer, one after the other; their time is scaled.
     """
     problem = planted_problem(99, "full", double=True)
     options = SolverOptions(tolerance_m=tolerance_m, threads=1)
@@ -264,7 +264,7 @@ def show_case(name: str, size: int, kind: str, double: bool, tolerance_m: float)
         print(f"{label}not installed")
         return None
     if name == "spcola":
-        # In a process before it: what the compiler takes is not memory of the solver.
+        # In an earlier process: the compiler's memory is not the solver's.
         apart(warm_up, kind, double, tolerance_m)
     case: Case = apart(measure, name, size, kind, double, tolerance_m)
     print(
@@ -276,7 +276,7 @@ def show_case(name: str, size: int, kind: str, double: bool, tolerance_m: float)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Time the height solver beside its peers.")
+    parser = argparse.ArgumentParser(description="Time the height solver and its peers.")
     parser.add_argument("--sizes", type=int, nargs="+", default=list(SIZES))
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=KINDS)
     parser.add_argument("--solvers", nargs="+", default=list(SOLVERS), choices=SOLVERS)
@@ -304,7 +304,7 @@ def main() -> None:
 
 
 def show_ratios(cases: dict[str, Case], size: int) -> None:
-    """Print how many times faster than its peers the solver was, and the bars."""
+    """Print the speed relative to peers, and the bars."""
     own = cases.get("spcola")
     if own is None:
         return

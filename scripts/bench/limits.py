@@ -1,13 +1,13 @@
-"""What a registration of a mission reaches, and what holds it back, with the truth in hand.
+"""Accuracy of the registration of a mission, and what limits it, by comparison with the truth.
 
 For each mission with its workspace (mapolas made), errors over stated sigmas of
 
 - `as it is`: the transform as the program registers the mission;
-- `true scans`: mapolas that hold the heights of the true body, so that no scan errs;
-- `true centres`: the same, and each maplet's planted error of its centre taken from its match:
-  what the match of surfaces alone allows.
+- `true scans`: mapolas with the heights of the true body, so that scans have no errors;
+- `true centres`: the same, without each maplet's planted error of its centre in its match:
+  the limit of the match of surfaces alone.
 
-At the end the rms errors over the missions, beside the rms of the stated sigmas and the bar.
+At the end the rms errors over the missions, the rms of the stated sigmas and the bar.
 
     python scripts/bench/limits.py MISSION=WORKSPACE [MISSION=WORKSPACE ...] [--every 1]
 """
@@ -71,11 +71,11 @@ class Case:
         return list(self.executor.map(function, names))
 
     def heights(self) -> dict[str, Surface]:
-        """Heights of the mapolas as they are."""
+        """Return the heights of the mapolas as they are."""
         return {name: surface_of(self.workspace.mapola(name)) for name in self.names}
 
     def true_heights(self) -> dict[str, Surface]:
-        """The same points with the heights of the true body, and noise of half their sigma."""
+        """Return the same points with heights of the true body, and noise of half their sigma."""
         body, found = self.planted.body(), {}
         for number, name in enumerate(self.names):
             mapola = self.workspace.mapola(name)
@@ -112,7 +112,7 @@ class Case:
         return found
 
     def mapolas(self, matches: list[Match], scans: bool) -> MatchedMapolas:
-        """How scans reach the mapolas: as the adjustment left them, or not at all."""
+        """Return matches with the scan errors left by the adjustment, or with none."""
         shares = [self.workspace.mapola(match.name).scan_share for match in matches]
         centers = np.array([match.center for match in matches])
         adjustment = self.workspace.adjustment()
@@ -124,14 +124,17 @@ class Case:
             matrix = share_matrix(shares, names)
             effects = ScanEffects.independent(names, 0.0)
         return MatchedMapolas(
-            matches, effects, effects.at(matrix, centers), effects.beside(matrix, centers)
+            matches,
+            effects,
+            effects.at(matrix, centers),
+            effects.residual_covariance(matrix, centers),
         )
 
     def landmarks(self) -> LandmarkErrors:
         return LandmarkErrors.of_mapolas(self.network, self.names, 0.05)
 
     def without_center_errors(self, matches: list[Match]) -> list[Match]:
-        """The matches less the planted errors of the maplets' centres."""
+        """Return the matches minus the planted errors of the maplets' centres."""
         similarity, centers = self.planted.similarity, self.planted.centers
         moved = []
         for match in matches:
@@ -141,7 +144,7 @@ class Case:
         return moved
 
     def row(self, registration: Registration) -> Row:
-        """Errors and sigmas of a registration."""
+        """Return errors and sigmas of a registration."""
         planted = self.planted.similarity
         scale, scale_sigma, rotation, rotation_sigma = similarity_numbers(registration)
         sigma = np.sqrt(np.diag(registration.covariance))[:3]
@@ -155,7 +158,7 @@ class Case:
         return Row(np.array(error), np.array(stated))
 
     def rows(self) -> dict[str, Row]:
-        """All three registrations."""
+        """Return all three registrations."""
         found = {}
         whole = replace(
             self.mapolas(self.matches(self.heights()), True), landmarks=self.landmarks()
@@ -202,7 +205,7 @@ def rms(values: FloatArray) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="What a registration reaches and what holds it.")
+    parser = argparse.ArgumentParser(description="Accuracy and limits of a registration.")
     parser.add_argument("cases", nargs="+", help="MISSION=WORKSPACE")
     parser.add_argument("--every", type=int, default=1, help="use each so many-th mapola")
     options = parser.parse_args()

@@ -1,11 +1,11 @@
-"""What movements of the surface leave of the errors of fused heights.
+"""Errors of fused heights that are left after the best movement of the surface.
 
 All heights of one mission share the error of its registration, and all heights of a place those of
-its scans. Shares of the errors within sigma are then a few draws of those errors, each seen by many
-points: they scatter from seed to seed however right the sigma is. Here the movement (shift, turn,
-scale) that fits the errors best is found with the truth in hand and taken out, and the rest is
-compared with the sigma without its shared part; then the same with a displacement of each maplet.
-Only points that the lidar knows, which is where heights share such errors.
+its scans. Shares of the errors within sigma then come from a few draws of those errors, each common
+to many points: they scatter from seed to seed even if sigma is correct. Here the movement (shift,
+rotation, scale) that best fits the errors against the truth is removed, and the rest is compared
+with the sigma without its shared part; then the same with a displacement of each maplet. Only
+points with lidar, where heights share such errors.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.heights import slopes_of
 
-# Errors beyond that many of their deviations do not tell of a movement.
+# Errors beyond so many robust standard deviations are not used to fit a movement.
 FAR = 3.0
 ROUNDS = 5
-# Maplets that are looked at.
+# Most maplets used.
 MOST = 200
-# Points that tell a displacement well enough.
+# Fewest points of a maplet.
 ENOUGH = 100
 
 
@@ -72,16 +72,16 @@ class Errors:
 
     @property
     def own(self) -> FloatArray:
-        """Sigma (N,), metres, of what heights do not share."""
+        """Sigma (N,), metres, of errors that heights do not share."""
         sigma: FloatArray = np.sqrt(self.variance - self.shared)
         return sigma
 
     def of_all(self) -> FloatArray:
-        """Return what the best shift, turn and scale of all of them do to the heights (N,)."""
+        """Return the effect on the heights (N,) of the best shift, rotation and scale of all."""
         return self.movement @ fitted_movement(self.movement, self.error, self.own)
 
     def of_each(self) -> FloatArray:
-        """Return what the best displacement of each maplet does to its heights (N,)."""
+        """Return the effect on the heights (N,) of the best displacement of each maplet."""
         moved = np.zeros(len(self.error))
         for number in np.unique(self.maplet):
             its = self.maplet == number
@@ -112,7 +112,7 @@ def rms(values: FloatArray) -> float:
 
 
 def fitted_movement(rows: FloatArray, error: FloatArray, own: FloatArray) -> FloatArray:
-    """Return the parameters of `rows` (N, P) that leave least of the errors (N,)."""
+    """Return the parameters of `rows` (N, P) that minimise the errors (N,)."""
     found = np.zeros(rows.shape[1])
     for _ in range(ROUNDS):
         left = np.abs(error - rows @ found) / own
@@ -124,20 +124,20 @@ def fitted_movement(rows: FloatArray, error: FloatArray, own: FloatArray) -> Flo
 
 
 def movements(maplet: FusedMaplet) -> FloatArray:
-    """Return what shifts, turns and a scale of the surface do to its heights (R, C, 7).
+    """Return the partials (R, C, 7) of heights by shift, rotation and scale of the surface.
 
-    A surface displaced by D is met at a height that is off by D·(Uz − ∂h/∂x Ux − ∂h/∂y Uy).
+    Displacing a surface by D changes its height by D·(Uz − ∂h/∂x Ux − ∂h/∂y Uy).
     """
     slope_x, slope_y = slopes_of(maplet.height, maplet.grid.gsd)
-    lean = np.nan_to_num(np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=-1))
-    normal = lean @ maplet.grid.axes
+    partials = np.nan_to_num(np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=-1))
+    normal = partials @ maplet.grid.axes
     place = maplet.grid.points(np.nan_to_num(maplet.height))
     scaled = np.sum(normal * place, axis=-1, keepdims=True)
     return np.concatenate([normal, np.cross(place, normal), scaled], axis=-1)
 
 
 def shared_variance(movement: FloatArray, placement: Placement) -> FloatArray:
-    """Variance (N,), m², of heights by the error of where their mapola is registered."""
+    """Return the variance (N,), m², of heights by the registration error of their mapola."""
     normal = movement[:, :3]
     variance: FloatArray = np.einsum("ni,ij,nj->n", normal, placement.covariance, normal)
     return variance

@@ -1,10 +1,9 @@
-"""Whether the sigmas are true: missions of many seeds through the whole program.
+"""Whether the sigmas are correct: missions of many seeds through the whole program.
 
-For each parameter that is planted: mean and standard deviation of the pulls (recovered −
-planted) / sigma; their root mean square about zero, which a bias raises too, with the interval of
-95 %, and beside it the limit, 1; their excess kurtosis (0 for normal pulls) and its standard error;
-the rms error beside the rms of the stated sigmas. `--lines FILE` keeps a line for each mission and
-goes on from there.
+For each planted parameter: mean and standard deviation of the pulls (recovered − planted) / sigma;
+their root mean square about zero, which includes a bias, with the interval of 95 % and the limit,
+1; their excess kurtosis (0 for normal pulls) and its standard error; the rms error and the rms of
+the stated sigmas. `--lines FILE` keeps a line for each mission and resumes from there.
 
     python scripts/bench/pulls.py [--seeds 20] [--preset tiny|mini] [--lines pulls.jsonl]
 """
@@ -30,7 +29,7 @@ PRESETS = {"tiny": MissionSettings.tiny, "mini": MissionSettings.mini}
 
 
 def recovered(preset: str, seed: int) -> list[Recovered]:
-    """Make a mission, run all stages on it, and return what was found of the planted values."""
+    """Make a mission, run all stages on it, and return the recovered values."""
     settings = PRESETS[preset](seed)
     with tempfile.TemporaryDirectory() as folder:
         shown = demonstrate(
@@ -43,7 +42,7 @@ def recovered(preset: str, seed: int) -> list[Recovered]:
 
 
 def missions(preset: str, seeds: range, lines: Path | None) -> Iterator[list[Recovered]]:
-    """Yield the table of each seed: from `lines` where it is there, else made now."""
+    """Yield the table of each seed: from `lines` if it is there, else made now."""
     known = {}
     if lines and lines.exists():
         for text in lines.read_text(encoding="utf-8").splitlines():

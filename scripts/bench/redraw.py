@@ -1,19 +1,19 @@
-"""How likely the errors of one mission's scale are: the planted errors drawn anew.
+"""How likely the errors of one mission's scale are, by drawing the planted errors again.
 
 For a mission and its workspace (scans imported) three tables are printed:
 
-- *causes*: what each kind of planted error does to the centre, along x, y and z. The estimate is
-  linear in the observations (`fusion.estimation.leverage`), so the parts add up to the whole error;
-  beside each its standard deviation over all draws, and the ratio of the two. "matches" is the
-  rest: what the noise of heights does to the matches of pairs.
-- *redraws*: the same geometry with all planted errors drawn anew, and estimated by the program,
-  error sizes and robust weights included. Errors of matches are drawn from their covariances. For
+- *causes*: the effect of each planted error on the centre, along x, y and z. The estimate is
+  linear in the observations (`fusion.estimation.leverage`), so the parts add up to the whole error.
+  Next to each are its standard deviation over all draws, and the ratio of the two. "matches" is the
+  rest: the effect of the noise of heights on the matches of pairs.
+- *redraws*: the same geometry with all planted errors drawn again, and estimated by the program,
+  with error sizes and robust weights. Errors of matches are drawn from their covariances. For
   each parameter the rms of the pulls, their excess kurtosis, the shares beyond two and three, the
   largest, and how likely a pull as large as this mission's is: error and stated sigma are
   independent for normal errors, so it is the mean over the redraws of 2 Φ(−|pull| σ / s), s the
   standard deviation of the errors.
-- *states*: with `--again N`, pairs are made and matched anew with the states that the seeds
-  2 … N + 1 draw for this mission; beside the pulls what the linear influence predicts of the shift.
+- *states*: with `--again N`, pairs are made and matched again with the states that the seeds
+  2 … N + 1 draw for this mission; next to the pulls the shift that the linear influence predicts.
 
 A redraw of `mini` takes a second and a half, a new set of pairs a quarter of a minute.
 
@@ -64,7 +64,7 @@ class OtherStates(Workspace):
 
 
 class Redraws:
-    """The pairs of a mission, its planted errors, and what others could have been planted."""
+    """The pairs of a mission, its planted errors, and other possible ones."""
 
     def __init__(self, case: Case) -> None:
         self.case, self.planted = case, case.planted
@@ -99,7 +99,7 @@ class Redraws:
         yield "matches", self._moved(seen.value - known), spread
 
     def redrawn(self, generator: np.random.Generator) -> ScaleEstimate:
-        """Estimate the scale from observations with all random errors drawn anew."""
+        """Estimate the scale from observations with all random errors drawn again."""
         settings, seen = self.planted.settings, self.observations
         patterns, own = self._matches()
         sources = (
@@ -115,7 +115,7 @@ class Redraws:
         return estimate_scale(replace(seen, value=value + alone[..., 0]))
 
     def again(self, seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Pair anew with the states that `seed` draws: error, sigma and predicted error (3,)."""
+        """Pair again with the states that `seed` draws: error, sigma and predicted error (3,)."""
         other = OtherStates(self.case.workspace.root, solved=drawn_states(self.planted, seed))
         made = self.case.pairing(other)
         fit = estimate_scale(observed(made, made.pairs)).fit
@@ -125,7 +125,7 @@ class Redraws:
         return (fit.estimate - self.true)[CENTER], fit.sigma[CENTER], predicted
 
     def _state_partials(self) -> FloatArray:
-        """What displacements of the states do to each observation (N, 3, 3 S)."""
+        """Return the partials (N, 3, 3 S) of observations by displacements of the states."""
         leaning = self.observations.leaning
         assert leaning is not None
         return leaning
@@ -151,16 +151,16 @@ class Redraws:
         return alone.ground, alone.covariance
 
     def _moved(self, displaced: FloatArray) -> FloatArray:
-        """What displacements (N, 3) of the observations do to the centre (3,), metres."""
+        """Return the effect of displacements (N, 3) of observations on the centre (3,), metres."""
         moved: FloatArray = np.einsum("pnd,nd->p", self.influence[CENTER], displaced)
         return moved
 
     def _spread(self, sources: FloatArray) -> FloatArray:
-        """Standard deviation (3,) of the centre by sources (N, 3, R) of standard deviation 1."""
+        """Return the standard deviation (3,) of the centre for unit sources (N, 3, R)."""
         return np.linalg.norm(np.einsum("pnd,ndr->pr", self.influence[CENTER], sources), axis=1)
 
     def _spread_alone(self, covariance: FloatArray) -> FloatArray:
-        """Standard deviation (3,) of the centre by errors of single observations."""
+        """Return the standard deviation (3,) of the centre for errors of single observations."""
         rows = self.influence[CENTER]
         return np.sqrt(np.einsum("pnd,nde,pne->p", rows, covariance, rows))
 
@@ -226,7 +226,7 @@ def print_redraws(redraws: Redraws, count: int) -> None:
 
 
 def print_again(redraws: Redraws, count: int) -> None:
-    """Print centres of pairs made anew with other states, and what the influence predicts."""
+    """Print centres of pairs made again with other states, and predictions by the influence."""
     print("\nstates of other seeds, pairs made anew: error of the centre, cm; its pulls; predicted")
     found = []
     for seed in range(2, count + 2):

@@ -1,13 +1,12 @@
 #!/usr/bin/env python3
-"""Registration beside its limits and its peer: a table, all measured in this run.
+"""Registration compared with its theoretical limit and its peer, all measured in this run.
 
 Two clouds of a million points each lie on a fractal square of 100 m with slopes of 0.2 (rms, of
 one power in every octave down to 11 cm), with 30 mm of noise; one is moved by 50 mm, 0.002° and
-−500 ppm. Printed: errors of the similarity found and its stated sigmas beside the formal
-limit of that data (Cramér–Rao, from the true slopes and both clouds' noise and numbers), the same
-for Open3D's ICP with scaling, root mean squares over seeds, what smoothing of one cloud does to
-the scale, a scan of a million returns against an SPC surface, and how many mapolas are matched in
-a second.
+−500 ppm. Printed: errors of the similarity found, its stated sigmas and the formal limit of the
+data (Cramér–Rao, from the true slopes and both clouds' noise and numbers), the same for Open3D's
+ICP with scaling, root mean squares over seeds, the effect of smoothing one cloud on the scale, a
+scan of a million returns against an SPC surface, and the number of mapolas matched per second.
 
     python scripts/bench/registration [--seeds 8] [--parts clouds icp blur returns match]
 """
@@ -78,7 +77,7 @@ class Ground:
         return np.stack([x, y, height], axis=1)
 
     def limit(self, cloud: FloatArray) -> FloatArray:
-        """Sigmas (7,) that no unbiased estimate from two such clouds falls below."""
+        """Return the smallest sigmas (7,) of an unbiased estimate from two such clouds."""
         slopes = [at(layer, cloud[:, 0], cloud[:, 1]) for layer in self.slope_layers()]
         up = np.stack([-slopes[0], -slopes[1], np.ones(len(cloud))], axis=1)
         along = np.sum(cloud * up, axis=1)[:, None]
@@ -93,21 +92,21 @@ def at(layer: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def errors(found: Similarity) -> FloatArray:
-    """Translation, rotation and scale (7,) less what was planted."""
+    """Return translation, rotation and scale (7,) minus the planted ones."""
     turn = Similarity(found.rotation @ PLANTED.rotation.T).rotation_vector
     shift = found.translation - PLANTED.translation
     return np.array([*shift, *turn, found.scale - PLANTED.scale])
 
 
 def numbers(seven: FloatArray) -> str:
-    """Millimetres, degrees and parts per million of lengths of seven numbers."""
+    """Return the norms of translation and rotation, and the scale: mm, degrees, ppm."""
     shift, turn = np.linalg.norm(seven[:3]), np.degrees(np.linalg.norm(seven[3:6]))
     return f"{1e3 * shift:9.3f} mm {turn:10.5f}° {1e6 * abs(seven[6]):9.1f} ppm"
 
 
 @dataclass(frozen=True)
 class Found:
-    """What one run of one way gave."""
+    """Result of one run."""
 
     seconds: float
     error: FloatArray
@@ -191,7 +190,7 @@ def blur_lines(seeds: int, count: int) -> Iterator[str]:
 
 
 def scale_error(seed: int, count: int, blur_m: float, blur: float | None) -> tuple[float, float]:
-    """Error of the scale, and its stated sigma."""
+    """Return the error of the scale, and its stated sigma."""
     ground = Ground.of(seed)
     moving = PLANTED.inverse().apply(ground.cloud(1000 + seed, count))
     fixed = ground.cloud(2000 + seed, count, blur_m)
@@ -200,7 +199,7 @@ def scale_error(seed: int, count: int, blur_m: float, blur: float | None) -> tup
 
 
 def spc_heights(ground: Ground, grid: MapletGrid, seed: int) -> FloatArray:
-    """A surface as SPC gives it: smoothed by a cell, errors of 5 cm that hold over cells."""
+    """Return a surface as of SPC: smoothed by a cell, with correlated errors of 5 cm."""
     x, y = np.meshgrid(grid.gsd * grid.offsets, grid.gsd * grid.offsets)
     error = ndimage.gaussian_filter(np.random.default_rng(seed).normal(size=grid.shape), 3.0)
     return ground.heights(x, y, grid.gsd) + 0.05 * error / error.std()
@@ -225,7 +224,7 @@ def returns_lines(count: int) -> Iterator[str]:
 
 
 def match_lines() -> Iterator[str]:
-    """Mapolas of 99² against maplets that are blurred and err by 10 cm over five cells."""
+    """Match mapolas of 99² with blurred maplets, with errors of 10 cm over five cells."""
     grid = MapletGrid(np.zeros(3), np.eye(3), 0.35, 49)
     cases = [match_case(seed, grid) for seed in range(CASES)]
     executor = ThreadExecutor(THREADS)
@@ -247,7 +246,7 @@ def match_lines() -> Iterator[str]:
 
 
 def match_case(seed: int, grid: MapletGrid) -> tuple[Surface, Surface]:
-    """A lidar surface, and an SPC surface that lies 10, −7 and 0 cm off it; 2 % are missing."""
+    """Return a lidar surface, and an SPC surface displaced by 10, −7 and 0 cm; 2 % are missing."""
     x, y = np.meshgrid(grid.gsd * grid.offsets, grid.gsd * grid.offsets)
     rng, ground = np.random.default_rng(seed), Ground.of(6 + seed)
     lidar = ground.heights(x, y) + 0.01 * rng.normal(size=grid.shape)
@@ -269,7 +268,7 @@ def match_line(name: str, rate: float, found: list[Match]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Registration beside its limits and its peer.")
+    parser = argparse.ArgumentParser(description="Registration, its limits and its peer.")
     parts = ("clouds", "icp", "blur", "returns", "match")
     parser.add_argument("--parts", nargs="+", default=list(parts), choices=parts)
     parser.add_argument("--seeds", type=int, default=8)

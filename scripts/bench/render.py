@@ -1,8 +1,8 @@
-"""Time the rendering of images of the truth body beside Embree: a table, all from this run.
+"""Time the rendering of images of the truth body, compared with Embree, all in this run.
 
 The image: a narrow camera of 1024² pixels at 3.8 km from a body of 245 m, all ground, at 45° of
 incidence; one ray per pixel and one more to the Sun. Its first rendering makes the tiles, the
-next finds them made. The peer casts the same two rays per pixel on a mesh of the same spacing
+next uses them. The peer casts the same two rays per pixel on a mesh of the same spacing
 (spcola.shape.rays, Embree), without brightness or noise. The limit is to fetch four float32 numbers
 at each of the pixels' places and mix them, twice.
 
@@ -68,7 +68,7 @@ def by_embree(caster: RayCaster, image: SpcImage) -> None:
 
 
 def fetch(heights: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Mix four neighbours at every place of an image, twice: the least that could be done."""
+    """Interpolate from four neighbours at every pixel, twice: the least possible work."""
     rows, columns = (np.arange(size) % (len(heights) - 1) for size in shape)
     total = np.zeros(shape, dtype=np.float32)
     for _ in range(2):

@@ -3,14 +3,13 @@
 
 A mission of each seed is made without its images, its scans are imported, and the scale is found
 (with `--method shots` by single shots against the shape); with `--registration` the scans are
-adjusted and gridded before, and registered. Printed for each parameter: mean and
-standard deviation of the pulls (recovered − planted) / sigma, their root mean square about zero
-with the interval of 95 %, and beside it the limit, 1; the rms error beside the rms of the stated
-sigmas. `mini` takes half a minute to a minute a seed. `--lines FILE` keeps a line for each mission
-and goes on from there.
+adjusted and gridded before, and registered. Printed for each parameter: mean and standard deviation
+of the pulls (recovered − planted) / sigma, their root mean square about zero with the interval of
+95 % and the limit, 1; the rms error and the rms of the stated sigmas. `mini` takes half a minute to
+a minute a seed. `--lines FILE` keeps a line for each mission and resumes from there.
 
-The missions plant no range bias, but the sigma of the scale holds what is believed of one before
-the data. With `--drawn-bias` each has its own, drawn from that prior: pulls should scatter by 1.
+The missions plant no range bias, but the sigma of the scale includes the prior of one. With
+`--drawn-bias` each has a bias drawn from that prior: pulls should then scatter by 1.
 With `--by images` or `both` the missions have images, and are registered by them (three minutes).
 
     python scripts/bench/scale [--seeds 20] [--preset tiny|mini] [--method pairs|shots]
@@ -47,7 +46,7 @@ from fusion.workspace import new_workspace
 
 @dataclass(frozen=True)
 class Kind:
-    """What is done with each seed."""
+    """Options for each seed."""
 
     preset: str
     method: str
@@ -56,18 +55,18 @@ class Kind:
     by: str = "topography"
 
     def mission(self, seed: int) -> MissionSettings:
-        """The mission of a seed, with images if they are used."""
+        """Return the mission of a seed, with images if they are used."""
         settings = PRESETS[self.preset](seed).with_images(self.by != "topography")
         if not self.drawn_bias:
             return settings
         prior = ScaleOptions().range_bias_prior_m
-        # A stream of its own: other draws of the seed stay what they are.
+        # A separate stream: other draws of the seed are unchanged.
         bias = prior * float(np.random.default_rng([seed, 1]).normal())
         return replace(settings, lidar=replace(settings.lidar, range_bias=bias))
 
 
 def recovered(kind: Kind, seed: int) -> list[Recovered]:
-    """Make the mission of a seed, and return what is found of it beside what was planted."""
+    """Make the mission of a seed, and return recovered and planted values."""
     settings = kind.mission(seed)
     executor, progress = ThreadExecutor(usable_cores()), Progress.fitting(silent=True)
     with tempfile.TemporaryDirectory() as folder:

@@ -1,16 +1,16 @@
-"""What the scale of a mission reaches, and what holds it back, with the truth in hand.
+"""Accuracy of the scale of a mission, and what limits it, by comparison with the truth.
 
 For each mission with its workspace (scans imported), errors over stated sigmas of ε, the centre's
-offset, the pole and the prime meridian, where more and more is known:
+offset, the pole and the prime meridian, with more and more known:
 
 - `as it is`: as the program estimates them from paired bigmaps;
 - `+ range bias`: the constant error of ranges is known;
-- `+ states`: returns located by the true states of the images, too;
-- `+ ground`: the SPC bigmaps hold the heights of the true body, too, so that no maplet errs;
-- `+ pointing, days`: the pointing of each scan and the range errors of each day are known, too:
-  what returns and their matches allow at all.
+- `+ states`: returns are geolocated by the true states of the images, too;
+- `+ ground`: the SPC bigmaps have the heights of the true body, too: maplets have no errors;
+- `+ pointing, days`: the pointing of each scan and the range errors of each day are known, too: the
+  limit of returns and their matches.
 
-At the end the rms errors over the missions, beside the rms of the stated sigmas and the bar.
+At the end the rms errors over the missions, the rms of the stated sigmas and the bar.
 Pairs are made twice, which takes minutes for a mission of the size of Bennu.
 
     python scripts/bench/scale_limits.py MISSION=WORKSPACE [MISSION=WORKSPACE ...]
@@ -58,7 +58,7 @@ PARTS = {
 UNITS = {"epsilon": "1e-6", "centre": "cm", "pole": "1e-3 deg", "meridian": "1e-3 deg"}
 BARS = {"epsilon": 5.0, "centre": 1.0, "pole": 1.0, "meridian": 1.0}
 TO_UNITS = np.array([1e6, *[1e2] * 3, *[1e3 * np.degrees(1.0)] * 3])
-# A prior of an error that is known: nothing beside the others, metres.
+# Prior of a known error: negligible against the others, metres.
 NONE = 1e-4
 
 
@@ -85,7 +85,7 @@ class Row:
 
     @classmethod
     def of(cls, estimate: ScaleEstimate, planted: Planted) -> Row:
-        """Hold an estimate against what was planted."""
+        """Compare an estimate with what was planted."""
         true = [planted.epsilon, 0.0, 0.0, 0.0, *np.radians(planted.settings.rotation_deg)]
         error = estimate.fit.estimate[:7] - np.array(true)
         return cls(error * TO_UNITS, estimate.fit.sigma[:7] * TO_UNITS)
@@ -116,7 +116,7 @@ class Case:
         return made
 
     def on_true_ground(self, made: Pairing) -> list[Pair]:
-        """The pairs with the heights of the true body in place of those of maplets."""
+        """Return the pairs with the heights of the true body instead of those of maplets."""
         back, shrunk = self.planted.similarity.inverse(), self.planted.similarity.scale
 
         def true(pair: Pair) -> Pair:
@@ -135,15 +135,15 @@ class Case:
         return [pair for pair in again if isinstance(pair, Pair)]
 
     def without_bias(self, observations: ScaleObservations) -> ScaleObservations:
-        """Take the planted range bias from the observations."""
+        """Return the observations without the planted range bias."""
         return less(observations, self.planted.settings.lidar.range_bias * observations.beam)
 
     def without_scan_errors(self, observations: ScaleObservations) -> ScaleObservations:
-        """Take the planted pointing of scans and range errors of days from the observations."""
+        """Return the observations without planted pointing of scans and range errors of days."""
         return less(observations, self.aside(observations) + self.longer(observations))
 
     def aside(self, observations: ScaleObservations) -> FloatArray:
-        """What the planted pointing of its scan does to each observation (N, 3), metres."""
+        """Return the displacement (N, 3) of observations by planted pointing of scans, metres."""
         settings, seed = self.planted.settings, self.planted.settings.seed
         sides = {}
         for at in plan_passes(settings.passes, stream(seed, "passes")):
@@ -158,13 +158,13 @@ class Case:
         )
 
     def longer(self, observations: ScaleObservations) -> FloatArray:
-        """What the planted range errors of its day do to each observation (N, 3), metres."""
+        """Return the displacement (N, 3) of observations by range errors of days, metres."""
         shares = np.array([self.planted.scans[name].range_scale for name in observations.scan])
         longer: FloatArray = (shares * observations.range)[:, None] * observations.beam
         return longer
 
     def rows(self) -> Iterator[tuple[str, Row]]:
-        """Yield what is reached, with more and more known."""
+        """Yield errors and sigmas, with more and more known."""
         yield from self._as_it_is(self.pairing(self.workspace))
         made = self.pairing(self.true_states)
         known = replace(ScaleOptions(), range_bias_prior_m=NONE, state_sigma_m=NONE)
@@ -181,19 +181,19 @@ class Case:
         yield "+ range bias", self._row(observations, known)
 
     def _row(self, observations: ScaleObservations, options: ScaleOptions) -> Row:
-        """What is reached where the range bias is known, and what the options say."""
+        """Return errors and sigmas for a known range bias, with the priors of the options."""
         estimate = estimate_scale(self.without_bias(observations), options=options)
         return Row.of(estimate, self.planted)
 
 
 def observed(made: Pairing, pairs: list[Pair]) -> ScaleObservations:
-    """What pairs observe, as the stage has it."""
+    """Return the observations of pairs as the stage does."""
     per_axis = np.sqrt(np.mean(made.center_sigma**2, axis=1))
     return pair_observations(pairs, "spc", center_sigma=per_axis)
 
 
 def less(observations: ScaleObservations, displaced: FloatArray) -> ScaleObservations:
-    """The observations less displacements (N, 3) of the lidar's surfaces, metres."""
+    """Return the observations minus displacements (N, 3) of the lidar's surfaces, metres."""
     return replace(observations, value=observations.value - observations.entering(displaced))
 
 
@@ -222,7 +222,7 @@ def rms(values: FloatArray) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="What a scale reaches and what holds it back.")
+    parser = argparse.ArgumentParser(description="Accuracy and limits of a scale.")
     parser.add_argument("cases", nargs="+", help="MISSION=WORKSPACE")
     options = parser.parse_args()
     rows: dict[str, list[Row]] = {}

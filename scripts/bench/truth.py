@@ -1,14 +1,14 @@
-"""What the pipeline reaches on synthetic missions, and what each step takes.
+"""Accuracy of the pipeline on synthetic missions, and the cost of each step.
 
-For each preset and seed the real commands are run, each in a process of its own: make, init,
-import, the stages up to the scale, assess. Printed: seconds and peak memory of each step, a table
-of the models (SPC maplets, mapolas, fused maplets) and one of what was recovered. Beside the SPC
-maplets stand the published numbers of Weirich et al. (35 cm model, Table 3): what they should be
-like. What each figure means: `definitions` in `spcola truth assess --json`.
+For each preset and seed the real commands are run, each in a separate process: make, init, import,
+the stages up to the scale, assess. Printed: seconds and peak memory of each step, a table of the
+models (SPC maplets, mapolas, fused maplets) and one of the recovered parameters. SPC maplets should
+be like the published model of Weirich et al. (35 cm model, Table 3). For definitions of all numbers
+see `definitions` in `spcola truth assess --json`.
 
     python scripts/bench/truth.py [--presets mini] [--seeds 3] [--work DIR] [--no-images]
 
-With `--work` results are kept, and a second run goes on from there.
+With `--work` results are kept, and a second run resumes from there.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _GIB = 2.0**20
 
 
 def timed(arguments: Sequence[object], out: Path | None = None) -> dict[str, float]:
-    """Run `spcola` with `arguments` in a process of its own; return seconds and peak GiB."""
+    """Run `spcola` with `arguments` in a separate process; return seconds and peak GiB."""
     command = [sys.executable, "-m", "fusion.cli", *map(str, arguments)]
     start = time.perf_counter()
     with (out or Path(os.devnull)).open("wb") as target:
@@ -85,7 +85,7 @@ def cost_lines(results: Sequence[dict[str, Any]]) -> Iterator[str]:
 
 
 def number(value: float | None, form: str = "{:.3f}") -> str:
-    """Return a number, or a dash for what is not known."""
+    """Return a number, or a dash for None."""
     return "–" if value is None else form.format(value)
 
 
@@ -126,7 +126,7 @@ def region_cell(region: dict[str, Any]) -> str:
 
 
 def recovered_lines(results: Sequence[dict[str, Any]]) -> Iterator[str]:
-    """Yield what was recovered: error ± stated sigma, and the pull."""
+    """Yield the recovered parameters: error ± stated sigma, and the pull."""
     heads = [f"{result['preset']} {result['seed']}" for result in results]
     yield f"{'recovered − planted':28}" + "".join(f"{head:>28}" for head in heads)
     tables = [{row["name"]: row for row in result["assessment"]["recovered"]} for result in results]

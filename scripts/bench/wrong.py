@@ -1,17 +1,16 @@
-"""Wrong input on purpose: what the program accepts, doubts and refuses.
+"""Wrong input on purpose: what the program accepts, marks as doubtful, and refuses.
 
-Lidar files of synthetic missions are altered (`wrong/alter.py`) and taken through the real commands
-with all settings at their defaults: init, import, mapolas, register, and where the registration may
-be used fuse and scale. For each way of being wrong the table names the step that stopped it and the
-codes of its findings; a wrong input that passes all steps is ACCEPTED and counts as a fault.
-
-Right input is what the missions are as they were made, one for each seed: whatever is not accepted
-of it is a false alarm. Printed too is how far it stays from the limits of a registration.
+Lidar files of synthetic missions are altered (`wrong/alter.py`) and processed by the real commands
+with all settings at their defaults: init, import, mapolas, register and, if the registration may be
+used, fuse and scale. For each alteration the table gives the step that stopped it and the codes of
+its findings; a wrong input that passes all steps is ACCEPTED and counts as a fault.
+Correct input are unaltered missions, one for each seed: one that is not accepted is a false alarm.
+Their values of the tests of a registration are printed too.
 
     python scripts/bench/wrong.py [--presets tiny mini] [--seed 3] [--right 20] [--ways WORD...]
                                   [--work DIR]
 
-With `--work` results are kept, and a second run goes on from there.
+With `--work` results are kept, and a second run resumes from there.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ WRONG = (
     "cloud", "shuffle", "other", "sphere", "relief", "sign", "stray 0.7", "shift 5 0 0",
     "half + turn 90 z",
 )  # fmt: skip
-"""Ways of being wrong: what `alter.py` is asked for."""
+"""Alterations by `alter.py`."""
 
 CENTER_SIGMA_M = 0.05
 """Default of [register] center_sigma_m."""
@@ -49,7 +48,7 @@ STEPS = ("mapolas", "register", "fuse", "scale")
 
 
 def called(*arguments: object) -> tuple[int, dict[str, Any], str]:
-    """Run `spcola` in a process of its own; return exit code, JSON and last line of errors."""
+    """Run `spcola` in a separate process; return exit code, JSON and last line of errors."""
     command = [sys.executable, "-m", "fusion.cli", *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     try:
@@ -61,7 +60,7 @@ def called(*arguments: object) -> tuple[int, dict[str, Any], str]:
 
 
 def taken_through(workspace: Path, spc: Path, lidar: Path) -> dict[str, Any]:
-    """Take SPC files and lidar files through the commands until one of them refuses."""
+    """Process SPC files and lidar files by the commands until one of them refuses."""
     shutil.rmtree(workspace, ignore_errors=True)
     called("init", workspace, "--spc", spc, "--body", "Truth")
     begun = time.perf_counter()
@@ -97,7 +96,7 @@ def taken_through(workspace: Path, spc: Path, lidar: Path) -> dict[str, Any]:
 
 
 def seen(summary: dict[str, Any]) -> dict[str, float]:
-    """What the tests of a registration saw, in the words of docs/validation/wrong_input.md."""
+    """Return the values of the tests of a registration, named as in docs/validation."""
     agreement, landmarks = summary["agreement"], summary["landmarks"]
     used, rejected = summary["n_used"], summary["n_rejected"]
     return {
@@ -126,7 +125,7 @@ def mission(preset: str, seed: int, work: Path) -> Path:
 
 
 def tried(preset: str, seed: int, how: str, work: Path) -> dict[str, Any]:
-    """Try one way of being wrong, or `right`; what was found before is kept."""
+    """Try one alteration, or `right`; earlier results are kept."""
     kept = work / f"{preset}-{seed}-{how.replace(' ', '_').replace('+', 'and')}.json"
     if kept.exists():
         return dict(json.loads(kept.read_text(encoding="utf-8")))
@@ -142,7 +141,7 @@ def tried(preset: str, seed: int, how: str, work: Path) -> dict[str, Any]:
 
 
 def is_fault(result: dict[str, Any], *, wrong: bool) -> bool:
-    """Whether wrong input passed all steps, or right input did not."""
+    """Return whether wrong input passed all steps, or correct input did not."""
     return (result["verdict"] == "accepted") == wrong
 
 
@@ -162,7 +161,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--presets", nargs="+", default=["tiny", "mini"])
     parser.add_argument("--seed", type=int, default=3, help="of the missions that are altered")
-    parser.add_argument("--right", type=int, default=20, help="missions of right input, tiny")
+    parser.add_argument("--right", type=int, default=20, help="missions of correct input, tiny")
     parser.add_argument("--ways", nargs="+", default=list(WRONG))
     parser.add_argument("--work", type=Path)
     options = parser.parse_args(arguments)

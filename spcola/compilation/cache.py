@@ -19,6 +19,7 @@ from typing import Any, ClassVar
 
 import numba
 from numba.core.caching import FunctionCache
+from numba.core.sigutils import normalize_signature
 
 _VARIABLE = "NUMBA_CACHE_DIR"
 _ADVICE = f"set {_VARIABLE} to a folder that can be written"
@@ -38,11 +39,16 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # Numba has no types
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the stored code; None, so that it is compiled, where that cannot be read."""
         try:
-            return super().load_overload(sig, target_context)
-        # A truncated file fails in any way that unpickling can.
+            found = super().load_overload(sig, target_context)
+        # A file cut short by a full disk fails in as many ways as pickle knows.
         except Exception:
             self._forget()
             return None
+        # Two processes that keep a kernel of other types at the same moment may choose one file.
+        if found is not None and tuple(found.signature.args) != tuple(normalize_signature(sig)[0]):
+            self._forget()
+            return None
+        return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Store the compiled code, unless an earlier attempt failed."""
@@ -82,6 +88,16 @@ def keep_compiled(kernel: Any, function: Callable[..., Any]) -> None:
         os.environ[_VARIABLE] = numba.config.CACHE_DIR = str(folder)
         kernel._cache = KernelCache(function)
         _note(f"{folder} keeps compiled kernels: program and home folder cannot be written")
+
+
+def is_kept(kernel: Any) -> bool:
+    """Return whether a compiled form of Numba's `kernel` is kept, of its source as it is now."""
+    cache = kernel._cache
+    try:
+        return isinstance(cache, KernelCache) and bool(cache._cache_file._load_index())
+    # As when it is loaded: it is compiled anew then.
+    except Exception:
+        return False
 
 
 def _temporary_folder() -> Path | None:

@@ -4,6 +4,7 @@ from .problem import HeightProblem as HeightProblem
 from .slopes import STEPS_ALIKE as STEPS_ALIKE
 from .slopes import slopes_of as slopes_of
 from .slopes import steps_from_slopes as steps_from_slopes
+from .smoothing import multiply as multiply
 from .solver import HeightSolution as HeightSolution
 from .solver import HeightSystem as HeightSystem
 from .solver import SolverOptions as SolverOptions

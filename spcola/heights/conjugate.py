@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
-from spcola.arrays import BoolArray, FloatArray
+from spcola.arrays import BoolArray, FloatArray, read_only
 from spcola.compilation import Bands, compiled
 from spcola.heights import vectors
 from spcola.heights.components import Components
@@ -128,7 +128,9 @@ class LinearSystem:
             m = problem.means
             pulls = np.zeros(x.shape)
             add_mean_pulls(m.start, m.points, m.share, m.height, m.weight, x, pulls)
-        heights = (problem.height, self._weight, pulls, x, self._unit, self._r)
+        # One type of every layer, given or computed: one compiled form.
+        weight, x = read_only(self._weight), read_only(x)
+        heights = (problem.height, weight, pulls, x, self._unit, self._r)
         bands.run(x.shape, vectors.residual, *steps, *heights)
         return self._r
 

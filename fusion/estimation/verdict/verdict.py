@@ -13,7 +13,7 @@ JUDGEMENTS: tuple[Judgement, ...] = ("accepted", "doubtful", "refused")
 
 
 class Severity(StrEnum):
-    """What a finding does to the result: nothing, ask for a person's word, or end its use."""
+    """Effect of a finding: none, the user has to accept it, or the result is refused."""
 
     NOTE = "note"
     DOUBTFUL = "doubtful"
@@ -39,25 +39,25 @@ class Code(CodedText):
     NO_MATCH = "no-match", "no mapola matches the SPC surface"
     NO_RELIEF = (
         "no-relief",
-        "there is no relief that could show that lidar and SPC are of one ground",
+        "there is too little relief to verify that lidar and SPC show the same ground",
     )
     RELIEF_UNRELATED = (
         "relief-unrelated",
-        "lidar and SPC do not show the same relief where they are put",
+        "lidar and SPC do not show the same relief after registration",
     )
     FEW_AGREE = "few-agree", "few mapolas agree with the common transform"
     IMAGES_NOT_MATCHED = (
         "images-not-matched",
-        "many images do not show the ground that the lidar has there",
+        "many images do not show the relief that the lidar measured there",
     )
     IMAGES_DISAGREE = (
         "images-disagree",
-        "images put the lidar's ground elsewhere than its heights do",
+        "images place the lidar's ground elsewhere than its heights do",
     )
     HEIGHTS_DISAGREE = "heights-disagree", "heights differ by more than their stated sigmas"
     CENTERS_DISAGREE = (
         "centers-disagree",
-        "centres of maplets are off by more than is stated of them",
+        "centres of maplets are off by more than their stated sigmas",
     )
     LARGE_SCALE = "large-scale", "the scale lies beyond what two solutions of one body differ by"
     LARGE_ROTATION = (
@@ -66,7 +66,7 @@ class Code(CodedText):
     )
     STRAIN = "strain", "lidar and SPC differ by a shear or a non-uniform scale"
     NOT_CONVERGED = "not-converged", "the fit did not converge"
-    NOT_DETERMINED = "not-determined", "the data leave a parameter free"
+    NOT_DETERMINED = "not-determined", "the data do not determine a parameter"
     WEAKLY_DETERMINED = (
         "weakly-determined",
         "a parameter is weakly determined, or not separable from another",
@@ -96,7 +96,7 @@ class Code(CodedText):
         "scans over the same ground differ by more than shots of one scan do",
     )
     SHOTS_MISS_SHAPE = "shots-miss-shape", "many shots do not meet the shape"
-    SCATTER_TOO_LARGE = "scatter-too-large", "residuals scatter far more than the sigmas say"
+    SCATTER_TOO_LARGE = "scatter-too-large", "residuals scatter far more than their stated sigmas"
     PAIRS_NOT_MATCHED = "pairs-not-matched", "the surfaces of many pairs could not be matched"
     MANY_REJECTED = "many-rejected", "many pairs or shots disagree with the rest"
     EPSILON_BEYOND_PRIOR = "epsilon-beyond-prior", "epsilon is far larger than its prior"
@@ -109,16 +109,22 @@ class Code(CodedText):
         "scales-inconsistent",
         "epsilon and the scale of the registration disagree",
     )
-    EPSILON_NOT_DETERMINED = "epsilon-not-determined", "the data leave epsilon to its prior"
+    EPSILON_NOT_DETERMINED = (
+        "epsilon-not-determined",
+        "epsilon is determined by its prior, not by the data",
+    )
     EPSILON_NOT_SEPARABLE = (
         "epsilon-not-separable",
-        "the data do not tell epsilon from another parameter",
+        "the data do not separate epsilon from another parameter",
     )
     EPSILON_NOT_SIGNIFICANT = (
         "epsilon-not-significant",
-        "epsilon is too small for its sigma to be applied",
+        "epsilon is too small, compared with its sigma, to be applied",
     )
-    TERMS_FROM_PRIOR = "terms-from-prior", "parameters other than epsilon are left to their priors"
+    TERMS_FROM_PRIOR = (
+        "terms-from-prior",
+        "parameters other than epsilon are determined by their priors",
+    )
     UNSOUND_MAPLET = (
         "unsound-maplet",
         "a maplet contradicts its landmark, the shape or the other maplets",
@@ -134,7 +140,7 @@ class Cause(CodedText):
         "capture-range",
         "the best match lies at the edge of the capture range",
     )
-    NO_RELIEF = "no-relief", "the terrain has no relief to hold the match"
+    NO_RELIEF = "no-relief", "the terrain has too little relief for a match"
     AMBIGUOUS = "ambiguous", "two displacements fit alike"
     NOT_CONVERGED = "not-converged", "the displacement did not converge"
     FEW_INDEPENDENT = "few-independent", "too few of the differences are independent"
@@ -145,13 +151,13 @@ class Cause(CodedText):
     NO_TRANSFORM = "no-transform", "there is no transform"
     NO_DATA = "no-data", "no scan, return or maplet is there"
     OUTSIDE_STATES = "outside-states", "the states of the images do not locate the scan"
-    OFF_BODY = "off-body", "the central pixel looks past the body"
+    OFF_BODY = "off-body", "the central pixel misses the body"
     OBLIQUE = "oblique", "emission or incidence is too large"
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was found about a result.
+    """One finding about a result.
 
     Parameters
     ----------
@@ -160,7 +166,7 @@ class Finding:
     text : str
         What was found, with its numbers and their units: one clause.
     value, limit : float, optional
-        The number that was tested and what it was tested against, in the unit of `text`.
+        The number that was tested and its limit, in the unit of `text`.
     """
 
     code: Code
@@ -172,7 +178,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Verdict:
-    """All that was found about a result, and what follows for its use.
+    """All findings about a result, and whether it may be used.
 
     Parameters
     ----------
@@ -183,7 +189,7 @@ class Verdict:
 
     @property
     def judgement(self) -> Judgement:
-        """The worst of the findings decides."""
+        """The judgement that the most severe finding requires."""
         found = {finding.severity for finding in self.findings}
         if Severity.REFUSED in found:
             return "refused"
@@ -219,12 +225,12 @@ class Verdict:
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> Self:
-        """Rebuild from what :meth:`as_json` gave; a result without ``findings`` has none.
+        """Rebuild from the output of :meth:`as_json`; without ``findings`` there are none.
 
         Raises
         ------
         ValueError, KeyError
-            If a finding is not understood: it is not passed over.
+            If a finding has an unknown code or severity, or lacks a field.
         """
         return cls(tuple(_finding(entry) for entry in content.get("findings") or ()))
 
@@ -244,7 +250,7 @@ def _listed(findings: Sequence[Finding]) -> str:
 
 
 def verdict_lines(content: Mapping[str, Any]) -> list[str]:
-    """Return what people read first of a result that has a verdict; nothing if it has none."""
+    """Return the verdict and its findings as lines of text; no lines without a verdict."""
     if "verdict" not in content:
         return []
     verdict = Verdict.from_json(content)

@@ -1,4 +1,4 @@
-"""What the points of a bigmap rest on, from the fused maplets that it was made of."""
+"""Sources of the points of a bigmap, from the fused maplets that it was made of."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from spcola.grids import Maplet, MapletGrid
 
 _IMAGE, _LIDAR = 1, 2
 _BITS = np.array([0, _IMAGE, _LIDAR, _IMAGE | _LIDAR, 0], dtype=np.uint8)
-"""Images and lidar behind each :class:`~fusion.fusing.maplets.Source`, as bits."""
+"""Bits for images and lidar of each :class:`~fusion.fusing.maplets.Source`."""
 
 
 def fused_bigmap(bigmap: Maplet, maplets: Iterable[FusedMaplet]) -> FusedMaplet:
     """Give each point of `bigmap` its source and its count of lidar returns.
 
-    Each fused maplet is asked at its grid point nearest to the bigmap's (no further than half a
-    cell off along either axis). A point rests on images if one maplet there does, on lidar if
-    one does; a height that no such point stands behind is filled. Overlapping maplets count the
-    same returns, so the count is that of the maplet that has most, in its own cell.
+    Each fused maplet is sampled at its grid point nearest to the bigmap's, at most half a cell off
+    along either axis. A point rests on images if it does in one maplet, on lidar if it does in
+    one, and is filled otherwise. Overlapping maplets count the same returns, so the count is the
+    largest of the maplets' counts, in their own cells.
 
     Parameters
     ----------
     bigmap : Maplet
         Its heights, sigma and albedo are kept.
     maplets : iterable of FusedMaplet
-        In the same frame; those that lie elsewhere are passed over.
+        In the same frame; those that lie elsewhere are skipped.
     """
     count = np.zeros(bigmap.grid.shape, dtype=np.int32)
     bits = np.zeros(bigmap.grid.shape, dtype=np.uint8)

@@ -13,23 +13,23 @@ from spcola.grids import Maplet, check_layer
 
 
 class Source(IntEnum):
-    """What a fused height rests on; the numbers stand in the products."""
+    """Source of a fused height; the numbers are those in the products."""
 
     NONE = 0
     """No height."""
     IMAGE = 1
     """Image slopes (or the SPC maplet) alone."""
     LIDAR = 2
-    """Lidar returns alone: the image slope is undefined there (shadow, never seen)."""
+    """Lidar returns alone: the image slope is undefined there (shadow, never imaged)."""
     BOTH = 3
     """Image slopes and lidar returns."""
     FILLED = 4
-    """Neither: carried over from the neighbours by the integration."""
+    """Neither: interpolated from the neighbours by the integration."""
 
 
 @dataclass(frozen=True, eq=False)
 class FusedMaplet(Maplet):
-    """A :class:`~spcola.grids.Maplet` that says what each of its heights rests on.
+    """A :class:`~spcola.grids.Maplet` with the source of each height.
 
     Parameters
     ----------
@@ -61,7 +61,9 @@ class FusedMaplet(Maplet):
             raise InvalidValueError("holds a source that is not 0 … 4", self.name)
         source = np.array(self.source, dtype=np.uint8)
         if ((source != Source.NONE) != self.valid).any():
-            raise InvalidValueError("a height and its source must stand together", self.name)
+            raise InvalidValueError(
+                "a point must have both a height and a source, or neither", self.name
+            )
         object.__setattr__(self, "count", read_only(count))
         object.__setattr__(self, "source", read_only(source))
 

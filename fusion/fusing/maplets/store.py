@@ -31,7 +31,7 @@ def write_fused(
     Parameters
     ----------
     folder : str or Path
-        It exists.
+        An existing folder.
     maplets : iterable of FusedMaplet
         May be a generator: one is in memory at a time.
     sigma_companions : bool
@@ -42,13 +42,13 @@ def write_fused(
     WorkspaceError
         If the folder cannot be written.
     InvalidValueError
-        If two maplets bear one name, or a name is no file name.
+        If two maplets have one name, or a name is not a valid file name.
     """
     return _STORE.write(folder, maplets, sigma_companions=sigma_companions)
 
 
 def fused_names(folder: str | Path) -> list[str]:
-    """Return the names of the fused maplets in `folder`, in the order of the alphabet.
+    """Return the names of the fused maplets in `folder`, in alphabetical order.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What exists, made from what, and whether it is sound."""
+"""Catalogue of artefacts: what they were made from, and whether maplets are sound."""
 
 import lazy_loader
 

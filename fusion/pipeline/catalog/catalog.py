@@ -36,31 +36,31 @@ CREATE TABLE kept (name TEXT PRIMARY KEY, key TEXT NOT NULL, value TEXT NOT NULL
 CREATE TABLE input (stage TEXT, path TEXT, digest TEXT NOT NULL, PRIMARY KEY (stage, path));
 CREATE TABLE artefact (path TEXT PRIMARY KEY, stage TEXT NOT NULL, digest TEXT NOT NULL);
 """
-# What sqlite names thus is no damage of the file: another program, the disk, permissions.
+# These errors of sqlite are no damage of the file but of the disk, permissions, other programs.
 _OUTSIDE = ("BUSY", "LOCKED", "CANTOPEN", "PERM", "FULL", "NOMEM", "AUTH", "IOERR", "INTERRUPT")
 
 
 class Catalog:
     """An index over the records of ``provenance/``, with a cache of file digests.
 
-    The records are files of their own, one for each stage; the data base only makes looking up
-    fast, and has a second copy of them. Deleted or damaged, it is built again from the records, and
-    digests are computed again. Each row has a checksum: one that fails it counts as none.
+    The records are files of their own, one for each stage; the data base speeds up look-ups and has
+    a second copy of them. If it is deleted or damaged, it is rebuilt from the records, and digests
+    are computed again. Each row has a checksum; a row that fails it is ignored.
 
     Parameters
     ----------
     workspace : Workspace
-    looking : bool
-        Whether the workspace is only looked at: where it cannot be written, what is found out is
-        kept in memory, or not at all.
+    read_only : bool
+        Whether the workspace is only read: if it cannot be written, results are kept in memory or
+        not at all.
 
     Attributes
     ----------
     notes : list of str
-        What was found damaged and mended, for people.
+        Messages on what was damaged and repaired.
     """
 
-    def __init__(self, workspace: Workspace, *, looking: bool = False) -> None:
+    def __init__(self, workspace: Workspace, *, read_only: bool = False) -> None:
         self.workspace = workspace
         self.path = workspace.root / CATALOG_FILE
         self.rebuilt = False
@@ -68,10 +68,10 @@ class Catalog:
         try:
             self._connect()
         except sqlite3.DatabaseError as error:
-            if looking and not _can_write(self.path):
+            if read_only and not _can_write(self.path):
                 self._connect(":memory:")
                 return
-            self._mend(error)
+            self._repair(error)
 
     def close(self) -> None:
         """Close the data base."""
@@ -88,12 +88,12 @@ class Catalog:
         return self.digests_of([path])[0]
 
     def digests(self, paths: Sequence[Path]) -> dict[str, str]:
-        """Return the SHA-256 of files by their names in the catalogue."""
+        """Return the SHA-256 of each file, keyed by its name in the catalogue."""
         names = [self.workspace.relative(path) for path in paths]
         return dict(zip(names, self.digests_of(paths), strict=True))
 
     def digests_of(self, paths: Sequence[Path]) -> list[str]:
-        """Return the SHA-256 of files; of those that are new or changed on all cores.
+        """Return the SHA-256 of files; those of new or changed files are computed on all cores.
 
         Raises
         ------
@@ -105,9 +105,9 @@ class Catalog:
 
     @contextmanager
     def digesting(self, paths: Sequence[Path]) -> Iterator[Iterator[str]]:
-        """Give the SHA-256 of files in their order, while those that follow are made.
+        """Yield the SHA-256 of files in their order, while the next ones are computed.
 
-        Those that are made are kept, also if not all are taken.
+        Those that were computed are stored, even if not all are taken.
 
         Raises
         ------
@@ -125,7 +125,7 @@ class Catalog:
                     yield digest
                     continue
                 computed = next(fresh)
-                made.append(_sealed(self.workspace.relative(path), *state, computed))
+                made.append(_with_checksum(self.workspace.relative(path), *state, computed))
                 yield computed
 
         try:
@@ -138,52 +138,52 @@ class Catalog:
                     base.executemany(rows, made)
 
     def _known(self, path: Path, state: FileStatus) -> str | None:
-        """Return the digest of a file that is as it was, or None."""
+        """Return the stored digest of a file that is unchanged, or None."""
         name = self.workspace.relative(path)
         row = self._row("SELECT * FROM file WHERE path = ?", name)
-        if row is None or row != _sealed(*row[:-1]):
+        if row is None or row != _with_checksum(*row[:-1]):
             return None
         return str(row[-2]) if tuple(row[:-2]) == (name, *state) else None
 
     def record(self, stage: str) -> StageRecord | None:
-        """Return how `stage` last ran, or None if it did not, or nothing sound tells it."""
-        return read_record(self.workspace, stage) or self._kept(stage)
+        """Return how `stage` last ran; None if it never ran, or its record is lost or damaged."""
+        return read_record(self.workspace, stage) or self._stored_record(stage)
 
     def restore(self) -> None:
-        """Write the records that were lost or damaged again, from the copies kept here."""
+        """Write lost or damaged records again, from the copies in the data base."""
         folder = self.workspace.root / RECORD_FOLDER
         there = {path.stem for path in folder.glob("*.json")}
         for stage in sorted(there | set(self._names())):
             if read_record(self.workspace, stage) is not None:
                 continue
-            kept, path = self._kept(stage), record_path(self.workspace, stage)
+            kept, path = self._stored_record(stage), record_path(self.workspace, stage)
             state = "was damaged" if stage in there else "was gone"
             if kept is not None:
                 write_record(self.workspace, kept)
                 self.notes.append(f"{path} {state}; restored from {CATALOG_FILE}")
             else:
-                self.notes.append(f"{path} {state}: stage {stage} counts as one that never ran")
+                self.notes.append(f"{path} {state}: stage {stage} will run again")
 
     def store(self, record: StageRecord) -> None:
-        """Keep how a stage ran: first the file, then the index."""
+        """Store how a stage ran: first the file, then the index."""
         write_record(self.workspace, record)
         self._index(record)
 
-    def rewritten(self, stage: str, paths: Sequence[Path]) -> None:
-        """Note in the record of `stage`, if it has one, that files of it were written anew."""
+    def update_digests(self, stage: str, paths: Sequence[Path]) -> None:
+        """Update the digests of rewritten files in the record of `stage`, if it has one."""
         record = self.record(stage)
         if record is not None:
             self.store(replace(record, outputs={**record.outputs, **self.digests(paths)}))
 
-    def remembered(self, name: str, key: str, make: Callable[[], Any]) -> Any:
-        """Return what `make` gave, in JSON types, when it was last asked under this `key`."""
+    def cached(self, name: str, key: str, make: Callable[[], Any]) -> Any:
+        """Return what `make` gives, in JSON types: the stored value if it has this `key`."""
         row = self._row("SELECT * FROM kept WHERE name = ?", name)
-        if row is not None and row == _sealed(*row[:-1]) and row[1] == key:
+        if row is not None and row == _with_checksum(*row[:-1]) and row[1] == key:
             return json.loads(row[2])
         value = make()
         with self._caching() as base:
             rows = "INSERT OR REPLACE INTO kept VALUES (?, ?, ?, ?)"
-            base.execute(rows, _sealed(name, key, json.dumps(value)))
+            base.execute(rows, _with_checksum(name, key, json.dumps(value)))
         return value
 
     def _names(self) -> list[str]:
@@ -198,10 +198,10 @@ class Catalog:
         row = self._row("SELECT COUNT(*) FROM stage")
         return 0 if row is None else int(row[0])
 
-    def _kept(self, stage: str) -> StageRecord | None:
-        """Return the copy of a record, or None if there is none or it is damaged."""
+    def _stored_record(self, stage: str) -> StageRecord | None:
+        """Return the copy of a record; None if there is none, or it is damaged."""
         row = self._row("SELECT * FROM stage WHERE name = ?", stage)
-        if row is None or row != _sealed(*row[:-1]):
+        if row is None or row != _with_checksum(*row[:-1]):
             return None
         try:
             return StageRecord.from_dict(json.loads(row[2]))
@@ -213,7 +213,7 @@ class Catalog:
         try:
             row: tuple[Any, ...] | None = self._base.execute(query, values).fetchone()
         except sqlite3.Error as error:
-            self._mend(error)
+            self._repair(error)
             return None
         return row
 
@@ -223,7 +223,7 @@ class Catalog:
             base.execute("DELETE FROM artefact WHERE stage = ?", (record.stage,))
             base.execute(
                 "INSERT OR REPLACE INTO stage VALUES (?, ?, ?, ?)",
-                _sealed(record.stage, record.key, json.dumps(record.as_dict())),
+                _with_checksum(record.stage, record.key, json.dumps(record.as_dict())),
             )
             base.executemany(
                 "INSERT INTO input VALUES (?, ?, ?)",
@@ -235,7 +235,7 @@ class Catalog:
             )
 
     def _connect(self, place: str = "") -> None:
-        """Open the data base; an empty one gets its tables and what the records hold."""
+        """Open the data base; an empty one gets its tables and the content of the records."""
         fresh = bool(place) or not self.path.exists()
         self._base = sqlite3.connect(place or self.path, timeout=10.0)
         found = self._base.execute("PRAGMA user_version").fetchone()[0]
@@ -248,7 +248,7 @@ class Catalog:
                 for table in ("artefact", "input", "kept", "stage", "file"):
                     self._base.execute(f"SELECT * FROM {table} LIMIT 1").fetchone()
             except UnicodeDecodeError as error:
-                # Names of columns are decoded by the module, whatever the rows are.
+                # The module decodes the names of columns, also of a damaged file.
                 raise sqlite3.DatabaseError("damaged") from error
             if self._base.execute("PRAGMA quick_check").fetchone()[0] != "ok":
                 raise sqlite3.DatabaseError("damaged")
@@ -257,13 +257,13 @@ class Catalog:
                 self._index(record)
                 self.rebuilt = True
 
-    def _mend(self, error: sqlite3.Error) -> None:
+    def _repair(self, error: sqlite3.Error) -> None:
         """Replace a damaged data base by one made from the records.
 
         Raises
         ------
         WorkspaceError
-            If it is not damaged, but cannot be used, or it cannot be replaced.
+            If it is not damaged but cannot be used, or cannot be replaced.
         """
         if not self._is_damage(error) or self.rebuilt:
             raise self._refusal(error) from error
@@ -280,7 +280,7 @@ class Catalog:
         self.rebuilt = True
 
     def _is_damage(self, error: sqlite3.Error) -> bool:
-        """Tell a damaged data base from one that cannot be opened, read or written."""
+        """Return whether the file is damaged, rather than closed to reading or writing."""
         name = str(getattr(error, "sqlite_errorname", ""))
         if "READONLY" in name:
             # A damaged header forbids writing too.
@@ -289,16 +289,16 @@ class Catalog:
 
     @contextmanager
     def _writing(self) -> Iterator[sqlite3.Connection]:
-        """One transaction; what a damaged data base loses of it is in the records, or made anew."""
+        """Open a transaction; what a damaged data base loses is in the records or recomputed."""
         try:
             with self._base:
                 yield self._base
         except sqlite3.Error as error:
-            self._mend(error)
+            self._repair(error)
 
     @contextmanager
     def _caching(self) -> Iterator[sqlite3.Connection]:
-        """One transaction of what is made again where it cannot be kept: nobody may write here."""
+        """Open a transaction of cached values, which may be lost if the folder is read-only."""
         try:
             with self._writing() as base:
                 yield base
@@ -312,13 +312,13 @@ class Catalog:
         )
 
 
-def _sealed(*fields: Any) -> tuple[Any, ...]:
-    """Return the fields of a row with their checksum behind them."""
+def _with_checksum(*fields: Any) -> tuple[Any, ...]:
+    """Return the fields of a row followed by their checksum."""
     text = "\0".join(str(field) for field in fields)
     return (*fields, hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest())
 
 
 def _can_write(path: Path) -> bool:
-    """Tell whether a data base, and the journal beside it, can be written."""
+    """Return whether a data base, and its journal in the same folder, can be written."""
     there = not path.exists() or os.access(path, os.W_OK)
     return there and os.access(path.parent, os.W_OK)

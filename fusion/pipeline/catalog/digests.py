@@ -1,4 +1,4 @@
-"""Digests of files: on all cores, in order, and not far ahead of who asks for them."""
+"""Digests of files: on all cores, in order, and not far ahead of their use."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from spcola.formats.text import regular_size
 
 FileStatus = tuple[int, int, int, int]
 
-# Read at a time for a digest: little beside the caches, much beside a system call.
+# Read at a time for a digest: small against the caches, large against a system call.
 _BLOCK_BYTES = 1 << 20
-# Asked for ahead of the reading: what the disk brings while a block is worked on.
+# Announced ahead of the reading: the disk reads it while a block is digested.
 _WINDOW_BYTES = 1 << 26
-# Files per core whose digests are made ahead: what is read for its digest is still in the
-# system's memory when it is read for its content.
+# Files per core whose digests are computed ahead: a file is then still in the system's cache when
+# its content is read.
 _AHEAD = 2
 
 
 @dataclass(frozen=True)
 class FileDigests:
-    """Digests of files, each of which is read once; another process reads them again."""
+    """Digests of files, each of which is read once in this process."""
 
     known: dict[Path, str] = field(default_factory=dict)
 
@@ -45,7 +45,7 @@ class FileDigests:
 
 
 def file_digest(path: Path, stopped: Event | None = None) -> str:
-    """Return the SHA-256 of a file's bytes, hexadecimal; of some of them once `stopped` is set."""
+    """Return the SHA-256 of a file, hexadecimal; meaningless once `stopped` is set."""
     digest, block = hashlib.sha256(), memoryview(bytearray(_BLOCK_BYTES))
     with path.open("rb", buffering=0) as stream:
         announced = done = 0
@@ -62,10 +62,10 @@ def file_digest(path: Path, stopped: Event | None = None) -> str:
 
 
 def file_status(path: Path) -> FileStatus:
-    """Return what stays of a file as long as its digest does.
+    """Return what is unchanged as long as the content of a file is.
 
-    Size, time of its last writing, time of its last change (both ns; nobody can set the latter
-    back, as programs that edit in place or copy do with the former) and inode.
+    Size, time of last modification and of last status change (both ns; programs that edit in place
+    or copy may set back the former but not the latter) and inode.
 
     Raises
     ------
@@ -83,9 +83,9 @@ def file_status(path: Path) -> FileStatus:
 
 @contextmanager
 def digests_ahead(paths: Sequence[Path]) -> Iterator[Iterator[str]]:
-    """Give the SHA-256 of files in their order; the first are begun at once, on all cores.
+    """Yield the SHA-256 of files in their order, computed ahead on all cores.
 
-    Whoever takes them works while the next are made. What is not taken is left when it ends.
+    The caller works while the next are computed. What is not taken is dropped at the end.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def digests_ahead(paths: Sequence[Path]) -> Iterator[Iterator[str]]:
         If one cannot be read, when its digest is taken.
     """
     if len(paths) == 1:
-        # Not on a thread: Ctrl-C could not stop it where the file keeps it waiting.
+        # Not on a thread: Ctrl-C could not stop it while it waits for the file.
         yield (_readable_digest(path) for path in paths)
         return
     stopped, cores = Event(), usable_cores()
@@ -126,7 +126,7 @@ def _readable_digest(path: Path, stopped: Event | None = None) -> str:
 
 @contextmanager
 def _refused(path: Path) -> Iterator[None]:
-    """Say in one line that a file cannot be read."""
+    """Turn an error of reading a file into one line."""
     try:
         yield
     except OSError as error:

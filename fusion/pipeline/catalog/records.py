@@ -25,11 +25,11 @@ class StageRecord:
     ----------
     stage : str
     key : str
-        Digest of what follows but the outputs: equal keys give equal results.
+        Digest of version, settings and inputs: equal keys give equal results.
     version : str
         Of the program and of the stage.
     settings : mapping
-        The declared tables, as they were.
+        The declared tables at that time.
     inputs, outputs : mapping of str to str
         Path (relative to the workspace where inside it) → SHA-256.
     summary : mapping
@@ -49,15 +49,15 @@ class StageRecord:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        """Rebuild from what :meth:`as_dict` gave.
+        """Rebuild from the content of :meth:`as_dict`.
 
         Raises
         ------
         ValueError, KeyError, TypeError
-            If something is missing, or the content does not have the checksum that it states.
+            If something is missing, or the content fails its checksum.
         """
         kept = {name: content[name] for name in cls.__dataclass_fields__}
-        # Records of earlier versions of the program state none.
+        # Records of earlier versions of the program have no checksum.
         if content.get(_CHECKSUM, content_digest(kept)) != content_digest(kept):
             raise ValueError("fails its checksum")
         return cls(**kept)
@@ -100,9 +100,9 @@ def read_record(workspace: Workspace, stage: str) -> StageRecord | None:
 
 
 def read_records(workspace: Workspace) -> list[StageRecord]:
-    """Return the records in ``provenance/``; one that cannot be understood counts as none.
+    """Return the records in ``provenance/``; damaged ones are ignored.
 
-    A stage without a record is due, so that a damaged record costs time and never a wrong result.
+    A stage without a record runs again: a damaged record costs time and never a wrong result.
 
     Raises
     ------

@@ -1,8 +1,8 @@
-"""Maplets that cannot be right, by what their landmarks, the shape and the other maplets say.
+"""Maplets that contradict their landmarks, the shape or the other maplets.
 
-A .MAP has no checksum. A bit that flips in its header gives a maplet that reads well and lies, or
-measures, elsewhere. What the header states is therefore compared with the landmark of the same
-name, and heights with the shape; how well they agree in this solution sets the limits.
+A .MAP has no checksum. A flipped bit in its header gives a maplet that can be read but has a wrong
+place or scale. The header is therefore compared with the landmark of the same name, and heights
+with the shape. The limits come from how well most maplets of the solution agree.
 """
 
 from __future__ import annotations
@@ -37,63 +37,63 @@ from spcola.shape import RayCaster, shape_heights
 AXES_TOLERANCE = 3e-7
 """Scalar products of axes that were rounded to four bytes differ by less from 0 and 1."""
 LOOSE = 10.0
-"""Limit where files do not agree to their rounding: so many times what nine of ten stay within."""
+"""Limit if files do not agree to their rounding: times the 90th percentile of the misfits."""
 MOST_GAIN = 0.02
-"""Heights may be so much too large or too small against the shape, if others scatter less."""
+"""Largest relative error of a maplet's heights against the shape, if others scatter less."""
 MOST_SIGMAS = 8.0
-"""... or so many robust standard deviations of what the maplets of the solution show."""
+"""... or so many robust standard deviations of all maplets of the solution."""
 MOST_SCATTER = 3.0
-"""Heights may scatter about the shape by so many times what is usual, if others vary less."""
+"""Largest scatter of heights about the shape relative to the median, if others vary less."""
 _EXACT = 1.01
 _SHARE = 0.9
-# Sigmas are kept in bytes: a map that is read and written again has a slightly smaller one.
+# Sigmas are stored in bytes: a map that is read and written again has slightly smaller ones.
 _SIGMA_SHARE = 0.01
 _SIGMA_FACTOR = 1e3
-# Landmarks print ten digits, and unit vectors are made unit again when they are read.
+# Landmark files have ten digits, and unit vectors are normalised when they are read.
 _PRINTED = 1e-9
 # Rays to the shape along half a side of a maplet.
 _RAYS = 6
-# So many maplets of one GSD make another that differs by less than this a mistake.
+# A GSD that differs by less than this from one that so many maplets share is an error.
 _SHARED, _NEARLY = 3, 1e-3
-# Raised whenever other maplets would be found.
+# Increased whenever other maplets would be found.
 _VERSION = 1
-# Fewer maplets do not tell how much they scatter.
+# The scatter of fewer maplets is not known.
 _FEWEST = 5
 
 
 @dataclass(frozen=True)
 class Unsound:
-    """A maplet that cannot be right, and why: one clause with numbers."""
+    """A maplet that contradicts other files, and why: one clause with numbers."""
 
     name: str
     why: str
 
     @property
     def text(self) -> str:
-        """What is wrong with which file."""
+        """The file and what is wrong with it."""
         return f"MAPFILES/{self.name}.MAP: {self.why}"
 
     def left_out(self) -> Finding:
-        """Return it as a finding about a result that was made without the maplet."""
+        """Return a finding about a result that was made without the maplet."""
         text = f"MAPFILES/{self.name}.MAP was left out: {self.why}"
         return Finding(Code.UNSOUND_MAPLET, Severity.NOTE, text)
 
 
 @dataclass(frozen=True, eq=False)
 class _Stated:
-    """What is known of one maplet.
+    """One maplet, its landmark, and the heights that are compared.
 
     Attributes
     ----------
     name : str
     grid : MapletGrid
     sigma : (3,) ndarray
-        Of its centre, metres; NaN if not stated.
+        Sigmas of its centre, metres; NaN if not stated.
     sigma_size : float
-        Its magnitude as the file states it, metres.
+        Magnitude of the sigma in the file, metres.
     landmark : Landmark or None
     height, shape : (K, K) ndarray
-        Of some grid points: their heights and those of the shape, metres; NaN where unknown.
+        Heights of some grid points, of the maplet and the shape, metres; NaN where unknown.
     """
 
     name: str
@@ -106,11 +106,11 @@ class _Stated:
 
 
 def unsound_maplets(workspace: Workspace) -> tuple[Unsound, ...]:
-    """Return the maplets of a workspace that cannot be right.
+    """Return the maplets of a workspace that contradict other files.
 
-    Frames are compared with those of the landmarks: to the rounding of both files where nine of
-    ten agree so well, else to ten times what nine of ten stay within. Without a landmark axes have
-    to be orthonormal to `AXES_TOLERANCE`. Heights are compared with the shape, where there is one.
+    Frames are compared with those of the landmarks. The limit is the rounding of both files if nine
+    of ten agree so well, else ten times the 90th percentile of the misfits. Without a landmark axes
+    have to be orthonormal to `AXES_TOLERANCE`. Heights are compared with the shape, if any.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def unsound_maplets(workspace: Workspace) -> tuple[Unsound, ...]:
 
 
 def soundness_files(workspace: Workspace) -> list[Path]:
-    """Return the files on which :func:`unsound_maplets` rests."""
+    """Return the files that :func:`unsound_maplets` reads."""
     maplets = [workspace.maplet_path(name) for name in workspace.maplet_names()]
     known = {path.stem for path in maplets}
     landmarks = [workspace.landmark_path(n) for n in workspace.landmark_names() if n in known]
@@ -138,22 +138,22 @@ def soundness_files(workspace: Workspace) -> list[Path]:
 
 
 def _caster(workspace: Workspace) -> RayCaster | None:
-    """Return what casts rays on the shape; None where there is none that can be read."""
+    """Return a ray caster of the shape; None if there is no readable shape."""
     try:
         return RayCaster(workspace.shape()) if workspace.has_shape() else None
     except SpcolaError:
-        # The stages that need it say what is wrong with it.
+        # The stages that need the shape report what is wrong with it.
         return None
 
 
 def _stated(
     workspace: Workspace, name: str, has_landmark: bool, caster: RayCaster | None
 ) -> _Stated:
-    """Read what is known of one maplet."""
+    """Read one maplet and what it is compared with."""
     read = read_map(workspace.maplet_path(name), name=name)
     maplet, grid, landmark = read.maplet, read.maplet.grid, None
     if has_landmark and workspace.landmark_path(name).is_file():
-        # One that cannot be read is named by the stage that needs it.
+        # The stage that needs a landmark reports one that cannot be read.
         with suppress(SpcolaError):
             landmark = workspace.landmark(name)
     step = max(1, grid.half_size // _RAYS)
@@ -169,13 +169,13 @@ def _stated(
 
 
 def _limit(misfits: FloatArray) -> float:
-    """Return what misfits, in units of the files' rounding, may be: exact if nine of ten are."""
+    """Return the limit of misfits in units of the files' rounding: 1 if nine of ten are within."""
     usual = float(np.percentile(misfits, 100.0 * _SHARE, method="lower"))
     return _EXACT if usual <= _EXACT else LOOSE * usual
 
 
 def _rounding(values: FloatArray | float) -> FloatArray:
-    """Half the distance of a number to the next one of four bytes."""
+    """Return half the distance of a number to the next one of four bytes."""
     half: FloatArray = 0.5 * np.spacing(np.abs(np.asarray(values)).astype(np.float32))
     return half
 
@@ -183,7 +183,7 @@ def _rounding(values: FloatArray | float) -> FloatArray:
 def _misfits(
     stated: Sequence[_Stated], misfit: Callable[[_Stated, Landmark], float]
 ) -> Iterator[tuple[_Stated, Landmark]]:
-    """Yield the maplets that fit their landmarks too badly."""
+    """Yield the maplets that misfit their landmarks by more than the limit."""
     pairs = [(one, one.landmark) for one in stated if one.landmark is not None]
     if not pairs:
         return
@@ -219,7 +219,7 @@ def _frames(stated: Sequence[_Stated]) -> Iterator[tuple[str, str]]:
 
 
 def _axes(stated: Sequence[_Stated]) -> Iterator[tuple[str, str]]:
-    """Look for axes that are less orthonormal than rounding makes them."""
+    """Find axes that are less orthonormal than rounding explains."""
     off = np.array([np.max(np.abs(one.grid.axes @ one.grid.axes.T - np.eye(3))) for one in stated])
     if len(off):
         limit = AXES_TOLERANCE * _limit(off / AXES_TOLERANCE)
@@ -229,7 +229,7 @@ def _axes(stated: Sequence[_Stated]) -> Iterator[tuple[str, str]]:
 
 
 def _spacings(stated: Sequence[_Stated]) -> Iterator[tuple[str, str]]:
-    """Look for a GSD that is nearly, but not quite, one that three others share."""
+    """Find a GSD that is nearly, but not exactly, one that three others share."""
     counts = Counter(one.grid.gsd for one in stated)
     shared = np.array([gsd for gsd, count in counts.items() if count >= _SHARED])
     for one in stated:
@@ -274,7 +274,7 @@ def _sigmas(stated: Sequence[_Stated]) -> Iterator[tuple[str, str]]:
 
 
 def _heights(stated: Sequence[_Stated]) -> Iterator[tuple[str, str]]:
-    """Compare heights with the shape: how far away they are, how rough, how steep."""
+    """Compare heights with the shape: their offset, scatter and scale."""
     both = [np.isfinite(one.height) & np.isfinite(one.shape) for one in stated]
     seen = np.array([mask.mean() for mask in both])
     if not len(seen) or np.mean(seen > 0.5) < _SHARE:
@@ -297,7 +297,7 @@ def _heights(stated: Sequence[_Stated]) -> Iterator[tuple[str, str]]:
 
 
 def _most_scatter(scatter: FloatArray) -> float:
-    """Return how much heights may scatter about the shape, metres, as others do."""
+    """Return the limit of the scatter of heights about the shape, metres."""
     if len(scatter) < _FEWEST:
         return float("inf")
     sizes = np.log(np.maximum(scatter, 1e-9))
@@ -309,16 +309,16 @@ def _most_scatter(scatter: FloatArray) -> float:
 def _gains(
     chosen: Sequence[tuple[_Stated, BoolArray]], scatter: float
 ) -> Iterator[tuple[str, str]]:
-    """Look for heights that are too large or too small by a factor.
+    """Find heights that are too large or too small by a factor.
 
-    `scatter` is that of heights about the shape, metres, in the middle of all maplets.
+    `scatter` is the median over all maplets of the scatter of heights about the shape, metres.
     """
     relief = np.array([np.std(one.shape[mask]) for one, mask in chosen])
     if len(relief) < _FEWEST or not scatter > 0.0:
         return
     gain = np.array([_gain(one.shape[mask], one.height[mask]) for one, mask in chosen])
     away = gain - np.median(gain)
-    # Of a maplet without relief nothing tells the factor.
+    # The factor cannot be determined from a maplet without relief.
     sigmas = away * relief / scatter
     spread = 1.4826 * float(np.median(np.abs(sigmas - np.median(sigmas))))
     for (one, _), factor, far, size in zip(chosen, gain, away, sigmas, strict=True):
@@ -327,7 +327,7 @@ def _gains(
 
 
 def _gain(shape: FloatArray, height: FloatArray) -> float:
-    """Slope of heights over those of the shape."""
+    """Return the slope of the regression of heights on those of the shape."""
     flat = shape - shape.mean()
     return float(np.sum(flat * (height - height.mean())) / max(np.sum(flat**2), 1e-300))
 
@@ -337,25 +337,25 @@ def _listed(values: FloatArray) -> str:
 
 
 def unsound(workspace: Workspace, catalog: Catalog) -> tuple[Unsound, ...]:
-    """Return what :func:`unsound_maplets` does; looked for once as long as no file changes."""
+    """Return the result of :func:`unsound_maplets`, computed once as long as no file changes."""
     files = catalog.digests(soundness_files(workspace))
     key = content_digest({"version": _VERSION, "files": files})
 
     def found() -> list[list[str]]:
         return [[one.name, one.why] for one in unsound_maplets(workspace)]
 
-    return tuple(Unsound(name, why) for name, why in catalog.remembered("unsound", key, found))
+    return tuple(Unsound(name, why) for name, why in catalog.cached("unsound", key, found))
 
 
 def _is_outlier(entry: Mapping[str, Any]) -> bool:
-    """Whether a mapola was matched, but left out; older files have no code."""
+    """Return whether a mapola was matched, but left out; older files have no code."""
     if "cause" in entry:
         return entry["cause"] == Cause.OUTLIER
     return entry.get("reason") == DISAGREES
 
 
 def rejected_maplets(workspace: Workspace) -> list[Finding]:
-    """Return the maplets that the registration could not reconcile with the others, as a note."""
+    """Return a note on the maplets that the registration rejected as contradicting the others."""
     if not workspace.registration_path.is_file():
         return []
     content = workspace.read_json(workspace.registration_path.name)

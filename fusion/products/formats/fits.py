@@ -1,10 +1,10 @@
 """ALTWG FITS DTMs: a cube of planes in double precision.
 
-The primary cube is what the altimetry working group's readers expect: rows along Ux, columns
-along Uy, lengths in kilometres. A kilometre in double precision cannot hold every double of
-metres, and a FITS card holds twenty characters of a number; two small extensions therefore keep
-the heights in metres (``HEIGHT_M``) and the frame (``FRAME``), so that what is read is, to the
-last bit, what was written. A file of another writer has neither and is read from the cube.
+The primary cube is what readers of the altimetry working group expect: rows along Ux, columns
+along Uy, lengths in kilometres. Conversion to kilometres rounds, and a FITS card has twenty
+characters for a number. Two small extensions therefore have the heights in metres (``HEIGHT_M``)
+and the frame (``FRAME``), so that reading is bit-identical. Files of other writers have neither
+and are read from the cube.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _FUSED_PLANES: tuple[tuple[str, str], ...] = (
     ("Number of OLA points used", "lidar returns in the cell"),
     ("Source", "0 none 1 image 2 lidar 3 both 4 filled"),
 )
-# Whole numbers from here on are not exact in FITS' floating point.
+# Integers from here on are not exact in double precision.
 _MOST = 2.0**53
 _NEEDED = ("Height relative to normal plane", "Relative albedo", "Sigma")
 
@@ -59,12 +59,12 @@ def write_fits_dtm(
     Parameters
     ----------
     path : str or Path
-        See :func:`fusion.products.naming.product_stem` for its name.
+        For its name see :func:`fusion.products.naming.product_stem`.
     maplet : Maplet
-        A fused maplet adds the planes of lidar count and source and fills that of quality
-        (NaN for a plain maplet: nothing is known of it).
+        A fused maplet adds planes of lidar count and source, and has quality (NaN for a plain
+        maplet).
     provenance : Provenance
-        Stands in the card PROVENAN, as JSON.
+        Written to the card PROVENAN as JSON.
     source : str
         DATASRC.
     version : int
@@ -133,7 +133,7 @@ def read_fits_dtm(path: str | Path, *, name: str | None = None) -> Maplet:
         if "HEIGHT_M" in extensions:
             layers["height"] = extensions["HEIGHT_M"].T
         else:
-            # Other writers copy the maplet's mark of a missing point: height and albedo both 0.
+            # Other writers mark a missing point as maplets do: height and albedo both 0.
             missing = (layers["height"] == 0) & (layers["albedo"] == 0)
             layers["height"] = np.where(missing, np.nan, layers["height"])
         return maplet_of(title, grid, layers, center_sigma)
@@ -157,7 +157,7 @@ def _cube(maplet: Maplet) -> FloatArray:
 
 
 def _cards(maplet: Maplet) -> dict[str, tuple[Any, str]]:
-    """Return keyword → (value, comment) of what the header says about the place."""
+    """Return keyword → (value, comment) of the header cards on the maplet's place."""
     grid = maplet.grid
     longitude, latitude = lon_lat_deg(grid.center)
     sigma = maplet.sigma[np.isfinite(maplet.sigma)]
@@ -192,7 +192,7 @@ def _layers(cube: FloatArray, planes: Mapping[str, int], path: str | Path) -> di
             raise FormatError(f"has no plane {name!r}", path)
     height, albedo, sigma = (cube[planes[name]].T for name in _NEEDED)
     with np.errstate(over="ignore"):
-        # What is infinite in metres is refused by the maplet.
+        # The maplet refuses infinite heights.
         layers: dict[str, AnyArray] = {"height": height * KM, "albedo": albedo, "sigma": sigma}
     for key, (name, _) in zip(("count", "source"), _FUSED_PLANES, strict=True):
         if 0 <= planes.get(name, -1) < len(cube):
@@ -224,5 +224,5 @@ def _frame(
 
 
 def _is_plane(key: str) -> bool:
-    """Tell whether a keyword numbers a plane: PLANE1, PLANE2 and so on."""
+    """Return whether a keyword numbers a plane: PLANE1, PLANE2 and so on."""
     return key.startswith("PLANE") and key[5:].isdigit()

@@ -2,8 +2,8 @@
 
 A maplet's reference plane ``V + x Ux + y Uy`` (Gaskell et al., eq. 15 with h = 0) is all points P
 with ``P · Uz = D``, D = V · Uz. The **gnomonic** projection of a sphere of radius D, centred on
-the direction of Uz, sends a direction to the point where its ray from the body's origin meets
-that very plane. So the grid is an affine map (with rotation, as Ux and Uy seldom run south and
+the direction of Uz, maps a direction to the point where its ray from the body's origin meets
+that plane. So the grid is an affine map (with rotation, as Ux and Uy seldom run south and
 east) of the projected coordinates, whatever the tilt of the plane against the local sphere, and:
 
 * **a point of the reference plane** has exactly the longitude and latitude that the CRS gives its
@@ -93,8 +93,8 @@ def write_geotiff(path: str | Path, maplet: Maplet, provenance: Provenance) -> N
     """Write a maplet or bigmap as GeoTIFF: 32-bit floats, tiled, with overviews.
 
     Bands: height (m), sigma (m), relative albedo and, for a fused maplet, lidar count and source;
-    NaN where there is none. The overviews take the nearest point, so that a source stays a source
-    and a missing point missing. The dataset's tags hold the frame and the provenance as JSON.
+    NaN where there is none. Overviews take the nearest point, as codes of sources and missing
+    points cannot be averaged. The dataset's tags hold the frame and the provenance as JSON.
 
     Raises
     ------
@@ -128,12 +128,12 @@ def write_geotiff(path: str | Path, maplet: Maplet, provenance: Provenance) -> N
 
 
 def read_geotiff(path: str | Path) -> Maplet:
-    """Read what :func:`write_geotiff` wrote; values are those of 32-bit floats.
+    """Read a file of :func:`write_geotiff`; values are 32-bit floats.
 
     Raises
     ------
     FormatError
-        If it is not a GeoTIFF of ours, or its bands do not fit the frame in its tags.
+        If spcola did not write it, or its bands do not fit the frame in its tags.
     """
     import rasterio  # noqa: PLC0415
     from rasterio.errors import RasterioError  # noqa: PLC0415
@@ -150,7 +150,9 @@ def read_geotiff(path: str | Path) -> Maplet:
     layers = {str(key): band.T for key, band in zip(names, bands, strict=True)}
     missing = [key for key in ("height", "sigma", "albedo") if key not in layers]
     if missing or not set(layers) <= set(DESCRIPTIONS):
-        raise FormatError(f"has bands {', '.join(map(str, names))}", path, "it is not ours")
+        raise FormatError(
+            f"has bands {', '.join(map(str, names))}: it was not written by spcola", path
+        )
     try:
         return maplet_of(name, grid, layers, center_sigma)
     except InvalidValueError as error:
@@ -158,7 +160,7 @@ def read_geotiff(path: str | Path) -> Maplet:
 
 
 def _plane_axes(grid: MapletGrid) -> tuple[FloatArray, FloatArray]:
-    """Return east and north (3,) at the direction of Uz: the axes of the projection."""
+    """Return unit vectors east and north (3,) at the direction of Uz: axes of the projection."""
     longitude, latitude = np.radians(lon_lat_deg(grid.uz))
     east = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
     north = np.array([

@@ -1,4 +1,4 @@
-"""The layers that a product carries, by name, and the maplet that they make again."""
+"""The layers of a product by name, and the maplet made of them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DESCRIPTIONS: Mapping[str, str] = {
     "count": "lidar returns in the cell",
     "source": "0 none, 1 image, 2 lidar, 3 image and lidar, 4 filled",
 }
-"""Name of each layer → what it is, in the words that stand in the products."""
+"""Name of each layer → its description in the products."""
 
 _QUALITY = {
     Source.NONE: 0.0,
@@ -34,7 +34,7 @@ _QUALITY = {
 def layers_of(maplet: Maplet) -> dict[str, AnyArray]:
     """Return the layers of `maplet` in the order of :data:`DESCRIPTIONS`.
 
-    A plain maplet has no ``count`` and no ``source``: nothing is made up for it.
+    A plain maplet has no ``count`` and no ``source``.
     """
     layers: dict[str, AnyArray] = {
         "height": maplet.height,
@@ -49,7 +49,7 @@ def layers_of(maplet: Maplet) -> dict[str, AnyArray]:
 def maplet_of(
     name: str, grid: MapletGrid, layers: Mapping[str, AnyArray], center_sigma: AnyArray
 ) -> Maplet:
-    """Make the maplet again: a fused one if `layers` holds ``count`` and ``source``."""
+    """Make a maplet of layers: a fused one if they include ``count`` and ``source``."""
     if "count" in layers and "source" in layers:
         return FusedMaplet(name, grid, **layers, center_sigma=center_sigma)
     plain = {key: layers[key] for key in ("height", "sigma", "albedo")}
@@ -57,7 +57,7 @@ def maplet_of(
 
 
 def quality_of(source: AnyArray) -> FloatArray:
-    """Quality of each point, for readers that know no `source`.
+    """Return the quality of each point, for readers without `source`.
 
     0: no height; 1: filled by the integration; 2: images or lidar alone; 3: both.
     """
@@ -67,7 +67,7 @@ def quality_of(source: AnyArray) -> FloatArray:
 
 
 def frame_text(maplet: Maplet) -> str:
-    """Return name, grid and centre sigma as one line of JSON, every digit kept (metres)."""
+    """Return name, grid and centre sigma as one line of JSON with all digits (metres)."""
     grid = maplet.grid
     frame = {
         "name": maplet.name,
@@ -81,12 +81,12 @@ def frame_text(maplet: Maplet) -> str:
 
 
 def parse_frame(text: str, where: str) -> tuple[str, MapletGrid, FloatArray]:
-    """Read what :func:`frame_text` wrote: name, grid, centre sigma.
+    """Parse the text of :func:`frame_text`: name, grid, centre sigma.
 
     Raises
     ------
     FormatError
-        If it is not that; `where` names the place.
+        If it is not such a text; `where` names its place.
     """
     try:
         frame: dict[str, Any] = json.loads(text)

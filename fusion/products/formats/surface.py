@@ -1,8 +1,8 @@
 """Maplets as triangle meshes: OBJ and PLY.
 
-Vertices are the grid points that have a height, row by row, so a point without one leaves nothing
-behind, its albedo neither. The two triangles of a cell face along Uz; of a cell with a missing
-corner what stays is the triangle that does not touch it, if the common diagonal does not either.
+Vertices are the grid points with a height, row by row; points without one are left out with their
+albedo. The two triangles of a cell face along Uz. A cell with a missing corner keeps the triangle
+that does not touch it, if the common diagonal does not either.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _FACET = np.dtype([("size", "u1"), ("vertices", "<i4", 3)])
 
 
 def triangles(maplet: Maplet) -> IntArray:
-    """Return the facets (F, 3) over the valid points, as numbered row by row from 0.
+    """Return the facets (F, 3) over the valid points, which are numbered row by row from 0.
 
     Raises
     ------
@@ -96,8 +96,8 @@ def write_ply(path: str | Path, maplet: Maplet, provenance: Provenance) -> None:
 def write_obj(path: str | Path, maplet: Maplet, provenance: Provenance) -> None:
     """Write a maplet as OBJ in kilometres (the unit of the field's shapes), whole or not at all.
 
-    OBJ has no place for further values of a vertex: what the maplet knows of each stands in a
-    comment behind it, ``#p m n height sigma albedo [count source]``, which every reader skips.
+    OBJ has no further values of a vertex: they follow it in a comment,
+    ``#p m n height sigma albedo [count source]``, which other readers skip.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def write_obj(path: str | Path, maplet: Maplet, provenance: Provenance) -> None:
 
 
 def read_surface(path: str | Path) -> Maplet:
-    """Read an OBJ or PLY that this module wrote: the same maplet, to the last bit.
+    """Read an OBJ or PLY that this module wrote: a bit-identical maplet.
 
     Raises
     ------
@@ -145,7 +145,7 @@ def read_surface(path: str | Path) -> Maplet:
 
 
 def _ply_vertices(content: bytes, path: str | Path) -> tuple[str, dict[str, AnyArray]]:
-    """Return the frame's JSON and the vertex properties of a PLY of ours."""
+    """Return the frame's JSON and the vertex properties of a PLY of this module."""
     header = parse_header(content, path)
     frame = _comment(header.comments, _FRAME, path)
     vertex = header.element("vertex")
@@ -157,7 +157,7 @@ def _ply_vertices(content: bytes, path: str | Path) -> tuple[str, dict[str, AnyA
 
 
 def _obj_vertices(text: str, path: str | Path) -> tuple[str, dict[str, AnyArray]]:
-    """Return the frame's JSON and the values behind the vertices of an OBJ of ours."""
+    """Return the frame's JSON and the values in comments of an OBJ of this module."""
     lines = text.splitlines()
     frame = _comment(lines, f"# {_FRAME}", path)
     titles = _comment(lines, "# #p ", path).removesuffix(" (m)").split()
@@ -180,7 +180,7 @@ def _obj_vertices(text: str, path: str | Path) -> tuple[str, dict[str, AnyArray]
 def _on_grid(
     grid: MapletGrid, columns: dict[str, AnyArray], path: str | Path
 ) -> dict[str, AnyArray]:
-    """Put the values of the vertices where they belong on the grid."""
+    """Return the values of the vertices as layers on the grid."""
     if not {"m", "n", "height", "sigma", "albedo"} <= set(columns):
         raise FormatError("lacks a property of a maplet's vertices", path)
     rows = columns["m"].astype(np.int64) + grid.half_size

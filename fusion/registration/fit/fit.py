@@ -29,7 +29,7 @@ PARAMETERS: dict[str, tuple[str, ...]] = {
 """Order of the parameters in the covariance of each model."""
 
 STRAIN_ROWS = np.zeros((5, 9))
-"""Of a matrix (row by row) xx − mean, yy − mean, xy, xz, yz of its symmetric part."""
+"""Rows that take a matrix to xx − mean, yy − mean, xy, xz, yz of its symmetric part."""
 STRAIN_ROWS[0, [0, 4, 8]] = [2 / 3, -1 / 3, -1 / 3]
 STRAIN_ROWS[1, [0, 4, 8]] = [-1 / 3, 2 / 3, -1 / 3]
 STRAIN_ROWS[[2, 3, 4], [1, 2, 5]] = STRAIN_ROWS[[2, 3, 4], [3, 6, 7]] = 0.5
@@ -40,7 +40,7 @@ LIDAR_FRAME = "lidar"
 
 @dataclass(frozen=True)
 class FitOptions:
-    """How the transform is fitted.
+    """Options of the fit of the transform.
 
     Parameters
     ----------
@@ -49,18 +49,18 @@ class FitOptions:
         Prior median of the error of a single maplet's centre, metres; its size is estimated.
     reject : float
         Mapolas whose residual exceeds this many standard deviations are rejected.
-    held : tuple of float
-        Error sizes that are known: of a centre, then the factors of the groups of effects. Empty:
-        they are estimated.
-    stated : tuple of int
-        Groups of effects, scans being 0, whose size is known beforehand: it stays 1.
+    fixed_sizes : tuple of float
+        Fixed error sizes: of a centre, then the factors of the groups of effects. Empty: they are
+        estimated.
+    fixed_groups : tuple of int
+        Groups of effects (scans are 0) with a factor fixed at 1.
     """
 
     model: Model = "similarity"
     center_sigma_m: float = 0.05
     reject: float = 5.0
-    held: tuple[float, ...] = ()
-    stated: tuple[int, ...] = ()
+    fixed_sizes: tuple[float, ...] = ()
+    fixed_groups: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class Registration:
     center : (3,) ndarray
         Point about which rotation and scale were parametrised (mean of the mapola centres).
     observations : Observations
-        What was fitted last: ``fit`` is of them.
+        Observations of the last step, to which ``fit`` refers.
     fit : MixedFit
         Residuals, weights, error sizes.
     iterations : int
@@ -114,10 +114,10 @@ class Registration:
         return self.fit.effects[0]
 
     def position_covariance(self, points: FloatArray, effects: FloatArray) -> FloatArray:
-        """Covariance (N, 3, 3), m², of where mapolas at `points` (N, 3) are registered.
+        """Covariance (N, 3, 3), m², of the registered positions of mapolas at `points` (N, 3).
 
-        Of the transform and of the scans together: an error that all scans share is made good by
-        the transform. `effects` (N, 3, M) are the patterns of scan errors there.
+        Of transform and scans jointly, as the transform compensates an error that all scans share.
+        `effects` (N, 3, M) are the patterns of scan errors there.
         """
         partials = transform_partials(self.model, self.similarity, points, np.zeros(3))
         design = np.concatenate([partials, effects], axis=2)
@@ -142,14 +142,14 @@ def fit_transform(
     displacements : (N, 3) ndarray
         d_i, metres.
     covariances : (N, 3, 3) ndarray
-        Of each d_i from its match, and from what scans do to it alone, square metres.
+        Of each d_i from its match and the residual covariance of scans, square metres.
     effects : (N, 3, M) ndarray
-        What each pattern of scan errors, of standard deviation 1, does to each mapola, metres.
-        Two mapolas of one scan move together when that scan is misplaced; the fit counts them
-        accordingly. A factor on all patterns is estimated, its prior median is 1.
+        Displacement of each mapola, metres, by each pattern of scan errors, of standard deviation
+        1. Mapolas of one scan share its error. A factor on all patterns is estimated; its prior
+        median is 1.
     further : sequence of (N, 3, M_g) ndarrays
-        The same of errors of other kinds, each with a factor of its own: those of images, say. They
-        are errors of the displacements and do not move a mapola.
+        The same for other shared errors, such as those of images, each group with its own factor.
+        They are errors of the displacements and do not move a mapola.
     options : FitOptions, optional
 
     Returns
@@ -159,7 +159,7 @@ def fit_transform(
     Raises
     ------
     NotObservableError
-        If the mapolas are too few or lie so that a parameter is free.
+        If there are too few mapolas, or their positions do not determine a parameter.
     """
     options = options or FitOptions()
     names = PARAMETERS[options.model]
@@ -167,17 +167,17 @@ def fit_transform(
         raise NotObservableError(
             f"{len(centers)} mapola(s) give {3 * len(centers)} numbers for {len(names)} parameters",
             names,
-            do="match more mapolas, or ask for model = rigid",
+            do="match more mapolas, or set model = rigid",
         )
     groups = (effects, *further)
     center = np.mean(centers, axis=0)
     reach = max(float(np.sqrt(np.mean(np.sum((centers - center) ** 2, axis=1)))), 1e-6)
     mixed = MixedOptions(
         prior=np.full(len(names), np.inf),
-        sizes=ErrorSizes(options.held[0], options.held[1:], width=0.0)
-        if options.held
-        else ErrorSizes(options.center_sigma_m, (1.0,) * len(groups), held=options.stated),
-        # Without extent (one point) rotation and scale are free whatever unit they are put in.
+        sizes=ErrorSizes(options.fixed_sizes[0], options.fixed_sizes[1:], width=0.0)
+        if options.fixed_sizes
+        else ErrorSizes(options.center_sigma_m, (1.0,) * len(groups), fixed=options.fixed_groups),
+        # Without extent (one point) rotation and scale are not determined in any unit.
         scale=natural_sizes(names, max(reach, 1.0)),
         names=names,
         reject=options.reject,
@@ -196,7 +196,7 @@ def fit_transform(
         mixed = replace(mixed, sizes=replace(fit.sizes, width=0.0))
         if np.max(np.abs(fit.estimate) / mixed.scale) < 1e-7 * reach:
             break
-    # Of all effects, those of the scans alone move the mapolas.
+    # Only the effects of scans move the mapolas.
     moving = len(names) + effects.shape[2]
     joint = about_origin(fit.joint[:moving, :moving], options.model, current, center)
     covariance = joint[: len(names), : len(names)]
@@ -206,7 +206,7 @@ def fit_transform(
 
 
 def _start(model: Model, centers: FloatArray, target: FloatArray, center: FloatArray) -> Affine:
-    """Plain least squares: near enough that what is left is linear and errors look like errors."""
+    """Plain least squares: close enough for linearisation and robust weights."""
     current = Affine(np.eye(3), np.zeros(3), SPC_FRAME, LIDAR_FRAME)
     for _ in range(4):
         design = transform_partials(model, current.nearest_similarity(), centers, center)
@@ -228,11 +228,11 @@ def transform_partials(
     ----------
     model : {"rigid", "similarity", "affine"}
     transform : Similarity
-        Lidar to SPC coordinates; where the partials are taken.
+        Lidar to SPC coordinates, at which the partials are evaluated.
     points : (N, 3) ndarray
         Lidar coordinates, metres.
     center : (3,) ndarray
-        Lidar coordinates, metres; zeros for partials that go with ``Registration.covariance``.
+        Lidar coordinates, metres; zeros for partials that match ``Registration.covariance``.
 
     Returns
     -------
@@ -278,11 +278,11 @@ def updated_transform(
 def about_origin(
     covariance: FloatArray, model: Model, transform: Affine, center: FloatArray
 ) -> FloatArray:
-    """Covariance with the translation that of the origin instead of that of `center`.
+    """Covariance for the translation of the origin instead of that of `center`.
 
-    The translation in ``V_spc = T + s R V`` is where the body's origin goes: T follows from the
-    image of the centre by subtracting what rotation and scale do to the arm between the two.
-    What follows the parameters of the model in `covariance` is carried along.
+    The translation T in ``V_spc = T + s R V`` is the image of the body's origin: the image of
+    `center` minus the rotated and scaled arm between the two. Further rows of `covariance` after
+    the parameters of the model are kept.
     """
     if not np.isfinite(covariance).all():
         return covariance
@@ -293,12 +293,12 @@ def about_origin(
     return jacobian @ covariance @ jacobian.T
 
 
-class Determined(Protocol):
-    """A transform with its covariance about the origin, fitted to anything or given."""
+class TransformWithCovariance(Protocol):
+    """A transform with its covariance about the origin, fitted or given."""
 
     @property
     def model(self) -> Model:
-        """Which parameters it has."""
+        """Name of the set of parameters."""
         ...
 
     @property
@@ -308,7 +308,7 @@ class Determined(Protocol):
 
     @property
     def similarity(self) -> Similarity:
-        """The transform, or the similarity nearest to it."""
+        """The transform as a similarity (nearest one, for an affine map)."""
         ...
 
     @property
@@ -318,7 +318,7 @@ class Determined(Protocol):
 
 
 def similarity_numbers(
-    registration: Determined,
+    registration: TransformWithCovariance,
 ) -> tuple[float, float, FloatArray, FloatArray]:
     """Scale, its sigma, rotation vector (3,) and its sigma (3,), radians, of any model.
 

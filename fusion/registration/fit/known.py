@@ -18,13 +18,13 @@ from spcola.arrays import FloatArray, check_finite, check_shape
 from spcola.errors import InvalidValueError
 from spcola.math import Affine, Similarity
 
-# Of the largest eigenvalue: what rounding to twelve figures may make negative.
+# Share of the largest eigenvalue: rounding to twelve figures may make eigenvalues this negative.
 _NEGATIVE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class KnownTransform:
-    """A transform and how well it is known.
+    """A transform and its covariance.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class KnownTransform:
     Raises
     ------
     InvalidValueError
-        If the covariance has another shape, is not finite, or is none.
+        If the covariance has another shape, is not finite, or is not a covariance.
     """
 
     model: Model
@@ -67,17 +67,17 @@ class KnownTransform:
 
     @property
     def is_exact(self) -> bool:
-        """Whether nothing is said to be unknown of it."""
+        """Whether its covariance is 0."""
         return not self.covariance.any()
 
     def inverse(self) -> KnownTransform:
-        """Return the transform back, with the covariance that follows to first order."""
+        """Return the inverse transform, with its covariance to first order."""
         jacobian = inverse_jacobian(self.model, self.transform)
         covariance = jacobian @ self.covariance @ jacobian.T
         return KnownTransform(self.model, self.transform.inverse(), covariance)
 
     def position_covariance(self, points: FloatArray) -> FloatArray:
-        """Covariance (N, 3, 3), m², of where `points` (N, 3), metres, are mapped."""
+        """Covariance (N, 3, 3), m², of the images of `points` (N, 3), metres."""
         design = transform_partials(self.model, self.similarity, points, np.zeros(3))
         return np.einsum("nip,pq,njq->nij", design, self.covariance, design)
 
@@ -104,7 +104,7 @@ def inverse_jacobian(model: Model, transform: Affine) -> FloatArray:
     """Partials (P, P) of the parameters of the inverse with respect to those of `transform`.
 
     With B the inverse matrix and t' = −B t: δB = −B δA B and δt' = −B (δt + δA t'). Rotations are
-    small ones about the axes of the frame that each map leads to, so that δθ' = −Rᵀ δθ.
+    small and about the axes of each map's target frame, so that δθ' = −Rᵀ δθ.
     """
     back = transform.inverse()
     count = len(PARAMETERS[model])
@@ -128,17 +128,17 @@ def inverse_jacobian(model: Model, transform: Affine) -> FloatArray:
 def known_transform(
     content: Mapping[str, Any], transform: Affine, where: str, *, do: str
 ) -> KnownTransform:
-    """Read the model and covariance that go with `transform`.
+    """Read the model and covariance of `transform`.
 
     Without a covariance the transform counts as exact.
 
     Raises
     ------
     InvalidValueError
-        If they are of no model, or no covariance; `where` and `do` are for its line.
+        If model or covariance are not valid; `where` and `do` are for its message.
     """
     model = content["model"]
-    if model not in list(PARAMETERS):  # of a list, so that what cannot be hashed is refused too
+    if model not in list(PARAMETERS):  # a list, so that unhashable values are refused too
         raise InvalidValueError(
             f"has the model {model!r}, and not one of {', '.join(PARAMETERS)}", where, do
         )

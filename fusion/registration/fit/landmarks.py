@@ -1,4 +1,4 @@
-"""What the errors of landmarks do to the matches of mapolas with the maplets around them."""
+"""Effect of the errors of landmarks on the matches of mapolas to the maplets around them."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from spcola.arrays import FloatArray
 from spcola.control.estimation import Network
 from spcola.math.statistics import strongest
 
-# A pattern that displaces the mapolas by less, root of the sum of squares, metres, is no larger
-# than what a single match does not know, and counts as an error that each landmark has of its own.
+# A pattern that displaces the mapolas by less (root of the sum of squares, metres) is smaller than
+# the error of a single match, and counts as an independent error of each landmark.
 _LEAST = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class LandmarkErrors:
-    """Errors of the centres of the maplets to which N mapolas are matched.
+    """Errors of the centres of maplets to which N mapolas are matched.
 
     Attributes
     ----------
     offset : (N, 3) ndarray
-        Estimated error of each, body-fixed, metres; 0 where no image tells.
+        Estimated error of each, body-fixed, metres; 0 where images do not determine it.
     own : (N, 3, 3) ndarray
-        Covariance of what is left, of each by itself, square metres.
+        Residual covariance of each, square metres.
     shared : (N, 3, K) ndarray
-        Patterns in which they err together, of standard deviation 1, metres.
+        Patterns of shared errors, of standard deviation 1, metres.
     pixel_sigma : float
-        Of the landmarks' places in images, pixels.
+        Of the landmarks' positions in images, pixels.
     images, seen : int
-        Images that took part, and places of landmarks in them.
+        Number of images used, and of positions of landmarks in them.
     """
 
     offset: FloatArray
@@ -46,7 +46,7 @@ class LandmarkErrors:
     def of_mapolas(
         cls, network: Network, names: Sequence[str], center_sigma: float
     ) -> LandmarkErrors:
-        """Of the mapolas `names`; one without a landmark errs by `center_sigma` metres, alone."""
+        """Errors for the mapolas `names`; `center_sigma`, metres, for those without a landmark."""
         row = {name: number for number, name in enumerate(network.names)}
         known = np.array([name in row for name in names], dtype=np.bool_)
         rows = np.array([row[name] for name in names if name in row], dtype=np.intp)
@@ -59,7 +59,7 @@ class LandmarkErrors:
         return cls(offset, own, shared, network.pixel_sigma, network.images, network.seen)
 
     def as_json(self) -> dict[str, Any]:
-        """What other programs read of it."""
+        """Return its numbers as ``registration.json`` has them."""
         return {
             "images": self.images,
             "seen": self.seen,

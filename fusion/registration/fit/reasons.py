@@ -1,4 +1,4 @@
-"""What a registration does not determine well, in words."""
+"""Texts about parameters that a registration determines weakly."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from fusion.registration.fit.fit import Registration
 from fusion.registration.fit.stability import REGIONS, region_numbers
 from spcola.arrays import FloatArray
 
-# Correlations beyond this more than triple the sigma that each would have alone.
+# A larger correlation makes sigmas more than three times those with the other parameter fixed.
 _INSEPARABLE = 0.95
-# Rotations of a tenth of a radian are no small ones any more: second order is 5 % of first.
+# Beyond a tenth of a radian rotations are not small: second order is 5 % of first order.
 _SMALL = 0.1
-# Mapolas in no more than this share of the regions see one side of the body only.
+# Mapolas in no more than this share of the regions cover one side of the body only.
 _ONE_SIDE = 0.25
 
 
 def registration_reasons(registration: Registration, centers: FloatArray) -> list[str]:
-    """Say which parameters are weakly determined, and which are not told apart.
+    """Name the parameters that are weakly determined, and those that are not separable.
 
-    A parameter is weak if its sigma displaces the mapolas by more than a single one is off: all of
-    them together then know it less than one would, were the others known.
+    A parameter is weakly determined if its sigma displaces the mapolas by more than the sigma of a
+    single mapola: one mapola alone would determine it better if the other parameters were known.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def registration_reasons(registration: Registration, centers: FloatArray) -> lis
     Returns
     -------
     list of str
-        Empty where there is nothing to say.
+        Empty if all parameters are well determined.
     """
     used = centers[registration.fit.used]
     return [
@@ -42,21 +42,21 @@ def registration_reasons(registration: Registration, centers: FloatArray) -> lis
 
 
 def _coverage(used: FloatArray) -> list[str]:
-    """Say that the mapolas see one side of the body only."""
-    seen = len(np.unique(region_numbers(used)))
-    if seen > _ONE_SIDE * REGIONS:
+    """Report that the mapolas cover one side of the body only."""
+    covered = len(np.unique(region_numbers(used)))
+    if covered > _ONE_SIDE * REGIONS:
         return []
     return [
-        f"mapolas: in {seen} of {REGIONS} equal regions of the body only; the transform is an "
+        f"mapolas: in {covered} of {REGIONS} equal regions of the body only; the transform is an "
         "extrapolation elsewhere"
     ]
 
 
 def _weak(registration: Registration, used: FloatArray) -> list[str]:
-    """Name the parameters that are known less than one mapola is."""
+    """Report the parameters whose sigma exceeds that of one mapola."""
     single = _single_sigma(registration)
     lever = float(np.sqrt(np.mean(np.sum(used**2, axis=1))))
-    said = []
+    texts = []
     for name, sigma in zip(
         registration.parameters, np.sqrt(np.diag(registration.covariance)), strict=True
     ):
@@ -65,17 +65,17 @@ def _weak(registration: Registration, used: FloatArray) -> list[str]:
             continue
         text = f"{name}: weakly determined: its sigma of {_sized(name, sigma)}"
         text += "" if name.endswith("_m") else f" moves mapolas by {moved:.2g} m, which"
-        text += f" is more than the {single:.2g} m by which one mapola is off"
+        text += f" is more than the sigma of one mapola, {single:.2g} m"
         if name.endswith("_rad") and sigma > _SMALL:
-            text += "; so large a rotation is not linear any more, and is not determined at all"
-        said.append(text)
-    return said
+            text += "; so large a rotation is beyond linearisation, and not determined at all"
+        texts.append(text)
+    return texts
 
 
 def _single_sigma(registration: Registration) -> float:
-    """Standard deviation, metres, of one mapola along the axis in which its match is best.
+    """Median sigma, metres, of one mapola along the axis in which its match is most accurate.
 
-    Heights are often known while the place is not: what one mapola tells best is the measure.
+    This is often the height, with a poorly determined horizontal position.
     """
     fit, observations = registration.fit, registration.observations
     best = np.linalg.eigvalsh(observations.covariance[fit.used])[:, 0]
@@ -104,4 +104,4 @@ def inseparable(names: tuple[str, ...], covariance: FloatArray) -> list[str]:
     ]
     if not pairs:
         return []
-    return [f"not told apart, which their sigmas hold: {', '.join(pairs)}"]
+    return [f"not separable, which their sigmas include: {', '.join(pairs)}"]

@@ -1,4 +1,4 @@
-"""Tests of what the fitted model leaves out: shear, non-uniform scale, scale."""
+"""Tests of parameters that the fitted model lacks: shear, non-uniform scale, scale."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from fusion.registration.fit.fit import (
     similarity_numbers,
     transform_partials,
 )
-from fusion.registration.fit.held import HeldEquations, Refit
+from fusion.registration.fit.fixed_weights import FixedWeightEquations, Refit
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
 
 
 @dataclass(frozen=True, eq=False)
 class Departure:
-    """K numbers that are 0 if the simpler model holds.
+    """K numbers that are 0 if the simpler model is true.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Departure:
 
     @classmethod
     def unobserved(cls, count: int, reason: str) -> Departure:
-        """Return `count` unknown numbers."""
+        """Return `count` numbers that are not observed."""
         return cls(np.full(count, np.nan), np.full((count, count), np.nan), reason)
 
     @property
@@ -50,7 +50,7 @@ class Departure:
 
     @property
     def chi2(self) -> float:
-        """``eᵀ C⁻¹ e``: χ² with K degrees of freedom if the simpler model holds."""
+        """``eᵀ C⁻¹ e``: χ² with K degrees of freedom if the simpler model is true."""
         return float(self.estimate @ np.linalg.solve(self.covariance, self.estimate))
 
     def test(self) -> dict[str, Any]:
@@ -67,9 +67,9 @@ class Departure:
 def strain_departure(registration: Registration, centers: FloatArray) -> Departure:
     """Shear and non-uniform scale (5,): xx − mean, yy − mean, xy, xz, yz of the symmetric strain.
 
-    Of an affine fit they are its own. Else the affine parameters are solved for beside the fit at
-    its weights and error sizes (the score test of Rao 1948): where there is a strain, those sizes
-    hold what it leaves, and the sigmas err to the safe side.
+    Of an affine fit they are its own. Else the affine parameters are estimated from the residuals
+    at the fit's weights and error sizes (the score test of Rao 1948). If there is a strain it has
+    increased those sizes, so that the sigmas are conservative.
 
     Parameters
     ----------
@@ -83,18 +83,18 @@ def strain_departure(registration: Registration, centers: FloatArray) -> Departu
         Axes of the lidar frame, dimensionless.
     """
     similarity = registration.similarity
-    turned = STRAIN_ROWS @ np.kron(similarity.rotation.T / similarity.scale, np.eye(3))
+    rows = STRAIN_ROWS @ np.kron(similarity.rotation.T / similarity.scale, np.eye(3))
     if registration.model == "affine":
-        covariance = turned @ registration.covariance[3:, 3:] @ turned.T
-        return Departure(turned @ registration.transform.matrix.ravel(), covariance)
+        covariance = rows @ registration.covariance[3:, 3:] @ rows.T
+        return Departure(rows @ registration.transform.matrix.ravel(), covariance)
     found = _refitted(registration, centers, "affine")
     if isinstance(found, str):
         return Departure.unobserved(len(STRAIN_ROWS), found)
-    return Departure(turned @ found.change[3:], turned @ found.covariance[3:, 3:] @ turned.T)
+    return Departure(rows @ found.change[3:], rows @ found.covariance[3:, 3:] @ rows.T)
 
 
 def scale_departure(registration: Registration, centers: FloatArray) -> Departure:
-    """Scale less 1 (1,): fitted, or of a rigid fit solved for beside it as the strain is."""
+    """Scale minus 1 (1,): fitted, or for a rigid fit estimated from the residuals."""
     if registration.model != "rigid":
         scale, sigma, _, _ = similarity_numbers(registration)
         return Departure(np.array([scale - 1.0]), np.array([[sigma**2]]))
@@ -124,14 +124,14 @@ def departures_json(registration: Registration, centers: FloatArray) -> dict[str
 
 
 def _refitted(registration: Registration, centers: FloatArray, model: Model) -> Refit | str:
-    """Solve for the parameters of a wider model at the fit, or say why they are free."""
+    """Solve for the parameters of a wider model at the fit, or return why that is not possible."""
     names = PARAMETERS[model]
     count = int(np.count_nonzero(registration.fit.used))
     if 3 * count < len(names):
         return f"{count} mapolas give {3 * count} numbers for {len(names)} parameters"
     design = transform_partials(model, registration.similarity, centers, registration.center)
-    held = HeldEquations.of(registration.observations, registration.fit, design)
+    equations = FixedWeightEquations.of(registration.observations, registration.fit, design)
     try:
-        return held.refit(np.ones(count, dtype=bool), names)
+        return equations.refit(np.ones(count, dtype=bool), names)
     except NotObservableError as error:
         return str(error)

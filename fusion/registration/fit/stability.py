@@ -1,4 +1,4 @@
-"""How much a registration leans on parts of the body: regions left out, blocks drawn anew."""
+"""Influence of parts of the body on a registration: regions left out, block bootstrap."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ import numpy as np
 from scipy import stats
 
 from fusion.registration.fit.fit import Registration, transform_partials
-from fusion.registration.fit.held import HeldEquations, Refit
+from fusion.registration.fit.fixed_weights import FixedWeightEquations, Refit
 from spcola.arrays import AnyArray, FloatArray
 from spcola.errors import NotObservableError
 from spcola.math import lattice
 from spcola.math.robust import mad
 
 REGIONS = 20
-"""Regions of about equal area that the body is parted into."""
+"""Number of regions of about equal area into which the body is divided."""
 
-# Chance that any region is named though none moves the result by more than expected.
+# Probability of a false alarm over all regions together.
 _ALARM = 0.01
-# Changes below this share of the sigma that the fit gives are rounding.
+# Changes below this share of the fit's sigma are rounding errors.
 _ROUNDING = 1e-6
-# Neighbouring mapolas in a block, and most blocks; fewer than _FEWEST tell no spread.
+# Neighbouring mapolas in a block, and most blocks; fewer than _FEWEST do not determine a spread.
 _BLOCK, _MOST, _FEWEST = 4, 64, 6
 # Numbers in the normal matrices of all blocks together: 240 MB.
 _MOST_NUMBERS = 3e7
@@ -30,20 +30,20 @@ _MOST_NUMBERS = 3e7
 
 @dataclass(frozen=True, eq=False)
 class RegionInfluence:
-    """What leaving one region out does.
+    """Change of a registration when one region is left out.
 
     Attributes
     ----------
     direction : (3,) ndarray
         Of the region's middle, unit vector, body-fixed.
     count : int
-        Mapolas in it that the fit used.
+        Number of its mapolas used in the fit.
     change : (P,) ndarray
-        Parameters without it less those with it; NaN if they are free without it.
+        Parameters without the region minus those with it; NaN if they are then not determined.
     sigma : (P,) ndarray
-        Standard deviation that the change should have.
+        Expected standard deviation of the change.
     chi2, p_value : float
-        Of all changes together, under what they should be.
+        Of all changes together, given their expected covariance.
     reason : str
         Why there is no change; empty if there is.
     """
@@ -58,7 +58,7 @@ class RegionInfluence:
 
     @property
     def name(self) -> str:
-        """Where it is: east longitude and latitude of its middle, degrees."""
+        """East longitude and latitude of its middle, degrees."""
         x, y, z = self.direction
         longitude = np.degrees(np.arctan2(y, x)) % 360.0
         return f"longitude {longitude:.0f}, latitude {np.degrees(np.arcsin(z)):+.0f}"
@@ -66,7 +66,7 @@ class RegionInfluence:
 
 @dataclass(frozen=True, eq=False)
 class Bootstrap:
-    """Spread of the parameters over sets of blocks drawn with replacement.
+    """Spread of the parameters in a block bootstrap.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class Bootstrap:
 
 
 def region_numbers(points: FloatArray, count: int = REGIONS) -> AnyArray:
-    """Number (N,) of the region in which each point (N, 3) lies, seen from the origin."""
+    """Region number (N,) of the direction of each point (N, 3) from the origin."""
     numbers: AnyArray = np.argmax(points @ lattice(count).T, axis=1)
     return numbers
 
@@ -92,7 +92,7 @@ def region_numbers(points: FloatArray, count: int = REGIONS) -> AnyArray:
 def leave_one_region_out(
     registration: Registration, centers: FloatArray
 ) -> tuple[RegionInfluence, ...]:
-    """Fit without each region that holds mapolas, weights and error sizes as they were found.
+    """Fit without each region that has mapolas, at the weights and error sizes of the fit.
 
     The change of an efficient estimate when data are left out has the covariance C_without − C
     (Hausman 1978).
@@ -108,15 +108,15 @@ def leave_one_region_out(
     tuple of RegionInfluence
         In the order of the lattice, from north to south; parameters about the body's origin.
     """
-    held, origin = _held(registration, centers)
+    equations, origin = _equations(registration, centers)
     numbers = region_numbers(centers[registration.fit.used])
-    whole = held.solved(*held.normal(np.ones(len(numbers), dtype=bool)))
+    whole = equations.solved(*equations.normal(np.ones(len(numbers), dtype=bool)))
     directions, found = lattice(REGIONS), []
     for number in np.unique(numbers).tolist():
         inside = numbers == number
         direction, count = directions[number], int(np.count_nonzero(inside))
         try:
-            rest = held.refit(~inside, registration.parameters)
+            rest = equations.refit(~inside, registration.parameters)
         except NotObservableError as error:
             free = np.full(len(registration.parameters), np.nan)
             nan, reason = float("nan"), f"without it {error.what}"
@@ -134,8 +134,8 @@ def _influence(
     unit = np.sqrt(np.diag(whole.covariance))
     expected = (rest.covariance - whole.covariance) / np.outer(unit, unit)
     values, vectors = np.linalg.eigh((expected + expected.T) / 2.0)
-    told = values > _ROUNDING * max(float(values[-1]), _ROUNDING)
-    chi2 = float(np.sum((vectors.T @ (change / unit))[told] ** 2 / values[told]))
+    changed = values > _ROUNDING * max(float(values[-1]), _ROUNDING)
+    chi2 = float(np.sum((vectors.T @ (change / unit))[changed] ** 2 / values[changed]))
     carried = origin @ (rest.covariance - whole.covariance) @ origin.T
     return RegionInfluence(
         direction=direction,
@@ -143,7 +143,7 @@ def _influence(
         change=origin @ change,
         sigma=np.sqrt(np.maximum(np.diag(carried), 0.0)),
         chi2=chi2,
-        p_value=float(stats.chi2.sf(chi2, np.count_nonzero(told))),
+        p_value=float(stats.chi2.sf(chi2, np.count_nonzero(changed))),
     )
 
 
@@ -152,8 +152,8 @@ def block_bootstrap(
 ) -> Bootstrap:
     """Spread of the parameters when blocks of neighbouring mapolas are drawn with replacement.
 
-    Weights and error sizes stay as the fit found them. Errors that neighbours share count as
-    shared; what all mapolas share cannot be seen by drawing among them.
+    Weights and error sizes are those of the fit. The spread includes errors that neighbours share,
+    but not errors that all mapolas share.
 
     Parameters
     ----------
@@ -161,52 +161,54 @@ def block_bootstrap(
     centers : (N, 3) ndarray
         Mapola centres that it was fitted to, lidar coordinates, metres.
     samples : int
-        Sets drawn.
+        Number of sets drawn.
     seed : int
-        Of the generator.
+        Of the random generator.
 
     Returns
     -------
     Bootstrap
         About the body's origin, in the order of ``registration.parameters``. Source: Künsch (1989).
     """
-    held, origin = _held(registration, centers)
+    equations, origin = _equations(registration, centers)
     used = centers[registration.fit.used]
-    size = held.rows.shape[2]
+    size = equations.rows.shape[2]
     most = min(len(used) // _BLOCK, _MOST, int(_MOST_NUMBERS / size**2))
     if most < _FEWEST:
         reason = f"{len(used)} mapolas make too few blocks of neighbours"
         return Bootstrap(np.full(len(origin), np.nan), max(most, 0), 0, reason)
-    parts = [held.normal(members) for members in _blocks(used, most)]
+    parts = [equations.normal(members) for members in _blocks(used, most)]
     normals, rights = np.stack([part[0] for part in parts]), np.stack([part[1] for part in parts])
     generator = np.random.default_rng(seed)
     drawn = generator.multinomial(most, np.full(most, 1.0 / most), size=samples)
     found = []
     for times in drawn.astype(np.float64):
         try:
-            refit = held.solved(np.tensordot(times, normals, axes=1), times @ rights)
+            refit = equations.solved(np.tensordot(times, normals, axes=1), times @ rights)
         except np.linalg.LinAlgError:
             continue
         found.append(origin @ refit.change)
     if len(found) <= samples / 2:
-        reason = "most sets of blocks leave parameters free"
+        reason = "most sets of blocks do not determine all parameters"
         return Bootstrap(np.full(len(origin), np.nan), most, len(found), reason)
     return Bootstrap(mad(np.array(found), axis=0), most, len(found))
 
 
-def _held(registration: Registration, centers: FloatArray) -> tuple[HeldEquations, FloatArray]:
-    """The equations about the mapolas' centre, and what carries a change (P,) to the origin."""
+def _equations(
+    registration: Registration, centers: FloatArray
+) -> tuple[FixedWeightEquations, FloatArray]:
+    """Equations about the mapolas' centre, and the matrix (P, P) that refers them to the origin."""
     similarity, center = registration.similarity, registration.center
     design = transform_partials(registration.model, similarity, centers, center)
     origin = np.eye(design.shape[2])
     origin[:3] = transform_partials(registration.model, similarity, np.zeros((1, 3)), center)[0]
-    return HeldEquations.of(registration.observations, registration.fit, design), origin
+    return FixedWeightEquations.of(registration.observations, registration.fit, design), origin
 
 
 def _blocks(points: FloatArray, count: int) -> list[AnyArray]:
-    """Part points (N, 3) into `count` blocks of neighbours, about equally many in each.
+    """Divide points (N, 3) into `count` blocks of neighbours, about equally many in each.
 
-    Halved again and again across the axis along which they reach furthest.
+    By repeated halving across the axis of largest extent.
     """
     waiting, done = [(np.arange(len(points)), count)], []
     while waiting:
@@ -250,5 +252,5 @@ def stability_json(registration: Registration, centers: FloatArray) -> dict[str,
 
 
 def suspects(regions: tuple[RegionInfluence, ...]) -> list[RegionInfluence]:
-    """Regions that move the result by more than expected, at 1 % for all of them together."""
+    """Regions that change the result significantly, at 1 % for all of them together."""
     return [region for region in regions if region.p_value < _ALARM / len(regions)]

@@ -1,4 +1,4 @@
-"""Whether a registration is accepted: heights that are left over against what chance leaves."""
+"""Acceptance tests of a registration: common relief, residuals against their stated sigmas."""
 
 import lazy_loader
 

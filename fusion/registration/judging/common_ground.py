@@ -1,10 +1,10 @@
-"""Whether lidar and SPC show the same relief where a transform puts them, or chance alone.
+"""Test whether lidar and SPC show the same relief where a transform places the lidar.
 
-Two surfaces of one body that are in the wrong places still look alike in height: both are round,
-and a match in a small capture range always finds a place where they differ least. What they do not
-have by chance is relief in common. The correlation of their relief is therefore compared with what
-unrelated ground reaches in the same search: the same lidar surfaces over other maplets, turned by
-quarters, mirrored, and shifted by half a grid.
+Two surfaces of one body at wrong places still have similar heights: both are round, and a match
+always finds a minimum of the difference in its capture range. Only common relief is evidence. The
+correlation of their relief is therefore compared with that of unrelated ground in the same search:
+the same lidar surfaces over other maplets, rotated by multiples of 90°, mirrored, and shifted by
+half a grid.
 """
 
 from __future__ import annotations
@@ -22,34 +22,33 @@ from spcola.grids.gaps import bridged, trend_of
 from spcola.grids.statistics import shift_correlations
 
 SHOWN = 4.0
-"""A correlation this many standard deviations above that of unrelated ground is not chance."""
-# Standard deviation, cells, of the Gaussian that parts relief into fine and coarse.
+"""Standard deviations of unrelated ground by which a significant correlation exceeds its mean."""
+# Standard deviation, cells, of the Gaussian that separates fine from coarse relief.
 _FINE = 3.0
-# Surfaces that correlate fully are as sure as this: Fisher's z is finite.
+# Largest correlation, so that Fisher's z is finite.
 _MOST = 0.9999
-# Cells by which the best place may lie beside the one that the transform gives; one is the step of
-# the search, the rest is what noise does to the place of a broad maximum.
-_BESIDE = 2.5
-# Of the largest height: less is what rounding leaves.
+# Largest distance, cells, of the best correlation from the place that the transform gives: one is
+# the step of the search, the rest the effect of noise on a broad maximum.
+_MOST_APART = 2.5
+# Share of the largest height: a smaller relief is rounding error.
 _ROUNDING = 1e-12
 # Points that both surfaces must have for their relief to be compared.
 _LEAST_KNOWN = 100
 
 
 class Placed(NamedTuple):
-    """Heights of lidar and SPC on one grid, and where the transform moves the lidar to.
+    """Heights of lidar and SPC on one grid, and the lidar's displacement by the transform.
 
     Attributes
     ----------
     lidar, spc : (N, N) ndarray
         Metres along the grid's Uz; NaN where unknown.
     shift : (2,) ndarray
-        Displacement of the lidar surface by the transform along x and y, cells; NaN where none is
-        known.
+        Displacement of the lidar surface by the transform along x and y, cells; NaN if unknown.
     reach : int
-        Largest displacement that is searched, cells.
+        Largest displacement of the search, cells.
     noise : float
-        Standard deviation that is stated of the difference of the two, metres; 0 if none is.
+        Stated standard deviation of the difference of the two, metres; 0 if none is stated.
     """
 
     lidar: FloatArray
@@ -61,34 +60,34 @@ class Placed(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CommonRelief:
-    """How clearly mapolas and SPC surface show the same relief.
+    """Significance with which mapolas and SPC surface show the same relief.
 
     Attributes
     ----------
-    clearness : (N,) ndarray
-        By how many standard deviations of unrelated ground the correlation exceeds its mean; NaN
-        where there is no relief above the noise to compare.
+    z_score : (N,) ndarray
+        Correlation (Fisher's z) less the mean of unrelated ground, in standard deviations of
+        unrelated ground; NaN where there is no relief above the noise.
     apart : (N,) ndarray
-        Distance of the place of the best correlation from where the transform puts the mapola,
-        cells; NaN where one of them is not known.
+        Distance of the best correlation from the place that the transform gives, cells; NaN where
+        one of them is not known.
     chance : float
-        Share of unrelated pairs that are as clear as is asked for, at a place that is as near.
+        Share of unrelated pairs that pass the test.
     """
 
-    clearness: FloatArray
+    z_score: FloatArray
     apart: FloatArray
     chance: float
 
     @property
     def shown(self) -> BoolArray:
-        """Mask (N,) of the mapolas whose relief is that of SPC at the place of the transform."""
-        near = np.isnan(self.apart) | (self.apart <= _BESIDE)
-        return (self.clearness > SHOWN) & near
+        """Mask (N,) of the mapolas that show the relief of SPC where the transform places them."""
+        near = np.isnan(self.apart) | (self.apart <= _MOST_APART)
+        return (self.z_score > SHOWN) & near
 
     @property
     def compared(self) -> int:
         """Number of mapolas with relief to compare."""
-        return int(np.isfinite(self.clearness).sum())
+        return int(np.isfinite(self.z_score).sum())
 
     @property
     def share(self) -> float:
@@ -102,30 +101,30 @@ def common_relief(surfaces: Sequence[Placed]) -> CommonRelief:
     Parameters
     ----------
     surfaces : sequence of Placed
-        Some two dozen tell; the work grows with the square of their number.
+        Some two dozen suffice; the work grows with the square of their number.
 
     Returns
     -------
     CommonRelief
     """
-    parted = [(_relief(one.lidar), _relief(one.spc)) for one in surfaces]
-    clearness, apart, by_chance = [], [], []
-    for number, (one, (lidar, spc)) in enumerate(zip(surfaces, parted, strict=True)):
+    reliefs = [(_relief(one.lidar), _relief(one.spc)) for one in surfaces]
+    z_score, apart, by_chance = [], [], []
+    for number, (one, (lidar, spc)) in enumerate(zip(surfaces, reliefs, strict=True)):
         pairs = [(lidar, spc)]
-        pairs += [(lidar, other) for k, (_, other) in enumerate(parted) if k != number]
-        pairs += [(elsewhere, spc) for elsewhere in _elsewhere(lidar)]
-        found = _clearest([_best(*pair, one.reach) for pair in pairs])
+        pairs += [(lidar, other) for k, (_, other) in enumerate(reliefs) if k != number]
+        pairs += [(unrelated, spc) for unrelated in _unrelated(lidar)]
+        found = _scored([_best(*pair, one.reach) for pair in pairs])
         away = np.hypot(*(found.place - one.shift).T)
-        own = found.clearness[0]
-        clearness.append(own if own > SHOWN or lidar.height > one.noise else np.nan)
+        own = found.z_score[0]
+        z_score.append(own if own > SHOWN or lidar.height > one.noise else np.nan)
         apart.append(away[0])
-        by_chance.append((found.clearness[1:] > SHOWN) & ~(away[1:] > _BESIDE))
+        by_chance.append((found.z_score[1:] > SHOWN) & ~(away[1:] > _MOST_APART))
     chance = float(np.mean(np.concatenate(by_chance))) if by_chance else 0.0
-    return CommonRelief(np.array(clearness), np.array(apart), chance)
+    return CommonRelief(np.array(z_score), np.array(apart), chance)
 
 
 class _Relief(NamedTuple):
-    """Whole and fine relief (2, N, N), metres, and where (N, N) it is known."""
+    """Whole and fine relief (2, N, N), metres, and the mask (N, N) of known points."""
 
     bands: FloatArray
     known: BoolArray
@@ -143,17 +142,17 @@ class _Best(NamedTuple):
     place: FloatArray
 
 
-class _Clearest(NamedTuple):
-    """Clearness (M,) of M pairs, each in the band where it is greater, and its place (M, 2)."""
+class _Scored(NamedTuple):
+    """Z-scores (M,) of M pairs, each of the better of both bands, and their places (M, 2)."""
 
-    clearness: FloatArray
+    z_score: FloatArray
     place: FloatArray
 
 
 def _relief(height: FloatArray) -> _Relief:
-    """Part heights (N, N), metres, less their paraboloid, by wavelength.
+    """Heights (N, N), metres, less their paraboloid, whole and high-pass filtered.
 
-    The roundness of the body is no relief: every place has it.
+    The curvature of the body is not relief: every place has it.
     """
     known = np.isfinite(height)
     if np.count_nonzero(known) < _LEAST_KNOWN:
@@ -162,25 +161,25 @@ def _relief(height: FloatArray) -> _Relief:
     fine = whole - ndimage.gaussian_filter(whole, _FINE)
     bands = np.stack([whole, fine])
     bands -= np.mean(bands[:, known], axis=1)[:, None, None]
-    # What rounding leaves of a paraboloid is no relief.
+    # The rounding errors of a paraboloid are not relief.
     if np.std(bands[0][known]) < _ROUNDING * np.max(np.abs(height[known])):
         bands[:] = 0.0
     return _Relief(np.where(known, bands, 0.0), known)
 
 
-def _elsewhere(relief: _Relief) -> list[_Relief]:
-    """Return the relief turned by quarters, mirrored and shifted by half its grid, 31 ways."""
+def _unrelated(relief: _Relief) -> list[_Relief]:
+    """Return the relief rotated, mirrored and shifted by half its grid in 31 ways."""
     rows, columns = (size // 2 for size in relief.known.shape)
     made = []
     for mirrored in (False, True):
         for quarters in range(4):
             for down, right in ((0, 0), (rows, 0), (0, columns), (rows, columns)):
                 if mirrored or quarters or down or right:
-                    made.append(_turned(relief, quarters, mirrored, (down, right)))
+                    made.append(_rotated(relief, quarters, mirrored, (down, right)))
     return made
 
 
-def _turned(relief: _Relief, quarters: int, mirrored: bool, moved: tuple[int, int]) -> _Relief:
+def _rotated(relief: _Relief, quarters: int, mirrored: bool, moved: tuple[int, int]) -> _Relief:
     bands, known = np.roll(relief.bands, moved, (-2, -1)), np.roll(relief.known, moved, (-2, -1))
     if mirrored:
         bands, known = bands[..., ::-1], known[..., ::-1]
@@ -208,22 +207,22 @@ def _best(lidar: _Relief, spc: _Relief, reach: int) -> _Best:
 
 def _middle(relief: _Relief, size: tuple[int, ...]) -> _Relief:
     """Return the middle of a relief, `size` cells large."""
-    start = [(have - want) // 2 for have, want in zip(relief.known.shape, size, strict=True)]
-    rows, columns = (slice(at, at + want) for at, want in zip(start, size, strict=True))
+    start = [(full - part) // 2 for full, part in zip(relief.known.shape, size, strict=True)]
+    rows, columns = (slice(at, at + part) for at, part in zip(start, size, strict=True))
     return _Relief(
         np.ascontiguousarray(relief.bands[:, rows, columns]),
         np.ascontiguousarray(relief.known[rows, columns]),
     )
 
 
-def _clearest(found: Sequence[_Best]) -> _Clearest:
-    """By how many standard deviations of unrelated pairs each pair correlates; the first is own."""
+def _scored(found: Sequence[_Best]) -> _Scored:
+    """Z-score of each pair in the distribution of unrelated pairs, which are all but the first."""
     fisher = np.array([one.fisher for one in found])
-    # Where a surface has no texture all correlations are unknown: its clearness stays so.
+    # Without relief all correlations are NaN, and so is the z-score.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         spread = np.nanstd(fisher[1:], axis=0)
         scaled = (fisher - np.nanmean(fisher[1:], axis=0)) / np.where(spread > 0, spread, np.nan)
     band = np.argmax(np.where(np.isnan(scaled), -np.inf, scaled), axis=1)
     place = np.array([one.place[k] for one, k in zip(found, band, strict=True)])
-    return _Clearest(scaled[np.arange(len(band)), band], place)
+    return _Scored(scaled[np.arange(len(band)), band], place)

@@ -1,6 +1,6 @@
-"""Whether a registration may be used: whether the surfaces agree as their sigmas say they should.
+"""Acceptance tests of a registration: agreement of the surfaces within their sigmas.
 
-Each test has a limit that right input passes with room, and that some kind of wrong input fails:
+Each test has a limit that correct input passes with a margin and some kind of wrong input exceeds:
 docs/validation/wrong_input.md has the rates of false alarms and misses.
 """
 
@@ -23,33 +23,34 @@ from fusion.registration.judging.common_ground import CommonRelief
 from spcola.arrays import FloatArray
 
 # Shares of the mapolas that show the relief of SPC, and that agree with the transform: below the
-# first a registration is doubtful, below the second it is none.
+# first a registration is doubtful, below the second it is refused.
 _DOUBTFUL_SHARE, _REFUSED_SHARE = 0.5, 0.25
-# Share of the images looked at that show the ground of a mapola: in right input it is above 0.9, by
-# images of another body, mirrored or exchanged below 0.3.
+# Share of the compared images that show the ground of a mapola: above 0.9 with correct input, below
+# 0.3 with images that are mirrored, exchanged or of another body.
 _MATCHED_IMAGES = 0.75
-# Root of the median χ² between the places that images and heights give a mapola, over that of
-# chance: in right input 0.8 to 1.4. Beyond the second the two are of different frames.
-_DOUBTFUL_KINDS, _REFUSED_KINDS = 2.0, 4.0
-# Standard deviations between the rotations by images and by heights alone: in right input up to 2.
+# Root of the median χ² between the positions of a mapola by images and by heights, over its
+# expectation: 0.8 to 1.4 with correct input. Beyond the second limit the frames differ.
+_DOUBTFUL_TYPES, _REFUSED_TYPES = 2.0, 4.0
+# Standard deviations between the rotations by images and by heights alone: up to 2 with correct
+# input.
 _DOUBTFUL_APART, _REFUSED_APART = 5.0, 25.0
 # Images named in a finding.
 _NAMED = 5
-# Median over the mapolas of the standard deviation of the heights left over, in stated sigmas.
+# Median over the mapolas of the standard deviation of the height residuals, in stated sigmas.
 _DOUBTFUL_CHI, _REFUSED_CHI = 1.5, 4.0
-# Estimated over stated error of maplets' centres.
+# Ratio of estimated to stated error of maplets' centres.
 _DOUBTFUL_CENTER, _REFUSED_CENTER = 2.5, 10.0
-# Probability of a strain as large by chance.
+# Significance level of the strain test.
 _STRAIN_CHANCE = 1e-6
 # Standard deviations by which a scale or rotation must exceed its limit to be called large.
 _BEYOND = 3.0
-# So many times the limit of a doubtful scale no two solutions of one body differ.
+# Beyond this many times its limit a scale is refused.
 _ABSURD = 10.0
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What two solutions of one body may differ by.
+    """Largest plausible differences of two solutions of one body.
 
     Parameters
     ----------
@@ -68,15 +69,15 @@ class Limits:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """How well the surfaces agree where a registration puts them.
+    """Agreement of the surfaces after a registration.
 
     Attributes
     ----------
     relief : CommonRelief
-        Of a sample of the mapolas.
+        For a sample of the mapolas.
     chi : (N,) ndarray
-        Robust standard deviation of the heights left over, in stated sigmas, mapola by mapola; NaN
-        where no sigma is stated or there is no match.
+        Robust standard deviation of each mapola's height residuals, in stated sigmas; NaN without
+        stated sigma or match.
     """
 
     relief: CommonRelief
@@ -85,18 +86,18 @@ class Evidence:
     def as_json(self) -> dict[str, Any]:
         """Return the numbers as ``registration.json`` has them under ``agreement``."""
         known = self.chi[np.isfinite(self.chi)]
-        clearness = self.relief.clearness[np.isfinite(self.relief.clearness)]
+        z_score = self.relief.z_score[np.isfinite(self.relief.z_score)]
         return {
             "mapolas_compared": self.relief.compared,
             "share_with_common_relief": self.relief.share,
             "share_by_chance": self.relief.chance,
-            "median_clearness": float(np.median(clearness)) if len(clearness) else None,
+            "median_clearness": float(np.median(z_score)) if len(z_score) else None,
             "residual_over_sigma": float(np.median(known)) if len(known) else None,
         }
 
 
 def judge_registration(content: Mapping[str, Any], evidence: Evidence, limits: Limits) -> Verdict:
-    """Judge a registration by its numbers and by how well the surfaces agree.
+    """Judge a registration by its numbers and by the agreement of the surfaces.
 
     Parameters
     ----------
@@ -108,18 +109,18 @@ def judge_registration(content: Mapping[str, Any], evidence: Evidence, limits: L
     Returns
     -------
     Verdict
-        Its findings name what speaks against the registration, the gravest first, and as notes
-        what it does not determine.
+        Findings against the registration, the most severe first; notes name the parameters that it
+        determines weakly.
     """
     found = [
         *judge_relief(evidence.relief),
         *_agreeing(content),
         *_images(content),
-        *_kinds(content),
+        *_observation_types(content),
         *_heights(evidence.chi),
         *_centers(content, limits),
-        *_size(content, limits),
-        *_turn(content, limits),
+        *_scale(content, limits),
+        *_rotation(content, limits),
         *_strain(content),
     ]
     if not content["converged"]:
@@ -134,23 +135,23 @@ def judge_registration(content: Mapping[str, Any], evidence: Evidence, limits: L
 
 
 def judge_relief(relief: CommonRelief) -> Iterator[Finding]:
-    """Test whether two surfaces show the same relief where a transform puts them."""
+    """Test whether surfaces show the same relief where a transform places them."""
     if not relief.compared:
-        text = "the surfaces have no relief by which they could be shown to be of the same ground"
+        text = "the surfaces have too little relief to verify that they show the same ground"
         yield Finding(Code.NO_RELIEF, Severity.DOUBTFUL, text)
         return
     severity = _severity(_DOUBTFUL_SHARE - relief.share, _DOUBTFUL_SHARE - _REFUSED_SHARE)
     if severity is not None:
         text = (
             f"{int(relief.shown.sum())} of {relief.compared} surfaces compared show the same "
-            "relief where the transform puts them; the others are no more alike than unrelated "
-            "ground is"
+            "relief where the transform places them; the others agree no better than unrelated "
+            "ground"
         )
         yield Finding(Code.RELIEF_UNRELATED, severity, text, relief.share, _DOUBTFUL_SHARE)
 
 
 def _agreeing(content: Mapping[str, Any]) -> Iterator[Finding]:
-    """Test how many of the mapolas agree with the common transform."""
+    """Test the share of mapolas that agree with the common transform."""
     total = content["n_used"] + content["n_rejected"]
     share = content["n_used"] / total if total else 0.0
     severity = _severity(_DOUBTFUL_SHARE - share, _DOUBTFUL_SHARE - _REFUSED_SHARE)
@@ -160,7 +161,7 @@ def _agreeing(content: Mapping[str, Any]) -> Iterator[Finding]:
 
 
 def _images(content: Mapping[str, Any]) -> Iterator[Finding]:
-    """Test how many of the images show the ground: where few do, heights alone decide."""
+    """Test the share of images that show the ground of the mapolas."""
     compared = content.get("n_images_compared")
     if compared is None:
         return
@@ -169,26 +170,26 @@ def _images(content: Mapping[str, Any]) -> Iterator[Finding]:
         missing = content["images_not_matched"]
         named = f" (not {', '.join(missing[:_NAMED])}{' ...' * (len(missing) > _NAMED)})"
         text = (
-            f"only {content['n_images']} of {compared} images show the ground that the lidar has "
-            f"there{named if missing else ''}"
+            f"only {content['n_images']} of {compared} images show the relief that the lidar "
+            f"measured there{named if missing else ''}"
         )
         yield Finding(Code.IMAGES_NOT_MATCHED, Severity.DOUBTFUL, text, share, _MATCHED_IMAGES)
 
 
-def _kinds(content: Mapping[str, Any]) -> Iterator[Finding]:
-    """Test images and heights against each other: mapola by mapola, and as a whole."""
+def _observation_types(content: Mapping[str, Any]) -> Iterator[Finding]:
+    """Test whether images and heights agree: for single mapolas, and in the rotation."""
     known = np.array(
         [entry.get("kinds_chi2", np.nan) for entry in content.get("per_mapola") or ()], dtype=float
     )
     known = known[np.isfinite(known)]
     ratio = float(np.sqrt(np.median(known) / chi2.median(3))) if len(known) else 0.0
-    severity = _severity(ratio - _DOUBTFUL_KINDS, _REFUSED_KINDS - _DOUBTFUL_KINDS)
+    severity = _severity(ratio - _DOUBTFUL_TYPES, _REFUSED_TYPES - _DOUBTFUL_TYPES)
     if severity is not None:
         text = (
-            f"images put the mapolas elsewhere than their heights do, by {ratio:.1f} times what "
-            "the sigmas of both allow"
+            f"images and heights give different positions of the mapolas, by {ratio:.1f} times "
+            "their sigmas"
         )
-        yield Finding(Code.IMAGES_DISAGREE, severity, text, ratio, _DOUBTFUL_KINDS)
+        yield Finding(Code.IMAGES_DISAGREE, severity, text, ratio, _DOUBTFUL_TYPES)
     turn = np.array(content.get("kinds_rotation_deg", np.nan), dtype=np.float64)
     sigma = np.array(content.get("kinds_rotation_sigma_deg", np.nan), dtype=np.float64)
     apart = float(np.max(np.abs(turn) / sigma))
@@ -202,7 +203,7 @@ def _kinds(content: Mapping[str, Any]) -> Iterator[Finding]:
 
 
 def _heights(chi: FloatArray) -> Iterator[Finding]:
-    """Test the heights left over against their stated sigmas."""
+    """Test the height residuals against their stated sigmas."""
     known = chi[np.isfinite(chi)]
     if not len(known):
         return
@@ -214,7 +215,7 @@ def _heights(chi: FloatArray) -> Iterator[Finding]:
 
 
 def _centers(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
-    """Test the estimated error of maplets' centres against what files and settings state."""
+    """Test the estimated error of maplets' centres against that of files and settings."""
     estimated = content.get("maplet_sigma_m")
     if estimated is None:
         return
@@ -224,14 +225,14 @@ def _centers(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
     severity = _severity(ratio - _DOUBTFUL_CENTER, _REFUSED_CENTER - _DOUBTFUL_CENTER)
     if severity is not None:
         text = (
-            f"the centres of maplets are off by {estimated:.2g} m each, {ratio:.1f} times what "
-            f"their landmarks and [register] center_sigma_m state ({stated:.2g} m)"
+            f"the centres of maplets are off by {estimated:.2g} m each, {ratio:.1f} times the "
+            f"sigma of their landmarks and [register] center_sigma_m ({stated:.2g} m)"
         )
         yield Finding(Code.CENTERS_DISAGREE, severity, text, ratio, _DOUBTFUL_CENTER)
 
 
-def _size(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
-    """Test the scale against its prior."""
+def _scale(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
+    """Test the scale against its limit."""
     off = abs(content["scale"] - 1.0) - _BEYOND * content["scale_sigma"]
     severity = _severity(off - limits.scale, (_ABSURD - 1.0) * limits.scale)
     if severity is not None:
@@ -242,8 +243,8 @@ def _size(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
         yield Finding(Code.LARGE_SCALE, severity, text, content["scale"] - 1.0, limits.scale)
 
 
-def _turn(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
-    """Test the rotation against its prior."""
+def _rotation(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
+    """Test the rotation against its limit."""
     turn = np.array(content["rotation_deg"], dtype=np.float64)
     sigma = float(np.max(content["rotation_sigma_deg"]))
     angle = float(np.linalg.norm(turn))
@@ -256,20 +257,20 @@ def _turn(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
 
 
 def _strain(content: Mapping[str, Any]) -> Iterator[Finding]:
-    """Test what the model leaves out: shear and non-uniform scale."""
+    """Test shear and non-uniform scale, which the model lacks."""
     strain = (content.get("tests") or {}).get("strain") or {}
     chance = strain.get("p_value")
     if chance is not None and chance < _STRAIN_CHANCE:
         largest = float(np.max(np.abs(strain["strain"])))
         text = (
-            f"lidar and SPC differ by a shear or non-uniform scale of {largest:.2g}, which chance "
-            f"makes with a probability of {chance:.0e}"
+            f"lidar and SPC differ by a shear or non-uniform scale of {largest:.2g} (probability "
+            f"by chance {chance:.0e})"
         )
         yield Finding(Code.STRAIN, Severity.DOUBTFUL, text, chance, _STRAIN_CHANCE)
 
 
 def _severity(excess: float, to_refusal: float) -> Severity | None:
-    """Return how grave it is to be beyond a limit by `excess`; None if it is not beyond."""
+    """Return the severity of exceeding a limit by `excess`; None if it is not exceeded."""
     if not excess > 0.0:
         return None
     return Severity.REFUSED if excess > to_refusal else Severity.DOUBTFUL

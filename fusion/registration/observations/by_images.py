@@ -1,4 +1,4 @@
-"""Matches of mapolas by images: centres by the landmark equations, and what images share."""
+"""Matches of mapolas by images: centres by the landmark equations, with shared errors."""
 
 from __future__ import annotations
 
@@ -17,35 +17,36 @@ from spcola.grids import MapletGrid
 from spcola.imagematching import Sighting, SizeFactors, agreeing, estimate_factors
 from spcola.math.statistics import covariance_root
 
-# A pattern of an image's state that displaces the mapolas by less, root of the sum of squares,
-# metres, counts as an error that each mapola has of its own; and so do all beyond so many.
+# An error pattern of an image's state that displaces the mapolas by less (root of the sum of
+# squares, metres) counts as an independent error of each mapola; so do those beyond the maximum
+# number.
 _LEAST = 1e-3
 _MOST_PATTERNS = 300
-# What all images may get wrong alike, pixels: as if the body were larger or smaller.
+# Error common to all images, pixels: a scale of the body.
 _OUTWARD_PX = 0.003
-# Sightings that tell how large errors are; more would not change the two numbers by much.
+# Number of sightings from which error sizes are estimated; more would hardly change them.
 _SAMPLE = 128
 
 
 @dataclass(frozen=True, eq=False)
 class ImagedMapolas:
-    """All mapolas, those that no image shows too.
+    """Matches by images of all mapolas, including those that no image shows.
 
     Attributes
     ----------
     matches : tuple of Match
-        N of them: displacement to where the images have the mapola. The covariance is that of the
-        matches in the images; what the errors of states do is in `effects`.
+        N displacements of the mapolas to their positions from images. The covariance is that of the
+        matches in the images; the errors of image states are in `effects`.
     sightings : tuple of Sighting
-        Those images, their sigmas times the factors.
+        Those images, their sigmas multiplied by the factors.
     effects : (N, 3, M) ndarray
-        What patterns of the states' errors, each of standard deviation 1, do to each mapola,
-        metres.
+        Displacements of the mapolas, metres, by each pattern of the states' errors, of standard
+        deviation 1.
     common : (N, 3, 1) ndarray
-        The same of an error that all images share, outward: no image tells it from a scale, and no
-        estimate, only its sigma, is changed by it.
+        The same for the radial error shared by all images. Images do not separate it from a scale:
+        it changes sigmas, but no estimate.
     factors : SizeFactors
-        By which sigmas of matches, positions and pointing were multiplied.
+        Factors applied to sigmas of matches, positions and pointing.
     """
 
     matches: tuple[Match, ...]
@@ -58,10 +59,10 @@ class ImagedMapolas:
 def place_mapolas(
     grids: Sequence[MapletGrid], sightings: Sequence[Sighting], *, least_images: int = 2
 ) -> ImagedMapolas:
-    """Solve the centres of mapolas from where images show them [9, 10].
+    """Solve the centres of mapolas from their positions in images [9, 10].
 
-    How large errors of matches and of states are is taken from how the images contradict one
-    another, over all mapolas; each centre is then solved by these.
+    The error sizes of matches and of states are estimated from the residuals of all mapolas; each
+    centre is then solved with these sizes.
 
     Parameters
     ----------
@@ -69,23 +70,23 @@ def place_mapolas(
         Of the mapolas, in lidar coordinates.
     sightings : sequence of N Sighting
     least_images : int
-        That a mapola needs.
+        Smallest number of images of a mapola.
     """
     sample = sightings[:: max(1, -(-len(sightings) // _SAMPLE))]
     rough = estimate_factors(sample)
     factors = estimate_factors([_scaled_back(agreeing(s.scaled(*rough)), rough) for s in sample])
     scaled = tuple(agreeing(sighting.scaled(*factors)) for sighting in sightings)
     solved = [_solved(sighting, least_images) for sighting in scaled]
-    effects, beside = _shared(scaled, solved)
+    effects, rest = _shared(scaled, solved)
     matches = tuple(
-        _match(grid, sighting, solution, more)
-        for grid, sighting, solution, more in zip(grids, scaled, solved, beside, strict=True)
+        _match(grid, sighting, solution, own)
+        for grid, sighting, solution, own in zip(grids, scaled, solved, rest, strict=True)
     )
     return ImagedMapolas(matches, scaled, effects, _common(grids, scaled), factors)
 
 
 def _common(grids: Sequence[MapletGrid], sightings: Sequence[Sighting]) -> FloatArray:
-    """What an error that all images share does to each mapola (N, 3, 1), metres."""
+    """Displacement of each mapola (N, 3, 1), metres, by the error that all images share."""
     centers = np.array([grid.center for grid in grids])
     pixels = [
         image.camera.pixel_angle * float(np.linalg.norm(image.position - grid.center))
@@ -103,7 +104,7 @@ def _scaled_back(sighting: Sighting, factors: SizeFactors) -> Sighting:
 
 
 def _solved(sighting: Sighting, least: int) -> LandmarkSolution | None:
-    """Return the centre; None where the images do not give it."""
+    """Return the centre; None if the images do not determine it."""
     if len(sighting) < least:
         return None
     try:
@@ -116,21 +117,21 @@ def _solved(sighting: Sighting, least: int) -> LandmarkSolution | None:
 def _shared(
     sightings: Sequence[Sighting], solved: Sequence[LandmarkSolution | None]
 ) -> tuple[FloatArray, FloatArray]:
-    """Patterns of the states' errors at N mapolas (N, 3, M), and the covariance (N, 3, 3) beside.
+    """Error patterns of states at N mapolas (N, 3, M), and residual covariance (N, 3, 3).
 
-    The errors of one image's state are those of its six numbers, turned so that each pattern
-    displaces the mapolas by as much as it can.
+    The patterns of one image's six state errors are principal components of the displacements of
+    the mapolas.
     """
-    felt: dict[str, dict[int, FloatArray]] = {}
+    displaced: dict[str, dict[int, FloatArray]] = {}
     for row, (sighting, solution) in enumerate(zip(sightings, solved, strict=True)):
         if solution is None:
             continue
         for k, image in enumerate(sighting.images):
             rows = solution.gain[k] @ state_partials(image, solution.estimate)
-            felt.setdefault(image.name, {})[row] = rows @ covariance_root(sighting.states[k])
+            displaced.setdefault(image.name, {})[row] = rows @ covariance_root(sighting.states[k])
     patterns: list[tuple[float, tuple[int, ...], FloatArray]] = []
-    beside = np.zeros((len(sightings), 3, 3))
-    for by_row in felt.values():
+    residual_covariance = np.zeros((len(sightings), 3, 3))
+    for by_row in displaced.values():
         moved = np.array(list(by_row.values()))
         square, directions = np.linalg.eigh(np.einsum("nip,niq->pq", moved, moved))
         turned = moved @ directions
@@ -141,23 +142,24 @@ def _shared(
     for column, (_, rows, moved) in enumerate(kept):
         effects[list(rows), :, column] = moved
     for _, rows, moved in patterns[len(kept) :]:
-        beside[list(rows)] += moved[:, :, None] * moved[:, None, :]
-    return effects, beside
+        residual_covariance[list(rows)] += moved[:, :, None] * moved[:, None, :]
+    return effects, residual_covariance
 
 
 def _match(
     grid: MapletGrid,
     sighting: Sighting,
     solution: LandmarkSolution | None,
-    beside: FloatArray,
+    residual_covariance: FloatArray,
 ) -> Match:
-    """Turn a solved centre into a match like that by topography."""
+    """Convert a solved centre to a match like that by topography."""
     unknown = np.full(3, np.nan)
     displacement, covariance, iterations = unknown, np.full((3, 3), np.nan), 0
     if solution is not None:
         displacement, iterations = solution.estimate - grid.center, solution.iterations
         gain = solution.gain
-        covariance = np.einsum("nia,nab,njb->ij", gain, sighting.covariance, gain) + beside
+        own = np.einsum("nia,nab,njb->ij", gain, sighting.covariance, gain)
+        covariance = own + residual_covariance
     none = float("nan")
     return Match(
         name=sighting.name,
@@ -175,9 +177,9 @@ def _match(
 
 
 def _why(sighting: Sighting) -> str:
-    """Say why images do not give the place."""
+    """Return why images do not determine the position."""
     if len(sighting):
-        return f"{len(sighting)} image(s) do not give its place"
+        return f"{len(sighting)} image(s) do not determine its position"
     if not sighting.left_out:
         return "no image shows it"
     usual, count = Counter(sighting.left_out.values()).most_common(1)[0]

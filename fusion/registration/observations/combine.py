@@ -1,4 +1,4 @@
-"""Both kinds of match of a mapola, by topography and by images, as rows of one fit."""
+"""Matches of mapolas by both observation types, topography and images, as rows of one fit."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from spcola.arrays import FloatArray
 
 
 @dataclass(frozen=True)
-class KindSizes:
-    """Error size, per component, metres, of the centres that each kind of match gives.
+class ObservationTypeSizes:
+    """Error size, per component, metres, of the centres from each observation type.
 
-    Beyond what the matches know of themselves. By topography it is the error of a maplet's centre;
-    by images that of the rendering, which the images of one mapola share: albedo, and relief that
-    the mapola does not hold.
+    In addition to the covariances of the matches. For topography it is the error of a maplet's
+    centre; for images the error of the rendering that the images of one mapola share: albedo, and
+    relief that the mapola lacks.
     """
 
     topography: float
@@ -34,14 +34,14 @@ class JointMatches:
     Attributes
     ----------
     rows : MatchedMapolas
-        2N of them, those by topography first; covariances hold the error sizes of their kinds.
+        2N rows, those by topography first; covariances include the error sizes of their type.
     effects : (2N, 3, M) ndarray
-        What patterns of the images' states do to each: nothing to those by topography.
+        Displacement of each by the error patterns of image states: 0 for topography.
     common : (2N, 3, 1) ndarray
-        The same of what all images share.
+        The same for the error shared by all images.
     chi2 : (N,) ndarray
-        Squared difference of both kinds over its covariance, three degrees of freedom; NaN where
-        there is one kind.
+        Squared difference of both types over its covariance, three degrees of freedom; NaN where
+        one is missing.
     """
 
     rows: MatchedMapolas
@@ -50,45 +50,53 @@ class JointMatches:
     chi2: FloatArray
 
 
-def both_kinds(
-    topography: MatchedMapolas, images: ImagedMapolas, sizes: KindSizes, *, reject: float = 5.0
+def joint_matches(
+    topography: MatchedMapolas,
+    images: ImagedMapolas,
+    sizes: ObservationTypeSizes,
+    *,
+    reject: float = 5.0,
 ) -> JointMatches:
-    """Put two matches of each mapola beside each other.
+    """Combine two matches of each mapola as separate rows.
 
-    Joined beforehand they would err together by what images share, and that of both of them which
-    a single mapola tells better would hide what all heights together tell better: the scale.
+    If they were averaged first, the shared errors of images would enter all rows, and images, which
+    are more accurate for a single mapola, would dominate the scale, which all heights together
+    determine better.
 
-    What scans do to one mapola alone displaces both of its matches. It is counted in both with
-    twice its covariance, as if it told half as much.
+    The residual covariance of scans displaces both matches of a mapola. Both rows get twice this
+    covariance, half the weight each.
 
     Parameters
     ----------
     topography : MatchedMapolas
-        N of them.
+        N mapolas.
     images : ImagedMapolas
-        Of the same mapolas, in their order.
-    sizes : KindSizes
+        The same mapolas, in the same order.
+    sizes : ObservationTypeSizes
     reject : float
-        Two kinds that differ by more standard deviations, √(χ²/3), contradict each other: one of
-        them has found something else, and neither is used.
+        If both types differ by more standard deviations, √(χ²/3), one of the matches is wrong and
+        neither is used.
     """
-    ground = [_covered(match, sizes.topography**2 * np.eye(3)) for match in topography.matches]
-    seen = [_covered(match, sizes.images**2 * np.eye(3)) for match in images.matches]
+    ground = [
+        _with_covariance(match, sizes.topography**2 * np.eye(3)) for match in topography.matches
+    ]
+    imaged = [_with_covariance(match, sizes.images**2 * np.eye(3)) for match in images.matches]
     chi2 = np.full(len(ground), np.nan)
-    for row, beside in enumerate(topography.beside):
-        if not (ground[row].usable and seen[row].usable):
+    for row, own in enumerate(topography.residual_covariance):
+        if not (ground[row].usable and imaged[row].usable):
             continue
-        chi2[row] = _difference(ground[row], seen[row], _beyond(topography, images, row))
-        ground[row], seen[row] = _covered(ground[row], beside), _covered(seen[row], beside)
+        chi2[row] = _difference(ground[row], imaged[row], _shared(topography, images, row))
+        ground[row] = _with_covariance(ground[row], own)
+        imaged[row] = _with_covariance(imaged[row], own)
         if chi2[row] > 3.0 * reject**2:
             far = f"topography and images differ by {np.sqrt(chi2[row] / 3.0):.1f} sigma"
             ground[row] = ground[row].refused(Cause.TYPES_DISAGREE, far)
-            seen[row] = seen[row].refused(Cause.TYPES_DISAGREE, far)
+            imaged[row] = imaged[row].refused(Cause.TYPES_DISAGREE, far)
     rows = replace(
         topography,
-        matches=[*ground, *seen],
+        matches=[*ground, *imaged],
         effects=np.concatenate([topography.effects] * 2),
-        beside=np.concatenate([topography.beside] * 2),
+        residual_covariance=np.concatenate([topography.residual_covariance] * 2),
         landmarks=_of_topography(topography.landmarks),
     )
     effects, common = (
@@ -97,15 +105,15 @@ def both_kinds(
     return JointMatches(rows, effects, common, chi2)
 
 
-def _covered(match: Match, covariance: FloatArray) -> Match:
-    """Return a match whose covariance holds another (3, 3) too."""
+def _with_covariance(match: Match, covariance: FloatArray) -> Match:
+    """Return a match with another covariance (3, 3) added to its own."""
     return replace(match, covariance=match.covariance + covariance)
 
 
-def _beyond(
+def _shared(
     topography: MatchedMapolas, images: ImagedMapolas, row: int
 ) -> tuple[FloatArray, FloatArray]:
-    """What is known to part the kinds of a mapola (3,), and the covariance (3, 3) of the rest."""
+    """Estimated error (3,) of a mapola's landmark, and covariance (3, 3) of the shared errors."""
     spread = images.effects[row] @ images.effects[row].T
     landmarks = topography.landmarks
     if landmarks is None:
@@ -114,15 +122,15 @@ def _beyond(
     return landmarks.offset[row], spread + landmarks.own[row] + shared @ shared.T
 
 
-def _difference(ground: Match, seen: Match, beyond: tuple[FloatArray, FloatArray]) -> float:
+def _difference(ground: Match, imaged: Match, shared: tuple[FloatArray, FloatArray]) -> float:
     """Squared difference of two matches over its covariance."""
-    offset, spread = beyond
-    apart = seen.displacement - (ground.displacement - offset)
-    return float(apart @ np.linalg.solve(ground.covariance + seen.covariance + spread, apart))
+    offset, spread = shared
+    apart = imaged.displacement - (ground.displacement - offset)
+    return float(apart @ np.linalg.solve(ground.covariance + imaged.covariance + spread, apart))
 
 
 def _of_topography(landmarks: LandmarkErrors | None) -> LandmarkErrors | None:
-    """Return errors of landmarks for both kinds: those by images are matched with no maplet."""
+    """Return errors of landmarks for both types: 0 for images, which are not matched to maplets."""
     if landmarks is None:
         return None
     return replace(

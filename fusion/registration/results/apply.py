@@ -1,4 +1,4 @@
-"""A given transform applied to mapolas: nothing is fitted, what is left to SPC is told."""
+"""A given transform applied to mapolas without a fit, with the residuals to SPC."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ from spcola.math import Affine
 from spcola.math.robust import mad
 
 _DO = "give a registration.json, or JSON with model, scale, rotation_deg and translation_m"
-# Where a mapola counts as the one that the file placed.
+# Largest distance, metres, of a mapola from the position that the file gives for it.
 _SAME_PLACE_M = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class GivenRegistration:
-    """What a file says of how lidar and SPC lie to each other.
+    """The transform from lidar to SPC coordinates that a file gives.
 
     Attributes
     ----------
     known : KnownTransform
         From lidar to SPC coordinates.
     scans : mapping of str to (2, 3) or (3, 3) ndarray
-        What is added to the adjustment of a scan: its centre, displacement (metres) and rotation
-        vector (radians), row by row.
+        Addition to the adjustment of a scan: rows are its centre, displacement (metres) and
+        rotation vector (radians).
     covariances : mapping of str to (center, covariance)
-        Where the file placed mapolas of its own: centre (3,) and covariance (3, 3), m².
+        Mapolas of the file: centre (3,) and covariance (3, 3), m², of the position.
     """
 
     known: KnownTransform
@@ -51,11 +51,11 @@ class GivenRegistration:
     covariances: Mapping[str, tuple[FloatArray, FloatArray]]
 
     def moved(self, grid: MapletGrid) -> MapletGrid:
-        """Return where the grid of a mapola lies by the transform alone."""
+        """Return the grid of a mapola moved by the transform alone."""
         return grid.moved(self.known.transform)
 
     def referred(self, match: Match, grid: MapletGrid) -> Match:
-        """Return a match of the moved grid as one of the mapola's own `grid`."""
+        """Convert a match of the moved grid to one of the mapola's own `grid`."""
         path = self.moved(grid).center - grid.center
         return replace(match, center=grid.center, displacement=match.displacement + path)
 
@@ -68,25 +68,24 @@ def given_registration(
     Parameters
     ----------
     content : mapping
-        `model`, `scale`, `rotation_deg` [3], `translation_m` [3] (of an affine map `matrix`); if
-        there, `covariance`, and `per_scan` and `per_mapola` of a registration.
+        `model`, `scale`, `rotation_deg` [3], `translation_m` [3] (of an affine map `matrix`);
+        optional: `covariance`, and `per_scan` and `per_mapola` of a registration.
     where : str
-        For errors.
+        Name of the file, for errors.
     inverse : bool
-        The file takes SPC to lidar coordinates. What it says of scans and mapolas is then not of
-        these, and is left.
+        True if the file takes SPC to lidar coordinates. Its scans and mapolas are then ignored.
 
     Raises
     ------
     InvalidValueError
-        If what is there cannot be used.
+        If the content is not valid.
     """
     transform = transform_of(content, where, do=_DO)
     known = known_transform(content, transform, where, do=_DO)
     if inverse:
         back = known.inverse()
-        turned = Affine(back.transform.matrix, back.transform.translation, SPC_FRAME, LIDAR_FRAME)
-        return GivenRegistration(replace(back, transform=turned), {}, {})
+        named = Affine(back.transform.matrix, back.transform.translation, SPC_FRAME, LIDAR_FRAME)
+        return GivenRegistration(replace(back, transform=named), {}, {})
     try:
         scans = {
             str(entry["scan"]): np.array(
@@ -105,7 +104,7 @@ def given_registration(
         raise InvalidValueError(
             f"has no usable scans or mapolas ({error})",
             where,
-            "take them out: the transform alone is enough",
+            "remove them: the transform alone is enough",
         ) from error
     return GivenRegistration(known, scans, covariances)
 
@@ -123,12 +122,11 @@ def applied_json(
     ----------
     given : GivenRegistration
     mapolas : MatchedMapolas
-        Their matches as :meth:`GivenRegistration.referred` gives them.
+        With matches from :meth:`GivenRegistration.referred`.
     shares : (N, S) ndarray
-        Of their returns, by ``mapolas.scans.names``.
+        Shares of their returns, by ``mapolas.scans.names``.
     reject : float
-        Matches whose residual lies further than this many standard deviations from the median are
-        not used.
+        Matches with residuals more than this many standard deviations from the median are not used.
     """
     placed = _placed(given, mapolas, shares, reject)
     own = [given.scans.get(name, np.zeros((3, 3))) for name in mapolas.scans.names]
@@ -157,14 +155,14 @@ def applied_json(
 def _placed(
     given: GivenRegistration, mapolas: MatchedMapolas, shares: FloatArray, reject: float
 ) -> Placed:
-    """Where the mapolas lie by the transform and by what the file adds to their scans."""
+    """Positions of the mapolas by the transform and by the file's displacements of scans."""
     matches = mapolas.matches
     centers = np.array([match.center for match in matches])
     shift = _shifts(given, mapolas.scans.names, shares, centers)
     target = centers + np.array([match.displacement for match in matches])
     residual = target - given.known.transform.apply(centers) - shift
-    # What the scans may do at the size that was expected: the file does not say what it left.
-    covariance = given.known.position_covariance(centers) + mapolas.beside
+    # The file does not give the remaining errors of scans: their prior size is used.
+    covariance = given.known.position_covariance(centers) + mapolas.residual_covariance
     covariance += mapolas.effects @ mapolas.effects.transpose(0, 2, 1)
     for number, match in enumerate(matches):
         center, own = given.covariances.get(match.name, (np.full(3, np.inf), covariance[number]))
@@ -178,7 +176,7 @@ def _placed(
 def _shifts(
     given: GivenRegistration, names: tuple[str, ...], shares: FloatArray, centers: FloatArray
 ) -> FloatArray:
-    """Displacements (N, 3), metres, of mapolas by what the file adds to their scans."""
+    """Displacements (N, 3), metres, of mapolas by the file's displacements of scans."""
     known = [k for k, name in enumerate(names) if name in given.scans]
     if not known:
         return np.zeros(centers.shape)
@@ -188,7 +186,7 @@ def _shifts(
 
 
 def _agreeing(mapolas: MatchedMapolas, residual: FloatArray, reject: float) -> BoolArray:
-    """Mask (N,) of matches that agree with the others; a common departure from SPC is none."""
+    """Mask (N,) of matches that agree with the others, up to a common offset from SPC."""
     usable = mapolas.usable
     off = residual - np.median(residual[usable], axis=0)
     own = np.array([match.covariance for match in mapolas.matches])
@@ -200,14 +198,14 @@ def _agreeing(mapolas: MatchedMapolas, residual: FloatArray, reject: float) -> B
 
 
 def _reasons(given: GivenRegistration, mapolas: MatchedMapolas) -> list[str]:
-    """What is to be known of a transform that was given."""
-    said = ["transform: applied as given, nothing was fitted and nothing tested"]
+    """Notes about a transform that was given."""
+    texts = ["transform: applied as given, nothing was fitted and nothing tested"]
     if given.known.is_exact:
-        said.append("transform: its file states no covariance, and it counts as exact")
+        texts.append("transform: its file has no covariance, and it counts as exact")
     missing = [name for name in mapolas.scans.names if name not in given.scans]
     if given.scans and missing:
-        said.append(
-            f"scans: the file says nothing of {len(missing)} of {len(mapolas.scans.names)}; they "
-            "stay where their adjustment put them"
+        texts.append(
+            f"scans: {len(missing)} of {len(mapolas.scans.names)} are not in the file; they remain "
+            "as adjusted"
         )
-    return said + inseparable(given.known.parameters, given.known.covariance)
+    return texts + inseparable(given.known.parameters, given.known.covariance)

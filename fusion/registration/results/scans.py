@@ -1,4 +1,4 @@
-"""What the errors of scans do to the mapolas that are made of them."""
+"""Effect of the errors of scans on the mapolas that are made of them."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from lidar.adjustment import ScanAdjustment, displacement_rows
 from spcola.arrays import FloatArray
 from spcola.math.statistics import covariance_root
 
-# A pattern that displaces the mapolas by less than this, root of the sum of squares, metres, is far
-# below what a match tells, and counts as an error that each mapola has of its own.
+# A pattern that displaces the mapolas by less than this (root of the sum of squares, metres) is far
+# below the error of a match, and counts as an independent error of each mapola.
 _LEAST = 1e-3
 # Mapolas whose displacements by all scans are in memory at once.
 _CHUNK = 512
@@ -20,20 +20,20 @@ _CHUNK = 512
 
 @dataclass(frozen=True, eq=False)
 class ScanEffects:
-    """Patterns of scan displacements that may still be there, each of standard deviation 1.
+    """Error patterns of scans, each of standard deviation 1, and their residual covariance.
 
     Parameters
     ----------
     names : tuple of str
         The S scans.
     center : (S, 3) ndarray
-        Body-fixed point about which each is turned, metres.
+        Body-fixed point about which each is rotated, metres.
     modes : (6S, M) ndarray
         Displacement (metres) and rotation (radians) of each scan in each pattern.
     rest : (6S, 6S) ndarray, optional
-        Covariance of the displacements beside the patterns; none if not given.
+        Residual covariance of the displacements, in addition to the patterns; 0 if not given.
     wander_m : float
-        Standard deviation, each axis, metres, of what displaces a scan in one place only.
+        Standard deviation, each axis, metres, of local displacements of a scan.
     """
 
     names: tuple[str, ...]
@@ -44,7 +44,7 @@ class ScanEffects:
 
     @classmethod
     def independent(cls, names: Sequence[str], sigma_m: float) -> ScanEffects:
-        """Scans that err independently, by `sigma_m` metres along each axis; 0: not at all."""
+        """Return independent errors of scans, `sigma_m` metres along each axis; 0 for none."""
         columns = 3 * len(names) if sigma_m > 0 else 0
         modes = np.zeros((len(names), 6, columns))
         if columns:
@@ -55,22 +55,22 @@ class ScanEffects:
     def left_by(
         cls, adjustment: ScanAdjustment, shares: FloatArray, points: FloatArray
     ) -> ScanEffects:
-        """What an adjustment left unknown, the patterns being those that are felt at mapolas.
+        """Return the errors that an adjustment leaves, as patterns that displace the mapolas.
 
         Parameters
         ----------
         adjustment : ScanAdjustment
         shares : (N, S) ndarray
-            Of the mapolas' returns, by ``adjustment.names``.
+            Shares of the mapolas' returns, by ``adjustment.names``.
         points : (N, 3) ndarray
             The mapolas' centres, body-fixed, metres.
         """
         root = covariance_root(adjustment.covariance)
-        felt = np.zeros((root.shape[1], root.shape[1]))
+        products = np.zeros((root.shape[1], root.shape[1]))
         for displaced in _displaced(adjustment.center, shares, points):
             moved = displaced.reshape(-1, len(root)) @ root
-            felt += moved.T @ moved
-        square, directions = np.linalg.eigh(felt)
+            products += moved.T @ moved
+        square, directions = np.linalg.eigh(products)
         kept = square > _LEAST**2
         modes, others = root @ directions[:, kept], root @ directions[:, ~kept]
         wander = adjustment.sizes.wander_m
@@ -79,14 +79,14 @@ class ScanEffects:
     def at(self, shares: FloatArray, points: FloatArray) -> FloatArray:
         """Displacements (N, 3, M), metres, of mapolas at `points` (N, 3) by each pattern.
 
-        `shares` (N, S) are those of the mapolas' returns.
+        `shares` (N, S) are the shares of scans in the mapolas' returns.
         """
         parts = [rows @ self.modes for rows in _displaced(self.center, shares, points)]
         effects: FloatArray = np.concatenate([np.zeros((0, 3, self.modes.shape[1])), *parts])
         return effects
 
-    def beside(self, shares: FloatArray, points: FloatArray) -> FloatArray:
-        """Covariances (N, 3, 3), m², of the displacements of mapolas beside the patterns."""
+    def residual_covariance(self, shares: FloatArray, points: FloatArray) -> FloatArray:
+        """Covariances (N, 3, 3), m², of the displacements of mapolas not due to the patterns."""
         variance = self.wander_m**2 * np.sum(shares**2, axis=1)
         covariance: FloatArray = variance[:, None, None] * np.eye(3)
         if self.rest is not None:
@@ -100,7 +100,7 @@ class ScanEffects:
     def displacements(self, strengths: FloatArray) -> FloatArray:
         """Displacement of each scan's centre, metres, and rotation about it, radians (S, 6).
 
-        By patterns of `strengths` (M,).
+        `strengths` (M,) are those of the patterns.
         """
         return (self.modes @ strengths).reshape(-1, 6)
 
@@ -113,11 +113,11 @@ def mapola_shifts(
     Parameters
     ----------
     center : (S, 3) ndarray
-        Point about which each scan is turned, metres.
+        Point about which each scan is rotated, metres.
     displacement : (S, 6) ndarray
         Of each scan, metres and radians.
     shares : (N, S) ndarray
-        Of the mapolas' returns.
+        Shares of scans in the mapolas' returns.
     points : (N, 3) ndarray
         The mapolas' centres, metres.
     """
@@ -128,7 +128,7 @@ def mapola_shifts(
 
 
 def _displaced(center: FloatArray, shares: FloatArray, points: FloatArray) -> Iterator[FloatArray]:
-    """Yield partials (n, 3, 6S) of the places of some mapolas by the displacements of scans."""
+    """Yield partials (n, 3, 6S) of some mapolas' positions by the displacements of scans."""
     for first in range(0, len(points), _CHUNK):
         some = slice(first, first + _CHUNK)
         rows = shares[some, :, None, None] * displacement_rows(points[some, None], center)
@@ -136,7 +136,7 @@ def _displaced(center: FloatArray, shares: FloatArray, points: FloatArray) -> It
 
 
 def share_matrix(shares: Sequence[dict[str, float]], names: Sequence[str]) -> FloatArray:
-    """Turn the shares of N mapolas by scan name into a matrix (N, S), in the order of `names`."""
+    """Convert the shares of N mapolas by scan name to a matrix (N, S) in the order of `names`."""
     column = {name: index for index, name in enumerate(names)}
     matrix = np.zeros((len(shares), len(names)))
     for row, share in enumerate(shares):

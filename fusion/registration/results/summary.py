@@ -1,4 +1,4 @@
-"""The registration as other programs read it (``registration.json``), and back."""
+"""The registration as ``registration.json``, written and read."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from spcola.grids import MapletGrid
 from spcola.math import Affine, Similarity
 
 DISAGREES = "disagrees with the other mapolas"
-"""Why a mapola that matches is not used."""
+"""Reason why a mapola that matches is not used."""
 
 
 @dataclass(frozen=True, eq=False)
 class MatchedMapolas:
-    """All mapolas, those that do not match too, and how scan errors reach them.
+    """All mapolas, including those that do not match, and their shared errors.
 
     Attributes
     ----------
@@ -38,16 +38,16 @@ class MatchedMapolas:
     scans : ScanEffects
     effects : (N, 3, M) ndarray
         ``scans.at`` of each mapola.
-    beside : (N, 3, 3) ndarray
-        ``scans.beside`` of each mapola, m².
+    residual_covariance : (N, 3, 3) ndarray
+        ``scans.residual_covariance`` of each mapola, m².
     landmarks : LandmarkErrors, optional
-        How the maplets err to which they were matched; unknown by default.
+        Errors of the maplets to which they were matched; unknown by default.
     """
 
     matches: Sequence[Match]
     scans: ScanEffects
     effects: FloatArray
-    beside: FloatArray
+    residual_covariance: FloatArray
     landmarks: LandmarkErrors | None = None
 
     @property
@@ -71,11 +71,11 @@ def registration_json(
     Returns
     -------
     dict
-        Units stand in the keys; arrays and NaN are turned into JSON where it is written.
+        Keys name the units; arrays and NaN are converted to JSON when written.
     """
     fit, scans = registration.fit, mapolas.scans
     known = KnownTransform(registration.model, registration.transform, registration.covariance)
-    felt = fit.sizes.shared[0] * mapolas.effects[mapolas.usable]
+    by_scans = fit.sizes.shared[0] * mapolas.effects[mapolas.usable]
     centers = np.stack([match.center for match in mapolas.matches])[mapolas.usable]
     content: dict[str, Any] = {
         **known.numbers(),
@@ -83,7 +83,7 @@ def registration_json(
         "n_used": int(np.count_nonzero(fit.used)),
         "n_rejected": len(mapolas.matches) - int(np.count_nonzero(fit.used)),
         "maplet_sigma_m": fit.sizes.independent,
-        "scan_sigma_m": float(np.sqrt(np.sum(felt**2) / (3.0 * len(felt)))),
+        "scan_sigma_m": float(np.sqrt(np.sum(by_scans**2) / (3.0 * len(by_scans)))),
         "per_scan": per_scan_json(scans, scans.displacements(registration.strengths)),
         "iterations": registration.iterations,
         "converged": fit.converged,
@@ -102,9 +102,9 @@ def registration_json(
 
 
 def scale_influence(registration: Registration, mapolas: MatchedMapolas) -> FloatArray:
-    """Change (N, 3) of the scale of a similarity for a displacement of each match, 1/m.
+    """Derivative (N, 3), 1/m, of the scale of a similarity by the displacement of each match.
 
-    0 where a match did not enter.
+    0 for matches that were not used.
     """
     moved = np.zeros((len(mapolas.matches), 3))
     of_all = influence(registration.observations, registration.fit)
@@ -113,7 +113,7 @@ def scale_influence(registration: Registration, mapolas: MatchedMapolas) -> Floa
 
 
 def per_scan_json(scans: ScanEffects, displacement: FloatArray) -> list[dict[str, Any]]:
-    """One entry for each scan: what is added to its adjustment, (S, 6) metres and radians."""
+    """One entry for each scan: the additions to its adjustment, (S, 6) metres and radians."""
     return [
         {
             "scan": name,
@@ -127,20 +127,20 @@ def per_scan_json(scans: ScanEffects, displacement: FloatArray) -> list[dict[str
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """Where all mapolas are registered, those that do not match too.
+    """Registered positions of all mapolas, including those that do not match.
 
     Attributes
     ----------
     shift : (N, 3) ndarray
-        What the errors of their scans add to the transform, SPC coordinates, metres.
+        Displacement by the errors of their scans, SPC coordinates, metres.
     residual : (N, 3) ndarray
-        What a fit leaves, metres; NaN where there is no match.
+        Residual of the fit, metres; NaN without match.
     surface : (N, 3) ndarray
-        SPC surface less registered lidar, metres; NaN where it is not used.
+        SPC surface minus registered lidar, metres; NaN if not used.
     covariance : (N, 3, 3) ndarray
-        Of where they are registered, m².
+        Of the registered positions, m².
     used : (N,) bool ndarray
-        Whether SPC and lidar agree there.
+        Whether the match was used.
     """
 
     shift: FloatArray
@@ -151,7 +151,7 @@ class Placed:
 
 
 def _placed(registration: Registration, mapolas: MatchedMapolas) -> Placed:
-    """Where the fit registers the mapolas."""
+    """Registered positions of the mapolas by a fit."""
     centers = np.array([match.center for match in mapolas.matches])
     residual, used = np.full(centers.shape, np.nan), mapolas.usable
     residual[used] = registration.fit.conditional
@@ -164,13 +164,14 @@ def _placed(registration: Registration, mapolas: MatchedMapolas) -> Placed:
         shift=shift,
         residual=residual,
         surface=surface,
-        covariance=registration.position_covariance(centers, mapolas.effects) + mapolas.beside,
+        covariance=registration.position_covariance(centers, mapolas.effects)
+        + mapolas.residual_covariance,
         used=used,
     )
 
 
 def per_mapola_json(mapolas: MatchedMapolas, placed: Placed) -> list[dict[str, Any]]:
-    """One entry for each mapola: what was found, and why it was not used if it was not."""
+    """One entry for each mapola: its match and registration, and the reason if it was not used."""
     return [
         {
             "name": match.name,
@@ -203,7 +204,7 @@ _AGAIN = "remove it and register again"
 def transform_of(content: Mapping[str, Any], where: str, *, do: str = _AGAIN) -> Affine:
     """Read the transform from lidar to SPC coordinates (metres) out of ``registration.json``.
 
-    `where` is named in errors, and `do` says what is to be done.
+    Errors name the file `where` and the remedy `do`.
 
     Raises
     ------
@@ -211,7 +212,7 @@ def transform_of(content: Mapping[str, Any], where: str, *, do: str = _AGAIN) ->
         If a key is missing or is not a number, or the registration is refused.
     """
     if content.get("verdict") == "refused":
-        raise InvalidValueError("is of a registration that was refused", where, do)
+        raise InvalidValueError("is from a registration that was refused", where, do)
     try:
         translation = np.array(content["translation_m"], dtype=np.float64)
         if content["model"] == "affine":
@@ -227,16 +228,16 @@ def transform_of(content: Mapping[str, Any], where: str, *, do: str = _AGAIN) ->
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """How a mapola is registered.
+    """Registration of one mapola, in addition to the transform.
 
     Attributes
     ----------
     shift : (3,) ndarray
-        What the errors of its scans add to the transform, SPC coordinates, metres.
+        Displacement by the errors of its scans, SPC coordinates, metres.
     residual : (3,) ndarray
-        How far the SPC surface lies from the registered mapola, metres; NaN if it does not match.
+        SPC surface minus registered mapola, metres; NaN if it does not match.
     covariance : (3, 3) ndarray
-        Of where it is registered, m².
+        Of its registered position, m².
     """
 
     shift: FloatArray
@@ -244,18 +245,18 @@ class Placement:
     covariance: FloatArray
 
     def grid(self, grid: MapletGrid, transform: Affine) -> MapletGrid:
-        """Return where the grid of a mapola is registered."""
+        """Return the registered grid of a mapola."""
         moved = grid.moved(transform)
         return replace(moved, center=moved.center + self.shift)
 
 
 def placements_of(content: Mapping[str, Any], where: str) -> dict[str, Placement]:
-    """Read how each mapola is registered out of ``registration.json``; `where` is for errors.
+    """Read the registration of each mapola from ``registration.json``; `where` is for errors.
 
     Raises
     ------
     InvalidValueError
-        If a key is missing or does not hold what it should.
+        If a key is missing or has a value of the wrong type.
     """
     try:
         return {
@@ -271,7 +272,7 @@ def placements_of(content: Mapping[str, Any], where: str) -> dict[str, Placement
 
 
 def _to_surface(entry: Mapping[str, Any]) -> FloatArray:
-    """How far the SPC surface lies (3,), metres: of a fit by images not what is left of that."""
+    """SPC surface minus registered lidar (3,), metres; not the residual of a fit by images."""
     if "surface_residual_m" in entry:
         return _vector(entry["surface_residual_m"])
     return _vector(entry["residual_m"]) if entry["used"] else np.full(3, np.nan)

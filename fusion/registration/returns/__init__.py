@@ -1,4 +1,4 @@
-"""Registration by the returns themselves."""
+"""Registration of the returns themselves to SPC surfaces, without mapolas."""
 
 import lazy_loader
 

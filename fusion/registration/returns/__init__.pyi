@@ -1,4 +1,4 @@
-from .by_returns import SurfaceSays as SurfaceSays
+from .by_returns import SurfaceNormalEquations as SurfaceNormalEquations
 from .by_returns import surface_equations as surface_equations
 from .equations import Equations as Equations
 from .equations import modelled_covariance as modelled_covariance

@@ -19,15 +19,15 @@ from spcola.math import Affine
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceSays:
-    """What one surface says about a transform.
+class SurfaceNormalEquations:
+    """Contribution of one surface to the normal equations of a transform.
 
     Attributes
     ----------
     equations : Equations
-        With all the surface as one cluster.
+        With the whole surface as one cluster.
     area : float
-        Cells over which its errors hold together.
+        Correlation area of its errors, cells.
     returns : int
     """
 
@@ -44,21 +44,21 @@ def surface_equations(
     *,
     size: int,
     min_coverage: float,
-) -> SurfaceSays | None:
-    """Return what one surface says about a transform; None if hardly covered.
+) -> SurfaceNormalEquations | None:
+    """Return one surface's normal equations of a transform; None if it is hardly covered.
 
     Parameters
     ----------
     returns : CloudOfReturns
     fixed : FixedSurface
     transform : Affine
-        Where the partials are taken.
+        Transform at which the partials are evaluated.
     about : (3,) ndarray
-        Lidar coordinates; where rotation and scale act.
+        Centre of rotation and scale, lidar coordinates, metres.
     size : {6, 7, 12}
         Number of parameters.
     min_coverage : float
-        Share of the grid points that must be compared.
+        Smallest share of grid points with returns.
     """
     lidar = height_of_returns(returns, fixed, transform)
     if np.isfinite(lidar.height).mean() < max(min_coverage, 30.0 / lidar.height.size):
@@ -68,4 +68,4 @@ def surface_equations(
     equations = pair_equations(pair, fixed.grid, transform, about, size=size, block=whole)
     difference = pair.fixed - pair.moving
     area = float(np.isfinite(difference).sum() / independent_patches(difference))
-    return SurfaceSays(equations, area, len(returns))
+    return SurfaceNormalEquations(equations, area, len(returns))

@@ -1,4 +1,4 @@
-"""A transform fitted to surfaces themselves, without the displacements of mapolas between."""
+"""A transform fitted directly to surfaces, without the displacements of mapolas."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ class DirectRegistration:
     parameters : tuple of str
         Names and order of the covariance's rows.
     covariance : (P, P) ndarray
-        Units by the names; infinite where the ground falls into too few parts to tell.
+        Units by the names; infinite if the ground has too few clusters to determine it.
     center : (3,) ndarray
         Point of the moving frame about which rotation and scale were parametrised.
     blur_cells : float
-        Blur of the fixed surface against the moving one, cells, that was applied.
+        Applied blur of the fixed surface relative to the moving one, cells.
     residual_std_m : float
-        Of the differences left, robust, metres.
+        Robust standard deviation of the remaining differences, metres.
     points, cells, clusters : int
-        Points of the moving cloud that entered, grid points compared, and the clusters of them
-        within which errors were taken to hold together.
+        Points of the moving cloud used, grid points compared, and clusters of grid points within
+        which errors may be correlated.
     iterations : int
     converged : bool
     verdict : Verdict or None
-        Whether it may be used; None where whoever asked for it judges it.
+        Whether it may be used; None if it was not judged.
     """
 
     transform: Affine

@@ -1,10 +1,10 @@
 """Normal equations of a transform that takes one gridded surface to another.
 
-Where two surfaces lie on one grid, their difference says how the moving one is displaced along
-its normal. What it says of the parameters is weighed by slopes; slopes are noisy too, and noise
-taken for relief makes the terrain hold the transform better than it does. The mean of both
-surfaces' slopes is therefore the instrument, and the product of one's with the other's, whose
-noises have nothing in common, is what the instrument tells (errors in variables).
+The difference of two surfaces on one grid observes the displacement of the moving one along its
+normal. Its partials are slopes, which are noisy: noise counted as relief would make the normal
+matrix too large and sigmas too small. The mean of both surfaces' slopes is therefore the
+instrumental variable, and the normal matrix is the product of one surface's slopes with the
+other's, whose noises are independent (errors in variables).
 """
 
 from __future__ import annotations
@@ -21,25 +21,24 @@ from spcola.errors import NotObservableError
 from spcola.grids import MapletGrid
 from spcola.math import Affine
 
-# Below this share of what slopes show that is relief of both surfaces, and not noise of one, a
-# parameter hangs on noise.
+# Smallest share of common relief in the squared slopes; below it noise dominates a parameter.
 _LEAST_COMMON = 0.1
-# Clusters for each parameter; their sides in lengths over which errors hold together.
+# Clusters for each parameter; largest and smallest side in correlation lengths.
 _ENOUGH, _WIDE, _NARROW = 3.0, 8.0, 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class SurfacePair:
-    """Two surfaces on one grid, to be made to agree.
+    """Two surfaces on one grid, with weights.
 
     Parameters
     ----------
     fixed, moving : (N, N) ndarrays
         Heights along the grid's Uz, metres; NaN where unknown.
     weight : (N, N) ndarray
-        Of their difference, by its variance; 0 or NaN where it does not count.
+        Inverse variance of their difference, 1/m²; 0 or NaN where it is not used.
     robust : (N, N) ndarray
-        Huber's weights: below 1 the loss is linear, and the difference tells a direction only.
+        Huber's weights: below 1 the loss is linear.
     """
 
     fixed: FloatArray
@@ -49,10 +48,9 @@ class SurfacePair:
 
     @property
     def weights(self) -> FloatArray:
-        """Weights (2, N, N) of the difference, and of its change when the surface moves.
+        """Weights (2, N, N) of the difference, and of its derivative.
 
-        The second is Huber's ψ′: with the first in its place a transform seems better held than
-        it is, by a sixth of its sigma.
+        The second is Huber's ψ′: with the first in its place sigmas would be too small by a sixth.
         """
         full = self.weight * self.robust
         return np.stack([full, np.where(self.robust < 1.0, 0.0, full)])
@@ -60,17 +58,17 @@ class SurfacePair:
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """What one or many pairs of surfaces say about P parameters.
+    """Normal equations of P parameters from one or many pairs of surfaces.
 
     Attributes
     ----------
     normal : (P, P) ndarray
-        Instrument times what it tells: M of ``M p = right``.
+        M of ``M p = right``: products of one surface's partials with the other's.
     shown : (P, P) ndarray
-        Instrument times instrument, noise of the slopes included.
+        Products of the mean partials with themselves, noise of the slopes included.
     right : (P,) ndarray
     scores : (K, P) ndarray
-        The parts of `right` by cluster: errors within a cluster may hold together.
+        The parts of `right` by cluster: errors within a cluster may be correlated.
     cells : (K,) ndarray
         Grid points in each cluster.
     """
@@ -83,7 +81,7 @@ class Equations:
 
     @classmethod
     def joined(cls, parts: list[Equations]) -> Equations:
-        """Add up parts; each keeps its clusters."""
+        """Sum parts; their clusters remain separate."""
         return cls(
             np.sum([part.normal for part in parts], axis=0),
             np.sum([part.shown for part in parts], axis=0),
@@ -100,16 +98,16 @@ class Equations:
         names : tuple of str
             Of the parameters.
         natural : (P,) ndarray
-            A natural size of each.
+            Typical size of each.
 
         Raises
         ------
         NotObservableError
-            If the relief leaves a parameter free, or shows no more of it than noise does.
+            If the relief common to both surfaces does not determine a parameter.
         """
         scale = np.outer(natural, natural)
         check_rank(self.shown * scale, names)
-        # Both in units in which all that is shown is 1.
+        # Eigenvalues of `normal` relative to `shown`.
         root = np.linalg.cholesky(self.shown * scale)
         half = np.linalg.solve(root, self.normal * scale)
         values, vectors = np.linalg.eigh(np.linalg.solve(root, half.T))
@@ -120,9 +118,9 @@ class Equations:
                 name for name, size in zip(names, part / part.max(), strict=True) if size > 0.1
             )
             raise NotObservableError(
-                f"the relief that both surfaces show leaves {', '.join(free)} free",
+                f"the relief common to both surfaces does not determine {', '.join(free)}",
                 free,
-                do="take more ground, or estimate fewer parameters",
+                do="use more ground, or estimate fewer parameters",
             )
         step: FloatArray = natural * np.linalg.solve(self.normal * scale, self.right * natural)
         return step
@@ -130,17 +128,18 @@ class Equations:
     def covariance(self, inside: float = 1.0) -> FloatArray:
         """Covariance (P, P) of the solution: ``M⁻¹ (Σ_k s_k s_kᵀ) M⁻ᵀ`` over clusters k.
 
-        Whatever errors do within a cluster is counted; `inside` is the share of their correlation
-        that lies within clusters and not across their borders. Of K clusters' scores the solution
-        has taken P freedoms, put back by K/(K − P). Infinite where K does not exceed P. Source:
+        It allows for any correlation of errors within a cluster; `inside` is the share of the
+        correlation within clusters rather than across their borders. The factor K/(K − P) accounts
+        for the degrees of freedom that the solution takes. Infinite if K does not exceed P. Source:
         Huber (1967); Liang & Zeger (1986); docs: derivations §20.
         """
-        size, held = self.right.size, self.scores[self.cells > 0]
-        if len(held) <= size:
+        size, scores = self.right.size, self.scores[self.cells > 0]
+        if len(scores) <= size:
             return np.full((size, size), np.inf)
-        # At the solution the scores add up to nothing but for what is left of the last step.
-        rest = held - held.sum(axis=0) * (self.cells[self.cells > 0] / self.cells.sum())[:, None]
-        middle = rest.T @ rest * (len(held) / (len(held) - size) / inside)
+        # At the solution the scores sum to 0 except for the remainder of the last step.
+        share = (self.cells[self.cells > 0] / self.cells.sum())[:, None]
+        rest = scores - scores.sum(axis=0) * share
+        middle = rest.T @ rest * (len(scores) / (len(scores) - size) / inside)
         inverse = np.linalg.inv(self.normal)
         spread: FloatArray = inverse @ middle @ inverse.T
         return spread
@@ -148,7 +147,7 @@ class Equations:
 
 @dataclass(frozen=True)
 class Clusters:
-    """Squares of grid points into which a surface is cut.
+    """Squares of grid points into which a surface is divided.
 
     Parameters
     ----------
@@ -163,11 +162,11 @@ class Clusters:
 
     @classmethod
     def of(cls, area: float, points: int, parameters: int) -> Clusters:
-        """Return the squares for errors that hold together over `area` cells.
+        """Return squares for errors with a correlation area of `area` cells.
 
-        Eight lengths √area wide, if a surface of `points` a side falls into three times as many as
-        there are parameters; else narrower, but not below two lengths. Of errors that
-        hold together as a Gaussian does a share √area / (π block) reaches across, on each axis.
+        They are eight correlation lengths √area wide if a surface of `points` a side then has three
+        times as many squares as there are parameters; else narrower, but at least two lengths. For
+        a Gaussian correlation a share √area / (π block) crosses the borders, on each axis.
         """
         length = max(float(np.sqrt(area)), 1.0)
         most = points / np.ceil(np.sqrt(_ENOUGH * parameters))
@@ -178,19 +177,19 @@ class Clusters:
 def modelled_covariance(
     parts: Sequence[Equations], areas: Sequence[float], shift_sigma_m: float
 ) -> FloatArray:
-    """Covariance (P, P) of the solution from a few surfaces, whose errors are known from others.
+    """Covariance (P, P) of the solution from a few surfaces with known error statistics.
 
-    Of few clusters the scores do not tell their own spread. Differences of standard deviation 1
-    that hold together over an area of cells give a surface's scores the covariance ``area Σ g gᵀ``;
-    a surface that is displaced as a whole by `shift_sigma_m`, each axis, adds the square of what
-    its equations feel of a translation.
+    The scores of few clusters do not determine their own spread. Differences of standard deviation
+    1 with a correlation area give a surface's scores the covariance ``area Σ g gᵀ``. A displacement
+    of the whole surface by `shift_sigma_m`, each axis, adds ``shift_sigma_m² N Nᵀ``, N being the
+    columns of its normal matrix for translations.
 
     Parameters
     ----------
     parts : sequence of Equations
-        One for each surface; translations first, weights in units of the differences' variance.
+        One for each surface; translations first, weights relative to the differences' variance.
     areas : sequence of float
-        Cells over which differences hold together.
+        Correlation areas of the differences, cells.
     shift_sigma_m : float
         Metres.
     """
@@ -215,16 +214,17 @@ def pair_equations(
     size: int,
     block: int,
 ) -> Equations:
-    """Return what a pair says about a transform of the moving surface.
+    """Return the normal equations of a transform of the moving surface from a pair.
 
     Parameters
     ----------
     pair : SurfacePair
-        The moving one as `transform` has placed it.
+        The moving surface after `transform`.
     grid : MapletGrid
         Of both; body-fixed.
     transform : Affine
-        Where the partials are taken (:func:`fusion.registration.fit.transform_partials`).
+        Transform at which the partials are evaluated
+        (:func:`fusion.registration.fit.transform_partials`).
     about : (3,) ndarray
         The point of the moving frame about which rotation, scale and matrix act, metres.
     size : {6, 7, 12}
@@ -256,7 +256,7 @@ def pair_equations(
 def both_slopes(pair: SurfacePair, gsd: float) -> FloatArray:
     """Slopes (4, N, N): along x and y of the fixed surface, then of the moving one.
 
-    Beside a gap of one surface the other's slopes serve for both.
+    Where one is not known, next to a gap, the other surface's slopes are used for both.
     """
     fixed_y, fixed_x = np.gradient(pair.fixed, gsd)
     moving_y, moving_x = np.gradient(pair.moving, gsd)
@@ -268,7 +268,7 @@ def both_slopes(pair: SurfacePair, gsd: float) -> FloatArray:
 
 @compiled
 def _fill_row(row: FloatArray, normal: FloatArray, arm: FloatArray, per_scale: float) -> None:
-    """Partials of the height of the moving surface by 6, 7 or 12 parameters.
+    """Partials of the height of the moving surface with respect to 6, 7 or 12 parameters.
 
     ``normal`` is (−∂h/∂x, −∂h/∂y, 1) in body axes: a point displaced by δ raises the surface by
     ``normal · δ``.
@@ -298,10 +298,10 @@ def _accumulate(
     size: int,
     block: int,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Sum up the cells by rows of blocks.
+    """Sum over the cells by rows of blocks.
 
-    `layers` are fixed, moving and the two weights; `frame` the grid's axes and its centre from the
-    image of the point about which the parameters act; `steps` GSD and one over the scale.
+    `layers` are fixed, moving and the two weights; `frame` the grid's axes, and its centre relative
+    to the image of the point about which the parameters act; `steps` GSD and inverse scale.
     """
     points = layers.shape[1]
     blocks = (points + block - 1) // block
@@ -313,7 +313,7 @@ def _accumulate(
         up, arm, place = np.empty(3), np.empty(3), np.empty(3)
         for row in range(band * block, min((band + 1) * block, points)):
             for column in range(points):
-                weight, firm = layers[2, row, column], layers[3, row, column]
+                weight, curvature = layers[2, row, column], layers[3, row, column]
                 if weight <= 0.0:
                     continue
                 height = 0.5 * (layers[0, row, column] + layers[1, row, column])
@@ -339,8 +339,8 @@ def _accumulate(
                     scores[band, cluster, p] += weight * mean[p] * difference
                     for q in range(p + 1):
                         cross = 0.5 * (first[p] * second[q] + second[p] * first[q])
-                        normal[band, p, q] += firm * cross
-                        shown[band, p, q] += firm * mean[p] * mean[q]
+                        normal[band, p, q] += curvature * cross
+                        shown[band, p, q] += curvature * mean[p] * mean[q]
         for p in range(size):
             for q in range(p):
                 normal[band, q, p] = normal[band, p, q]

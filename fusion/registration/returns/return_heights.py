@@ -1,9 +1,8 @@
-"""Returns against an SPC surface: each by its own place, none moved to a grid point before.
+"""Heights of returns above an SPC surface at their own positions, averaged over cells.
 
-A return's height above the surface is read where the return lies, on a cubic spline; it is these
-differences that are averaged over cells, not heights. They are small and smooth, so that nothing
-is lost of what slopes do inside a cell, and cells are what the surface's errors, its resolution
-and its weights are known by.
+A return's height above the surface is evaluated at its position by a cubic spline. The differences,
+not the heights, are averaged over cells: they are small and smooth, so that slopes within a cell
+cause no error. Errors, resolution and weights of the surface refer to cells.
 """
 
 from __future__ import annotations
@@ -23,13 +22,13 @@ from spcola.grids.gaps import filled
 from spcola.math import Affine
 from spcola.math.robust import huber_weight, mad
 
-# Robust standard deviations from the surface at which a return is of something else.
-_STRAY = 8.0
+# Robust standard deviations from the surface beyond which a return is an outlier.
+_OUTLIER = 8.0
 
 
 @dataclass(frozen=True, eq=False)
 class CloudOfReturns:
-    """N returns about one SPC surface.
+    """N returns near one SPC surface.
 
     Parameters
     ----------
@@ -48,7 +47,7 @@ class CloudOfReturns:
 
 @dataclass(frozen=True, eq=False)
 class FixedSurface:
-    """An SPC surface that returns are compared with.
+    """An SPC surface with which returns are compared.
 
     Parameters
     ----------
@@ -56,8 +55,8 @@ class FixedSurface:
     surface : Surface
         Heights and sigmas on it.
     blur_cells : float
-        Blur of the surface against the returns, cells; where it is negative the surface is the
-        sharper one, and is blurred.
+        Blur of the surface relative to the returns, cells; if negative the surface is the sharper
+        one, and is blurred.
     """
 
     grid: MapletGrid
@@ -66,7 +65,7 @@ class FixedSurface:
 
     @cached_property
     def height(self) -> FloatArray:
-        """Heights (N, N), metres, at the resolution at which they are compared."""
+        """Heights (N, N), metres, at the resolution of the comparison."""
         if self.blur_cells >= 0:
             return self.surface.height
         return blur(self.surface.height, -self.blur_cells)
@@ -84,9 +83,9 @@ class FixedSurface:
 
 
 def height_of_returns(
-    returns: CloudOfReturns, fixed: FixedSurface, transform: Affine, *, strays: bool = False
+    returns: CloudOfReturns, fixed: FixedSurface, transform: Affine, *, outliers: bool = False
 ) -> Surface:
-    """Return the surface of moved returns on the grid, by their differences from the fixed one.
+    """Return the surface of moved returns on the grid, from their differences to the fixed one.
 
     Parameters
     ----------
@@ -94,20 +93,20 @@ def height_of_returns(
     fixed : FixedSurface
     transform : Affine
         From the returns' frame to that of the surface.
-    strays : bool
-        Whether returns far from the surface count too.
+    outliers : bool
+        Whether returns far from the surface are used.
 
     Returns
     -------
     Surface
-        Of ``fixed.grid``: the fixed height less the mean difference of the returns nearest to the
-        grid point, NaN without; sigma of that mean, NaN where the returns' own is unknown.
+        On ``fixed.grid``: the fixed height minus the mean difference of the returns in the cell,
+        NaN without returns; sigma of that mean, NaN if the returns' own is unknown.
     """
     grid = fixed.grid
     matrix = grid.axes @ transform.matrix
     offset = grid.axes @ (transform.translation - grid.center)
     sums, window = np.zeros((4, *grid.shape)), np.array([0.0, np.inf])
-    for _ in range(1 if strays else 2):
+    for _ in range(1 if outliers else 2):
         sums = np.zeros((4, *grid.shape))
         _sum_up(
             returns.points,
@@ -120,17 +119,18 @@ def height_of_returns(
         )
         with np.errstate(invalid="ignore", divide="ignore"):
             mean = sums[1] / sums[0]
-        window = np.array([np.nanmedian(mean) if sums[0].any() else 0.0, _STRAY * float(mad(mean))])
+        middle = np.nanmedian(mean) if sums[0].any() else 0.0
+        window = np.array([middle, _OUTLIER * float(mad(mean))])
     with np.errstate(invalid="ignore", divide="ignore"):
         sigma = np.where(sums[2] > 0, np.sqrt(sums[3]) / sums[0], np.nan)
     return Surface(np.where(sums[0] > 0, fixed.height - mean, np.nan), sigma)
 
 
 def compared(lidar: Surface, fixed: FixedSurface) -> SurfacePair:
-    """Bring a surface of returns to the fixed one's resolution, and weigh the two.
+    """Bring a surface of returns to the fixed one's resolution, and compute weights.
 
-    Weights are by the sigmas of both, as in :func:`fusion.surfacematch.match_surfaces`, in
-    units of what the differences show; the robust ones are Huber's about the median.
+    Weights follow from the sigmas of both, as in :func:`fusion.surfacematch.match_surfaces`, scaled
+    to the observed differences; the robust ones are Huber's about the median.
     """
     moving = blur(lidar.height, fixed.blur_cells) if fixed.blur_cells > 0 else lidar.height
     difference = fixed.height - moving
@@ -143,7 +143,7 @@ def compared(lidar: Surface, fixed: FixedSurface) -> SurfacePair:
 
 
 def relative_weight(lidar: Surface, fixed: Surface) -> FloatArray:
-    """Weights (N, N) of the differences against those known best, at most 1; 0 where unknown."""
+    """Weights (N, N) relative to the most accurate differences, at most 1; 0 where unknown."""
     variance = lidar.variance + fixed.variance
     both = np.isfinite(lidar.height) & np.isfinite(fixed.height)
     if not (variance[both] > 0).any():
@@ -164,9 +164,9 @@ def _sum_up(
 ) -> None:
     """Add each return's difference to the sums of its cell.
 
-    `placing` are matrix and offset into the grid's frame, and the middle of what differences are
-    allowed with their largest distance from it. The sums are of returns, differences, returns of
-    known sigma, and variances.
+    `placing` are matrix and offset into the grid's frame, and the middle and half-width of the
+    interval of accepted differences. The sums are of returns, differences, returns of known sigma,
+    and variances.
     """
     matrix, offset, window = placing
     size = known.shape[0]
@@ -207,7 +207,7 @@ def _spline(coefficients: FloatArray, x: float, y: float) -> float:
 
 @compiled
 def _basis(number: int, t: float) -> float:
-    """The four cubic B-splines that are not 0 between two knots, at `t` of the way."""
+    """Values of the four cubic B-splines that are not 0 between two knots, at share `t`."""
     if number == 0:
         return (1.0 - t) ** 3 / 6.0
     if number == 1:

@@ -1,4 +1,4 @@
-"""The match of returns to one SPC surface, without a mapola between."""
+"""The match of returns to one SPC surface, without a mapola."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from spcola.grids.statistics import independent_patches, robust_covariance, shif
 from spcola.math import Affine
 from spcola.math.robust import huber_scores, huber_weight, mad
 
-# Two displacements further apart than this many cells are two answers.
+# Displacements further apart than this, cells, count as different solutions.
 _APART = 3.0
 # A displacement is found when a step is shorter than this, cells, or than that share of its sigma:
 # returns that change cells with every step keep the last digits moving.
 _STILL, _STILL_SIGMAS = 1e-3, 0.05
-# Below this share of relief in the slopes shown, noise holds the match.
+# Smallest share of common relief in the squared slopes; below it noise dominates the match.
 _LEAST_COMMON = 0.1
 
 
@@ -44,24 +44,23 @@ def match_returns(
     *,
     options: MatchOptions | None = None,
 ) -> Match:
-    """Find how returns have to move to lie on one SPC surface.
+    """Find the displacement of returns onto one SPC surface.
 
-    As :func:`fusion.surfacematch.match_surfaces`, whose model, plane and refusals it
-    shares; but at each step the returns themselves are moved and compared with the surface where
-    they lie then.
+    Model, plane and refusals are those of :func:`fusion.surfacematch.match_surfaces`, but at each
+    step the returns themselves are moved and compared with the surface at their new positions.
 
     Parameters
     ----------
     name : str
     returns : CloudOfReturns
-        About the surface.
+        Near the surface.
     fixed : FixedSurface
     options : MatchOptions, optional
 
     Returns
     -------
     Match
-        With NaN displacement and a `reason` where nothing trustworthy was found.
+        With NaN displacement and a `reason` if there is no trustworthy match.
     """
     options = options or MatchOptions()
     here = height_of_returns(returns, fixed, _shift(fixed, np.zeros(3)))
@@ -95,10 +94,10 @@ def _searched(
     """Best whole-cell displacement, metres, and up to two rivals; none if it lies on the edge."""
     gsd = fixed.grid.gsd
     reach = max(1, int(np.ceil(options.capture_m / gsd)))
-    seen = np.isfinite(height)
-    # Where returns fall now says little of the weight after the move: a gap must not become one.
-    heavy = np.where(fixed.known, np.where(seen, weight, np.median(weight[seen])), 0.0)
-    variance = shift_variances(filled(height), seen, filled(fixed.height), heavy, reach=reach)
+    covered = np.isfinite(height)
+    # Gaps of the returns move with them: the weight there must not be 0.
+    weights = np.where(fixed.known, np.where(covered, weight, np.median(weight[covered])), 0.0)
+    variance = shift_variances(filled(height), covered, filled(fixed.height), weights, reach=reach)
     valleys = np.argwhere(ndimage.minimum_filter(variance, size=5, mode="nearest") == variance)
     order = sorted(valleys.tolist(), key=lambda at: float(variance[at[0], at[1]]))
     best = order[0]
@@ -126,16 +125,16 @@ class _Fine:
     standardised: FloatArray
     pair: SurfacePair
     iterations: int
-    settled: bool
+    converged: bool
 
 
 def _refined(
     returns: CloudOfReturns, fixed: FixedSurface, start: FloatArray, options: MatchOptions
 ) -> _Fine | None:
-    """Gauss–Newton from `start`; None where the relief does not hold a displacement."""
+    """Gauss–Newton from `start`; None if the relief does not determine a displacement."""
     gsd, local = fixed.grid.gsd, start.copy()
-    iterations, settled = 0, False
-    while not settled and iterations < options.max_iterations:
+    iterations, converged = 0, False
+    while not converged and iterations < options.max_iterations:
         iterations += 1
         lidar = height_of_returns(returns, fixed, _shift(fixed, local))
         if np.count_nonzero(np.isfinite(lidar.height)) < 30:
@@ -147,20 +146,20 @@ def _refined(
         step, rest, covariance = solved
         length = float(np.max(np.abs(step[:2]))) / gsd
         local = local + step[:3] / max(length, 1.0)
-        known_to = float(np.sqrt(np.min(np.diag(covariance)[:2]))) / gsd
-        settled = length < max(_STILL, _STILL_SIGMAS * known_to)
-    return _Fine(local, covariance, rest, pair, iterations, settled)
+        sigma = float(np.sqrt(np.min(np.diag(covariance)[:2]))) / gsd
+        converged = length < max(_STILL, _STILL_SIGMAS * sigma)
+    return _Fine(local, covariance, rest, pair, iterations, converged)
 
 
 def _solved(pair: SurfacePair, gsd: float) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Step (5,), what it leaves (N, N) over its sigma, and covariance (3, 3) of a displacement.
+    """Step (5,), standardised residual (N, N), and covariance (3, 3) of a displacement.
 
-    The last two parameters are the plane, whose tilts are a nuisance.
+    The last two parameters, tilts of a plane, are nuisance parameters.
     """
     slopes = both_slopes(pair, gsd)
     size = len(pair.fixed)
     tilt_y, tilt_x = (np.indices(pair.fixed.shape) - (size - 1) / 2.0) / size
-    # What lies above the middle moves with a tilt: see fusion.surfacematch.alignment.tipping.
+    # Points above the middle move with a tilt: see fusion.surfacematch.alignment.tilt_partials.
     arm = pair.fixed / (size * gsd)
     sides = [
         np.stack([-x, -y, np.ones_like(arm), tilt_x + arm * x, tilt_y + arm * y], axis=-1)
@@ -179,14 +178,14 @@ def _solved(pair: SurfacePair, gsd: float) -> tuple[FloatArray, FloatArray, Floa
         shown = np.einsum("rcp,rcq->pq", weighted, mean)
         normal = np.einsum("rcp,rcq->pq", first * robust[..., None], second)
         normal = 0.5 * (normal + normal.T)
-        if not _holds(shown, normal):
+        if not _determined(shown, normal):
             return None
         step = np.linalg.solve(normal, np.einsum("rcp,rc->p", weighted, target))
         rest = target - mean @ step
         spread = max(float(mad(rest[known])), 1e-12)
         robust = np.where(known, huber_weight(rest / spread), 0.0)
     standardised = np.where(known, rest, np.nan)
-    # The sandwich takes what is shown for what is told; the difference is noise of the slopes.
+    # The sandwich uses `shown`, which includes noise of the slopes, in place of `normal`.
     carried = np.linalg.solve(normal, shown)
     design = np.moveaxis(np.where(known[..., None], mean, 0.0), -1, 0)
     found = robust_covariance(design, huber_scores(standardised, spread))
@@ -194,8 +193,8 @@ def _solved(pair: SurfacePair, gsd: float) -> tuple[FloatArray, FloatArray, Floa
     return step, standardised, covariance[:3, :3]
 
 
-def _holds(shown: FloatArray, normal: FloatArray) -> bool:
-    """Whether relief that both surfaces show, and not noise, determines every parameter."""
+def _determined(shown: FloatArray, normal: FloatArray) -> bool:
+    """Return whether relief common to both surfaces, not noise, determines every parameter."""
     size = np.sqrt(np.diag(shown))
     if np.min(size) < 1e-9:
         return False
@@ -207,9 +206,9 @@ def _holds(shown: FloatArray, normal: FloatArray) -> bool:
 
 
 def _rivals(other: _Fine, best: _Fine, gsd: float, options: MatchOptions) -> bool:
-    """Whether another displacement leaves about the same difference as the best one.
+    """Return whether another displacement leaves about the same variance as the best one.
 
-    Each pair's weights are in its own units: they are compared in metres.
+    In square metres, as each pair's weights have their own scale.
     """
     apart = float(np.hypot(*(other.local - best.local)[:2])) > _APART * gsd
     spread, least = (
@@ -220,7 +219,7 @@ def _rivals(other: _Fine, best: _Fine, gsd: float, options: MatchOptions) -> boo
 
 
 def _judged(name: str, fixed: FixedSurface, fine: _Fine, options: MatchOptions) -> Match:
-    """Turn a refined displacement into the result, with the reason if it cannot be trusted."""
+    """Convert a refined displacement to a match, with the reason if it must not be used."""
     grid, pair = fixed.grid, fine.pair
     known = np.isfinite(fine.standardised)
     match = Match(
@@ -236,7 +235,7 @@ def _judged(name: str, fixed: FixedSurface, fine: _Fine, options: MatchOptions) 
         reason="",
     )
     patches = independent_patches(fine.standardised)
-    return judged_match(match, options, settled=fine.settled, patches=patches)
+    return judged_match(match, options, converged=fine.converged, patches=patches)
 
 
 def _correlation(pair: SurfacePair, known: BoolArray) -> float:

@@ -1,4 +1,4 @@
-"""A search over all rotations, where the frames do not fit."""
+"""Search over all orientations, mirror images and units, for lidar in another frame."""
 
 import lazy_loader
 

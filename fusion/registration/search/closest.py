@@ -1,4 +1,4 @@
-"""Points fitted to a surface of points: turned, moved and scaled until the distances are least."""
+"""Fit of points to a surface of points by rotation, translation and scale (point to plane)."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from spcola.arrays import BoolArray, FloatArray
 from spcola.math.robust import biweight, mad
 
 _NEIGHBOURS = 9
-# Of a point further along the surface than so many steps from any of its points nothing is known.
+# The surface is not known further than this many steps along it from any of its points.
 _BEYOND = 2.5
-# Points further from the surface than this, in radii, count as unknown there.
+# Points further from the surface than this, in radii, are not compared with it.
 _REACH = 0.25
 _NEAR_ENOUGH = 0.3
-# Where the distances leave a parameter free it stays within this: radians, radii, and of 1.
+# Prior sigmas of parameters that distances do not determine: radians, radii, relative scale.
 _PRIOR = np.array([0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2])
 
 
@@ -36,13 +36,13 @@ class Placement:
 
 
 class PointSurface:
-    """A surface of points (N, 3), metres, thinned to one in each cube of an edge of `step`.
+    """A surface of points (N, 3), metres, thinned to one in each cube with edge `step`.
 
     Attributes
     ----------
     points, normals : (M, 3) ndarrays
-        The thinned points, means of those in their cubes, and the unit normals of the planes
-        through their neighbours, of either sign.
+        The means of the points in each cube, and the unit normals (of either sign) of the planes
+        through their neighbours.
     """
 
     def __init__(self, points: FloatArray, step: float) -> None:
@@ -58,11 +58,11 @@ class PointSurface:
         self.normals: FloatArray = vectors[:, :, 0]
 
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the distances (N,) of points from the nearest planes, and these' normals (N, 3).
+        """Return the distances (N,) of points from the nearest planes, and their normals (N, 3).
 
         NaN where the surface is not known.
         """
-        # Far from the surface the very nearest point is dear, and says no more than a near one.
+        # Far from the surface a near point serves as well as the nearest, and is found faster.
         away, row = self._tree.query(points, eps=_NEAR_ENOUGH, distance_upper_bound=self._reach)
         row = np.minimum(row, len(self.points) - 1)
         normal = self.normals[row]
@@ -77,15 +77,15 @@ def fit_placement(
 ) -> tuple[Placement, float, float]:
     """Fit points (N, 3) to a surface by at most `steps` Gauss-Newton steps.
 
-    Points that lie far off, for the others, count for nothing.
+    Outliers get weight 0.
 
     Returns
     -------
     Placement
     float
-        Robust standard deviation of the distances, metres; infinite where hardly any is known.
+        Robust standard deviation of the distances, metres; infinite if too few are known.
     float
-        Share of the points where the surface is known.
+        Share of the points for which the surface is known.
     """
     at = start
     radius = float(np.sqrt(np.mean(surface.points**2) * 3.0))
@@ -107,14 +107,14 @@ def fit_placement(
 def _step(
     points: FloatArray, distance: FloatArray, normal: FloatArray, radius: float
 ) -> FloatArray:
-    """Rotation (3,), rad, shift (3,), in radii, and relative change of scale that fit best."""
+    """Best step: rotation (3,), rad, shift (3,), in radii, and relative change of scale."""
     spread = max(float(mad(distance)), 1e-6 * radius)
     weight = biweight(distance / spread) / spread**2
     lever = np.hstack([
         np.cross(points, normal), radius * normal,
         np.einsum("ij,ij->i", points, normal)[:, None],
     ])  # fmt: skip
-    # A twentieth of the points as independent of each other: relief holds together.
+    # Relief is correlated: a twentieth of the points count as independent.
     normals = (lever.T * weight) @ lever / 20.0 + np.diag(_PRIOR**-2)
     step: FloatArray = np.linalg.solve(normals, -(lever.T @ (weight * distance)) / 20.0)
     return step
@@ -134,7 +134,7 @@ def _spread(distance: FloatArray, known: BoolArray) -> float:
 
 
 def _thinned(points: FloatArray, step: float) -> FloatArray:
-    """Means of the points in each cube of an edge of `step`."""
+    """Means of the points in each cube with edge `step`."""
     cube = np.floor(points / step).astype(np.int64)
     cube -= cube.min(axis=0)
     size = cube.max(axis=0) + 1

@@ -1,4 +1,4 @@
-"""Surfaces as functions of direction: cells of like size all around a body's centre."""
+"""Surfaces as functions of direction, in cells of similar size around the body's centre."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from spcola.compilation import compiled, compiled_inline
 
 @dataclass(frozen=True, eq=False)
 class Directions:
-    """What is known of a surface in the cells that hold a point of it, K of them.
+    """A surface in the K cells of direction that have a point of it.
 
     The faces of a cube about the origin are cut into n × n cells each, about 90°/n wide.
 
@@ -23,11 +23,11 @@ class Directions:
     ----------
     n : int
     cell : (K,) int64 ndarray
-        Numbers of the cells, of 6 n².
+        Numbers of the cells, below 6 n².
     row : (K,) int64 ndarray
-        The point of median distance from the origin in each.
+        Index of the point of median distance from the origin in each.
     log_radius : (K,) ndarray
-        Logarithm of that distance, of metres.
+        Natural logarithm of that distance, metres.
     unit : (K, 3) ndarray
         Mean direction of the points in each cell.
     """
@@ -40,7 +40,7 @@ class Directions:
 
     @classmethod
     def of(cls, points: FloatArray, n: int) -> Directions:
-        """Sort points (N, 3) into cells; those at the origin have no direction, and no cell."""
+        """Sort points (N, 3) into cells; points at the origin have no cell."""
         radius = np.sqrt(np.einsum("ij,ij->i", points, points))
         known = np.flatnonzero(radius > 0.0)
         cell = cells_of(points[known], n)
@@ -59,7 +59,7 @@ class Directions:
 
     @cached_property
     def tree(self) -> cKDTree:
-        """Of the directions."""
+        """Search tree of the directions."""
         return cKDTree(self.unit)
 
     def coarser(self, n: int) -> Directions:
@@ -67,9 +67,9 @@ class Directions:
         return Directions.of(self.unit * np.exp(self.log_radius)[:, None], n)
 
     def smoothed(self, at: FloatArray, sigma_deg: float) -> FloatArray:
-        """Return means (M,) of the log radius about directions (M, 3), by a Gaussian weight.
+        """Return Gaussian means (M,) of the log radius about directions (M, 3).
 
-        NaN where no cell lies within twice its standard deviation, degrees.
+        NaN where no cell lies within twice the standard deviation `sigma_deg`, degrees.
         """
         sigma = np.radians(sigma_deg)
         pairs = cKDTree(at).sparse_distance_matrix(self.tree, 2.0 * sigma, output_type="coo_matrix")
@@ -98,14 +98,14 @@ def cell_centers(n: int) -> FloatArray:
 
 @compiled_inline
 def _spread(tangent: float) -> float:
-    # Near to 4/π arctan, which makes cells of like size, and cheap.
+    # A cheap approximation of 4/π arctan, which makes cells of similar size.
     square = tangent * tangent
     return tangent * (1.26 + square * (0.05 * square - 0.31))
 
 
 @compiled_inline
 def cell_of(x: float, y: float, z: float, n: int) -> int:
-    """Return the number of the cell in which a direction of any length lies."""
+    """Return the number of the cell of a direction, a vector of any length."""
     ax, ay, az = abs(x), abs(y), abs(z)
     if ax >= ay and ax >= az:
         face, high, u, v = 0, x, y / ax, z / ax

@@ -1,4 +1,4 @@
-"""Placements in a person's words: turned about an axis, mirrored, in another unit, shifted."""
+"""Placements in words: rotated about an axis, mirrored, in another unit, shifted."""
 
 from __future__ import annotations
 
@@ -25,36 +25,36 @@ UNITS: Mapping[float, str] = MappingProxyType(
         1.0 / 0.3048: "metres taken for feet once more",
     }
 )
-"""What lengths may have to be multiplied by, and which unit they are in then for which."""
+"""Factors by which lengths may have to be multiplied, and the confusion of units they mean."""
 
 LEAST_TURN_DEG = 0.3
-"""Turns below this are not named: registration finds them."""
-# Scale and shift are named beyond so many misfits at the surface, and this part of the radius.
+"""Rotations below this are not named: registration finds them."""
+# Scale and shift are named beyond this many misfits at the surface, and these shares of the radius.
 _MISFITS, _LEAST_SCALE, _LEAST_SHIFT = 2.0, 3e-3, 2e-3
-# An axis is that of the frame if the end of no vector is off by more than this, degrees.
+# An axis counts as an axis of the frame if this changes no vector by more than this, degrees.
 _ALONG_DEG = 1.0
 _AXES = "XYZ"
 
 
 @dataclass(frozen=True, eq=False)
 class FrameChange:
-    """What is to be done with the lidar, in this order: mirror it, turn it, scale it, shift it.
+    """Change that makes the lidar fit, in this order: mirror, rotate, scale, shift.
 
     Attributes
     ----------
     kinds : tuple of {"unit", "mirror", "turn", "scale", "shift"}
-        What is worth naming; empty if the lidar fits as it is.
+        The parts that are not negligible; empty if the lidar fits as it is.
     mirrored : str
-        The axis with the other sign, "X", "Y" or "Z"; empty for none. That which leaves the
-        smallest turn.
+        The mirrored axis, "X", "Y" or "Z"; empty for none. The one that leaves the smallest
+        rotation.
     angle_deg : float
-        Of the turn, by the right-hand rule; negative about −X, −Y or −Z.
+        Of the rotation, by the right-hand rule; negative about −X, −Y or −Z.
     axis : (3,) ndarray
-        Of the turn, unit vector.
+        Of the rotation, unit vector.
     unit : float
-        One of :data:`UNITS`, that is nearest to the scale.
+        The factor of :data:`UNITS` that is nearest to the scale.
     scale : float
-        What remains of the scale.
+        The remaining scale.
     shift_m : (3,) ndarray
         Metres, in the SPC frame.
     text : str
@@ -84,9 +84,9 @@ class FrameChange:
 
 
 def frame_change(at: Placement, radius: float, misfit: float) -> FrameChange:
-    """Say in words what a placement does to a body of a radius, metres.
+    """Describe a placement of a body of a `radius`, metres, in words.
 
-    What moves the surface by less than twice `misfit`, metres, is not named.
+    Changes that move the surface by less than twice `misfit`, metres, are not named.
     """
     mirrored, rotation = _unmirrored(at.matrix)
     angle, axis, name = _turn(rotation)
@@ -129,7 +129,7 @@ def _turn(rotation: FloatArray) -> tuple[float, FloatArray, str]:
     axis = vector / size
     main = int(np.argmax(np.abs(axis)))
     sign = float(np.sign(axis[main]))
-    # How far the ends of vectors are off if the axis is taken for that of the frame.
+    # Largest change of a unit vector if the axis is replaced by that of the frame.
     off = 2.0 * np.sin(size / 2.0) * np.sqrt(max(0.0, 1.0 - axis[main] ** 2))
     if np.degrees(off) <= _ALONG_DEG:
         return float(np.degrees(size)) * sign, sign * axis, _AXES[main]
@@ -137,7 +137,7 @@ def _turn(rotation: FloatArray) -> tuple[float, FloatArray, str]:
 
 
 def _reordered(matrix: FloatArray) -> str:
-    """Say in which order the axes are to be taken, where that is all."""
+    """Describe a rotation as a permutation of axes, if it is one; else empty."""
     order = np.argmax(matrix, axis=1)
     if (order == np.arange(3)).all() or matrix[np.arange(3), order].min() < np.cos(
         np.radians(_ALONG_DEG)

@@ -1,4 +1,4 @@
-"""Relief without the long waves of a body's shape: where two bodies of like shape differ."""
+"""Short-wave relief, by which two bodies of similar shape differ."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.math.robust import mad
 
 LONGEST_DEG = 6.0
-"""Standard deviation of the Gaussian mean, degrees, that is taken from the radii."""
+"""Standard deviation, degrees, of the Gaussian mean that is subtracted from the radii."""
 SHORTEST_DEG = 1.0
-"""Standard deviation of the Gaussian mean by which the surface's own noise is reduced."""
+"""Standard deviation, degrees, of the Gaussian mean that reduces the surface's noise."""
 _COARSE = 32
 _FINE_DEG = 2.0
 _NEAREST = 3
@@ -43,7 +43,7 @@ class ShortRelief:
     def correlation(self, points: FloatArray) -> float:
         """Return the correlation of the relief with that of points (N, 3) placed on the surface.
 
-        0 where hardly any of them is. Outliers count as if they were three standard deviations off.
+        0 if too few of them are on it. Outliers are clipped at three standard deviations.
         """
         row, weight, theirs = self._theirs(points)
         return _correlation(theirs, np.sum(weight * self._short[row], axis=1))
@@ -51,8 +51,8 @@ class ShortRelief:
     def elsewhere(self, points: FloatArray, turns: FloatArray) -> FloatArray:
         """Return the correlations (K,) of the points' relief with that of other places.
 
-        Those where `turns` (K, 3, 3), mirrored or not, take the points; NaN for a turn that takes
-        most of them to where the surface is not known.
+        These are the images of the points under `turns` (K, 3, 3), mirrored or not; NaN if the
+        surface is not known for most of the images.
         """
         _, _, theirs = self._theirs(points)
         units = points[self._near(points)[0]]
@@ -65,7 +65,7 @@ class ShortRelief:
         return found
 
     def _near(self, points: FloatArray) -> tuple[BoolArray, IntArray, FloatArray]:
-        """Which of the points have cells around, and of those: the cells and their weights."""
+        """Mask of the points that have cells around, and the cells and weights of these."""
         units = points / np.linalg.norm(points, axis=1, keepdims=True)
         found = self._tree.query(units, k=_NEAREST, distance_upper_bound=np.radians(_REACH_DEG))
         away, row = np.asarray(found[0]), np.asarray(found[1])
@@ -75,7 +75,7 @@ class ShortRelief:
         return near, row[near], weight
 
     def _theirs(self, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Cells and weights, and the relief of the points, where the surface is known."""
+        """Cells, weights and relief of the points for which the surface is known."""
         near, row, weight = self._near(points)
         log_radius = np.log(np.linalg.norm(points[near], axis=1))
         return row, weight, log_radius - np.sum(weight * self._long[row], axis=1)
@@ -90,7 +90,7 @@ def _correlation(one: FloatArray, other: FloatArray) -> float:
 
 
 def _clipped(values: FloatArray) -> FloatArray:
-    """Values less their mean, the outliers among them moved to a few standard deviations."""
+    """Values clipped at a few robust standard deviations, less their mean."""
     off = values - np.median(values)
     limit = _CLIPPED * float(mad(off))
     clipped = np.clip(off, -limit, limit)

@@ -1,4 +1,4 @@
-"""Which orientations put one surface on another: all of them tried, the likely ones improved."""
+"""Orientations in which one surface fits another: a search over all, then refinement."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from spcola.arrays import FloatArray, IntArray
 from spcola.compilation import compiled
 
 MIRROR = np.diag([1.0, 1.0, -1.0])
-"""Of all mirrored orientations each is a rotation of this one."""
+"""Every mirrored orientation is a rotation of this one."""
 
-# Relative departure of the radii below which surfaces are not told apart.
+# Smallest relative difference of radii that is resolved.
 _FLOOR = 1e-4
 _LEAST_CELLS = 20
 _STEPS_DEG = (5.0, 4.0, 3.0, 2.0, 2.0, 1.0, 1.0)
-# Of so many good ones are those looked for that are apart, for each that is wanted.
-_LOOKED_AT = 30
+# Number of best orientations considered for each distinct one that is returned.
+_CONSIDERED = 30
 
 
 def all_orientations(count: int) -> FloatArray:
-    """Return rotations spread evenly over all there are, and as many mirrored (2 `count`, 3, 3).
+    """Return evenly distributed rotations and as many mirrored ones (2 `count`, 3, 3).
 
     Super-Fibonacci spirals (Alexa, CVPR 2022); the 48 orientations along the axes come first.
     """
@@ -41,18 +41,18 @@ def all_orientations(count: int) -> FloatArray:
 def apart_deg(one: FloatArray, others: FloatArray) -> FloatArray:
     """Angles (K,) between an orientation (3, 3) and others (K, 3, 3), degrees.
 
-    Infinite between one that is mirrored and one that is not.
+    Infinite between a mirrored and a proper orientation.
     """
     traces = np.einsum("ij,kij->k", one, others)
     like = np.linalg.det(one) * np.linalg.det(others) > 0.0
-    # The trace of the rotation between two mirrored ones is that of their product as well.
+    # For two mirrored orientations the product is a rotation as well.
     angle = np.degrees(np.arccos(np.clip((traces - 1.0) / 2.0, -1.0, 1.0)))
     return np.where(like, angle, np.inf)
 
 
 def distinct(matrices: FloatArray, score: FloatArray, least_deg: float, most: int) -> IntArray:
-    """Return the best (at most `most`) of orientations that are `least_deg` from any better one."""
-    order = np.argsort(-score, kind="stable")[: _LOOKED_AT * most]
+    """Return the best (at most `most`) orientations at least `least_deg` from any better one."""
+    order = np.argsort(-score, kind="stable")[: _CONSIDERED * most]
     order = order[np.isfinite(score[order])]
     ranked, mirrored = matrices[order], np.linalg.det(matrices[order]) < 0.0
     near = 1.0 + 2.0 * np.cos(np.radians(least_deg))
@@ -75,21 +75,20 @@ def likeness(
 ) -> FloatArray:
     """Return how well a surface fits another in each of many orientations (K,).
 
-    ``n/2 ln((var a + var b) / var(a − b))`` of the log radii a and b in the n directions that both
-    know: 0 for surfaces that have nothing to do with each other. The means may differ by the
-    logarithm of one of `factors`, to a quarter; −inf where they differ otherwise, or hardly
-    a direction is shared.
+    ``n/2 ln((var a + var b) / var(a − b))`` of the log radii a and b in the n directions known in
+    both: 0 for unrelated surfaces. The ratio of the mean radii may be one of `factors` within 25 %;
+    −inf if it is not, or too few directions are common.
 
     Parameters
     ----------
     matrices : (K, 3, 3) ndarray
-        Orientations that turn the first surface.
+        Orientations applied to the first surface.
     units, log_radius : (N, 3) and (N,) ndarrays
         Directions and log radii of the first surface.
     surface : (6 n²,) ndarray
         Log radii of the second in cells; NaN where unknown.
     factors : sequence of float
-        By which the first surface may have to be multiplied.
+        Possible scale factors of the first surface.
     """
     n = round(np.sqrt(len(surface) / 6.0))
     middle = float(np.nanmean(surface)), float(np.mean(log_radius))
@@ -108,14 +107,14 @@ def likeness(
     return score
 
 
-def climbed(
+def refined(
     matrices: FloatArray,
     units: FloatArray,
     log_radius: FloatArray,
     surface: FloatArray,
     factors: Sequence[float],
 ) -> tuple[FloatArray, FloatArray]:
-    """Improve each orientation by ever smaller turns; return them with their likeness."""
+    """Refine each orientation by ever smaller rotations; return them with their likeness."""
     best = matrices.copy()
     score = likeness(best, units, log_radius, surface, factors)
     for step in _STEPS_DEG:
@@ -142,7 +141,7 @@ def _around() -> FloatArray:
 def _moments(
     matrices: FloatArray, units: FloatArray, first: FloatArray, surface: FloatArray, n: int
 ) -> FloatArray:
-    """Count, sums, and sums of squares and products (K, 6) of what both surfaces know."""
+    """Count, sums, and sums of squares and products (K, 6) over the common directions."""
     moments = np.zeros((len(matrices), 6))
     for k in range(len(matrices)):
         m = matrices[k]

@@ -1,4 +1,4 @@
-"""Where lidar and SPC disagree about the frame: the turn, mirrored axis or unit that mends it."""
+"""Search for the rotation, mirrored axis, unit and shift by which a wrong lidar frame fits SPC."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from fusion.registration.search.highpass import ShortRelief
 from fusion.registration.search.orientations import (
     all_orientations,
     apart_deg,
-    climbed,
     distinct,
     likeness,
+    refined,
 )
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
@@ -27,28 +27,28 @@ _COARSE_LIDAR, _COARSE_SURFACE, _FINE = 12, 32, 64
 _TRIED, _FITTED = 250, 48
 _FEW, _SOME, _MANY = 1000, 3000, 20_000
 _FEW_STEPS, _MANY_STEPS = 10, 30
-# Optima nearer to the best than this are no wrong places.
+# Orientations nearer to the best than the second angle do not count as wrong places.
 _APART_DEG, _ELSEWHERE_DEG = 4.0, 20.0
 _LEAST_POINTS = 30
 _ELSEWHERE, _LEAST_WRONG = 120, 20
 LEAST_SIGNIFICANCE = 5.0
-"""Standard deviations above all wrong places, below which nothing counts as found."""
+"""Smallest margin above all wrong places, in their standard deviations, of a valid result."""
 LEAST_CORRELATION = 0.4
-"""Of the short relief of lidar and surface, below which nothing counts as found."""
+"""Smallest correlation of the short-wave relief of lidar and surface of a valid result."""
 
 
 @dataclass(frozen=True, eq=False)
 class FrameCandidate:
-    """A way to place the lidar on the SPC surface.
+    """A placement of the lidar on the SPC surface.
 
     Attributes
     ----------
     placement : Placement
         Takes lidar coordinates to SPC coordinates, metres.
     change : FrameChange
-        The same as a person would say it.
+        The same in words.
     correlation : float
-        Of the relief at wavelengths below some twenty degrees, of −1 to 1.
+        Of the relief at wavelengths below some twenty degrees, −1 to 1.
     misfit_m : float
         Robust standard deviation of the lidar's distances from the surface, metres.
     share : float
@@ -76,17 +76,16 @@ class FrameCandidate:
 
 @dataclass(frozen=True, eq=False)
 class FrameSearch:
-    """What a search for the lidar's frame found.
+    """Result of a search for the lidar's frame.
 
     Attributes
     ----------
     candidates : tuple of FrameCandidate
-        Ranked by the correlation of their relief, the best first; the rest are wrong places, or
-        all are.
+        By decreasing correlation of their relief.
     found : bool
-        Whether the first is the lidar's place.
+        Whether the first candidate is significant; all others are wrong places.
     significance : float
-        By how many standard deviations of wrong places the first is better than all of these.
+        Margin of the first above all wrong places, in their standard deviations.
     """
 
     candidates: tuple[FrameCandidate, ...]
@@ -95,17 +94,17 @@ class FrameSearch:
 
     @property
     def best(self) -> FrameCandidate | None:
-        """The lidar's place; None if it was not found."""
+        """The significant placement; None if there is none."""
         return self.candidates[0] if self.found else None
 
     @property
     def text(self) -> str:
-        """What was found, in one clause."""
+        """The result in one clause."""
         if self.found:
             return f"the lidar {self.candidates[0].change.text}"
         return (
-            "no turn, mirrored axis, unit or shift makes the lidar fit: it may be of another body, "
-            "or have no relief"
+            "no rotation, mirrored axis, unit or shift makes the lidar fit: it may be of another "
+            "body, or have no relief"
         )
 
     def as_json(self) -> dict[str, Any]:
@@ -119,22 +118,22 @@ class FrameSearch:
 
 
 def search_frames(lidar: FloatArray, surface: FloatArray, *, seed: int = 1) -> FrameSearch:
-    """Look for the turn, mirrored axis, unit, scale and shift by which the lidar fits a surface.
+    """Search for the rotation, mirrored axis, unit, scale and shift by which lidar fits a surface.
 
-    All orientations are tried, mirrored ones too, by the radii of both as functions of direction;
-    the likely ones are improved, and fitted by the distances from the surface. The best is found
-    only if its short relief, of which the fit of the body's long waves says nothing, agrees
-    far better than at the wrong places where the fit ended as well.
+    All orientations, mirrored ones included, are compared by the radii of both surfaces as
+    functions of direction. The best are refined, and fitted by distances from the surface. The
+    result is accepted only if its short-wave relief, on which the fit of the long-wave shape does
+    not depend, correlates far better than at the wrong places where other fits ended.
 
     Parameters
     ----------
     lidar : (N, 3) ndarray
-        Returns, body-fixed, as stated; spread over what the lidar saw; metres if their unit is
-        right. Some ten thousand are enough; more than a million take longer.
+        Returns, body-fixed, over all of the lidar's coverage; metres if their unit is right. Some
+        ten thousand are enough; more than a million take longer.
     surface : (M, 3) ndarray
-        Points of the SPC surface, metres, closer than a degree seen from the body's centre.
+        Points of the SPC surface, metres, spaced by less than a degree from the body's centre.
     seed : int
-        Of the choice of returns.
+        Seed of the choice of returns.
 
     Returns
     -------
@@ -143,7 +142,7 @@ def search_frames(lidar: FloatArray, surface: FloatArray, *, seed: int = 1) -> F
     Raises
     ------
     NotObservableError
-        If lidar or surface have hardly any point.
+        If lidar or surface have too few points.
     """
     search = _Search(lidar, surface, np.random.default_rng(seed))
     fitted = [search.fitted(start, search.few, _FEW_STEPS) for start in search.starts()]
@@ -163,21 +162,21 @@ def search_frames(lidar: FloatArray, surface: FloatArray, *, seed: int = 1) -> F
 
 
 def significance_of(best: float, wrong: FloatArray) -> float:
-    """Return by how many standard deviations of wrong places a place is better than all of them.
+    """Return the margin of a correlation above all wrong places, in their standard deviations.
 
     Parameters
     ----------
     best : float
-        Correlation at the place.
+        Correlation at the place tested.
     wrong : (K,) ndarray
-        At wrong places. By chance their Fisher transforms are nearly normal, and the best of wrong
-        places is better than the next by less than one standard deviation; even were their tails
-        exponential, by five in less than one case of a hundred.
+        Correlations at wrong places. Their Fisher transforms are nearly normal, so that the best of
+        wrong places exceeds the next by less than one standard deviation; even with exponential
+        tails, by five in less than one case of a hundred.
 
     Returns
     -------
     float
-        0 if there are too few wrong places to say.
+        0 if there are too few wrong places.
     """
     if len(wrong) < _LEAST_WRONG:
         return 0.0
@@ -187,7 +186,7 @@ def significance_of(best: float, wrong: FloatArray) -> float:
 
 
 def _normal(correlation: Any) -> Any:
-    """Fisher's transform, by which correlations by chance are nearly normal."""
+    """Fisher's transform, which makes correlations by chance nearly normal."""
     return np.arctanh(np.clip(correlation, -0.9999, 0.9999))
 
 
@@ -196,37 +195,37 @@ class _Search:
 
     def __init__(self, lidar: FloatArray, surface: FloatArray, draw: np.random.Generator) -> None:
         self._ground = Directions.of(_finite(surface), _FINE)
-        self._sky = _spread_out(_finite(lidar))
-        if len(self._ground) < _LEAST_POINTS or len(self._sky) < _LEAST_POINTS:
+        self._lidar = _in_cells(_finite(lidar))
+        if len(self._ground) < _LEAST_POINTS or len(self._lidar) < _LEAST_POINTS:
             raise NotObservableError(
-                f"{len(self._sky)} places of the lidar and {len(self._ground)} of the surface are "
-                f"too few, {_LEAST_POINTS} are needed",
+                f"{len(self._lidar)} places of the lidar and {len(self._ground)} of the surface "
+                f"are too few, {_LEAST_POINTS} are needed",
                 where="search for the lidar's frame",
             )
         radius = float(np.exp(np.median(self._ground.log_radius)))
         self._surface = PointSurface(_finite(surface), np.radians(1.0) * radius)
         self._relief = ShortRelief(self._ground)
-        order = draw.permutation(len(self._sky))
-        points = _finite(lidar)[self._sky.row]
+        order = draw.permutation(len(self._lidar))
+        points = _finite(lidar)[self._lidar.row]
         self._order = order[:_FEW]
         self.few, self.some, self.many = (points[order[:count]] for count in (_FEW, _SOME, _MANY))
 
     def starts(self) -> list[Placement]:
-        """The likeliest orientations, each with the scale that makes the radii alike."""
-        ground, sky = self._ground, self._sky
-        coarse = sky.coarser(_COARSE_LIDAR)
+        """The best orientations, each with the scale that makes the median radii equal."""
+        ground, lidar = self._ground, self._lidar
+        coarse = lidar.coarser(_COARSE_LIDAR)
         score = likeness(
             tried := all_orientations(_ORIENTATIONS),
             coarse.unit,
-            sky.smoothed(coarse.unit, _COARSE_DEG),
+            lidar.smoothed(coarse.unit, _COARSE_DEG),
             ground.smoothed(cell_centers(_COARSE_SURFACE), _COARSE_DEG),
             tuple(UNITS),
         )
         likely = distinct(tried, score, 8.0, _TRIED)
-        unit, log_radius = sky.unit[self._order], sky.log_radius[self._order]
+        unit, log_radius = lidar.unit[self._order], lidar.log_radius[self._order]
         middle = ground.smoothed(cell_centers(_FINE), _MIDDLE_DEG)
-        turned, score = climbed(tried[likely], unit, log_radius, middle, tuple(UNITS))
-        chosen = turned[distinct(turned, score, _APART_DEG, _FITTED)]
+        better, score = refined(tried[likely], unit, log_radius, middle, tuple(UNITS))
+        chosen = better[distinct(better, score, _APART_DEG, _FITTED)]
         return [self._scaled(matrix, unit, log_radius) for matrix in chosen]
 
     def _scaled(self, matrix: FloatArray, unit: FloatArray, log_radius: FloatArray) -> Placement:
@@ -235,14 +234,14 @@ class _Search:
         return Placement(matrix, np.zeros(3), scale)
 
     def fitted(self, start: Placement, points: FloatArray, steps: int) -> FrameCandidate:
-        """Fit `points` to the surface from a start, and compare the short relief."""
+        """Fit `points` to the surface from a start, and correlate the short-wave relief."""
         at, misfit, share = fit_placement(self._surface, points, start, steps=steps)
         correlation = self._relief.correlation(at.apply(self.some))
         radius = float(np.exp(np.median(self._ground.log_radius)))
         return FrameCandidate(at, frame_change(at, radius, misfit), correlation, misfit, share)
 
     def elsewhere(self, best: FrameCandidate) -> FloatArray:
-        """Correlations (K,) of the short relief with that of places where the lidar is not."""
+        """Correlations (K,) of the lidar's short-wave relief with the surface's at wrong places."""
         turns = all_orientations(_ELSEWHERE // 2)
         turns = turns[apart_deg(np.eye(3), turns) > _ELSEWHERE_DEG]
         placed = best.placement.apply(self.few)
@@ -254,8 +253,8 @@ def _finite(points: FloatArray) -> FloatArray:
     return points[np.isfinite(points).all(axis=1)]
 
 
-def _spread_out(points: FloatArray) -> Directions:
-    """Returns in cells so small that there are enough of them, where the lidar saw little."""
+def _in_cells(points: FloatArray) -> Directions:
+    """Sort returns into cells, smaller ones if the lidar covers a small part of the body."""
     for n in (_FINE, 2 * _FINE, 4 * _FINE):
         cells = Directions.of(points, n)
         if len(cells) >= _SOME:

@@ -1,4 +1,4 @@
-"""What fits into the memory of this machine: a grid that cannot is refused before it is made."""
+"""Memory of this machine: a grid that does not fit is refused before it is made."""
 
 from __future__ import annotations
 
@@ -7,29 +7,29 @@ import os
 from spcola.errors import WorkspaceError
 
 BYTES_PER_POINT = 200
-"""Layers of 8 bytes that a grid point needs at least while heights are solved for: some 25."""
+"""Least memory per grid point while heights are solved for: some 25 layers of 8 bytes."""
 
 PROGRAM_BYTES = 2.6e8
-"""The program itself, with its libraries."""
+"""Memory of the program itself, with its libraries."""
 
 
 def check_grid(half_size: float, where: str, do: str) -> None:
     """Refuse a grid of (2q+1)² points that this machine cannot hold.
 
-    Settings in the wrong unit (or a shape in metres that is read as kilometres) ask for such
-    grids; the operating system would end the program without a word.
+    Settings in a wrong unit (or a shape in metres read as kilometres) ask for such grids; the
+    operating system would end the program without a message.
 
     Parameters
     ----------
     half_size : float
-        q; infinite where a ground sample distance vanishes.
+        q; infinite if a ground sample distance is zero.
     where, do : str
-        Of the error.
+        Place and advice of the error.
 
     Raises
     ------
     WorkspaceError
-        With the memory that is needed, and that there is.
+        If the grid does not fit; with the memory needed and available.
     """
     points = (2.0 * half_size + 1.0) ** 2
     needed, there = BYTES_PER_POINT * points, physical_memory()

@@ -1,7 +1,7 @@
-"""What the operating system is told of files that are read once, from begin to end.
+"""Hints to the operating system on files that are read once, from begin to end.
 
-A mission's files are many times the memory of a machine. Without a word their pages push out those
-of everything else, and each page is looked for anew although the one of the file before it is done.
+A mission's files are many times the memory of a machine. Without hints their pages displace all
+others in the cache.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 
 
 def announce(descriptor: int, begin: int, count: int) -> None:
-    """Say that `count` bytes from `begin` on will be read: the disk brings them meanwhile."""
+    """Announce that `count` bytes from `begin` will be read: the system reads them ahead."""
     if hasattr(os, "posix_fadvise"):  # not on macOS and Windows
         # A pipe takes no hint.
         with suppress(OSError):
@@ -20,8 +20,8 @@ def announce(descriptor: int, begin: int, count: int) -> None:
 
 
 def release(path: Path) -> None:
-    """Say that a file will not be read again soon: its pages serve the next one."""
+    """Announce that a file will not be read again soon: its pages serve the next one."""
     if hasattr(os, "posix_fadvise"):
-        # It may be gone by now, which is nobody's loss.
+        # It may be gone by now, which does not matter.
         with suppress(OSError), path.open("rb") as stream:
             os.posix_fadvise(stream.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)

@@ -1,8 +1,8 @@
-"""Linear algebra on one thread, so that results are the same to the bit on any machine.
+"""Linear algebra on one thread, so that results are bit-identical on any machine.
 
-A BLAS that shares a product or a factorisation out among threads sums in another order, and so
-rounds otherwise, for each number of them: by 1e-14 of a registration, one core or two. The cores
-are used by working on several maplets at once, where the order of sums is fixed.
+A BLAS that distributes a product or a factorisation over threads sums in an order that depends on
+their number, and so rounds differently: by 1e-14 of a registration between one core and two. The
+cores are used by working on several maplets at once, where the order of sums is fixed.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 Python raises :class:`KeyboardInterrupt` wherever the main thread happens to be. If that is a
 callback of a library (a finaliser, a loader of compiled code), the exception is printed or dropped
-there and the work goes on for hours. So an interrupt is also remembered, and asked for between two
-pieces of work.
+there and the work goes on for hours. So an interrupt is also remembered, and checked for between
+two pieces of work.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 
 from fusion.runtime.processes.early_exit import leave_at_once
 
-_asked = threading.Event()
+_interrupted = threading.Event()
 
 
 @contextmanager
@@ -35,40 +35,40 @@ def remembering_interrupts() -> Iterator[None]:
         return
     former = signal.getsignal(signal.SIGINT)
     hook, sys.unraisablehook = sys.unraisablehook, _quiet
-    _asked.clear()
+    _interrupted.clear()
     signal.signal(signal.SIGINT, _remember)
     try:
         yield
     except Exception as error:
-        # A library made another error of it: half an import, say.
-        if _asked.is_set():
+        # A library turned it into another error, such as a failed import.
+        if _interrupted.is_set():
             raise KeyboardInterrupt from error
         raise
     finally:
         signal.signal(signal.SIGINT, former)
         sys.unraisablehook = hook
-        _asked.clear()
+        _interrupted.clear()
 
 
-def heed_interrupts() -> None:
-    """Raise what was asked for and got lost.
+def check_interrupts() -> None:
+    """Raise an interrupt that a library dropped.
 
     Raises
     ------
     KeyboardInterrupt
         If Ctrl-C came since the context was opened.
     """
-    if _asked.is_set():
+    if _interrupted.is_set():
         raise KeyboardInterrupt
 
 
 def _quiet(unraisable: Any) -> None:
-    """Say nothing of an interrupt that a callback dropped: it is remembered."""
+    """Print nothing about an interrupt that a callback dropped: it is remembered."""
     if unraisable.exc_type is not KeyboardInterrupt:
         sys.__unraisablehook__(unraisable)
 
 
 def _remember(number: int, frame: FrameType | None) -> None:
     """Note the interrupt, and raise it as usual."""
-    _asked.set()
+    _interrupted.set()
     signal.default_int_handler(number, frame)

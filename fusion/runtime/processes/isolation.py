@@ -1,10 +1,10 @@
 """Commands that read foreign files, in a process of their own with limits.
 
 Readers bound their work by a file's length, but libraries for HDF5, LAZ or SPICE are native code:
-a file made for it may bring their process down, hang it, or fill the memory. So the whole command
-runs again as a child process, not one reader in it: that needs no value to pass between processes,
-covers every library that the command meets, and the child's own clean-up and locks are those that
-any killed command leaves. Output goes straight to where the parent's goes.
+a malicious file may crash their process, hang it, or fill the memory. So the whole command runs
+again as a child process, not one reader in it: no value has to pass between processes, every
+library of the command is covered, and the child's locks and clean-up are those of any killed
+command. Its output goes where the parent's goes.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ _PATIENCE_S = 10.0
 
 @dataclass(frozen=True)
 class Limits:
-    """What a child process may take.
+    """Memory and time that a child process may use.
 
     Parameters
     ----------
     memory_mb : int
-        Address space: what it reserves, which is more than it fills.
+        Address space: what it reserves, which is more than it uses.
     seconds : float
         Time from start to end.
 
@@ -58,8 +58,8 @@ class Limits:
 def isolated(arguments: Sequence[str], limits: Limits, *folder: Path) -> int:
     """Run ``spcola ARGUMENTS`` in a child process; return its exit code.
 
-    Standard output is that of this process. What the child says on standard error is passed on
-    when it has ended by itself; at once if that is a terminal.
+    Standard output is that of this process. Standard error is passed on after the child ended by
+    itself; at once if it is a terminal.
 
     Parameters
     ----------
@@ -67,20 +67,20 @@ def isolated(arguments: Sequence[str], limits: Limits, *folder: Path) -> int:
         A command and its options.
     limits : Limits
     *folder : Path
-        Where it writes: what it was writing when it died is removed there.
+        Where it writes: files that were incomplete when it died are removed.
 
     Raises
     ------
     SpcolaError
-        If it died, or was ended because it took too long.
+        If it died, or was stopped because it took too long.
     """
     before = _parts(folder)
-    said = None if sys.stderr.isatty() else tempfile.TemporaryFile()  # noqa: SIM115 (closed below)
+    errors = None if sys.stderr.isatty() else tempfile.TemporaryFile()  # noqa: SIM115 (closed below)
     environment = {**os.environ, LIMITS_VARIABLE: f"{limits.memory_mb} {limits.seconds:.0f}"}
     # A session of its own: Ctrl-C at the terminal comes to this process, which passes it on once.
     child = subprocess.Popen(
         [sys.executable, "-m", "fusion.cli", *arguments],
-        stderr=said,
+        stderr=errors,
         env=environment,
         start_new_session=True,
     )
@@ -94,16 +94,16 @@ def isolated(arguments: Sequence[str], limits: Limits, *folder: Path) -> int:
                 f"spcola {arguments[0]}",
                 "a file is damaged or made to do harm, or needs a higher --limit-mb or --limit-s",
             )
-        if said is not None:
-            said.seek(0)
-            os.write(2, said.read())
+        if errors is not None:
+            errors.seek(0)
+            os.write(2, errors.read())
         return code
     finally:
-        if said is not None:
-            said.close()
+        if errors is not None:
+            errors.close()
 
 
-def keep_limits() -> None:
+def apply_limits() -> None:
     """Set the limits of this process, a child of :func:`isolated`; none in any other process.
 
     The child sets them itself, first of all: code between fork and exec is not safe in a parent
@@ -116,7 +116,7 @@ def keep_limits() -> None:
     cores = os.cpu_count() or 1
     for kind, most in (
         (resource.RLIMIT_AS, memory_mb << 20),
-        # Should the parent be gone, nobody else looks at the clock.
+        # The parent, which keeps the time, may be gone.
         (resource.RLIMIT_CPU, seconds * cores),
         (resource.RLIMIT_CORE, 0),
     ):
@@ -126,7 +126,7 @@ def keep_limits() -> None:
 
 
 def _ended(child: subprocess.Popen[bytes], limits: Limits) -> tuple[int, str]:
-    """Wait for a child; return its exit code, and what is to be said if it did not end itself."""
+    """Wait for a child; return its exit code, and a message if it did not end by itself."""
     try:
         code = child.wait(timeout=limits.seconds)
     except subprocess.TimeoutExpired:

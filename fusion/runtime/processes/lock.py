@@ -1,4 +1,4 @@
-"""One program at a time in a folder, and nothing left of a killed one."""
+"""One program at a time in a folder; temporary files of a killed one are removed."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def clear_leftovers(folders: Iterable[Path]) -> None:
-    """Remove what a killed program was writing in `folders`: under the lock it is nobody's."""
+    """Remove incomplete files of a killed program in `folders`; call it under the lock."""
     for folder in folders:
         for left in folder.glob(".*.part"):
             if left.is_dir():
@@ -45,8 +45,8 @@ def clear_leftovers(folders: Iterable[Path]) -> None:
                 left.unlink(missing_ok=True)
 
 
-def clear_made_by_dead(folder: Path) -> None:
-    """Remove the hidden folders ``.NAME.PID`` beside `folder` whose process is no more."""
+def clear_abandoned_folders(folder: Path) -> None:
+    """Remove the hidden folders ``.NAME.PID`` next to `folder` whose process has ended."""
     for left in folder.parent.glob(f".{folder.name}.*"):
         number = left.suffix[1:]
         if left.is_dir() and number.isdecimal() and not _runs(int(number)):
@@ -54,7 +54,7 @@ def clear_made_by_dead(folder: Path) -> None:
 
 
 def _runs(process: int) -> bool:
-    """Tell whether there is a process of this number."""
+    """Return whether there is a process of this number."""
     try:
         os.kill(process, 0)
     except (ProcessLookupError, OverflowError):

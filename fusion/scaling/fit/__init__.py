@@ -1,4 +1,4 @@
-"""The scale from all observations."""
+"""The joint estimate of scale, centre, rotation and range bias."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Errors of the ground that single shots share: how far they reach, and what they do."""
+"""Shared errors of the SPC surface under single shots: correlation length and patterns."""
 
 from __future__ import annotations
 
@@ -15,41 +15,41 @@ from spcola.arrays import FloatArray, IntArray
 from spcola.math.robust import mad
 from spcola.math.statistics import SHARED, own_share
 
-# Distances tried, each this much longer than the one before; the first holds so many pairs.
+# Ratio of successive correlation lengths tried; number of pairs within the first.
 _LONGER = 1.25
 _FEWEST_PAIRS = 25
-# Pairs further apart than this many times the longest distance tried tell nothing of it.
+# Pairs up to this many times the longest correlation length are used.
 _BEYOND = 2.0
-# Errors of the ground that reach further than this share of the radius are none of the relief:
-# they cannot be told from offsets of the centre and rotations.
+# Longest correlation length, as a share of the radius: longer ones are not separable from offsets
+# of the centre and rotations.
 _FURTHEST = 0.25
-# The shortest distance tried is no smaller a share of the longest.
+# Shortest correlation length tried, as a share of the longest.
 _SHORTEST = 1e-3
-# A correlation of fewer standard deviations than this is chance, whichever distance it is found at.
+# Smallest significant correlation, in standard deviations, over all lengths tried.
 _SIGNIFICANT = 4.0
-# Shots whose pairs are looked at: of more, each so many-th.
+# Largest number of shots whose pairs are used.
 _SAMPLE = 4000
-# Standardised residuals beyond this are of stray shots.
+# Standardised residuals are clipped here, so that outliers do not dominate.
 _CLIPPED = 3.0
-# More patterns than this cost time and tell no more of their size; so many nodes carry them.
+# Largest numbers of patterns and of nodes: more cost time and hardly improve the estimate.
 _MOST_PATTERNS = 160
 _MOST_NODES = 1000
 
 
 @dataclass(frozen=True, eq=False)
 class SharedGround:
-    """Errors of the surface under single shots.
+    """Errors of the surface heights under N single shots.
 
     Attributes
     ----------
     reach_m : float
-        Distance at which errors of heights are correlated by 1/e, metres.
+        Correlation length of height errors (1/e), metres.
     sigma_m : float
         Expected standard deviation of a height, metres.
     patterns : (N, K) ndarray
-        What each shot has of K patterns of standard deviation 1 that several share, metres.
+        Height errors of the shots by K shared patterns of standard deviation 1, metres.
     own : (N,) ndarray
-        Variance of what each has beside them, m².
+        Residual variance of each, m².
     """
 
     reach_m: float
@@ -58,7 +58,7 @@ class SharedGround:
     own: FloatArray
 
     def under(self, observations: ScaleObservations) -> ScaleObservations:
-        """The shots with errors of heights, which lie along the normal."""
+        """Return the shots with these errors of heights added."""
         oblique = np.sum(observations.normal * observations.beam, axis=1) ** 2
         return replace(
             observations,
@@ -70,26 +70,25 @@ class SharedGround:
 def shared_ground(
     observations: ScaleObservations, equations: Observations, fit: MixedFit
 ) -> SharedGround | None:
-    """Find in the residuals of a fit what shots on the same ground err with together.
+    """Estimate the shared errors of shots on the same ground from the residuals of a fit.
 
-    SPC's heights err alike over some distance, and shots denser than that are no witnesses of
-    their own. Errors are taken to be correlated by exp(−d/a), with a as the residuals show it,
-    and parted into patterns that several shots share, random effects of one size that is
-    estimated, and what each has of its own.
+    Errors of SPC heights are correlated over some distance, so that denser shots are not
+    independent. The correlation exp(−d/a), with a estimated from the residuals, is decomposed into
+    shared patterns, random effects of one estimated size, and a residual variance of each shot.
 
     Parameters
     ----------
     observations : ScaleObservations
         Of single shots.
     equations : Observations
-        What was fitted: effects of states, of days, and of what the ground was taken for before.
+        Observations of the fit, with effects of states, days and ground.
     fit : MixedFit
-        Of them; first as if each had a surface of its own.
+        Fit to them, in the first round without effects of the ground.
 
     Returns
     -------
     SharedGround or None
-        The latter where near shots do not err more alike than by chance.
+        None if residuals of neighbouring shots are not significantly correlated.
     """
     used = np.flatnonzero(fit.used)
     of_ground = np.einsum("nr,r->n", equations.effects[-1][:, 0], fit.effects[-1])
@@ -117,11 +116,11 @@ def shared_ground(
 def common_reach(
     points: FloatArray, standard: FloatArray, *, furthest: float
 ) -> tuple[float, float]:
-    """Distance a over which residuals are alike by c exp(−d/a), and the share c.
+    """Fit the correlation c exp(−d/a) of residuals: correlation length a and amplitude c.
 
-    Least squares over the products of all pairs. Products of independent errors are uncorrelated
-    and of unit variance, so that c of each a has a known deviation by chance; the a taken is that
-    at which c exceeds it by most, which is the one of least squares.
+    By least squares over the products of all pairs. Products of independent errors are uncorrelated
+    and of unit variance, which gives the sigma of c for each a; the best a is that of the largest
+    ratio of c to its sigma, which is also that of least squares.
 
     Parameters
     ----------
@@ -135,7 +134,7 @@ def common_reach(
     Returns
     -------
     float, float
-        a, metres, and c; both 0 where pairs are not more alike than by chance.
+        a, metres, and c; both 0 if the correlation is not significant.
     """
     pairs = cKDTree(points).query_pairs(_BEYOND * furthest, output_type="ndarray")
     if len(pairs) < _FEWEST_PAIRS:
@@ -156,11 +155,11 @@ def common_reach(
 
 
 def correlated_patterns(points: FloatArray, reach: float) -> FloatArray:
-    """Patterns (N, K) of errors correlated by exp(−d/a) that several of N points share.
+    """Shared patterns (N, K) of errors at N points with correlation exp(−d/a).
 
-    The correlation is carried by nodes, the means of the points in cubes of half the `reach` a
-    (wider, where these are more than a thousand): C ≈ C_pn C_nn⁻¹ C_np (Nyström). Patterns are its
-    eigenvectors times the roots of their eigenvalues, of those that hold more than one point.
+    The correlation is approximated by nodes, the means of the points in cubes of half the `reach` a
+    (wider if these are more than a thousand): C ≈ C_pn C_nn⁻¹ C_np (Nyström). Patterns are its
+    eigenvectors times the roots of their eigenvalues, for eigenvalues of more than about one point.
 
     Parameters
     ----------
@@ -172,7 +171,7 @@ def correlated_patterns(points: FloatArray, reach: float) -> FloatArray:
     edge = reach / 2.0
     while len(nodes := _nodes(points, edge)) > _MOST_NODES:
         edge *= _LONGER
-    # Eigenvalues here are much alike; numpy's divide and conquer does not always part them.
+    # Many eigenvalues are nearly equal; numpy's divide and conquer does not always converge.
     between = np.exp(-cdist(nodes, nodes) / reach)
     size, vectors = eigh(between)
     kept = size > 1e-6 * size[-1]
@@ -184,11 +183,11 @@ def correlated_patterns(points: FloatArray, reach: float) -> FloatArray:
 
 
 def patch_patterns(points: FloatArray, reach: float) -> FloatArray:
-    """Patterns (N, K) of what errors correlated by exp(−d/a) have in common on whole patches.
+    """Shared patterns (N, K) of errors with correlation exp(−d/a), one for each of K patches.
 
-    Where ground is so wide that errors reach nowhere far, cubes that hold many reaches each part
-    it into no more patterns than a fit can carry: of the mean of a patch, errors keep the share
-    that the mean of their correlations is, and patch errs beside patch as if alone.
+    For ground that is wide compared with the `reach` a: cubes of many correlation lengths limit the
+    number of patterns. The variance of a patch's mean is the mean of the correlations within it;
+    different patches are assumed independent.
 
     Parameters
     ----------
@@ -203,13 +202,13 @@ def patch_patterns(points: FloatArray, reach: float) -> FloatArray:
     patterns = np.zeros((len(points), cube.max() + 1))
     for number, column in enumerate(patterns.T):
         inside = cube == number
-        alike = np.exp(-cdist(points[inside], points[inside]) / reach)
-        column[inside] = np.sqrt(alike.mean())
+        correlation = np.exp(-cdist(points[inside], points[inside]) / reach)
+        column[inside] = np.sqrt(correlation.mean())
     return patterns
 
 
 def _nodes(points: FloatArray, edge: float) -> FloatArray:
-    """Means (M, 3) of the points (N, 3) in each cube of `edge` metres that holds any."""
+    """Means (M, 3) of the points (N, 3) in each occupied cube of `edge` metres."""
     cube = _cubes(points, edge)
     sums = [np.bincount(cube, column) for column in points.T]
     means: FloatArray = np.stack(sums, axis=1) / np.bincount(cube)[:, None]
@@ -217,7 +216,7 @@ def _nodes(points: FloatArray, edge: float) -> FloatArray:
 
 
 def _cubes(points: FloatArray, edge: float) -> IntArray:
-    """Which of the cubes of `edge` metres that hold any each of N points lies in, from 0 (N,)."""
+    """Number (N,), from 0, of the occupied cube of `edge` metres of each point."""
     cubes = np.floor(points / edge).astype(np.int64)
     number: IntArray = np.unique(cubes, axis=0, return_inverse=True)[1].ravel()
     return number

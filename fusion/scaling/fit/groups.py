@@ -1,4 +1,4 @@
-"""The errors that observations of the scale share: of states, of days, of the ground."""
+"""Shared errors of the observations of the scale: of states, of days, of the ground."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from spcola.arrays import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class ErrorGroups:
-    """Displacements by errors that several observations share, each group of one unknown size.
+    """Displacements by shared errors, in groups of one unknown size each.
 
     Attributes
     ----------
     displaced : tuple of 3 (N, 3, R_g) ndarrays
-        What each source does, per unit of its size: of states and scans (metres per metre), of
-        days (metres of range), of the ground (metres; its size is a factor).
+        Displacement by each source, per unit of its size: of states and scans (metres per metre),
+        of days (metres of range), of the ground (metres; its size is a factor).
     sizes : tuple of 3 float
-        Prior medians of the sizes; 0 for a group that is not there.
+        Prior medians of the sizes; 0 for an absent group.
     """
 
     displaced: tuple[FloatArray, FloatArray, FloatArray]
@@ -32,13 +32,12 @@ class ErrorGroups:
         cls, observations: ScaleObservations, state_sigma_m: float, scan_sigma_m: float,
         day_sigma_m: float,
     ) -> ErrorGroups:  # fmt: skip
-        """Gather the groups of `observations`; the sizes are expected ones, metres per axis.
+        """Return the groups of `observations`; sizes are prior medians, metres per axis.
 
-        Where states locate the returns, a scan errs by its pointing beside them, and by
-        `scan_sigma_m`; it has no size of its own, but one with that of the states, from which it
-        can hardly be told.
+        If image states locate the returns, each scan has an additional pointing error of
+        `scan_sigma_m`. It has one common size with the states, as the two are hardly separable.
         """
-        sources = observations.leant_on
+        sources = observations.source_displacements
         several = sources.shape[2] > 3
         if observations.trajectory == "spc" and state_sigma_m > 0 and observations.scan:
             pointing = pointing_of_scans(observations) * (scan_sigma_m / state_sigma_m)
@@ -50,7 +49,7 @@ class ErrorGroups:
         if ground is None:
             ground = np.zeros((len(observations), 3, 0))
         return cls(
-            # What a day shares is an error of its ranges, whatever side they are taken from.
+            # The shared error of a day is a range error, along the beam.
             (sources, observations.beam[:, :, None] * days[:, None, :], ground),
             (
                 state_sigma_m if several else 0.0,
@@ -60,20 +59,20 @@ class ErrorGroups:
         )
 
     def entering(self, observations: ScaleObservations) -> tuple[FloatArray, ...]:
-        """How they enter the observations: three (N, D, R_g) ndarrays."""
+        """Effect on the observations: three (N, D, R_g) ndarrays."""
         return tuple(observations.entering(group) for group in self.displaced)
 
     def in_range(self, observations: ScaleObservations) -> tuple[FloatArray, ...]:
-        """How they change ranges: three (N, 1, R_g) ndarrays, metres."""
+        """Effect on ranges: three (N, 1, R_g) ndarrays, metres."""
         return tuple(
             np.einsum("ni,nir->nr", observations.sight, group)[:, None] for group in self.displaced
         )
 
 
 def pointing_of_scans(observations: ScaleObservations) -> FloatArray:
-    """What a turn of the beams of each scan does (N, 3, 3 S), metres per metre on the ground.
+    """Displacements (N, 3, 3 S) by a rotation of each scan's beams, per metre on the ground.
 
-    It displaces across the beam only, and the further the longer the range.
+    They are perpendicular to the beam and proportional to the range.
     """
     member = members(observations.scan)
     mean = member.T @ observations.range / member.sum(axis=0)
@@ -84,6 +83,6 @@ def pointing_of_scans(observations: ScaleObservations) -> FloatArray:
 
 
 def members(labels: tuple[str, ...]) -> FloatArray:
-    """Which of L labels, in their order, each of N items bears: (N, L), 1 or 0."""
+    """Membership (N, L), 1 or 0, of N items in the L sorted labels."""
     known = sorted(set(labels))
     return np.array([[label == other for other in known] for label in labels], dtype=np.float64)

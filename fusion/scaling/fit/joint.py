@@ -26,15 +26,15 @@ from fusion.scaling.fit.trends import (
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
 
-# A parameter whose sigma is still this share of its prior was not determined by the data.
-_LEARNT = 0.7
-# Correlation beyond which two parameters are said to be inseparable.
+# A parameter whose sigma exceeds this share of its prior is not determined by the data.
+_DETERMINED = 0.7
+# Correlation beyond which two parameters are not separable.
 _INSEPARABLE = 0.95
-# Ranges of days may be off by so many times what is expected of them before they disagree: the
-# expectation is a median.
+# Factor on the expected range errors of days in the test of their agreement: the expectation is a
+# median.
 _DAYS = 2.0
-# The first fit takes errors of the ground for those of days and states where it can; the second
-# leaves them to the ground, and tells better how far they reach.
+# The first fit attributes errors of the ground partly to days and states; the second one gives a
+# better estimate of their correlation length.
 _GROUND_ROUNDS = 2
 
 
@@ -42,8 +42,8 @@ _GROUND_ROUNDS = 2
 class ScaleOptions:
     """Priors and error sizes of the joint estimate.
 
-    A prior is the standard deviation of what is believed before the data; with the data silent,
-    it is what the sigma comes out as.
+    A prior is a standard deviation about 0; it is the resulting sigma of a parameter that the data
+    do not determine.
 
     Parameters
     ----------
@@ -56,18 +56,18 @@ class ScaleOptions:
     range_bias_prior_m : float
         Constant error of the measured range, metres.
     single_sigma_m : float
-        Prior median of the error of one observation beyond its own covariance, metres (of its
-        maplets; of the resolution of the shape); its size is estimated.
+        Prior median of the independent error of one observation in addition to its own covariance,
+        metres (of its maplets; of the resolution of the shape); estimated.
     state_sigma_m : float
         Prior median of the error of an image's state (or of a scan's trajectory), metres, per
         axis; estimated. 0: none.
     scan_sigma_m : float
-        Error of a scan's pointing on the ground, metres, each way across the beam, where states
-        of images locate its returns. 0: none.
+        Pointing error of a scan on the ground, metres, on each axis across the beam, if image
+        states locate its returns. 0: none.
     day_sigma_m : float
-        Prior median of the error that the ranges of a day share, metres; estimated. 0: none.
+        Prior median of the shared error of the ranges of a day, metres; estimated. 0: none.
     reject : float
-        Observations further off than this many standard deviations are rejected.
+        Observations with residuals of more than this many standard deviations are rejected.
     """
 
     epsilon_prior: float = 0.01
@@ -83,7 +83,7 @@ class ScaleOptions:
 
     @property
     def prior(self) -> FloatArray:
-        """Standard deviations (8,) in the order of :data:`PARAMETERS`, SI."""
+        """Prior sigmas (8,) in the order of :data:`PARAMETERS`, SI units."""
         pole, meridian = np.radians([self.pole_prior_deg, self.meridian_prior_deg])
         center = [self.center_prior_m] * 3
         return np.array(
@@ -100,16 +100,16 @@ class ScaleEstimate:
     fit : MixedFit
         Parameters in the order of :data:`PARAMETERS`, covariance, residuals, weights.
     equations : Observations
-        What was fitted.
+        Observations of the fit.
     days : tuple of DayScale
     trends : dict of str to Trend
-        "longitude" and, where the Sun is known, "local_time".
+        "longitude" and, if the Sun is known, "local_time".
     reasons : tuple of str
-        Which terms the data do not determine, or not separately, and why.
+        Terms that the data do not determine or do not separate, and why.
     ground : SharedGround or None
-        What single shots were found to share on the same ground.
+        Shared errors of single shots on the same ground.
     days_p_value : float
-        Chance that the ranges of single days differ as much as they do.
+        p-value of the differences of ranges between single days.
     """
 
     fit: MixedFit
@@ -122,7 +122,7 @@ class ScaleEstimate:
 
     @property
     def inseparable(self) -> tuple[tuple[str, float], ...]:
-        """Parameters that the data do not tell from ε, and their correlations with it."""
+        """Parameters that the data do not separate from ε, and their correlations with it."""
         sigma = self.fit.sigma
         correlation = self.fit.covariance[0] / (sigma[0] * sigma)
         return tuple(
@@ -132,13 +132,13 @@ class ScaleEstimate:
         )
 
     def undetermined(self, options: ScaleOptions) -> tuple[str, ...]:
-        """Parameters that the data leave to the priors of `options`."""
-        loose = self.fit.sigma > _LEARNT * options.prior
+        """Parameters that are determined by the priors of `options`, not by the data."""
+        loose = self.fit.sigma > _DETERMINED * options.prior
         return tuple(name for name, left in zip(PARAMETERS, loose, strict=True) if left)
 
     @property
     def epsilon(self) -> float:
-        """All SPC lengths are to be multiplied by 1 + ε: above 0 the SPC body is too small."""
+        """Scale error: SPC lengths times 1 + ε are correct; above 0 the SPC body is too small."""
         return float(self.fit.estimate[0])
 
     @property
@@ -150,7 +150,7 @@ class ScaleEstimate:
 def estimate_scale(
     observations: ScaleObservations, *, options: ScaleOptions | None = None
 ) -> ScaleEstimate:
-    """Estimate ε with all that could be mistaken for it, robustly (docs: derivations §17).
+    """Estimate ε jointly with all correlated parameters, robustly (docs: derivations §17).
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def estimate_scale(
     Returns
     -------
     ScaleEstimate
-        Terms that the data leave to their priors are named in its `reasons`: no error is raised.
+        Terms that the data do not determine are named in its `reasons`; no error is raised.
 
     Raises
     ------
@@ -219,10 +219,10 @@ def _fit(
 def _reasons(
     fit: MixedFit, options: ScaleOptions, observations: ScaleObservations, days: int
 ) -> tuple[str, ...]:
-    """Say what the data do not determine, and what they do not tell apart."""
+    """Report terms that the data do not determine, and terms that they do not separate."""
     sigma, lines = fit.sigma, []
     for name, spread, prior in zip(PARAMETERS, sigma, options.prior, strict=True):
-        if spread > _LEARNT * prior:
+        if spread > _DETERMINED * prior:
             lines.append(
                 f"{name}: not determined by the data; its sigma {spread:.3g} is that of the prior "
                 f"({prior:.3g})"
@@ -232,7 +232,7 @@ def _reasons(
         if abs(correlation[0, other]) > _INSEPARABLE:
             lines.append(
                 f"epsilon and {PARAMETERS[other]} are not separable (correlation "
-                f"{correlation[0, other]:+.3f}): the sigma of epsilon holds what the prior leaves"
+                f"{correlation[0, other]:+.3f}); the sigma of epsilon includes this"
             )
     if days == 1:
         lines.append("per-day terms: all observations are of one day")

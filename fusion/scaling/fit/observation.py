@@ -1,4 +1,4 @@
-"""What a lidar says about the scale: displacements of its surface against the SPC surface."""
+"""Observations of the scale: displacements of the lidar surface relative to the SPC surface."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class ScaleObservations:
     """N comparisons of the lidar surface with the SPC surface.
 
     A pair of bigmaps gives three components of the displacement; a single shot gives one, the
-    measured range less the predicted one.
+    measured minus the predicted range.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class ScaleObservations:
     covariance : (N, 3, 3) or (N, 1, 1) ndarray
         Of the value, square metres.
     point : (N, 3) ndarray
-        Where on the surface, body-fixed, metres.
+        Surface points, body-fixed, metres.
     beam : (N, 3) ndarray
         Unit vector from the spacecraft to the point.
     range : (N,) ndarray
@@ -55,30 +55,28 @@ class ScaleObservations:
     local_time_h : (N,) ndarray
         Local solar time, hours; NaN if the Sun is not known.
     shares : (N, S) ndarray
-        Share that each of S other sources of error has in each observation: the states of the
-        images between which a trajectory was interpolated, or the scan that it belongs to.
-        Observations that lean on one state err together.
+        Shares of S shared sources of error in each observation: the states of the images between
+        which a trajectory was interpolated, or the scan that it belongs to.
     trajectory : {"spc", "reference"}
-        By which trajectory the returns are located: with SPC's own, spacecraft and surface are
-        scaled together and a scale error shows as ε r along the beam: for ε > 0 ranges are longer
-        than predicted. With an independent one it shows as ε times the surface point: the surface
-        lies further out, and ranges are shorter than predicted.
+        Trajectory by which the returns are located. With SPC's own, spacecraft and surface are
+        scaled together, and a scale error appears as ε r along the beam: for ε > 0 ranges are
+        longer than predicted. With an independent one it appears as ε times the surface point: the
+        surface lies further out, and ranges are shorter than predicted.
     scan : tuple of str, optional
-        Scan of each observation: beside the states its pointing errs as a whole. Without, nothing
-        of the kind is considered.
-    leaning : (N, 3, 3 S) ndarray, optional
-        What displacements of the sources of `shares` (three components each) do to each
-        comparison, per metre, where that is more than a share: a pair whose returns lean on
-        several states is bent by what these differ. Without, it is the shares times the unit
-        matrix.
+        Scan of each observation, whose pointing error is added to those of the states. By default
+        no such error.
+    response : (N, 3, 3 S) ndarray, optional
+        Displacement of each comparison, per metre, by displacements of the sources of `shares`
+        (three components each); a pair whose returns depend on several states is bent if these
+        differ. By default the shares times the unit matrix.
     ground : (N, 3, K) ndarray, optional
-        What patterns of errors of the SPC surface, of standard deviation 1, do to each comparison,
-        metres: comparisons over the same ground err together. `covariance` is beside them.
+        Displacement of each comparison by shared error patterns, of standard deviation 1, of the
+        SPC surface, metres. `covariance` is the residual covariance.
 
     Raises
     ------
     InvalidValueError
-        If shapes disagree or a number (but the local time) is not finite.
+        If shapes disagree or a number (except local time) is not finite.
     """
 
     kind: Literal["pairs", "shots"]
@@ -94,7 +92,7 @@ class ScaleObservations:
     shares: FloatArray
     trajectory: Trajectory
     scan: tuple[str, ...] = ()
-    leaning: FloatArray | None = None
+    response: FloatArray | None = None
     ground: FloatArray | None = None
 
     def __post_init__(self) -> None:
@@ -110,7 +108,7 @@ class ScaleObservations:
             check_shape(getattr(self, name), (count, 3), name)
         if self.scan and len(self.scan) != count:
             raise InvalidValueError(f"names {len(self.scan)} scans of {count}", "scan")
-        for name in ("leaning", "ground"):
+        for name in ("response", "ground"):
             if (layer := getattr(self, name)) is not None:
                 check_shape(layer, (count, 3, None), name)
                 check_finite(layer, name)
@@ -119,15 +117,14 @@ class ScaleObservations:
         return len(self.value)
 
     @property
-    def leant_on(self) -> FloatArray:
-        """What displacements of the S′ sources do on which any observation leans (N, 3, 3 S′).
+    def source_displacements(self) -> FloatArray:
+        """Displacements (N, 3, 3 S′) by the S′ sources with a share in any observation.
 
-        The others change no estimate, only the size of the matrices: of 495 images of a campaign
-        the lidar passes have 120.
+        Other sources have no effect and would only enlarge the matrices.
         """
         sources = self.shares.any(axis=0)
-        if self.leaning is not None:
-            return self.leaning[:, :, np.repeat(sources, 3)]
+        if self.response is not None:
+            return self.response[:, :, np.repeat(sources, 3)]
         return everywhere(self.shares[:, sources])
 
     @property
@@ -137,16 +134,16 @@ class ScaleObservations:
 
     @property
     def arm(self) -> FloatArray:
-        """What a scale error multiplies (N, 3), metres: see `trajectory`."""
+        """Vector (N, 3), metres, that a scale error multiplies: see `trajectory`."""
         if self.trajectory == "spc":
             return self.range[:, None] * self.beam
         return self.point
 
     @property
     def along_range(self) -> FloatArray:
-        """Row vectors (N, 3) that turn a displacement into a change of range.
+        """Row vectors (N, 3) that convert a displacement to a change of range.
 
-        A surface moved by D is met later by ``n·D / n·b`` along the beam b.
+        A surface displaced by D is hit ``n·D / n·b`` further along the beam b.
         """
         cosine = np.sum(self.normal * self.beam, axis=1)
         return self.normal / cosine[:, None]
@@ -168,32 +165,32 @@ class ScaleObservations:
 
     @property
     def sight(self) -> FloatArray:
-        """Rows (N, 3) along which a displacement is read as a range difference.
+        """Rows (N, 3) that convert an observed displacement to a range difference.
 
-        The beam where the two surfaces are matched and the trajectory is SPC's (Δr along the line
-        of sight, MATH §9); else what :attr:`along_range` says.
+        The beam for pairs with SPC's trajectory (Δr along the line of sight, MATH §9); else
+        :attr:`along_range`.
         """
         matched = self.kind == "pairs" and self.trajectory == "spc"
         return self.beam if matched else self.along_range
 
     def entering(self, displaced: FloatArray) -> FloatArray:
-        """How displacements (N, 3, …) of the surfaces enter the observations (N, D, …).
+        """Convert displacements (N, 3, …) of the surfaces to changes of observations (N, D, …).
 
-        A pair sees all three components, a shot what they change of its range.
+        A pair observes all three components, a shot the change of its range.
         """
         if self.kind == "pairs":
             return displaced
         return np.einsum("ni,ni...->n...", self.along_range, displaced)[:, None]
 
     def in_range(self, components: FloatArray) -> FloatArray:
-        """Turn quantities (N, D, …) of the observations into ranges (N, …)."""
+        """Convert quantities (N, D, …) of the observations to ranges (N, …)."""
         if self.kind == "shots":
             return components[:, 0]
         return np.einsum("ni,ni...->n...", self.sight, components)
 
     @property
     def range_per_epsilon(self) -> FloatArray:
-        """Range difference (N,), metres, that ε = 1 would make."""
+        """Derivative (N,), metres, of the range difference with respect to ε."""
         return np.sum(self.sight * self.arm, axis=1)
 
     @property
@@ -206,13 +203,12 @@ class ScaleObservations:
     def epsilon(self) -> tuple[FloatArray, FloatArray]:
         """ε of each observation alone (N,), and its sigma from its own covariance (N,).
 
-        Everything but a scale error is taken to be absent: ε = Δr / r where the trajectory is
-        SPC's (MATH §9).
+        All other parameters are assumed 0: ε = Δr / r with SPC's trajectory (MATH §9).
         """
         gain = self.range_per_epsilon
         return self.in_range(self.value) / gain, np.sqrt(self.range_variance) / np.abs(gain)
 
 
 def everywhere(shares: FloatArray) -> FloatArray:
-    """Displacements (N, 3, 3 S) by sources that displace observations by their `shares` (N, S)."""
+    """Displacements (N, 3, 3 S) by sources with `shares` (N, S), the same in all directions."""
     return np.einsum("ns,di->ndsi", shares, np.eye(3)).reshape(len(shares), 3, -1)

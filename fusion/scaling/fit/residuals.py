@@ -1,4 +1,4 @@
-"""Mean and scatter of the residuals of the scale."""
+"""Mean and scatter of the residuals of the scale estimate."""
 
 from __future__ import annotations
 
@@ -13,16 +13,15 @@ from spcola.math.robust import mad
 
 
 def after_fit(observations: ScaleObservations, fit: MixedFit) -> FloatArray:
-    """Range residuals (N,), metres, that the eight parameters leave, shared errors in them."""
+    """Range residuals (N,), metres, after the fit of the eight parameters, with shared errors."""
     return observations.in_range(fit.residual)
 
 
 def residuals_json(observations: ScaleObservations, fit: MixedFit) -> dict[str, Any]:
-    """Entry ``residuals``: of the pairs or shots used, as range differences, metres.
+    """Return the entry ``residuals``: range differences of the pairs or shots used, metres.
 
-    ``measured_minus_predicted`` is before the fit, ``after_fit`` what its parameters leave. Each
-    has `mean_m`, `std_m`, and beside them what strays do not pull: `median_m` and
-    `robust_std_m` (1.4826 × median absolute deviation).
+    ``measured_minus_predicted`` is before the fit, ``after_fit`` after it. Each has `mean_m`,
+    `std_m`, and the robust `median_m` and `robust_std_m` (1.4826 × median absolute deviation).
     """
     before = observations.in_range(observations.value)
     return {

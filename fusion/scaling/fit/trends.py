@@ -21,10 +21,10 @@ from spcola.arrays import BoolArray, FloatArray
 
 @dataclass(frozen=True)
 class Trend:
-    """A once-around dependence of ε on an angle: ε = a cos φ + b sin φ.
+    """A dependence of ε on an angle with period 2π: ε = a cos φ + b sin φ.
 
-    `amplitude` and `sigma` are dimensionless; `p_value` is the chance of such an amplitude where
-    there is no dependence; `phase_rad` is the angle of the largest ε.
+    `amplitude` and `sigma` are dimensionless; `p_value` is that of the amplitude without a
+    dependence; `phase_rad` is the angle of the largest ε.
     """
 
     amplitude: float
@@ -43,11 +43,11 @@ class DayScale:
     count : int
         Observations that were not rejected.
     epsilon, epsilon_sigma : float
-        Mean of them weighted by their covariance, and its sigma: what leans on one state, or lies
-        on one ground, counts as what it is together.
+        Mean weighted by the full covariance, with shared errors of states and ground, and its
+        sigma.
     mean, standard_error : float
-        Plain mean of what each says alone and its standard error from their scatter, as it is
-        published (Gaskell et al. §6.2): as if all were independent; NaN from one observation.
+        Plain mean of the single ε and its standard error from their scatter, as published (Gaskell
+        et al. §6.2), which assumes independence; NaN from one observation.
     """
 
     day: str
@@ -87,21 +87,21 @@ def by_day(
 def days_differ(
     observations: ScaleObservations, fit: MixedFit, groups: ErrorGroups, *, expected_m: float
 ) -> float:
-    """Chance that ranges of single days differ as much as they do, with all else that was fitted.
+    """p-value of the differences of ranges between single days, given the errors fitted.
 
     Parameters
     ----------
     observations : ScaleObservations
     fit : MixedFit
-        Of them.
+        Fit to them.
     groups : ErrorGroups
     expected_m : float
-        What the ranges of a day may be off by together, metres: one standard deviation.
+        Standard deviation of the shared range error of a day, metres.
 
     Returns
     -------
     float
-        p-value of χ² with as many degrees of freedom as there are days, less one; 1 for one day.
+        p-value of χ² with number of days − 1 degrees of freedom; 1 for one day.
     """
     days = np.array(observations.day)
     known = sorted(set(days[fit.used]))
@@ -109,7 +109,7 @@ def days_differ(
         return 1.0
     member = (days[:, None] == np.array(known)[None, :]).astype(np.float64)
     own = _fit_epsilon(observations, fit, groups, fit.used, member, first_known=0)
-    # ε of a day is off by the error of its ranges over what ε does to a range.
+    # A range error changes the ε of a day by its ratio to ∂range/∂ε.
     gain = np.abs(observations.range_per_epsilon)
     shift = np.array([expected_m / float(np.mean(gain[(days == d) & fit.used])) for d in known])
     weight = np.linalg.inv(own.covariance + np.diag(shift**2))
@@ -128,23 +128,23 @@ def _fit_epsilon(
 ) -> MixedFit:
     """Fit `design` (N, P) to the ε of the `chosen` observations, with the error sizes of `fit`.
 
-    Parameters of the joint estimate from `first_known` on are taken out first.
+    Parameters of the joint estimate from index `first_known` on are subtracted first.
 
     Raises
     ------
     NotObservableError
-        If they leave a column of the design free.
+        If they do not determine a column of the design.
     """
     gain = observations.range_per_epsilon
-    # Rotation and range bias are known from the joint estimate; an offset of the centre is what
-    # a dependence on longitude may be.
+    # Rotation and range bias are those of the joint estimate; an offset of the centre is not, as a
+    # dependence on longitude may be such an offset.
     known = observations.design()[:, :, first_known:] @ fit.estimate[first_known:]
     residual = observations.in_range(observations.value - known)
     variance = (observations.range_variance + fit.sizes.independent**2) / np.maximum(
         fit.weight, 1e-12
     )
     states, days, ground = fit.sizes.shared
-    # One day cannot be told from its mean; its own error stays out of its standard error.
+    # The shared error of a single day is not separable from its ε, and not part of its sigma.
     several = len(set(np.array(observations.day)[chosen])) > 1 and first_known > 0
     return fit_mixed(
         Observations(
@@ -164,7 +164,7 @@ def _fit_epsilon(
 
 
 def trends(observations: ScaleObservations, fit: MixedFit, groups: ErrorGroups) -> dict[str, Trend]:
-    """Dependence of ε, as each observation gives it, on longitude and on local time."""
+    """Dependence of the single ε on longitude and on local time."""
     angles = {"longitude": observations.longitude}
     if np.isfinite(observations.local_time_h).all():
         angles["local_time"] = observations.local_time_h * (np.pi / 12.0)
@@ -179,7 +179,7 @@ def trends(observations: ScaleObservations, fit: MixedFit, groups: ErrorGroups) 
 def _once_around(
     observations: ScaleObservations, fit: MixedFit, groups: ErrorGroups, angle: FloatArray
 ) -> Trend | None:
-    """Fit mean + a cos + b sin; None where the angles do not spread enough to tell."""
+    """Fit mean + a cos + b sin; None if the range of angles does not determine them."""
     design = np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=1)
     used = design[fit.used]
     if len(used) < 5 or np.linalg.cond(used.T @ used) > 1e4:

@@ -1,4 +1,4 @@
-"""Where pairs and shots lie: frames of images, ground shared by maplets."""
+"""Geometry of the scale: frames of images, placement of the lidar, shared errors of pairs."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Where paired bigmaps lie: a square around the central pixel of each image, of what size."""
+"""Frames of paired bigmaps: a square around the central pixel of each image."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from spcola.shape import RayCaster
 # At Bennu squares of 100 m with a GSD of 50 cm were taken on a body of 245 m (Gaskell et al. §6.2).
 _OF_RADIUS = 100.0 / 245.0
 _CELLS = 200.0
-# With fewer cells on a side the relief hardly holds a match; a larger square than this bends away
-# from its plane, by more than a seventh of the radius in its corners.
+# Fewest cells on a side for relief that determines a match; largest side as a share of the radius:
+# the corners of a larger square lie more than a seventh of the radius below its plane.
 _FEWEST_CELLS = 90.0
 _MOST_OF_RADIUS = 0.6
-# The mean normal of a square is that of so many rays on a side.
+# Number of rays on a side of a square for its mean normal.
 _RAYS = 7
 
 
 @dataclass(frozen=True)
 class PairOptions:
-    """How pairs are made and chosen.
+    """Options of the construction and selection of pairs.
 
     Parameters
     ----------
@@ -36,8 +36,7 @@ class PairOptions:
     gsd_m : float
         GSD of both bigmaps, metres.
     match : MatchOptions
-        How the two are compared, and what is left out. Its `min_coverage` is asked of each
-        bigmap alone, too.
+        Options of their match. Its `min_coverage` applies to each bigmap alone, too.
     max_emission_deg, max_incidence_deg : float
         Largest angles from the mean normal of the square to the spacecraft and to the Sun.
     """
@@ -56,7 +55,7 @@ class PairOptions:
 
 @dataclass(frozen=True, eq=False)
 class PairFrame:
-    """Where an image looks, and the grid that is laid there.
+    """The grid at the ground that an image shows, and the geometry there.
 
     Attributes
     ----------
@@ -64,9 +63,9 @@ class PairFrame:
     time : float
         Ephemeris time, s.
     grid : MapletGrid
-        Centred where the ray of the central pixel meets the shape, Uz along the mean normal.
+        Centred where the ray of the central pixel hits the shape, Uz along the mean normal.
     beam : (3,) ndarray
-        Unit vector from the spacecraft to that point: of the image, then of the returns.
+        Unit vector from the spacecraft (of the image, later of the returns) to that point.
     range : float
         Distance to it, metres.
     normal : (3,) ndarray
@@ -90,7 +89,7 @@ class PairFrame:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """An image that gives no pair, and why; `unmatched` where its two surfaces do not match."""
+    """An image without a pair, and the reason; `unmatched` if its two surfaces do not match."""
 
     image: str
     cause: Cause
@@ -99,17 +98,17 @@ class LeftOut:
 
 
 def pair_size(mean_radius: float, maplet_gsd: float) -> tuple[float, float]:
-    """Side and GSD of paired bigmaps by rule, metres: 100 m and 50 cm at Bennu.
+    """Default side and GSD of paired bigmaps, metres: 100 m and 50 cm at Bennu.
 
-    The side is that of Bennu in proportion to the radius, but holds 90 steps of the maplets and
-    is no larger than 0.6 radii; the GSD is a two-hundredth of it, but not below the maplets'.
+    The side is proportional to the radius, at least 90 GSD of the maplets and at most 0.6 radii;
+    the GSD is a two-hundredth of it, but at least the maplets'.
 
     Parameters
     ----------
     mean_radius : float
         Of the body, metres.
     maplet_gsd : float
-        Of the middling maplet, metres.
+        Median of the maplets, metres.
     """
     wanted = max(_OF_RADIUS * mean_radius, _FEWEST_CELLS * maplet_gsd)
     size = _rounded(min(wanted, _MOST_OF_RADIUS * mean_radius))
@@ -117,12 +116,12 @@ def pair_size(mean_radius: float, maplet_gsd: float) -> tuple[float, float]:
 
 
 def _rounded(value: float) -> float:
-    """Two significant figures."""
+    """Round to two significant figures."""
     return float(f"{value:.1e}")
 
 
 def frame_of_image(image: SpcImage, caster: RayCaster, options: PairOptions) -> PairFrame | LeftOut:
-    """Lay a grid where the central pixel of `image` meets the shape (Gaskell et al. §6.2).
+    """Return the grid where the central pixel of `image` hits the shape (Gaskell et al. §6.2).
 
     Parameters
     ----------
@@ -134,13 +133,12 @@ def frame_of_image(image: SpcImage, caster: RayCaster, options: PairOptions) -> 
     Returns
     -------
     PairFrame or LeftOut
-        The latter where the pixel looks past the body, or the ground lies too obliquely to it or
-        to the Sun.
+        The latter if the pixel misses the body, or emission or incidence angle are too large.
 
     Raises
     ------
     FormatError
-        If the image's UTC is not a time.
+        If the image's UTC is not valid.
     """
     camera = image.camera
     beam = ray(image, (camera.width + 1) / 2.0, (camera.height + 1) / 2.0)
@@ -172,7 +170,7 @@ def mean_normal(
 ) -> FloatArray:
     """Mean outward normal (3,) of the shape over a square of `size_m` around `point` (3,), metres.
 
-    As it is seen from `station` (3,): a facet of a shape may stand on the flank of a boulder.
+    Over the ground visible from `station` (3,). A single facet may lie on the flank of a boulder.
     """
     around = MapletGrid.facing(point, station - point, size_m / (_RAYS - 1), _RAYS // 2)
     targets = around.points(np.zeros(around.shape)).reshape(-1, 3)
@@ -195,10 +193,10 @@ def _oblique(image: str, what: str, angle_deg: float, most_deg: float) -> LeftOu
 
 
 def seen_from(frame: PairFrame, station: FloatArray) -> PairFrame:
-    """The frame with the line of sight of the returns, from `station` (3,), metres.
+    """Return the frame with the line of sight of the returns, from `station` (3,), metres.
 
-    A scan takes minutes, in which the spacecraft moves by degrees over the body: the range error
-    of a return lies along its own beam, not along the boresight of an image taken before or after.
+    During a scan the spacecraft moves by degrees over the body: the range error of a return lies
+    along its own beam, not along the boresight of an image taken before or after.
     """
     away = frame.grid.center - station
     distance = float(np.linalg.norm(away))

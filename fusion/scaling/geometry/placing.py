@@ -1,4 +1,4 @@
-"""Where the lidar surface lies to the SPC surface, as far as an estimate has told."""
+"""Estimated placement of the lidar surface relative to the SPC surface."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import numpy as np
 
 from spcola.arrays import FloatArray
 
-# The surface lies where it is believed to, once an estimate moves it by less than this share of
-# its sigma.
-_SETTLED = 0.05
+# Convergence: an estimate changes the placement by less than this share of its sigma.
+_CONVERGED = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class KnownPlace:
-    """How the lidar surface lies to the SPC surface, beside the scale.
+class LidarPlacement:
+    """Offset and rotation of the lidar surface relative to the SPC surface, without scale.
 
-    Slopes of a shape hold its noise. An estimate by them falls short of a displacement by the share
-    that noise has in them; what is left of it is told again where the surface is believed to lie.
+    It is the point at which observations are linearised. Slopes of a shape include noise, and an
+    estimate underestimates a displacement by the share of noise in the squared slopes; iterating at
+    the estimated placement removes this bias.
 
     Parameters
     ----------
@@ -32,21 +32,21 @@ class KnownPlace:
     turn: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     @classmethod
-    def of(cls, estimate: FloatArray) -> KnownPlace:
-        """Take it from an estimate (8,) of :func:`fusion.scaling.fit.estimate_scale`."""
+    def of(cls, estimate: FloatArray) -> LidarPlacement:
+        """Return that of an estimate (8,) of :func:`fusion.scaling.fit.estimate_scale`."""
         return cls(estimate[1:4], estimate[4:7])
 
     @property
     def parameters(self) -> FloatArray:
-        """As parameters (8,) of the estimate: no scale, no range bias."""
+        """Parameters (8,) of the estimate, with scale and range bias 0."""
         return np.concatenate([[0.0], self.center, self.turn, [0.0]])
 
     def displaced(self, arm: FloatArray) -> FloatArray:
-        """How far (N, 3) the lidar surface lies from SPC at arms (N, 3), metres."""
+        """Displacement (N, 3) of the lidar surface from SPC at arms (N, 3), metres."""
         away: FloatArray = self.center - np.cross(self.turn, arm)
         return away
 
-    def is_told_by(self, estimate: FloatArray, sigma: FloatArray) -> bool:
-        """Whether an estimate (8,) made there leaves it where it is."""
+    def agrees_with(self, estimate: FloatArray, sigma: FloatArray) -> bool:
+        """Return whether a new estimate (8,) differs by a negligible share of `sigma` (8,)."""
         moved = estimate[1:7] - np.concatenate([self.center, self.turn])
-        return bool(np.max(np.abs(moved) / sigma[1:7]) < _SETTLED)
+        return bool(np.max(np.abs(moved) / sigma[1:7]) < _CONVERGED)

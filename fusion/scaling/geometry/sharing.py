@@ -1,4 +1,4 @@
-"""What errors of the SPC surface do to many pairs at once."""
+"""Shared errors of pairs by errors of the SPC surface."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from spcola.arrays import FloatArray
 from spcola.grids import Maplet, MapletGrid
 from spcola.math.statistics import own_share, patterns_of, strongest
 
-# Patterns that displace the observations by less than this, root of the sum of squares, metres, are
-# nothing beside what one pair tells.
+# Patterns that displace the observations by less than this (root of the sum of squares, metres) are
+# negligible compared with the error of one pair.
 _LEAST_M = 5e-3
 
 
 def maplet_shares(grid: MapletGrid, height: FloatArray, maplets: Sequence[Maplet]) -> FloatArray:
-    """Share (M,) that each of M maplets has in a bigmap's heights, by number of points and GSD.
+    """Share (M,) of each of M maplets in a bigmap's heights, by number of points and GSD.
 
     Parameters
     ----------
@@ -29,28 +29,28 @@ def maplet_shares(grid: MapletGrid, height: FloatArray, maplets: Sequence[Maplet
     Returns
     -------
     (M,) ndarray
-        Their sum is 1, or 0 where the bigmap holds nothing.
+        Their sum is 1, or 0 if the bigmap is empty.
     """
     points = grid.points(height)[np.isfinite(height)]
-    held = np.zeros((len(maplets), len(points)))
-    for row, maplet in zip(held, maplets, strict=True):
+    weights = np.zeros((len(maplets), len(points)))
+    for row, maplet in zip(weights, maplets, strict=True):
         x, y, _ = maplet.grid.project(points)
         q = maplet.grid.half_size
         m, n = (np.rint(each).astype(np.intp) + q for each in (y, x))
         inside = (m >= 0) & (m <= 2 * q) & (n >= 0) & (n <= 2 * q)
         row[inside] = maplet.valid[m[inside], n[inside]] / (grid.gsd**2 + maplet.grid.gsd**2)
-    total = held.sum(axis=0)
+    total = weights.sum(axis=0)
     reached = total > 0
     count = max(int(np.count_nonzero(reached)), 1)
-    shares: FloatArray = np.sum(held[:, reached] / total[reached], axis=1) / count
+    shares: FloatArray = np.sum(weights[:, reached] / total[reached], axis=1) / count
     return shares
 
 
 def ground_in_common(grids: Sequence[MapletGrid]) -> FloatArray:
-    """Share (N, N) of its ground that each of N squares has in common with each other one.
+    """Share (N, N) of the ground that each of N squares has in common with each other one.
 
-    Of squares of one size in much the same plane: ``(1 − |Δx|/L) (1 − |Δy|/L)``, which is the
-    correlation of what is averaged over them.
+    For squares of one size in about the same plane: ``(1 − |Δx|/L) (1 − |Δy|/L)``, which is the
+    correlation of means over them.
     """
     count = len(grids)
     common = np.eye(count)
@@ -69,30 +69,30 @@ def ground_in_common(grids: Sequence[MapletGrid]) -> FloatArray:
 
 
 def patterns(displaced: FloatArray, size: float = 1.0) -> FloatArray:
-    """Combine sources of error that observations can hardly tell apart.
+    """Combine sources of error to fewer patterns of (nearly) the same covariance.
 
     Parameters
     ----------
     displaced : (N, 3, R) ndarray
-        What each of R independent sources does to each observation.
+        Displacement of each observation by each of R independent sources.
     size : float
-        Expected standard deviation of a source, by which the result is in metres.
+        Expected standard deviation of a source; times it `displaced` is in metres.
 
     Returns
     -------
     (N, 3, K) ndarray
-        With K ≤ R sources that together do the same, but for what is too small to matter.
+        Displacements by K ≤ R patterns, negligible ones left out.
     """
     least = _LEAST_M / size if size > 0 else np.inf
     return strongest(displaced, least=least)[0]
 
 
 def shared_matches(common: FloatArray, covariances: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Part the errors of matches into patterns that pairs share and what each has of its own.
+    """Decompose the errors of matches into shared patterns and residual covariances.
 
-    What one match does not know is mostly the SPC heights under it, and another match over the
-    same ground knows them no better. The errors of pairs i and j are taken to be correlated by the
-    ground that they have in common, ρ_ij √C_i √C_jᵀ.
+    Errors of a match are mostly those of the SPC heights, which other matches over the same ground
+    share. The covariance of the errors of pairs i and j is ρ_ij √C_i √C_jᵀ, with their share of
+    common ground ρ_ij.
 
     Parameters
     ----------

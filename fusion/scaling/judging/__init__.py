@@ -1,4 +1,4 @@
-"""Whether a scale is accepted, and whether it agrees with the registration."""
+"""Acceptance tests of a scale, and its agreement with the registration."""
 
 import lazy_loader
 

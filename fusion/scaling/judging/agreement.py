@@ -1,4 +1,4 @@
-"""Whether ε and the scale of the registration agree, with what the two share."""
+"""Test whether ε and the scale of the registration agree, given their covariance."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def shared_by_maplets(
     Parameters
     ----------
     of_epsilon, of_scale : (M, 3) ndarray
-        Change of either for a displacement of each maplet, body-fixed, 1/m.
+        Derivatives by displacements of each maplet, body-fixed, 1/m.
     center_sigma : (M, 3) ndarray
         Standard deviation of the centres, metres.
     """
@@ -29,23 +29,23 @@ def shared_by_maplets(
 def consistency(
     scale: Mapping[str, Any], registration: Mapping[str, Any], covariance: float | None = None
 ) -> dict[str, Any]:
-    """Compare the scale of the registration with ε: (1 + ε) · scale is to be 1.
+    """Compare the scale of the registration with ε: (1 + ε) · scale should be 1.
 
     Parameters
     ----------
     scale, registration : mapping
         Content of ``scale.json`` and ``registration.json``.
     covariance : float, optional
-        Of ε and the registration's scale. Without it nothing is known of how they err together,
-        and the sigma of the difference is the largest that it can be, the sum of both.
+        Of ε and the registration's scale. Without it the sigma of the difference is its upper
+        bound, the sum of both sigmas.
 
     Returns
     -------
     dict
-        `difference` (1 + ε) · scale − 1, its sigma, z, the two-sided p-value (at least that, with
-        a bound), the joint `covariance` of ε and scale, and `sigma_is`: "joint" or "bound". With
-        a joint covariance `epsilon_of_both` and its sigma too: the mean of ε and 1/scale − 1 of
-        least variance.
+        `difference` (1 + ε) · scale − 1, its sigma, z, the two-sided p-value (with a bound: its
+        upper limit), the joint `covariance` of ε and scale, and `sigma_is`: "joint" or "bound".
+        With a joint covariance also `epsilon_of_both` and its sigma: the minimum-variance mean of ε
+        and 1/scale − 1.
     """
     if scale["epsilon"] is None:
         keys = ("difference", "difference_sigma", "z", "p_value", "covariance", "sigma_is")
@@ -73,9 +73,9 @@ def consistency(
 def _of_both(
     scale: Mapping[str, Any], registration: Mapping[str, Any], covariance: float | None
 ) -> tuple[float | None, float | None]:
-    """The mean of ε and of what the registration says of it, of least variance, and its sigma."""
+    """Minimum-variance mean of ε and 1/scale − 1 of the registration, and its sigma."""
     own, other = float(scale["epsilon_sigma"]), float(registration["scale_sigma"])
-    # A covariance that the sigmas do not allow is of other fits than these.
+    # A covariance larger than the sigmas allow belongs to other fits.
     if covariance is None or not abs(covariance) < own * other:
         return None, None
     values = np.array([float(scale["epsilon"]), 1.0 / float(registration["scale"]) - 1.0])

@@ -1,4 +1,4 @@
-"""What the scale's own data say against it: findings of the stage `scale`."""
+"""Acceptance tests of the scale by its own data: findings of the stage `scale`."""
 
 from __future__ import annotations
 
@@ -17,38 +17,38 @@ from fusion.scaling.places.scanplaces import ScanPlaces
 from spcola.math.robust import mad
 
 SIGNIFICANT = 3.0
-"""Sigmas that ε has to differ from 0 by before it may be applied."""
+"""Smallest |ε| in its sigmas for ε to be applied."""
 
 BEYOND = 3.5
-"""Sigmas of its prior that a parameter may lie from 0: all eight do in 99.6 % of right runs."""
+"""Largest distance of a parameter from 0 in prior sigmas: kept by all eight in 99.6 % of runs."""
 
 TOO_LARGE = 20.0
-"""Times the expected scatter: three widths of what is believed of it, exp(3)."""
+"""Largest ratio of scatter to its expectation: three widths of its prior, exp(3)."""
 
 REJECTED = 0.2
-"""Share of pairs or shots that may be rejected."""
+"""Largest share of pairs or shots rejected."""
 
 MISPLACED = 0.5
-"""Share of scans that may fit elsewhere before the result is refused; one makes it doubtful."""
+"""Share of scans that fit better elsewhere above which a result is refused; one: doubtful."""
 
 CROSSING = 2.0
-"""Times that scans over the same ground may differ as much as shots of one scan there."""
+"""Largest ratio of differences between scans over the same ground to those within one scan."""
 
 MISSED = 1.0 / 3.0
-"""Share of shots that may miss the shape or graze it."""
+"""Largest share of shots that miss the shape or graze it."""
 
 UNMATCHED = 0.5
-"""Share of pairs of surfaces that may have no match."""
+"""Largest share of pairs of surfaces without match."""
 
 CHANCE = 1e-4
 """p-value below which days, or the scales of pairs and of the registration, disagree."""
 
 MOVED = 0.3
-"""Sigmas by which an estimate that has not converged may still move."""
+"""Largest change, in sigmas, in the last round of an estimate that has not converged."""
 
-# A scatter of more than this many times the expected one is noted, and has to show relief.
+# A scatter of more than this many times the expected one is noted, and requires relief.
 _EXPECTED = 3.0
-# Scans that are named in a finding.
+# Number of scans named in a finding.
 _NAMED = 3
 
 _GROUPS = (
@@ -63,20 +63,20 @@ _GROUPS = (
 def scale_findings(
     observations: ScaleObservations, estimate: ScaleEstimate, options: ScaleOptions
 ) -> list[Finding]:
-    """Judge an estimate by itself, by its residuals and by its priors.
+    """Test an estimate by its convergence, its residuals and its priors.
 
     Parameters
     ----------
     observations : ScaleObservations
     estimate : ScaleEstimate
-        Of them, with `options`.
+        Estimate from them with `options`.
     options : ScaleOptions
 
     Returns
     -------
     list of Finding
-        Doubtful is what makes the number itself wrong or meaningless; that one term is weak is a
-        note, as its sigma says it too.
+        Doubtful if the result may be wrong or meaningless; a weakly determined term is only a note,
+        as its sigma includes that.
     """
     return [
         *_of_the_fit(observations, estimate, options),
@@ -88,29 +88,29 @@ def scale_findings(
 def _of_the_fit(
     observations: ScaleObservations, estimate: ScaleEstimate, options: ScaleOptions
 ) -> list[Finding]:
-    """Whether it converged, and whether what it leaves is what it expected."""
+    """Test convergence, rejections, scatter and agreement of days."""
     fit, found = estimate.fit, []
     if not fit.converged:
         text = (
-            f"the fit did not converge: {fit.reason}; the last one moved the estimate by "
+            f"the fit did not converge: {fit.reason}; the last round changed the estimate by "
             f"{fit.moved:.2g} of its sigmas"
         )
-        # One pair at the edge of rejection may come and go for ever, and change nothing.
+        # One pair at the limit of rejection may alternate without effect on the result.
         make = _doubtful if fit.moved > MOVED else _note
         found.append(make(Code.SCALE_NOT_CONVERGED, text, fit.moved, MOVED))
     share = float(np.mean(~fit.used))
     if share > REJECTED:
         text = f"{share:.0%} of the {observations.kind} disagree with the rest and were rejected"
         found.append(_doubtful(Code.MANY_REJECTED, text, share, REJECTED))
-    # Where many stray, the fit takes it for the error of each, and the robust scatter hides it.
+    # With many outliers the fitted single error grows, which the robust scatter does not show.
     rest = max(float(mad(after_fit(observations, fit))), fit.sizes.independent)
     expected = expected_scatter(observations, options)
     if rest > _EXPECTED * expected:
         text = (
-            f"residuals scatter by {rest:.3g} m where {expected:.3g} m are expected of "
+            f"residuals scatter by {rest:.3g} m where {expected:.3g} m are expected from "
             "stated sigmas, [scale] single_sigma_m and state_sigma_m"
         )
-        # Errors of a coarse shape are ten times that, and no sigma states them.
+        # Errors of a coarse shape are ten times as large, and not in any stated sigma.
         doubtful = rest > TOO_LARGE * expected
         make, limit = (_doubtful, TOO_LARGE) if doubtful else (_note, _EXPECTED)
         found.append(make(Code.SCATTER_TOO_LARGE, text, rest, limit * expected))
@@ -124,14 +124,14 @@ def _of_the_fit(
 
 
 def expected_scatter(observations: ScaleObservations, options: ScaleOptions) -> float:
-    """Standard deviation of range residuals that stated sigmas and settings let expect, metres."""
+    """Expected standard deviation of range residuals from stated sigmas and settings, metres."""
     own = float(np.median(observations.range_variance))
     states = options.state_sigma_m if observations.trajectory == "spc" else 0.0
     return float(np.sqrt(own + options.single_sigma_m**2 + states**2))
 
 
 def _of_priors(estimate: ScaleEstimate, options: ScaleOptions) -> list[Finding]:
-    """Parameters that come out where they were not believed to be."""
+    """Test parameters against their priors."""
     off = np.abs(estimate.fit.estimate) / options.prior
     found = []
     for code, name, part, unit, of in _GROUPS:
@@ -146,7 +146,7 @@ def _of_priors(estimate: ScaleEstimate, options: ScaleOptions) -> list[Finding]:
 
 
 def _weak_terms(estimate: ScaleEstimate, options: ScaleOptions) -> list[Finding]:
-    """What the data do not determine, or not apart from ε: its sigma holds it."""
+    """Note terms that the data do not determine or do not separate from ε."""
     left, found = estimate.undetermined(options), []
     ratio = abs(estimate.epsilon) / estimate.epsilon_sigma
     if PARAMETERS[0] in left:
@@ -166,20 +166,20 @@ def _weak_terms(estimate: ScaleEstimate, options: ScaleOptions) -> list[Finding]
         found.append(_note(Code.EPSILON_NOT_SIGNIFICANT, text, ratio, SIGNIFICANT))
     others = [name for name in left if name != PARAMETERS[0]]
     if others:
-        text = f"left to their priors: {', '.join(others)}"
+        text = f"determined by their priors: {', '.join(others)}"
         found.append(_note(Code.TERMS_FROM_PRIOR, text))
     return found
 
 
 def place_findings(check: PlaceCheck, scatter_m: float) -> list[Finding]:
-    """Judge where shots fit.
+    """Test whether shots fit the shape better elsewhere, or as well at wrong places.
 
     Parameters
     ----------
     check : PlaceCheck
     scatter_m : float
-        Expected scatter of the residuals, metres: shots that scatter by no more say nothing of
-        where they are on ground without relief, and need not.
+        Expected scatter of the residuals, metres. On ground without relief shots fit everywhere
+        with this scatter, which is only noted.
     """
     found = []
     if check.misfit:
@@ -202,7 +202,7 @@ def place_findings(check: PlaceCheck, scatter_m: float) -> list[Finding]:
 
 
 def scan_findings(places: ScanPlaces, crossings: Crossings) -> list[Finding]:
-    """Judge whether scans fit where they are, each by itself, and whether they agree.
+    """Test whether single scans fit better elsewhere, and whether scans agree.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ def scan_findings(places: ScanPlaces, crossings: Crossings) -> list[Finding]:
     Returns
     -------
     list of Finding
-        Refused where more than half of the scans fit better elsewhere.
+        Refused if more than half of the scans fit better elsewhere.
     """
     found, count = [], len(places.checks)
     wrongly = [
@@ -243,7 +243,7 @@ def scan_findings(places: ScanPlaces, crossings: Crossings) -> list[Finding]:
 
 
 def missed_findings(missed: int, count: int) -> list[Finding]:
-    """Judge how many of `count` shots miss the shape, or graze it."""
+    """Test the number of shots, of `count`, that miss the shape or graze it."""
     share = missed / max(count, 1)
     if share <= MISSED:
         return []
@@ -252,7 +252,7 @@ def missed_findings(missed: int, count: int) -> list[Finding]:
 
 
 def unmatched_findings(unmatched: int, count: int) -> list[Finding]:
-    """Judge how many of `count` pairs of surfaces could not be matched."""
+    """Test the number of pairs of surfaces, of `count`, without match."""
     share = unmatched / max(count, 1)
     if share <= UNMATCHED:
         return []
@@ -261,9 +261,9 @@ def unmatched_findings(unmatched: int, count: int) -> list[Finding]:
 
 
 def consistency_findings(compared: Mapping[str, Any]) -> list[Finding]:
-    """Judge the comparison of ε with the scale of the registration."""
+    """Test whether ε and the scale of the registration agree."""
     p_value = compared["p_value"]
-    # A p-value of NaN is of two scales that have no sigma.
+    # The p-value is NaN if both scales have sigma 0.
     if p_value is None or not p_value < CHANCE:
         return []
     text = (
@@ -274,7 +274,7 @@ def consistency_findings(compared: Mapping[str, Any]) -> list[Finding]:
 
 
 def unobserved_findings(reason: str) -> list[Finding]:
-    """Judge a scale that nothing is observed of."""
+    """Refuse a scale without observations."""
     return [Finding(Code.SCALE_NOT_OBSERVED, Severity.REFUSED, reason)]
 
 

@@ -1,4 +1,4 @@
-"""Paired bigmaps: SPC and lidar as one image sees them."""
+"""Pairs of SPC and lidar bigmaps at the ground of each image."""
 
 import lazy_loader
 

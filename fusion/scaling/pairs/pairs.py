@@ -1,4 +1,4 @@
-"""Paired bigmaps: for each image one of SPC maplets and one of lidar returns, compared."""
+"""Pairs of bigmaps for each image, of SPC maplets and of lidar returns, and their match."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ from spcola.grids import Maplet
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """What the two surfaces of a pair lean on, and err with.
+    """Shared sources of error of the two surfaces of a pair.
 
     Attributes
     ----------
     scan : str
     states : (S,) ndarray
-        Share that each image's state (or each scan) has in where the returns lie.
-    leaning : (S, 3, 3) ndarray
-        What a displacement of each does to the match, body-fixed.
+        Share of each image's state (or each scan) in the positions of the returns.
+    response : (S, 3, 3) ndarray
+        Displacement of the match per displacement of each, body-fixed.
     maplets : (M,) ndarray
-        Share that each maplet of the solution has in the SPC bigmap.
+        Share of each maplet of the solution in the SPC bigmap.
     """
 
     scan: str
     states: FloatArray
-    leaning: FloatArray
+    response: FloatArray
     maplets: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """The two bigmaps of an image and how they lie to each other.
+    """The two bigmaps of an image and their match.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Pair:
     spc : Maplet
     lidar : Maplet
     match : Match
-        Displacement that takes the lidar's surface to SPC's.
+        Displacement of the lidar surface onto the SPC surface.
     sources : Sources
     """
 
@@ -63,7 +63,7 @@ class Pair:
     sources: Sources
 
 
-# A single scan leaves cells empty; gaps of two cells are bridged, as MATH §7 does it.
+# A single scan leaves cells empty; gaps of up to two cells are filled, as in MATH §7.
 _BRIDGING = LidarBigmapOptions(max_gap=2)
 
 
@@ -78,29 +78,29 @@ def make_pair(
     spc : Maplet
         The SPC bigmap on ``frame.grid``.
     returns : Returns
-        Body-fixed, metres, located by the trajectory that is to be judged.
+        Body-fixed, metres, located by the trajectory under test.
     sources : Sources
     options : PairOptions
 
     Returns
     -------
     Pair or LeftOut
-        The latter with the reason where there is nothing to match, or no match.
+        The latter with the reason if there is nothing to match, or no match.
     """
     if not spc.valid.any():
         return LeftOut(frame.image, Cause.NO_DATA, "no maplet lies there")
     lidar = bigmap_from_returns(frame.image, frame.grid, returns, options=_BRIDGING)
     if not lidar.valid.any():
         return LeftOut(frame.image, Cause.NO_DATA, "no return of that time lies there")
-    for what, held in (("maplets hold", spc.valid), ("returns hold", lidar.valid)):
-        if (share := float(np.mean(held))) < options.match.min_coverage:
-            few = f"{what} only {share:.0%} of the square"
+    for what, valid in (("maplets", spc.valid), ("returns", lidar.valid)):
+        if (share := float(np.mean(valid))) < options.match.min_coverage:
+            few = f"{what} cover only {share:.0%} of the square"
             return LeftOut(frame.image, Cause.NOT_COVERED, few)
     return _judged(frame, spc, lidar, sources, options, 0.0)
 
 
 def sharpened(pair: Pair, options: PairOptions, *, blur_cells: float) -> Pair | LeftOut:
-    """Match the bigmaps of a pair again, both brought to one resolution."""
+    """Match the bigmaps of a pair again, at a common resolution."""
     return _judged(pair.frame, pair.spc, pair.lidar, pair.sources, options, blur_cells)
 
 
@@ -127,20 +127,20 @@ def _judged(
 
 
 def blur_of(pair: Pair) -> float:
-    """Blur of the SPC bigmap against the lidar's, cells; NaN where they share too little."""
+    """Blur of the SPC bigmap relative to the lidar's, cells; NaN with too little overlap."""
     return estimate_blur(*pair.match.on_one_grid(pair.lidar.height, pair.spc.height))
 
 
 def pair_observations(
     pairs: Sequence[Pair], trajectory: Trajectory, *, center_sigma: FloatArray | None = None
 ) -> ScaleObservations:
-    """What the pairs say about the scale: lidar minus SPC surface, body-fixed, metres.
+    """Return the observations of pairs: lidar minus SPC surface, body-fixed, metres.
 
     Parameters
     ----------
     pairs : sequence of Pair
     trajectory : {"spc", "reference"}
-        The one by which the returns of the pairs were located.
+        Trajectory by which the returns of the pairs were located.
     center_sigma : (M,) ndarray, optional
         Standard deviation per axis of the centres of the solution's maplets, metres; 0 by default.
 
@@ -156,7 +156,7 @@ def pair_observations(
         kind=kind,
         label=tuple(frame.image for frame in frames),
         day=tuple(utc_date(frame.time) for frame in frames),
-        # The match moves the lidar onto SPC; what is observed is where the lidar lies.
+        # The match moves the lidar onto SPC; the observation is the position of the lidar.
         value=-np.array([pair.match.displacement for pair in pairs]).reshape(-1, 3),
         covariance=own,
         point=np.array([frame.grid.center for frame in frames]).reshape(-1, 3),
@@ -167,7 +167,7 @@ def pair_observations(
         shares=np.array([pair.sources.states for pair in pairs]).reshape(len(pairs), -1),
         trajectory=trajectory,
         scan=tuple(pair.sources.scan for pair in pairs),
-        leaning=np.array([pair.sources.leaning for pair in pairs])
+        response=np.array([pair.sources.response for pair in pairs])
         .transpose(0, 2, 1, 3)
         .reshape(len(pairs), 3, -1),
         ground=ground,
@@ -175,14 +175,14 @@ def pair_observations(
 
 
 def maplets_under(pairs: Sequence[Pair]) -> FloatArray:
-    """Share (N, M) that each of the solution's M maplets has in the SPC bigmaps of N pairs."""
+    """Share (N, M) of each of the solution's M maplets in the SPC bigmaps of N pairs."""
     return np.array([pair.sources.maplets for pair in pairs]).reshape(len(pairs), -1)
 
 
 def _of_ground(
     pairs: Sequence[Pair], center_sigma: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Patterns (N, 3, K) of errors that pairs over one ground share, and what is each one's own."""
+    """Shared error patterns (N, 3, K) of pairs over the same ground, and residual covariances."""
     covariance = np.array([pair.match.covariance for pair in pairs]).reshape(-1, 3, 3)
     matches, own = shared_matches(ground_in_common([pair.frame.grid for pair in pairs]), covariance)
     if center_sigma is None:

@@ -1,4 +1,4 @@
-"""Whether shots fit better elsewhere, and scans against each other."""
+"""Tests whether shots fit better at wrong places, and whether scans agree."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Whether shots fit better at another place by chance."""
+"""Significance of a better fit of shots at another place."""
 
 from __future__ import annotations
 
@@ -12,37 +12,37 @@ from fusion.scaling.places.fits import PlaceFit, clipped
 from spcola.arrays import FloatArray
 
 FEWEST_SHOTS = 10
-"""Fewer than this leave nothing once size and centre are taken out."""
+"""Fewest shots of a fit, which has eight parameters."""
 
 FEWEST_INDEPENDENT = 12
-"""Independent shots that a better place needs: eight parameters and a turn take eleven."""
+"""Fewest independent shots for a better place: parameters and rotation take eleven."""
 
 LARGER = 1.2
-"""Times the scatter at another place that the scatter here has to exceed: less is no difference."""
+"""Smallest ratio of the scatter here to that at another place that counts as a difference."""
 
-# Series of noise drawn: one in a thousand is counted by two.
+# Number of noise series drawn: a chance of one in a thousand is two of them.
 _DRAWS = 2000
 
 
 def chance_of_larger(here: FloatArray, there: FloatArray) -> float:
-    """Chance that residuals scatter more here than there as much as they do, if both fit alike.
+    """p-value of a larger scatter of residuals here than there, if both fits are equally good.
 
-    Residuals here are explained by the share β of their difference from those there: 0 where all
-    is right here, 1 where it is there, and ½ where both scatter alike (which is the test of Pitman
-    1939 and Morgan 1939). Shots that follow each other may err alike: as many of them count as
-    the correlations along the track leave independent (Pyper & Peterman 1998). These are
-    estimated, and poorly so of a short track: there :func:`chance_of_fit` decides.
+    The regression coefficient β of residuals here on their difference from those there is 0 if the
+    fit here is correct, 1 if that there is, and ½ if both scatter equally (the test of Pitman 1939
+    and Morgan 1939). Errors of consecutive shots may be correlated: the effective number of shots
+    follows from the correlations along the track (Pyper & Peterman 1998). These are poorly
+    determined for a short track, for which :func:`chance_of_fit` is decisive.
 
     Parameters
     ----------
     here, there : (N,) ndarray
-        Residuals of the same shots, in the order in which they were taken; NaN where unknown.
+        Residuals of the same shots, in order of time; NaN where unknown.
 
     Returns
     -------
     float
-        One-sided p-value of β against ½. 1 where nothing is known there, 0 where nothing is known
-        here only.
+        One-sided p-value of β against ½. 1 if all residuals there are NaN, 0 if only those here
+        are.
     """
     if not np.isfinite(there).any():
         return 1.0
@@ -64,13 +64,13 @@ def chance_of_larger(here: FloatArray, there: FloatArray) -> float:
 
 
 def independent(one: FloatArray, other: FloatArray) -> float:
-    """How many of N pairs of two series, each of mean 0, count for their correlation: 4 to N."""
+    """Effective number, 4 to N, of independent pairs of two series (N,), each of mean 0."""
     count = len(one)
     own = np.correlate(one, one, "full")[count - 1 :] / (one @ one)
     others = np.correlate(other, other, "full")[count - 1 :] / (other @ other)
     lags = np.arange(1, max(2, count // 5 + 1))
-    alike = float(np.sum((1.0 - lags / count) * own[lags] * others[lags]))
-    return float(np.clip(count / max(1.0 + 2.0 * alike, 1.0), 4.0, count))
+    common = float(np.sum((1.0 - lags / count) * own[lags] * others[lags]))
+    return float(np.clip(count / max(1.0 + 2.0 * common, 1.0), 4.0, count))
 
 
 def chance_of_fit(
@@ -81,37 +81,37 @@ def chance_of_fit(
     loose: FloatArray,
     center: FloatArray,
 ) -> float:
-    """Chance that noise alike to the residuals here makes another place fit as much better.
+    """p-value of the best fit at another place, if residuals here are noise of the same spectrum.
 
-    The shots are taken to be right here, and their residuals for noise. Its cosine transform along
-    the track gets random signs: what comes of it has the spectrum of the residuals, hence their
-    correlation along the track, however short it is, and no relation to the shape. With each such
-    noise all places are fitted again, and the best of them is compared with the best of the data.
-    A few smooth waves have few signs: residuals that are no more than that leave a large chance.
+    Null hypothesis: the shots are correct here and their residuals are noise. Random signs of their
+    cosine transform along the track give noise with the spectrum of the residuals, hence their
+    correlation along the track, and no relation to the shape. For each such noise all places are
+    fitted again, and the best is compared with the best of the data. Residuals of only a few smooth
+    waves have few signs, and give a large p-value.
 
     Parameters
     ----------
     here : PlaceFit
-        Where the shots claim to be.
+        At the stated positions.
     others : sequence of PlaceFit
-        The same shots at the other places, all those that were searched.
+        The same shots at all other places that were searched.
     prior, loose : (8,) ndarray
-        Priors of the parameters here, and at the other places.
+        Prior sigmas of the parameters here, and at the other places.
     center : (8,) ndarray
-        About which the prior lies here.
+        Prior means of the parameters here.
 
     Returns
     -------
     float
-        p-value for all places together, 1/2001 at the least. 0 where nothing is known here, 1
-        where nothing is known elsewhere.
+        p-value for all places together, at least 1/2001. 0 if no shot hits the shape here, 1 if
+        none does elsewhere.
     """
     if np.count_nonzero(here.met) < FEWEST_SHOTS:
         return 0.0
     about = PlaceFit(here.met, here.value - here.design @ center, here.design).trimmed(prior)
     rest = about.rest(prior)
     known = rest[about.met]
-    # The first is the data as they are.
+    # The first series is the data.
     noise = np.zeros((len(rest), 1 + _DRAWS))
     noise[about.met] = np.column_stack([known, drawn(known, _DRAWS)])
     least = np.full(1 + _DRAWS, np.inf)
@@ -120,12 +120,12 @@ def chance_of_fit(
             least = np.minimum(least, other.trimmed(loose).squares(loose, noise, rest))
     if not np.isfinite(least[0]):
         return 1.0
-    # Not over what a fit here leaves of each: the residuals are what one has left already.
+    # The scatter here is not refitted for each series: the residuals are already after a fit.
     return float((1 + np.count_nonzero(least[1:] <= least[0])) / (1 + _DRAWS))
 
 
 def drawn(rest: FloatArray, count: int) -> FloatArray:
-    """Noise (N, count) of the spectrum of residuals (N,): their cosine transform, signs drawn."""
+    """Noise (N, count) with the spectrum of residuals (N,): random signs of their cosines."""
     waves = dct(rest, norm="ortho")
     signs = np.random.default_rng(len(rest)).choice([-1.0, 1.0], size=(len(rest), count))
     noise: FloatArray = idct(waves[:, None] * signs, axis=0, norm="ortho")

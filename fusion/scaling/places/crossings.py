@@ -1,4 +1,4 @@
-"""Whether single scans agree with each other where they lie over the same ground."""
+"""Agreement of scans over the same ground."""
 
 from __future__ import annotations
 
@@ -8,35 +8,34 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fusion.scaling.geometry.placing import KnownPlace
+from fusion.scaling.geometry.placing import LidarPlacement
 from fusion.scaling.places.fits import PlaceFit
 from fusion.scaling.shots.shots import ShotComparison
 from spcola.arrays import FloatArray
 from spcola.math.robust import mad
 
-# Pairs of shots of which a scatter is taken, of either kind.
+# Fewest pairs of shots for a scatter, within one scan and between scans.
 _FEWEST_PAIRS = 100
-# Scans of fewer shots leave too little after a fit of their own.
+# Scans with fewer shots have too few degrees of freedom after a fit of their own.
 _FEWEST_SHOTS = 30
 
 
 @dataclass(frozen=True)
 class Crossings:
-    """Residuals of neighbouring shots of one scan, and of different scans.
+    """Differences of residuals of neighbouring shots, within one scan and between scans.
 
-    Errors of the shape are those of a place: all scans have them there. What residuals of
-    different scans differ by more than those of one scan at the same distance is no error of the
-    shape.
+    Errors of the shape are common to all scans at a place. If residuals of different scans differ
+    by more than those of one scan at the same distance, the cause is not the shape.
 
     Attributes
     ----------
     within_m, between_m : float
-        Robust scatter of differences of neighbours' residuals, over √2, metres; NaN where there
-        are fewer than a hundred pairs of either kind.
+        Robust standard deviation of differences of neighbours' residuals, over √2, metres; NaN with
+        fewer than a hundred pairs within scans or between scans.
     pairs : int
-        Pairs of different scans.
+        Number of pairs between scans.
     apart_m : float
-        Distance up to which shots are neighbours, metres.
+        Largest distance of neighbours, metres.
     """
 
     within_m: float = float("nan")
@@ -46,18 +45,18 @@ class Crossings:
 
 
 def compare_crossings(
-    compared: Sequence[ShotComparison], prior: FloatArray, known: KnownPlace
+    compared: Sequence[ShotComparison], prior: FloatArray, known: LidarPlacement
 ) -> Crossings:
-    """Compare residuals of scans over the same ground, after a fit of each scan of its own.
+    """Compare residuals of scans over the same ground, after a separate fit to each scan.
 
     Parameters
     ----------
     compared : sequence of ShotComparison
-        One of each scan.
+        One for each scan.
     prior : (8,) ndarray
-        Of the parameters of the fits: what is wrong with the position of a scan is no scatter.
-    known : KnownPlace
-        Where the shots were compared, and about which the priors lie.
+        Prior sigmas of the fits, which remove the error of each scan's position.
+    known : LidarPlacement
+        Placement at which the shots were compared, the centre of the priors.
 
     Returns
     -------
@@ -65,16 +64,16 @@ def compare_crossings(
     """
     points, rests, numbers = [], [], []
     for number, one in enumerate(compared):
-        seen = one.observations
-        if len(seen) >= _FEWEST_SHOTS:
-            value = seen.value[:, 0] - seen.design()[:, 0] @ known.parameters
-            fit = PlaceFit(one.met, value, seen.design()[:, 0])
-            points.append(seen.point)
+        shots = one.observations
+        if len(shots) >= _FEWEST_SHOTS:
+            value = shots.value[:, 0] - shots.design()[:, 0] @ known.parameters
+            fit = PlaceFit(one.met, value, shots.design()[:, 0])
+            points.append(shots.point)
             rests.append(fit.rest(prior)[one.met])
-            numbers.append(np.full(len(seen), number))
+            numbers.append(np.full(len(shots), number))
     if len(points) < 2:
         return Crossings()
-    # As far apart as neighbours of one scan are.
+    # The typical distance of neighbours within one scan.
     apart = float(np.median([np.median(_nearest(part)) for part in points]))
     first, second = cKDTree(np.concatenate(points)).query_pairs(apart, output_type="ndarray").T
     rest, scan = np.concatenate(rests), np.concatenate(numbers)

@@ -1,4 +1,4 @@
-"""What a fit of the parameters of the scale leaves of single shots at one place."""
+"""Residuals of single shots at one place, after a fit of the parameters of the scale."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ import numpy as np
 from spcola.arrays import BoolArray, FloatArray
 from spcola.math.robust import mad
 
-# Residuals that scatter by less than this are as good as none.
+# Smallest scatter of residuals, metres.
 _LEAST_M = 1e-6
-# Residuals beyond this many robust deviations are of outliers.
+# Residuals beyond this many robust standard deviations are outliers.
 _CLIPPED = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class PlaceFit:
-    """N shots at one place: values and partials of the M of them that meet the shape.
+    """N shots at one place, with values and partials of the M shots that hit the shape.
 
     Parameters
     ----------
     met : (N,) ndarray
-        Which of the shots meet the shape.
+        Mask of the shots that hit the shape.
     value : (M,) ndarray
         Measured minus predicted range, metres.
     design : (M, 8) ndarray
@@ -35,23 +35,23 @@ class PlaceFit:
 
     @property
     def error(self) -> float:
-        """Robust standard deviation of the values, by which the priors are weighed, metres."""
+        """Robust standard deviation of the values, metres: their sigma relative to the priors."""
         return max(float(mad(self.value)), _LEAST_M)
 
     def rest(self, prior: FloatArray) -> FloatArray:
-        """Residuals (N,) of the fit with priors (8,), metres; NaN of shots that miss."""
+        """Residuals (N,) of the fit with priors (8,), metres; NaN for shots that miss."""
         rest = np.full(len(self.met), np.nan)
         if not self.met.any():
             return rest
         rows = np.concatenate([self.design, np.diag(self.error / prior)])
-        seen = np.concatenate([clipped(self.value), np.zeros(len(prior))])
-        # Metres, radians and ratios: in units of the priors the columns are of one size.
-        estimate = prior * np.linalg.lstsq(rows * prior, seen, rcond=None)[0]
+        values = np.concatenate([clipped(self.value), np.zeros(len(prior))])
+        # In units of the priors, columns in metres, radians and ratios have similar sizes.
+        estimate = prior * np.linalg.lstsq(rows * prior, values, rcond=None)[0]
         rest[self.met] = self.value - self.design @ estimate
         return rest
 
     def trimmed(self, prior: FloatArray) -> PlaceFit:
-        """Without the shots that a fit with priors (8,) leaves as outliers."""
+        """Return it without the outliers of a fit with priors (8,)."""
         rest = self.rest(prior)[self.met]
         good = clipped(rest) == rest
         met = self.met.copy()
@@ -59,16 +59,16 @@ class PlaceFit:
         return PlaceFit(met, self.value[good], self.design[good])
 
     def squares(self, prior: FloatArray, noise: FloatArray, here: FloatArray) -> FloatArray:
-        """Mean squares of what the fit leaves with other noise in the place of the residuals.
+        """Mean squared residuals of the fit if the residuals `here` are replaced by noise.
 
         Parameters
         ----------
         prior : (8,) ndarray
-            Of the parameters.
+            Prior sigmas of the parameters.
         noise : (N, S) ndarray
             S series of noise, metres; 0 where `here` is not known.
         here : (N,) ndarray
-            Residuals that each of them replaces, metres; NaN where not known.
+            Residuals to be replaced, metres; NaN where not known.
 
         Returns
         -------
@@ -92,12 +92,12 @@ class PlaceFit:
 
 
 def scatter(rest: FloatArray) -> float:
-    """Standard deviation of residuals (N,), outliers clipped; NaN where none is known."""
+    """Standard deviation of residuals (N,), outliers clipped; NaN if all are NaN."""
     known = rest[np.isfinite(rest)]
     return float(np.std(clipped(known))) if known.size else float("nan")
 
 
 def clipped(rest: FloatArray) -> FloatArray:
-    """Residuals (N,) clipped at four robust deviations from their median."""
+    """Residuals (N,) clipped at four robust standard deviations from their median."""
     middle, limit = np.median(rest), _CLIPPED * float(mad(rest))
     return rest if not limit > 0 else np.clip(rest, middle - limit, middle + limit)

@@ -1,4 +1,4 @@
-"""Whether single shots fit the shape where they claim to be, and where they fit better."""
+"""Test whether single shots fit the shape at their stated positions, or better elsewhere."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from fusion.runtime.machine import one_blas_thread
 from fusion.scaling.fit.observation import Trajectory
-from fusion.scaling.geometry.placing import KnownPlace
+from fusion.scaling.geometry.placing import LidarPlacement
 from fusion.scaling.places.chance import (
     FEWEST_INDEPENDENT,
     FEWEST_SHOTS,
@@ -26,38 +26,38 @@ from lidar.scans import Scan
 from spcola.arrays import FloatArray
 from spcola.shape import RayCaster
 
-# Shots compared at each place: more tell no more of it.
+# Number of shots compared at each place: more would hardly improve the test.
 _SAMPLE = 400
 # Rays cast at once.
 _RAYS = 100_000
-# Steps of turns about Z, and about axes in the equator, degrees.
+# Steps of rotations about Z, mirrored ones, and about axes in the equator, degrees.
 _STEP_DEG, _MIRRORED_DEG, _COARSE_DEG = 2.0, 3.0, 4.0
-# The best of them is looked for again with these steps, with no rotation left to the fit.
+# The best place is refined with these steps; its fit has no rotation.
 _FINER_DEG = (1.0, 0.5, 0.25)
 _LOOSE = np.array([0.0, 0.0, 0.0, 0.0, *np.radians([2.0, 2.0, 2.0]), 0.0])
 _FIRM = np.array([1.0, 1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3, 1.0])
-# Places closer than this to the one claimed are not wrong ones.
+# Smallest rotation from the stated position of a wrong place.
 _ELSEWHERE_DEG = 20.0
 FALSE_ALARM = 1e-3
-"""Chance, of all places together, that right shots seem to fit better elsewhere.
+"""Probability over all places that correct shots seem to fit better elsewhere.
 
-It is kept where errors are white. Where they are correlated along a short track and as large as the
-relief it is not quite (docs: truth, "Wrong input").
+It is exact for white errors. For errors as large as the relief that are correlated along a short
+track it is somewhat larger (docs: truth, "Wrong input").
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Another place for the shots: a turn about an axis, after a mirroring.
+    """Another place for the shots: a rotation about an axis, after mirroring.
 
     Parameters
     ----------
     axis : (3,) ndarray
         Unit vector, body-fixed.
     turn_deg : float
-        About it, right-handed.
+        Right-handed rotation about it.
     mirrored : str
-        What is mirrored before; empty: nothing.
+        Name of the mirroring applied before; empty for none.
     """
 
     axis: FloatArray
@@ -66,24 +66,24 @@ class Place:
 
     @property
     def matrix(self) -> FloatArray:
-        """What takes the shots there (3, 3)."""
+        """Matrix (3, 3) that takes the shots there."""
         turn = Rotation.from_rotvec(np.radians(self.turn_deg) * self.axis).as_matrix()
         matrix: FloatArray = turn @ np.diag(_MIRRORS[self.mirrored])
         return matrix
 
     @property
     def signed_deg(self) -> float:
-        """The turn in [−180, 180), degrees."""
+        """The rotation in [−180, 180), degrees."""
         return (self.turn_deg + 180.0) % 360.0 - 180.0
 
     @property
     def is_elsewhere(self) -> bool:
-        """Whether it is another place beyond doubt."""
+        """Whether it is far enough from the stated position to be a wrong place."""
         return bool(self.mirrored) or abs(self.signed_deg) > _ELSEWHERE_DEG
 
     @property
     def about_z(self) -> bool:
-        """Whether it is a turn about the body's Z axis and nothing else."""
+        """Whether it is only a rotation about the body's Z axis."""
         return not self.mirrored and bool(self.axis[2] == 1.0)
 
     def __str__(self) -> str:
@@ -95,7 +95,7 @@ class Place:
 
 
 _Z = np.array([0.0, 0.0, 1.0])
-_CLAIMED = KnownPlace()
+_CLAIMED = LidarPlacement()
 _MIRRORS = {
     "": (1.0, 1.0, 1.0),
     "longitude of the other sign": (1.0, -1.0, 1.0),
@@ -106,35 +106,34 @@ _MIRRORS = {
 
 @dataclass(frozen=True, eq=False)
 class PlaceCheck:
-    """How the shots fit where they claim to be, and elsewhere.
+    """Fit of the shots at their stated positions, and elsewhere.
 
-    The scatter is that of the range residuals about what the eight parameters of the estimate
-    explain within their priors: a wrong radius is no wrong longitude.
+    The scatter is that of range residuals after a fit of the eight parameters of the estimate
+    within their priors, so that a wrong radius is not mistaken for a wrong longitude.
 
     Attributes
     ----------
     count : int
         Shots compared.
     here_m, best_m : float
-        Scatter where they claim to be and at the best other place, metres; NaN where less than
-        half of the shots meet the shape, or fewer than ten.
+        Scatter at the stated positions and at the best other place, metres; NaN if less than half
+        of the shots hit the shape, or fewer than ten.
     best : Place
     paired : float
-        Chance, over all places tried, that the scatter here exceeds the one there as much as it
-        does where both fit equally well (:func:`fusion.scaling.places.chance.chance_of_larger`,
-        Bonferroni's bound).
+        p-value, over all places tried, of the scatter here exceeding that at the best other place
+        (:func:`fusion.scaling.places.chance.chance_of_larger`, Bonferroni's bound).
     tried : int
-        Places.
+        Number of places.
     usual_m : float
-        Median scatter at the wrong places: turned by more than 20°, or mirrored.
+        Median scatter at the wrong places: rotated by more than 20°, or mirrored.
     wrong, rivals : int
-        How many of these there are, and at how many of them the shots fit as well as here.
+        Number of these, and number of these at which the shots fit as well as here.
     noise : float
-        The same chance where right shots have errors correlated as the residuals are
-        (:func:`fusion.scaling.places.chance.chance_of_fit`); 0 where `paired` is no less than
-        :data:`FALSE_ALARM`, and nothing is left to be asked.
+        p-value for errors that are correlated as the residuals are
+        (:func:`fusion.scaling.places.chance.chance_of_fit`); 0, not computed, where `paired` is not
+        below :data:`FALSE_ALARM`.
     independent : float
-        How many shots are independent by the residuals at the best other place.
+        Effective number of independent shots, from the residuals at the best other place.
     """
 
     count: int = 0
@@ -151,18 +150,18 @@ class PlaceCheck:
 
     @property
     def p_value(self) -> float:
-        """The larger of both chances."""
+        """The larger of both p-values."""
         return max(self.paired, self.noise)
 
     @property
     def misfit(self) -> bool:
-        """Whether the shots fit better elsewhere, by more than chance."""
+        """Whether the shots fit significantly better elsewhere."""
         known = self.independent >= FEWEST_INDEPENDENT
         return known and self.p_value < FALSE_ALARM and not self.here_m <= LARGER * self.best_m
 
     @property
     def by_chance(self) -> bool:
-        """Whether the fit may be one of chance: it is as good at a place that is a wrong one."""
+        """Whether the fit may be due to chance: it is as good at a wrong place."""
         return self.rivals > 0
 
 
@@ -172,11 +171,11 @@ def check_place(
     caster: RayCaster,
     *,
     prior: FloatArray,
-    known: KnownPlace = _CLAIMED,
+    known: LidarPlacement = _CLAIMED,
     trajectory: Trajectory = "reference",
     sample: int = _SAMPLE,
 ) -> PlaceCheck:
-    """Compare the fit of the shots where they claim to be with that elsewhere.
+    """Compare the fit of the shots at their stated positions with that elsewhere.
 
     Parameters
     ----------
@@ -185,22 +184,22 @@ def check_place(
     caster : RayCaster
         Of the SPC surface.
     prior : (8,) ndarray
-        Standard deviations of what is believed of the parameters of the estimate
+        Prior sigmas of the parameters of the estimate
         (:attr:`fusion.scaling.fit.ScaleOptions.prior`).
-    known : KnownPlace, optional
-        Where an estimate has put the lidar surface: what it tells is no misfit.
+    known : LidarPlacement, optional
+        Estimated placement of the lidar surface, which does not count as a misfit.
     trajectory : {"spc", "reference"}
-        By which the shots are located.
+        Trajectory by which the shots are located.
     sample : int, optional
-        Shots compared at the most.
+        Largest number of shots compared.
 
     Returns
     -------
     PlaceCheck
-        Nothing is tested with fewer than ten shots.
+        Without test if there are fewer than ten shots.
     """
     shots = scan.select(np.arange(0, len(scan), max(1, -(-len(scan) // sample))))
-    # Dates are not needed, and take longer than the rays.
+    # A scan without times: dates are not needed, and take longer than the rays.
     shots = Scan.of_points("place", shots.points, spacecraft=shots.spacecraft, beam=shots.beam)
     if len(shots) < FEWEST_SHOTS:
         return PlaceCheck(len(shots))
@@ -210,7 +209,7 @@ def check_place(
     here = replace(claimed, value=claimed.value - claimed.design @ center).rest(prior)
     places = list(_places(shots))
     fits = compared.at_each(places)
-    # Between places that are tried the fit turns: here it may not, beyond its prior.
+    # At other places the fit may rotate between the steps; here only within its prior.
     loose = np.maximum(prior, _LOOSE)
     best = _finer(_best(places, [fit.rest(loose) for fit in fits]), compared, prior * _FIRM)
     there = compared.at(best).rest(loose)
@@ -239,7 +238,7 @@ def check_place(
 
 
 def _independent(rest: FloatArray) -> float:
-    """How many of residuals (N,), in the order in which they were taken, are independent."""
+    """Effective number of independent residuals (N,), given in order of time."""
     known = rest[np.isfinite(rest)]
     if not known.any():
         return 0.0
@@ -248,14 +247,14 @@ def _independent(rest: FloatArray) -> float:
 
 
 def _places(scan: Scan) -> Iterator[Place]:
-    """Turns about Z, also of mirrored shots, and turns about axes in the equator."""
+    """Rotations about Z, also of mirrored shots, and about axes in the equator."""
     for mirrored in _MIRRORS:
         for turn in np.arange(0.0, 360.0, _MIRRORED_DEG if mirrored else _STEP_DEG):
             if turn or mirrored:
                 yield Place(_Z, float(turn), mirrored)
     middle = scan.points.mean(axis=0)
     toward = np.arctan2(middle[1], middle[0])
-    # The fifth turns the shots to the north and to the south.
+    # Rotations about the fifth axis move the shots north and south.
     for number in range(8):
         angle = toward + np.pi / 8.0 * number
         axis = np.array([np.cos(angle), np.sin(angle), 0.0])
@@ -265,13 +264,13 @@ def _places(scan: Scan) -> Iterator[Place]:
 
 
 def _best(places: Sequence[Place], rests: Sequence[FloatArray]) -> Place:
-    """The place of the least scatter; the first where none is known."""
+    """The place of least scatter; the first if all are NaN."""
     sizes = np.array([scatter(rest) for rest in rests])
     return places[int(np.nanargmin(sizes)) if np.isfinite(sizes).any() else 0]
 
 
 def _finer(best: Place, compared: _Compared, firm: FloatArray) -> Place:
-    """The place near `best` of the least scatter, by fits with priors (8,)."""
+    """The place of least scatter near `best`, by fits with priors (8,)."""
     for step in _FINER_DEG:
         turns = best.turn_deg + step * np.array([-1.0, 0.0, 1.0])
         near = [Place(best.axis, float(turn), best.mirrored) for turn in turns]
@@ -281,23 +280,23 @@ def _finer(best: Place, compared: _Compared, firm: FloatArray) -> Place:
 
 @dataclass(frozen=True, eq=False)
 class _Compared:
-    """N shots against the shape, wherever they are put."""
+    """N shots compared with the shape at any place."""
 
     scan: Scan
     caster: RayCaster
     trajectory: Trajectory
 
-    def at(self, place: Place, known: KnownPlace = _CLAIMED) -> PlaceFit:
-        """Values and partials at a place; of no shot where most miss."""
+    def at(self, place: Place, known: LidarPlacement = _CLAIMED) -> PlaceFit:
+        """Values and partials at a place; of no shots if most miss."""
         return self.at_each([place], known)[0]
 
-    def at_each(self, places: Sequence[Place], known: KnownPlace = _CLAIMED) -> list[PlaceFit]:
-        """Values and partials at each place; of no shot where most miss."""
+    def at_each(self, places: Sequence[Place], known: LidarPlacement = _CLAIMED) -> list[PlaceFit]:
+        """Values and partials at each place; of no shots if most miss."""
         most = max(1, _RAYS // len(self.scan))
         groups = [places[first : first + most] for first in range(0, len(places), most)]
         return [fit for group in groups for fit in self._at_once(group, known)]
 
-    def _at_once(self, places: Sequence[Place], known: KnownPlace) -> list[PlaceFit]:
+    def _at_once(self, places: Sequence[Place], known: LidarPlacement) -> list[PlaceFit]:
         """Values and partials at a few places, cast together: rays cost less than calls."""
         count = len(self.scan)
         layers = {
@@ -309,9 +308,9 @@ class _Compared:
         value, design = compared.observations.value[:, 0], compared.observations.design()[:, 0]
         fits, first = [], 0
         for met in compared.met.reshape(-1, count):
-            seen = int(np.count_nonzero(met))
-            enough = seen >= max(FEWEST_SHOTS, count / 2)
-            part = slice(first, first + seen if enough else first)
+            hits = int(np.count_nonzero(met))
+            enough = hits >= max(FEWEST_SHOTS, count / 2)
+            part = slice(first, first + hits if enough else first)
             fits.append(PlaceFit(met & enough, value[part], design[part]))
-            first += seen
+            first += hits
         return fits

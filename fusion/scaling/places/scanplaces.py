@@ -1,4 +1,4 @@
-"""Whether single scans fit the shape better elsewhere, each at a place of its own."""
+"""Test whether single scans fit the shape better elsewhere, each at a place of its own."""
 
 from __future__ import annotations
 
@@ -6,26 +6,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from fusion.scaling.fit.observation import Trajectory
-from fusion.scaling.geometry.placing import KnownPlace
+from fusion.scaling.geometry.placing import LidarPlacement
 from fusion.scaling.places.places import FALSE_ALARM, PlaceCheck, check_place
 from lidar.scans import Scan, join
 from spcola.arrays import FloatArray
 from spcola.shape import RayCaster
 
-# Shots that a group of scans has at least: with fewer only large turns show.
+# Fewest shots in a group of scans: with fewer only large rotations are detected.
 _FEWEST = 60
-# Groups that are compared at most, and shots of all of them: a matter of time.
+# Largest numbers of groups and of all their shots, which limit the run time.
 _GROUPS, _SHOTS = 24, 1200
 
 
 @dataclass(frozen=True, eq=False)
 class ScanPlaces:
-    """How each scan fits where it claims to be, and elsewhere.
+    """Fit of each scan at its stated position, and elsewhere.
 
     Attributes
     ----------
     names : tuple of tuple of str
-        Scans of each group: one, or several that follow each other and have few shots.
+        Scans of each group: one, or several consecutive ones with few shots.
     checks : tuple of PlaceCheck
         Of each group.
     """
@@ -35,10 +35,10 @@ class ScanPlaces:
 
     @property
     def misfits(self) -> tuple[bool, ...]:
-        """Which groups fit better elsewhere, by more than chance in all groups together.
+        """For each group, whether it fits better elsewhere, significantly over all groups.
 
-        The bound for all groups is that of the test of paired variances; the noise of the
-        residuals' spectrum is asked for each group alone.
+        Bonferroni's bound over groups is applied to the test of paired variances; the test with
+        noise of the residuals' spectrum is for each group alone.
         """
         limit = FALSE_ALARM / max(len(self.checks), 1)
         return tuple(check.misfit and check.paired < limit for check in self.checks)
@@ -49,26 +49,25 @@ def check_scans(
     caster: RayCaster,
     *,
     prior: FloatArray,
-    known: KnownPlace,
+    known: LidarPlacement,
     trajectory: Trajectory = "reference",
 ) -> ScanPlaces:
-    """Compare the fit of each scan where it claims to be with that elsewhere.
+    """Compare the fit of each scan at its stated position with that elsewhere.
 
-    Scans that are turned each about an axis of its own fit better at no place in common
-    (:func:`fusion.scaling.places.check_place` looks for that one).
+    Scans that are rotated about different axes have no common better place, which
+    :func:`fusion.scaling.places.check_place` searches for.
 
     Parameters
     ----------
     scans : sequence of Scan
-        With spacecraft positions and beams, in the frame of the shape, in the order in which they
-        were taken.
+        With spacecraft positions and beams, in the frame of the shape, in order of time.
     caster, prior, known, trajectory
-        As :func:`fusion.scaling.places.check_place` has them.
+        As in :func:`fusion.scaling.places.check_place`.
 
     Returns
     -------
     ScanPlaces
-        Of nothing where there are no two groups of 60 shots.
+        Empty if there are fewer than two groups of 60 shots.
     """
     groups = _grouped(scans)
     if len(groups) < 2:
@@ -90,7 +89,7 @@ def check_scans(
 
 
 def _grouped(scans: Sequence[Scan]) -> list[list[Scan]]:
-    """Scans that follow each other, put together until they have enough shots."""
+    """Groups of consecutive scans with enough shots each."""
     least = max(_FEWEST, -(-sum(map(len, scans)) // _GROUPS))
     groups: list[list[Scan]] = []
     count = least
@@ -100,7 +99,7 @@ def _grouped(scans: Sequence[Scan]) -> list[list[Scan]]:
             count = 0
         groups[-1].append(scan)
         count += len(scan)
-    # What is left over belongs to the last that has enough.
+    # A last group with too few shots joins the one before.
     if len(groups) > 1 and count < least:
         groups[-2:] = [groups[-2] + groups[-1]]
     return groups

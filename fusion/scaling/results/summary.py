@@ -1,4 +1,4 @@
-"""The scale as other programs read it (``scale.json``)."""
+"""The scale as ``scale.json``."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from fusion.scaling.shots.spots import SpotOptions
 def scale_json(
     observations: ScaleObservations, estimate: ScaleEstimate, *, mean_radius: float
 ) -> dict[str, Any]:
-    """What pairs and shots have in common in ``scale.json`` (DESIGN: keys that others read).
+    """Content of ``scale.json`` common to pairs and shots (DESIGN: keys that others read).
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def scale_json(
     Returns
     -------
     dict
-        Units stand in the keys; arrays and NaN are turned into JSON where it is written.
+        Keys name the units; arrays and NaN are converted to JSON when written.
     """
     fit, ground = estimate.fit, estimate.ground
     sigma, value = fit.sigma, fit.estimate
@@ -86,7 +86,7 @@ def scale_json(
 
 
 def unobserved_json(kind: str, trajectory: str, reason: str) -> dict[str, Any]:
-    """Content of ``scale.json`` where the data tell nothing: every number unknown, and why.
+    """Content of ``scale.json`` without observations: all numbers null, with the reason.
 
     Parameters
     ----------
@@ -135,9 +135,9 @@ def per_pair(
     observations: ScaleObservations,
     estimate: ScaleEstimate,
 ) -> list[dict[str, Any]]:
-    """Entries of ``per_pair``: what each image says, and why one says nothing.
+    """Entries of ``per_pair``: the numbers of each image, or the reason why it is not used.
 
-    `dx_m` and `dy_m` are how far the lidar lies from SPC along the bigmap's Ux and Uy.
+    `dx_m`, `dy_m` and `dz_m` are the displacement of the lidar from SPC along the bigmap's axes.
     """
     epsilon, sigma = observations.epsilon()
     used, rest = estimate.fit.used, estimate.fit.conditional
@@ -166,11 +166,11 @@ def per_pair(
                 "cause": None if used[row] else Cause.OUTLIER,
             }
         )
-    return sorted([*rows, *silent_pairs(left_out)], key=lambda entry: str(entry["image"]))
+    return sorted([*rows, *unused_pairs(left_out)], key=lambda entry: str(entry["image"]))
 
 
-def silent_pairs(left_out: Sequence[LeftOut]) -> list[dict[str, Any]]:
-    """Entries of ``per_pair`` for the images that say nothing, and why."""
+def unused_pairs(left_out: Sequence[LeftOut]) -> list[dict[str, Any]]:
+    """Entries of ``per_pair`` for the images without a pair, with the reason."""
     return [
         {"image": item.image, "used": False, "reason": item.reason, "cause": item.cause}
         for item in left_out
@@ -178,7 +178,7 @@ def silent_pairs(left_out: Sequence[LeftOut]) -> list[dict[str, Any]]:
 
 
 def per_shot(comparison: ShotComparison, estimate: ScaleEstimate) -> list[dict[str, Any]]:
-    """Entries of ``per_shot``: what each shot says."""
+    """Entries of ``per_shot``: the numbers of each shot."""
     observations, fit = comparison.observations, estimate.fit
     epsilon, _ = observations.epsilon()
     return [
@@ -198,7 +198,7 @@ def per_shot(comparison: ShotComparison, estimate: ScaleEstimate) -> list[dict[s
 
 
 def assumed_json(spots: SpotOptions) -> dict[str, Any]:
-    """Entry ``assumed``: what was taken for footprint and pointing of shots; null if unknown."""
+    """Entry ``assumed``: assumptions about single shots; null if unknown."""
     return {
         "footprint_mrad": 1e3 * spots.footprint_rad or None,
         "pointing_sigma_mrad": 1e3 * spots.pointing_sigma_rad or None,
@@ -207,9 +207,9 @@ def assumed_json(spots: SpotOptions) -> dict[str, Any]:
 
 
 def place_json(check: PlaceCheck) -> dict[str, Any]:
-    """Entry ``longitude_check``: whether the shots fit where they claim to be.
+    """Entry ``longitude_check``: the fit of the shots at their stated positions and elsewhere.
 
-    `best_turn_deg` is null where the best place is no turn about Z; `best` describes it.
+    `best_turn_deg` is null if the best place is not a rotation about Z; `best` describes it.
     """
     return {
         "statistic": "scatter of range residuals here and at the best of many places, paired",
@@ -231,9 +231,9 @@ def place_json(check: PlaceCheck) -> dict[str, Any]:
 
 
 def scan_places_json(places: ScanPlaces, crossings: Crossings) -> dict[str, Any]:
-    """Entry ``scan_check``: whether scans fit where they are, each by itself, and agree.
+    """Entry ``scan_check``: the fit of single scans at their stated positions, their agreement.
 
-    `per_scan` is empty where it was not asked: with one scan, or all shots fitting elsewhere.
+    `per_scan` is empty if it was not tested: with one scan, or if all shots fit elsewhere.
     """
     return {
         "within_m": crossings.within_m,

@@ -1,4 +1,4 @@
-"""Single shots against the shape."""
+"""Single shots compared with the shape."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-from .settling import settle_shots as settle_shots
+from .iteration import iterate_shots as iterate_shots
 from .shots import ShotComparison as ShotComparison
 from .shots import compare_shots as compare_shots
 from .shots import join_shots as join_shots

@@ -1,4 +1,4 @@
-"""Single shots: the measured range against the range predicted on the SPC surface."""
+"""Single shots: measured range against the range predicted from the SPC surface."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from fusion.scaling.fit.observation import ScaleObservations, Trajectory
-from fusion.scaling.geometry.placing import KnownPlace
+from fusion.scaling.geometry.placing import LidarPlacement
 from fusion.scaling.shots.spots import SpotOptions, cast_spots
 from lidar.scans import Scan
 from spcola.arrays import BoolArray, FloatArray
@@ -18,20 +18,20 @@ from spcola.errors import InvalidValueError
 from spcola.navigation import utc_from_et
 from spcola.shape import RayCaster
 
-# A hit seen more obliquely than this says little of the range and much of the slope.
+# More oblique hits are excluded, as their ranges depend strongly on the slope.
 _MIN_COSINE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class ShotComparison:
-    """Shots against a shape.
+    """Shots compared with a shape.
 
     Attributes
     ----------
     observations : ScaleObservations
-        Of the shots whose beam meets the shape.
+        Of the shots whose beam hits the shape.
     met : (N,) ndarray
-        Which of the shots have a beam that meets the shape and does not graze it.
+        Mask of the shots whose beam hits the shape and does not graze it.
     """
 
     observations: ScaleObservations
@@ -39,7 +39,7 @@ class ShotComparison:
 
     @property
     def missed(self) -> int:
-        """Shots whose predicted beam misses the shape or grazes it."""
+        """Number of shots whose predicted beam misses the shape or grazes it."""
         return int(np.count_nonzero(~self.met))
 
 
@@ -50,11 +50,11 @@ def compare_shots(
     trajectory: Trajectory = "reference",
     shares: FloatArray | None = None,
     spots: SpotOptions | None = None,
-    known: KnownPlace | None = None,
+    known: LidarPlacement | None = None,
 ) -> ShotComparison:
     """Predict the range of each shot by casting its beam on the shape.
 
-    The measured range is taken from the spacecraft to the point, so that it is counted from the
+    The measured range is the distance from the spacecraft to the point, so that it refers to the
     spacecraft's position whatever the instrument's own reference point is.
 
     Parameters
@@ -64,15 +64,14 @@ def compare_shots(
     caster : RayCaster
         Of the SPC surface.
     trajectory : {"spc", "reference"}
-        Whose the spacecraft positions are; see :class:`ScaleObservations`.
+        Source of the spacecraft positions; see :class:`ScaleObservations`.
     shares : (N, S) ndarray, optional
-        Share of each of S image states in where the shots lie; by default the scan has one error
-        of its own.
+        Shares of S image states in the positions of the shots; by default the scan has one error.
     spots : SpotOptions, optional
         Footprint and pointing; by default neither is known.
-    known : KnownPlace, optional
-        Where the lidar surface is believed to lie: beams are cast as if it did not, and values and
-        partials are those about there. By default it is believed to lie on the SPC surface.
+    known : LidarPlacement, optional
+        Assumed placement of the lidar surface, which is corrected before beams are cast; the point
+        at which values are linearised. By default zero offset and rotation.
 
     Returns
     -------
@@ -82,7 +81,7 @@ def compare_shots(
     """
     spacecraft, beam = scan.spacecraft, scan.beam
     measured = np.linalg.norm(scan.points - scan.spacecraft, axis=1)
-    spots, place = spots or SpotOptions(), known or KnownPlace()
+    spots, place = spots or SpotOptions(), known or LidarPlacement()
     arm = measured[:, None] * beam if trajectory == "spc" else scan.points
     away = place.displaced(arm)
     placed = np.isfinite(spacecraft).all(axis=1) & np.isfinite(beam).all(axis=1)
@@ -90,9 +89,9 @@ def compare_shots(
     normal = np.full((len(scan), 3), np.nan)
     unsure = np.zeros(len(scan))
     if placed.any():
-        seen = cast_spots(caster, (spacecraft - away)[placed], beam[placed], spots)
+        found = cast_spots(caster, (spacecraft - away)[placed], beam[placed], spots)
         distance[placed], normal[placed], unsure[placed] = (
-            seen.distance, seen.normal, seen.variance
+            found.distance, found.normal, found.variance
         )  # fmt: skip
         distance -= np.sum(normal * away, axis=1) / np.sum(normal * beam, axis=1)
     with np.errstate(invalid="ignore"):
@@ -121,7 +120,7 @@ def compare_shots(
 
 
 def join_shots(compared: Sequence[ShotComparison]) -> ShotComparison:
-    """Put the comparisons of several scans together.
+    """Join the comparisons of several scans.
 
     Raises
     ------
@@ -132,7 +131,7 @@ def join_shots(compared: Sequence[ShotComparison]) -> ShotComparison:
         raise InvalidValueError("there are no shots", "shots")
     parts = [one.observations for one in compared]
     labels = tuple(label for part in parts for label in part.label)
-    # States are the same for all scans; errors of whole scans are each its own.
+    # Image states are common to all scans; errors of whole scans are separate.
     shared = parts[0].trajectory == "spc"
     shares = [part.shares for part in parts]
     joint = np.concatenate(shares) if shared else block_diag(*shares)

@@ -1,4 +1,4 @@
-"""What a shot sees: ranges over its footprint, and what an error of its pointing does to them."""
+"""Predicted ranges of shots: mean over the footprint, and variance by pointing and roughness."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from spcola.arrays import FloatArray, check_finite
 from spcola.errors import InvalidValueError
 from spcola.shape import RayCaster
 
-# Rays beside the axis: rings of equal share, so many rays each.
+# Rays around the axis: number of rings of equal area, and of rays on each.
 _RINGS, _ON_RING = 3, 6
 
 
 @dataclass(frozen=True)
 class SpotOptions:
-    """What is assumed of single shots.
+    """Assumptions about single shots.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ class SpotOptions:
     pointing_sigma_rad : float
         Standard deviation of the beam's direction, each of two axes, radians; 0: not known.
     range_sigma_m : float
-        Of a range, metres, where the scan does not say.
+        Of a range, metres, if the scan has none.
 
     Raises
     ------
@@ -51,11 +51,11 @@ class Spots:
     Attributes
     ----------
     distance : (N,) ndarray
-        To the surface, mean over the footprint, metres; NaN where the axis meets nothing.
+        To the surface, mean over the footprint, metres; NaN if the axis misses.
     normal : (N, 3) ndarray
-        Outward unit normal where the axis meets the surface.
+        Outward unit normal where the axis hits the surface.
     variance : (N,) ndarray
-        Of the predicted range by pointing and roughness, m².
+        Of the predicted range, by pointing and roughness, m².
     """
 
     distance: FloatArray
@@ -68,10 +68,10 @@ def cast_spots(
 ) -> Spots:
     """Predict the ranges of shots from `spacecraft` (N, 3), metres, along `beam` (N, 3).
 
-    The range over a footprint is the mean of rays that fill its disc evenly, and how they scatter
-    about their plane is an error of its own: what part of a rough spot makes the echo is not known.
-    An error of pointing by (δ₁, δ₂) changes the range by r(δ) − r(0), of which the mean square is
-    taken over rays spread as the pointing is: on a plane that is (∂r/∂δ)² σ², on rough ground more.
+    The range of a footprint is the mean of rays that fill its disc evenly. Their variance about a
+    plane is added, as it is not known which part of a rough spot makes the echo. A pointing error
+    (δ₁, δ₂) changes the range by r(δ) − r(0); its mean square over rays with the distribution of
+    the pointing is added too: (∂r/∂δ)² σ² on a plane, more on rough ground.
     """
     hits = caster.cast(spacecraft, beam)
     distance, variance = hits.distance.copy(), np.zeros(len(beam))
@@ -83,7 +83,7 @@ def cast_spots(
         distance = np.where(np.isfinite(distance), mean, np.nan)
         variance += np.nan_to_num(rough) ** 2
     if options.pointing_sigma_rad > 0:
-        # Of a normal distribution in two dimensions; scaled to its mean square, 2 σ².
+        # Quantiles of a two-dimensional normal distribution, scaled to its mean square, 2 σ².
         ring = np.sqrt(-2.0 * np.log(1.0 - (np.arange(_RINGS) + 0.5) / _RINGS))
         ring *= options.pointing_sigma_rad * np.sqrt(2.0 / np.mean(ring**2))
         _, aside = _around(caster, spacecraft, beam, ring)
@@ -98,7 +98,7 @@ def _around(
 ) -> tuple[FloatArray, FloatArray]:
     """Ranges (N, K) of rays at angles `ring` from the axis, and their offsets (K, 2), radians."""
     turn = np.arange(_ON_RING) * (2.0 * np.pi / _ON_RING)
-    # Rings are turned against each other, so that no two of them see the same directions.
+    # Rings are rotated against each other, so that their rays have different directions.
     phase = turn[None, :] + np.arange(_RINGS)[:, None] * (np.pi / _ON_RING)
     offsets = (ring[:, None, None] * np.stack([np.cos(phase), np.sin(phase)], axis=2)).reshape(
         -1, 2

@@ -1,4 +1,4 @@
-"""Scans where their trajectory and pointing put them."""
+"""Geolocation of scans by their trajectory and pointing."""
 
 import lazy_loader
 

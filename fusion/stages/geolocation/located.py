@@ -1,4 +1,4 @@
-"""Shots of all scans where settings put them, and what became of those that have no place there."""
+"""Single shots of all scans, geolocated by the settings, and counts of those without a place."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ KEYS: Mapping[str, str] = {
     OUTSIDE: "outside_trajectory",
     NO_TIME: "no_time",
 }
-"""How reasons for which shots have no place are called in JSON."""
+"""Reason why shots have no place → its key in JSON."""
 
 
 @dataclass(frozen=True, eq=False)
 class LocatedShots:
-    """Shots that were located again.
+    """Shots that were geolocated.
 
     Attributes
     ----------
     scans : tuple of Scan
         Those that have a place.
     count : int
-        How many shots there were.
+        Number of shots read.
     lost : mapping of str to int
-        How many have none, for each reason in :data:`KEYS`.
+        Number of shots without a place, for each reason in :data:`KEYS`.
     span : (float, float)
         First and last time of all shots, s; NaN if unknown.
     within_m : float
-        By how much interpolation puts shots wrong, m.
+        Error of places by interpolation, metres.
     place : KernelPlace, optional
-        Of the kernels that located them.
+        Geolocation by the kernels, if they were used.
     """
 
     scans: tuple[Scan, ...]
@@ -57,13 +57,13 @@ class LocatedShots:
         return self.lost.get(OUTSIDE_KERNELS, 0)
 
     def moved(self, scans: tuple[Scan, ...], within_m: float) -> LocatedShots:
-        """Return the shots as another trajectory locates them; those left out are outside it."""
+        """Return the shots geolocated by another trajectory; those left out are outside it."""
         fewer = sum(map(len, self.scans)) - sum(map(len, scans))
         lost = {**self.lost, OUTSIDE: self.lost.get(OUTSIDE, 0) + fewer}
         return replace(self, scans=scans, lost=lost, within_m=max(self.within_m, within_m))
 
     def as_json(self) -> dict[str, Any]:
-        """Return what belongs into ``scale.json``: counts that add up, and the spans in UTC."""
+        """Return the entries of ``scale.json``: counts that add up, and the spans in UTC."""
         content: dict[str, Any] = {"n_shots": self.count}
         content |= {key: self.lost.get(reason, 0) for reason, key in KEYS.items()}
         if self.place is not None:
@@ -76,7 +76,7 @@ class LocatedShots:
         return content
 
     def findings(self) -> tuple[Finding, ...]:
-        """Return that shots lie outside the kernels: a note as long as some do not."""
+        """Return a finding if shots lie outside the kernels: a note if some lie inside."""
         if not self.outside:
             return ()
         severity = Severity.NOTE if any(map(len, self.scans)) else Severity.REFUSED
@@ -91,14 +91,14 @@ class LocatedShots:
         return f"{text}: {coverage_text(self.place)}; the shots are of {span_text(*self.span)}"
 
     def unplaced(self, missed: int, located: str) -> str:
-        """Return why there is nothing to compare, by what took most shots, and what to do.
+        """Return the main reason why there is nothing to compare, and what to do.
 
         Parameters
         ----------
         missed : int
             Shots that do not meet the shape.
         located : {"spc", "reference"}
-            By whose trajectory they are located.
+            The trajectory that geolocates them.
         """
         of_all = f"of {self.count} shots"
         left_out, timeless = self.lost.get(OUTSIDE, 0), self.lost.get(NO_TIME, 0)
@@ -106,13 +106,13 @@ class LocatedShots:
             "lie outside the states of the images, or between two further apart than [scale] "
             "max_gap_s; use shots taken with the images"
             if located == "spc"
-            else "have no spacecraft position by which they could be moved; import them with one"
+            else "have no spacecraft position, so that they cannot be moved; import them with one"
         )
         reasons = [
             (
                 missed,
                 f"{missed} {of_all} do not meet the shape, or have no spacecraft position; check "
-                "that shots and shape are in one frame and unit",
+                "that shots and shape have the same frame and unit",
             ),
             (
                 self.outside,
@@ -125,7 +125,7 @@ class LocatedShots:
 
 
 def located_shots(workspace: Workspace, locator: Geolocator, most: int) -> LocatedShots:
-    """Read the shots of each scan where they are now, evenly thinned to about `most` in all."""
+    """Read and geolocate the shots of each scan, evenly thinned to about `most` in all."""
     paths = workspace.scan_paths()
     total = sum(scan_summary(path).count for path in paths)
     step = max(1, -(-total // most))
@@ -151,19 +151,19 @@ def located_shots(workspace: Workspace, locator: Geolocator, most: int) -> Locat
 
 
 def span_text(first: float, last: float) -> str:
-    """Return the UTC of a span of ephemeris times, s, in words."""
+    """Return the UTC of a span of ephemeris times, s, as text."""
     known = np.isfinite([first, last]).all()
     return " to ".join(_utc(first, last)) if known else "unknown times"
 
 
 def coverage_text(place: KernelPlace) -> str:
-    """Return one clause: when the kernels know where the lidar was."""
+    """Return one clause: the times for which the kernels have the place of the lidar."""
     windows = place.coverage.windows()
     if not len(windows):
         whole = replace(place, max_gap_s=np.inf).coverage.windows()
         if not len(whole):
             what = f"the pointing of {place.frame} and " if place.frame else ""
-            return f"they do not know {what}the place of {place.spacecraft} at any time"
+            return f"they have no data on {what}the place of {place.spacecraft} at any time"
         windows = np.column_stack([whole.ravel(), whole.ravel()])
     span = span_text(windows[0, 0], windows[-1, 1])
     gap = f"max_gap_s = {place.max_gap_s:g} s"
@@ -174,5 +174,5 @@ def coverage_text(place: KernelPlace) -> str:
 
 
 def _utc(*times: float) -> list[str]:
-    """UTC of ephemeris times (s) to the second."""
+    """Return the UTC of ephemeris times (s) to the second."""
     return [utc_from_et(float(time), 0) for time in times]

@@ -1,4 +1,4 @@
-"""Geolocation of the returns of a workspace: as their files say, or as its settings do."""
+"""Geolocation of the returns of a workspace: as in their files, or by its settings."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from spcola.errors import InvalidValueError, SettingsError
 from spcola.navigation import Spin, Trajectory
 from spcola.spice import KernelSet, KernelUse
 
-# The rotation is compared at so many times of each scan, and so many in all, or a few more.
+# Times of each scan at which the rotation is compared, and about the most of all scans.
 _TIMES_A_SCAN, _MOST_TIMES = 5, 500
 _SPIN = tuple(field.name for field in fields(Spin))
 
@@ -42,15 +42,15 @@ def located_store(
     *,
     arc_s: float = np.inf,
 ) -> ScanStore:
-    """Open the returns of all scans where `[mapolas]`, `[spin]` and `[spice]` say that they are.
+    """Open the returns of all scans, geolocated by `[mapolas]`, `[spin]` and `[spice]`.
 
     Scans that last longer than `arc_s` seconds are cut into arcs.
 
     Raises
     ------
     SettingsError
-        If the rotation is corrected, but is not stated, or kernels are to locate what states of
-        images locate.
+        If the rotation is corrected but not stated, or both kernels and states of images are to
+        geolocate the returns.
     KernelError
         If a kernel is missing or refused.
     """
@@ -58,7 +58,7 @@ def located_store(
     if table.trajectory == "spc":
         if locator.place is not None:
             raise SettingsError(
-                "kernels and the states of images cannot both locate returns",
+                "kernels and the states of images cannot both geolocate returns",
                 f"{workspace.root / SETTINGS_FILE}: [mapolas] trajectory",
                 "choose reference, or empty [spice] kernels",
             )
@@ -74,14 +74,14 @@ def kernel_place(
     *,
     max_gap_s: float,
 ) -> KernelPlace | None:
-    """Return where the kernels of `[spice]` put the lidar; None without kernels.
+    """Return the geolocation by the kernels of `[spice]`; None without kernels.
 
     States and attitudes further apart than `max_gap_s`, seconds, are not interpolated between.
 
     Raises
     ------
     SettingsError
-        If something is missing beside the kernels, or the rotation is corrected (`change`) too.
+        If a setting that kernels need is missing, or the rotation is corrected (`change`) too.
     KernelError
         If a kernel is missing, or they disagree about the rotation.
     """
@@ -97,7 +97,7 @@ def kernel_place(
         )
     if table.frame and not table.reference and not any(table.mounting):
         raise SettingsError(
-            "must be given with a frame: the pointing by which the files were located",
+            "must be given with a frame: the pointing with which the files were geolocated",
             f"{where} reference",
         )
     if change is not None:
@@ -135,9 +135,9 @@ def kernel_place(
 
 
 def _extent(workspace: Workspace) -> tuple[FloatArray, float]:
-    """Times, s, at which the rotation is used, some of each scan; and how far returns reach, m.
+    """Return some times of each scan, s, and the largest coordinate of returns, metres.
 
-    The latter is along one axis. Without scans both are empty or 0.
+    Without scans they are empty and 0.
     """
     summaries = [scan_summary(path) for path in workspace.scan_paths()]
     spans = [one.time_span for one in summaries if np.isfinite(one.time_span).all()]
@@ -147,7 +147,7 @@ def _extent(workspace: Workspace) -> tuple[FloatArray, float]:
 
 
 def kernel_paths(workspace: Workspace, table: SpiceSettings) -> list[Path]:
-    """Return the kernels of `[spice]`, meta-kernels replaced by what they list."""
+    """Return the kernels of `[spice]`, with the kernels that meta-kernels list."""
     place = kernel_place(workspace, table, None, max_gap_s=np.inf)
     if place is None:
         return []
@@ -156,7 +156,7 @@ def kernel_paths(workspace: Workspace, table: SpiceSettings) -> list[Path]:
 
 
 def return_paths(workspace: Workspace, settings: Settings) -> list[Path]:
-    """Return every file that says where the returns are: scans, states of images, kernels."""
+    """Return every file on which places of returns depend: scans, states of images, kernels."""
     paths = [*workspace.scan_paths(), *kernel_paths(workspace, settings.spice)]
     if settings.mapolas.trajectory == "spc":
         paths += [workspace.image_path(name) for name in workspace.image_names()]
@@ -164,13 +164,13 @@ def return_paths(workspace: Workspace, settings: Settings) -> list[Path]:
 
 
 def _radius_of(summary: ScanSummary) -> float:
-    """Largest distance of a scan's returns from the origin, metres, or somewhat more."""
+    """Return an upper limit of the distance of a scan's returns from the origin, metres."""
     return float(np.linalg.norm(np.nan_to_num(np.abs(summary.bounds)).max(axis=0)))
 
 
 @dataclass(frozen=True, eq=False)
 class Geolocator:
-    """How the settings of a workspace locate returns, against what their files say.
+    """Geolocates returns by the settings of a workspace.
 
     Parameters
     ----------
@@ -179,9 +179,9 @@ class Geolocator:
     change : (Spin, Spin), optional
         The stated and the corrected rotation.
     place : KernelPlace, optional
-        Where kernels put the lidar.
+        Geolocation by kernels.
     trajectory : Trajectory, optional
-        Where states of images put it, instead of kernels.
+        Trajectory of the states of images, instead of kernels.
     max_gap_s : float
         States of images further apart, seconds, are not interpolated between.
     """
@@ -194,23 +194,23 @@ class Geolocator:
 
     @property
     def moves(self) -> bool:
-        """Whether anything is located otherwise than its file says."""
+        """Whether returns are moved from their places in the files."""
         return bool(self.range_m) or any(
             part is not None for part in (self.change, self.place, self.trajectory)
         )
 
     def of_file(self, file: ScanFile) -> Geolocation:
-        """Return how the returns of a file move; no times or positions known: no place for any."""
+        """Return how the returns of a file move; without times or positions none has a place."""
 
         def times() -> list[FloatArray]:
-            if self.place is None:  # the span is all that a rotation asks for
+            if self.place is None:  # a rotation needs the span only
                 return [np.array(file.summary.time_span)]
             return [np.unique(times_of(block)) for block in file.blocks]
 
         return self._find(file.trajectory, _radius_of(file.summary), times)
 
     def located(self, scan: Scan) -> tuple[Scan, float]:
-        """Return the scan, and by how much interpolation puts its returns wrong, metres.
+        """Return the geolocated scan, and the error of places by interpolation, metres.
 
         Returns without a place are left out, and counted as rejected.
         """
@@ -226,7 +226,7 @@ class Geolocator:
         radius: float,
         times: Callable[[], Sequence[FloatArray]],
     ) -> Geolocation:
-        """Return how returns within `radius`, metres, move that were located by a `path`."""
+        """Return how returns within `radius`, metres, move that were geolocated by a `path`."""
         try:
             if self.place is not None:
                 move = self.place.geolocation(path(), radius, _known(times()))
@@ -256,7 +256,7 @@ class Geolocator:
 def geolocator(
     workspace: Workspace, spin: SpinSettings, spice: SpiceSettings, *, max_gap_s: float
 ) -> Geolocator:
-    """Return how `[spin]` and `[spice]` locate returns.
+    """Return the geolocation by `[spin]` and `[spice]`.
 
     States of kernels or images further apart than `max_gap_s`, seconds, are not interpolated
     between.
@@ -264,7 +264,7 @@ def geolocator(
     Raises
     ------
     SettingsError, KernelError
-        As :func:`located_store` does.
+        As for :func:`located_store`.
     """
     change = spin_change(workspace, spin)
     place = kernel_place(workspace, spice, change, max_gap_s=max_gap_s)
@@ -272,18 +272,18 @@ def geolocator(
 
 
 def _known(times: Sequence[FloatArray]) -> FloatArray:
-    """Return the times (N,), s, that are known, sorted and single."""
+    """Return the finite times (N,), s, sorted and without duplicates."""
     found = np.unique(np.concatenate([np.empty(0), *times]))
     return found[np.isfinite(found)]
 
 
 def spin_change(workspace: Workspace, table: SpinSettings) -> tuple[Spin, Spin] | None:
-    """Return the stated and the corrected rotation; None where nothing is corrected.
+    """Return the stated and the corrected rotation; None without a correction.
 
     Raises
     ------
     SettingsError
-        If the rotation is corrected, but is not stated.
+        If the rotation is corrected but not stated.
     """
     before = {name: getattr(table, name) for name in _SPIN}
     after = {name: value + getattr(table, f"shift_{name}") for name, value in before.items()}
@@ -292,8 +292,8 @@ def spin_change(workspace: Workspace, table: SpinSettings) -> tuple[Spin, Spin] 
         return None
     if table.rate_deg_per_day == 0.0:
         raise SettingsError(
-            "must be stated where the rotation is corrected",
+            "must be stated if the rotation is corrected",
             f"{workspace.root / SETTINGS_FILE}: [spin] rate_deg_per_day",
-            "state pole, meridian and rate by which the lidar files were located",
+            "state pole, meridian and rate with which the lidar files were geolocated",
         )
     return stated, corrected

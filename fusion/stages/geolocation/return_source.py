@@ -1,4 +1,4 @@
-"""The returns of a workspace: located by its settings, adjusted, around a grid or on it."""
+"""The returns of a workspace, geolocated by its settings and adjusted, around or on a grid."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _MOST_ARCS = 360
 
 @dataclass(frozen=True, eq=False)
 class ReturnSource:
-    """The returns of all scans, and how they are gridded.
+    """The returns of all scans, and the options of their gridding.
 
     Parameters
     ----------
     store : ScanStore
     options : GriddingOptions
     adjustment : ScanAdjustment, optional
-        Displacements of the scans, which the store does not know.
+        Displacements of the scans; those of the store are without them.
     """
 
     store: ScanStore
@@ -44,7 +44,7 @@ class ReturnSource:
 
     @classmethod
     def of(cls, context: StageContext, adjustment: ScanAdjustment | None = None) -> ReturnSource:
-        """Open the returns of a workspace, located as for its mapolas."""
+        """Open the returns of a workspace, geolocated as for its mapolas."""
         workspace, table = context.workspace, context.table(MapolaSettings)
         store = located_store(
             workspace,
@@ -56,7 +56,7 @@ class ReturnSource:
         return cls(store, gridding_options(table), adjustment)
 
     def around(self, grid: MapletGrid, margin: float = 0.0) -> Returns:
-        """Return the returns that lie on `grid` or, along its plane, within `margin` metres."""
+        """Return the returns on `grid` or, along its plane, within `margin` metres of it."""
         box = self.options.box(grid)
         box = box.grown(margin) if margin else box
         if self.adjustment is None:
@@ -71,12 +71,12 @@ class ReturnSource:
 
 
 def gridding_options(table: MapolaSettings) -> GriddingOptions:
-    """Return how returns are gridded by the settings."""
+    """Return the options of gridding from the settings."""
     return GriddingOptions(rejection=RejectionOptions(cell_sigmas=table.outlier_k))
 
 
 def arc_length(workspace: Workspace, table: MapolaSettings) -> float:
-    """Return the length of arcs, seconds: longer than asked for where they would be too many."""
+    """Return the length of arcs, seconds: longer than in the settings if they were too many."""
     spans = [scan_summary(path).time_span for path in workspace.scan_paths()]
     arc_s = table.adjust_arc_s
     while sum(Arcs.of_span(span, arc_s).count for span in spans) > max(_MOST_ARCS, len(spans)):

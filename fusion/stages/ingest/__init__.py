@@ -1,4 +1,4 @@
-"""Import: lidar files into the workspace."""
+"""Import of lidar files into the workspace."""
 
 import lazy_loader
 

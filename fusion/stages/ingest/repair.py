@@ -1,4 +1,4 @@
-"""Scans that have to be read again, from files that are as they were or have changed."""
+"""Scans that have to be read again from their files, which may have changed."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from spcola.errors import WorkspaceError
 
 @dataclass(frozen=True)
 class Due:
-    """A scan that is to be read again.
+    """A scan that has to be read again.
 
     Parameters
     ----------
     source : Source
     digest : str
-        SHA-256 that the source has now.
+        Present SHA-256 of the source.
     why : str
-        What people are told; empty where the settings have changed, which they know.
+        The reason for a message; empty if the settings have changed.
     least : int
-        Returns without which something is lost that was there; 0 where any number will do.
+        Fewest returns without a loss; 0 if any number will do.
     """
 
     source: Source
@@ -45,16 +45,16 @@ class Due:
 
 @dataclass(frozen=True, eq=False)
 class Repair:
-    """The scans of a workspace, and which of them are to be read again.
+    """The scans of a workspace, and which of them have to be read again.
 
     Parameters
     ----------
     context : StageContext
-        Of the stage that keeps the scans.
+        Context of the import stage.
     scans : mapping of Path to ScanSummary
-        Those that can be read.
+        Readable scans.
     damaged : mapping of Path to Origin
-        Those that cannot, or are not what the stage left, with where they came from.
+        Scans that cannot be read or have changed since the stage ran, with their origins.
     """
 
     context: StageContext
@@ -63,20 +63,20 @@ class Repair:
 
     @property
     def verdict(self) -> Verdict:
-        """What was taken as it is although the last run left it otherwise."""
+        """A note on changed scans that were accepted as they are."""
         own = self.context.own
         accepted = Code.CHANGED_INPUT in self.context.settings.accept.codes
         return Verdict((own.finding(Severity.NOTE),) if own and accepted else ())
 
     @classmethod
     def of(cls, context: StageContext) -> Self:
-        """Look at all scans.
+        """Check all scans.
 
         Raises
         ------
         WorkspaceError, FormatError
-            If one is gone, or one is damaged that no unchanged file can replace, unless changed
-            inputs are accepted.
+            If one is gone, or is damaged and cannot be read again from an unchanged file,
+            unless changed inputs are accepted.
         """
         workspace, own = context.workspace, context.own
         accepted = Code.CHANGED_INPUT in context.settings.accept.codes
@@ -98,7 +98,7 @@ class Repair:
         return cls(context, scans, damaged)
 
     def due(self, key: Callable[[Source], str]) -> dict[Path, Due]:
-        """Return the scans that are to be read again; `key` digests how a source is read now.
+        """Return the scans that have to be read again; `key` digests how a source is read now.
 
         Raises
         ------
@@ -132,17 +132,17 @@ class Repair:
         return due
 
     def taken(self, due: Mapping[Path, Due], made: Mapping[Path, ScanSummary]) -> list[str]:
-        """Put scans that were read again (into the scratch folder) in their places.
+        """Move scans that were read again from the scratch folder to their places.
 
         Returns
         -------
         list of str
-            What people are told of them.
+            Messages about them.
 
         Raises
         ------
         WorkspaceError
-            If a file that has changed gives fewer returns than before; no scan is replaced then.
+            If a changed file gives fewer returns than before; then no scan is replaced.
         """
         accepted = Code.CHANGED_INPUT in self.context.settings.accept.codes
         scratch, root = self.context.scratch, self.context.workspace.root
@@ -168,25 +168,25 @@ class Repair:
 
 
 def _unchanged_origin(context: StageContext, path: Path, origin: Origin | None) -> Origin:
-    """Return from where a damaged scan can be read again.
+    """Return the unchanged file from which a damaged scan can be read again.
 
     Raises
     ------
     WorkspaceError, FormatError
-        If nothing says that, or the file is no more what it was.
+        If the file is unknown, gone or has changed.
     """
     if origin is None:
-        # What cannot be read says itself why.
+        # An unreadable scan raises its own error here.
         scan_summary(path)
         raise WorkspaceError(
-            f"has changed since stage {INGEST} wrote it, and nothing says from which file it came",
+            f"has changed since stage {INGEST} wrote it, and its source file is not known",
             path,
-            f"put it back, or go on with --accept {Code.CHANGED_INPUT}",
+            f"restore it, or continue with --accept {Code.CHANGED_INPUT}",
         )
     now = _digest_now(context, origin.source)
     if now == origin.digest:
         return origin
-    state = "gone" if now is None else "not what it was"
+    state = "gone" if now is None else "changed too"
     raise WorkspaceError(
         f"has changed since stage {INGEST} wrote it, and its source {origin.source.path} is "
         f"{state}",

@@ -1,4 +1,4 @@
-"""Where the scans of a workspace came from: by the scans themselves, and by their record."""
+"""Source files of the scans of a workspace, from the scans and from the record of imports."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lidar.scans import ScanSummary
 from spcola.errors import FormatError, WorkspaceError
 
 INGEST = "ingest"
-"""Name of the stage that keeps the scans, and of its record."""
+"""Name of the import stage, and of its record."""
 
 
 @dataclass(frozen=True)
@@ -26,13 +26,13 @@ class Source:
     ----------
     path : Path
     name : str
-        Of the scan; the file's name without its suffix if empty.
+        Name of the scan; if empty, the file's name without its suffix.
     format : str
-        Empty: told from the content.
+        Empty: recognised by content.
     columns : mapping of str to str
-        Of a table: quantity → column with its unit.
+        For a table: quantity → column with its unit.
     unit : str
-        Of coordinates, where the format has none of its own.
+        Unit of coordinates, if the format has none.
     gps_time : bool
         Keep the GPS time of LAS returns.
     """
@@ -46,12 +46,12 @@ class Source:
 
     @property
     def scan_name(self) -> str:
-        """Name of the scan that it becomes."""
+        """Name of its scan."""
         return self.name or self.path.name.removesuffix(".gz").rsplit(".", 1)[0] or self.path.name
 
 
 def recorded_source(scan: ScanSummary) -> Source | None:
-    """Return where an imported scan came from; None for a scan that was put here by hand."""
+    """Return the source of an imported scan; None for a scan that was not imported."""
     kept = scan.parameters
     if "source" not in kept:
         return None
@@ -67,7 +67,7 @@ def recorded_source(scan: ScanSummary) -> Source | None:
 
 @dataclass(frozen=True)
 class Origin:
-    """What the record of the import says of a scan.
+    """Origin of a scan in the record of the import.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Origin:
     digest : str
         SHA-256 of the source when it was read.
     returns : int
-        How many were accepted.
+        Number of returns accepted.
     """
 
     source: Source
@@ -84,12 +84,12 @@ class Origin:
 
     @classmethod
     def of(cls, scan: ScanSummary) -> Self | None:
-        """That of a scan; None if it was put here by hand."""
+        """Return the origin of a scan; None if it was not imported."""
         source = recorded_source(scan)
         return None if source is None else cls(source, scan.digest, scan.count)
 
     def as_json(self) -> dict[str, Any]:
-        """Return it in JSON types."""
+        """Return the origin in JSON types."""
         source = self.source
         return {
             "file": str(source.path),
@@ -103,7 +103,7 @@ class Origin:
 
     @classmethod
     def from_json(cls, name: str, content: Mapping[str, Any]) -> Self:
-        """Rebuild that of the scan `name` from what :meth:`as_json` gave."""
+        """Rebuild the origin of the scan `name` from the content of :meth:`as_json`."""
         source = Source(
             Path(content["file"]),
             name,
@@ -116,7 +116,7 @@ class Origin:
 
 
 def recorded_origins(workspace: Workspace) -> dict[str, Origin]:
-    """Return by name of the scan where each came from, by the record of the last import."""
+    """Return the origin of each scan, by its name, from the record of the last import."""
     record = read_record(workspace, INGEST)
     listed = {} if record is None else record.summary.get("sources") or {}
     return {name: Origin.from_json(name, content) for name, content in listed.items()}
@@ -137,7 +137,7 @@ def whole_scans(workspace: Workspace) -> dict[str, ScanSummary]:
 
 
 def doubles(scans: Mapping[str, ScanSummary]) -> list[tuple[str, str]]:
-    """Return pairs of scans, by the names of their files, that are one scan."""
+    """Return pairs of files, by their names, that hold the same scan."""
     found, names, digests = list[tuple[str, str]](), dict[str, str](), dict[str, str]()
     for name, scan in scans.items():
         other = names.setdefault(scan.name, name)
@@ -149,12 +149,12 @@ def doubles(scans: Mapping[str, ScanSummary]) -> list[tuple[str, str]]:
 
 
 def check_doubles(workspace: Workspace, scans: Iterable[tuple[str, ScanSummary]]) -> None:
-    """Refuse to count a scan twice.
+    """Refuse two files of the same scan.
 
     Raises
     ------
     WorkspaceError
-        If two files hold one scan; both are named.
+        If two files hold the same scan; both are named.
     """
     for first, second in doubles(dict(scans)):
         raise WorkspaceError(

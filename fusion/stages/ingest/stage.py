@@ -1,4 +1,4 @@
-"""Import: lidar files become scans of the workspace, each one HDF5 file."""
+"""Import: scans of the workspace from lidar files, each one HDF5 file."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ from spcola.navigation import utc_from_et
 
 @dataclass(frozen=True)
 class Imported:
-    """What became of one file: "imported", "imported already" or "imported again".
+    """Outcome of one file: "imported", "imported already" or "imported again".
 
-    `before` are the returns that its scan had, None if it is new.
+    `before` is the number of returns that its scan had, None if it is new.
     """
 
     source: Source
@@ -50,7 +50,7 @@ class Imported:
     before: int | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what is printed of it."""
+        """Return the content of ``--json``."""
         return {
             "file": str(self.source.path),
             "state": self.state,
@@ -62,7 +62,7 @@ class Imported:
 
 @dataclass(frozen=True)
 class Workers:
-    """Who does the work, who tells of it, and who knows the digests of files."""
+    """Executor, progress, and a function for digests of files."""
 
     executor: Executor
     progress: Progress
@@ -76,23 +76,23 @@ def import_files(
     sources: Sequence[Source],
     workers: Workers,
 ) -> list[Imported]:
-    """Import files; one that is here already, told by its digest and options, is left alone.
+    """Import files; those imported already, by digest and options, are skipped.
 
-    Everything that can be refused without reading returns is refused before anything is written.
+    Errors that need no reading of returns are raised before anything is written.
 
     Raises
     ------
     WorkspaceError
-        If two files would get one name, or a file cannot be read.
+        If two files would get the same name, or a file cannot be read.
     FormatError
-        If a file does not hold what its format promises.
+        If a file does not have the content of its format.
     """
     for source in sources:
         _check_name(source)
-    # The source of a damaged scan may take its place.
+    # A damaged scan may be replaced by its source.
     scans = whole_scans(workspace)
     with workers.digests([source.path for source in sources]) as digests:
-        # The shape is read while digests are made of the first files.
+        # The shape is read while digests of the first files are computed.
         importer = _Importer(workspace, settings, scans, radius_limits(workspace, settings))
         there = _sources_there(workspace, scans)
         items = _placed(sources, digests, there)
@@ -107,7 +107,7 @@ def import_files(
 
 
 def _may_collide(sources: Sequence[Source], there: Collection[str]) -> bool:
-    """Whether two sources bear one name, or one that of a scan: their digests tell who is who."""
+    """Return whether names of sources are not unique, so that digests must distinguish them."""
     names = [source.scan_name for source in sources]
     return len(set(names)) < len(names) or not set(names).isdisjoint(there)
 
@@ -117,14 +117,13 @@ def _placed(
 ) -> Iterator[tuple[Source, str, str]]:
     """Yield each source with its digest and the name of its scan.
 
-    `there` are digests and paths of the sources of the scans that are there, by name.
-
-    A file that has changed since it was imported keeps the name of its scan.
+    `there` are digests and paths of the sources of existing scans, by name. A file that has changed
+    since it was imported keeps the name of its scan.
 
     Raises
     ------
     WorkspaceError
-        If its name is that of another file's scan.
+        If its name is that of a scan of another file.
     """
     taken = {name: digest for name, (digest, _) in there.items()}
     came_from = {name: path for name, (_, path) in there.items()}
@@ -145,7 +144,7 @@ def _placed(
 def _sources_there(
     workspace: Workspace, scans: Mapping[str, ScanSummary]
 ) -> dict[str, tuple[str, Path | None]]:
-    """Return digests and paths of the files of all scans; of damaged ones by their record."""
+    """Return digests and paths of the files of all scans; for damaged scans from their record."""
     there: dict[str, tuple[str, Path | None]] = {}
     known = recorded_origins(workspace)
     for name in workspace.scan_names():
@@ -159,7 +158,7 @@ def _sources_there(
 
 @dataclass(frozen=True)
 class _Importer:
-    """Imports one file at a time; `scans` are those that the workspace had, by name."""
+    """Imports one file at a time; `scans` are the existing scans, by name."""
 
     workspace: Workspace
     settings: Settings
@@ -167,7 +166,7 @@ class _Importer:
     limits: tuple[float, float]
 
     def __call__(self, item: tuple[Source, str, str]) -> Imported:
-        """Import a source with its digest under a name, unless it is there."""
+        """Import a source with its digest under a name, unless it is imported already."""
         source, digest, name = item
         before = self.scans.get(name)
         key = _key(source, self.settings)
@@ -186,7 +185,7 @@ class _Importer:
 
 @dataclass(frozen=True)
 class IngestStage:
-    """Keeps the scans in step with the settings: what was read by others is read again."""
+    """Keeps scans consistent with the settings: reads them again if these changed."""
 
     name: str = INGEST
     version: int = 2
@@ -195,16 +194,16 @@ class IngestStage:
     tables: tuple[type[Table], ...] = (BodySettings, ImportSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
-        """Return why there is nothing to do."""
+        """Return why there is nothing to do; empty if there is."""
         if workspace.scan_names():
             return ""
         return f"no lidar file was imported; run: spcola import {workspace.root} FILE"
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return the files that the scans came from, as far as they exist, and scans without one.
+        """Return the existing source files of the scans, and the scans without one.
 
-        The file of a scan that is damaged is told by the record of its import. A scan that was
-        put here by hand, or bears another name than its file, is an input itself.
+        The file of a damaged scan is taken from the record of its import. A scan that was not
+        imported, or has another name than its file, is an input itself.
         """
         known, paths = recorded_origins(workspace), dict[Path, None]()
         for path in workspace.scan_paths():
@@ -218,19 +217,19 @@ class IngestStage:
         return list(paths)
 
     def run(self, context: StageContext) -> StageResult:
-        """Import again what was read by other settings, has changed since, or is damaged.
+        """Import again scans that were read with other settings, changed, or are damaged.
 
         Raises
         ------
         WorkspaceError
-            If that is so of a scan whose file is gone, two files hold one scan, or something is
-            lost: a scan, or returns of a file that has changed.
+            If the file of such a scan is gone, two files hold the same scan, or something is
+            lost: a scan, or returns of a changed file.
         """
-        # Workers elsewhere get what their function names: not the whole context.
+        # Remote workers get what the function refers to: not the whole context.
         workspace, settings, scratch = context.workspace, context.settings, context.scratch
         repair = Repair.of(context)
         due = repair.due(lambda source: _key(source, settings))
-        # The shape is read only if a scan is.
+        # The shape is read only if a scan is read.
         limits = radius_limits(workspace, settings) if due else (0.0, math.inf)
 
         def one(path: Path) -> ScanSummary:
@@ -261,7 +260,7 @@ STAGE = IngestStage()
 
 
 def scan_facts(scan: ScanSummary) -> dict[str, Any]:
-    """Return what is worth knowing of a scan, in JSON types."""
+    """Return the main properties of a scan, in JSON types."""
     return {
         "scan": scan.name,
         "returns": scan.count,
@@ -279,16 +278,16 @@ def scan_facts(scan: ScanSummary) -> dict[str, Any]:
 
 
 def utc_or_none(et: float) -> str | None:
-    """Return UTC of ephemeris time, s; None where the time is not known."""
+    """Return the UTC of an ephemeris time, s; None if it is not finite."""
     return utc_from_et(et) if math.isfinite(et) else None
 
 
 def radius_limits(workspace: Workspace, settings: Settings) -> tuple[float, float]:
-    """Return between which radii, metres, a return can be of this body.
+    """Return the limits of the radii of returns, metres.
 
-    Those of the settings; where they say nothing and there is a shape, a tenth of its least and
-    ten times its largest radius: wide enough for every stray return, too narrow for a file in
-    kilometres that is read as metres.
+    They come from the settings or else, if there is a shape, are a tenth of its smallest and ten
+    times its largest radius: wide enough for all outliers, too narrow for a file in kilometres
+    that is read as metres.
     """
     table = settings.ingest
     stated = (table.min_radius_m, table.max_radius_m or math.inf)
@@ -301,7 +300,7 @@ def radius_limits(workspace: Workspace, settings: Settings) -> tuple[float, floa
 def lidar_options(
     source: Source, settings: Settings, name: str, limits: tuple[float, float]
 ) -> LidarOptions:
-    """Return how `source` is read; returns beyond the `limits` of the radius, metres, are not."""
+    """Return the options for reading `source`; `limits` are those of the radius, metres."""
     table = settings.ingest
     return LidarOptions(
         name=name,
@@ -317,7 +316,7 @@ def lidar_options(
 
 
 def _in_reach(path: Path) -> bool:
-    """Tell whether a file is there; one in a folder that is closed to this user is not."""
+    """Return whether a file exists and its folder is accessible."""
     try:
         return path.is_file()
     except OSError:
@@ -325,7 +324,7 @@ def _in_reach(path: Path) -> bool:
 
 
 def _check_name(source: Source) -> None:
-    """Refuse a scan's name that would lead out of its folder, or hide the scan in it."""
+    """Refuse a scan's name with a path, or of a hidden file."""
     name = source.scan_name
     if Path(name).name != name or name.startswith(".") or not name.isprintable():
         raise WorkspaceError(
@@ -338,8 +337,8 @@ def _check_name(source: Source) -> None:
 def _write(
     path: Path, options: LidarOptions, source: Source, settings: Settings, digest: str
 ) -> ScanSummary:
-    """Read `source` and write it as the scan `path`, which remembers where it came from."""
-    # Columns are stated for tables only, and one whose own names say nothing is not recognised.
+    """Read `source` and write it as the scan `path`, with its source."""
+    # Columns are stated for tables only, and a table with unknown names is not recognised.
     chosen = source.format or ("table" if source.columns else recognise(source.path))
     chunks = open_lidar(source.path, format=chosen, options=options)
     parameters: dict[str, str | float | int] = {
@@ -356,7 +355,7 @@ def _write(
 
 
 def _key(source: Source, settings: Settings) -> str:
-    """Digest how `source` is read, without what does not change the result."""
+    """Return a digest of the options on which reading `source` depends."""
     return content_digest(
         {
             "columns": dict(source.columns),

@@ -1,4 +1,4 @@
-"""Mapolas: returns gridded."""
+"""Mapolas: grids of returns."""
 
 import lazy_loader
 

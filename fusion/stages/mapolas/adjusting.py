@@ -1,4 +1,4 @@
-"""The adjustment of scans over a workspace: which overlaps are compared, and until when."""
+"""The adjustment of scans of a workspace: choice of overlaps, and iteration to convergence."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from lidar.adjustment import (
 from spcola.arrays import FloatArray
 from spcola.grids import MapletGrid
 
-# The overlaps are linear in displacements of a hundredth of a cell, and a step leaves a tenth of
-# itself: one that moves scans against each other by no more leaves less than overlaps tell.
-_STILL = 0.003
+# Step, in cells, below which the adjustment has converged: overlaps are linear for displacements
+# of a hundredth of a cell, and a step leaves a tenth of itself.
+_CONVERGED_CELLS = 0.003
 _MAX_ROUNDS = 5
-# Overlaps are compared on grids whose centres lie this many sides apart: ground that is compared
-# twice tells nothing new.
+# Overlaps are compared on grids whose centres lie this many sides apart: comparing the same
+# surface twice adds nothing.
 _APART = 1.0
 
 
 def adjusted(
     context: StageContext, source: ReturnSource, grids: dict[str, MapletGrid]
 ) -> ScanAdjustment:
-    """Find where the scans of a workspace lie to each other, in rounds until they stand still."""
+    """Estimate the displacements of scans against each other, iterated until they converge."""
     table = context.table(MapolaSettings)
     options = AdjustmentOptions(table.adjust_sigma_m, float(np.radians(table.adjust_sigma_deg)))
     found = unadjusted(source.store.scan_names, source.store.nodes, options)
@@ -43,13 +43,13 @@ def adjusted(
         compare = _Comparison(replace(source, adjustment=found), chosen, found.center)
         parts = context.map("compare scans", compare.equations, range(len(chosen)))
         found = adjust_scans(found, [part for part in parts if part is not None], options=options)
-        if found.step_m <= _STILL * min(grid.gsd for grid in chosen):
+        if found.step_m <= _CONVERGED_CELLS * min(grid.gsd for grid in chosen):
             break
     return found
 
 
 def adjustment_summary(adjustment: ScanAdjustment) -> dict[str, Any]:
-    """Return what the command prints of it."""
+    """Return the adjustment as the command prints it."""
     known = adjustment.misfit[np.isfinite(adjustment.misfit)]
     return {
         "scans_that_overlap": int(np.count_nonzero(adjustment.cells)),
@@ -75,7 +75,7 @@ def adjustment_summary(adjustment: ScanAdjustment) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class _Comparison:
-    """One round: what the overlaps on each of the chosen grids say."""
+    """One iteration: normal equations of the overlaps on each of the chosen grids."""
 
     source: ReturnSource
     grids: list[MapletGrid]
@@ -96,7 +96,7 @@ class _Comparison:
 
 
 def compared_grids(grids: list[MapletGrid]) -> list[MapletGrid]:
-    """Choose grids, in their order, that lie no nearer to each other than a side."""
+    """Return grids, in their order, whose centres are at least a side apart."""
     chosen: list[MapletGrid] = []
     centers = np.empty((0, 3))
     for grid in grids:

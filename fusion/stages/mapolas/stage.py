@@ -1,4 +1,4 @@
-"""Mapolas: the returns of all scans, gridded where the maplets are or all over the body."""
+"""Mapolas: the returns of all scans, gridded at the maplets or over the whole body."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from spcola.grids import MapletGrid
 from spcola.shape import covering
 
 COVER_HALF_SIZE = 49
-"""q of a covering where the settings leave it open: 99 × 99 points, as is usual for maplets."""
+"""Default q of a covering: 99 × 99 points, as is usual for maplets."""
 
-# Mapolas are small and take from nothing to a second: many may wait behind a long one.
+# Mapolas are small and take up to a second: many may wait behind a long one.
 _AHEAD = 64
 
 
@@ -54,7 +54,7 @@ class MapolasStage:
     )
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
-        """Return why mapolas cannot be made."""
+        """Return why mapolas cannot be made; empty if they can."""
         if not workspace.scan_names():
             return f"there are no scans; run: spcola import {workspace.root} FILE"
         if settings.mapolas.source == "maplets" and not workspace.maplet_names():
@@ -66,7 +66,7 @@ class MapolasStage:
         return ""
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return scans, maplets or the shape, and images or kernels that locate returns."""
+        """Return scans, maplets or the shape, and images or kernels that geolocate returns."""
         paths = return_paths(workspace, settings)
         if settings.mapolas.source == "cover":
             return [*paths, workspace.shape_path()]
@@ -78,7 +78,7 @@ class MapolasStage:
         Raises
         ------
         WorkspaceError
-            If no mapola gets enough returns.
+            If no mapola has enough returns.
         """
         workspace, table = context.workspace, context.table(MapolaSettings)
         grids = mapola_grids(workspace, context.settings)
@@ -116,17 +116,17 @@ STAGE = MapolasStage()
 
 
 def _advice(context: StageContext, store: ScanStore) -> str:
-    """Return what to do where no mapola gets enough returns."""
+    """Return what to do if no mapola has enough returns."""
     lost, table = sum(store.without_place.values()), context.table(MapolaSettings)
     if lost <= len(store) / 2:
         return (
-            "check that scans and maplets are in one frame and unit, or lower [mapolas] "
+            "check that scans and maplets have the same frame and unit, or lower [mapolas] "
             "min_coverage"
         )
     place = kernel_place(
         context.workspace, context.table(SpiceSettings), None, max_gap_s=table.max_gap_s
     )
-    text = f"{lost} of {len(store)} returns have no place where they are to be located again"
+    text = f"{lost} of {len(store)} returns cannot be geolocated"
     if place is None:
         return f"{text}: use scans taken with the images, or widen [mapolas] max_gap_s"
     spans = [scan_summary(path).time_span for path in context.workspace.scan_paths()]
@@ -138,7 +138,7 @@ def _advice(context: StageContext, store: ScanStore) -> str:
 
 
 def _some(mapolas: Iterator[Mapola], empty: WorkspaceError) -> Iterator[Mapola]:
-    """Pass mapolas on; where there is none, raise before those of an earlier run are replaced."""
+    """Yield the mapolas; without any, raise before those of an earlier run are replaced."""
     first = next(mapolas, None)
     if first is None:
         raise empty
@@ -152,7 +152,7 @@ def mapola_grids(workspace: Workspace, settings: Settings) -> dict[str, MapletGr
     Raises
     ------
     SettingsError
-        If a covering is asked for without a ground sample distance.
+        If there is no ground sample distance for a covering.
     """
     table = settings.mapolas
     where = f"{workspace.root / SETTINGS_FILE}: [mapolas]"
@@ -165,7 +165,7 @@ def mapola_grids(workspace: Workspace, settings: Settings) -> dict[str, MapletGr
         raise SettingsError("must be given for a covering", f"{where} gsd_m", "in metres")
     half_size = table.half_size or COVER_HALF_SIZE
     shape = workspace.shape()
-    # As fine as its grids, a covering of the body has as many points as its circumference squared.
+    # A covering has about as many points as a square of the body's circumference at its GSD.
     check_grid(np.pi * shape.mean_radius / table.gsd_m, where, "raise gsd_m")
     grids = covering(shape, table.gsd_m, half_size, overlap=table.overlap)
     # SPC allows names of six characters.
@@ -181,7 +181,7 @@ def _adapted(grid: MapletGrid, table: MapolaSettings) -> MapletGrid:
 
 @dataclass
 class _Counts:
-    """Counts what happens to returns and mapolas while these pass by."""
+    """Counts used and rejected returns, and mapolas."""
 
     used: int = 0
     rejected: int = 0
@@ -189,7 +189,7 @@ class _Counts:
     coverage: float = 0.0
 
     def passed(self, done: Iterator[Gridding], table: MapolaSettings) -> Iterator[Mapola]:
-        """Yield the mapolas that hold enough, thin cells left out."""
+        """Yield the mapolas with enough coverage, without cells of too few returns."""
         for gridding in done:
             mapola, report = gridding.mapola, gridding.report
             if table.min_count > 1:

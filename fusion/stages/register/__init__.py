@@ -1,4 +1,4 @@
-"""Register: mapolas to the SPC surface."""
+"""Registration of mapolas to the SPC surface."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The verdict on the registration of a workspace: evidence from its surfaces, and what follows."""
+"""The verdict on the registration of a workspace, and the evidence from its surfaces."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from spcola.errors import NotObservableError, SpcolaError
 from spcola.grids import MapletGrid
 from spcola.math.robust import mad
 
-# The evidence is of the whole solution; this many mapolas show it.
+# Most mapolas from which the evidence for the whole solution is taken.
 _SAMPLE = 24
-# What a refused registration must not offer to programs that do not look at its verdict.
+# Keys that a refused registration must not give to programs that ignore its verdict.
 _TRANSFORM = (
     "scale",
     "scale_sigma",
@@ -47,7 +47,7 @@ _ESTIMATE = (*_TRANSFORM, "matrix", "strain", "strain_sigma")
 
 @dataclass(frozen=True, eq=False)
 class _Comparison:
-    """What a mapola and the SPC surface show on one grid."""
+    """Heights of a mapola and the SPC surface on one grid, and the residual over its sigma."""
 
     placed: Placed
     chi: float
@@ -59,18 +59,18 @@ def evidence_of(
     content: Mapping[str, Any] | None = None,
     given: GivenRegistration | None = None,
 ) -> Evidence:
-    """Compare the surfaces of a sample of mapolas where a registration puts them.
+    """Compare a sample of registered mapolas with the SPC surface.
 
     Parameters
     ----------
     context : StageContext
-        Of the stage that registers.
+        Context of the registration stage.
     matched : Matched
-        What the registration rests on.
+        Matches on which the registration is based.
     content : mapping, optional
-        ``registration.json``; without it no place is expected of the mapolas.
+        ``registration.json``; without it the mapolas have no expected place.
     given : GivenRegistration, optional
-        Where the mapolas were searched from, if not from where they are.
+        Transform from which the mapolas were searched, if not from their own place.
     """
     workspace, table = context.workspace, context.table(RegisterSettings)
     reference = surface_reference(workspace, table.against)
@@ -101,17 +101,17 @@ def evidence_of(
 
 
 def _stated_sigma(sigma: FloatArray, surface: Surface) -> float:
-    """Sigma of the difference of a mapola, of `sigma`, and SPC, metres; NaN if none is stated."""
+    """Return the median sigma of mapola (`sigma`) minus SPC, metres; NaN if not stated."""
     known = np.isfinite(sigma) & np.isfinite(surface.height) & (surface.variance > 0)
     if not known.any():
         return float("nan")
     return float(np.median(np.sqrt(sigma[known] ** 2 + surface.variance[known])))
 
 
-def elsewhere(context: StageContext) -> tuple[dict[str, Any], tuple[Finding, ...]]:
-    """Search where else the lidar would fit: ``frame_search`` of the JSON, and a note if it does.
+def other_frames(context: StageContext) -> tuple[dict[str, Any], tuple[Finding, ...]]:
+    """Search for another frame in which the lidar fits: ``frame_search`` of the JSON, and a note.
 
-    Without returns in the workspace, or on a body without relief, nothing is found.
+    Nothing is found without returns in the workspace, or on a body without relief.
     """
     with context.progress.task("search for the frame", 1) as task:
         try:
@@ -129,8 +129,8 @@ def elsewhere(context: StageContext) -> tuple[dict[str, Any], tuple[Finding, ...
 def with_verdict(content: Mapping[str, Any], verdict: Verdict) -> dict[str, Any]:
     """Return ``registration.json`` with its verdict.
 
-    What a refused registration estimates stands under ``refused_estimate`` alone, so that no
-    program takes it for a transform.
+    The estimate of a refused registration is under ``refused_estimate`` only, so that no program
+    uses it as a transform.
     """
     judged = {**content, **verdict.as_json()}
     if verdict.judgement != "refused":
@@ -142,7 +142,7 @@ def with_verdict(content: Mapping[str, Any], verdict: Verdict) -> dict[str, Any]
 def unregistered(
     error: NotObservableError, matches: Sequence[Match], table: RegisterSettings
 ) -> tuple[dict[str, Any], Verdict]:
-    """Content of ``registration.json`` where no transform could be fitted, and its verdict."""
+    """Return ``registration.json`` if no transform could be fitted, and its verdict."""
     usable = sum(match.usable for match in matches)
     code = Code.NOT_DETERMINED if usable else Code.NO_MATCH
     content: dict[str, Any] = {
@@ -172,7 +172,7 @@ def unregistered(
 
 
 def _displacements(content: Mapping[str, Any]) -> dict[str, FloatArray]:
-    """Where the registration puts the centres of the mapolas (3,), SPC coordinates, metres."""
+    """Return the registered centres of the mapolas (3,), SPC coordinates, metres."""
     transform = transform_of(content, "registration")
     shifts = placements_of(content, "registration")
     return {
@@ -183,7 +183,7 @@ def _displacements(content: Mapping[str, Any]) -> dict[str, FloatArray]:
 
 
 def _shift(target: FloatArray | None, searched: MapletGrid) -> FloatArray:
-    """Displacement (2,), cells along x and y of the grid that is `searched`, to a `target` (3,)."""
+    """Return the displacement (2,) of a `target` (3,) from the `searched` grid, in its cells."""
     if target is None:
         return np.full(2, np.nan)
     along: FloatArray = (searched.axes @ (target - searched.center))[:2] / searched.gsd

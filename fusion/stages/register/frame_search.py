@@ -12,18 +12,18 @@ from spcola.arrays import FloatArray
 from spcola.errors import SpcolaError
 from spcola.shape import Mesh, sample_surface
 
-# More returns, maplets and nodes than these add time, and nothing to an accuracy of a tenth degree.
+# More returns, maplets and nodes take more time without improving on a tenth of a degree.
 _RETURNS, _MAPLETS, _NODES = 400_000, 1000, 400_000
 _SHAPE_STEP_DEG = 0.7
-# Edge, as a part of a right angle, of the cells in which maplets stand for the shape.
+# Cells of a right angle in which maplets replace the shape.
 _CELLS = 32
 
 
 def search_workspace_frames(workspace: Workspace, settings: Settings) -> FrameSearch:
-    """Look for the turn, mirrored axis, unit or shift by which the lidar fits the SPC surface.
+    """Search for the rotation, mirrored axis, unit or shift by which lidar fits the SPC surface.
 
-    The returns are where `settings` locate them, before scans are adjusted. The surface is that
-    which they are registered to: the shape, or the maplets, with the shape where no maplet is.
+    Returns are geolocated by `settings`, without the adjustment of scans. The surface is that of
+    the registration: the shape, or the maplets, with the shape where there is no maplet.
 
     Raises
     ------
@@ -51,14 +51,14 @@ def surface_points(workspace: Workspace, settings: Settings) -> FloatArray:
     try:
         shape = _shape_points(workspace.shape())
     except SpcolaError:
-        # Registration to maplets does without a shape as well.
+        # Registration to maplets needs no shape.
         return nodes
     bare = ~np.isin(cells_of(shape, _CELLS), cells_of(nodes, _CELLS))
     return np.concatenate([nodes, shape[bare]])
 
 
 def _maplet_points(workspace: Workspace, names: list[str]) -> FloatArray:
-    """Nodes (N, 3) of maplets, metres: all maplets and nodes, or evenly chosen ones of many."""
+    """Return nodes (N, 3) of maplets, metres: all, or an even selection of many."""
     names = names[:: -(-len(names) // _MAPLETS)]
     parts = []
     for name in names:

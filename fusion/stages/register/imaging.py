@@ -1,4 +1,4 @@
-"""The images of a workspace as the registration looks at them."""
+"""The images of a workspace for registration by images."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from spcola.shape import RayCaster
 
 @dataclass(frozen=True, eq=False)
 class ImageScene:
-    """Images, how well their states are known, and what stands in their way.
+    """Images, covariances of their states, and the shape that may hide ground from them.
 
     Attributes
     ----------
     workspace : Workspace
     images : tuple of SpcImage
-        Those with pixels in IMAGEFILES whose state is known to some sigma; without pixels.
+        Images with pixels in IMAGEFILES and a state of known uncertainty; without their pixels.
     states : dict of str to (6, 6) ndarray
         Covariances of their states.
     exposed : Exposures
@@ -80,7 +80,7 @@ class ImageScene:
         )
 
     def sighting(self, name: str) -> Sighting:
-        """Find a mapola in the images that show it."""
+        """Match a mapola with the images that show it."""
         mapola = self.workspace.mapola(name)
         return find_ground(
             mapola,
@@ -95,12 +95,12 @@ class ImageScene:
 def imaged_mapolas(
     context: StageContext, names: list[str], grids: list[MapletGrid]
 ) -> ImagedMapolas:
-    """Find mapolas in images, and solve their centres.
+    """Match mapolas with images, and solve for their centres.
 
     Raises
     ------
     NotObservableError
-        If no image has pixels and a state that is known to some sigma.
+        If no image has pixels and a state of known uncertainty.
     """
     table = context.table(RegisterSettings)
     scene = ImageScene.of(context.workspace, grids, table)
@@ -115,13 +115,13 @@ def imaged_mapolas(
 
 
 def landmark_files(workspace: Workspace) -> list[Path]:
-    """Return the landmark files that are there; an image whose landmarks are not has none."""
+    """Return the existing landmark files."""
     paths = [workspace.root / "LMKFILES" / f"{name}.LMK" for name in workspace.landmark_names()]
     return [path for path in paths if path.is_file()]
 
 
 def _fixes(image: SpcImage, known: dict[str, Landmark]) -> Fixes:
-    """Landmarks of an image that the solution knows and that pull."""
+    """Return the known landmarks of an image that are not deweighted."""
     points = [p for p in image.landmarks if p.name in known and not p.deweighted]
     return Fixes(
         np.array([known[p.name].grid.center for p in points]).reshape(-1, 3),
@@ -131,9 +131,9 @@ def _fixes(image: SpcImage, known: dict[str, Landmark]) -> Fixes:
 
 
 def _anchor(image: SpcImage, grids: list[MapletGrid]) -> FloatArray:
-    """Ground in the middle of what an image shows: the mean of the centres in it (3,).
+    """Return the mean (3,) of the centres in an image: a point on the surface it shows.
 
-    The centre next to the middle of the frame, if none lies in it.
+    Without centres in it, the centre nearest to the middle of its frame.
     """
     centers = np.array([grid.center for grid in grids])
     normals = np.array([grid.uz for grid in grids])

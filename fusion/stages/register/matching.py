@@ -1,4 +1,4 @@
-"""All mapolas of a workspace matched with the SPC surface."""
+"""Match of all mapolas of a workspace with the SPC surface."""
 
 from __future__ import annotations
 
@@ -33,27 +33,26 @@ from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
 from spcola.grids import MapletGrid
 
-# Blur and spectrum are of the whole solution; this many mapolas tell them.
+# Most mapolas from which blur and spectrum of the whole solution are estimated.
 _SAMPLE = 24
-# Share of a mapola's cells that are to have returns for a good match.
+# Share of a mapola's cells that should have returns for a good match.
 _FILLED = 0.8
 
 
 @dataclass(frozen=True, eq=False)
 class Matched:
-    """What was found.
+    """Matches, and what was estimated for them.
 
     Attributes
     ----------
     matches : list of Match
-        Of all mapolas, those that do not match too, in the order of their names.
+        Matches of all mapolas, also of those that do not match, in the order of their names.
     blur_cells : float
-        Blur of the SPC surface against the lidar that was made good, cells.
+        Blur of the SPC surface against the lidar, which the match takes into account, cells.
     spectrum : NoiseSpectrum or None
-        Of their differences, by which they were made white.
+        Spectrum of their differences, by which these were whitened.
     transfer : Transfer or None
-        What SPC keeps of the lidar's relief, wavelength by wavelength, before the blur was made
-        good.
+        Share of the lidar's relief in SPC by wavelength, without a correction of the blur.
     """
 
     matches: list[Match]
@@ -72,7 +71,7 @@ class Aligned(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Matcher:
-    """Matches mapolas of a workspace where a transform puts them, or where they are.
+    """Matches mapolas of a workspace, from their own place or as moved by a transform.
 
     Parameters
     ----------
@@ -81,7 +80,7 @@ class Matcher:
     reference : callable
     given : GivenRegistration or None
     source : ReturnSource or None
-        Of returns that are matched themselves, instead of the mapolas' heights.
+        Source of returns, if they are matched instead of the mapolas' heights.
     """
 
     workspace: Workspace
@@ -92,7 +91,7 @@ class Matcher:
 
     @property
     def options(self) -> MatchOptions:
-        """How surfaces are matched, by the settings."""
+        """Options of the match from the settings."""
         return MatchOptions(
             capture_m=self.table.capture_m,
             min_coverage=self.table.min_coverage,
@@ -100,7 +99,7 @@ class Matcher:
         )
 
     def grid(self, grid: MapletGrid) -> MapletGrid:
-        """Return where a mapola's grid is searched from."""
+        """Return the grid from which a mapola is searched."""
         return grid if self.given is None else self.given.moved(grid)
 
     def match(self, name: str, blur: float, spectrum: NoiseSpectrum | None = None) -> Match:
@@ -128,7 +127,7 @@ class Matcher:
         )
 
     def aligned(self, name: str) -> Aligned | None:
-        """Heights of a mapola and of SPC where they match as they are; None where they do not."""
+        """Return heights of a mapola and SPC, matched without blur; None if they do not match."""
         match = self.match(name, 0.0)
         if not match.usable:
             return None
@@ -144,10 +143,10 @@ def match_mapolas(
     given: GivenRegistration | None = None,
     source: ReturnSource | None = None,
 ) -> Matched:
-    """Learn from a sample how SPC smooths and how it errs, then match all mapolas.
+    """Estimate blur and error spectrum of SPC from a sample, then match all mapolas.
 
-    Where a transform is `given` they are matched as it puts them; with a `source` of returns, by
-    these. None may be usable.
+    With a `given` transform mapolas are moved by it; with a `source` the returns are matched.
+    Possibly no match is usable.
     """
     workspace, table = context.workspace, context.table(RegisterSettings)
     matcher = Matcher(workspace, table, surface_reference(workspace, table.against), given, source)
@@ -171,12 +170,12 @@ def check_usable(matches: list[Match], workspace: Workspace, min_coverage: float
     Raises
     ------
     NotObservableError
-        If none is; with the reason of the one that compared most, and what would help.
+        If none is; with the reason of the one with the largest coverage, and advice.
     """
     if any(match.usable for match in matches):
         return
     best = max(matches, key=lambda match: match.coverage)
-    advice = "check that lidar and SPC are of one body and one frame, or raise [register] capture_m"
+    advice = "check that lidar and SPC have the same body and frame, or raise [register] capture_m"
     if best.coverage < min_coverage:
         advice = _advice_on_gaps(workspace.mapola(best.name), best.coverage)
     raise NotObservableError(
@@ -187,13 +186,13 @@ def check_usable(matches: list[Match], workspace: Workspace, min_coverage: float
 
 
 def _advice_on_gaps(mapola: Mapola, compared: float) -> str:
-    """What to do where a mapola and SPC share too little of a grid.
+    """Return what to do if a mapola and SPC share too little of a grid.
 
-    Of returns that fall at random, n in a cell in the mean, a share of 1 − exp(−n) is filled.
+    With n random returns per cell on average, a share of 1 − exp(−n) of the cells is filled.
     """
     filled = float(np.mean(mapola.valid))
     if compared < 0.5 * filled:
-        return "check that maplets lie where the lidar has returns, and that the frames are one"
+        return "check that maplets lie where the lidar has returns, in the same frame"
     wanted = mapola.grid.gsd * np.sqrt(np.log(1.0 - _FILLED) / np.log(1.0 - filled))
     return (
         f"{filled:.0%} of its cells have returns; at [mapolas] gsd_m = {wanted:.2g} about "

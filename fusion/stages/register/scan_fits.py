@@ -1,4 +1,4 @@
-"""Each scan registered by itself: how single scans lie to SPC, or why that cannot be told."""
+"""Registration of each scan by itself to SPC."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from fusion.registration.returns import (
     CloudOfReturns,
     Equations,
     FixedSurface,
-    SurfaceSays,
+    SurfaceNormalEquations,
     modelled_covariance,
     surface_equations,
 )
@@ -34,9 +34,9 @@ from spcola.errors import NotObservableError
 from spcola.grids import MapletGrid
 from spcola.math import Affine, Similarity
 
-# A scan with fewer returns on a surface tells nothing there.
+# Surfaces with fewer returns of a scan are not used for it.
 _FEWEST = 200
-# Each begins where the mission as a whole lies, centimetres away.
+# Each begins at the registration of the whole mission, centimetres away.
 _PASSES = 2
 
 
@@ -47,16 +47,16 @@ class ScanFit:
     Attributes
     ----------
     transform : Affine
-        Lidar, as adjusted, to SPC coordinates; where it began if it cannot be told.
+        From adjusted lidar to SPC coordinates; the initial one if it is not observable.
     model : str
     covariance : (P, P) ndarray
-        About the origin; the errors of maplets' centres are in it.
+        About the origin; it includes the errors of maplets' centres.
     center : (3,) ndarray
-        The scan's own middle, lidar coordinates, metres.
+        The middle of the scan, lidar coordinates, metres.
     surfaces, points : int
-        Maplets that it crosses and its returns there.
+        Number of maplets that it crosses, and of its returns there.
     reason : str
-        Why it cannot be told; empty if it can.
+        Why it is not observable; empty if it is.
     """
 
     transform: Affine
@@ -73,9 +73,9 @@ class ScanFit:
         return self.transform.nearest_similarity()
 
     def stepped(
-        self, parts: list[SurfaceSays], names: tuple[str, ...], maplet_sigma_m: float
+        self, parts: list[SurfaceNormalEquations], names: tuple[str, ...], maplet_sigma_m: float
     ) -> ScanFit:
-        """Return the fit after one Gauss–Newton step by what the surfaces say.
+        """Return the fit after one Gauss–Newton step with the equations of the surfaces.
 
         `maplet_sigma_m` is the error of a maplet's centre, each axis.
         """
@@ -105,9 +105,9 @@ class ScanFit:
         )
 
     def entry(self, name: str, whole: Registration) -> dict[str, Any]:
-        """Return what ``registration.json`` says of it.
+        """Return its entry of ``registration.json``.
 
-        ``offset_m`` is where it puts its middle against where `whole` puts it.
+        ``offset_m`` is the place of its middle by this fit minus that by `whole`.
         """
         entry: dict[str, Any] = {
             "scan": name,
@@ -140,7 +140,7 @@ def _extent(equations: Equations) -> float:
 
 @dataclass(frozen=True, eq=False)
 class ScanRegistration:
-    """Registers all scans at once, surface by surface: no more than one's returns are in memory.
+    """Registers all scans at once, with the returns of one surface at a time in memory.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ class ScanRegistration:
     reference : callable
         The SPC surface on a grid, for the mapola of a name.
     whole : Registration
-        Of the mission: where each scan begins.
+        Registration of the mission: the initial transform of each scan.
     blur_cells : float
         Blur of the SPC surface against the lidar, cells.
     """
@@ -163,7 +163,7 @@ class ScanRegistration:
     ) -> list[dict[str, Any]]:
         """Return an entry of ``registration.json`` for every scan.
 
-        Ground that two maplets share would count twice: maplets are taken that lie a side apart.
+        Maplets a side apart are used: the overlap of two maplets would count twice.
         """
         names, model = self.whole.parameters, self.whole.model
         apart = {id(grid) for grid in compared_grids(list(grids.values()))}
@@ -190,18 +190,18 @@ class ScanRegistration:
 
 @dataclass(frozen=True, eq=False)
 class _Pass:
-    """What is asked of each surface in one pass."""
+    """One iteration over all surfaces."""
 
     of: ScanRegistration
     fits: Mapping[str, ScanFit]
 
-    def on_surface(self, item: tuple[str, MapletGrid]) -> dict[str, SurfaceSays]:
-        """What one surface says about each scan that crosses it."""
+    def on_surface(self, item: tuple[str, MapletGrid]) -> dict[str, SurfaceNormalEquations]:
+        """Return the normal equations of one surface for each scan that crosses it."""
         name, grid = item
         fixed = FixedSurface(grid, self.of.reference(name, grid), self.of.blur_cells)
         around = self.of.source.around(grid)
         counts = np.bincount(around.scan, minlength=len(around.scan_names))
-        found: dict[str, SurfaceSays] = {}
+        found: dict[str, SurfaceNormalEquations] = {}
         for scan in np.flatnonzero(counts >= _FEWEST).tolist():
             fit, chosen = self.fits[around.scan_names[scan]], around.scan == scan
             says = surface_equations(

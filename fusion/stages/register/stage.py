@@ -1,4 +1,4 @@
-"""Mapolas and SPC surface → the transform between their frames."""
+"""Registration: the transform between mapolas and the SPC surface."""
 
 from __future__ import annotations
 
@@ -13,7 +13,12 @@ from fusion.estimation.verdict import Verdict
 from fusion.pipeline import StageContext, StageResult
 from fusion.registration.fit import FitOptions, LandmarkErrors
 from fusion.registration.judging import Limits, judge_registration
-from fusion.registration.observations import Kind, fit_mapolas, kinds_json, register_kinds
+from fusion.registration.observations import (
+    ObservationTypes,
+    fit_mapolas,
+    image_registration_json,
+    register_with_images,
+)
 from fusion.registration.results import (
     GivenRegistration,
     MatchedMapolas,
@@ -29,8 +34,8 @@ from fusion.scene import surface_reference
 from fusion.stages.geolocation.locating import return_paths
 from fusion.stages.geolocation.return_source import ReturnSource
 from fusion.stages.register.acceptance import (
-    elsewhere,
     evidence_of,
+    other_frames,
     unregistered,
     with_verdict,
 )
@@ -71,7 +76,7 @@ class RegisterStage:
     )
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
-        """Return why there is nothing to register."""
+        """Return why nothing can be registered; empty if it can."""
         if not workspace.mapola_names():
             return f"there are no mapolas; run: spcola mapolas {workspace.root}"
         if settings.registration.against == "shape" and not workspace.has_shape():
@@ -81,7 +86,7 @@ class RegisterStage:
         return ""
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return mapolas, the SPC surface, what ties its maplets, and a transform that is given."""
+        """Return mapolas, the SPC surface, its images and landmarks, and a given transform."""
         table = settings.registration
         given = given_path(workspace, table)
         paths = [*workspace.mapola_paths(), *([] if given is None else [given])]
@@ -99,9 +104,9 @@ class RegisterStage:
     def run(self, context: StageContext) -> StageResult:
         """Match every mapola, fit the transform, judge it.
 
-        Where a transform is given the mapolas are matched as it places them, and nothing is fitted.
-        Where none can be fitted, or surfaces do not agree by it, the registration is refused: it is
-        written with its verdict, and nothing that rests on it runs.
+        A given transform is applied instead of a fit. If none can be fitted, or the registered
+        surfaces do not agree, the registration is refused: it is written with its verdict, and no
+        stage that needs it runs.
         """
         workspace, table = context.workspace, context.table(RegisterSettings)
         given = _given(workspace, table)
@@ -112,7 +117,7 @@ class RegisterStage:
         try:
             content = _registered(context, matched, given, source)
             if given is None and table.by == "topography":
-                matched, content, given = _untwisted(context, matched, content)
+                matched, content, given = _rematched(context, matched, content)
         except NotObservableError as error:
             content, verdict = unregistered(error, matched.matches, table)
         else:
@@ -123,7 +128,7 @@ class RegisterStage:
         for key, curve in (("noise_spectrum", matched.spectrum), ("transfer", matched.transfer)):
             content[key] = None if curve is None else curve.as_json()
         if verdict.judgement != "accepted":
-            content["frame_search"], found = elsewhere(context)
+            content["frame_search"], found = other_frames(context)
             verdict = Verdict((*verdict.findings, *found))
         content = with_verdict(content, verdict)
         path = context.write_json(workspace.registration_path.name, content)
@@ -132,12 +137,12 @@ class RegisterStage:
 
 STAGE = RegisterStage()
 
-# Rim of a mapola turned by so many cells: beyond it is matched again from where the fit turns it,
-# until what a further fit turns it by is below the second.
-_TWIST_CELLS, _TWIST_LEFT_CELLS = 0.1, 0.01
-# Turns become smaller from fit to fit, at least by that, where lidar and SPC are of one ground.
+# Rotation of a mapola's edge in cells above which it is matched again from the rotated place, and
+# below which the iteration has converged.
+_ROTATED_CELLS, _CONVERGED_CELLS = 0.1, 0.01
+# Rotations decrease at least by this factor from fit to fit if lidar and SPC show the same surface.
 _SLOWEST = 0.7
-_MOST_TURNS = 8
+_MOST_FITS = 8
 
 _LONG = frozenset(
     {
@@ -162,12 +167,12 @@ def _registered(
     given: GivenRegistration | None,
     source: ReturnSource | None,
 ) -> dict[str, Any]:
-    """Content of the registration as the settings ask for it.
+    """Return the content of the registration by the settings.
 
     Raises
     ------
     NotObservableError
-        If no mapola matches, too few do, or a parameter of the model is free.
+        If no mapola matches, too few do, or a parameter of the model is not observable.
     """
     workspace, table = context.workspace, context.table(RegisterSettings)
     check_usable(matched.matches, workspace, table.min_coverage)
@@ -178,31 +183,31 @@ def _registered(
     return _by_topography(context, matched, source)
 
 
-def _untwisted(
+def _rematched(
     context: StageContext, matched: Matched, content: dict[str, Any]
 ) -> tuple[Matched, dict[str, Any], GivenRegistration | None]:
-    """Match and fit again from where the fit turns the mapolas, until it turns them no more.
+    """Match and fit again from the rotated mapolas, until the rotation no longer changes.
 
-    A match displaces a mapola and does not turn it. Where the transform turns the rim of a mapola
-    by a good part of a cell, matches from where it lies are of surfaces that are twisted against
-    each other, and the fit finds too small a rotation.
+    A match displaces a mapola and does not rotate it. If the transform moves the edge of a mapola
+    by a good part of a cell, the matched surfaces are rotated against each other, and the fit
+    underestimates the rotation.
 
     Returns
     -------
     matched, content
-        Of the last fit.
+        Matches and registration of the last fit.
     given : GivenRegistration or None
-        Where the mapolas were matched from; None if from where they are.
+        Transform from which the mapolas were matched; None if from their own place.
     """
     workspace, given = context.workspace, None
     grids = {match.name: workspace.mapola(match.name).grid for match in matched.matches}
     reach = max(grid.half_size for grid in grids.values())
     before: FloatArray = np.eye(3)
     last = np.inf
-    for _ in range(_MOST_TURNS):
+    for _ in range(_MOST_FITS):
         turned = transform_of(content, "registration").nearest_similarity().rotation
         angle = float(np.linalg.norm(Rotation.from_matrix(turned @ before.T).as_rotvec()))
-        if angle * reach < (_TWIST_CELLS if given is None else _TWIST_LEFT_CELLS):
+        if angle * reach < (_ROTATED_CELLS if given is None else _CONVERGED_CELLS):
             return matched, content, given
         if angle > _SLOWEST * last:
             break
@@ -219,21 +224,21 @@ def _untwisted(
 
 
 def _limits(table: RegisterSettings) -> Limits:
-    """What two solutions of one body may differ by, by the settings."""
+    """Return the limits of the difference of two solutions of a body, from the settings."""
     return Limits(table.max_rotation_deg, table.max_scale_change, table.center_sigma_m)
 
 
 def _by_topography(
     context: StageContext, matched: Matched, source: ReturnSource | None
 ) -> dict[str, Any]:
-    """Fit the transform to the matches of heights, of mapolas or of the returns themselves."""
+    """Fit the transform to the matches of mapolas or of returns."""
     workspace, table = context.workspace, context.table(RegisterSettings)
     mapolas, _ = _with_scans(workspace, matched.matches, table)
     names = [match.name for match in matched.matches]
     mapolas = replace(mapolas, landmarks=_landmarks(context, names))
     options, further = _fit_options(table), []
     if table.against == "shape":
-        options = replace(options, stated=(1,))
+        options = replace(options, fixed_groups=(1,))
         further = [_chords(workspace.shape(), matched.matches)]
     registration = fit_mapolas(mapolas, further, options=options)
     content = {**registration_json(registration, mapolas), "by": table.by}
@@ -250,9 +255,9 @@ def _by_topography(
 
 
 def _chords(shape: Mesh, matches: list[Match]) -> FloatArray:
-    """What all facets of a shape may do to mapolas (N, 3, 1), metres: lie below a round body.
+    """Return a shared error (N, 3, 1) of the shape's facets at mapolas, metres: the sagitta.
 
-    Or not, where its maker has put them half above: no match tells that from a scale.
+    Facets may lie below the curved surface by it, or not, which no match separates from a scale.
     """
     centers = np.array([match.center for match in matches])
     outward = centers / np.linalg.norm(centers, axis=1, keepdims=True)
@@ -261,22 +266,22 @@ def _chords(shape: Mesh, matches: list[Match]) -> FloatArray:
 
 
 def _by_images(context: StageContext, matched: Matched) -> dict[str, Any]:
-    """Fit the transform to where images show the mapolas, or to both kinds of match."""
+    """Fit the transform to matches with images, or to these and matches of heights."""
     workspace, table = context.workspace, context.table(RegisterSettings)
     names = [match.name for match in matched.matches]
     mapolas, _ = _with_scans(workspace, matched.matches, table)
     mapolas = replace(mapolas, landmarks=_landmarks(context, names))
     grids = [workspace.mapola(name).grid for name in names]
     imaged = imaged_mapolas(context, names, grids)
-    by: Kind = "both" if table.by == "both" else "images"
-    found = register_kinds(by, mapolas, imaged, options=_fit_options(table))
-    return kinds_json(by, found, matched.matches, imaged)
+    by: ObservationTypes = "both" if table.by == "both" else "images"
+    found = register_with_images(by, mapolas, imaged, options=_fit_options(table))
+    return image_registration_json(by, found, matched.matches, imaged)
 
 
 def _applied(
     workspace: Workspace, given: GivenRegistration, matched: Matched, table: RegisterSettings
 ) -> dict[str, Any]:
-    """Content of the registration by a transform that is given."""
+    """Return the content of the registration by a given transform."""
     own = [given.referred(match, workspace.mapola(match.name).grid) for match in matched.matches]
     mapolas, shares = _with_scans(workspace, own, table)
     content = applied_json(given, mapolas, shares, reject=table.reject_sigmas)
@@ -284,31 +289,31 @@ def _applied(
 
 
 def given_path(workspace: Workspace, table: RegisterSettings) -> Path | None:
-    """Return the file whose transform is applied; None where one is fitted.
+    """Return the file whose transform is applied; None if one is fitted.
 
-    What is wrong with it is told of the settings where it is from them, else of the option.
+    Errors name the settings or the option, whichever gave the file.
 
     Raises
     ------
     SettingsError
-        If it is not there, is what the stage itself writes, or is named by `inverse` alone.
+        If it does not exist, is the output of the stage, or `inverse` is set without a file.
     """
     stated = workspace.settings().registration.apply == table.apply
     where = f"{workspace.root / SETTINGS_FILE}: [register] apply" if stated else "--apply"
     if not table.apply:
         if table.inverse:
-            raise SettingsError("names no file whose inverse is to be taken", where)
+            raise SettingsError("names no file, but the inverse is to be applied", where)
         return None
     path = workspace.root / table.apply
     if not path.is_file():
         raise SettingsError(f"names {path}, which is no file", where, "check the path")
     if path.resolve() == workspace.registration_path.resolve():
-        raise SettingsError(f"names {path}, which is written anew", where, "name a copy of it")
+        raise SettingsError(f"names {path}, which is overwritten", where, "name a copy of it")
     return path
 
 
 def _given(workspace: Workspace, table: RegisterSettings) -> GivenRegistration | None:
-    """Read the transform that is to be applied; None where one is to be fitted."""
+    """Return the transform to apply; None if one is fitted."""
     path = given_path(workspace, table)
     if path is None:
         return None
@@ -316,14 +321,14 @@ def _given(workspace: Workspace, table: RegisterSettings) -> GivenRegistration |
 
 
 def _fit_options(table: RegisterSettings) -> FitOptions:
-    """How the transform is fitted by the settings."""
+    """Return the options of the fit from the settings."""
     return FitOptions(
         model=table.model, center_sigma_m=table.center_sigma_m, reject=table.reject_sigmas
     )
 
 
 def _landmarks(context: StageContext, names: list[str]) -> LandmarkErrors | None:
-    """How the maplets err, by their landmarks' sigmas and the images; None if not to be asked."""
+    """Return the errors of maplets by landmarks and images; None if the settings ignore them."""
     workspace, table = context.workspace, context.table(RegisterSettings)
     if table.landmarks == "ignore" or table.against == "shape" or not workspace.landmark_names():
         return None
@@ -341,9 +346,9 @@ def _landmarks(context: StageContext, names: list[str]) -> LandmarkErrors | None
 def _with_scans(
     workspace: Workspace, matches: list[Match], table: RegisterSettings
 ) -> tuple[MatchedMapolas, FloatArray]:
-    """How scan errors reach the mapolas, and the shares (N, S) of the scans in them.
+    """Return matches with the effects of scan errors, and the shares (N, S) of scans in mapolas.
 
-    They are what the adjustment of the scans left, or errors of each scan.
+    The errors are those left by the adjustment of scans, or independent ones of each scan.
     """
     found = [workspace.mapola(match.name).scan_share for match in matches]
     centers = np.array([match.center for match in matches])
@@ -355,5 +360,6 @@ def _with_scans(
     else:
         shares = share_matrix(found, adjustment.names)
         scans = ScanEffects.left_by(adjustment, shares, centers)
-    effects, beside = scans.at(shares, centers), scans.beside(shares, centers)
-    return MatchedMapolas(matches, scans, effects, beside), shares
+    effects = scans.at(shares, centers)
+    residual = scans.residual_covariance(shares, centers)
+    return MatchedMapolas(matches, scans, effects, residual), shares

@@ -1,4 +1,4 @@
-"""Scale: from pairs or shots; applied to a solution."""
+"""Scale: estimated from pairs or shots, and applied to a solution."""
 
 import lazy_loader
 

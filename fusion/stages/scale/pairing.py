@@ -1,4 +1,4 @@
-"""The pairs of a workspace: which images and scans are compared, and with which maplets."""
+"""The pairs of a workspace: images, the scans taken with them, and their maplets."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from spcola.grids import Maplet, MapletGrid
 from spcola.navigation import Offset, Trajectory
 from spcola.shape import RayCaster
 
-# The blur is one number for the whole solution; so many pairs tell it.
+# Most pairs from which the blur of the whole solution is estimated.
 _BLUR_SAMPLE = 24
 
 
@@ -65,9 +65,9 @@ class Pairing:
     center_sigma : (M, 3) ndarray
         Standard deviation of their centres, body-fixed axes, metres.
     located_within_m : float
-        By how much interpolation puts returns wrong that were located again, metres.
+        Error of places of geolocated returns by interpolation, metres.
     without_place : dict of str to int
-        By scan, how many of its returns have no place where they should be located again.
+        Number of returns of each scan that cannot be geolocated.
     """
 
     options: PairOptions
@@ -81,20 +81,20 @@ class Pairing:
 
 
 def pair_images(context: StageContext, caster: RayCaster, radius: float) -> Pairing:
-    """Pair the bigmaps of all images of a workspace, both brought to one resolution.
+    """Pair the bigmaps of all images of a workspace, both at the same resolution.
 
     Parameters
     ----------
     context : StageContext
     caster : RayCaster
-        Of the SPC shape.
+        Ray caster of the SPC shape.
     radius : float
         Mean radius of the body, metres.
 
     Raises
     ------
     WorkspaceError
-        If a grid as large as the settings want does not fit into memory.
+        If a grid of the settings does not fit into memory.
     """
     table = context.table(ScaleSettings)
     solution = _Solution.of(context.workspace, table.maplet_sigma_m)
@@ -130,7 +130,7 @@ def pair_images(context: StageContext, caster: RayCaster, radius: float) -> Pair
 
 @dataclass(frozen=True, eq=False)
 class _PairsOfScan:
-    """Pairs of one scan, and how its returns were located again."""
+    """Pairs of one scan, and the geolocation of its returns."""
 
     scan: str
     items: list[Pair | LeftOut]
@@ -147,7 +147,7 @@ class _Solution:
 
     @classmethod
     def of(cls, workspace: Workspace, sigma_m: float) -> _Solution:
-        """Read all maplets once; a centre whose sigma no file states has `sigma_m`."""
+        """Read all maplets once; centres without a stated sigma get `sigma_m`."""
         grids, stated = {}, []
         for name in workspace.maplet_names():
             maplet = workspace.maplet(name)
@@ -160,7 +160,7 @@ class _Solution:
 def _options(
     workspace: Workspace, table: ScaleSettings, radius: float, solution: _Solution
 ) -> PairOptions:
-    """Options of the settings; size and GSD by rule where they say 0."""
+    """Return options from the settings; size and GSD by rule if they are 0."""
     middling = float(np.median([grid.gsd for grid in solution.grids.values()]))
     size, gsd = pair_size(radius, middling)
     size, gsd = table.size_m or size, table.gsd_m or gsd
@@ -185,14 +185,14 @@ def _options(
 def _frames(
     workspace: Workspace, caster: RayCaster, options: PairOptions
 ) -> tuple[list[PairFrame], list[LeftOut]]:
-    """Where all images look; those that look past the body or obliquely are left out."""
+    """Return the frames of all images, without those that miss the body or look obliquely."""
     found = [frame_of_image(image, caster, options) for image in workspace.images()]
     frames = [item for item in found if isinstance(item, PairFrame)]
     return frames, [item for item in found if isinstance(item, LeftOut)]
 
 
 class _PairMaker:
-    """Makes the pairs of one scan at a time, so that no more than that is in memory."""
+    """Makes the pairs of one scan at a time, so that only one is in memory."""
 
     def __init__(
         self,
@@ -215,7 +215,7 @@ class _PairMaker:
         self._spans = {path: scan_summary(path).time_span for path in workspace.scan_paths()}
 
     def groups(self) -> dict[Path, list[PairFrame]]:
-        """The images of each scan: those taken during it (with another trajectory, near it)."""
+        """Return the images taken during each scan or, with the reference trajectory, near it."""
         near = self._table.max_gap_s if self._table.trajectory == "reference" else 0.0
         groups: dict[Path, list[PairFrame]] = {}
         for frame in self._frames:
@@ -226,7 +226,7 @@ class _PairMaker:
         return groups
 
     def pairs_of_scan(self, item: tuple[Path, list[PairFrame]]) -> _PairsOfScan:
-        """Read and locate one scan, and pair the images that were taken with it."""
+        """Read and geolocate one scan, and pair the images taken with it."""
         path, frames = item
         read = join(path.stem, list(iter_scan(path)))
         scan, within = self._locator.located(read)
@@ -249,51 +249,51 @@ class _PairMaker:
         spc = make_bigmap(frame.image, frame.grid, around)
         x, y, height = frame.grid.project(scan.points)
         side = frame.grid.half_size + 0.5
-        # Only what lies on the grid: its times say on which states the pair leans.
+        # Only returns on the grid: their times determine on which states the pair depends.
         inside = (np.abs(x) <= side) & (np.abs(y) <= side) & (np.abs(height) < frame.grid.radius)
         chosen = scan.select(inside & (np.abs(scan.time - frame.time) < self._table.max_gap_s))
         chosen = chosen.select(np.all(np.isfinite(chosen.spacecraft), axis=1))
         if not len(chosen):
-            none = "no return of that time and a known station lies there"
+            none = "there are no returns of that time with a known spacecraft position"
             return LeftOut(frame.image, Cause.NO_DATA, none)
         frame = seen_from(frame, np.mean(chosen.spacecraft, axis=0))
         place = {name: number for number, name in enumerate(self._grids)}
         maplets = np.zeros(len(place))
         shares = maplet_shares(frame.grid, spc.height, around)
         maplets[[place[maplet.name] for maplet in around]] = shares
-        states, leaning = self._leaning(spc, chosen, offset)
-        sources = Sources(scan.name, states, leaning, maplets)
+        states, response = self._state_response(spc, chosen, offset)
+        sources = Sources(scan.name, states, response, maplets)
         return make_pair(frame, spc, Returns.of_scans([chosen]), sources, self._options)
 
-    def _leaning(
+    def _state_response(
         self, spc: Maplet, scan: Scan, offset: Offset | None
     ) -> tuple[FloatArray, FloatArray]:
-        """Share (S,) of each image's state (or each scan) in the returns, and what it does.
+        """Return the share (S,) of each state (or scan) in the returns, and the match's response.
 
-        The latter (S, 3, 3) is how the match follows a displacement of each.
+        The response (S, 3, 3) is the change of the match per displacement of each state.
         """
         if offset is None:
             own = np.array([path.stem == scan.name for path in self._spans], dtype=np.float64)
             return own, own[:, None, None] * np.eye(3)
-        # Of hundreds of states the returns of a scan lean on a few: dense, millions of returns by
-        # all of them would take gigabytes.
+        # The returns of a scan depend on few of hundreds of states: a dense array of millions of
+        # returns by all states would take gigabytes.
         shares = state_shares(self._trajectory, offset, scan.time)
-        felt = np.unique(shares.indices)
-        cells = cell_means(spc.grid, scan.points, shares[:, felt].toarray())
-        leaning = np.zeros((shares.shape[1], 3, 3))
-        leaning[felt] = match_response(spc.grid, spc.height, spc.sigma**2, cells)
-        return np.asarray(shares.mean(axis=0)), leaning
+        used = np.unique(shares.indices)
+        cells = cell_means(spc.grid, scan.points, shares[:, used].toarray())
+        response = np.zeros((shares.shape[1], 3, 3))
+        response[used] = match_response(spc.grid, spc.height, spc.sigma**2, cells)
+        return np.asarray(shares.mean(axis=0)), response
 
 
 def state_shares(states: Trajectory, offset: Offset, times: FloatArray) -> csr_array:
-    """Share (M, S), sparse, that each of S states has in what is located at times (M,)."""
+    """Return the sparse shares (M, S) of S states in places interpolated at times (M,)."""
     known = offset.shares(times).tocoo()
     column = np.searchsorted(states.time, offset.differences.time)[known.col]
     return csr_array((known.data, (known.row, column)), shape=(len(times), len(states)))
 
 
 def _away(time: float, span: tuple[float, float]) -> float:
-    """How far a time lies outside of a span, s; infinite where the span is not known."""
+    """Return how far a time lies outside a span, s; infinite if the span is not known."""
     if not np.isfinite(span).all():
         return float("inf")
     return max(span[0] - time, time - span[1], 0.0)

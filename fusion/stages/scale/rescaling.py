@@ -11,7 +11,7 @@ from typing import Any
 
 from fusion.estimation.verdict import Code, Verdict
 from fusion.runtime import Progress, json_text
-from fusion.runtime.processes import clear_made_by_dead
+from fusion.runtime.processes import clear_abandoned_folders
 from fusion.workspace import (
     OWN_FOLDERS,
     SETTINGS_FILE,
@@ -43,9 +43,9 @@ from spcola.formats.solution import (
 )
 
 APPLIED_FILE = "applied_scale.json"
-# A shape is written with so many decimals that a second scaling still finds what the first one did.
+# Decimals of a written shape, so that scaling it again loses nothing.
 _ICQ_DIGITS = 9
-# What is no more than a note on the estimate forbids to change a whole solution by it.
+# Findings that are only notes on the estimate but forbid to apply it to a whole solution.
 _UNUSABLE = frozenset(
     {
         Code.EPSILON_NOT_DETERMINED,
@@ -58,18 +58,18 @@ _UNUSABLE = frozenset(
 
 @dataclass(frozen=True)
 class AppliedScale:
-    """What was written.
+    """The scaled copy of a solution.
 
     Attributes
     ----------
     folder : Path
         A workspace with the scaled solution, the same settings and the same scans.
     epsilon, epsilon_sigma : float
-        All lengths are 1 + ε times those of the original.
+        All lengths are 1 + ε times those of the original; sigma of ε.
     written : mapping of str to int
-        Files scaled, by their folder.
+        Number of files scaled, by folder.
     copied : tuple of str
-        Files in folders of SPC that are in no format that is known here, copied as they are.
+        Files in SPC folders of unknown formats, copied as they are.
     """
 
     folder: Path
@@ -79,7 +79,7 @@ class AppliedScale:
     copied: tuple[str, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it in JSON types."""
+        """Return the content in JSON types."""
         return {
             "folder": str(self.folder),
             "epsilon": self.epsilon,
@@ -90,7 +90,7 @@ class AppliedScale:
         }
 
     def lines(self) -> list[str]:
-        """Return what people read of it."""
+        """Return the lines to print."""
         counts = ", ".join(f"{count} in {name}" for name, count in self.written.items())
         lines = [
             f"applied: all lengths times 1 {self.epsilon:+.4e} (sigma {self.epsilon_sigma:.1e})",
@@ -112,31 +112,31 @@ def usable_epsilon(
         Of ``scale.json``, with its verdict.
     where : Path
     accepted : iterable of str
-        Codes of findings in spite of which it may be used.
+        Codes of accepted findings.
 
     Raises
     ------
     NotObservableError
-        If there is none, its verdict forbids it, or it is not determined, not separable from
-        another parameter, or less than three of its sigmas, and nobody accepted that.
+        If there is no ε, its verdict forbids to use it, or it is not determined, not separable from
+        another parameter, or below three sigmas, and that is not accepted.
     """
     named = frozenset(accepted)
     epsilon, sigma = content.get("epsilon"), content.get("epsilon_sigma")
     verdict = Verdict.from_json(content)
     do = "look at its findings; add scans or images, and run: spcola scale"
-    said = verdict.obstacle(named)
+    obstacle = verdict.obstacle(named)
     if "verdict" not in content:
-        said, do = "it has no verdict, an older version wrote it", "run: spcola scale"
-    elif not said and (epsilon is None or sigma is None):
-        said = str(content.get("reason", "nothing is observed"))
-    elif not said:
+        obstacle, do = "it has no verdict, an older version wrote it", "run: spcola scale"
+    elif not obstacle and (epsilon is None or sigma is None):
+        obstacle = str(content.get("reason", "nothing is observed"))
+    elif not obstacle:
         found = [one for one in verdict.findings if one.code in _UNUSABLE - named]
-        said = "; ".join(f"{one.text} [{one.code}]" for one in found)
+        obstacle = "; ".join(f"{one.text} [{one.code}]" for one in found)
         codes = sorted({one.code for one in found})
         do = f"add scans or images; or apply it with {' '.join(f'--accept {c}' for c in codes)}"
-    if said:
+    if obstacle:
         raise NotObservableError(
-            f"there is no epsilon to apply: {said}", ("epsilon",), where=where, do=do
+            f"there is no epsilon to apply: {obstacle}", ("epsilon",), where=where, do=do
         )
     return float(content["epsilon"]), float(content["epsilon_sigma"])
 
@@ -147,8 +147,8 @@ def apply_scale(
     """Write the workspace's SPC solution, multiplied by 1 + ε of ``scale.json``, to `folder`.
 
     Maplets with their sigmas, landmarks, states, nominal states and shapes are scaled; lists are
-    copied, pixels and scans linked. The original is only read. The folder is whole or not there.
-    Codes of findings in spite of which ε is used are `accepted`.
+    copied, pixels and scans linked. The original is unchanged. The folder is written whole or not
+    at all. `accepted` are codes of accepted findings.
 
     Raises
     ------
@@ -157,14 +157,14 @@ def apply_scale(
     WorkspaceError
         If `folder` exists, or something cannot be read or written.
     FormatError
-        If a file of the solution does not hold what it should.
+        If a file of the solution is damaged.
     """
     where = workspace.scale_path
     epsilon, sigma = usable_epsilon(workspace.read_json(where.name), where, accepted)
     if folder.exists() or folder.is_symlink():
         raise WorkspaceError("is there already", folder, "name a folder that does not exist")
     make_folder(folder.parent)
-    clear_made_by_dead(folder)
+    clear_abandoned_folders(folder)
     making = folder.with_name(f".{folder.name}.{os.getpid()}")
     try:
         made = _written(workspace, making, 1.0 + epsilon, progress)
@@ -182,7 +182,7 @@ def apply_scale(
 def _written(
     workspace: Workspace, making: Path, factor: float, progress: Progress
 ) -> tuple[dict[str, int], tuple[str, ...]]:
-    """Write everything into `making`; count what was scaled, and name what could not be."""
+    """Write everything into `making`; return counts of scaled files, and names of copied ones."""
     settings = workspace.settings()
     for name in (*SPC_FOLDERS, *OWN_FOLDERS):
         make_folder(making / name)
@@ -213,7 +213,7 @@ def _written(
 
 
 def _settings(settings: Settings, factor: float) -> Settings:
-    """Settings of the copy: a mean radius that is set is a length, too; its OBJ counts from 1."""
+    """Return the settings of the copy: scaled mean radius, and OBJ faces numbered from 1."""
     settings = settings.with_table("body", faces_from=1)
     radius = settings.body.mean_radius_m
     return settings.with_table("body", mean_radius_m=factor * radius) if radius else settings
@@ -223,7 +223,7 @@ Write = Callable[[Path, Path, float], None]
 
 
 def _writer(path: Path, body: BodySettings) -> Write | None:
-    """Return what scales a file; None if it is in no format that holds lengths."""
+    """Return the function that scales a file; None for formats without lengths."""
     if path.parent.name == "SHAPEFILES":
         return lambda source, target, factor: _scale_shape(source, target, factor, body)
     return _WRITERS.get((path.parent.name, path.suffix))
@@ -280,7 +280,7 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def _link(source: Path, target: Path) -> None:
-    """Link to what does not change; copy where the file system knows no links."""
+    """Link to an unchanged file, or copy it if links cannot be made."""
     try:
         target.symlink_to(source.resolve())
     except OSError:

@@ -14,7 +14,7 @@ from fusion.estimation.verdict import Finding, Severity, Verdict
 from fusion.pipeline import StageContext, StageResult
 from fusion.scaling.fit import ScaleEstimate, ScaleOptions, estimate_scale
 from fusion.scaling.fit import Trajectory as Located
-from fusion.scaling.geometry import KnownPlace
+from fusion.scaling.geometry import LidarPlacement
 from fusion.scaling.judging import (
     consistency,
     consistency_findings,
@@ -42,15 +42,15 @@ from fusion.scaling.results import (
     place_json,
     scale_json,
     scan_places_json,
-    silent_pairs,
     unobserved_json,
+    unused_pairs,
 )
 from fusion.scaling.shots import (
     ShotComparison,
     SpotOptions,
     compare_shots,
+    iterate_shots,
     join_shots,
-    settle_shots,
 )
 from fusion.stages.geolocation.located import LocatedShots, located_shots
 from fusion.stages.geolocation.locating import geolocator, kernel_paths
@@ -94,7 +94,7 @@ class ScaleStage:
     )
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
-        """Return why there is no scale to be found."""
+        """Return why no scale can be estimated; empty if it can."""
         if not workspace.scan_names():
             return f"there are no scans; run: spcola import {workspace.root} FILE"
         if not workspace.has_shape():
@@ -107,7 +107,7 @@ class ScaleStage:
         return ""
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return scans, shape, images, the registration if there is one; for pairs maplets."""
+        """Return scans, shape, images, the registration if there is one, and maplets for pairs."""
         paths = [*workspace.scan_paths(), workspace.shape_path()]
         paths += kernel_paths(workspace, settings.spice)
         if workspace.registration_path.is_file():
@@ -118,7 +118,7 @@ class ScaleStage:
         return paths
 
     def run(self, context: StageContext) -> StageResult:
-        """Compare, estimate jointly, write; that nothing can be compared is written too."""
+        """Compare, estimate jointly, write; also if nothing can be compared."""
         workspace, table = context.workspace, context.table(ScaleSettings)
         check_doubles(workspace, whole_scans(workspace).items())
         shape = workspace.shape()
@@ -160,14 +160,14 @@ def _scale_options(table: ScaleSettings) -> ScaleOptions:
     )
 
 
-# A scan, and what the errors of the states by which it is located do to its shots.
+# A scan, and the shares of states in the places of its shots.
 _PlacedScan = tuple[Scan, FloatArray | None]
 
 
 def _shots(
     context: StageContext, caster: RayCaster, radius: float
 ) -> tuple[dict[str, Any], list[Finding]]:
-    """Single shots of all scans against the shape."""
+    """Estimate the scale from single shots of all scans against the shape."""
     workspace, table = context.workspace, context.table(ScaleSettings)
     locator = geolocator(
         workspace,
@@ -182,30 +182,30 @@ def _shots(
     if located == "spc":
         taken, placed = _located_by_states(taken, workspace, table.max_gap_s)
 
-    def one(placed: _PlacedScan, known: KnownPlace) -> ShotComparison:
+    def one(placed: _PlacedScan, known: LidarPlacement) -> ShotComparison:
         scan, shares = placed
         return compare_shots(
             scan, caster, trajectory=located, shares=shares, spots=spots, known=known
         )
 
-    def each(known: KnownPlace) -> list[ShotComparison]:
+    def each(known: LidarPlacement) -> list[ShotComparison]:
         return context.map("cast shots", partial(one, known=known), placed)
 
-    def at(known: KnownPlace) -> ShotComparison:
+    def at(known: LidarPlacement) -> ShotComparison:
         return join_shots(each(known))
 
-    compared = at(KnownPlace())
+    compared = at(LidarPlacement())
     if len(compared.observations) < 2:
         content, findings = _unobserved("shots", located, taken.unplaced(compared.missed, located))
         content |= taken.as_json() | {"missed": compared.missed}
         return content, [*findings, *taken.findings()]
     options = _scale_options(table)
     try:
-        compared, estimate = settle_shots(compared, at, options=options)
+        compared, estimate = iterate_shots(compared, at, options=options)
     except NotObservableError as error:
         content, findings = _unobserved("shots", located, str(error))
         return content | taken.as_json(), [*findings, *taken.findings()]
-    known = KnownPlace.of(estimate.fit.estimate)
+    known = LidarPlacement.of(estimate.fit.estimate)
     check, by_scan = _placed(
         [scan for scan, _ in placed], caster, options=options, known=known, located=located
     )
@@ -242,7 +242,7 @@ def _shots(
 def _located_by_states(
     taken: LocatedShots, workspace: Workspace, max_gap_s: float
 ) -> tuple[LocatedShots, list[_PlacedScan]]:
-    """Shots located by the SPC states of images, with what the states' errors do to them."""
+    """Return shots geolocated by SPC states of images, with the shares of states in them."""
     states = Trajectory.from_images(workspace.images())
     moved = [_by_states(scan, states, max_gap_s) for scan in taken.scans]
     widest = max((within for _, _, within in moved), default=0.0)
@@ -255,10 +255,10 @@ def _placed(
     caster: RayCaster,
     *,
     options: ScaleOptions,
-    known: KnownPlace,
+    known: LidarPlacement,
     located: Located,
 ) -> tuple[PlaceCheck, ScanPlaces]:
-    """Where the shots fit together, and where scans do one by one if not together elsewhere."""
+    """Search where all shots fit the shape and, if that is not elsewhere, where single scans do."""
     check = check_place(
         join("shots", scans), caster, prior=options.prior, known=known, trajectory=located
     )
@@ -268,15 +268,15 @@ def _placed(
 
 
 def _unobserved(kind: str, located: str, reason: str) -> tuple[dict[str, Any], list[Finding]]:
-    """Content and findings where nothing is observed."""
+    """Return content and findings if nothing is observed."""
     return unobserved_json(kind, located, reason), unobserved_findings(reason)
 
 
 def _by_states(scan: Scan, states: Trajectory, max_gap_s: float) -> tuple[Scan, FloatArray, float]:
-    """Locate shots by SPC states, and tell on which of these (N, S) each leans.
+    """Geolocate shots by SPC states; return the share (N, S) of each state in each shot too.
 
-    No shot is left where no state falls into the scan. The last is one standard deviation of what
-    is interpolated between states, where they lie furthest apart, metres.
+    Without a state during the scan no shot is left. The last value is one standard deviation of
+    interpolated places between the two states that are furthest apart, metres.
     """
     try:
         again, offset = geolocated_by(scan, states, max_gap_s=max_gap_s)
@@ -289,7 +289,7 @@ def _by_states(scan: Scan, states: Trajectory, max_gap_s: float) -> tuple[Scan, 
 def _pairs(
     context: StageContext, caster: RayCaster, radius: float
 ) -> tuple[dict[str, Any], list[Finding], list[Path]]:
-    """Paired bigmaps of all images."""
+    """Estimate the scale from paired bigmaps of all images."""
     workspace, table = context.workspace, context.table(ScaleSettings)
     made = pair_images(context, caster, radius)
     pairs, left_out = made.pairs, made.left_out
@@ -302,7 +302,7 @@ def _pairs(
             f"{len(pairs)} of {len(pairs) + len(left_out)} images give a pair ({why}); add scans "
             "taken with the images, or widen [scale] capture_m",
         )
-        content |= {"per_pair": silent_pairs(left_out), **_located(context, made)}
+        content |= {"per_pair": unused_pairs(left_out), **_located(context, made)}
         return content, findings, files
     per_axis = np.sqrt(np.mean(made.center_sigma**2, axis=1))
     observations = pair_observations(pairs, table.trajectory, center_sigma=per_axis)
@@ -311,7 +311,7 @@ def _pairs(
         estimate = estimate_scale(observations, options=options)
     except NotObservableError as error:
         content, findings = _unobserved("pairs", table.trajectory, str(error))
-        return content | {"per_pair": silent_pairs(left_out)}, findings, files
+        return content | {"per_pair": unused_pairs(left_out)}, findings, files
     content = scale_json(observations, estimate, mean_radius=radius)
     content |= {
         "size_m": made.options.size_m,
@@ -329,7 +329,7 @@ def _pairs(
 
 
 def _located(context: StageContext, made: Pairing) -> dict[str, Any]:
-    """Return what is known of how the returns of pairs were located again; nothing if not."""
+    """Return entries on the geolocation of the returns of pairs; empty without one."""
     kernels = context.table(SpiceSettings).kernels
     content: dict[str, Any] = {}
     if kernels or context.table(ScaleSettings).trajectory == "spc":
@@ -342,10 +342,10 @@ def _located(context: StageContext, made: Pairing) -> dict[str, Any]:
 def _shared_with_registration(
     workspace: Workspace, made: Pairing, estimate: ScaleEstimate
 ) -> float | None:
-    """Covariance of ε and the registration's scale by the maplets under both; None if not known.
+    """Return the covariance of ε and the registration's scale by shared maplets; None if unknown.
 
-    Where states locate the returns of pairs, trajectories of scans are no part of ε. A registration
-    by images leans on these states too, and does not say how.
+    If states geolocate the returns of pairs, ε does not depend on trajectories of scans. A
+    registration by images depends on these states too; that covariance is not known.
     """
     registration = workspace.read_json(workspace.registration_path.name)
     moved = {
@@ -356,6 +356,6 @@ def _shared_with_registration(
     if not moved:
         return None
     of_scale = np.array([moved.get(name, np.zeros(3)) for name in made.maplets]).reshape(-1, 3)
-    # What moves a maplet moves SPC against the lidar in a pair, and its mapola with it.
+    # A displaced maplet displaces SPC against the lidar in a pair, and its mapola.
     of_epsilon = -maplets_under(made.pairs).T @ influence(estimate.equations, estimate.fit)[0]
     return shared_by_maplets(of_epsilon, of_scale, made.center_sigma)

@@ -1,10 +1,10 @@
-"""How the difference of two surfaces is spread over wavelengths, and the filter that evens it out.
+"""Power spectrum of the difference of two surfaces, and the filter that whitens it.
 
-Errors of SPC heights hold together over several cells: nearly all of their power lies at long
-wavelengths, while the relief that tells a displacement has much of its own at short ones. In a fit
-that takes the points as equals the few long waves drown what the many short ones say. Both surfaces
-are therefore passed through the filter that makes their difference white: the likelihood of
-correlated Gaussian errors is that of white ones after it.
+Errors of SPC heights are correlated over several cells: nearly all of their power lies at long
+wavelengths, while the relief that determines a displacement has much power at short ones. A fit
+with equal weights of all points would be dominated by the long wavelengths. Both surfaces are
+therefore passed through the filter that makes their difference white: the likelihood of correlated
+Gaussian errors is that of white errors after the filter.
 """
 
 from __future__ import annotations
@@ -27,24 +27,25 @@ from spcola.grids.gaps import closable, trend_of
 from spcola.grids.statistics import autocovariance
 from spcola.math.robust import mad
 
-# Below this share of the largest power a residual shows what the model of the surfaces lacks, and
-# not noise: the filter trusts no wavelength more than this allows.
+# Below this share of the largest power a residual shows deficiencies of the model rather than
+# noise: it is the smallest power that the filter assumes.
 _LEAST = 3e-3
-# Lags, cells, over which the noise of a residual is looked at, and rings of wavenumber.
+# Largest lag, cells, of a residual's autocovariance, and number of rings of wavenumber.
 _REACH = 24
 _RINGS = 37
-# Robust standard deviations at which a difference is cut off: a boulder is no noise.
+# Robust standard deviations at which a difference is clipped: a boulder is not noise.
 _CUT = 3.0
-# Cells by which a field is carried on beyond its edges.
+# Cells by which a field is continued beyond its edges.
 _MARGIN = 12
-# Standard deviation, cells, of the neighbourhood of which a filtered point must know this share.
+# Standard deviation, cells, of a filtered point's neighbourhood, and the share of it that must be
+# known.
 _SUPPORT = 1.5
 _KNOWN = 0.9
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseSpectrum:
-    """Power of the difference of two surfaces by wavenumber, alike in all directions.
+    """Isotropic power spectrum of the difference of two surfaces.
 
     Parameters
     ----------
@@ -79,7 +80,7 @@ class NoiseSpectrum:
         return gain
 
     def as_json(self) -> dict[str, list[float]]:
-        """Wavenumber (cycles per cell) and power, as other programs read them."""
+        """Return wavenumber (cycles per cell) and power as lists, for JSON."""
         return {
             "wavenumber_per_cell": self.wavenumber.tolist(),
             "power": self.power.tolist(),
@@ -93,12 +94,12 @@ class NoiseSpectrum:
     def whitened(self, height: FloatArray) -> FloatArray:
         """Pass heights (…, R, C), metres, without gaps (:func:`bridged`) through the filter.
 
-        A symmetric filter leaves a paraboloid what it is, times its gain for a plane, but for a
-        constant: that of the surface is taken out before and put back after. What is left goes on
-        beyond the edges as its point reflection does. A surface that is mirrored there has a kink
-        in its slope; filtered, the kinks of both surfaces are alike and lie where the grid ends,
-        whatever the displacement, and draw it to 0. :func:`supported` shows which points are as
-        good as without edges and gaps.
+        A symmetric filter multiplies a paraboloid by its gain for a plane, except for a constant:
+        the surface's paraboloid is subtracted before and added, times that gain, after. The rest is
+        continued beyond the edges by point reflection. Mirror reflection would make kinks in the
+        slope which, filtered, are the same in both surfaces at the edges of the grid whatever the
+        displacement, and bias it towards 0. :func:`supported` gives the points that edges and gaps
+        do not affect.
         """
         trend = np.stack([trend_of(layer) for layer in height.reshape(-1, *height.shape[-2:])])
         trend = trend.reshape(height.shape)
@@ -117,20 +118,20 @@ class NoiseSpectrum:
 
 
 def estimate_spectrum(residuals: Iterable[FloatArray]) -> NoiseSpectrum | None:
-    """The spectrum that differences of many matched surfaces have in common.
+    """Estimate the common spectrum of the differences of many matched surfaces.
 
-    Each is divided by its own robust standard deviation and cut off at three of them, so that
-    neither dark ground nor boulders speak for the rest.
+    Each is divided by its robust standard deviation and clipped at three of them, so that neither
+    dark ground nor boulders dominate.
 
     Parameters
     ----------
     residuals : iterable of (R, C) ndarrays
-        Metres; NaN where nothing was compared. Of one GSD.
+        Metres; NaN where nothing was compared. All of one GSD.
 
     Returns
     -------
     NoiseSpectrum or None
-        None if no residual tells a variance.
+        None if no residual gives a variance.
     """
     total, count = np.zeros((2 * _REACH + 1,) * 2), 0
     for residual in residuals:
@@ -149,12 +150,12 @@ def estimate_spectrum(residuals: Iterable[FloatArray]) -> NoiseSpectrum | None:
         np.bincount(ring, weights=layer.ravel(), minlength=_RINGS) / np.maximum(members, 1)
         for layer in (wavenumber, power)
     ]
-    held = members > 0
-    return NoiseSpectrum(mean[0][held], mean[1][held] / mean[1].max())
+    filled = members > 0
+    return NoiseSpectrum(mean[0][filled], mean[1][filled] / mean[1].max())
 
 
 def supported(known: BoolArray) -> BoolArray:
-    """Where (R, C) a filtered value rests on points that are known, beyond a few around it.
+    """Mask (R, C) of known points whose neighbourhood is known but for narrow gaps.
 
     :func:`spcola.grids.bridged` closes narrow gaps by the points around them.
     """

@@ -1,8 +1,8 @@
 """Bringing two surfaces to one resolution.
 
 Smoothing only one of two matched surfaces biases the scale by tens to hundreds of parts per
-million. SPC smooths, a lidar does not (or less), so the blur of one against the other is estimated
-and given to the sharper one before they are compared.
+million. SPC smooths, a lidar does not (or less), so the blur of one relative to the other is
+estimated and applied to the sharper one before they are compared.
 """
 
 from __future__ import annotations
@@ -18,18 +18,19 @@ from spcola.arrays import BoolArray, FloatArray
 from spcola.grids.gaps import closed, plane_of, trend_of
 from spcola.math.robust import mad
 
-# A smoothed value that rests on less than this share of the grid points around is not known.
+# A smoothed value needs at least this share of the (weighted) grid points around it.
 _MIN_SUPPORT = 0.5
-# Robust standard deviations beyond which a difference is none of noise.
+# Robust standard deviations beyond which a difference is not noise.
 _OUTLYING = 3.0
 
 
 def blur(height: FloatArray, sigma_cells: float, *, of_slopes: bool = True) -> FloatArray:
-    """Gaussian smoothing of a surface's slopes, which leaves unknown points alone.
+    """Gaussian smoothing of a surface's slopes; unknown points are left out.
 
-    SPC smooths slopes and integrates them; where its heights lie is told by stereo. The slopes of a
-    paraboloid are planes, which no smoothing changes, so that the roundness of the body loses
-    nothing. Smoothed as heights it does, by σ² over its radius, as the facets of a shape do.
+    SPC smooths slopes and integrates them, and its absolute heights are determined by stereo. The
+    slopes of a paraboloid are planes, which smoothing does not change, so the curvature of the body
+    causes no bias. Smoothing of heights, as by the facets of a shape, lowers them by σ² over the
+    body's radius.
 
     Parameters
     ----------
@@ -38,12 +39,12 @@ def blur(height: FloatArray, sigma_cells: float, *, of_slopes: bool = True) -> F
     sigma_cells : float
         Standard deviation of the Gaussian, cells.
     of_slopes : bool
-        False: of the heights.
+        False: smooth the heights.
 
     Returns
     -------
     (R, C) ndarray
-        NaN where `height` is, and where too little was known around.
+        NaN where `height` is, and where too few points around are known.
     """
     known = np.isfinite(height)
     trend = trend_of(height) if of_slopes else plane_of(height)
@@ -52,15 +53,15 @@ def blur(height: FloatArray, sigma_cells: float, *, of_slopes: bool = True) -> F
     whole = _support((rows, columns), sigma_cells)
     support = whole if known.all() else _smooth(known.astype(np.float64), sigma_cells)
     with np.errstate(invalid="ignore", divide="ignore"):
-        soft = _smooth(rest, sigma_cells) / support
+        smooth = _smooth(rest, sigma_cells) / support
     enough = support > _MIN_SUPPORT * whole
-    result: FloatArray = np.where(known & enough, soft + trend, np.nan)
+    result: FloatArray = np.where(known & enough, smooth + trend, np.nan)
     return result
 
 
 @lru_cache(16)
 def _support(shape: tuple[int, int], sigma_cells: float) -> FloatArray:
-    """What smoothing leaves of ones on a grid without gaps."""
+    """A layer of ones, smoothed: less than 1 near the edges of the grid."""
     support = _smooth(np.ones(shape), sigma_cells)
     support.flags.writeable = False
     return support
@@ -69,12 +70,12 @@ def _support(shape: tuple[int, int], sigma_cells: float) -> FloatArray:
 def blurred_over_gaps(
     height: FloatArray, sigma_cells: float, *, of_slopes: bool = True
 ) -> FloatArray:
-    """As :func:`blur`, narrow gaps closed before: NaN again where `height` is.
+    """Return :func:`blur` of the surface with narrow gaps filled; NaN where `height` is.
 
-    A mean over what is known alone lies aside of its point, and moves slopes with it.
+    A mean over only the known points would belong to a place next to the point, and bias slopes.
     """
-    soft = blur(closed(height), sigma_cells, of_slopes=of_slopes)
-    return np.where(np.isfinite(height), soft, np.nan)
+    smooth = blur(closed(height), sigma_cells, of_slopes=of_slopes)
+    return np.where(np.isfinite(height), smooth, np.nan)
 
 
 def _smooth(values: FloatArray, sigma_cells: float) -> FloatArray:
@@ -84,20 +85,19 @@ def _smooth(values: FloatArray, sigma_cells: float) -> FloatArray:
 def estimate_blur(
     lidar: FloatArray, spc: FloatArray, *, largest_cells: float = 4.0, of_slopes: bool = True
 ) -> float:
-    """Blur of `spc` against `lidar` (same grid, aligned), as a Gaussian's sigma in cells.
+    """Blur of `spc` relative to `lidar` (same grid, aligned), as a Gaussian's sigma in cells.
 
-    The blur is the one with which the smoothed lidar surface differs least from the SPC
-    surface, in the robust sense, the same points being compared at every blur. Negative if it is
-    the lidar that has to be compared with a smoothed SPC surface: where SPC has more than the
-    lidar's detail. Which of them differ less in the end does not tell that, because smoothing takes
-    the noise off SPC, the noisier of both, whichever is the softer.
+    The blur minimises the robust standard deviation of smoothed lidar minus SPC heights, over the
+    same points at every blur. It is negative if SPC has more detail than the lidar, so that SPC has
+    to be smoothed. The sign follows from the slope of one surface's detail over the other's, not
+    from the remaining difference: smoothing always reduces the noise of SPC, the noisier of both.
 
     Parameters
     ----------
     lidar, spc : (R, C) ndarrays
         Heights, metres; NaN where unknown.
     largest_cells : float
-        Largest blur that is tried, cells.
+        Largest blur of the search, cells.
     of_slopes : bool
         As of :func:`blur`.
 
@@ -111,35 +111,34 @@ def estimate_blur(
     margin &= np.isfinite(blur(lidar, largest_cells)) & np.isfinite(blur(spc, largest_cells))
     if margin.sum() < 100:
         return float("nan")
-    soften = partial(blur, of_slopes=of_slopes)
-    if _detail_kept(lidar, spc, margin, largest_cells) < 1.0:
-        return _least(lidar, spc, margin, largest_cells, soften)
-    return -_least(spc, lidar, margin, largest_cells, soften)
+    smooth = partial(blur, of_slopes=of_slopes)
+    if _detail_ratio(lidar, spc, margin, largest_cells) < 1.0:
+        return _least(lidar, spc, margin, largest_cells, smooth)
+    return -_least(spc, lidar, margin, largest_cells, smooth)
 
 
-def _detail_kept(lidar: FloatArray, spc: FloatArray, common: BoolArray, largest: float) -> float:
-    """Slope of the SPC surface's detail over that of the lidar: below 1 where SPC is softer.
+def _detail_ratio(lidar: FloatArray, spc: FloatArray, common: BoolArray, largest: float) -> float:
+    """Regression slope of the SPC surface's detail on the lidar's: below 1 if SPC is blurred.
 
-    Noise of SPC does not bias it. Places where they differ by more than chance (strays, boulders)
-    have no say.
+    Noise of SPC does not bias it. Outliers (isolated points, boulders) are excluded.
     """
-    sharp, soft = ((layer - blur(layer, largest))[common] for layer in (lidar, spc))
-    rest = soft - sharp
+    sharp, blurred = ((layer - blur(layer, largest))[common] for layer in (lidar, spc))
+    rest = blurred - sharp
     kept = np.abs(rest - np.median(rest)) <= _OUTLYING * mad(rest)
-    return float(sharp[kept] @ soft[kept] / max(float(sharp[kept] @ sharp[kept]), 1e-300))
+    return float(sharp[kept] @ blurred[kept] / max(float(sharp[kept] @ sharp[kept]), 1e-300))
 
 
 def _least(
     sharp: FloatArray,
-    soft: FloatArray,
+    blurred: FloatArray,
     common: BoolArray,
     largest: float,
-    soften: Callable[[FloatArray, float], FloatArray],
+    smooth: Callable[[FloatArray, float], FloatArray],
 ) -> float:
-    """The blur of `sharp` with which it differs least from `soft`."""
+    """The blur of `sharp` with which it differs least from `blurred`."""
 
     def difference(sigma: float) -> float:
-        rest = (soften(sharp, sigma) if sigma > 0.05 else sharp) - soft
+        rest = (smooth(sharp, sigma) if sigma > 0.05 else sharp) - blurred
         return float(mad(rest[common]))
 
     found = minimize_scalar(

@@ -1,4 +1,4 @@
-"""What SPC keeps of the relief that the lidar sees, wavelength by wavelength."""
+"""Transfer function of SPC relief relative to lidar relief, by wavelength."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from spcola.arrays import FloatArray
 from spcola.grids.gaps import bridged, trend_of
 
 _RINGS = 25
-# A surface of which more is missing tells of its gaps, not of its ground.
+# Spectra of surfaces with a larger share of gaps are dominated by the gaps.
 _MOST_MISSING = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """How two surfaces of the same ground compare at each wavelength.
+    """Gain and coherence of two surfaces of the same ground at each wavelength.
 
     Attributes
     ----------
     wavenumber : (K,) ndarray
         Cycles per cell, increasing.
     gain : (K,) ndarray
-        Share of the first surface's relief that the second one has: Re Σ S₁₂ / Σ S₁₁. Noise of the
-        second does not enter, as it is not coherent with the first.
+        Share of the first surface's relief in the second: Re Σ S₁₂ / Σ S₁₁. Noise of the second
+        surface does not bias it, as it is not coherent with the first.
     coherence : (K,) ndarray
-        ``|Σ S₁₂|² / (Σ S₁₁ Σ S₂₂)``: where it is small the gain is not known.
+        ``|Σ S₁₂|² / (Σ S₁₁ Σ S₂₂)``: where it is small the gain is unreliable.
     """
 
     wavenumber: FloatArray
@@ -36,7 +36,7 @@ class Transfer:
     coherence: FloatArray
 
     def as_json(self) -> dict[str, list[float]]:
-        """The three lists, as other programs read them."""
+        """Return the three arrays as lists, for JSON."""
         return {
             "wavenumber_per_cell": self.wavenumber.tolist(),
             "gain": self.gain.tolist(),
@@ -45,7 +45,7 @@ class Transfer:
 
 
 def estimate_transfer(pairs: Iterable[tuple[FloatArray, FloatArray]]) -> Transfer | None:
-    """The transfer that many pairs of matched surfaces have in common.
+    """Estimate the common transfer function of many pairs of matched surfaces.
 
     Parameters
     ----------
@@ -63,14 +63,14 @@ def estimate_transfer(pairs: Iterable[tuple[FloatArray, FloatArray]]) -> Transfe
         if known.size and np.mean(~known) < _MOST_MISSING:
             sums += _ring_sums(*(np.where(known, layer, np.nan) for layer in (first, second)))
     own, other, cross = sums[0].real, sums[1].real, sums[2]
-    held = (own > 0) & (other > 0)
-    if not held.any():
+    some = (own > 0) & (other > 0)
+    if not some.any():
         return None
     wavenumber = 0.5 * (np.arange(_RINGS) + 0.5) / _RINGS
     return Transfer(
-        wavenumber[held],
-        cross.real[held] / own[held],
-        np.abs(cross[held]) ** 2 / (own[held] * other[held]),
+        wavenumber[some],
+        cross.real[some] / own[some],
+        np.abs(cross[some]) ** 2 / (own[some] * other[some]),
     )
 
 

@@ -1,4 +1,4 @@
-"""Models against the truth of a synthetic mission: the bench's verdict."""
+"""Assessment of models against the truth of a synthetic mission."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from fusion.workspace import Workspace
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """Everything that was found.
+    """Results of an assessment.
 
     Attributes
     ----------
@@ -30,9 +30,9 @@ class Assessment:
     settings : AssessmentSettings
     models : tuple of ModelScore
     formal : FormalUncertainty, optional
-        Of the SPC solution in the workspace.
+        FormU of the SPC solution in the workspace.
     recovered : tuple of Recovered
-        Planted parameters and what the workspace's registration and scale found of them.
+        Planted parameters and their estimates in the workspace's registration and scale.
     """
 
     planted: Planted
@@ -52,16 +52,16 @@ def assess(
     *,
     settings: AssessmentSettings | None = None,
 ) -> Assessment:
-    """Compare `models` with the truth, and what `workspace` recovered with what was planted.
+    """Compare `models` with the truth, and parameters recovered in `workspace` with planted ones.
 
     Parameters
     ----------
     planted : Planted
-        As :func:`fusion.truth.planted.read_truth` returns it.
+        From :func:`fusion.truth.planted.read_truth`.
     models : sequence of Model
         Those without any height are left out.
     workspace : Workspace, optional
-        Where registration, scale, landmarks and images are read from.
+        Registration, scale, landmarks and images are read from it.
     executor : Executor
     progress : Progress
     settings : AssessmentSettings, optional
@@ -78,7 +78,7 @@ def assess(
         if score is not None:
             scores.append(score)
         else:
-            progress.note(f"note: {model.name} holds no height and is left out")
+            progress.note(f"note: {model.name} has no heights and is left out")
     return Assessment(
         planted,
         settings,
@@ -89,7 +89,7 @@ def assess(
 
 
 def light_on(planted: Planted) -> Light:
-    """Return how long the ground is lit in the mission: the map that its solution was made by."""
+    """Return the share of a rotation for which the ground is lit, as in making the solution."""
     return light_of(planted.settings, shadow_ground(planted.settings.body)).at
 
 
@@ -103,7 +103,7 @@ def formal_of(workspace: Workspace) -> FormalUncertainty | None:
 
 
 def _recovered(planted: Planted, workspace: Workspace) -> list[Recovered]:
-    """Compare what is there of registration and scale."""
+    """Compare the registration and scale with the planted values, as far as they exist."""
     found = [
         workspace.read_json(path.name) if path.is_file() else {}
         for path in (workspace.registration_path, workspace.scale_path)

@@ -1,4 +1,4 @@
-"""3D rms: how far the vertices of a model lie from the truth, before and after rigid motions."""
+"""3D rms: distances of a model's vertices from the truth, before and after a rigid motion."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from spcola.math import lattice
 from spcola.shape import Mesh
 
 _CENTRE_DIRECTIONS = 200_000
-# The area vectors of a closed surface cancel, to this share of its area.
+# The area vectors of a closed surface cancel to within this share of its area.
 _CLOSED = 1e-6
 
 
@@ -25,19 +25,19 @@ class Distances:
     Attributes
     ----------
     count : int
-        Vertices.
+        Number of vertices.
     mean : float
         Signed mean, metres: positive where the model lies outside.
     rms : float
-        3D rms: of the model as it stands, metres.
+        3D rms of the model in its own coordinates, metres.
     largest : float
         Largest distance, metres.
     rms_without_offset : float
-        After the translation alone that makes it least: without the offset of the centre.
+        After the translation that minimises it: without the offset of the centre, metres.
     rms_optimised : float
-        After the translation and rotation that make it least: the optimised 3D rms.
+        After the translation and rotation that minimise it: the optimised 3D rms, metres.
     translation, rigid : RigidFit
-        The two motions.
+        These two motions.
     center_of_figure : (3,) ndarray
         Centre of figure of the model minus that of the truth, metres; NaN unless the model is a
         closed mesh.
@@ -57,12 +57,12 @@ class Distances:
 def measure_distances(
     vertices: FloatArray, truth: TruthSurface, settings: AssessmentSettings, mesh: Mesh | None
 ) -> Distances:
-    """Measure the 3D rms of `vertices` (N, 3), metres, in the body's frame as they stand.
+    """Measure the 3D rms of `vertices` (N, 3), metres, body-fixed coordinates.
 
-    The motions are fitted to an even choice of `settings.fit_vertices`; all three rms are taken
+    The motions are fitted to an even selection of `settings.fit_vertices`; all three rms are
     over all `vertices`.
     """
-    # A copy that may be written to: kernels are compiled anew for arrays that may not.
+    # A writable copy: kernels would be compiled again for read-only arrays.
     vertices = np.array(vertices, dtype=np.float64)
     some = vertices[:: max(1, -(-len(vertices) // settings.fit_vertices))]
     translation = fit_rigid(some, truth, options=RigidOptions(rotation=False))

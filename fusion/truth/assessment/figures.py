@@ -1,4 +1,4 @@
-"""Figures that put the models beside each other: distances, resolution, regions, calibration."""
+"""Figures that compare the models: distances, resolution, regions, calibration."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def colour(number: int) -> str:
 
 
 def distances_figure(scores: Sequence[ModelScore], formu: float) -> Figure:
-    """3D rms of every model, as it stands, without offset, optimised; height rms; FormU."""
+    """3D rms of every model: as given, without offset, optimised; height rms; FormU."""
     kinds: tuple[tuple[str, str, str, Callable[[ModelScore], float]], ...] = (
         ("3D rms", "o", "#cc3311", lambda s: s.distances.rms),
         ("without offset", "D", "#e69f00", lambda s: s.distances.rms_without_offset),
@@ -63,7 +63,7 @@ def resolution_figure(scores: Sequence[ModelScore]) -> Figure:
             kept = np.sign(t.transfer) * t.transfer**2
             _curve(panels[0], t.wavelength, kept, t.half_power, (number, score.name))
             _curve(panels[1], t.wavelength, t.coherence, t.half_coherence, (number, score.name))
-        titles = ("share of the truth's power that is kept", "coherence with the truth")
+        titles = ("share of the truth's power in the model", "coherence with the truth")
         for panel, title in zip(panels, titles, strict=True):
             panel.set_title(title)
             panel.axhline(0.5, color=MUTED, ls="--", lw=1.0)
@@ -77,16 +77,16 @@ def resolution_figure(scores: Sequence[ModelScore]) -> Figure:
 
 
 def _curve(panel: Any, wavelength: Any, share: Any, half: float, what: tuple[int, str]) -> None:
-    """Draw one curve, and a mark where it passes one half."""
+    """Draw one curve, and a mark where it crosses one half."""
     number, name = what
-    told = f"{name}: {half:.2f} m" if np.isfinite(half) else name
-    panel.plot(wavelength, share, color=colour(number), lw=1.5, label=told)
+    label = f"{name}: {half:.2f} m" if np.isfinite(half) else name
+    panel.plot(wavelength, share, color=colour(number), lw=1.5, label=label)
     if np.isfinite(half):
         panel.plot(half, 0.5, "o", color=colour(number), ms=5)
 
 
 def regions_figure(scores: Sequence[ModelScore]) -> Figure:
-    """Rms of the height errors and of the slopes' in each region, for every model."""
+    """Rms of the errors of heights and slopes in each region, for every model."""
     with drawing(9.4, 4.6) as figure:
         panels = figure.subplots(1, 2, sharey=True)
         _dots(panels[0], scores, lambda region: region.rms)
@@ -98,7 +98,7 @@ def regions_figure(scores: Sequence[ModelScore]) -> Figure:
 
 
 def calibration_figure(scores: Sequence[ModelScore]) -> Figure | None:
-    """Shares of the errors within one and two stated sigma; None if no model states any."""
+    """Shares of the errors within one and two stated sigmas; None if no model states sigmas."""
     stating = [score for score in scores if np.isfinite(score.regions[0].within_1)]
     if not stating:
         return None
@@ -129,7 +129,7 @@ def _dots(
     *,
     hollow: bool = False,
 ) -> None:
-    """Draw one row for each region and one mark for each model, a little below each other."""
+    """Draw one row for each region and one mark for each model, slightly displaced in the row."""
     rows = np.arange(len(REGIONS))
     for place, score in enumerate(scores):
         number = place if order is None else order[place]

@@ -1,4 +1,4 @@
-"""FormU: the uncertainty that SPC gives itself, from the residuals of its landmarks."""
+"""FormU: the formal uncertainty of an SPC solution, from the residuals of its landmarks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from spcola.camera import SpcImage, project_image
 from spcola.errors import InvalidValueError
 from spcola.grids import MapletGrid
 
-# Maplets whose GSD is within this factor of the finest count as of the highest resolution.
+# Maplets whose GSD is within this factor of the finest are those of the highest resolution.
 _FINEST = 1.01
 
 
@@ -22,16 +22,16 @@ class FormalUncertainty:
     Attributes
     ----------
     formu : float
-        Root mean square over the maplets of the highest resolution of their residuals, metres.
-        NaN if none of them was measured.
+        Root mean square of the residuals of the maplets of highest resolution, metres; NaN if none
+        of them was measured.
     gsd : float
-        Of those maplets, metres.
+        Ground sample distance of those maplets, metres.
     maplets, observations : int
-        That it rests on.
+        Number of maplets and image measurements used.
     residual_pixels : float
         Root mean square of the same residuals in pixels (both directions together).
     share_80 : float
-        80 % of those maplets have a residual below this, metres: what navigation requires.
+        80 % of those maplets have a residual below this, metres: the requirement of navigation.
     """
 
     formu: float
@@ -45,11 +45,11 @@ class FormalUncertainty:
 def formal_uncertainty(
     grids: Mapping[str, MapletGrid], images: Iterable[SpcImage]
 ) -> FormalUncertainty | None:
-    """Return FormU of the landmarks that `images` have measured; None without maplets.
+    """Return FormU of the landmarks measured in `images`; None without maplets.
 
-    An image predicts the centre V of a maplet at a pixel and line (eqs. 1–3 of Gaskell et al.,
-    by its solved state); the residual is that prediction minus the measured place, both
-    components together, times the size of a pixel at V: the pixel's angle times the distance. A
+    The solved state of an image predicts pixel and line of the centre V of a maplet (eqs. 1–3 of
+    Gaskell et al.). The residual is predicted minus measured position, both components
+    together, times the size of a pixel at V: the pixel's angle times the distance. A
     maplet's residual is the root mean square over its images; observations that SPC marked with
     ``*`` are left out.
 
@@ -63,7 +63,7 @@ def formal_uncertainty(
     Raises
     ------
     InvalidValueError
-        If a landmark that an image has measured lies behind its camera.
+        If a landmark measured in an image lies behind its camera.
     """
     if not grids:
         return None

@@ -1,4 +1,4 @@
-"""Which models there are: those of a workspace, and those in files."""
+"""Models to assess: those of a workspace, and those in files."""
 
 from __future__ import annotations
 
@@ -31,10 +31,9 @@ _BIGMAPS = (
 
 
 def workspace_models(workspace: Workspace) -> list[Model]:
-    """Return the models of a workspace, all in SPC coordinates; what is not there is left out.
+    """Return the existing models of a workspace, all in SPC coordinates.
 
-    SPC maplets, mapolas as the registration moves them, fused maplets, the three kinds of
-    bigmaps, and the shape.
+    SPC maplets, registered mapolas, fused maplets, the three kinds of bigmaps, and the shape.
     """
     models: list[Model] = []
     if workspace.maplet_names():
@@ -53,18 +52,18 @@ def workspace_models(workspace: Workspace) -> list[Model]:
 
 
 def file_model(path: Path, *, frame: Frame = "spc", unit: Literal["km", "m"] = "km") -> Model:
-    """Return the model in a file or folder, recognised by content and ending.
+    """Return the model in a file or folder, recognised by content and suffix.
 
-    A folder with ``fused.h5`` (``fused/`` or a release), ``.MAP``, FITS or GeoTIFF of ours, OBJ
-    or PLY of ours (with a frame: a maplet), ICQ, any other OBJ or PLY (a mesh).
+    A folder with ``fused.h5`` (``fused/`` or a release), ``.MAP``, FITS or GeoTIFF of spcola,
+    OBJ or PLY of spcola (with a frame: a maplet), ICQ, any other OBJ or PLY (a mesh).
 
     Parameters
     ----------
     path : Path
     frame : {"spc", "body"}
-        In whose coordinates it stands.
+        Its coordinates: of the SPC solution, or the true body-fixed ones.
     unit : {"km", "m"}
-        Of an OBJ or PLY that states none.
+        Unit of an OBJ or PLY that states none.
 
     Raises
     ------
@@ -86,7 +85,7 @@ def file_model(path: Path, *, frame: Frame = "spc", unit: Literal["km", "m"] = "
         try:
             return _single(path, read_surface(path), frame)
         except FormatError:
-            # No product of this program: a mesh of somebody else's.
+            # A mesh of another program.
             return MeshModel(path.name, read_shape(path, unit=unit), frame)
     return MeshModel(path.name, read_shape(path, unit=unit), frame)
 
@@ -96,7 +95,7 @@ def _single(path: Path, maplet: Maplet, frame: Frame) -> Model:
 
 
 def _registered_mapolas(workspace: Workspace) -> Model:
-    """Return the mapolas, moved by the registration."""
+    """Return the registered mapolas."""
     where = str(workspace.registration_path)
     content = workspace.read_json(workspace.registration_path.name)
     transform, placements = transform_of(content, where), placements_of(content, where)

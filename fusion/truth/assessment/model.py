@@ -1,4 +1,4 @@
-"""Models as the assessment takes them: maplets of any kind, or a mesh."""
+"""Models to assess: maplets of any kind, or a mesh."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from spcola.math import lattice
 from spcola.shape import Mesh, RayCaster, shape_heights
 
 Frame = Literal["spc", "body"]
-"""In whose coordinates a model stands: the SPC solution's, or the body's own (the lidar's)."""
+"""Coordinates of a model: the SPC solution's, or the true body-fixed ones (the lidar's)."""
 
-# A patch of a mesh reaches this share of the mean radius from its centre at most: beyond, the
-# ground bends away from the grid.
+# A patch of a mesh reaches at most this share of the mean radius from its centre: further away
+# the surface curves away from the grid.
 _WIDEST_PATCH = 0.25
 _PATCH_HALF_SIZE = 32
 
@@ -28,33 +28,33 @@ class Model(Protocol):
 
     @property
     def name(self) -> str:
-        """What it is called in tables."""
+        """Name in tables."""
 
     @property
     def frame(self) -> Frame:
-        """In whose coordinates it stands."""
+        """Its coordinates."""
 
     @property
     def mesh(self) -> Mesh | None:
         """The surface as a mesh, if it is one."""
 
     def keys(self, most: int) -> Sequence[str]:
-        """Return the patches to look at, `most` of them at most, evenly taken from all."""
+        """Return the patches to compare, at most `most`, evenly taken from all."""
 
     def patch(self, key: str) -> Maplet:
-        """Return one of them."""
+        """Return one patch."""
 
 
 @dataclass(frozen=True, eq=False)
 class MapletModel:
-    """Maplets, mapolas or bigmaps: a name for each, and how to get it.
+    """Maplets, mapolas or bigmaps: their names, and a function that loads one.
 
     Parameters
     ----------
     name : str
     names : sequence of str
     load : callable
-        From one of `names` to the maplet, in the frame of the model.
+        Returns the maplet of a name, in the frame of the model.
     frame : {"spc", "body"}
     """
 
@@ -65,7 +65,7 @@ class MapletModel:
     mesh: None = None
 
     def keys(self, most: int) -> Sequence[str]:
-        """Return which maplets to look at."""
+        """Return the names of maplets to compare."""
         return [self.names[k] for k in evenly(len(self.names), most)]
 
     def patch(self, key: str) -> Maplet:
@@ -75,7 +75,7 @@ class MapletModel:
 
 @dataclass(frozen=True, eq=False)
 class MeshModel:
-    """A mesh; its heights are read off it by rays, on squares spread over the body.
+    """A mesh; its heights are sampled by rays on squares over the body.
 
     Parameters
     ----------
@@ -90,12 +90,12 @@ class MeshModel:
 
     @cached_property
     def caster(self) -> RayCaster:
-        """Casts rays at the mesh."""
+        """Ray caster of the mesh."""
         return RayCaster(self.mesh)
 
     @cached_property
     def spacing(self) -> float:
-        """Distance between vertices, metres: the root of the mean area that one stands for."""
+        """Distance between vertices, metres: the square root of the mean area of one vertex."""
         area = float(np.linalg.norm(self.mesh.area_vectors, axis=1).sum())
         return float(np.sqrt(area / max(len(self.mesh.vertices), 1)))
 
@@ -107,13 +107,13 @@ class MeshModel:
 
     @cached_property
     def directions(self) -> FloatArray:
-        """Where squares lie (N, 3), so many that they cover the mesh about once."""
+        """Directions (N, 3) of squares that cover the mesh about once."""
         width = 2.0 * self.half_size * self.spacing
         area = float(np.linalg.norm(self.mesh.area_vectors, axis=1).sum())
         return lattice(max(16, int(np.ceil(area / width**2))))
 
     def keys(self, most: int) -> Sequence[str]:
-        """Return the numbers of the squares to look at."""
+        """Return the numbers of the squares to compare."""
         return [str(k) for k in evenly(len(self.directions), most)]
 
     def patch(self, key: str) -> Maplet:
@@ -130,7 +130,7 @@ class MeshModel:
         return Maplet(f"{self.name} {key}", grid, height)
 
     def _normal(self, grid: MapletGrid, direction: FloatArray) -> FloatArray:
-        """Normal of the mean plane of the mesh over a coarse grid; `direction` if there is none."""
+        """Return the normal of the mesh's mean plane over a coarse grid; else `direction`."""
         points = grid.points(shape_heights(self.caster, grid, reach=2.0 * grid.radius))
         points = points[np.isfinite(points[..., 0])]
         if len(points) < 12:
@@ -140,7 +140,7 @@ class MeshModel:
 
 
 def evenly(count: int, most: int) -> list[int]:
-    """Return `most` indices at most, evenly taken from 0 … `count` − 1."""
+    """Return at most `most` indices, evenly taken from 0 … `count` − 1."""
     if count <= most:
         return list(range(count))
     chosen: IntArray = np.linspace(0, count - 1, most).round().astype(np.int64)
@@ -148,9 +148,9 @@ def evenly(count: int, most: int) -> list[int]:
 
 
 def squares(maplet: Maplet, half_size: int, most: int) -> list[Maplet]:
-    """Cut a large map into squares of `half_size`, `most` of them at most; small ones stay whole.
+    """Cut a large map into at most `most` squares of `half_size`; a small map is returned whole.
 
-    What does not fill a square at the right and lower edges is left out.
+    Incomplete squares at the right and lower edges are left out.
     """
     grid = maplet.grid
     if grid.half_size <= half_size:

@@ -1,4 +1,4 @@
-"""The assessment as one HTML page of figures that needs nothing else."""
+"""The assessment as one self-contained HTML page of figures."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def write_page(path: Path, found: Assessment) -> None:
 
 
 def make_page(found: Assessment) -> str:
-    """Return the assessment as HTML: style and figures inside, no link to anything outside."""
+    """Return the assessment as self-contained HTML, with style and figures inside."""
     seed = found.planted.settings.seed
     parts = [("models", "Models", _overview(found))] if found.models else []
     if found.recovered:
@@ -68,7 +68,7 @@ def make_page(found: Assessment) -> str:
 
 
 def _overview(found: Assessment) -> str:
-    """Tables and figures that put the models beside each other."""
+    """Tables and figures that compare the models."""
     formal = found.formal
     formu = float("nan") if formal is None else formal.formu
     scores = found.models
@@ -87,23 +87,23 @@ def _overview(found: Assessment) -> str:
 
 _DISTANCES = (
     "3D rms: root mean square distance of the model's vertices from the closest points of the "
-    "truth, as the model stands; after the translation alone, and after the translation and "
-    "rotation (never a scale), that make it least. Height rms: along Uz, after the planted "
-    "similarity. Dashed: FormU, what the SPC solution says of itself."
+    "truth: of the model as given, after the translation, and after the translation and "
+    "rotation (never a scale) that minimise it. Height rms: along Uz, after the planted "
+    "similarity. Dashed: FormU, the formal uncertainty of the SPC solution."
 )
 _REGIONS = (
     "Root mean square of height errors (along Uz, in the planted frame) and of the angles between "
     "the normals of model and truth, by region."
 )
 _CALIBRATION = (
-    "Height errors over what the model states for them. Dashed: 0.683, 0.954 and 1, which right "
-    "sigmas and normal errors give. A share too small, or a standard deviation over 1, is a sigma "
-    "too small."
+    "Height errors over the sigmas that the model states. Dashed: 0.683, 0.954 and 1, the values "
+    "for correct sigmas and normal errors. A smaller share, or a standard deviation over 1, means "
+    "that sigmas are too small."
 )
 _RESOLUTION = (
     "Left: square of the transfer, the cross-spectrum of model and truth over the truth's "
-    "spectrum; where it falls below ½ the model keeps less than half of the truth's power. Right: "
-    "coherence; below ½ there is more noise than truth. Dots and figures: the wavelength at ½."
+    "spectrum; below ½ the model contains less than half of the truth's power. Right: coherence; "
+    "below ½ there is more noise than truth. Dots and numbers: the wavelength at ½."
 )
 
 
@@ -130,7 +130,7 @@ def _distances_table(found: Assessment) -> str:
 def _formal_caption(found: Assessment) -> str:
     formal = found.formal
     if formal is None:
-        return "There are no landmarks and images, and so no FormU."
+        return "There is no FormU, as landmarks or images are missing."
     return (
         f"FormU {formal.formu:.3f} m: {formal.maplets} maplets at {formal.gsd:g} m, "
         f"{formal.observations} observations, {formal.residual_pixels:.2f} pixels; 80 % of the "
@@ -161,21 +161,22 @@ def _model(score: ModelScore, place: int) -> str:
         for r in score.regions
     ]  # fmt: skip
     fit = score.distances.rigid
-    told = "converged" if fit.converged else "did not converge"
+    outcome = "converged" if fit.converged else "did not converge"
     why = f": {escape(fit.reason)}" if fit.reason else ""
-    frame = "the SPC solution's" if score.frame == "spc" else "the body's own"
+    frame = "those of the SPC solution" if score.frame == "spc" else "true body-fixed"
     note = (
         f"<p>Coordinates: {frame}. {score.patches} maplets or patches compared, of "
-        f"{score.patches_there}. The optimisation {told} after {fit.iterations} iterations{why}."
+        f"{score.patches_there}. The optimisation {outcome} after {fit.iterations} iterations{why}."
         "</p>"
     )
     caption = (
         "Height errors, model minus truth along Uz: means in cells of 2° (red: the model is too "
-        "high), their histogram (outermost bins: what lies beyond), and errors over stated sigmas."
+        "high), their histogram (outermost bins: all beyond), and errors over stated sigmas."
     )
     shown = (
-        "The patches of least, median and largest rms: truth and model lit from the upper left at "
-        "45°, and their difference. Rows run along −Ux, columns along Uy, metres from the centre."
+        "The patches of smallest, median and largest rms: truth and model lit from the upper left "
+        "at 45°, and their difference. Rows run along −Ux, columns along Uy, metres from the "
+        "centre."
     )
     errors = html_figure(
         errors_figure(score.errors, colour(place)), caption, "height errors", "png"

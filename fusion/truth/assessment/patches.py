@@ -15,7 +15,7 @@ from spcola.math import Similarity
 
 @dataclass(frozen=True, eq=False)
 class PatchErrors:
-    """One maplet beside the truth, on its grid.
+    """One maplet and the truth on its grid.
 
     Attributes
     ----------
@@ -24,7 +24,7 @@ class PatchErrors:
     truth : (2q+1, 2q+1) ndarray
         Heights of the truth on the same grid, metres.
     points : PointErrors
-        Of the points that both know.
+        Errors of the points that both contain.
     """
 
     maplet: Maplet
@@ -54,9 +54,9 @@ def patch_errors(maplet: Maplet, ground: Ground, to_model: Similarity) -> PatchE
     ground : Ground
         The truth, in the body's own frame.
     to_model : Similarity
-        From the body's frame to the model's: the planted similarity, or none. The truth is
-        brought to the maplet's grid by it, so that neither the scale, the turn nor the shift
-        that were planted count as an error of the heights.
+        From the body's frame to the model's: the planted similarity, or the identity. It
+        transforms the truth to the maplet's grid, so that planted scale, rotation and
+        translation do not count as errors of heights.
     """
     grid, back = maplet.grid, to_model.inverse()
     true_grid = MapletGrid(
@@ -79,8 +79,7 @@ def patch_errors(maplet: Maplet, ground: Ground, to_model: Similarity) -> PatchE
 def _angle(model: FloatArray, truth: FloatArray, gsd: float) -> FloatArray:
     """Return the angles (R, C) between the normals of two surfaces, radians.
 
-    Slopes are central differences over two steps; the outermost points, and those beside a gap,
-    have none.
+    Slopes are central differences over two steps; points at edges and gaps have none.
     """
     normals = []
     for height in (model, truth):
@@ -93,22 +92,22 @@ def _angle(model: FloatArray, truth: FloatArray, gsd: float) -> FloatArray:
 
 
 def _surrounded(height: FloatArray) -> BoolArray:
-    """Tell where all four neighbours are known."""
+    """Return where all four neighbours are known."""
     known = np.pad(np.isfinite(height), 1)
     inside: BoolArray = known[:-2, 1:-1] & known[2:, 1:-1] & known[1:-1, :-2] & known[1:-1, 2:]
     return inside
 
 
 def _stated_sigma(maplet: Maplet) -> FloatArray:
-    """Return what the maplet states of its heights (2q+1, 2q+1), metres; NaN where nothing.
+    """Return the stated sigmas of the heights (2q+1, 2q+1), metres; NaN where not stated.
 
-    The uncertainty of the centre, where it is stated, comes to that of the height: a surface
-    displaced by D is met at a height that is off by D·(Uz − ∂h/∂x Ux − ∂h/∂y Uy).
+    A stated uncertainty of the centre is added: displacing the surface by D changes its height
+    by D·(Uz − ∂h/∂x Ux − ∂h/∂y Uy).
     """
     if not np.isfinite(maplet.center_sigma).all() or not maplet.center_sigma.any():
         return maplet.sigma
     slope_x, slope_y = slopes_of(maplet.height, maplet.grid.gsd)
-    lean = np.nan_to_num(np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=-1))
-    shared = (lean @ maplet.grid.axes) ** 2 @ maplet.center_sigma**2
+    partials = np.nan_to_num(np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=-1))
+    shared = (partials @ maplet.grid.axes) ** 2 @ maplet.center_sigma**2
     sigma: FloatArray = np.sqrt(maplet.sigma**2 + shared)
     return sigma

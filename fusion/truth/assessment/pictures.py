@@ -1,4 +1,4 @@
-"""Figures of one model: where its errors lie, how they are spread, and examples."""
+"""Figures of one model: map and histograms of its errors, and examples."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _PULLS = np.linspace(-5.0, 5.0, 81)
 def error_map(errors: PointErrors, cell_deg: float = _CELL_DEG) -> FloatArray:
     """Return the mean height error (90°/c·2, 360°/c), metres, in cells of longitude and latitude.
 
-    South first, longitudes from 0° on; NaN where no point lies.
+    South first, longitudes from 0°; NaN where there are no points.
     """
     longitude, latitude = lon_lat_deg(errors.direction)
     rows, columns = round(180.0 / cell_deg), round(360.0 / cell_deg)
@@ -61,7 +61,7 @@ def errors_figure(errors: PointErrors, tint: str) -> Figure:
 
 
 def _histogram(panel: Any, error: FloatArray, reach: float, tint: str) -> None:
-    """Draw the histogram of height errors; the edge bins hold what lies beyond."""
+    """Draw the histogram of height errors; the outermost bins include all beyond."""
     edges = np.linspace(-2.0 * reach, 2.0 * reach, 81)
     panel.hist(np.clip(error, edges[0], edges[-1]), edges, density=True, color=tint)
     panel.axvline(0.0, color=INK, lw=0.8)
@@ -72,7 +72,7 @@ def _histogram(panel: Any, error: FloatArray, reach: float, tint: str) -> None:
 
 
 def _pull_histogram(panel: Any, errors: PointErrors, tint: str) -> None:
-    """Draw the histogram of error over sigma, with what right sigmas would give."""
+    """Draw the histogram of error over sigma, with that of correct sigmas."""
     stated = errors.sigma > 0
     if not stated.any():
         panel.axis("off")
@@ -81,7 +81,7 @@ def _pull_histogram(panel: Any, errors: PointErrors, tint: str) -> None:
     pull = errors.height[stated] / errors.sigma[stated]
     panel.hist(np.clip(pull, -5.0, 5.0), _PULLS, density=True, color=tint)
     normal = np.exp(-0.5 * _PULLS**2) / np.sqrt(2.0 * np.pi)
-    panel.plot(_PULLS, normal, color=INK, lw=1.2, ls="--", label="where sigmas are right")
+    panel.plot(_PULLS, normal, color=INK, lw=1.2, ls="--", label="if sigmas are correct")
     panel.set(xlabel="height error / stated sigma", ylabel="density", xlim=(-5, 5))
     panel.set_title(f"standard deviation {float(np.std(pull)):.2f}")
     panel.legend(loc="upper left")
@@ -129,12 +129,12 @@ def _image(
 
 
 def _palette(name: str | None = None) -> Any:
-    """Return a colour map; what is unknown is pale."""
+    """Return a colour map with a pale colour for unknown values."""
     import matplotlib as mpl  # noqa: PLC0415
 
     return mpl.colormaps[name or "RdBu_r"].with_extremes(bad=_UNKNOWN)
 
 
 def _reach(error: FloatArray) -> float:
-    """98th percentile of the errors' sizes: a scale that strays do not set."""
+    """Return the 98th percentile of the absolute errors, a limit robust to outliers."""
     return max(float(np.percentile(np.abs(error), 98)), 1e-6)

@@ -1,4 +1,4 @@
-"""Regions of the ground, and what the errors are in each."""
+"""Regions of the surface, and the errors in each."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from spcola.math.robust import mad
 from spcola.truth.body import BOULDER, CRATER, SMOOTH
 
 Light = Callable[[FloatArray], FloatArray]
-"""The share of a rotation (N,), 0 … 1, during which the ground in directions (N, 3) is lit."""
+"""Share of a rotation (N,), 0 … 1, for which the surface in directions (N, 3) is lit."""
 
 BANDS_DEG: Mapping[str, tuple[float, float]] = {
     "latitude −90 … −60°": (-90.0, -60.0),
@@ -38,13 +38,13 @@ REGIONS = (
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """Tells of what kind the ground is.
+    """Assigns points of the truth surface to regions.
 
     Parameters
     ----------
     truth : TruthSurface
     light : callable
-        As :data:`Light`.
+        See :data:`Light`.
     settings : AssessmentSettings
     """
 
@@ -53,11 +53,11 @@ class Ground:
     settings: AssessmentSettings
 
     def regions(self, places: FloatArray) -> AnyArray:
-        """Return in which regions `places` (N, 3), body-fixed, metres, lie: bits (N,), uint16.
+        """Return the regions of `places` (N, 3), body-fixed, metres, as bits (N,), uint16.
 
-        Lit and shadowed ground part at ``dark_share``; boulders are their outlines, craters lie
-        inside their rims and on no boulder, other ground is in neither and off the smooth site;
-        bands are of planetocentric latitude.
+        The limit of lit and shadowed is ``dark_share``. Boulders are within their outlines,
+        craters inside their rims but not on boulders, other ground is outside of these and of the
+        smooth site. Bands are of planetocentric latitude.
         """
         flags = self.truth.terrain(places, smallest=self.settings.smallest)
         dark = self.light(places) < self.settings.dark_share
@@ -91,7 +91,7 @@ class PointErrors:
     slope : (N,) ndarray
         Angle between the normals of model and truth, radians; NaN at edges.
     sigma : (N,) ndarray
-        What the model states for the height, metres; NaN where it states nothing.
+        Sigma of the height that the model states, metres; NaN where it states none.
     direction : (N, 3) ndarray
         Unit vectors to the points.
     regions : (N,) ndarray
@@ -105,22 +105,22 @@ class PointErrors:
     regions: AnyArray
 
     def within(self, region: str) -> BoolArray:
-        """Which points (N,) lie in a region of :data:`REGIONS`."""
+        """Return which points (N,) lie in a region of :data:`REGIONS`."""
         mask: BoolArray = (self.regions >> REGIONS.index(region)) & 1 > 0
         return mask
 
 
 @dataclass(frozen=True)
 class RegionScore:
-    """Errors of a model in one region; NaN where there is nothing to tell.
+    """Errors of a model in one region; NaN where there are no points or sigmas.
 
     Attributes
     ----------
     region : str
     count : int
-        Points with a height. Where maplets overlap each counts for itself.
+        Points with a height; all points of overlapping maplets count.
     mean, rms : float
-        Of the height errors, metres.
+        Mean and root mean square of the height errors, metres.
     robust : float
         1.4826 × median absolute deviation of the height errors from their median, metres.
     largest : float
@@ -130,9 +130,9 @@ class RegionScore:
     sigma_rms : float
         Root mean square of the stated sigmas, metres.
     pull_mean, pull_std : float
-        Mean and standard deviation of error / sigma: 0 and 1 where the sigmas are right.
+        Mean and standard deviation of error / sigma: 0 and 1 if the sigmas are correct.
     within_1, within_2 : float
-        Shares of the errors within one and two stated sigma: 0.683 and 0.954 where they are right
+        Shares of the errors within one and two stated sigmas: 0.683 and 0.954 if they are correct
         and the errors normal.
     """
 

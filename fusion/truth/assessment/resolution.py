@@ -1,4 +1,4 @@
-"""Resolution: what a model keeps of the truth's relief at each wavelength."""
+"""Resolution: the share of the truth's relief in a model at each wavelength."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ _ENOUGH_WINDOWS = 4
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """How a model follows the truth, by wavelength.
+    """Transfer and coherence of a model with the truth, by wavelength.
 
     Attributes
     ----------
     wavelength : (K,) ndarray
-        Falling, metres.
+        Decreasing, metres.
     transfer : (K,) ndarray
-        Re Σ S_mt / Σ S_tt: the share of the truth's amplitude that the model has, in its place.
+        Re Σ S_mt / Σ S_tt: the share of the truth's amplitude in the model, in phase.
     coherence : (K,) ndarray
         ``|Σ S_mt|² / (Σ S_mm Σ S_tt)``: 1 if the model is the truth times a factor, 0 if unrelated.
     power_ratio : (K,) ndarray
-        Σ S_mm / Σ S_tt: with the model's noise.
+        Σ S_mm / Σ S_tt, which includes the model's noise.
     windows : int
-        That were averaged.
+        Number of windows averaged.
     half_power, half_coherence : float
-        The wavelength, metres, below which the model keeps less than half of the truth's power
-        (transfer² < ½), and that below which coherence is less than ½; NaN if there is none.
+        Wavelength, metres, below which the model contains less than half of the truth's power
+        (transfer² < ½), and below which coherence is less than ½; NaN if there is none.
     reason : str
         Why `half_power` is not known; else empty.
     """
@@ -50,20 +50,19 @@ class Transfer:
 class Spectra:
     """Sums of spectra and cross-spectra of model and truth over windows of grids of one GSD.
 
-    Of the heights in a window the Laplacian is taken, which frees them of their plane and evens
-    out the steep spectrum of relief, so that long waves do not leak into short ones; it is the
-    same for both surfaces and falls out of every ratio. Then come Hann's window in both
-    directions and the Fourier transform, and rings of equal wavenumber are added up. The
-    cross-spectrum is free of noise that has nothing to do with the truth. The truth is sampled
-    at the grid's points: what it has below two GSD is folded in.
+    The Laplacian of the heights in a window removes their plane and flattens the steep spectrum of
+    relief, so that long waves do not leak into short ones; it cancels in every ratio. Then come a
+    Hann window in both directions and the Fourier transform, and sums over rings of equal
+    wavenumber. Noise that is uncorrelated with the truth cancels in the cross-spectrum. The truth
+    is sampled at the grid points: its wavelengths below two GSD are aliased.
 
-    Windows of a quarter, a half and the whole of the grid are looked at; the largest that are
-    known in full often enough speak.
+    Windows of a quarter, a half and the whole of the grid are summed; the largest size of which
+    enough windows have no gaps is used.
 
     Parameters
     ----------
     size : int
-        Points along a side of the grids that will come.
+        Points along a side of the grids.
     gsd : float
         Metres.
     """
@@ -79,21 +78,21 @@ class Spectra:
 
     @property
     def windows(self) -> int:
-        """How many windows have been added up of those that speak."""
-        speaking = self._speaking()
-        return 0 if speaking is None else speaking.windows
+        """Number of windows summed of the size that is used."""
+        chosen = self._chosen()
+        return 0 if chosen is None else chosen.windows
 
     def transfer(self) -> Transfer:
-        """Return what the windows say together."""
-        speaking = self._speaking()
-        if speaking is None:
+        """Return the transfer over the windows of the size that is used."""
+        chosen = self._chosen()
+        if chosen is None:
             nothing, nan = np.empty(0), float("nan")
-            why = "no window is known without a gap"
+            why = "no window is without a gap"
             return Transfer(nothing, nothing, nothing, nothing, 0, nan, nan, why)
-        return speaking.transfer()
+        return chosen.transfer()
 
-    def _speaking(self) -> _WindowSums | None:
-        """Return the largest windows of which there are enough, else those that are most."""
+    def _chosen(self) -> _WindowSums | None:
+        """Return the largest size with enough windows, else that with the most windows."""
         enough = [sums for sums in self._sums if sums.windows >= _ENOUGH_WINDOWS]
         most = max(self._sums, key=lambda sums: sums.windows, default=None)
         return enough[-1] if enough else most if most is not None and most.windows else None
@@ -140,7 +139,7 @@ class _WindowSums:
             empty, nan = np.full(len(wavelength), np.nan), float("nan")
             why = "the truth has no relief"
             return Transfer(wavelength, empty, empty, empty, self.windows, nan, nan, why)
-        # A ring stands at the mean wavenumber of the truth's power in it.
+        # The wavenumber of a ring is the mean over the truth's power in it.
         wavelength = (self.size - 2) * self.gsd * truth / moment
         kept = real / truth
         coherence = (real**2 + imaginary**2) / np.maximum(model * truth, 1e-300)
@@ -152,7 +151,7 @@ class _WindowSums:
 
 
 def _windows(shape: tuple[int, ...], size: int) -> Iterable[tuple[slice, slice]]:
-    """Yield windows that cover the grid, overlapping where they must."""
+    """Yield windows that cover the grid, overlapping where necessary."""
     starts = [
         np.unique(np.linspace(0, length - size, -(-length // size)).astype(int)).tolist()
         for length in shape
@@ -172,13 +171,13 @@ def _laplacian(height: FloatArray) -> FloatArray:
 
 
 def _crossing(wavelength: FloatArray, share: FloatArray) -> tuple[float, str]:
-    """Return where `share` first falls below ½, from long wavelengths on, and else why not."""
+    """Return where `share` first falls below ½ from long wavelengths on, or NaN and why not."""
     below = np.flatnonzero(share < 0.5)
     if not len(below):
-        return float("nan"), f"more than half is kept down to {wavelength[-1]:.3g} m"
+        return float("nan"), f"more than half is left down to {wavelength[-1]:.3g} m"
     first = int(below[0])
     if first == 0:
-        return float("nan"), f"less than half is kept even at {wavelength[0]:.3g} m"
+        return float("nan"), f"less than half is left even at {wavelength[0]:.3g} m"
     before, after = share[first - 1], share[first]
     part = (before - 0.5) / (before - after)
     ratio = wavelength[first] / wavelength[first - 1]

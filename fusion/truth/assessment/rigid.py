@@ -13,31 +13,31 @@ from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.math.robust import MAD_TO_SIGMA, huber_weight
 from spcola.truth.body import SurfacePoints
 
-# Directions along which the mean square of the residuals hardly changes (relative to the mean of
-# all six) are not observed: a sphere may turn as it likes.
+# Directions in which the mean square of the residuals hardly changes (relative to the mean of
+# all six) are not observable, such as the rotation of a sphere.
 _FREE = 1e-7
-# Errors of neighbouring vertices are alike: the covariance counts each cell of a cube about the
-# model, this many along a side, as one observation.
+# Errors of neighbouring vertices are correlated: the covariance takes each cell of a cube about
+# the model, this many along a side, as one observation.
 _CELLS = 6
 GAIN = 1e-4
-"""A pass is at its end when two steps in a row have not brought down the rms by this share: on
-rough ground the nearest points change with every step, and the rms has no smooth bottom."""
+"""A pass ends when two successive steps have not reduced the rms by this share: on rough
+surfaces the nearest points change with every step, and the rms has no smooth minimum."""
 _IDLE_STEPS = 2
 
 
 @dataclass(frozen=True)
 class RigidOptions:
-    """How the fit works.
+    """Options of the fit.
 
     Parameters
     ----------
     rotation : bool
         False: translation only.
     most_iterations : int
-        Of each of the two passes.
+        Limit for each of the two passes.
     tolerance_m : float
-        The fit has converged when a step moves no vertex further than about this, metres, or
-        when it has stopped to gain (see :data:`GAIN`).
+        The fit has converged when a step moves no vertex by more than about this, metres, or
+        the rms no longer decreases (see :data:`GAIN`).
     loss_scale : float
         Huber's limit of the first pass in robust standard deviations of the distances.
     """
@@ -61,15 +61,15 @@ class RigidFit:
     rotation : (3,) ndarray
         Rotation vector, radians; zero if only a translation was fitted.
     covariance : (6, 6) ndarray
-        Of translation and rotation (metres, radians), from the scatter of whole cells of the
-        body, because errors of neighbouring vertices are alike. NaN where a parameter is not
-        observed, or not fitted.
+        Covariance of translation and rotation (metres, radians), from the scatter of cells of the
+        body, because errors of neighbouring vertices are correlated. NaN where a parameter is not
+        observable or not fitted.
     rms : float
         Root mean square distance of the vertices fitted, metres.
     count, iterations : int
     converged : bool
     reason : str
-        Why it did not converge, or what is not observed; else empty.
+        Why it did not converge, or what is not observable; else empty.
     """
 
     pivot: FloatArray
@@ -92,12 +92,12 @@ class RigidFit:
 def fit_rigid(
     points: FloatArray, truth: TruthSurface, *, options: RigidOptions | None = None
 ) -> RigidFit:
-    """Return the motion of `points` (N, 3), metres, that makes their 3D rms least.
+    """Return the motion of `points` (N, 3), metres, that minimises their 3D rms.
 
     Point-to-plane Gauss–Newton (Chen & Medioni 1992): the distance of a vertex changes with its
-    motion along the truth's normal at the nearest point. A first pass under Huber's loss keeps
-    gross errors from leading astray; the second takes all vertices in full, so that what comes
-    out is the least root mean square of Weirich et al. (section 2.8). The size is never fitted.
+    motion along the truth's normal at the nearest point. A first pass with Huber's loss limits
+    the effect of gross errors; the second weights all vertices equally, so that the result is the
+    least root mean square of Weirich et al. (section 2.8). The scale is never fitted.
 
     Parameters
     ----------
@@ -116,23 +116,23 @@ def fit_rigid(
     if len(points) < 6:
         return fit.result(0, converged=False, reason="fewer than 6 vertices")
     done = 0
-    settled = False
+    converged = False
     for robust in (True, False):
-        settled, best, idle = False, float("inf"), 0
+        converged, best, idle = False, float("inf"), 0
         for _ in range(options.most_iterations):
             done += 1
             size, rms = fit.step(robust=robust)
             idle = 0 if rms < (1.0 - GAIN) * best else idle + 1
             best = min(rms, best)
             if size < options.tolerance_m or idle == _IDLE_STEPS:
-                settled = True
+                converged = True
                 break
-    reason = "" if settled else f"still moving after {options.most_iterations} iterations"
-    return fit.result(done, converged=settled, reason=reason)
+    reason = "" if converged else f"still moving after {options.most_iterations} iterations"
+    return fit.result(done, converged=converged, reason=reason)
 
 
 class _Fit:
-    """A fit under way: the pose, and what the last step saw."""
+    """The state of a fit: data, options and current pose."""
 
     def __init__(self, points: FloatArray, truth: TruthSurface, options: RigidOptions) -> None:
         self.points, self.truth, self.options = points, truth, options
@@ -143,7 +143,7 @@ class _Fit:
         self.turn = Rotation.identity()
 
     def moved(self) -> FloatArray:
-        """Vertices (N, 3) where they are now."""
+        """Return the vertices (N, 3) at the current pose."""
         turned: FloatArray = (self.points - self.pivot) @ self.turn.as_matrix().T
         return self.pivot + self.translation + turned
 
@@ -153,13 +153,13 @@ class _Fit:
         Returns
         -------
         size, rms : float
-            How far it moves the typical vertex, and the weighted rms before it, metres.
+            Motion of a typical vertex, and the weighted rms before it, metres.
         """
         here = self.moved()
         near = self.truth.nearest(here)
         weight: FloatArray = np.ones(len(here))
         if robust:
-            # About zero, not about the median: a model that is off all round is no outlier.
+            # About zero, not about the median: a model with an offset everywhere is no outlier.
             spread = MAD_TO_SIGMA * max(float(np.median(np.abs(near.distance))), 1e-9)
             weight = huber_weight(near.distance / spread, self.options.loss_scale)
         design = self._design(here, near)
@@ -171,7 +171,7 @@ class _Fit:
         return float(norm(change[:3]) + norm(change[3:])), rms
 
     def _design(self, here: FloatArray, near: SurfacePoints) -> FloatArray:
-        """Change of the distances (N, 6) with translation and rotation, both in metres."""
+        """Return the partials (N, 6) of the distances by translation and rotation, in metres."""
         design = np.zeros((len(here), 6))
         design[:, :3] = near.normals
         if self.options.rotation:
@@ -180,7 +180,7 @@ class _Fit:
         return design
 
     def result(self, iterations: int, *, converged: bool, reason: str) -> RigidFit:
-        """Return the fit as it is now."""
+        """Return the result at the current pose."""
         rms, covariance, free = float("nan"), np.full((6, 6), np.nan), ""
         if len(self.points):
             here = self.moved()
@@ -194,7 +194,7 @@ class _Fit:
         )  # fmt: skip
 
     def _covariance(self, here: FloatArray, near: SurfacePoints) -> tuple[FloatArray, str]:
-        """Return the covariance, by cells, and what is not observed."""
+        """Return the covariance, by cells, and which parameters are not observable."""
         design = self._design(here, near)
         inverse, free = _pseudo_inverse(design.T @ design)
         label = _cells(here - self.pivot)
@@ -213,11 +213,11 @@ class _Fit:
         covariance[:, unseen] = np.nan
         names = np.array(["x", "y", "z", "rotation x", "rotation y", "rotation z"])
         left = ", ".join(names[free].tolist())
-        return covariance, f"not observed, not alone at least: {left}" if left else ""
+        return covariance, f"not observable, at least not separately: {left}" if left else ""
 
 
 def _pseudo_inverse(normal: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return the inverse (6, 6) over what is observed, and which have a part in the rest."""
+    """Return the inverse (6, 6) over observable directions, and which parameters the rest has."""
     values, vectors = eigh(normal)
     seen = values > _FREE * max(float(np.trace(normal)) / 6.0, 1e-300)
     inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
@@ -226,7 +226,7 @@ def _pseudo_inverse(normal: FloatArray) -> tuple[FloatArray, BoolArray]:
 
 
 def _cells(away: FloatArray) -> IntArray:
-    """Return to which cell (N,) of a cube about O each vector (N, 3) points."""
+    """Return the cell (N,) of a cube about the origin to which each vector (N, 3) points."""
     face = np.argmax(np.abs(away), axis=1)
     row = np.arange(len(away))
     largest = away[row, face]

@@ -1,4 +1,4 @@
-"""One model against the truth: every figure, and what its pictures are drawn from."""
+"""Score of one model against the truth: its numbers, and the data of its figures."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ from spcola.math import Similarity
 
 @dataclass(frozen=True, eq=False)
 class ModelScore:
-    """What the assessment says of one model.
+    """Assessment of one model.
 
     Attributes
     ----------
     name : str
     frame : str
-        "spc": heights are compared after the planted similarity; "body": as they stand.
+        "spc": heights are compared after the planted similarity; "body": without it.
     gsd : float
-        Of its maplets (the finest), or the spacing of its vertices, metres.
+        The finest ground sample distance of its maplets, or the spacing of its vertices, metres.
     patches, patches_there : int
         Maplets whose heights were compared, and how many there are.
     distances : Distances
     regions : tuple of RegionScore
     transfer : Transfer
     errors : PointErrors
-        Of all points compared: what histograms and maps are drawn from.
+        Errors of all points compared, for histograms and maps.
     examples : tuple of PatchErrors
-        The patches of least, median and largest rms.
+        The patches of smallest, median and largest rms.
     """
 
     name: str
@@ -66,7 +66,7 @@ def score_model(
     executor: Executor,
     progress: Progress,
 ) -> ModelScore | None:
-    """Compare one model with the truth; None if it holds no height at all.
+    """Compare one model with the truth; None if it has no heights.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def score_model(
     ground : Ground
         The truth in the body's frame, its light, and the settings.
     to_spc : Similarity
-        What was planted.
+        The planted similarity.
     executor : Executor
     progress : Progress
     """
@@ -104,7 +104,7 @@ def score_model(
 def _compared(
     model: Model, ground: Ground, to_spc: Similarity, executor: Executor, progress: Progress
 ) -> _Sums:
-    """Compare patch by patch, and choose vertices on the way."""
+    """Compare patch by patch, and choose vertices for the 3D rms."""
     settings = ground.settings
     same = Similarity(target=to_spc.source, source=to_spc.source)
     to_model = to_spc if model.frame == "spc" else same
@@ -128,14 +128,14 @@ def _compared(
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """What one key of a model comes to."""
+    """Errors and vertices of one patch of a model."""
 
     patches: Sequence[PatchErrors]
     vertices: Sequence[FloatArray]
 
 
 class _Sums:
-    """What is kept of the patches that have been compared."""
+    """Results of the patches compared so far."""
 
     def __init__(self) -> None:
         self.points: list[PointErrors] = []
@@ -145,7 +145,7 @@ class _Sums:
         self._ranked: list[PatchErrors] = []
 
     def add(self, part: _Part) -> None:
-        """Add the patches of one key."""
+        """Add the results of one patch."""
         self.vertices += part.vertices
         for patch in part.patches:
             grid = patch.maplet.grid
@@ -162,11 +162,11 @@ class _Sums:
         return PointErrors(*(np.concatenate(layer) for layer in parts))
 
     def transfer(self) -> Transfer:
-        """Return the transfer at the GSD and size that most windows have."""
+        """Return the transfer at the GSD and size with the most windows."""
         return max(self._spectra.values(), key=lambda s: s.windows).transfer()
 
     def examples(self) -> list[PatchErrors]:
-        """Return the patches of least, median and largest rms of those nearly whole."""
+        """Return the patches of smallest, median and largest rms of those nearly complete."""
         whole = [p for p in self._ranked if len(p.points.height) > 0.5 * p.maplet.height.size]
         ranked = sorted(whole or self._ranked, key=lambda patch: patch.rms)
         places = sorted({0, len(ranked) // 2, len(ranked) - 1})

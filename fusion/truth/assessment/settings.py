@@ -1,4 +1,4 @@
-"""How much is looked at, and where the regions end."""
+"""Settings of the assessment: sampling of models, and limits of regions."""
 
 from __future__ import annotations
 
@@ -9,27 +9,26 @@ from spcola.errors import SettingsError
 
 @dataclass(frozen=True)
 class AssessmentSettings:
-    """How a model is sampled, and how regions are told apart.
+    """Sampling of models, and limits of regions.
 
     Parameters
     ----------
     patches : int
-        At most so many maplets (or patches of a mesh) have their heights compared, evenly taken
-        from all.
+        Most maplets (or patches of a mesh) whose heights are compared, evenly taken from all.
     patch_half_size : int
-        Larger maps are cut into squares of this half-size; of those, at most `patches` count.
+        Larger maps are cut into squares of this half-size; at most `patches` of them are compared.
     vertices : int
-        At most so many vertices enter the 3D rms.
+        Most vertices in the 3D rms.
     fit_vertices : int
-        At most so many of those enter the fit of translation and rotation.
+        Most of those vertices in the fit of translation and rotation.
     seed : int
-        Of the choice of vertices.
+        Seed of the choice of vertices.
     smallest : float
-        Boulders from this diameter on make the region of boulders (craters likewise, see
+        Smallest diameter in the region of boulders (and craters, see
         :meth:`spcola.truth.body.TruthBody.terrain`), metres.
     dark_share : float
-        Ground that is lit for less than this share of a rotation is the region in shadow: by
-        default where synthetic solutions lose their hold, too.
+        The shadowed region is lit for less than this share of a rotation. The default is that
+        below which synthetic SPC solutions have no heights.
     """
 
     patches: int = 200

@@ -1,4 +1,4 @@
-"""The assessment as other programs read it (``assess --json``), and as lines for people."""
+"""The assessment as JSON (``assess --json``), and as lines of text."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from fusion.truth.assessment.score import ModelScore
 
 
 def assessment_json(found: Assessment) -> dict[str, Any]:
-    """Return the content of ``assess --json``; units stand in the keys, NaN is for unknown."""
+    """Return the content of ``assess --json``; units are in the keys, NaN means unknown."""
     formal = found.formal
     return {
         "definitions": dict(definitions(found.settings)),
@@ -31,13 +31,13 @@ def assessment_json(found: Assessment) -> dict[str, Any]:
 
 
 def formu_ratio(score: ModelScore, formal: FormalUncertainty | None) -> float:
-    """Return FormU over the optimised 3D rms; NaN where one is not known."""
+    """Return FormU over the optimised 3D rms; NaN if either is unknown."""
     rms = score.distances.rms_optimised
     return float("nan") if formal is None or not rms > 0 else formal.formu / rms
 
 
 def assessment_lines(found: Assessment) -> Iterator[str]:
-    """Yield the lines of a table of models, then FormU and the pulls that stand out."""
+    """Yield the lines of a table of models, then FormU and the recovered parameters."""
     yield (
         f"{'':26}{'3D rms':>9}{'no offset':>10}{'optimised':>10}{'height rms':>11}"
         f"{'lit':>8}{'shadowed':>9}{'slope':>8}{'resolved':>9}{'pull':>7}{'1 σ':>6}{'2 σ':>6}"
@@ -53,7 +53,7 @@ def assessment_lines(found: Assessment) -> Iterator[str]:
             _cell(whole.within_2, 6, "{:.2f}"),
         )  # fmt: skip
         yield f"{score.name[:25]:26}{''.join(cells)}"
-    yield "lengths in metres; --json defines every figure"
+    yield "lengths in metres; --json has definitions of all columns"
     if found.formal is not None:
         formal = found.formal
         yield (

@@ -1,4 +1,4 @@
-"""What the assessment asks of a truth: the questions that a known surface answers."""
+"""Interface of a truth surface, as the assessment uses it."""
 
 from __future__ import annotations
 
@@ -22,4 +22,4 @@ class TruthSurface(Protocol):
         """Return the heights (2q+1, 2q+1), metres, along Uz."""
 
     def terrain(self, directions: FloatArray, *, smallest: float) -> AnyArray:
-        """Return flags (N,) of the ground, of features from `smallest` metres on."""
+        """Return terrain flags (N,), for features of at least `smallest` metres."""

@@ -1,8 +1,8 @@
-"""Physical ranges of the settings: what each kind of quantity can be at all.
+"""Physical ranges of the settings: the possible values of each quantity.
 
-A number beyond them is a slip (a unit, a sign, a power of ten), and would fail far from where it
-was written, or be clipped in silence. The ranges are wide: they keep out what no mission could
-mean, and do not choose for the user.
+A number outside its range is a mistake (a unit, a sign, a power of ten), and would fail far from
+where it was written, or be clipped silently. The ranges are wide: they exclude only what no
+mission could mean.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Span:
     low, high : float
         Both allowed.
     zero : bool
-        Whether 0, below `low`, has a meaning of its own: not known, or left to the program.
+        Whether 0, below `low`, is allowed too: it means unknown, or chosen by the program.
     """
 
     low: float
@@ -34,7 +34,7 @@ class Span:
         return f"{'0, or ' if self.zero else ''}{self.low:g} to {self.high:g}"
 
     def holds(self, value: float) -> bool:
-        """Tell whether `value` is allowed."""
+        """Return whether `value` is allowed."""
         return self.low <= value <= self.high or (self.zero and value == 0)
 
     def checked(self, value: float) -> float:
@@ -50,15 +50,15 @@ class Span:
 
 
 _SMALLEST_M, _LARGEST_M = 1e-3, 1e8
-"""Of bodies and places on them: a stone in a laboratory, and beyond Jupiter's radius."""
+"""Sizes of bodies and places on them: a stone in a laboratory, and beyond Jupiter's radius."""
 
 Fraction = Annotated[float, Span(0.0, 1.0)]
 Size = Annotated[float, Span(_SMALLEST_M, _LARGEST_M, zero=True)]
-"""Of a body, a grid, or a distance from it, metres."""
+"""Size of a body or a grid, or a distance from it, metres."""
 Gsd = Annotated[float, Span(1e-4, 1e5, zero=True)]
 """Ground sample distance, metres."""
 Reach = Annotated[float, Span(1e-4, 1e5)]
-"""How far something is searched, metres."""
+"""Reach of a search, metres."""
 Sigma = Annotated[float, Span(1e-6, 1e5)]
 """Standard deviation of a length, metres: a micrometre is below every instrument."""
 SigmaOrNone = Annotated[float, Span(1e-6, 1e5, zero=True)]
@@ -72,10 +72,10 @@ Angle = Annotated[float, Span(1e-3, 180.0)]
 Latitude = Annotated[float, Span(-90.0, 90.0)]
 Turn = Annotated[float, Span(-360.0, 360.0)]
 Rate = Annotated[float, Span(-1e7, 1e7)]
-"""Of a rotation, degrees per day: the fastest known turns once in ten seconds."""
+"""Rotation rate, degrees per day: the fastest known body turns once in ten seconds."""
 Tilt = Annotated[float, Span(-180.0, 180.0)]
 Offset = Annotated[float, Span(-1e4, 1e4)]
-"""Of a point on a spacecraft, or of a range to it, metres."""
+"""Offset of a point on a spacecraft, or of a range, metres."""
 Relative = Annotated[float, Span(-0.9, 0.9)]
 Milliradians = Annotated[float, Span(1e-6, 1e3, zero=True)]
 
@@ -85,23 +85,23 @@ Count = Annotated[int, Span(1, 1_000_000)]
 Seed = Annotated[int, Span(0, 2**32 - 1)]
 NaifNumber = Annotated[int, Span(-(2**31), 2**31 - 1)]
 
-# No path of the system has a zero byte.
+# Paths have no zero bytes.
 Text = Annotated[str, Field(max_length=1000, pattern=r"^[^\x00]*$")]
 """A name, or a path."""
 Texts = Annotated[list[Text], Field(max_length=1000)]
 
 
 def range_text(annotation: Any, metadata: list[Any]) -> str:
-    """Return the range of a setting's numbers for its comment; nothing if it holds none."""
+    """Return the range of a setting's numbers for its comment; empty if it has no numbers."""
     spans = [one for one in metadata if isinstance(one, Span)]
     if not spans:
-        # Of the numbers in a list.
+        # The span of the numbers in a list.
         inner = [one for part in getattr(annotation, "__args__", ()) for one in metadata_of(part)]
         spans = [one for one in inner if isinstance(one, Span)]
     return f" ({spans[0]})" if spans else ""
 
 
 def metadata_of(annotation: Any) -> tuple[Any, ...]:
-    """Return what is annotated to a type."""
+    """Return the metadata of an annotated type."""
     found: tuple[Any, ...] = getattr(annotation, "__metadata__", ())
     return found

@@ -35,7 +35,7 @@ _SHORT.maxstring = _SHORT.maxother = _NAME_LENGTH
 
 
 class Settings(BaseModel):
-    """All tables. The attribute ``ingest`` is the file's [import], a word that Python keeps."""
+    """All tables. The file's [import] is the attribute ``ingest``: Python reserves the word."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -65,7 +65,7 @@ class Settings(BaseModel):
 
 
 def load_settings(path: str | Path) -> Settings:
-    """Read settings from a TOML file; what it leaves out has its default.
+    """Read settings from a TOML file; missing keys have their defaults.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def load_settings(path: str | Path) -> Settings:
     except UnicodeDecodeError as error:
         raise SettingsError("is not UTF-8 text", path) from error
     except (ValueError, RecursionError) as error:
-        # A number of more digits than Python converts, brackets within brackets without end.
+        # A number of more digits than Python converts, or brackets nested too deep.
         raise SettingsError(f"is not TOML that can be read: {error}", path) from error
     except OSError as error:
         raise SettingsError(f"cannot be read ({error.strerror})", path) from error
@@ -88,7 +88,7 @@ def load_settings(path: str | Path) -> Settings:
 
 
 def parse_settings(content: dict[str, Any], where: str | Path) -> Settings:
-    """Check `content` (nested, as TOML gives it); `where` is named in errors.
+    """Check `content` (nested, as read from TOML); `where` is named in errors.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def parse_settings(content: dict[str, Any], where: str | Path) -> Settings:
 
 
 def _refusal(problem: ErrorDetails, where: str | Path) -> SettingsError:
-    """Turn the first complaint of pydantic into one line."""
+    """Turn the first error of pydantic into one line."""
     location = [str(part)[:_NAME_LENGTH] for part in problem["loc"]]
     place = f"{where}: [{location[0]}]" + "".join(f" {part}" for part in location[1:])
     if problem["type"] != "extra_forbidden":
@@ -115,7 +115,7 @@ def _refusal(problem: ErrorDetails, where: str | Path) -> SettingsError:
 
 
 def complaint(problem: ErrorDetails) -> str:
-    """Return what pydantic found wrong with a value, in one clause."""
+    """Return pydantic's error about a value as one clause."""
     known = {
         "missing": "is missing",
         "unexpected_keyword_argument": "is an unknown entry",
@@ -125,7 +125,7 @@ def complaint(problem: ErrorDetails) -> str:
     if problem["type"] in known:
         return known[problem["type"]]
     text = problem["msg"].removeprefix("Input ").removeprefix("String ")
-    # What is wrong between the keys of a table is not said better by all of them.
+    # An error that concerns several keys is not clearer with the whole table printed.
     given = problem["input"]
     return text if isinstance(given, dict) else f"{text}, not {_SHORT.repr(given)}"
 
@@ -142,10 +142,10 @@ def table_models() -> dict[str, type[Table]]:
 
 
 def settings_text(settings: Settings) -> str:
-    """Return `settings` as TOML, every key with a comment that says what it is."""
+    """Return `settings` as TOML, every key with a comment on its meaning."""
     lines = [
         "# Settings of this SPCOLA workspace: one table for each stage.",
-        "# A unit stands in the name of its key (_m, _deg, _s). Unknown keys are refused.",
+        "# Units are in the names of keys (_m, _deg, _s). Unknown keys are refused.",
     ]
     content = settings.model_dump(by_alias=True)
     for table, model in table_models().items():
@@ -163,14 +163,14 @@ def write_settings(path: str | Path, settings: Settings) -> None:
 
 
 def _choices(annotation: Any) -> str:
-    """Return the words that a key takes, for its comment; nothing if it takes no words."""
+    """Return the allowed words of a key for its comment; empty if it takes other values."""
     if get_origin(annotation) is not Literal:
         return ""
     return f" ({' | '.join(map(str, get_args(annotation)))})"
 
 
 def _toml(value: Any) -> str:
-    """Return a TOML literal of a string, number, truth value, or list or table of them."""
+    """Return a TOML literal of a string, number, boolean, or list or table of them."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):

@@ -1,4 +1,4 @@
-"""What readers share: options, records of bytes and rows, times, and which returns are left out."""
+"""Common parts of the readers: options, records of bytes and rows, times, and screening."""
 
 import lazy_loader
 

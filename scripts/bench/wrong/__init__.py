@@ -1,1 +1,1 @@
-"""Ways in which lidar files can be wrong: what they alter, and what the program makes of them."""
+"""Wrong lidar files: alterations, and how the program responds to them."""

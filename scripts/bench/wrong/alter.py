@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Lidar files made wrong on purpose: OLA tables of a folder, altered, in another folder.
+"""Lidar files made wrong on purpose: the OLA tables of a folder, altered, in another folder.
 
     python scripts/bench/wrong/alter.py SOURCE TARGET "turn -90 z" [--seed 1]
 
-What can be asked for, with numbers to be filled in (see `WAYS`); several joined by ` + ` are done
-one after another, and `one` before a way alters one file only:
+Alterations and their arguments (see `WAYS`); several joined by ` + ` are done one after another,
+and `one` before an alteration alters one file only:
 
-    turn DEG AXIS     x, y, z, "random" or three numbers: as if the frame were turned
+    turn DEG AXIS     x, y, z, "random" or three numbers: as if the frame were rotated
     mirror AXIS       one axis, x, y or z, with the other sign
     west              longitudes with the other sign
     axes XZY          axes in another order
@@ -20,8 +20,8 @@ one after another, and `one` before a way alters one file only:
     clock S           times later by S seconds
     other             another body, as large and as rough, seen along the same directions
     sphere            a sphere, with the noise of ranges
-    relief            hollows where heights are
-    sign              ranges, and what was located by them, with the other sign
+    relief            inverted relief: hollows for hills
+    sign              ranges, and points located by them, with the other sign
     noise M           ranges with more noise, of M metres
     bias M            ranges longer by M metres
     drift M           ranges longer by 0 at the beginning of a file to M metres at its end
@@ -29,8 +29,8 @@ one after another, and `one` before a way alters one file only:
     half              nothing south of the equator
     none              the same
 
-All records agree with themselves afterwards (x, y, z with longitude, latitude, radius and with
-range and spacecraft), unless the way says otherwise (`points`, `sign`).
+All records remain self-consistent (x, y, z with longitude, latitude, radius and with range and
+spacecraft), except for `points` and `sign`.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 @dataclass(frozen=True)
 class Case:
-    """What a way is asked for, and the body: median and standard deviation of radii, metres."""
+    """Arguments of an alteration, and the body: median and standard deviation of radii, metres."""
 
     arguments: Sequence[str]
     draw: np.random.Generator
@@ -75,10 +75,10 @@ def alter(source: str | Path, target: str | Path, how: str, seed: int = 1) -> li
     source, target : path
         `target` is made; files of the same names are replaced.
     how : str
-        As the module's text says: ``"turn 90 z"``, ``"mirror x + unit 0.001"``,
+        See the text of the module: ``"turn 90 z"``, ``"mirror x + unit 0.001"``,
         ``"one turn 20 random"``.
     seed : int
-        Of all that is drawn: one axis, one other body for all files, noise for each of its own.
+        Of all random numbers: one axis and one other body for all files, separate noise for each.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def alter(source: str | Path, target: str | Path, how: str, seed: int = 1) -> li
             if name not in WAYS:
                 raise SystemExit(f"{name!r} is none of {', '.join(WAYS)}")
             if not only_one or number == chosen:
-                # What files share is drawn from the seed alone, their noise from both numbers.
+                # Common values are drawn from the seed alone, noise from the file's number too.
                 shared = name in ("turn", "other")
                 draw = np.random.default_rng(seed if shared else (seed, number))
                 WAYS[name](table, Case(arguments, draw, middle, spread))
@@ -111,7 +111,7 @@ def alter(source: str | Path, target: str | Path, how: str, seed: int = 1) -> li
 
 
 def valid(table: Table) -> NDArray[np.bool_]:
-    """Which records are returns."""
+    """Return which records are returns."""
     return table["flag_status"] % 100 == 0
 
 
@@ -123,7 +123,7 @@ def moved(table: Table, matrix: Floats) -> None:
 
 
 def placed(table: Table, points: Floats) -> None:
-    """Put the returns at `points` (N, 3), seen from where the spacecraft is."""
+    """Move the returns to `points` (N, 3), with the spacecraft unchanged."""
     rows = valid(table)
     offset = _distance(table) - table["range_mm"] * 1e-3
     table["xyz"][rows] = points
@@ -132,7 +132,7 @@ def placed(table: Table, points: Floats) -> None:
 
 
 def restated(table: Table) -> None:
-    """Make longitude, latitude and radius those of the points."""
+    """Compute longitude, latitude and radius from the points."""
     x, y, z = table["xyz"].T
     radius = np.linalg.norm(table["xyz"], axis=1)
     table["elongitude_deg"] = np.degrees(np.arctan2(y, x)) % 360.0
@@ -312,11 +312,11 @@ WAYS: dict[str, Way] = {
     "sign": _sign, "noise": _noise, "bias": _bias, "drift": _drift, "stray": _stray,
     "half": _half, "none": _none,
 }  # fmt: skip
-"""Each way by its name: alters a table in place."""
+"""Each alteration by its name; it changes a table in place."""
 
 
 def main() -> None:
-    """Alter the files of a folder, as the command line says."""
+    """Alter the files of a folder by the command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

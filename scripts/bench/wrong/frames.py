@@ -1,17 +1,17 @@
 #!/usr/bin/env python3
-"""The search for the lidar's frame: what is planted against what is found, over bodies.
+"""The search for the lidar's frame: planted and found frames, over bodies.
 
-For each body random turns, turns about Z, mirrored axes, units and their combinations; the whole
-body, a hemisphere and a few tracks; and what must not be found: a cloud, a sphere, hollows for
-heights, other bodies. Printed for each: whether it was found, by how many degrees the orientation
-is off, the seconds of one core, and what the program says. At the end the share found, the
-largest error, and the rate of false alarms.
+For each body random rotations, rotations about Z, mirrored axes, units and their combinations; the
+whole body, a hemisphere and a few tracks; and surfaces without a true frame: a cloud, a sphere,
+inverted relief, other bodies. Printed for each: whether a frame was found, the error of the
+orientation in degrees, the seconds of one core, and the program's text. At the end the share
+found, the largest error, and the rate of false alarms.
 
     python scripts/bench/wrong/frames.py [WORKSPACE ...] [--shape FILE ...] [--turns 4] [--pairs 0]
 
 Workspaces are of right missions with their scans imported. Shapes (metres or, by default,
-kilometres) are seen by a lidar with noise of 0.1 % of the radius, against the same shape with
-errors of 0.3 %. `--pairs` tries so many pairs of unlike random bodies.
+kilometres) are sampled by a lidar with noise of 0.1 % of the radius, against the same shape with
+errors of 0.3 %. `--pairs` tries so many pairs of different random bodies.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ NOISE, ERRORS = 0.001, 0.003
 
 @dataclass(frozen=True)
 class Row:
-    """One search: of which body, what was planted (None: nothing that is to be found)."""
+    """One search: the body, what was planted, and what was found."""
 
     body: str
     how: str
@@ -57,7 +57,7 @@ class Row:
 
     @property
     def as_wanted(self) -> bool:
-        """Whether what is there was found to 1°, and nothing else."""
+        """Whether a true frame was found to 1°, or no frame without one."""
         return self.found == self.right and not self.error_deg > 1.0
 
 
@@ -94,7 +94,7 @@ def body_of_workspace(path: Path) -> Body:
 
 
 def body_of_shape(path: Path, unit: str, seed: int = 1) -> Body:
-    """A shape seen by a lidar, and as an SPC with errors that hold together would have it."""
+    """Return a shape sampled by a lidar, and with correlated errors as of SPC."""
     mesh = read_shape(path, unit="m" if unit == "m" else "km")
     samples = sample_surface(mesh, 0.012 * mesh.mean_radius).points
     draw = np.random.default_rng(seed)
@@ -106,7 +106,7 @@ def body_of_shape(path: Path, unit: str, seed: int = 1) -> Body:
 
 
 def planted(turns: int, seed: int = 1) -> Iterator[tuple[str, Floats]]:
-    """Yield names and matrices of what is done to a lidar."""
+    """Yield names and matrices of the planted transforms of a lidar."""
     draw = np.random.default_rng(seed)
     for angle in (0.0, 2.9, 10.0, 90.0, 180.0):
         yield f"turn {angle:g} z", Rotation.from_euler("z", angle, degrees=True).as_matrix()
@@ -125,7 +125,7 @@ def planted(turns: int, seed: int = 1) -> Iterator[tuple[str, Floats]]:
 
 
 def rows_of(body: Body, turns: int, seed: int = 1) -> Iterator[Row]:
-    """Yield the searches for one body: what is to be found, then what is not."""
+    """Yield the searches for one body: first with a true frame, then without."""
     for how, matrix in planted(turns, seed):
         yield body.row(how, body.lidar @ matrix.T, matrix)
     draw = np.random.default_rng(seed)
@@ -143,7 +143,7 @@ def rows_of(body: Body, turns: int, seed: int = 1) -> Iterator[Row]:
     spread = draw.uniform(radius.min(), radius.max(), radius.shape)
     yield body.row("cloud", wrong * spread, None)
     yield body.row("sphere", units * (middle + 0.03 * draw.normal(size=radius.shape)), None)
-    yield body.row("hollows for heights", units * np.maximum(2.0 * middle - radius, 1.0), None)
+    yield body.row("inverted relief", units * np.maximum(2.0 * middle - radius, 1.0), None)
     other = other_radius(units, middle, float(radius.std()), seed)
     yield body.row("another body", units * np.maximum(other, 0.2 * middle)[:, None], None)
 
@@ -163,7 +163,7 @@ def pair_rows(count: int) -> Iterator[Row]:
 
 
 def summary(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield what the rows come to."""
+    """Yield the summary of the rows."""
     right, wrong = [row for row in rows if row.right], [row for row in rows if not row.right]
     if right:
         found = [row for row in right if row.found]
@@ -187,12 +187,12 @@ def main() -> None:
     parser.add_argument("--shape", type=Path, nargs="*", default=[])
     parser.add_argument("--unit", choices=("km", "m"), default="km", help="of the shapes")
     parser.add_argument("--turns", type=int, default=4, help="random turns of each body")
-    parser.add_argument("--pairs", type=int, default=0, help="pairs of unlike random bodies")
+    parser.add_argument("--pairs", type=int, default=0, help="pairs of different random bodies")
     options = parser.parse_args()
     bodies = [body_of_workspace(path) for path in options.workspaces]
     bodies += [body_of_shape(path, options.unit) for path in options.shape]
     rows = []
-    print(f"{'body':17}{'lidar':34}{'found':>6}{'off, deg':>9}{'sigmas':>8}{'s':>6}  what is said")
+    print(f"{'body':17}{'lidar':34}{'found':>6}{'off, deg':>9}{'sigmas':>8}{'s':>6}  text")
     for source in (*(rows_of(body, options.turns) for body in bodies), pair_rows(options.pairs)):
         for row in source:
             rows.append(row)

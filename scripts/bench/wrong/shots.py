@@ -1,16 +1,15 @@
-"""Ways in which single shots are wrong: named alterations of a scan.
+"""Wrong single shots: named alterations of a scan.
 
-Each turns a right scan into a wrong one, spacecraft and returns together, as a mistake in a frame,
-a unit or a file would. `alterations()` gives them in their order; `altered(scan, name)` applies
-one. None of what they make may be accepted by ``spcola scale``.
+Each alters spacecraft and returns of a correct scan together, as an error of a frame, a unit or a
+file would. `alterations()` returns them in their order; `altered(scan, name)` applies one.
+``spcola scale`` must accept none of the results.
 
     for name, alter in alterations().items():
         write_scan(folder / f"{name}.h5", [alter(scan)])
 
-Turns of the latitude are about an axis of the scan's own: several scans altered one by one are not
-turned as a whole, but each elsewhere, which no single place mends.
-
-A scan of another body is no alteration: take the scan of one body and the shape of another.
+Rotations in latitude are about an axis of each scan: several scans altered one by one are not
+rotated as a whole, so that no common rotation corrects them. For a scan of another body, use the
+scan of one body and the shape of another.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ Alteration = Callable[[Scan], Scan]
 
 
 def alterations(seed: int = 0) -> Mapping[str, Alteration]:
-    """Return the alterations by their names; `seed` is that of what is drawn."""
+    """Return the alterations by their names; `seed` is that of their random numbers."""
     turns = {
         f"longitude {turn:+g} deg": _mapped(_about([0, 0, 1], turn))
         for turn in (5.0, -5.0, 10.0, -10.0, 30.0, 90.0, 180.0)
@@ -50,7 +49,7 @@ def alterations(seed: int = 0) -> Mapping[str, Alteration]:
 
 
 def altered(scan: Scan, name: str, seed: int = 0) -> Scan:
-    """Return `scan` altered as `name` has it.
+    """Return `scan` with the alteration `name`.
 
     Raises
     ------
@@ -68,7 +67,7 @@ def moved(scan: Scan, points: FloatArray, spacecraft: FloatArray) -> Scan:
 
 
 def northward(turn_deg: float) -> Alteration:
-    """Turn a scan to the north, in the meridian of its mean direction."""
+    """Return a rotation of a scan to the north, in the meridian of its mean direction."""
 
     def alter(scan: Scan) -> Scan:
         east = np.cross([0.0, 0.0, 1.0], scan.points.mean(axis=0))
@@ -80,19 +79,19 @@ def northward(turn_deg: float) -> Alteration:
 
 
 def spacecraft_in_kilometres(scan: Scan) -> Scan:
-    """Give positions of the spacecraft in kilometres where metres are expected."""
+    """Return the scan with positions of the spacecraft in kilometres instead of metres."""
     return moved(scan, scan.points, 1e-3 * scan.spacecraft)
 
 
 def ranges_exchanged(scan: Scan, seed: int) -> Scan:
-    """Give each beam the range of another: the relief is that of nowhere."""
+    """Return the scan with ranges exchanged between beams: its relief exists nowhere."""
     order = np.random.default_rng(seed).permutation(len(scan))
     distance = np.linalg.norm(scan.points - scan.spacecraft, axis=1)
     return moved(scan, scan.spacecraft + distance[order, None] * scan.beam, scan.spacecraft)
 
 
 def random_cloud(scan: Scan, seed: int) -> Scan:
-    """Put returns at random around the body, within the radii that the right ones have."""
+    """Return the scan with random directions around the body and the radii of its returns."""
     generator = np.random.default_rng(seed)
     radius = generator.permutation(np.linalg.norm(scan.points, axis=1))
     away = generator.normal(size=scan.points.shape)

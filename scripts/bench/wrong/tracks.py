@@ -1,13 +1,13 @@
-"""How often right shots of one track seem to fit better elsewhere, by Monte Carlo.
+"""How often correct shots of one track seem to fit better elsewhere, by Monte Carlo.
 
     python scripts/bench/wrong/tracks.py [--runs 200] [--shots 26 52 200] [--reach 0 3 8]
                                            [--error 1]
 
 Tracks of shots 4 m apart on globes of 100 m with 2 m of relief in waves of some 30 m; errors
 of `error` metres, correlated along the track as exp(-x²/(2 reach²)), x and reach in shots (0:
-white). Every run has a track and errors of its own, one body serves ten. Printed are the shares of
-runs with a better place by the test of paired variances alone, and by both tests, and of those with
-rival places.
+white). Every run has another track and other errors; ten runs share a body. Printed are the shares
+of runs with a better place by the test of paired variances alone, and by both tests, and of those
+with rival places.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def errors(count: int, reach: float, generator: np.random.Generator) -> FloatArr
 
 
 def alarms(count: int, reach: float, size: float, runs: int) -> FloatArray:
-    """For each run (runs, 3): alarm by paired variances alone, by both tests, and rival places."""
+    """Return for each run (runs, 3): alarm by paired variances, by both tests, rival places."""
     generator = np.random.default_rng([count, int(reach)])
     found = []
     for run in range(runs):

@@ -1,4 +1,4 @@
-"""Points of a body's surface that belong to rays or to points in space."""
+"""Points of a body's surface: hits of rays, or the points nearest to points in space."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from spcola.errors import InvalidValueError
 
 @dataclass(frozen=True, eq=False)
 class SurfacePoints:
-    """First hits of N rays, NaN all through for one that misses; or what is nearest to N points.
+    """First hits of N rays, NaN for a ray that misses; or the surface points nearest to N points.
 
     Parameters
     ----------

@@ -5,8 +5,10 @@ import pytest
 from scipy import ndimage
 
 from fusion.fusing import (
+    DEFAULT_INFORMATION,
     Candidate,
     Comparison,
+    Constraints,
     FuseInput,
     FuseOptions,
     SlopeInformation,
@@ -14,8 +16,6 @@ from fusion.fusing import (
     fuse_maplet,
     lidar_constraints,
 )
-from fusion.fusing.constraints import Constraints
-from fusion.fusing.information import DEFAULT_INFORMATION
 from fusion.fusing.maplets import Source
 from lidar.gridding import Mapola
 from spcola.grids import Maplet, MapletGrid
@@ -79,7 +79,7 @@ def test_fused_heights_are_better_than_either_source(cover, gain):
     assert np.mean(gains) < gain
 
 
-def test_sigma_tells_the_size_of_the_errors():
+def test_sigma_is_the_size_of_the_errors():
     inside = {1: [], 2: []}
     for seed in range(6):
         surface, parts = scene(100 + seed, cover=0.5)
@@ -92,8 +92,8 @@ def test_sigma_tells_the_size_of_the_errors():
 
 
 @pytest.mark.parametrize("covered", [0, 12])
-def test_ground_far_from_lidar_is_as_uncertain_as_spc_says(covered):
-    """SPC errs by 10 cm over some cells, and by 6 cm as a whole: that averages over nothing."""
+def test_ground_far_from_lidar_has_the_sigma_of_spc(covered):
+    """SPC errors: 10 cm, correlated over some cells, and 6 cm as a whole; neither averages out."""
     inside, sigmas = {1: [], 2: []}, []
     for seed in range(24):
         surface, parts = scene(300 + seed)
@@ -138,7 +138,7 @@ def test_shadow_is_filled_from_the_lidar_without_a_step_at_its_border():
     assert np.mean(steps["border"]) < 1.15 * np.mean(steps["inside"])
 
 
-def test_gaps_of_both_are_filled_from_the_shape_and_said_to_be():
+def test_gaps_of_both_are_filled_from_the_shape_and_marked():
     hole = np.zeros((SIZE, SIZE), dtype=bool)
     hole[20:35, 20:35] = True
     surface, parts = scene(7, dark=hole)
@@ -177,7 +177,7 @@ def test_without_lidar_the_maplet_is_kept_and_the_part_named():
     assert np.all(result.maplet.source == Source.IMAGE)
 
 
-def test_stray_heights_are_held_off_by_the_loss():
+def test_outliers_are_down_weighted_by_the_loss():
     surface, parts = scene(9)
     height = parts.lidar.height.copy()
     height[10:50:8, 12:50:8] += 3.0
@@ -273,7 +273,7 @@ def test_constraints_take_one_mapola_for_each_point():
         "B", GRID, gap + 1.0, sigma=np.full(GRID.shape, 0.01), count=np.where(np.isnan(gap), 0, 7)
     )
     found = lidar_constraints(GRID, [candidate(first), candidate(low)])
-    # A cell beside the gap has an unknown corner, so that its edge comes from the other mapola.
+    # A cell next to the gap has an unknown corner, so that its edge comes from the other mapola.
     assert np.all(found.height[1:-1, 22:-1] == pytest.approx(1.0))
     assert np.all(found.height[1:-1, 1:18] == pytest.approx(0.0))
     assert np.all(found.count[1:-1, 22:-1] == 7)

@@ -85,14 +85,14 @@ def test_pixels_are_read_for_images_only():
 
 
 def test_the_error_of_brightness_is_found_from_steps():
-    """Slopes that err by 3 % of brightness where the light is good, and where it is poor."""
+    """Slopes with errors of 3 % of brightness where the light is good, and where it is poor."""
     grid = MapletGrid.facing([80.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.5, 49)
     rng = np.random.default_rng(5)
     pairs = []
     for _ in range(8):
         variance = np.exp(ndimage.gaussian_filter(rng.normal(size=grid.shape), 8.0) * 16.0)
         light = SlopeVariance(variance, variance, np.full(grid.shape, 5))
-        # Errors of rows that are independent random walks: each step errs by its own sigma.
+        # Errors of rows that are independent random walks: each step has an error of its own sigma.
         step = 0.03 * grid.gsd * np.sqrt(light_along_edges(light, 1, 1))
         walk = np.cumsum(step * rng.normal(size=step.shape), axis=1)
         error = np.pad(walk, ((0, 0), (1, 0)))
@@ -108,7 +108,7 @@ def test_the_error_of_brightness_is_found_from_steps():
     assert without == pytest.approx(found.step_sigma_m)
 
 
-def test_points_without_neighbours_tell_nothing_of_light_and_break_nothing(recwarn):
+def test_points_without_neighbours_do_not_affect_the_light_sigma(recwarn):
     grid = MapletGrid.facing([80.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.5, 20)
     height = np.full(grid.shape, np.nan)
     height[::2, ::2] = np.random.default_rng(6).normal(size=(21, 21))

@@ -34,8 +34,8 @@ def test_keeps_its_layers_read_only() -> None:
     [
         ("count", -1, "negative count"),
         ("source", 5, "not 0 … 4"),
-        ("source", Source.NONE, "stand together"),
-        ("height", np.nan, "stand together"),
+        ("source", Source.NONE, "both a height and a source"),
+        ("height", np.nan, "both a height and a source"),
     ],
 )
 def test_refuses_a_bad_point(layer: str, value: float, message: str) -> None:

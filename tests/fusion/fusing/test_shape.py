@@ -1,4 +1,4 @@
-"""What the shape says of ground of which neither image nor return tells."""
+"""Fusion on ground without images and returns, where only the shape is known."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import pytest
 from scipy import ndimage
 
 from fusion.fusing import (
+    DEFAULT_INFORMATION,
     Comparison,
+    Constraints,
     FuseInput,
     FuseOptions,
     SlopeInformation,
     estimate_information,
     fuse_maplet,
 )
-from fusion.fusing.constraints import Constraints
-from fusion.fusing.information import DEFAULT_INFORMATION
 from fusion.fusing.maplets import FusedMaplet, Source
 from fusion.fusing.shape import ShapeInformation, estimate_shape
 from fusion.fusing.variogram import mean_square
@@ -35,7 +35,7 @@ def field(generator: np.random.Generator, sigma: float, cells: float) -> np.ndar
 
 
 def parts(seed: int, cells: float, seen: np.ndarray) -> tuple[np.ndarray, FuseInput, Comparison]:
-    """Ground lit on the left; a lidar `seen` in part; a shape that errs by 20 cm over `cells`."""
+    """Ground lit on the left; a lidar `seen` in part; 20 cm errors of the shape over `cells`."""
     rng = np.random.default_rng(seed)
     ground = field(rng, 0.5, 5.0) + field(rng, 0.05, 1.0)
     spc = np.where(DARK, np.nan, ground + field(rng, 0.05, 2.0))
@@ -82,7 +82,7 @@ def test_what_the_shape_errs_by_is_recovered(cells: float) -> None:
     assert length == pytest.approx(np.clip(2.0 * cells, 1.0, 8.0), abs=1.0)
 
 
-def test_too_few_heights_tell_nothing() -> None:
+def test_too_few_heights_give_no_estimate() -> None:
     few = np.full(GRID.shape, np.nan)
     few[:5, :5] = 0.1
     assert estimate_shape([few]) is None
@@ -90,7 +90,7 @@ def test_too_few_heights_tell_nothing() -> None:
     assert estimate_information([]).shape is None
 
 
-def test_the_shape_is_judged_where_images_tell_nothing() -> None:
+def test_errors_of_the_shape_are_estimated_where_images_show_nothing() -> None:
     """It is relied upon in the dark, and may be worse there than where it was seen."""
     rng = np.random.default_rng(2)
     ground = field(rng, 0.5, 5.0)
@@ -108,7 +108,7 @@ def test_the_shape_is_judged_where_images_tell_nothing() -> None:
 
 @pytest.mark.parametrize("cells", SHARED)
 def test_dark_ground_without_returns_has_a_true_sigma(cells: float) -> None:
-    """Whether the shape errs from point to point or as a whole; near the lidar and far from it."""
+    """Independent errors of the shape or a common one; near the lidar and far from it."""
     columns = np.arange(SIZE)
     seen = np.broadcast_to((columns < 30) & ((columns // 3) % 2 == 0), GRID.shape)
     made, _ = fused_of_eight(cells, seen)

@@ -420,7 +420,7 @@ def change(path: Path) -> None:
     [
         ("second/a.txt", change, "second/a.txt has changed since stage two wrote it"),
         ("second/a.txt", Path.unlink, "second/a.txt, which stage two wrote, is gone"),
-        ("second/new.txt", change, "second/new.txt stands not in the record of stage two"),
+        ("second/new.txt", change, "second/new.txt is not in the record of stage two"),
         # Of what the stage before rests on, too.
         ("first/a.txt", change, "first/a.txt has changed since stage one wrote it"),
     ],
@@ -458,7 +458,7 @@ def test_results_of_which_there_is_no_record_are_used_and_that_is_noted(
     (workspace.root / CATALOG_FILE).unlink()
     done = stacked.run_stage("three", force=True)
     assert done.notes == (
-        "no record of stage two tells whether second/a.txt, second/b.txt are as it was left",
+        "stage two has no record, so second/a.txt, second/b.txt cannot be checked",
     )
 
 

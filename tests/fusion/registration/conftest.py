@@ -1,4 +1,4 @@
-"""Displacements of mapolas with planted errors, for what leans on the fit."""
+"""Displacements of mapolas with planted errors, for tests of the fit."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ def strained(truth, strain):
 
 
 def registered(points, seed, *, truth=PLANTED, sigma=0.02, scan_sigma=0.03, scans=12, **given):
-    """Fit to mapolas at `points` that err by `sigma`, and their scans by `scan_sigma`.
+    """Fit to mapolas at `points` with errors of `sigma`, and scan errors of `scan_sigma`.
 
-    Maplet centres err by 1 cm beside.
+    Maplet centres have errors of 1 cm in addition.
 
     `given`: `model`; `covariance` (3, 3) or (N, 3, 3) of the matches if not σ², `drawn` if their
     errors are of another; `extra` (N, 3), metres, that is added to the displacements.

@@ -38,7 +38,7 @@ def boulders(generator, count=12):
 def terrain_match(number, direction, generator) -> tuple[Match, float]:
     """Match a terrain whose boulders SPC has at 50 to 70 % of their height; their mean too.
 
-    SPC errs by 4 cm over some cells, the lidar by 1 cm in each.
+    SPC has correlated errors of 4 cm, the lidar independent ones of 1 cm.
     """
     grid = MapletGrid.facing(RADIUS * direction, direction, GSD, HALF)
     base, stones = 0.3 * ground(generator, 3.0), boulders(generator)

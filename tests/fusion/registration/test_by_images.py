@@ -7,7 +7,7 @@ import pytest
 
 from fusion.registration.fit import FitOptions, LandmarkErrors
 from fusion.registration.observations import ImagedMapolas, fit_mapolas, place_mapolas
-from fusion.registration.observations.combine import KindSizes, both_kinds
+from fusion.registration.observations.combine import ObservationTypeSizes, joint_matches
 from fusion.registration.results import MatchedMapolas, ScanEffects
 from fusion.surfacematch import Match
 from spcola.camera import Camera, SpcImage, project_image
@@ -69,7 +69,7 @@ def test_planted_displacements_are_recovered_with_their_sigma():
     assert all(match.usable for match in found.matches)
 
 
-def test_a_mapola_that_no_image_shows_says_so():
+def test_a_mapola_that_no_image_shows_has_a_reason():
     rng = np.random.default_rng(5)
     images = [looking(f"I{k}", [3000.0, 900.0 * k, 500.0]) for k in range(3)]
     grids = grids_facing_x(3, rng)
@@ -119,17 +119,19 @@ def by_heights(*matches, beside=0.0, effects=None):
     return MatchedMapolas(matches, scans, none, np.tile(beside**2 * np.eye(3), (count, 1, 1)))
 
 
-def test_both_kinds_are_rows_of_their_own():
+def test_both_observation_types_are_separate_rows():
     _, ground = match([0.1, 0.0, 0.0], 0.03)
     _, seen = match([0.0, 0.1, 0.0], 0.01)
     effects = np.full((1, 3, 2), 0.02)
-    found = both_kinds(
-        by_heights(ground, beside=0.01), imaged(seen, effects=effects), KindSizes(0.04, 0.0)
+    found = joint_matches(
+        by_heights(ground, beside=0.01),
+        imaged(seen, effects=effects),
+        ObservationTypeSizes(0.04, 0.0),
     )
     first, second = found.rows.matches
     np.testing.assert_allclose(first.displacement, ground.displacement)
     np.testing.assert_allclose(second.displacement, seen.displacement)
-    # What scans do to the mapola alone is in both, as if it told half as much in each.
+    # The residual covariance of scans is in both rows, each with half the weight.
     np.testing.assert_allclose(first.covariance, (0.05**2 + 0.01**2) * np.eye(3), rtol=1e-9)
     np.testing.assert_allclose(second.covariance, 2 * 0.01**2 * np.eye(3), rtol=1e-9)
     np.testing.assert_allclose(found.effects, np.concatenate([np.zeros((1, 3, 2)), effects]))
@@ -138,11 +140,13 @@ def test_both_kinds_are_rows_of_their_own():
     assert found.chi2[0] == pytest.approx(apart @ np.linalg.solve(spread, apart))
 
 
-def test_kinds_that_contradict_are_not_used_and_one_kind_is_enough():
+def test_contradicting_types_are_not_used_and_one_type_is_enough():
     _, ground = match([0.0, 0.0, 0.0], 0.01)
     _, far = match([0.5, 0.0, 0.0], 0.01)
     _, unseen = match([np.nan] * 3, 0.01, "no image shows it")
-    found = both_kinds(by_heights(ground, ground), imaged(far, unseen), KindSizes(0.02, 0.005))
+    found = joint_matches(
+        by_heights(ground, ground), imaged(far, unseen), ObservationTypeSizes(0.02, 0.005)
+    )
     reasons = [match.reason for match in found.rows.matches]
     assert "topography and images differ by" in reasons[0]
     assert reasons == [reasons[0], "", reasons[0], "no image shows it"]
@@ -151,20 +155,20 @@ def test_kinds_that_contradict_are_not_used_and_one_kind_is_enough():
     assert np.isnan(found.chi2[1])
 
 
-def test_landmarks_err_in_the_matches_by_topography_alone():
+def test_landmark_errors_affect_matches_by_topography_only():
     _, ground = match([0.1, 0.0, 0.0], 0.03)
     _, seen = match([0.0, 0.0, 0.0], 0.03)
     own = 0.04**2 * np.eye(3)[None]
     landmarks = LandmarkErrors(np.array([[0.1, 0, 0]]), own, np.zeros((1, 3, 1)), 0.3, 5, 9)
     heights = replace(by_heights(ground), landmarks=landmarks)
-    found = both_kinds(heights, imaged(seen), KindSizes(0.0, 0.0))
+    found = joint_matches(heights, imaged(seen), ObservationTypeSizes(0.0, 0.0))
     assert found.chi2[0] == pytest.approx(0.0, abs=1e-9)
     assert found.rows.landmarks.offset[1].tolist() == [0.0, 0.0, 0.0]
     assert not found.rows.landmarks.own[1].any()
 
 
 def test_an_error_that_images_share_leaves_the_scale_to_the_heights():
-    """Images sharp but of one unknown size of the body: both tell scale as heights alone."""
+    """Images sharp but with one unknown scale: both determine the scale as heights alone."""
     rng = np.random.default_rng(6)
     points = rng.normal(size=(40, 3))
     points *= 75.0 / np.linalg.norm(points, axis=1, keepdims=True)
@@ -176,9 +180,9 @@ def test_an_error_that_images_share_leaves_the_scale_to_the_heights():
         ground.append(replace(one, center=point))
         seen.append(replace(other, center=point))
     heights = by_heights(*ground)
-    alone = fit_mapolas(heights, options=FitOptions(held=(0.0, 1.0)))
-    joint = both_kinds(heights, imaged(*seen, effects=larger), KindSizes(0.0, 0.0))
-    both = fit_mapolas(joint.rows, [joint.effects], options=FitOptions(held=(0.0, 1.0, 1.0)))
+    alone = fit_mapolas(heights, options=FitOptions(fixed_sizes=(0.0, 1.0)))
+    joint = joint_matches(heights, imaged(*seen, effects=larger), ObservationTypeSizes(0.0, 0.0))
+    both = fit_mapolas(joint.rows, [joint.effects], options=FitOptions(fixed_sizes=(0.0, 1.0, 1.0)))
     scale, rotation = both.covariance[6, 6], np.diag(both.covariance)[3:6]
     assert 0.9 < np.sqrt(scale / alone.covariance[6, 6]) <= 1.0
     assert np.all(rotation < 0.02 * np.diag(alone.covariance)[3:6])

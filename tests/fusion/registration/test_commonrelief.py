@@ -39,14 +39,14 @@ def pair(seed: int, other: int, *, noise: float = 0.3, shift: tuple[int, int] = 
 def test_one_ground_is_known_as_such_at_the_place_where_it_is() -> None:
     found = common_relief([pair(k, k, shift=(2, -1)) for k in range(8)])
     assert found.share == 1.0
-    assert found.clearness.min() > 2 * SHOWN
+    assert found.z_score.min() > 2 * SHOWN
     assert found.apart.max() < 1.0
 
 
-def test_one_ground_at_another_place_than_the_transform_says_is_not_shown() -> None:
+def test_the_same_ground_at_a_place_other_than_that_of_the_transform_is_not_shown() -> None:
     placed = [pair(k, k, shift=(3, 0)) for k in range(8)]
     found = common_relief([one._replace(shift=np.array([-3.0, 0.0])) for one in placed])
-    assert found.clearness.min() > SHOWN
+    assert found.z_score.min() > SHOWN
     assert found.share == 0.0
     unknown = common_relief([one._replace(shift=np.full(2, np.nan)) for one in placed])
     assert unknown.share == 1.0

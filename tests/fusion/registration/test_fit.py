@@ -93,7 +93,7 @@ def test_partials_match_finite_differences(model):
         np.testing.assert_allclose(partials[:, :, column], numeric, atol=1e-6)
 
 
-def test_affine_tells_shear_from_none():
+def test_affine_separates_shear_from_none():
     generator = np.random.default_rng(4)
     points = centers(generator)
     sheared = Affine(np.eye(3) + 1e-3 * np.array([[0, 1, 0], [1, 0, 0], [0, 0, 0]]), np.zeros(3))
@@ -124,7 +124,7 @@ def test_a_small_region_gets_a_sigma_that_covers_its_error():
         points = np.array([250.0, 0.0, 0.0]) + 15.0 * generator.normal(size=(25, 3)) * [0.1, 1, 1]
         result = fit(points, truth, generator, sigma=0.02, scan_sigma=0.05)
         scale, sigma, _, _ = similarity_numbers(result)
-        assert sigma > 2e-4, "a patch of 30 m cannot know the scale to a hundred ppm"
+        assert sigma > 2e-4, "a patch of 30 m cannot determine the scale to a hundred ppm"
         assert abs(scale - truth.scale) < 4 * sigma
 
 
@@ -145,7 +145,7 @@ def test_too_few_or_badly_placed_mapolas_are_refused(points, free):
     assert free in caught.value.parameters
 
 
-def test_rigid_holds_the_scale_at_one():
+def test_rigid_fixes_the_scale_at_one():
     generator = np.random.default_rng(6)
     result = fit(centers(generator), planted(), generator, model="rigid")
     scale, sigma, _, _ = similarity_numbers(result)
@@ -162,7 +162,7 @@ def test_positions_are_less_certain_away_from_the_mapolas():
 
 
 def test_an_error_that_all_scans_share_is_in_the_transform_and_not_in_the_positions():
-    """It cannot be told from T: T is as uncertain as it, what is registered by T is not."""
+    """It is not separable from T: T is as uncertain, registered positions are not."""
     generator = np.random.default_rng(8)
     points = centers(generator)
     shares = np.full((len(points), 1), 1.0)

@@ -33,17 +33,17 @@ def content(**changed: Any) -> dict[str, Any]:
 
 
 def evidence(shown: int = 24, chi: float = 0.9) -> Evidence:
-    clearness = np.where(np.arange(24) < shown, 9.0, 1.5)
-    return Evidence(CommonRelief(clearness, np.zeros(24), 0.001), np.full(24, chi))
+    z_score = np.where(np.arange(24) < shown, 9.0, 1.5)
+    return Evidence(CommonRelief(z_score, np.zeros(24), 0.001), np.full(24, chi))
 
 
 def images(matched: int, of: int = 24) -> dict[str, Any]:
-    """What is said of so many images that match, of so many."""
+    """Numbers of images that match, and of images compared."""
     missing = [f"P{number:02d}" for number in range(matched, of)]
     return {"n_images": matched, "n_images_compared": of, "images_not_matched": missing}
 
 
-def kinds(middle: float) -> dict[str, Any]:
+def disagreement(middle: float) -> dict[str, Any]:
     """Mapolas of which images and heights differ by a median χ² of 3 degrees of freedom."""
     return {"per_mapola": [{"kinds_chi2": middle * (0.5 + k / 12)} for k in range(13)] + [
         {"kinds_chi2": np.nan}, {}
@@ -66,7 +66,10 @@ def test_a_sound_registration_is_accepted() -> None:
 
 
 def test_images_that_match_and_agree_with_the_heights_are_accepted() -> None:
-    assert codes(content(**images(22), **kinds(4.5), **turned(3.0)), evidence()) == ("accepted", [])
+    assert codes(content(**images(22), **disagreement(4.5), **turned(3.0)), evidence()) == (
+        "accepted",
+        [],
+    )
 
 
 @pytest.mark.parametrize(
@@ -79,8 +82,8 @@ def test_images_that_match_and_agree_with_the_heights_are_accepted() -> None:
         (content(**images(17)), evidence(), "doubtful", Code.IMAGES_NOT_MATCHED),
         (content(**images(0)), evidence(), "doubtful", Code.IMAGES_NOT_MATCHED),
         (content(**images(0, of=0)), evidence(), "doubtful", Code.IMAGES_NOT_MATCHED),
-        (content(**kinds(12.0)), evidence(), "doubtful", Code.IMAGES_DISAGREE),
-        (content(**kinds(45.0)), evidence(), "refused", Code.IMAGES_DISAGREE),
+        (content(**disagreement(12.0)), evidence(), "doubtful", Code.IMAGES_DISAGREE),
+        (content(**disagreement(45.0)), evidence(), "refused", Code.IMAGES_DISAGREE),
         (content(**turned(6.0)), evidence(), "doubtful", Code.IMAGES_DISAGREE),
         (content(**turned(-30.0)), evidence(), "refused", Code.IMAGES_DISAGREE),
         (content(), evidence(chi=2.0), "doubtful", Code.HEIGHTS_DISAGREE),

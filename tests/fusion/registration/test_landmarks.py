@@ -16,7 +16,7 @@ COUNT, RADIUS, OWN, SHARED = 120, 200.0, 0.01, 0.04
 
 
 def patterns():
-    """Two patterns in which landmarks err together: one side up, and all toward the east."""
+    """Two shared error patterns of landmarks: one side up, and all toward the east."""
     directions = lattice(COUNT)
     up = directions * np.where(directions[:, :1] > 0.3, SHARED, 0.0)
     east = np.cross([0.0, 0.0, 1.0], directions) * SHARED
@@ -30,7 +30,7 @@ def network():
 
 
 def matched(generator):
-    """Mapolas of a body whose maplets err by that network; nothing else is off."""
+    """Mapolas of a body whose maplets have the errors of that network, and no others."""
     centers = RADIUS * lattice(COUNT)
     error = OWN * generator.normal(size=(COUNT, 3)) + patterns() @ generator.normal(size=2)
     covariance = 1e-6 * np.eye(3)
@@ -40,7 +40,9 @@ def matched(generator):
     ]
     scans = ScanEffects.independent((), 0.0)
     none = np.zeros((COUNT, 0))
-    return MatchedMapolas(matches, scans, scans.at(none, centers), scans.beside(none, centers))
+    return MatchedMapolas(
+        matches, scans, scans.at(none, centers), scans.residual_covariance(none, centers)
+    )
 
 
 def pulls(landmarks, seeds=40):
@@ -50,7 +52,11 @@ def pulls(landmarks, seeds=40):
         mapolas = matched(np.random.default_rng(seed))
         fit = fit_mapolas(
             MatchedMapolas(
-                mapolas.matches, mapolas.scans, mapolas.effects, mapolas.beside, landmarks
+                mapolas.matches,
+                mapolas.scans,
+                mapolas.effects,
+                mapolas.residual_covariance,
+                landmarks,
             ),
             options=FitOptions(),
         )
@@ -70,7 +76,7 @@ def test_errors_that_landmarks_share_are_in_the_sigmas():
     assert np.sqrt(np.mean(pulls(None)[:, 5] ** 2)) > 5.0
 
 
-def test_what_images_tell_of_a_landmark_is_taken_from_its_match():
+def test_the_estimated_error_of_a_landmark_is_subtracted_from_its_match():
     moved = np.array([0.03, -0.02, 0.01])
     told = network()
     told = Network(told.names, told.offset + moved, told.own, told.shared, 0.3, 10, 500)
@@ -78,7 +84,7 @@ def test_what_images_tell_of_a_landmark_is_taken_from_its_match():
 
     def translation(landmarks):
         whole = MatchedMapolas(
-            mapolas.matches, mapolas.scans, mapolas.effects, mapolas.beside, landmarks
+            mapolas.matches, mapolas.scans, mapolas.effects, mapolas.residual_covariance, landmarks
         )
         return fit_mapolas(whole, options=FitOptions()).transform.translation
 

@@ -31,17 +31,17 @@ def placed(count: int) -> tuple[FloatArray, FloatArray]:
     return shares, CENTERS[rng.integers(3, size=count)] + rng.normal(scale=20, size=(count, 3))
 
 
-def test_patterns_and_what_is_beside_them_are_all_that_is_unknown(
+def test_patterns_and_residual_covariance_add_up_to_the_covariance(
     adjustment: ScanAdjustment,
 ) -> None:
     shares, points = placed(7)
     scans = ScanEffects.left_by(adjustment, shares, points)
-    effects, beside = scans.at(shares, points), scans.beside(shares, points)
+    effects, rest = scans.at(shares, points), scans.residual_covariance(shares, points)
     rows = displacement_rows(points[:, None], CENTERS)
     displaced = np.einsum("ns,nsij->nisj", shares, rows).reshape(7, 3, 18)
     whole = np.einsum("nip,pq,njq->nij", displaced, adjustment.covariance, displaced)
     whole += 7e-4**2 * np.sum(shares**2, axis=1)[:, None, None] * np.eye(3)
-    found = np.einsum("nip,njp->nij", effects, effects) + beside
+    found = np.einsum("nip,njp->nij", effects, effects) + rest
     np.testing.assert_allclose(found, whole, rtol=1e-9, atol=1e-15)
 
 
@@ -53,7 +53,7 @@ def test_patterns_that_move_no_mapola_are_left_out(adjustment: ScanAdjustment) -
     assert 6 <= all_of_them.modes.shape[1] < 18
     assert third.modes.shape[1] == 0
     assert third.at(last, points).shape == (7, 3, 0)
-    sigma = np.sqrt(np.einsum("nii->ni", third.beside(last, points)))
+    sigma = np.sqrt(np.einsum("nii->ni", third.residual_covariance(last, points)))
     assert sigma.min() > 7e-4
     assert sigma.max() < 2e-3
 
@@ -66,7 +66,9 @@ def test_many_mapolas_are_as_few(adjustment: ScanAdjustment) -> None:
         scans.at(shares, points)[some], scans.at(shares[some], points[some]), atol=1e-15
     )
     np.testing.assert_allclose(
-        scans.beside(shares, points)[some], scans.beside(shares[some], points[some]), rtol=1e-12
+        scans.residual_covariance(shares, points)[some],
+        scans.residual_covariance(shares[some], points[some]),
+        rtol=1e-12,
     )
 
 
@@ -74,5 +76,5 @@ def test_without_an_adjustment_each_scan_errs_by_itself() -> None:
     shares, points = placed(5)
     scans = ScanEffects.independent(NAMES, 0.04)
     assert scans.at(shares, points).shape == (5, 3, 9)
-    assert not scans.beside(shares, points).any()
+    assert not scans.residual_covariance(shares, points).any()
     assert ScanEffects.independent(NAMES, 0.0).at(shares, points).shape == (5, 3, 0)

@@ -125,7 +125,7 @@ def test_what_fits_nowhere_is_not_found(surface: FloatArray, wrong: str) -> None
     search = search_frames(lidar, surface)
     assert not search.found
     assert search.best is None
-    assert search.text.startswith("no turn, mirrored axis, unit or shift makes the lidar fit")
+    assert search.text.startswith("no rotation, mirrored axis, unit or shift makes the lidar fit")
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fusion.registration.fit import transform_partials
-from fusion.registration.fit.held import HeldEquations
+from fusion.registration.fit.fixed_weights import FixedWeightEquations
 from fusion.registration.fit.stability import (
     REGIONS,
     block_bootstrap,
@@ -26,8 +26,8 @@ def test_solving_again_with_everything_changes_nothing(scene):
     points = scene.body()
     fit = scene.registered(points, 1)
     design = transform_partials(fit.model, fit.similarity, points, np.zeros(3))
-    held = HeldEquations.of(fit.observations, fit.fit, design)
-    again = held.refit(np.ones(len(held.seen), dtype=bool), fit.parameters)
+    equations = FixedWeightEquations.of(fit.observations, fit.fit, design)
+    again = equations.refit(np.ones(len(equations.value), dtype=bool), fit.parameters)
     sigma = np.sqrt(np.diag(fit.covariance))
     assert np.all(np.abs(again.change) < 1e-3 * sigma)
     np.testing.assert_allclose(
@@ -62,11 +62,11 @@ def test_a_region_that_lies_elsewhere_is_named(scene):
     assert named[0].p_value < 1e-4
 
 
-def test_a_region_without_which_nothing_is_left_is_said(scene):
+def test_a_region_without_which_nothing_is_left_has_a_reason(scene):
     points = scene.cap(8, share=0.002)
     regions = leave_one_region_out(scene.registered(points, 3, scans=3), points)
     assert len(regions) == 1
-    assert regions[0].reason.startswith("without it the observations leave")
+    assert regions[0].reason.startswith("without it the observations do not determine")
     assert np.all(np.isnan(regions[0].change))
     assert not suspects(regions)
 
@@ -82,8 +82,8 @@ def test_the_bootstrap_gives_the_formal_sigma_where_errors_are_independent(scene
     np.testing.assert_allclose(np.median(ratios, axis=0)[3:], 1.0, atol=0.15)
 
 
-def test_the_bootstrap_sees_errors_that_neighbours_share_and_the_model_does_not(scene):
-    """What a quarter of a region is off by together is a hundred witnesses to the formal sigma."""
+def test_the_bootstrap_includes_errors_that_neighbours_share_and_the_model_does_not(scene):
+    """Errors shared by a quarter of a region count as independent in the formal sigma."""
     points = scene.body(600)
     nearest = np.argmax(points @ lattice(60).T, axis=1)
     extra = 0.05 * np.random.default_rng(4).normal(size=(60, 3))[nearest]
@@ -92,7 +92,7 @@ def test_the_bootstrap_sees_errors_that_neighbours_share_and_the_model_does_not(
     assert np.median(ratio) > 1.6
 
 
-def test_the_bootstrap_is_reproducible_and_says_where_blocks_are_too_few(scene):
+def test_the_bootstrap_is_reproducible_and_gives_a_reason_if_blocks_are_too_few(scene):
     points = scene.body()
     fit = scene.registered(points, 5)
     first, again = (block_bootstrap(fit, points, samples=40, seed=1) for _ in range(2))

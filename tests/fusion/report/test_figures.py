@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from fusion.fusing.maplets import Source
+from fusion.products import lon_lat_deg
 from fusion.report import hillshade, number
+from fusion.report.data import Origins
 from fusion.report.gather import choose_places
 from fusion.report.maps import _local
+from fusion.report.origins import origins_figure
 from fusion.report.scale import binned
 from fusion.report.surfaces import north_on_image, surfaces_figure
 from spcola.grids import MapletGrid
+from spcola.math import lattice
 
 
 def test_slopes_that_face_the_light_are_bright() -> None:
@@ -84,10 +91,43 @@ def test_numbers_have_the_digits_of_their_sigma(value, sigma, text) -> None:
 def test_places_are_chosen_for_their_reasons(places) -> None:
     chosen = choose_places(list(places))
     assert len({place.fused.name for place in chosen}) == len(chosen)
-    assert chosen[0].why == "largest lidar coverage"
-    share = [np.isfinite(place.lidar).mean() for place in places]
-    assert chosen[0].fused.name == places[int(np.argmax(share))].fused.name
     assert choose_places([]) == []
+    # A gap of the lidar is shown where it holds one half and images alone the other.
+    whole, gap = (np.where(np.arange(99) < n, 1.0, np.nan) * np.ones((99, 99)) for n in (99, 50))
+    one, other = places
+    first = choose_places(
+        [replace(one, spc=whole, lidar=whole), replace(other, spc=whole, lidar=gap)]
+    )
+    assert [place.fused.name for place in first] == [other.fused.name, one.fused.name]
+    assert "gap of the lidar" in first[0].why
+
+
+@pytest.fixture(scope="module")
+def hemispheres() -> Origins:
+    """Images alone north of 20° south, lidar alone south of it, nothing east of 270° there."""
+    points = lattice(20_000)
+    longitude, latitude = lon_lat_deg(points)
+    there = (latitude > -20.0) | (longitude < 270.0)
+    source = np.where(latitude > -20.0, Source.IMAGE, Source.LIDAR)
+    return Origins(75.0 * points[there], source[there])
+
+
+def test_the_map_shows_what_heights_rest_on_where_it_is(hemispheres) -> None:
+    panel, *poles = origins_figure(hemispheres).axes
+    image = np.ma.filled(panel.images[0].get_array(), -1)
+    rows, columns = image.shape
+    assert (image[int(rows * 72 / 180) :] == Source.IMAGE).all()
+    assert (image[: int(rows * 68 / 180), : int(columns * 269 / 360)] == Source.LIDAR).all()
+    # Maplets that are missing leave the map white, but for what their neighbours reach.
+    west, east = int(columns * 285 / 360), int(columns * 345 / 360)
+    assert (image[int(rows * 30 / 180) : int(rows * 60 / 180), west:east] == -1).all()
+    north, south = (np.ma.filled(pole.images[0].get_array(), -1) for pole in poles)
+    assert (north[rows // 3 : -rows // 3, rows // 3 : -rows // 3] == Source.IMAGE).all()
+    # From below, 90° is up, 0° to the left: what lacks, from 270° to 360°, is at the lower left.
+    quarter = slice(int(0.30 * rows), int(0.45 * rows)), slice(int(0.55 * rows), int(0.70 * rows))
+    assert (south[quarter[0], quarter[0]] == -1).all()
+    for i, j in ((0, 1), (1, 0), (1, 1)):
+        assert (south[quarter[i], quarter[j]] == Source.LIDAR).all()
 
 
 def test_images_keep_their_aspect(places) -> None:

@@ -15,7 +15,7 @@ from fusion.estimation.verdict import (
     Severity,
     Verdict,
 )
-from fusion.report import make_report
+from fusion.report import SurfaceErrors, make_report
 from fusion.report.data import ReportData
 
 VOID = {"meta", "img", "br", "link"}
@@ -86,6 +86,23 @@ def test_shows_every_part(page) -> None:
 def test_planted_that_is_not_recovered_stands_out(page) -> None:
     assert page.count('<td class="off">') == 1
     assert '<td class="off">5.45' in page
+
+
+def test_large_pulls_are_explained_and_surfaces_held_against_the_true_one(report_data) -> None:
+    *rest, off = report_data.planted
+    planted = (*rest, replace(off, explanation="<half> of it is planted"))
+    errors = (
+        SurfaceErrors("SPC", 0.964, 0.172, 0.476, 0.2331),
+        SurfaceErrors("both", 1.0, 0.035, 0.2, 0.069),
+    )
+    data = replace(
+        report_data, surfaces=(), registration=None, scale=None, planted=planted, errors=errors
+    )
+    text = " ".join(outline(make_report(data)).text)
+    assert "translation x: <half> of it is planted" in text
+    for wanted in ("Beyond 3 sigma", "96 %", "0.233", "100 %", "0.069"):
+        assert wanted in text, wanted
+    assert "Beyond 3 sigma" not in make_report(replace(data, planted=report_data.planted))
 
 
 def test_missing_parts_are_said_to_be_missing() -> None:

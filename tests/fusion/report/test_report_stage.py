@@ -53,6 +53,10 @@ def test_gathers_what_is_there(workspace, places) -> None:
         assert np.abs(gap).max() < 1e-6
     assert np.isnan(data.planted[0].recovered)
     assert data.planted[0].planted == 1e-4
+    known = sum(np.count_nonzero(place.fused.valid) for place in places)
+    assert len(data.origins.source) == len(data.origins.directions)
+    assert len(data.origins.source) == known
+    assert data.errors == ()
 
 
 def test_stage_writes_the_page_and_is_then_up_to_date(workspace) -> None:
@@ -70,7 +74,7 @@ def test_stage_writes_the_page_and_is_then_up_to_date(workspace) -> None:
 
 def test_damaged_results_are_named(workspace) -> None:
     workspace.write_json("planted.json", {"planted": [{"name": "epsilon"}]})
-    with pytest.raises(FormatError, match=r"planted\.json: does not say what was planted"):
+    with pytest.raises(FormatError, match=r"planted\.json: does not state what was planted"):
         gather_report(workspace, body="B")
     (workspace.root / "planted.json").unlink()
     workspace.scale_path.write_text("{", encoding="utf-8")

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from fusion.runtime import ThreadExecutor
-from fusion.runtime.processes import heed_interrupts, remembering_interrupts
+from fusion.runtime.processes import check_interrupts, remembering_interrupts
 
 
 @pytest.fixture(autouse=True)
@@ -47,9 +47,9 @@ def test_an_interrupt_is_raised_where_it_arrives_too() -> None:
 def test_nothing_is_remembered_from_an_earlier_command() -> None:
     with remembering_interrupts(), pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
-    heed_interrupts()
+    check_interrupts()
     with remembering_interrupts():
-        heed_interrupts()
+        check_interrupts()
 
 
 def test_the_handlers_of_others_are_left_alone() -> None:
@@ -67,7 +67,7 @@ def test_another_thread_may_run_a_command() -> None:
     def command() -> None:
         try:
             with remembering_interrupts():
-                heed_interrupts()
+                check_interrupts()
         except BaseException as error:
             failed.append(error)
 

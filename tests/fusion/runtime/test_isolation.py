@@ -58,8 +58,8 @@ LIMITED = """
 import os, resource
 os.environ["SPCOLA_LIMITS"] = "4096 100"
 from fusion.cli.app import app
-from fusion.runtime.processes.isolation import keep_limits
-keep_limits()
+from fusion.runtime.processes.isolation import apply_limits
+apply_limits()
 assert "SPCOLA_LIMITS" not in os.environ
 assert resource.getrlimit(resource.RLIMIT_AS)[0] == 4096 << 20
 assert resource.getrlimit(resource.RLIMIT_CORE)[0] == 0

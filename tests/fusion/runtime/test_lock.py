@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from fusion.runtime.processes import clear_made_by_dead
+from fusion.runtime.processes import clear_abandoned_folders
 
 
 def test_hidden_folders_of_dead_processes_are_removed(tmp_path: Path) -> None:
@@ -16,5 +16,5 @@ def test_hidden_folders_of_dead_processes_are_removed(tmp_path: Path) -> None:
     names = [f".copy.{dead.pid}", f".copy.{os.getpid()}", ".copy.old", f".other.{dead.pid}"]
     for name in names:
         (tmp_path / name / "MAPFILES").mkdir(parents=True)
-    clear_made_by_dead(tmp_path / "copy")
+    clear_abandoned_folders(tmp_path / "copy")
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names[1:])

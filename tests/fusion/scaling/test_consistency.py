@@ -30,7 +30,7 @@ for _row, _place in zip(UNDER, PAIRS, strict=True):
 
 
 def observations(maplet_errors, generator):
-    """Pairs that lean on maplets, from so near that errors of maplets rule."""
+    """Pairs that share maplets, from so near that errors of maplets dominate."""
     count = len(PAIRS)
     value = -UNDER @ maplet_errors + MATCH * generator.normal(size=(count, 3))
     return ScaleObservations(
@@ -110,7 +110,7 @@ def test_without_a_covariance_the_sigma_is_a_bound():
     np.testing.assert_allclose(joint["covariance"], [[9e-10, 1e-9], [1e-9, 25e-10]])
 
 
-def test_both_scales_together_are_known_as_well_as_their_covariance_says():
+def test_the_mean_of_both_scales_has_the_sigma_of_their_covariance():
     rng = np.random.default_rng(4)
     planted, spread = 2.5e-4, np.array([[4e-10, 0.6e-10], [0.6e-10, 1e-10]])
     pulls, sigmas = [], []

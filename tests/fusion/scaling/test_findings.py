@@ -23,7 +23,7 @@ from fusion.scaling.judging import (
 )
 
 DAYS = ("2019-03-07", "2019-03-14", "2019-03-21")
-# By an independent trajectory rotations and centre are told by the relief of one body alone.
+# By an independent trajectory rotations and centre are determined by the relief of one body only.
 OPTIONS = ScaleOptions()
 
 

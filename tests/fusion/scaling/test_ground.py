@@ -35,7 +35,7 @@ def on_rasters(generator, *, count=50, side=2, step=1.0):
 
 
 def shots(generator, normal, *, relief, reach=6.0):
-    """Shots of an independent trajectory at a sphere whose SPC heights err by `relief` metres."""
+    """Shots of an independent trajectory at a sphere with SPC height errors of `relief` metres."""
     beam = -unit(normal + 0.1 * generator.normal(size=3))
     day = tuple(f"2019-03-{1 + n % 5:02d}" for n in range(len(normal)))
     point = RADIUS * normal

@@ -44,7 +44,7 @@ def test_pointing_of_a_scan_displaces_across_the_beam_and_with_the_range():
     np.testing.assert_array_equal(effect[2:, :, :3], 0.0)
 
 
-def test_pointing_of_a_scan_tells_nothing_of_the_range():
+def test_pointing_of_a_scan_does_not_change_the_range():
     def in_range(scan_sigma_m):
         groups = ErrorGroups.of(pairs(), 0.2, scan_sigma_m, 0.02)
         states = groups.in_range(pairs())[0][:, 0]

@@ -169,7 +169,7 @@ def test_states_on_which_nothing_leans_change_nothing():
     data = mission(np.random.default_rng(4), count=24, shares=shares, state_noise=0.2)
     others = np.zeros((24, 7))
     more = replace(data, shares=np.hstack([others, shares[:, :9], others, shares[:, 9:]]))
-    np.testing.assert_array_equal(more.leant_on, data.leant_on)
+    np.testing.assert_array_equal(more.source_displacements, data.source_displacements)
     few, many = estimate_scale(data), estimate_scale(more)
     np.testing.assert_array_equal(many.fit.estimate, few.fit.estimate)
     np.testing.assert_array_equal(many.fit.covariance, few.fit.covariance)
@@ -186,7 +186,7 @@ def test_epsilon_of_one_pair_is_range_difference_over_range():
     np.testing.assert_allclose(reference.epsilon()[0], 1e-4, rtol=1e-10)
 
 
-def test_a_range_bias_is_said_to_be_inseparable_where_ranges_are_alike():
+def test_a_range_bias_is_reported_as_inseparable_if_ranges_are_alike():
     options = ScaleOptions(range_bias_prior_m=0.5)
     alike = estimate_scale(
         mission(
@@ -233,7 +233,7 @@ def test_days_and_trends():
     assert sum(day.count for day in estimate.days) == np.count_nonzero(estimate.fit.used)
     for day in estimate.days:
         assert day.epsilon == pytest.approx(2e-4, abs=5 * day.epsilon_sigma)
-        # As published: a plain mean and its standard error, which knows of no shared error.
+        # As published: a plain mean and its standard error, which ignores shared errors.
         assert day.mean == pytest.approx(2e-4, abs=5 * day.standard_error)
         assert day.standard_error < 2 * day.epsilon_sigma
     assert estimate.trends["longitude"].p_value > 1e-3
@@ -281,13 +281,13 @@ def test_json_has_the_keys_that_other_programs_read():
     assert np.shape(content["covariance"]) == (len(PARAMETERS),) * 2
 
 
-def test_a_scale_that_is_not_observed_has_the_same_keys_and_says_why():
+def test_a_scale_that_is_not_observed_has_the_same_keys_and_a_reason():
     data = mission(np.random.default_rng(8))
     full = scale_json(data, estimate_scale(data), mean_radius=245.0)
-    none = unobserved_json("pairs", "spc", "no image looks at the body")
+    none = unobserved_json("pairs", "spc", "no image shows the body")
     assert none.keys() == full.keys()
     assert none["epsilon"] is None
-    assert "no image looks at the body" in none["reasons"][0]
+    assert "no image shows the body" in none["reasons"][0]
     assert consistency(none, {"scale": 1.0, "scale_sigma": 1e-4})["difference"] is None
 
 

@@ -28,7 +28,7 @@ from spcola.shape import Mesh, RayCaster
 
 CAMERA = Camera(125.0, [512.5, 512.5], [[117.0, 0, 0], [0, 117.0, 0]], 1024, 1024)
 OPTIONS = PairOptions(size_m=40.0, gsd_m=0.5, match=MatchOptions(capture_m=3.0))
-LEANS = Sources("S", np.zeros(1), np.zeros((1, 3, 3)), np.ones(1))
+SOURCES = Sources("S", np.zeros(1), np.zeros((1, 3, 3)), np.ones(1))
 CUBE = Mesh(
     50.0 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]),
     [
@@ -87,7 +87,7 @@ def test_the_frame_lies_where_the_central_pixel_looks():
 
 def test_images_past_the_body_are_left_out():
     past = frame_of_image(image([2000.0, 0.0, 0.0], [0.0, 300.0, 0.0]), RayCaster(CUBE), OPTIONS)
-    assert past == LeftOut("I1", Cause.OFF_BODY, "the central pixel looks past the body")
+    assert past == LeftOut("I1", Cause.OFF_BODY, "the central pixel misses the body")
 
 
 @pytest.mark.parametrize(
@@ -98,7 +98,7 @@ def test_images_past_the_body_are_left_out():
         ([2000.0, 0.0, 0.0], [-1.0, 0.0, 0.0], "the incidence at the central pixel is 180 deg"),
     ],
 )
-def test_oblique_ground_is_left_out_and_the_angle_said(position, sun, reason):
+def test_oblique_ground_is_left_out_and_the_angle_reported(position, sun, reason):
     seen = image(position, [50.0, 0.0, 0.0], sun=sun)
     left_out = frame_of_image(seen, RayCaster(CUBE), OPTIONS)
     assert left_out == LeftOut("I1", Cause.OBLIQUE, left_out.reason)
@@ -144,9 +144,9 @@ def test_without_maplet_or_returns_there_is_no_pair():
     frame = frame_of_image(image([2000.0, 0.0, 0.0], [50.0, 0.0, 0.0]), RayCaster(CUBE), OPTIONS)
     unknown = Maplet("I1", frame.grid, np.full(frame.grid.shape, np.nan))
     none = Returns(np.empty((0, 3)), np.empty(0), np.empty(0, dtype=np.int32), ())
-    assert make_pair(frame, unknown, none, LEANS, OPTIONS).reason == "no maplet lies there"
+    assert make_pair(frame, unknown, none, SOURCES, OPTIONS).reason == "no maplet lies there"
     flat = Maplet("I1", frame.grid, np.zeros(frame.grid.shape))
-    left_out = make_pair(frame, flat, none, LEANS, OPTIONS)
+    left_out = make_pair(frame, flat, none, SOURCES, OPTIONS)
     assert left_out.reason == "no return of that time lies there"
     assert left_out.cause == "no-data"
 
@@ -154,7 +154,7 @@ def test_without_maplet_or_returns_there_is_no_pair():
 @pytest.mark.parametrize(
     ("what", "spc_side", "lidar_side"), [("maplets", 15, 41), ("returns", 41, 15)]
 )
-def test_a_square_that_one_of_the_two_hardly_holds_is_left_out(what, spc_side, lidar_side):
+def test_a_square_that_one_of_the_two_hardly_covers_is_left_out(what, spc_side, lidar_side):
     frame = frame_of_image(image([2000.0, 0.0, 0.0], [50.0, 0.0, 0.0]), RayCaster(CUBE), OPTIONS)
     node = frame.grid.points(np.zeros(frame.grid.shape))
     height = relief(node[..., 1], node[..., 2])
@@ -164,9 +164,9 @@ def test_a_square_that_one_of_the_two_hardly_holds_is_left_out(what, spc_side, l
     y, z = 0.5 * lidar_side * generator.uniform(-1.0, 1.0, (2, 40_000))
     points = np.stack([50.0 + relief(y, z), y, z], axis=1)
     returns = Returns(points, np.full(len(y), 0.03), np.zeros(len(y), dtype=np.int32), ("S",))
-    left_out = make_pair(frame, Maplet("I1", frame.grid, height), returns, LEANS, OPTIONS)
+    left_out = make_pair(frame, Maplet("I1", frame.grid, height), returns, SOURCES, OPTIONS)
     assert isinstance(left_out, LeftOut)
-    assert left_out.reason.startswith(f"{what} hold only 1")
+    assert left_out.reason.startswith(f"{what} cover only 1")
     assert left_out.reason.endswith("% of the square")
 
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from fusion.estimation.verdict import Code, Severity, Verdict
 from fusion.scaling.fit import ScaleOptions
-from fusion.scaling.geometry import KnownPlace
+from fusion.scaling.geometry import LidarPlacement
 from fusion.scaling.judging import (
     expected_scatter,
     missed_findings,
@@ -21,7 +21,7 @@ from fusion.scaling.judging import (
 from fusion.scaling.judging.findings import CROSSING, TOO_LARGE
 from fusion.scaling.places import check_place, check_scans, compare_crossings
 from fusion.scaling.places.chance import FEWEST_SHOTS, chance_of_larger, independent
-from fusion.scaling.shots import compare_shots, settle_shots
+from fusion.scaling.shots import compare_shots, iterate_shots
 from lidar.formats.reader import read_scan
 from lidar.scans import Scan, join
 from spcola.errors import NotObservableError
@@ -97,14 +97,14 @@ def verdict_of(scan, caster, options=None):
     def at(known):
         return compare_shots(scan, caster, known=known)
 
-    compared = at(KnownPlace())
+    compared = at(LidarPlacement())
     if len(compared.observations) < 2:
         return None
     try:
-        compared, estimate = settle_shots(compared, at, options=options)
+        compared, estimate = iterate_shots(compared, at, options=options)
     except NotObservableError:
         return None
-    known = KnownPlace.of(estimate.fit.estimate)
+    known = LidarPlacement.of(estimate.fit.estimate)
     check = check_place(scan, caster, prior=options.prior, known=known)
     findings = scale_findings(compared.observations, estimate, options)
     findings += missed_findings(compared.missed, len(scan))
@@ -186,7 +186,7 @@ def turned(scan, seed, turn=5.0):
 
 def scans_checked(scans, caster):
     """Place check of each scan, and what scans differ by over the same ground."""
-    options, known = ScaleOptions(), KnownPlace()
+    options, known = ScaleOptions(), LidarPlacement()
     places = check_scans(scans, caster, prior=options.prior, known=known)
     compared = [compare_shots(scan, caster) for scan in scans]
     return places, compare_crossings(compared, options.prior, known)
@@ -224,7 +224,7 @@ class TestScansTurnedOneByOne:
     def test_few_shots_are_put_together(self, scans):
         caster, right = scans
         parts = [scan.select(np.arange(first, first + 20)) for scan in right for first in (0, 20)]
-        places = check_scans(parts, caster, prior=ScaleOptions().prior, known=KnownPlace())
+        places = check_scans(parts, caster, prior=ScaleOptions().prior, known=LidarPlacement())
         assert [len(names) for names in places.names] == [3, 5]
 
 
@@ -233,7 +233,7 @@ def test_scans_that_differ_over_the_same_ground_are_doubtful():
     mesh = body(1)
     rough = RayCaster(Mesh(mesh.vertices + 0.4 * wave(mesh.vertices), mesh.facets))
     scans = [shots_on(mesh, seed, count=3000) for seed in range(1, 4)]
-    prior, known = ScaleOptions().prior, KnownPlace()
+    prior, known = ScaleOptions().prior, LidarPlacement()
 
     def ratio(caster, taken):
         found = compare_crossings([compare_shots(one, caster) for one in taken], prior, known)
@@ -252,7 +252,7 @@ def wave(points):
     return unit * np.sin(points @ [0.2, 0.1, 0.15])[:, None]
 
 
-def test_a_globe_without_relief_tells_the_size_and_no_longitude():
+def test_a_globe_without_relief_determines_the_size_and_no_longitude():
     mesh = body(1, relief=0.0)
     verdict = verdict_of(shots_on(mesh, 1, noise=0.2), RayCaster(mesh))
     assert verdict.judgement == "accepted"
@@ -278,7 +278,7 @@ def test_p_values_are_even_where_both_places_fit_alike(count):
     assert np.mean(chances < 1e-3) < 4e-3
 
 
-def test_shots_that_err_alike_count_as_fewer():
+def test_shots_with_correlated_errors_count_as_fewer():
     generator = np.random.default_rng(1)
     rough = generator.normal(size=200)
     smooth = gaussian_filter1d(generator.normal(size=200), 5.0)
@@ -286,7 +286,7 @@ def test_shots_that_err_alike_count_as_fewer():
     assert independent(smooth - smooth.mean(), smooth - smooth.mean()) < 40
 
 
-def test_right_shots_are_never_said_to_fit_elsewhere():
+def test_correct_shots_never_fit_elsewhere():
     """Errors here, and errors with another relief at each of 100 places: no false alarm in 20."""
     generator = np.random.default_rng(7)
     worst = 1.0

@@ -38,7 +38,7 @@ def test_a_shape_measured_in_place_leaves_nothing():
     np.testing.assert_allclose(compared.observations.value, 0.0, atol=1e-8)
 
 
-def test_a_displaced_surface_shows_as_the_design_says():
+def test_a_displaced_surface_agrees_with_the_design_matrix():
     shift = np.array([0.01, -0.02, 0.015])
     observations = compare_shots(
         shots_at(OCTAHEDRON, shift=shift), RayCaster(OCTAHEDRON)
@@ -53,7 +53,7 @@ def test_the_sign_of_epsilon_is_that_of_the_size_by_either_trajectory(epsilon):
     an independent one shorter."""
     true = Mesh((1.0 + epsilon) * OCTAHEDRON.vertices, OCTAHEDRON.facets)
     measured, caster = shots_at(true, 200), RayCaster(OCTAHEDRON)
-    # Where SPC has the spacecraft all its lengths are too small by 1 + ε; the beams stay.
+    # Where SPC has the spacecraft all its lengths are too small by 1 + ε; the beams are unchanged.
     by_spc = measured.spacecraft / (1.0 + epsilon)
     points = (
         by_spc
@@ -98,7 +98,7 @@ class TestRyugu:
         assert value.mean() == pytest.approx(-2.8, abs=0.1)
         assert value.std() < 2.0
 
-    def test_one_day_from_one_side_does_not_tell_the_size(self, ryugu):
+    def test_one_day_from_one_side_does_not_determine_the_size(self, ryugu):
         estimate = estimate_scale(compare_shots(*ryugu).observations)
         assert any(line.startswith("epsilon: not determined") for line in estimate.reasons)
         assert abs(estimate.epsilon) < 3 * estimate.epsilon_sigma

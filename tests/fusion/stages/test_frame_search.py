@@ -166,11 +166,11 @@ def imported(
         ("mirror x", "the lidar fits when mirrored in X"),
         ("west", "the lidar fits when mirrored in Y (longitudes of the other sign)"),
         ("one turn 90 z", "the lidar fits as it is"),
-        ("cloud", "no turn"),
-        ("shuffle", "no turn"),
-        ("other", "no turn"),
-        ("sphere", "no turn"),
-        ("relief", "no turn"),
+        ("cloud", "no rotation"),
+        ("shuffle", "no rotation"),
+        ("other", "no rotation"),
+        ("sphere", "no rotation"),
+        ("relief", "no rotation"),
     ],
 )
 def test_files_of_a_mission_made_wrong(
@@ -179,7 +179,7 @@ def test_files_of_a_mission_made_wrong(
     workspace = imported(how)
     search = search_workspace_frames(workspace, workspace.settings())
     assert search.text.startswith(text)
-    assert search.found != (text == "no turn")
+    assert search.found != (text == "no rotation")
 
 
 @pytest.mark.parametrize(
@@ -189,7 +189,7 @@ def test_files_of_a_mission_made_wrong(
         pytest.param("mirror x", "the lidar fits when mirrored in X", marks=pytest.mark.slow),
     ],
 )
-def test_register_refuses_lidar_of_another_frame_and_says_which(
+def test_register_refuses_lidar_of_another_frame_and_names_it(
     imported: Callable[[str], Workspace], how: str, text: str
 ) -> None:
     root = imported(how).root

@@ -371,7 +371,7 @@ def test_returns_are_found_where_longer_ranges_put_them(tmp_path: Path) -> None:
         ("spice", {"pupil_m": [0.0, 0.0, 1.0]}, "frame"),
         ("spice", {"mirror_scale": [0.0, 1e-3]}, "frame"),
         ("spin", {**SPIN, **SHIFT}, "rotation is that of the kernels"),
-        ("mapolas", {"trajectory": "spc"}, "cannot both locate"),
+        ("mapolas", {"trajectory": "spc"}, "cannot both geolocate"),
     ],
 )
 def test_what_contradicts_kernels_is_refused(

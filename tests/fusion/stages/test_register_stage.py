@@ -192,7 +192,7 @@ def test_corrections_of_scans_are_chained(folder: Path, tmp_path: Path) -> None:
         whole = np.array([0.1, 0, 0]) + np.cross([0, 0, np.radians(0.1)], arm)
         share = 0.75 if number % 2 else 0.0
         np.testing.assert_allclose(mapola["scan_shift_m"], share * whole, atol=1e-12)
-    assert "says nothing of 1 of 2" in " ".join(content["reasons"])
+    assert "1 of 2 are not in the file" in " ".join(content["reasons"])
 
 
 @pytest.mark.parametrize(
@@ -246,7 +246,7 @@ def test_a_file_that_is_not_there_or_is_the_result_itself_is_refused(folder: Pat
     assert "spcola.toml" not in line
     own = folder / "registration.json"
     assert "--apply: names" in (line := call("register", folder, "--apply", own, code=1))
-    assert "written anew" in line
+    assert "is overwritten" in line
     assert "names no file" in call("register", folder, "--inverse", code=1)
 
 
@@ -333,7 +333,7 @@ def test_a_sphere_without_relief_gives_no_number_or_one_that_says_what_it_is(
 def test_lidar_of_another_body_gives_no_number(tmp_path: Path) -> None:
     folder = made(tmp_path / "WS", lattice(16), other=500)
     line = call("register", folder, code=1)
-    assert "one body and one frame" in line
+    assert "the same body and frame" in line
     assert_refused(folder, "no-match")
 
 
@@ -366,7 +366,7 @@ def assert_refused(folder: Path, code: str) -> None:
     elsewhere = folder.parent / "elsewhere.json"
     shutil.copy(folder / "registration.json", elsewhere)
     line = call("register", folder, "--apply", elsewhere, code=1)
-    assert "is of a registration that was refused" in line
+    assert "is from a registration that was refused" in line
 
 
 def test_a_stage_says_what_it_makes_of_the_edges_of_its_shape(tmp_path: Path) -> None:

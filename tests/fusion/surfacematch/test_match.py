@@ -58,7 +58,7 @@ def test_pulls_are_of_unit_width_for_white_and_for_correlated_errors(correlated)
 
 
 def correlated_noise(generator, cells):
-    """Noise of standard deviation 1 that holds together over some cells."""
+    """Noise of standard deviation 1 correlated over some cells."""
     noise = ndimage.gaussian_filter(generator.normal(size=(99, 99)), cells, mode="wrap")
     return noise / noise.std()
 
@@ -101,7 +101,7 @@ def test_spectrum_of_known_noise_and_its_filter():
     k = np.hypot(np.fft.fftfreq(79)[:, None], np.fft.rfftfreq(79)[None, :])
     inside = (k > 0.02) & (k < 0.12)
     assert power[inside].std() / power[inside].mean() < 0.5
-    # What is alike everywhere passes by the stated gain; noise of no variance tells nothing.
+    # A constant is multiplied by the stated gain; noise of no variance gives no spectrum.
     np.testing.assert_allclose(spectrum.whitened(np.full((99, 99), 2.0)), 2.0 * spectrum.level)
     assert estimate_spectrum([np.full((99, 99), np.nan), np.zeros((99, 99))]) is None
 
@@ -130,7 +130,7 @@ def test_boulders_that_one_surface_lacks_do_not_pull():
     np.testing.assert_allclose(match.local, [0.25, 0.0, 0.0], atol=0.02)
 
 
-def test_gaps_do_not_matter_but_too_many_are_said():
+def test_gaps_do_not_matter_but_too_many_are_reported():
     generator = np.random.default_rng(6)
     lidar, spc = terrain(4), terrain(4, shift=(0.0, 1.0))
     lidar[generator.random((99, 99)) < 0.02] = np.nan
@@ -140,7 +140,7 @@ def test_gaps_do_not_matter_but_too_many_are_said():
     np.testing.assert_allclose(match.local, [0.0, 0.5, 0.0], atol=0.01)
     spc[:80] = np.nan
     refused = matched(lidar, spc)
-    assert "of the grid is held by both" in refused.reason
+    assert "of the grid has both surfaces" in refused.reason
     assert refused.cause == "not-covered"
     assert np.isnan(refused.displacement).all()
 
@@ -194,7 +194,7 @@ def test_either_surface_may_have_the_gaps(both):
 @pytest.mark.parametrize("share", [1.0, 0.87, 0.71])
 @pytest.mark.parametrize("cells", [0.0, 1.2, -1.2])
 def test_a_surface_lies_on_itself(share, cells):
-    """Displacement 0, settled, with a covariance: whatever is missing, however soft one is."""
+    """Displacement 0, converged, with a covariance, for any gaps and blur."""
     for seed in range(4):
         ground = terrain(seed, smooth=1.5)
         one = gappy(ground, share, seed) if cells >= 0 else blur(ground, 1.2)
@@ -207,7 +207,7 @@ def test_a_surface_lies_on_itself(share, cells):
 
 
 @pytest.mark.parametrize("surface", ["flat", "ridged", "periodic"])
-def test_what_terrain_does_not_tell_is_as_uncertain_as_the_capture_range(surface):
+def test_what_terrain_does_not_determine_is_as_uncertain_as_the_capture_range(surface):
     """Along a ridge, or by whole periods, a surface slides over itself; up and down it does not."""
     y, x = np.mgrid[-49:50, -49:50].astype(float)
     base, told = {
@@ -245,7 +245,7 @@ def dark_part(seed):
     return spc, sigma
 
 
-def test_ground_that_spc_hardly_knows_does_not_pull():
+def test_ground_with_large_spc_sigmas_has_little_weight():
     errors = []
     for seed in range(6):
         spc, sigma = dark_part(seed)

@@ -36,7 +36,7 @@ def test_gain_is_that_of_the_smoothing_whatever_the_noise():
     assert found.coherence[1] < 0.6 < found.coherence[told].max()
 
 
-def test_equal_surfaces_keep_everything_and_none_tell_nothing():
+def test_equal_surfaces_have_gain_one_and_none_give_no_transfer():
     pairs = [(lidar, lidar) for lidar, _ in surfaces(2, 1.0, 0.0)]
     found = estimate_transfer(pairs)
     np.testing.assert_allclose(found.gain, 1.0, atol=1e-9)

@@ -16,15 +16,17 @@ from distributed import LocalCluster
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
-from fusion.fusing import Illumination, estimate_information, fuse_maplet
-from fusion.fusing.information import DEFAULT_INFORMATION
+from fusion.fusing import DEFAULT_INFORMATION, Illumination, estimate_information, fuse_maplet
 from fusion.fusing.maplets import Source
 from fusion.runtime import Progress, ThreadExecutor
 from fusion.scene import Scene
-from fusion.truth import demonstrate, recovery_table
+from fusion.truth import demonstrate, errors_table, read_truth, recovery_table
+from fusion.truth.causes import explained
 from fusion.truth.demo import Demonstration
 from fusion.truth.presets import MissionSettings
+from fusion.truth.surface_errors import surface_errors
 from spcola.errors import WorkspaceError
+from spcola.truth.solution import heights_in_frame
 
 
 @pytest.fixture(scope="module")
@@ -104,6 +106,37 @@ def test_every_model_of_the_workspace_is_held_against_the_truth(shown: Demonstra
     assert [row["name"] for row in content["recovered"]] == [row.name for row in shown.recovered]
 
 
+def test_errors_of_the_three_surfaces_are_those_of_their_heights(shown: Demonstration) -> None:
+    spc, lidar, fused = shown.errors
+    assert [spc.name, lidar.name, fused.name] == ["SPC", "lidar", "fused"]
+    assert lidar.share < fused.share
+    assert fused.rms_m < 0.7 * spc.rms_m
+    assert 0 < fused.within_68_m < fused.within_95_m
+    planted = read_truth(shown.workspace.root.parent / "mission")
+    grid = shown.workspace.maplet(shown.workspace.maplet_names()[0]).grid
+    truth = heights_in_frame(planted.body(), grid, planted.similarity)
+    unknown = np.full(grid.shape, np.nan)
+    heights = {"true": truth, "raised": truth + 0.3, "none": unknown}
+    true, raised, none = surface_errors(planted, [(grid, heights)])
+    assert true.rms_m == 0.0
+    assert true.share == pytest.approx(np.isfinite(truth).mean())
+    assert (raised.rms_m, raised.within_68_m) == (pytest.approx(0.3), pytest.approx(0.3))
+    assert none.share == 0.0
+    assert np.isnan(none.rms_m)
+    head, *lines = errors_table(shown.errors)
+    assert "95 % below" in head
+    assert [line.split()[0] for line in lines] == ["SPC", "lidar", "fused"]
+
+
+def test_the_report_of_a_demo_shows_sources_errors_and_a_gap(shown: Demonstration) -> None:
+    page = shown.workspace.report_path.read_text(encoding="utf-8")
+    for wanted in ("What the surface rests on", "95 % below", "what the fused heights rest on"):
+        assert wanted in page, wanted
+    content = shown.as_dict()
+    assert [row["name"] for row in content["errors"]] == ["SPC", "lidar", "fused"]
+    assert {"pull", "explanation"} <= set(content["recovered"][0])
+
+
 def test_a_cluster_makes_the_same_bytes(shown: Demonstration, tmp_path: Path) -> None:
     root = shown.workspace.root
     other = tmp_path / "other"
@@ -150,10 +183,28 @@ def test_the_second_time_nothing_is_made_again(shown: Demonstration) -> None:
 
 
 def test_the_table_puts_planted_beside_recovered(shown: Demonstration) -> None:
-    head, *lines = recovery_table(shown.recovered)
+    head, *lines, last = recovery_table([replace(row, explanation="") for row in shown.recovered])
     assert head.split() == ["planted", "recovered", "sigma", "off", "by"]
     assert len(lines) == len(shown.recovered)
     assert any(line.startswith("epsilon") and "σ" in line for line in lines)
+    assert last == "beyond 3 σ: none"
+
+
+def test_a_line_explains_each_parameter_beyond_three_sigma(shown: Demonstration) -> None:
+    """Of the same mission with sigmas that are far too small."""
+    planted = read_truth(shown.workspace.root.parent / "mission")
+    rows = [replace(row, sigma=row.sigma / 1e3, explanation="") for row in shown.recovered]
+    scale = shown.workspace.read_json("scale.json")
+    found = explained(rows, planted, shown.workspace, scale)
+    large = [row for row in found if abs(row.pull) > 3.0]
+    assert len(large) > 10
+    assert all((row.explanation != "") == (row in large) for row in found)
+    lines = list(recovery_table(found))
+    assert lines[-len(large) - 1] == f"beyond 3 σ: {len(large)}"
+    by_name = {row.name: row.explanation for row in large}
+    assert "planted errors of the maplets' centres" in by_name["registration translation x"]
+    assert "planted errors of SPC's camera positions" in by_name["centre offset y"]
+    assert "by chance one mission in" in lines[-1]
 
 
 @pytest.fixture(scope="module")

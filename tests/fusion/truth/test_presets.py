@@ -13,7 +13,9 @@ from fusion.truth.ground import shadow_ground
 from fusion.truth.presets import MissionSettings
 from fusion.truth.restoring import restored
 from fusion.truth.solution import light_of
+from lidar.gridding import RejectionOptions
 from spcola.errors import SettingsError
+from spcola.truth.campaign.passes import pass_directions
 
 TINY = MissionSettings.tiny()
 
@@ -39,11 +41,22 @@ def test_the_south_of_the_preset_pole_is_never_lit() -> None:
         axis=1,
     )
     shares = {}
-    for preset in ("pole", "mini"):
+    for preset in ("pole", "demo", "mini"):
         settings = PRESETS[preset](1)
         shares[preset] = light_of(settings, shadow_ground(settings.body)).at(cap)
     assert np.mean(shares["pole"] < 0.01) > 0.9
+    assert np.mean(shares["demo"] < 0.01) > 0.9
     assert np.mean(shares["mini"] > 0.08) > 0.5
+
+
+def test_the_scans_of_the_demo_see_the_dark_pole_and_leave_a_belt() -> None:
+    """And are dense enough to count as rasters: stray returns in the gaps are found then."""
+    settings = MissionSettings.demo()
+    reach = np.degrees(np.arcsin(settings.lidar.width / 2.0 / settings.body.radius))
+    latitude = np.degrees(pass_directions(settings.passes))[:, 1]
+    assert latitude.min() - reach < -90.0
+    assert not ((latitude - reach < 30.0) & (latitude + reach > 15.0)).any()
+    assert (settings.solution.gsd / settings.lidar.spacing) ** 2 > 1.2 * RejectionOptions().few
 
 
 def test_lists_and_whole_numbers_come_back_equal() -> None:

@@ -13,7 +13,8 @@ from lidar.gridding import (
     bigmap_from_returns,
     make_mapola,
 )
-from lidar.gridding.bigmap import LidarBigmap, integrate_returns
+from lidar.gridding.bigmap import integrate_returns
+from lidar.gridding.mapola import LidarBigmap
 from lidar.scans import Returns
 from spcola.errors import InvalidValueError, SettingsError
 from spcola.grids import MapletGrid

@@ -123,3 +123,14 @@ def test_kept_code_that_is_damaged_is_compiled_again(program: Path) -> None:
         file.write_bytes(b"" if number % 2 else file.read_bytes()[:-20])
     again = run(program)
     assert (again.returncode, again.stdout) == (0, "3.0 4.0\n"), again.stderr
+
+
+def test_code_of_other_types_is_not_taken_for_what_is_asked(program: Path) -> None:
+    """Two processes that keep two forms of a kernel at one moment may name one file for both."""
+    (program / "probe.py").write_text(PROBE.replace("twice(2.0))", "add(1, 2))"))
+    assert run(program).stdout == "3.0 3\n"
+    kept = sorted((program.parent / "tmp" / KERNELS).rglob("*.nbc"))
+    assert len(kept) == 2
+    kept[1].write_bytes(kept[0].read_bytes())
+    again = run(program)
+    assert (again.returncode, again.stdout) == (0, "3.0 3\n"), again.stderr

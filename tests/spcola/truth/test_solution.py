@@ -17,12 +17,13 @@ from spcola.truth.sampled import LightMap
 from spcola.truth.sampled.cube import Tiling, tile_directions
 from spcola.truth.solution import (
     SolutionSettings,
+    heights_in_frame,
     make_maplet,
     maplet_directions,
     spc_shape,
 )
 from spcola.truth.solution.degradation import Darkness, Smoothing
-from spcola.truth.solution.solution import SolvedMaplet, heights_in_frame
+from spcola.truth.solution.solution import SolvedMaplet
 
 SMALL = SolutionSettings(gsd=0.5, half_size=16, maplets=40)
 EXACT = replace(

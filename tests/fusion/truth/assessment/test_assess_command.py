@@ -24,7 +24,7 @@ from fusion.workspace import new_workspace
 from spcola.formats.maplets import read_maplet, write_maplet
 from spcola.formats.shapes import write_icq
 from spcola.shape.icq import IcqShape
-from spcola.truth.solution.solution import heights_in_frame
+from spcola.truth.solution import heights_in_frame
 
 # Told by their names or by the entries around them.
 SELF_EXPLAINED = {

@@ -72,7 +72,7 @@ def test_a_perfect_model_keeps_everything(ground) -> None:
     np.testing.assert_allclose(found.transfer, 1.0)
     np.testing.assert_allclose(found.coherence, 1.0)
     assert np.isnan(found.half_power)
-    assert "more than half is kept" in found.reason
+    assert "more than half is left" in found.reason
 
 
 def test_a_flat_model_keeps_nothing(ground) -> None:

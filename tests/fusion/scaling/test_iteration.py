@@ -8,8 +8,8 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from fusion.scaling.fit import ScaleOptions, estimate_scale
-from fusion.scaling.geometry import KnownPlace
-from fusion.scaling.shots import compare_shots, settle_shots
+from fusion.scaling.geometry import LidarPlacement
+from fusion.scaling.shots import compare_shots, iterate_shots
 from lidar.scans import Scan
 from spcola.shape import Mesh, RayCaster
 
@@ -62,12 +62,12 @@ def compared():
     return found
 
 
-def test_what_noisy_slopes_tell_too_small_is_told_whole_in_the_end(compared):
+def test_iteration_removes_the_bias_of_noisy_slopes(compared):
     options = ScaleOptions(range_bias_prior_m=1e-3, pole_prior_deg=2.0)
     shares = []
     for at in compared:
         first = estimate_scale(at().observations, options=options)
-        _, last = settle_shots(at(), lambda known, at=at: at(known=known), options=options)
+        _, last = iterate_shots(at(), lambda known, at=at: at(known=known), options=options)
         shares.append([e.fit.estimate[4:7] @ TURN / (TURN @ TURN) for e in (first, last)])
         error = last.fit.estimate[1:7] - np.concatenate([SHIFT, TURN])
         assert np.all(np.abs(error) < 4.0 * last.fit.sigma[1:7])
@@ -77,7 +77,7 @@ def test_what_noisy_slopes_tell_too_small_is_told_whole_in_the_end(compared):
 
 
 def test_where_it_lies_only_the_noise_of_the_shape_is_left(compared):
-    place = KnownPlace(SHIFT, TURN)
+    place = LidarPlacement(SHIFT, TURN)
 
     def left(known):
         observations = compared[0](known=known).observations
@@ -87,5 +87,5 @@ def test_where_it_lies_only_the_noise_of_the_shape_is_left(compared):
     # The median of |a normal error| is 0.67 of its sigma, within facets less.
     assert left(place) < 0.67 * NOISE
     assert left(None) > 1.15 * left(place)
-    assert not place.is_told_by(np.zeros(8), np.full(8, 1e-3))
-    assert place.is_told_by(np.concatenate([[0.0], SHIFT, TURN, [0.0]]), np.full(8, 1e-9))
+    assert not place.agrees_with(np.zeros(8), np.full(8, 1e-3))
+    assert place.agrees_with(np.concatenate([[0.0], SHIFT, TURN, [0.0]]), np.full(8, 1e-9))

@@ -1,4 +1,4 @@
-"""How a match of two surfaces follows displacements that are not the same all over them."""
+"""Response of a match of two surfaces to displacements that vary over the surface."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from spcola.grids import MapletGrid
 
 
 def cell_means(grid: MapletGrid, points: FloatArray, values: FloatArray) -> FloatArray:
-    """Mean (2q+1, 2q+1, S) of what `values` (P, S) say at `points` (P, 3), cell by cell.
+    """Mean (2q+1, 2q+1, S) of `values` (P, S) at `points` (P, 3) in each cell.
 
-    NaN in cells that no point lies in; points beside the grid are passed over.
+    NaN in cells without points; points outside the grid are ignored.
     """
     q, size = grid.half_size, 2 * grid.half_size + 1
     x, y, _ = grid.project(points)
@@ -29,16 +29,16 @@ def cell_means(grid: MapletGrid, points: FloatArray, values: FloatArray) -> Floa
 def match_response(
     grid: MapletGrid, height: FloatArray, variance: FloatArray, shares: FloatArray
 ) -> FloatArray:
-    """Displacement that a match reports for displacements of single sources, per metre.
+    """Displacement of a match per metre of displacement of single sources.
 
     A match fits a displacement and a plane to differences of heights (docs: derivations §13). A
     source that displaces the points of a cell by its share s of u changes the height there by
-    s (−∂h/∂x, −∂h/∂y, 1)·u, and the match by what is left of that beside the plane:
+    s (−∂h/∂x, −∂h/∂y, 1)·u, and the fitted displacement and plane by
 
         H⁻¹ Σ w g s gᵀ,   g = (−∂h/∂x, −∂h/∂y, 1, x, y),   H = Σ w g gᵀ
 
-    of which the first three rows and columns count. Where s is the same everywhere that is s
-    itself; a source that leans on one end of the square only bends it beside.
+    of which the first three rows and columns are returned. If s is the same everywhere this is s
+    itself; a source that affects one end of the square also bends the surface.
 
     Parameters
     ----------
@@ -46,15 +46,15 @@ def match_response(
     height : (2q+1, 2q+1) ndarray
         Of the surface, metres, at the resolution of the match; NaN where unknown.
     variance : (2q+1, 2q+1) ndarray
-        Of the differences, m²; only how points compare matters.
+        Of the differences, m²; only ratios matter.
     shares : (2q+1, 2q+1, S) ndarray
-        Share of each of S sources in the points of each cell; NaN where there are none.
+        Share of each of S sources in the points of each cell; NaN without points.
 
     Returns
     -------
     (S, 3, 3) ndarray
-        Body-fixed: reported = response @ u. The mean share times the unit matrix where the
-        relief does not hold a match.
+        Body-fixed: displacement of the match = response @ u. The mean share times the unit matrix
+        if the relief does not determine a match.
     """
     slope_y, slope_x = np.gradient(height, grid.gsd)
     y, x = np.meshgrid(grid.offsets, grid.offsets, indexing="ij")
@@ -67,13 +67,13 @@ def match_response(
     if len(g) < 30 or np.linalg.cond(normal) > 1e10:
         mean = s.mean(axis=0) if len(s) else np.zeros(shares.shape[2])
         return mean[:, None, None] * np.eye(3)
-    felt = np.einsum("pi,ps,pj->sij", weighted, s, g[:, :3], optimize=True)
-    local = np.linalg.solve(normal, felt)[:, :3]
+    right = np.einsum("pi,ps,pj->sij", weighted, s, g[:, :3], optimize=True)
+    local = np.linalg.solve(normal, right)[:, :3]
     return np.einsum("ia,sij,jb->sab", grid.axes, local, grid.axes, optimize=True)
 
 
 def _weights(variance: FloatArray) -> AnyArray:
-    """Inverse variances (P,), those of the points known best alike; 1 where none is known."""
+    """Inverse variances (P,), equal for the most accurate points; 1 if none is known."""
     known = variance[np.isfinite(variance) & (variance > 0)]
     if not known.size:
         return np.ones(len(variance))

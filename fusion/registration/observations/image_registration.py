@@ -1,4 +1,4 @@
-"""The registration by images, or by topography and images together."""
+"""Registration by images, or by topography and images together."""
 
 from __future__ import annotations
 
@@ -18,42 +18,42 @@ from fusion.registration.fit.fit import (
     similarity_numbers,
 )
 from fusion.registration.observations.by_images import ImagedMapolas
-from fusion.registration.observations.combine import KindSizes, both_kinds
+from fusion.registration.observations.combine import ObservationTypeSizes, joint_matches
 from fusion.registration.results.summary import MatchedMapolas, registration_json
 from fusion.surfacematch import Match
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
 
-Kind = Literal["images", "both"]
-# Where what landmarks do is known, what may be left is expected at this share of the error of a
-# maplet's centre.
+ObservationTypes = Literal["images", "both"]
+# If the errors of landmarks are modelled, the prior of the remaining independent error is this
+# share of the error of a maplet's centre.
 _LEFT = 0.1
-# What is told of each kind of match.
-_OF_A_KIND = ("displacement_m", "sigma_m", "residual_m", "used", "reason", "cause", "correlation")
+# Reported for each observation type.
+_OF_A_TYPE = ("displacement_m", "sigma_m", "residual_m", "used", "reason", "cause", "correlation")
 
 
 @dataclass(frozen=True, eq=False)
-class KindRegistration:
-    """A registration by images, or by both kinds of match.
+class ImageRegistration:
+    """A registration by images, or by images and topography.
 
     Attributes
     ----------
     registration : Registration
     mapolas : MatchedMapolas
-        With the matches that entered: N, or 2N of both kinds, those by topography first.
-    sizes : KindSizes
-        NaN of a kind that did not enter.
+        With the matches used: N, or 2N of both types, those by topography first.
+    sizes : ObservationTypeSizes
+        NaN for a type that was not used.
     chi2 : (N,) ndarray
-        As of :class:`fusion.registration.observations.combine.JointMatches`, also where one kind
-        entered.
+        As in :class:`fusion.registration.observations.combine.JointMatches`, also if only images
+        were used.
     turn_deg, turn_sigma_deg : (3,) ndarray
-        Rotation from the fit by topography alone to that by images alone; NaN where one of them
+        Rotation from the fit by topography alone to that by images alone; NaN if one of them
         cannot be fitted.
     """
 
     registration: Registration
     mapolas: MatchedMapolas
-    sizes: KindSizes
+    sizes: ObservationTypeSizes
     chi2: FloatArray
     turn_deg: FloatArray
     turn_sigma_deg: FloatArray
@@ -67,7 +67,7 @@ def fit_mapolas(
     Raises
     ------
     NotObservableError
-        If they are too few or lie so that a parameter is free.
+        If there are too few, or their positions do not determine a parameter.
     """
     usable = mapolas.usable
     matches = [match for match in mapolas.matches if match.usable]
@@ -76,7 +76,9 @@ def fit_mapolas(
             f"none of {len(mapolas.matches)} mapolas matches ({mapolas.matches[0].reason})"
         )
     displacement = np.stack([match.displacement for match in matches])
-    covariance = np.stack([match.covariance for match in matches]) + mapolas.beside[usable]
+    covariance = (
+        np.stack([match.covariance for match in matches]) + mapolas.residual_covariance[usable]
+    )
     groups = [group[usable] for group in further]
     landmarks = mapolas.landmarks
     if landmarks is not None:
@@ -86,8 +88,8 @@ def fit_mapolas(
         options = replace(
             options,
             center_sigma_m=_LEFT * options.center_sigma_m,
-            # Most of what landmarks share is what no match tells from the transform.
-            stated=(*options.stated, len(groups)),
+            # The shared errors of landmarks are mostly not separable from the transform.
+            fixed_groups=(*options.fixed_groups, len(groups)),
         )
     return fit_transform(
         np.stack([match.center for match in matches]),
@@ -99,67 +101,72 @@ def fit_mapolas(
     )
 
 
-def register_kinds(
-    by: Kind,
+def register_with_images(
+    by: ObservationTypes,
     topography: MatchedMapolas,
     images: ImagedMapolas,
     *,
     options: FitOptions,
-) -> KindRegistration:
-    """Register mapolas by where images show them, alone or with the topography.
+) -> ImageRegistration:
+    """Register mapolas by their positions from images, alone or with the topography.
 
-    Both kinds are fitted alone first, which tells how large the errors of each are, and whether
+    Both observation types are fitted alone first, which gives their error sizes and shows whether
     they contradict each other; then the matches of both are rows of one fit.
 
     Parameters
     ----------
     by : {"images", "both"}
     topography : MatchedMapolas
-        By their heights.
+        Matched by their heights.
     images : ImagedMapolas
     options : FitOptions
 
     Raises
     ------
     NotObservableError
-        If too few match, or a parameter of the model is free.
+        If too few match, or a parameter of the model is not determined.
     """
-    seen = replace(topography, matches=images.matches, landmarks=None)
+    imaged = replace(topography, matches=images.matches, landmarks=None)
     ground = _alone(lambda: fit_mapolas(topography, options=options))
     of_ground = _sizes(ground, options)
     if by == "images":
-        alone = _fit_seen(seen, images, options)
+        alone = _fit_images(imaged, images, options)
         own = alone.fit.sizes.independent
-        compared = both_kinds(topography, images, KindSizes(of_ground.independent, own))
-        sizes = KindSizes(float("nan"), own)
-        return KindRegistration(alone, seen, sizes, compared.chi2, *_turn(ground, alone))
-    shown = _alone(lambda: _fit_seen(seen, images, options))
-    of_images = _sizes(shown, options)
-    sizes = KindSizes(of_ground.independent, of_images.independent)
-    joint = both_kinds(topography, images, sizes, reject=options.reject)
-    stated = (1.0,) if topography.landmarks is None else (1.0, 1.0)
-    held = (0.0, of_ground.shared[0], of_images.shared[1], *stated)
-    groups, options = [joint.effects, joint.common], replace(options, held=held)
+        compared = joint_matches(
+            topography, images, ObservationTypeSizes(of_ground.independent, own)
+        )
+        sizes = ObservationTypeSizes(float("nan"), own)
+        return ImageRegistration(alone, imaged, sizes, compared.chi2, *_turn(ground, alone))
+    by_images = _alone(lambda: _fit_images(imaged, images, options))
+    of_images = _sizes(by_images, options)
+    sizes = ObservationTypeSizes(of_ground.independent, of_images.independent)
+    joint = joint_matches(topography, images, sizes, reject=options.reject)
+    ones = (1.0,) if topography.landmarks is None else (1.0, 1.0)
+    fixed = (0.0, of_ground.shared[0], of_images.shared[1], *ones)
+    groups, options = [joint.effects, joint.common], replace(options, fixed_sizes=fixed)
     registration = fit_mapolas(joint.rows, groups, options=options)
-    return KindRegistration(registration, joint.rows, sizes, joint.chi2, *_turn(ground, shown))
+    turn = _turn(ground, by_images)
+    return ImageRegistration(registration, joint.rows, sizes, joint.chi2, *turn)
 
 
-def _fit_seen(mapolas: MatchedMapolas, images: ImagedMapolas, options: FitOptions) -> Registration:
-    """Fit matches by images, the errors of scans as large as their adjustment says.
+def _fit_images(
+    mapolas: MatchedMapolas, images: ImagedMapolas, options: FitOptions
+) -> Registration:
+    """Fit matches by images, with the errors of scans at the size that their adjustment gave.
 
-    Images err smoothly over the body too. A factor on the errors of scans would be made to explain
-    that, and the translation, which no match tells from an error that all scans share, would be
-    told too uncertain by it.
+    Errors of images vary smoothly over the body as well. An estimated factor on the errors of scans
+    would absorb them, and the sigma of the translation, which matches do not separate from an
+    error shared by all scans, would come out too large.
     """
     alone = replace(mapolas, effects=mapolas.effects[:, :, :0])
     sizes = fit_mapolas(alone, [images.effects], options=options).fit.sizes
-    held = (sizes.independent, 1.0, *sizes.shared[1:], 1.0)
+    fixed = (sizes.independent, 1.0, *sizes.shared[1:], 1.0)
     groups = [images.effects, images.common]
-    return fit_mapolas(mapolas, groups, options=replace(options, held=held))
+    return fit_mapolas(mapolas, groups, options=replace(options, fixed_sizes=fixed))
 
 
 def _alone(fit: Callable[[], Registration]) -> Registration | None:
-    """Return the fit of one kind of match; None if it is not determined."""
+    """Return the fit of one observation type; None if it is not determined."""
     try:
         return fit()
     except NotObservableError:
@@ -167,7 +174,7 @@ def _alone(fit: Callable[[], Registration]) -> Registration | None:
 
 
 def _sizes(fitted: Registration | None, options: FitOptions) -> ErrorSizes:
-    """Error sizes of a kind of match by its own fit; what was expected, if there is none."""
+    """Error sizes of an observation type by its own fit; their prior medians without a fit."""
     if fitted is None:
         return ErrorSizes(options.center_sigma_m, (1.0, 1.0))
     return fitted.fit.sizes
@@ -176,7 +183,7 @@ def _sizes(fitted: Registration | None, options: FitOptions) -> ErrorSizes:
 def _turn(one: Registration | None, other: Registration | None) -> tuple[FloatArray, FloatArray]:
     """Rotation vector (3,) from one fit to another and its sigma, degrees; NaN without both.
 
-    Their errors are taken as independent, which what scans do to both makes too large.
+    Their errors are taken as independent; the shared errors of scans make this sigma too large.
     """
     if one is None or other is None:
         return np.full(3, np.nan), np.full(3, np.nan)
@@ -185,13 +192,13 @@ def _turn(one: Registration | None, other: Registration | None) -> tuple[FloatAr
     return np.degrees(between.as_rotvec()), np.degrees(np.hypot(*sigmas))
 
 
-def kinds_json(
-    by: Kind,
-    found: KindRegistration,
+def image_registration_json(
+    by: ObservationTypes,
+    found: ImageRegistration,
     topography: Sequence[Match],
     images: ImagedMapolas,
 ) -> dict[str, Any]:
-    """Content of ``registration.json``, with what images told."""
+    """Content of ``registration.json`` with the results of images."""
     content = registration_json(found.registration, found.mapolas)
     entries = content["per_mapola"]
     if by == "both":
@@ -199,7 +206,7 @@ def kinds_json(
         left = [entry["residual_m"] for entry in entries if entry["used"]]
         content["residual_std_m"] = np.std(np.array(left).reshape(-1, 3), axis=0)
     used = {image.name for sighting in images.sightings for image in sighting.images}
-    looked_at = used.union(*(sighting.left_out for sighting in images.sightings))
+    compared = used.union(*(sighting.left_out for sighting in images.sightings))
     count = sum(entry["used"] for entry in entries)
     content |= {
         "by": by,
@@ -211,10 +218,10 @@ def kinds_json(
         "image_position_factor": images.factors.position,
         "image_pointing_factor": images.factors.pointing,
         "n_images": len(used),
-        "n_images_compared": len(looked_at),
+        "n_images_compared": len(compared),
         "kinds_rotation_deg": found.turn_deg,
         "kinds_rotation_sigma_deg": found.turn_sigma_deg,
-        "images_not_matched": sorted(looked_at - used),
+        "images_not_matched": sorted(compared - used),
         "per_mapola": entries,
     }
     for entry, ground, sighting, chi2 in zip(
@@ -232,23 +239,23 @@ def kinds_json(
 
 
 def _joined(entries: list[dict[str, Any]], matches: Sequence[Match]) -> list[dict[str, Any]]:
-    """Return one entry for each mapola of those of both kinds, which stand one after the other.
+    """Join N entries by topography and, after them, N by images to one for each mapola.
 
-    Where both were used, displacement and residual are their means by information.
+    If both were used, displacement and residual are means weighted by the inverse covariances.
     """
     count, joined = len(entries) // 2, []
     for row in range(count):
-        ground, seen = entries[row], entries[count + row]
-        entry = dict(seen if seen["used"] and not ground["used"] else ground)
-        if ground["used"] and seen["used"]:
-            by_ground, by_seen = matches[row].covariance, matches[count + row].covariance
-            share = np.linalg.solve(by_ground + by_seen, by_ground).T
+        ground, imaged = entries[row], entries[count + row]
+        entry = dict(imaged if imaged["used"] and not ground["used"] else ground)
+        if ground["used"] and imaged["used"]:
+            by_ground, by_images = matches[row].covariance, matches[count + row].covariance
+            share = np.linalg.solve(by_ground + by_images, by_ground).T
             for key in ("displacement_m", "residual_m"):
-                entry[key] = ground[key] + share @ (seen[key] - ground[key])
-            entry["sigma_m"] = np.sqrt(np.diag(share @ by_seen))
+                entry[key] = ground[key] + share @ (imaged[key] - ground[key])
+            entry["sigma_m"] = np.sqrt(np.diag(share @ by_images))
         entry["kinds"] = {
-            kind: {key: told[key] for key in _OF_A_KIND}
-            for kind, told in (("topography", ground), ("images", seen))
+            name: {key: values[key] for key in _OF_A_TYPE}
+            for name, values in (("topography", ground), ("images", imaged))
         }
         joined.append(entry)
     return joined

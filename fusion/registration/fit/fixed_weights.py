@@ -1,4 +1,4 @@
-"""The equations of a fit at its own weights and error sizes: refits of parts of it cost little."""
+"""Equations of a fit at its final weights and error sizes, for fast refits of subsets."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from spcola.arrays import AnyArray, BoolArray, FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """How far a refit departs from the fit.
+    """Difference of a refit from the fit.
 
     Attributes
     ----------
@@ -27,31 +27,33 @@ class Refit:
 
 
 @dataclass(frozen=True, eq=False)
-class HeldEquations:
-    """Henderson's equations of the observations that a fit used, weights and sizes as it left them.
+class FixedWeightEquations:
+    """Henderson's equations of the observations used in a fit, at its weights and error sizes.
 
-    Whatever is solved from them is a departure from the fit: the value is its residual.
+    Their solutions are differences from the fit, as the observed values are its residuals.
 
     Attributes
     ----------
     design : (N, D, P) ndarray
         Partial derivatives of the observations used.
     rows : (N, D, P + R) ndarray
-        The same with those by the shared effects, whitened.
-    seen : (N, D) ndarray
-        Residuals, shared effects not removed, whitened.
+        Whitened partial derivatives, with those with respect to the shared effects.
+    value : (N, D) ndarray
+        Whitened residuals, shared effects not removed.
     precision : (P + R,) ndarray
         1/σ² of each effect; 0 for parameters.
     """
 
     design: FloatArray
     rows: FloatArray
-    seen: FloatArray
+    value: FloatArray
     precision: FloatArray
 
     @classmethod
-    def of(cls, observations: Observations, fit: MixedFit, design: FloatArray) -> HeldEquations:
-        """Whiten what `fit` used of `observations`; `design` (N, D, P) may be of another model."""
+    def of(
+        cls, observations: Observations, fit: MixedFit, design: FloatArray
+    ) -> FixedWeightEquations:
+        """Whiten the `observations` used in `fit`; `design` (N, D, P) may be of another model."""
         used, sizes = fit.used, fit.sizes
         size = observations.value.shape[1]
         spread = observations.covariance[used] + sizes.independent**2 * np.eye(size)
@@ -66,27 +68,27 @@ class HeldEquations:
         return cls(
             design=design[used],
             rows=whitener @ both,
-            seen=np.einsum("nij,nj->ni", whitener, fit.residual[used]),
+            value=np.einsum("nij,nj->ni", whitener, fit.residual[used]),
             precision=np.concatenate([np.zeros(design.shape[2]), *precision]),
         )
 
     @property
     def parameters(self) -> int:
-        """P."""
+        """Number P of parameters."""
         return self.design.shape[2]
 
     def normal(self, chosen: BoolArray | AnyArray) -> tuple[FloatArray, FloatArray]:
-        """Normal matrix (P + R, P + R) and right side (P + R,) of some observations alone."""
+        """Normal matrix (P + R, P + R) and right side (P + R,) of chosen observations."""
         rows = self.rows[chosen].reshape(-1, self.rows.shape[2])
-        return rows.T @ rows, rows.T @ self.seen[chosen].ravel()
+        return rows.T @ rows, rows.T @ self.value[chosen].ravel()
 
     def refit(self, chosen: BoolArray, names: tuple[str, ...]) -> Refit:
-        """Solve with the chosen observations (mask over those used) alone.
+        """Solve with the chosen observations (mask over those used) only.
 
         Raises
         ------
         NotObservableError
-            If they leave a parameter free; `names` (P,) name it.
+            If they do not determine a parameter; `names` (P,) name it.
         """
         rows = self.design[chosen].reshape(-1, self.parameters)
         size = np.sqrt(np.sum(rows**2, axis=0))
@@ -96,7 +98,7 @@ class HeldEquations:
         return self.solved(normal, right)
 
     def solved(self, normal: FloatArray, right: FloatArray) -> Refit:
-        """Solve summed equations, to which the sizes of the effects are added."""
+        """Solve summed equations, with the prior precision of the effects added."""
         whole = normal + np.diag(self.precision)
         scale = 1.0 / np.sqrt(np.diag(whole))
         inverse = np.linalg.inv(whole * np.outer(scale, scale)) * np.outer(scale, scale)

@@ -1,40 +1,40 @@
-"""Shots compared where the estimate puts them, until it stays."""
+"""Iteration of the scale by single shots: comparison at the estimated placement."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 from fusion.scaling.fit.joint import ScaleEstimate, ScaleOptions, estimate_scale
-from fusion.scaling.geometry.placing import KnownPlace
+from fusion.scaling.geometry.placing import LidarPlacement
 from fusion.scaling.shots.shots import ShotComparison
 
-# Each takes three quarters and more of what the one before has left.
+# Each round removes three quarters or more of the remaining error.
 _MOST_ROUNDS = 5
 
 
-def settle_shots(
+def iterate_shots(
     compared: ShotComparison,
-    at: Callable[[KnownPlace], ShotComparison],
+    at: Callable[[LidarPlacement], ShotComparison],
     *,
     options: ScaleOptions | None = None,
 ) -> tuple[ShotComparison, ScaleEstimate]:
-    """Estimate the scale, and compare again where the lidar surface lies by that, until it stays.
+    """Estimate the scale and compare again at the estimated placement, until convergence.
 
-    One estimate falls short of a rotation, by the share that noise has in the slopes of the shape
-    (:class:`fusion.scaling.geometry.KnownPlace`).
+    A single estimate underestimates rotations, by the share of noise in the slopes of the shape
+    (:class:`fusion.scaling.geometry.LidarPlacement`).
 
     Parameters
     ----------
     compared : ShotComparison
-        As if the lidar surface lay on the SPC surface.
+        Comparison with zero offset and rotation.
     at : callable
-        Compares the same shots with the lidar surface where a `KnownPlace` has it.
+        Compares the same shots at a given placement.
     options : ScaleOptions, optional
 
     Returns
     -------
     ShotComparison, ScaleEstimate
-        The last ones; those before a place where half of the shots miss the shape.
+        Those of the last round, or of the one before if half of the shots then miss the shape.
 
     Raises
     ------
@@ -43,11 +43,11 @@ def settle_shots(
     """
     estimate = estimate_scale(compared.observations, options=options)
     for _ in range(_MOST_ROUNDS):
-        known = KnownPlace.of(estimate.fit.estimate)
+        known = LidarPlacement.of(estimate.fit.estimate)
         again = at(known)
         if len(again.observations) < max(2.0, len(compared.observations) / 2.0):
             break
         compared, estimate = again, estimate_scale(again.observations, options=options)
-        if known.is_told_by(estimate.fit.estimate, estimate.fit.sigma):
+        if known.agrees_with(estimate.fit.estimate, estimate.fit.sigma):
             break
     return compared, estimate
