@@ -1,17 +1,20 @@
-"""The documents name what exists: modules, functions, constants, equations."""
+"""What the documents say of the code holds; links are checked by ``scripts/docs``."""
 
 from __future__ import annotations
 
+import inspect
 import re
+from collections.abc import Iterator
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from pkgutil import walk_packages
 from typing import Any
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 NAME = re.compile(r"`(?!spcola\.toml`)((?:spcola|lidar|fusion)(?:\.\w+)+)`")
 CONSTANT = re.compile(r"^\| `((?:spcola|lidar|fusion)(?:\.\w+)+)` \| (\S+) \|", re.MULTILINE)
-BRACKET = re.compile(r"\[([\d–, ]+)\]")
+EQUATION = re.compile(r"^\| \[([\d–, ]+)\]", re.MULTILINE)
 
 
 def found(name: str) -> Any:
@@ -28,11 +31,11 @@ def found(name: str) -> Any:
     return value
 
 
-def matches(pattern: re.Pattern[str]) -> list[tuple[str, Any]]:
+def matches(pattern: re.Pattern[str], folder: str = ".") -> list[tuple[str, Any]]:
     """Every match of `pattern` with the name of its document, once for each document."""
     return [
         (path.name, match)
-        for path in sorted(DOCS.glob("*.md"))
+        for path in sorted((DOCS / folder).rglob("*.md"))
         for match in sorted(set(pattern.findall(path.read_text(encoding="utf-8"))))
     ]
 
@@ -58,17 +61,54 @@ def test_every_constant_has_the_value_of_the_code() -> None:
     assert len(matches(CONSTANT)) > 100
 
 
-def test_every_equation_is_spoken_of() -> None:
-    text = (DOCS / "mathematics.md").read_text(encoding="utf-8")
-    spoken: set[int] = set()
-    for numbers in BRACKET.findall(text):
+def test_every_equation_of_the_paper_has_a_function_or_is_said_to_be_missing() -> None:
+    explained: set[int] = set()
+    for _, numbers in matches(EQUATION, "explanation"):
         for part in numbers.split(","):
             ends = [int(end) for end in part.split("–")]
-            spoken.update(range(ends[0], ends[-1] + 1))
-    assert set(range(1, 37)) <= spoken
+            explained.update(range(ends[0], ends[-1] + 1))
+    assert explained == set(range(1, 37))
 
 
-def test_every_link_leads_to_a_file() -> None:
-    for path in DOCS.glob("*.md"):
-        for target in re.findall(r"\]\(([^)#:]+)\)", path.read_text(encoding="utf-8")):
-            assert (path.parent / target).exists(), f"{path.name}: {target}"
+def public_names() -> Iterator[tuple[str, Any, bool]]:
+    """Functions and classes in ``__all__`` of any package, and the public methods of classes.
+
+    The third is whether the package is one of the three that a notebook imports.
+    """
+    for top in ("spcola", "lidar", "fusion"):
+        package = import_module(top)
+        inner = [m.name for m in walk_packages(package.__path__, f"{top}.") if m.ispkg]
+        for name in [top, *inner]:
+            module = import_module(name)
+            for public in getattr(module, "__all__", ()):
+                value = getattr(module, public)
+                if not (inspect.isclass(value) or inspect.isroutine(value)):
+                    continue
+                yield f"{name}.{public}", value, name == top
+                members = vars(value) if inspect.isclass(value) else {}
+                for method in members.keys() - getattr(value, "__dataclass_fields__", {}).keys():
+                    function = members[method]
+                    plain = getattr(function, "__func__", getattr(function, "fget", function))
+                    if not method.startswith("_") and inspect.isfunction(plain):
+                        yield f"{name}.{public}.{method}", plain, name == top
+
+
+def documentation(value: Any) -> str:
+    """The docstring; of a class with those of the classes whose parameters it takes over."""
+    kinds = inspect.getmro(value) if inspect.isclass(value) else (value,)
+    return "\n".join(kind.__doc__ or "" for kind in kinds if kind is not object)
+
+
+def test_every_public_name_is_documented() -> None:
+    """All have a docstring; those that a notebook imports state every parameter in it."""
+    silent = []
+    for name, value, imported in public_names():
+        said = documentation(value)
+        unsaid = [
+            parameter
+            for parameter in (inspect.signature(value).parameters if imported else ())
+            if parameter not in ("self", "cls") and not re.search(rf"\b{parameter}\b", said)
+        ]
+        if unsaid or not said:
+            silent.append(f"{name}: {', '.join(unsaid) or 'no docstring'}")
+    assert not silent

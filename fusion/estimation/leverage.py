@@ -16,7 +16,7 @@ def influence(observations: Observations, fit: MixedFit) -> FloatArray:
     observations : Observations
     fit : MixedFit
         Fit of `observations`. With `joint`, the inverse of the normal matrix of parameters and
-        effects, the estimate is ``joint · [A Z]ᵀ S⁻¹ y`` (docs: mathematics §12), linear in y.
+        effects, the estimate is ``joint · [A Z]ᵀ S⁻¹ y`` (docs: derivations §12), linear in y.
 
     Returns
     -------

@@ -167,7 +167,7 @@ def fit_mixed(observations: Observations, options: MixedOptions) -> MixedFit:
     """Estimate parameters, error sizes and shared effects together.
 
     At given sizes, Henderson's mixed-model equations are solved; the sizes maximise the restricted
-    likelihood (Patterson & Thompson 1971). Docs: mathematics §12.
+    likelihood (Patterson & Thompson 1971). Docs: derivations §12.
 
     Parameters
     ----------

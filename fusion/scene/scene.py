@@ -67,7 +67,15 @@ class Scene:
 
     @classmethod
     def of(cls, workspace: Workspace, *, light: LightSource = "auto") -> Scene:
-        """Read registration and grids; the layers of maplets and mapolas are read on demand."""
+        """Read registration and grids; the layers of maplets and mapolas are read on demand.
+
+        Parameters
+        ----------
+        workspace : Workspace
+            Registered.
+        light : {"auto", "images", "sun", "none"}
+            What says where SPC has slopes, as ``[fuse] light``.
+        """
         path = workspace.registration_path
         registration = workspace.read_json(path.name)
         transform = transform_of(registration, str(path))
@@ -103,7 +111,7 @@ class Scene:
         )
 
     def comparison(self, name: str) -> Comparison | None:
-        """Lidar and SPC heights of one maplet, aligned; None where they have no common point."""
+        """Lidar and SPC heights of the maplet `name`, aligned; None where they have no common point."""
         spc = self._spc(name)
         light = self._light(spc)
         lidar = lidar_constraints(spc.grid, self._candidates(self.near(name, spc.grid)))
@@ -164,7 +172,7 @@ class Scene:
         )
 
     def near(self, name: str, grid: MapletGrid) -> list[str]:
-        """Mapolas over `grid`: the one of the same place first, then the nearest."""
+        """Mapolas over `grid`: that of the place `name` first, then the nearest."""
 
         def order(other: str) -> tuple[bool, float]:
             away = float(np.linalg.norm(self.mapola_grids[other].center - grid.center))

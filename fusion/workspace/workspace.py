@@ -53,7 +53,7 @@ class Workspace:
 
     @classmethod
     def open(cls, root: str | Path) -> Workspace:
-        """Open an existing workspace.
+        """Open the workspace in the folder `root`.
 
         Raises
         ------

@@ -22,6 +22,7 @@ def open_lidar(
 
     Parameters
     ----------
+    path : str or Path
     format : str, optional
         One of `FORMATS`; recognised from the content if not given.
     options : LidarOptions
@@ -46,6 +47,11 @@ def read_scan(
     path: str | Path, *, format: str | None = None, options: LidarOptions = _DEFAULTS
 ) -> Scan:
     """Read a whole lidar file as one scan; for files that fit into memory.
+
+    Parameters
+    ----------
+    path, format, options
+        As of `open_lidar`.
 
     Raises
     ------

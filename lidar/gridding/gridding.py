@@ -152,7 +152,7 @@ class Gridding:
 def make_mapola(
     name: str, grid: MapletGrid, returns: Returns, *, options: GriddingOptions | None = None
 ) -> Mapola:
-    """Grid `returns` on `grid`; see :func:`grid_returns`, which also reports."""
+    """Grid `returns` on `grid` with `options`: the mapola `name` of :func:`grid_returns`."""
     return grid_returns(name, grid, returns, options=options).mapola
 
 
@@ -163,6 +163,20 @@ def grid_returns(
 
     The result does not depend on the order of the returns. A grid on which no return falls
     gives a mapola without heights.
+
+    Parameters
+    ----------
+    name : str
+        Of the mapola.
+    grid : MapletGrid
+    returns : Returns
+        Body-fixed, metres; those outside the grid are ignored.
+    options : GriddingOptions, optional
+
+    Returns
+    -------
+    Gridding
+        The mapola, and a report of what was rejected.
     """
     options = options or GriddingOptions()
     cells = sort_into_cells(grid, returns.points, options.reach(grid))

@@ -91,7 +91,7 @@ class Scan:
 
     @classmethod
     def of_points(cls, name: str, points: FloatArray, **known: AnyArray | str) -> Scan:
-        """Build a scan from points (N, 3), metres, and the `known` layers only.
+        """Build the scan `name` from `points` (N, 3), metres, and the `known` layers only.
 
         All other layers are NaN (flags are 0: a point without a flag counts as valid). Where the
         spacecraft is known, range and beam that are not given follow from it.

@@ -103,7 +103,7 @@ def write_scans(path: str | Path, chunks: Iterable[Scan], *, format: str) -> Non
 
 
 def returns_of(chunks: Iterable[Scan]) -> Iterator[Scan]:
-    """Yield the valid returns of each chunk, the other shots counted by flag."""
+    """Yield the valid returns of each of the `chunks`, the other shots counted by flag."""
     for scan in chunks:
         kind = scan.flag % DEMODULATOR
         counts = {reason: int((kind == value).sum()) for value, reason in _REASONS.items()}

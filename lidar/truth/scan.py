@@ -73,7 +73,18 @@ def track_chunks(
 ) -> Iterator[Scan]:
     """Yield every shot of a nadir track as in a table, rejects included.
 
-    The `settings` of the raster are not used. Errors of pointing are along and across the track.
+    Parameters
+    ----------
+    body : TruthBody
+    at : Track
+    settings : LidarSettings
+        All but the raster is used.
+    errors : ScanErrors
+        Those of pointing are along and across the track.
+    generator : numpy.random.Generator
+        Of the noise.
+    chunk : int
+        Shots yielded at a time.
     """
     on = DEMODULATOR if settings.demodulator and at.number % 2 else 0
     for shots in track_shots(body, at, generator, chunk):
@@ -88,18 +99,24 @@ def make_scan(
     errors: ScanErrors,
     generator: np.random.Generator,
 ) -> Scan:
-    """Return all that :func:`scan_chunks` yields as one scan; for those that fit into memory."""
+    """Return all that :func:`scan_chunks` yields as one scan; for those that fit into memory.
+
+    Parameters
+    ----------
+    body, at, settings, errors, generator
+        As of :func:`scan_chunks`.
+    """
     chunks = scan_chunks(body, at, settings=settings, errors=errors, generator=generator)
     return join(scan_name(at), list(chunks))
 
 
 def scan_name(at: Pass) -> str:
-    """Return the name of the scan of a pass."""
+    """Return the name of the scan of the pass `at`."""
     return f"scan{at.number:02d}"
 
 
 def track_name(at: Track) -> str:
-    """Return the name of the table of a track."""
+    """Return the name of the table of the track `at`."""
     return f"track{at.number:02d}"
 
 

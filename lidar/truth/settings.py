@@ -104,7 +104,10 @@ class LidarSettings:
 
     @classmethod
     def exact(cls, width: float, spacing: float) -> LidarSettings:
-        """Return settings of scans without any error or loss of single shots."""
+        """Return settings of scans without any error or loss of single shots.
+
+        `width` of the raster and `spacing` of its shots are metres on the ground.
+        """
         none: dict[str, Any] = dict.fromkeys((*_SIGMAS, *_SHARES), 0.0)
         return cls(width=width, spacing=spacing, grazing_deg=89.999, **none)
 
@@ -149,7 +152,16 @@ class ScanErrors:
 def draw_errors(
     settings: LidarSettings, generator: np.random.Generator, *, range_scale: float = 0.0
 ) -> ScanErrors:
-    """Draw the errors of one scan; `range_scale` is the bias of its day."""
+    """Draw the errors of one scan.
+
+    Parameters
+    ----------
+    settings : LidarSettings
+        Their standard deviations.
+    generator : numpy.random.Generator
+    range_scale : float
+        Relative bias of the ranges of its day.
+    """
     offset = settings.trajectory_sigma * generator.normal(size=3)
     pointing = settings.pointing_sigma * generator.normal(size=2)
     return ScanErrors(

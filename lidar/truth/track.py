@@ -92,7 +92,7 @@ class Track:
         return int(self.duration * self.rate)
 
     def position(self, time: FloatArray) -> FloatArray:
-        """Return true positions (N, 3), metres, body-fixed, at times (N,), s."""
+        """Return true positions (N, 3), metres, body-fixed, at each `time` (N,), s."""
         elapsed = np.asarray(time) - self.start
         angle = self.argument + 2.0 * np.pi * elapsed / self.orbit_period
         node = self.node - 2.0 * np.pi * elapsed / self.period
@@ -104,7 +104,7 @@ class Track:
 
 
 def plan_tracks(settings: TrackSettings) -> list[Track]:
-    """Return the tracks in order of time, one after the other on one orbit.
+    """Return the tracks that `settings` ask for in order of time, one after the other on one orbit.
 
     The first begins over the south (at the argument −90°), with the node at body-fixed longitude
     0; the body's rotation spreads later ones over all longitudes.

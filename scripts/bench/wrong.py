@@ -96,7 +96,7 @@ def taken_through(workspace: Path, spc: Path, lidar: Path) -> dict[str, Any]:
 
 
 def seen(summary: dict[str, Any]) -> dict[str, float]:
-    """Return the values of the tests of a registration, by their names in docs/truth.md."""
+    """Return the values of the tests of a registration, named as in docs/validation."""
     agreement, landmarks = summary["agreement"], summary["landmarks"]
     used, rejected = summary["n_used"], summary["n_rejected"]
     return {

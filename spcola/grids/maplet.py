@@ -68,6 +68,17 @@ class MapletGrid:
 
         Uy points east and Ux south (the orientation of published maplets); at a pole, where east is
         undefined, Uy is the body's +Y turned into the plane.
+
+        Parameters
+        ----------
+        center : (3,) array_like
+            V, body-fixed, metres.
+        normal : (3,) array_like
+            Any length but zero.
+        gsd : float
+            Metres.
+        half_size : int
+            q.
         """
         uz = np.asarray(normal, dtype=np.float64)
         uz = uz / np.linalg.norm(uz)
@@ -152,7 +163,7 @@ class MapletGrid:
         return replace(self, center=transform.apply(self.center), axes=axes)
 
     def with_gsd(self, gsd: float) -> MapletGrid:
-        """Return a grid over (at least) the same square with another GSD."""
+        """Return a grid over (at least) the same square with another `gsd`, metres."""
         return replace(
             self, gsd=gsd, half_size=max(1, int(np.ceil(self.half_size * self.gsd / gsd - 1e-9)))
         )

@@ -122,9 +122,10 @@ class MeanConstraints:
         return self._chosen(keep, self.share * scale[owner])
 
     def inside(self, rows: slice, columns: slice, width: int, *, whole: bool) -> MeanConstraints:
-        """Return the means within a window of a grid `width` columns wide, in the window's indices.
+        """Return the means within a window of a grid, in the window's indices.
 
-        Sets that reach out of it are dropped if `whole`, else cut, with the heights outside fixed.
+        The window has the `rows` and `columns` of a grid that is `width` columns wide. Sets that
+        reach out of it are dropped if `whole`, else cut, with the heights outside fixed.
         """
         r, c = np.divmod(self.points, width)
         keep = (r >= rows.start) & (r < rows.stop) & (c >= columns.start) & (c < columns.stop)
@@ -140,7 +141,7 @@ class MeanConstraints:
         return MeanConstraints(self.start, c * shape[0] + r, self.share, self.height, self.weight)
 
     def with_heights(self, height: FloatArray) -> MeanConstraints:
-        """Return the same sets with other mean heights (K,), metres."""
+        """Return the same sets with other mean heights `height` (K,), metres."""
         other = object.__new__(MeanConstraints)
         for name in ("start", "points", "share", "weight"):
             object.__setattr__(other, name, getattr(self, name))
@@ -151,7 +152,10 @@ class MeanConstraints:
         return other
 
     def lumped(self, shape: tuple[int, int]) -> FloatArray:
-        """Return ``Σ_k w_k share_i Σ_j share_j`` at each point: an upper bound that is diagonal."""
+        """Return ``Σ_k w_k share_i Σ_j share_j`` at each point of a grid of `shape`, 1/m².
+
+        As a diagonal matrix it is an upper bound.
+        """
         whole = np.bincount(self.owner, self.share, len(self.height))
         each = (self.weight * whole)[self.owner] * self.share
         summed: FloatArray = np.zeros(shape[0] * shape[1])

@@ -22,7 +22,7 @@ from spcola.heights.means import MeanConstraints
 class HeightProblem:
     """Height steps between neighbours and heights of single points, each with its weight.
 
-    The surface sought minimises, over the points of `mask`,
+    The surface sought minimises, over the points of `mask`, ::
 
         E(h) = Σ_edges w_e (h(b) − h(a) − step_e)² + Σ_points w_c (h − h_c)²
                + Σ_sets w_k (mean of h over S_k − m_k)²                             (A)

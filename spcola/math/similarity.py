@@ -137,7 +137,18 @@ class Similarity:
         target: str = "target",
         source: str = "source",
     ) -> Similarity:
-        """Build from a rotation vector (3,), radians: axis times angle."""
+        """Build from a rotation vector.
+
+        Parameters
+        ----------
+        rotation_vector : (3,) array_like
+            Axis times angle, radians.
+        translation : (3,) array_like
+            Metres.
+        scale : float
+        target, source : str
+            Names of the frames.
+        """
         matrix = Rotation.from_rotvec(np.asarray(rotation_vector, dtype=np.float64)).as_matrix()
         return cls(matrix, np.asarray(translation, dtype=np.float64), scale, target, source)
 
@@ -153,7 +164,7 @@ class Similarity:
         return self.translation + self.scale * turned
 
     def turn(self, directions: ArrayLike) -> FloatArray:
-        """Rotate direction vectors (…, 3): neither scaled nor translated."""
+        """Rotate `directions` (…, 3): neither scaled nor translated."""
         turned: FloatArray = np.asarray(directions, dtype=np.float64) @ self.rotation.T
         return turned
 

@@ -1,7 +1,7 @@
 """Acceptance tests of a registration: agreement of the surfaces within their sigmas.
 
 Each test has a limit that correct input passes with a margin and some kind of wrong input exceeds:
-docs/truth.md has the rates of false alarms and misses.
+docs/validation/wrong_input.md has the rates of false alarms and misses.
 """
 
 from __future__ import annotations

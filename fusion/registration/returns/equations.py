@@ -131,7 +131,7 @@ class Equations:
         It allows for any correlation of errors within a cluster; `inside` is the share of the
         correlation within clusters rather than across their borders. The factor K/(K − P) accounts
         for the degrees of freedom that the solution takes. Infinite if K does not exceed P. Source:
-        Huber (1967); Liang & Zeger (1986); docs: mathematics §20.
+        Huber (1967); Liang & Zeger (1986); docs: derivations §20.
         """
         size, scores = self.right.size, self.scores[self.cells > 0]
         if len(scores) <= size:

@@ -150,7 +150,7 @@ class ScaleEstimate:
 def estimate_scale(
     observations: ScaleObservations, *, options: ScaleOptions | None = None
 ) -> ScaleEstimate:
-    """Estimate ε jointly with all correlated parameters, robustly (docs: mathematics §17).
+    """Estimate ε jointly with all correlated parameters, robustly (docs: derivations §17).
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ def maplet_shares(grid: MapletGrid, height: FloatArray, maplets: Sequence[Maplet
 def ground_in_common(grids: Sequence[MapletGrid]) -> FloatArray:
     """Share (N, N) of the ground that each of N squares has in common with each other one.
 
-    For squares of one size in about the same plane: (1 − |Δx|/L) (1 − |Δy|/L), which is the
+    For squares of one size in about the same plane: ``(1 − |Δx|/L) (1 − |Δy|/L)``, which is the
     correlation of means over them.
     """
     count = len(grids)

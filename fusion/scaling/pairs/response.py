@@ -31,7 +31,7 @@ def match_response(
 ) -> FloatArray:
     """Displacement of a match per metre of displacement of single sources.
 
-    A match fits a displacement and a plane to differences of heights (docs: mathematics §13). A
+    A match fits a displacement and a plane to differences of heights (docs: derivations §13). A
     source that displaces the points of a cell by its share s of u changes the height there by
     s (−∂h/∂x, −∂h/∂y, 1)·u, and the fitted displacement and plane by
 

@@ -28,7 +28,7 @@ class Transfer:
         Share of the first surface's relief in the second: Re Σ S₁₂ / Σ S₁₁. Noise of the second
         surface does not bias it, as it is not coherent with the first.
     coherence : (K,) ndarray
-        |Σ S₁₂|² / (Σ S₁₁ Σ S₂₂): where it is small the gain is unreliable.
+        ``|Σ S₁₂|² / (Σ S₁₁ Σ S₂₂)``: where it is small the gain is unreliable.
     """
 
     wavenumber: FloatArray

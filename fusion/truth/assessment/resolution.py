@@ -25,7 +25,7 @@ class Transfer:
     transfer : (K,) ndarray
         Re Σ S_mt / Σ S_tt: the share of the truth's amplitude in the model, in phase.
     coherence : (K,) ndarray
-        |Σ S_mt|² / (Σ S_mm Σ S_tt): 1 if the model is the truth times a factor, 0 if unrelated.
+        ``|Σ S_mt|² / (Σ S_mm Σ S_tt)``: 1 if the model is the truth times a factor, 0 if unrelated.
     power_ratio : (K,) ndarray
         Σ S_mm / Σ S_tt, which includes the model's noise.
     windows : int

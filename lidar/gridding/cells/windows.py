@@ -14,7 +14,7 @@ from spcola.compilation import compiled
 
 
 class PlaneWindows:
-    """Windows of :func:`fit_planes` with fixed places.
+    """Windows of ``fit_planes`` with fixed places.
 
     Slopes are linear in the heights. In windows of 3 × 3 cells, which nearly all are, the factors
     are stored.
@@ -22,11 +22,11 @@ class PlaneWindows:
     Parameters
     ----------
     place_x, place_y : (R, C) ndarrays
-        As for :func:`fit_planes`; NaN where empty.
+        As for ``fit_planes``; NaN where empty.
     weight : (R, C) ndarray
         Relative weights of the heights; 0 where empty.
     baseline, max_radius
-        As for :func:`fit_planes`.
+        As for ``fit_planes``.
     """
 
     def __init__(

@@ -106,6 +106,17 @@ def read_map(path: str | Path, *, name: str | None = None) -> MapFile:
 def read_maplet(path: str | Path, *, name: str | None = None) -> Maplet:
     """Read a .MAP file, and the sigma companion ``NAME.SIG`` next to it if there is one.
 
+    Parameters
+    ----------
+    path : str or Path
+    name : str, optional
+        Of the maplet; that of the file if not given.
+
+    Returns
+    -------
+    Maplet
+        Metres; NaN where unknown.
+
     Raises
     ------
     FormatError
@@ -147,7 +158,7 @@ def write_maplet(
     Raises
     ------
     InvalidValueError
-        If the frame does not fit the format (q above 65535, |V|, GSD; see
+        If the frame does not fit the format (q above 65535, ``|V|``, GSD; see
         :func:`spcola.formats.text.source.check_grid_km`), or a height exceeds 3e8 GSD.
     WorkspaceError
         If the file cannot be written.

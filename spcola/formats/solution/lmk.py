@@ -37,7 +37,7 @@ _OVERLAPS = "MAP OVERLAPS"
 
 
 def read_landmark(path: str | Path) -> Landmark:
-    """Read a .LMK file.
+    """Read the .LMK file at `path`.
 
     Every section (PICTURES, MAP OVERLAPS, LIMB FITS) may be absent; ``END FILE`` may not.
 

@@ -39,7 +39,7 @@ _LARGEST_SIDE = 65536
 
 
 def read_summary(path: str | Path) -> SpcImage:
-    """Read a .SUM file.
+    """Read the .SUM file at `path`.
 
     The sections LANDMARKS and LIMB FITS may be absent; the line ``END FILE`` may not. The older
     ``SIGPXL`` instead of ``DISTORTION`` is ignored: such a camera has no distortion.

@@ -118,8 +118,8 @@ def check_name(name: str, kind: str, where: str | Path) -> str:
 def check_grid_km(center_km: FloatArray, gsd_km: float, half_size: int) -> None:
     """Check that a maplet frame is plausible in kilometres.
 
-    The rule: GSD between 1e-9 km and 100 km; |V| at most 1e5 km; and half a side of the maplet at
-    most ten times |V| (a GSD in metres next to a V in kilometres breaks this), unless V is 0.
+    The rule: GSD between 1e-9 km and 100 km; ``|V|`` at most 1e5 km; and half a side of the maplet
+    at most ten times ``|V|`` (a GSD in metres with a V in kilometres breaks this), unless V is 0.
 
     Raises
     ------

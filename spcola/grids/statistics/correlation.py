@@ -210,7 +210,7 @@ def robust_covariance(
     -------
     RobustCovariance
         In the units of the estimate squared; infinite where there are no more patches than
-        parameters. Source: Huber (1967); docs: mathematics §13.
+        parameters. Source: Huber (1967); docs: derivations §13.
     """
     size = len(design)
     covariance = autocovariance(scores.pull, _usable(reach, scores.pull))

@@ -41,7 +41,7 @@ HUBER = 1.345
 
 
 def huber_weight(z: ArrayLike, k: float = HUBER) -> FloatArray:
-    """Return Huber's weights: 1 for |z| ≤ k, then k/|z| (95 % efficient with k = 1.345).
+    """Return Huber's weights: 1 for ``|z| ≤ k``, then ``k/|z|`` (95 % efficient with k = 1.345).
 
     `z` are residuals over their standard deviation; NaN gets weight 0.
     """

@@ -139,7 +139,8 @@ class IcqShape:
     def mesh(self, *, distinct: bool = True, edges: IcqEdges = "mean") -> Mesh:
         """Return the shape as triangles, counter-clockwise seen from outside.
 
-        A quad is split along (i, j)–(i+1, j+1) if |v(i,j) × v(i+1,j+1)| ≤ |v(i+1,j) × v(i,j+1)|,
+        A quad is split along (i, j)–(i+1, j+1) if
+        ``|v(i,j) × v(i+1,j+1)| ≤ |v(i+1,j) × v(i,j+1)|``,
         else along the other diagonal.
 
         Parameters

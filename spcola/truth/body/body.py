@@ -195,7 +195,7 @@ class TruthBody:
         return IcqShape(radius[..., None] * directions, name="truth")
 
     def mesh(self, q: int) -> Mesh:
-        """Return the surface as 12 `q`² triangles, whose vertices lie on it exactly."""
+        """Return the surface as 12 q² triangles, whose vertices lie on it exactly."""
         return self.icq(q).mesh()
 
     def albedo(self, directions: FloatArray) -> FloatArray:

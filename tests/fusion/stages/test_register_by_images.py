@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
+from fusion.registration.results.keys import REGISTRATION_KEYS
 from fusion.runtime import Progress, ThreadExecutor
 from fusion.truth import make_mission
 from fusion.truth.presets import MissionSettings
@@ -97,6 +98,9 @@ def test_what_was_planted_is_recovered_by_images(workspace, found):
     summary, content = found["images"]
     assert content["by"] == summary["by"] == "images"
     assert content["n_images"] == content["n_images_compared"] == 24
+    for _, written in found.values():
+        assert set(written) <= set(REGISTRATION_KEYS)
+        assert {f"per_mapola.{key}" for key in written["per_mapola"][0]} <= set(REGISTRATION_KEYS)
     assert content["verdict"] == "accepted"
     truth = settings.to_spc
     turned = np.degrees(truth.rotation_vector) - content["rotation_deg"]

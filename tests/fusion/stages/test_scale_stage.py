@@ -8,6 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
+from fusion.scaling.results.keys import SCALE_KEYS
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +33,8 @@ def test_ryugu_shots_through_the_command_line(ryugu):
     content = json.loads((ryugu / "scale.json").read_text())
     assert content["epsilon"] == summary["epsilon"]
     assert len(content["per_shot"]) == 26
+    keys = {*content, *(f"per_shot.{key}" for key in content["per_shot"][0])}
+    assert keys <= set(SCALE_KEYS)
     assert content["assumed"]["footprint_mrad"] is None
     assert content["assumed"]["pointing_sigma_mrad"] is None
     residuals = [shot["residual_m"] for shot in content["per_shot"]]

@@ -1,0 +1,255 @@
+"""Writes the reference from the code: settings, JSON keys, codes, commands, equations, API.
+
+A page asks for one of these by a line ``% generated: NAME``. The API has one page for each package
+that states its public names (``__all__``).
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping
+from importlib import import_module
+from pathlib import Path
+from pkgutil import walk_packages
+from types import ModuleType
+from typing import Any, Literal, get_args, get_origin
+
+from sphinx.application import Sphinx
+from sphinx.util import logging
+from typer.core import TyperArgument
+from typer.main import get_command
+
+from fusion.cli.app import COMMANDS, app
+from fusion.workspace.settings.ranges import range_text
+from fusion.registration.results.keys import REGISTRATION_KEYS
+from fusion.scaling.results.keys import SCALE_KEYS
+from fusion.workspace.settings.settings import Settings, table_models
+from fusion.estimation.verdict import Cause, Code
+
+MARKER = re.compile(r"^% generated: (\w+)$", re.MULTILINE)
+API = "reference/api"
+PACKAGES = ("spcola", "lidar", "fusion")
+logger = logging.getLogger(__name__)
+
+
+def row(*cells: str) -> str:
+    """One row of a Markdown table."""
+    return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
+
+
+def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
+    """Lines of a Markdown table."""
+    return [row(*head), row(*["---"] * len(head)), *(row(*cells) for cells in rows), ""]
+
+
+def literal(value: Any) -> str:
+    """A default value as one writes it into ``spcola.toml``."""
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    if isinstance(value, str):
+        return f'`"{value}"`'
+    if isinstance(value, list) and value and hasattr(value[0], "name"):
+        return ", ".join(f"`{entry.name}`" for entry in value)
+    return f"`{value}`".replace("'", '"')
+
+
+def settings() -> str:
+    """One section for each table of the settings."""
+    lines: list[str] = []
+    defaults = {
+        info.alias or name: getattr(Settings(), name)
+        for name, info in Settings.model_fields.items()
+    }
+    for name, model in table_models().items():
+        about = inspect.getdoc(model) or ""
+        text = about.partition(": ")[2]
+        lines += [f"## [{name}]", "", text[:1].upper() + text[1:], ""]
+        rows = []
+        for key, info in model.model_fields.items():
+            words = get_args(info.annotation) if get_origin(info.annotation) is Literal else ()
+            choices = f" One of {', '.join(literal(word) for word in words)}." if words else ""
+            limits = range_text(info.annotation, info.metadata).strip()
+            meaning = f"{info.description}.{choices} {limits}".strip()
+            rows.append((f"`{key}`", literal(getattr(defaults[name], key)), meaning))
+        lines += table(("key", "default", "meaning"), rows)
+    return "\n".join(lines)
+
+
+def keys(of: Mapping[str, str], written: Path) -> str:
+    """A table of JSON keys; what a file has beyond them is warned of."""
+    content = json.loads(written.read_text(encoding="utf-8"))
+    for key in sorted(set(written_keys(content)) - set(of)):
+        logger.warning("%s has the key %s, of which the code states no meaning", written.name, key)
+    return "\n".join(table(("key", "what it is"), [(f"`{key}`", text) for key, text in of.items()]))
+
+
+def written_keys(content: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the keys of a file, and ``outer.inner`` of lists of entries."""
+    for key, value in content.items():
+        yield key
+        if key.startswith("per_") and isinstance(value, list):
+            yield from {f"{key}.{inner}" for entry in value for inner in entry}
+
+
+def codes(of: type[Code | Cause]) -> str:
+    """A table of codes with their meanings."""
+    return "\n".join(table(("code", "meaning"), [(f"`{code}`", code.meaning) for code in of]))
+
+
+def commands() -> str:
+    """One section for each command, with its options."""
+    group: Any = get_command(app)
+    examples = {name: example for name, _, example in COMMANDS}
+    lines: list[str] = []
+    for name, what in group.commands.items():
+        lines += command(what, f"spcola {name}", examples.get(name, ""))
+    return "\n".join(lines)
+
+
+def command(what: Any, name: str, example: str) -> Iterator[str]:
+    """Lines of one command, and of those below it."""
+    if hasattr(what, "commands"):
+        for below, inner in what.commands.items():
+            epilog = (inner.epilog or "").removeprefix("Example: ")
+            yield from command(inner, f"{name} {below}", epilog)
+        return
+    yield from (f"## {name}", "", inspect.cleandoc(what.help or ""), "")
+    if example:
+        yield from ("```text", *(part.strip() for part in example.split(";")), "```", "")
+    rows = []
+    for parameter in what.params:
+        names = [*parameter.opts, *parameter.secondary_opts]
+        if isinstance(parameter, TyperArgument):
+            names = [parameter.metavar or parameter.name.upper()]
+        elif parameter.metavar:
+            names[-1] += f" {parameter.metavar}"
+        rows.append((f"`{', '.join(names)}`", parameter.help or ""))
+    yield from table(("argument or option", "meaning"), rows)
+
+
+def equations(app: Sphinx) -> str:
+    """Equation numbers in order, with their functions and the pages that explain them."""
+    found: list[tuple[int, str, str, str]] = []
+    for path in sorted(Path(app.srcdir, "explanation").glob("*.md")):
+        for line in path.read_text(encoding="utf-8").splitlines():
+            match = re.match(r"\| \[([\d–, ]+)\] ?(.*?) \| (.*) \|$", line)
+            if match:
+                first = int(re.match(r"\d+", match.group(1)).group())
+                page = f"[{path.stem.replace('_', ' ')}](../explanation/{path.name})"
+                found.append((first, f"[{match.group(1)}] {match.group(2)}", match.group(3), page))
+    return "\n".join(
+        table(("equation", "function", "explained in"), [entry[1:] for entry in sorted(found)])
+    )
+
+
+def api_index(_app: Sphinx) -> str:
+    """List of all packages that state their public names."""
+    lines = ["```{toctree}", ":maxdepth: 1", ""]
+    lines += [f"api/{package.__name__}" for package in public_packages()]
+    return "\n".join([*lines, "```"])
+
+
+def public_packages() -> list[ModuleType]:
+    """Packages with ``__all__``."""
+    found = []
+    for top in PACKAGES:
+        package = import_module(top)
+        names = [top, *(m.name for m in walk_packages(package.__path__, f"{top}.") if m.ispkg)]
+        found += [module for module in map(import_module, names) if getattr(module, "__all__", ())]
+    return found
+
+
+def public_members(value: type) -> list[str]:
+    """Public methods and properties that a class states itself."""
+    kinds = (property, classmethod, staticmethod)
+    return [
+        name
+        for name, member in vars(value).items()
+        if not name.startswith("_")
+        and name not in getattr(value, "__dataclass_fields__", {})
+        and (inspect.isfunction(member) or isinstance(member, kinds))
+    ]
+
+
+def api_page(package: ModuleType) -> str:
+    """The page of one package, as reStructuredText."""
+    name = package.__name__
+    lines = [
+        f"``{name}``",
+        "=" * (len(name) + 4),
+        "",
+        f".. automodule:: {name}",
+        "   :no-members:",
+        "",
+    ]
+    lines += [".. autosummary::", "", *(f"   {public}" for public in package.__all__), ""]
+    for public in package.__all__:
+        value = getattr(package, public)
+        if isinstance(value, type):
+            lines += [
+                f".. autoclass:: {public}",
+                f"   :members: {', '.join(public_members(value))}",
+                "",
+            ]
+        elif inspect.isroutine(value) or hasattr(value, "py_func"):
+            lines += [f".. autofunction:: {public}", ""]
+        else:
+            lines += [f".. autodata:: {public}", "   :no-value:", ""]
+    return "\n".join(lines) + "\n"
+
+
+GENERATED: dict[str, Callable[[Sphinx], str]] = {
+    "settings": lambda _: settings(),
+    "registration_keys": lambda app: keys(REGISTRATION_KEYS, of_tutorial(app, "registration.json")),
+    "scale_keys": lambda app: keys(SCALE_KEYS, of_tutorial(app, "scale.json")),
+    "codes": lambda _: codes(Code),
+    "causes": lambda _: codes(Cause),
+    "commands": lambda _: commands(),
+    "equations": equations,
+    "api": api_index,
+}
+
+
+def of_tutorial(app: Sphinx, name: str) -> Path:
+    """A file of the tutorial's workspace."""
+    return Path(app.config.TUTORIAL, "ws", name)
+
+
+def write_api(app: Sphinx) -> None:
+    """Write a page for each package; pages of packages that are gone are removed."""
+    folder = Path(app.srcdir, API)
+    folder.mkdir(parents=True, exist_ok=True)
+    pages = {f"{package.__name__}.rst": api_page(package) for package in public_packages()}
+    for path in folder.glob("*.rst"):
+        if path.name not in pages:
+            path.unlink()
+    for name, text in pages.items():
+        path = folder / name
+        if not path.is_file() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+
+
+def insert(app: Sphinx, _docname: str, source: list[str]) -> None:
+    """Put in the place of each marker what it asks for."""
+    source[0] = MARKER.sub(lambda match: GENERATED[match.group(1)](app), source[0])
+
+
+def outdated(
+    _app: Sphinx, env: Any, _added: set[str], _changed: set[str], _removed: set[str]
+) -> list[str]:
+    """Pages that ask for something generated are read anew: the code may have changed."""
+    pages = (Path(env.doc2path(name)) for name in env.found_docs)
+    written = [
+        page for page in pages if page.suffix == ".md" and MARKER.search(page.read_text("utf-8"))
+    ]
+    return [env.path2doc(page) for page in written]
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Write pages before anything is read, and tables as pages are read."""
+    app.connect("builder-inited", write_api, priority=50)
+    app.connect("env-get-outdated", outdated)
+    app.connect("source-read", insert)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
