@@ -121,6 +121,10 @@ class Scan:
         kept: dict[str, Any] = {name: getattr(self, name)[keep] for name in MEASURES}
         return replace(self, **kept)
 
+    def with_points(self, points: FloatArray, **changed: AnyArray | str) -> Self:
+        """Return the scan with its returns at other `points` (N, 3), m, and layers `changed`."""
+        return replace(self, points=points, **changed)  # type: ignore[arg-type]
+
     @property
     def reference_offset(self) -> FloatArray:
         """Distance from spacecraft to point less the measured range (N,), metres.
