@@ -11,15 +11,7 @@ from typing import Annotated, Any
 import typer
 
 import spcola
-from fusion.cli import (
-    align,
-    altimetry,
-    demo,
-    folder,
-    look,
-    stages,
-    truth,
-)
+from fusion.cli import align, altimetry, demo, folder, look, stages, truth
 from fusion.cli.program import guarded
 
 app = typer.Typer(

@@ -7,7 +7,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from fusion.fusing.maplets import FUSED_HDF5
-from fusion.inspection import name_content
+from fusion.inspection.foreign import name_content
 from fusion.workspace import SPC_LISTS
 from lidar.formats import recognise
 from lidar.formats.native import ADJUSTMENT_HDF5, MAPOLAS_HDF5

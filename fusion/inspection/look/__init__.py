@@ -1,5 +1,6 @@
 """Pictures of files: ``spcola look``, one function for each type of file."""
 
-import lazy_loader
+from fusion.inspection.look.choose import LookOptions, look_at
+from fusion.inspection.look.picture import Picture, picture_path, save_picture
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["LookOptions", "Picture", "look_at", "picture_path", "save_picture"]

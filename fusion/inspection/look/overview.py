@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fusion.inspection import describe_workspace
+from fusion.inspection.describe import describe_workspace
 from fusion.inspection.look.numbers import measured
 from fusion.inspection.look.picture import Picture, set_title
 from fusion.pipeline.catalog import read_records

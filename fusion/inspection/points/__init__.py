@@ -1,5 +1,6 @@
 """Files of any kind as points of a surface, and such files moved."""
 
-import lazy_loader
+from fusion.inspection.points.moved import check_target, write_moved
+from fusion.inspection.points.sources import PointSource, read_points
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["PointSource", "check_target", "read_points", "write_moved"]

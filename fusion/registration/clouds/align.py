@@ -13,8 +13,8 @@ from fusion.estimation.verdict import (
     Severity,
     Verdict,
 )
-from fusion.registration.clouds import CloudOptions, register_clouds
 from fusion.registration.clouds.bodies import align_bodies
+from fusion.registration.clouds.clouds import CloudOptions, register_clouds
 from fusion.registration.clouds.composed import composed
 from fusion.registration.fit import KnownTransform, Model
 from fusion.registration.returns import DirectRegistration

@@ -1,5 +1,0 @@
-from .reader import open_lidar as open_lidar
-from .reader import read_scan as read_scan
-from .recognition import recognise as recognise
-from .sample import ScanSample as ScanSample
-from .sample import read_sample as read_sample
