@@ -111,7 +111,7 @@ class Scene:
         )
 
     def comparison(self, name: str) -> Comparison | None:
-        """Lidar and SPC heights of the maplet `name`, aligned; None where they have no common point."""
+        """Lidar and SPC heights of the maplet `name`, aligned; None if there is no common point."""
         spc = self._spc(name)
         light = self._light(spc)
         lidar = lidar_constraints(spc.grid, self._candidates(self.near(name, spc.grid)))
