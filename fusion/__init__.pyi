@@ -1,6 +1,8 @@
 from .fusing import FuseResult as FuseResult
 from .fusing import fuse_maplet as fuse_maplet
 from .fusing.maplets import FusedMaplet as FusedMaplet
+from .inspection.look import look_at as look_at
+from .registration.clouds import align_clouds as align_clouds
 from .scene import Scene as Scene
 from .stages import import_scans as import_scans
 from .stages import run_stages as run_stages

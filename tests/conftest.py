@@ -47,7 +47,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """The folder of real data beside the checkout; the test is skipped where it is absent."""
+    """The folder of real data next to the checkout; the test is skipped if it is absent."""
     if not SHARED.is_dir():
-        pytest.skip("no ../shared/data beside the checkout: the real data are not here")
+        pytest.skip("no ../shared/data next to the checkout: the real data are missing")
     return SHARED

@@ -612,7 +612,7 @@ def test_a_damaged_lidar_file_leaves_nothing_behind(
 def test_returns_in_another_unit_than_the_shape_are_refused_at_import(
     mission: Path, tmp_path: Path
 ) -> None:
-    """Metres that are called kilometres cannot be seen in a table, but beside a shape."""
+    """Metres called kilometres cannot be detected in a table alone, but with a shape."""
     root = tmp_path / "ws"
     call("init", root, "--spc", mission / "spc")
     far = np.random.default_rng(3).normal(size=(500, 3)) * 40.0
@@ -623,7 +623,9 @@ def test_returns_in_another_unit_than_the_shape_are_refused_at_import(
     assert not (root / "scans" / "far.h5").exists()
 
 
-def test_returns_beside_the_grids_are_told_by_the_mapolas(mission: Path, tmp_path: Path) -> None:
+def test_returns_outside_the_grids_are_refused_by_the_mapolas(
+    mission: Path, tmp_path: Path
+) -> None:
     """Another body of the same size: its returns lie where no maplet is."""
     root = tmp_path / "ws"
     call("init", root, "--spc", mission / "spc")
@@ -635,7 +637,7 @@ def test_returns_beside_the_grids_are_told_by_the_mapolas(mission: Path, tmp_pat
 
 
 @pytest.mark.parametrize("name", ["a/b", "..", ".hidden", "two\nlines"])
-def test_a_scans_name_stays_in_its_folder(tmp_path: Path, name: str) -> None:
+def test_a_scans_name_cannot_leave_its_folder(tmp_path: Path, name: str) -> None:
     call("init", tmp_path / "ws")
     table = write_table(tmp_path / "track.csv", np.eye(3) + 5.0)
     result = call("import", tmp_path / "ws", table, "--name", name, "--json", code=1)
@@ -826,7 +828,7 @@ REAL = {
 
 
 @pytest.mark.real_data
-def test_info_tells_every_real_file_or_refuses_it_in_one_line(shared_data: Path) -> None:
+def test_info_recognises_every_real_file_or_refuses_it_in_one_line(shared_data: Path) -> None:
     for path in sorted(path for path in shared_data.rglob("*") if path.is_file()):
         result = CliRunner().invoke(app, ["info", str(path), "--json"])
         known = REAL.get(str(path.relative_to(shared_data)))

@@ -20,12 +20,11 @@ from typer.testing import CliRunner
 from fusion.cli.app import app
 from fusion.workspace import Workspace
 from fusion.workspace.settings import load_settings
-from lidar.formats import open_lidar
+from lidar.formats import open_lidar, read_scan
 from lidar.formats.native import ScanFile, scan_summary, write_scan
-from lidar.formats.reader import read_scan
 from lidar.scans import Scan
 from spcola.errors import FormatError, KernelError, SpcolaError
-from spcola.formats.images.fits import read_fits_image
+from spcola.formats.images import read_fits_image
 from spcola.formats.shapes import read_icq, read_obj, read_shape, write_icq, write_obj
 from spcola.formats.stores import reading_hdf5, replacing_hdf5, stored
 from spcola.shape.icq import IcqShape, icq_directions
@@ -137,7 +136,7 @@ LAZ = {
 
 
 @pytest.mark.parametrize("case", LAZ)
-def test_sizes_in_laz_are_compared_with_the_file_before_they_are_believed(
+def test_sizes_in_laz_are_compared_with_the_file_before_they_are_used(
     tmp_path: Path, case: str
 ) -> None:
     header = laspy.LasHeader(point_format=6, version="1.4")

@@ -75,7 +75,7 @@ def test_imports_point_to_the_left(package: str) -> None:
 
 
 def test_other_rooms_are_entered_through_their_door() -> None:
-    # A room's __init__ says what it offers; its files may then change as they like.
+    # A room's __init__ exports what others may use; its files may then change.
     through_walls = [
         f"{path}:{line}: {module}"
         for paths in MODULES.values()
@@ -114,7 +114,7 @@ def test_rooms_offer_few_names_and_have_them() -> None:
     assert not many
 
 
-def test_spcola_never_says_lidar() -> None:
+def test_spcola_never_mentions_lidar() -> None:
     saying = [str(path) for path in MODULES["spcola"] if "lidar" in text_of(path).lower()]
     assert not saying
 

@@ -11,13 +11,7 @@ from typing import Annotated, Any
 import typer
 
 import spcola
-from fusion.cli import (
-    altimetry,
-    demo,
-    folder,
-    stages,
-    truth,
-)
+from fusion.cli import align, altimetry, demo, folder, look, stages, truth
 from fusion.cli.program import guarded
 
 app = typer.Typer(
@@ -41,6 +35,8 @@ COMMANDS: tuple[tuple[str, Callable[..., Any], str], ...] = (
     ("release", stages.release, "spcola release bennu"),
     ("run", stages.run, "spcola run bennu --workers 4"),
     ("info", folder.info, "spcola info bennu; spcola info bennu/MAPFILES/AB0001.MAP --json"),
+    ("look", look.look, "spcola look bennu; spcola look bennu/MAPFILES/AB0001.MAP -o map.png"),
+    ("align", align.align, "spcola align scan.las site.ply -o moved.las"),
     ("demo", demo.demo, "spcola demo /tmp/demo"),
 )
 

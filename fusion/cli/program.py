@@ -32,7 +32,7 @@ def guarded(command: Callable[Options, None]) -> Callable[Options, None]:
         except (typer.Exit, typer.BadParameter, BrokenPipeError):
             raise
         except KeyboardInterrupt as error:
-            _print("interrupted: what is finished is kept; give the command again to go on")
+            _print("interrupted: what is finished is kept; give the command again to continue")
             raise typer.Exit(INTERRUPTED) from error
         except Exception as error:
             _print(_line_of(error), error)

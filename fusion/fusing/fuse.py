@@ -100,7 +100,7 @@ class FuseResult:
     ----------
     maplet : FusedMaplet
     solution : HeightSolution
-    untied : int
+    parts_without_lidar : int
         Number of connected parts without lidar height; SPC or the shape fixes their mean height.
     downweighted : int
         Lidar heights to which the robust loss gave less than half of their weight.
@@ -111,7 +111,7 @@ class FuseResult:
 
     maplet: FusedMaplet
     solution: HeightSolution
-    untied: int
+    parts_without_lidar: int
     downweighted: int
     misfit: float
 
@@ -172,7 +172,7 @@ def fuse_maplet(
     return FuseResult(
         maplet,
         solution,
-        _untied(solution, with_lidar),
+        _parts_without_lidar(solution, with_lidar),
         _downweighted(problem, solution, with_lidar),
         float(mad(parts.lidar.height - parts.spc.height)) / information.height_sigma_m,
     )
@@ -341,7 +341,7 @@ def _displaced_variance(grid: MapletGrid, height: FloatArray, covariance: FloatA
     return variance
 
 
-def _untied(solution: HeightSolution, with_lidar: BoolArray) -> int:
+def _parts_without_lidar(solution: HeightSolution, with_lidar: BoolArray) -> int:
     """Number of connected parts without a lidar height."""
     labels = solution.components
     everything = set(np.unique(labels[labels >= 0]).tolist())

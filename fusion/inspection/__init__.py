@@ -1,5 +1,7 @@
 """Content of a file or a workspace, and time and memory that its stages will take."""
 
-import lazy_loader
+from fusion.inspection.describe import describe_file, describe_workspace
+from fusion.inspection.forecast import mapolas_forecast
+from fusion.inspection.foreign import name_content
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["describe_file", "describe_workspace", "mapolas_forecast", "name_content"]

@@ -9,8 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from fusion.fusing.maplets import FUSED_HDF5
-from fusion.inspection.foreign import name_content
+from fusion.inspection.file_kinds import (
+    FileKind,
+    file_kind,
+    first_word,
+    lidar_format,
+    summary_path,
+)
 from fusion.inspection.import_forecast import BYTES_PER_RETURN, ImportClock
 from fusion.pipeline import Pipeline
 from fusion.pipeline.catalog import Catalog, read_records, unsound
@@ -19,24 +24,19 @@ from fusion.runtime import usable_cores
 from fusion.runtime.machine import PROGRAM_BYTES
 from fusion.stages import load_stages
 from fusion.stages.ingest import doubles, scan_facts, utc_or_none, whole_scans
-from fusion.workspace import SPC_LISTS, Workspace
+from fusion.workspace import Workspace
 from fusion.workspace.settings import load_settings
-from lidar.formats import open_lidar, recognise
+from lidar.formats import open_lidar
 from lidar.formats.clouds import read_las_system
-from lidar.formats.native import ADJUSTMENT_HDF5, MAPOLAS_HDF5, scan_summary
-from spcola.errors import FormatError, SpcolaError, WorkspaceError
+from lidar.formats.native import scan_summary
+from spcola.errors import FormatError, SpcolaError
+from spcola.formats.images import reading_fits
 from spcola.formats.maplets import read_map, read_maplet
 from spcola.formats.shapes import FacesFrom, read_icq, read_shape, recognise_shape
-from spcola.formats.shapes.ply import parse_header
 from spcola.formats.solution import read_landmark, read_list, read_nominal, read_summary
-from spcola.formats.text import read_bytes
 from spcola.grids import Maplet
 from spcola.shape.icq import IcqShape, as_icq
 from spcola.spice import constant, orientation_of, read_transfer
-
-# Comments before the first data block of a kernel are shorter than this, bytes.
-_HEAD = 1 << 17
-_RESULTS = (MAPOLAS_HDF5, FUSED_HDF5, ADJUSTMENT_HDF5)
 
 
 def describe_workspace(workspace: Workspace) -> dict[str, Any]:
@@ -90,7 +90,7 @@ def _problems(workspace: Workspace) -> list[str]:
 
 
 def describe_file(path: Path, *, faces_from: FacesFrom = 1) -> dict[str, Any]:
-    """Return the type and content of a file, recognised by its suffix or by its content.
+    """Return the facts of a file of any kind that is read (:func:`file_kind`).
 
     Parameters
     ----------
@@ -105,77 +105,27 @@ def describe_file(path: Path, *, faces_from: FacesFrom = 1) -> dict[str, Any]:
     WorkspaceError
         If there is no such file.
     """
-    if not path.exists():
-        raise WorkspaceError("is not there", path)
-    if not path.is_file():
-        raise WorkspaceError(
-            "is a pipe or a device, not a regular file", path, "write its content to a file first"
-        )
-    if path.name in _RESULTS:
-        raise FormatError("is a result of a workspace", path, "name the workspace")
-    reader = _describe_list if path.name in SPC_LISTS else _READERS.get(path.suffix.lower())
-    if reader is not None:
-        return reader(path)
-    content = _describe_kernel(path)
-    if content is not None:
-        return content
-    try:
-        form = recognise_shape(path)
-    except FormatError:
-        return _describe_lidar(path, _lidar_format(path))
-    if form == "ply" and not _has_faces(path):
-        return _describe_lidar(path, "cloud")
-    return _describe_shape(path, faces_from)
+    kind = file_kind(path)
+    if kind is FileKind.SHAPE:
+        return _describe_shape(path, faces_from)
+    return _READERS[kind](path)
 
 
-def _lidar_format(path: Path) -> str:
-    """Return the format of a lidar file.
-
-    Raises
-    ------
-    FormatError
-        If it is none; with what the file is, and which command reads it.
-    """
-    try:
-        return recognise(path)
-    except FormatError as error:
-        head = read_bytes(path, most=_HEAD)
-        if not head:
-            raise
-        what, advice = name_content(head)
-        raise FormatError(f"is {what}", path, advice) from error
-
-
-def _has_faces(path: Path) -> bool:
-    """Return whether a PLY has faces: a mesh, not a point cloud."""
-    faces = parse_header(read_bytes(path, most=_HEAD), path).element("face")
-    return faces is not None and faces.count > 0
-
-
-def _describe_kernel(path: Path) -> dict[str, Any] | None:
-    """Describe a SPICE kernel; None if it is none.
-
-    The first word gives its type; older text kernels lack it and are recognised by data blocks.
-    """
-    head = read_bytes(path, most=_HEAD)
-    words = head[:80].decode("ascii", errors="replace").split()
-    word = words[0] if words else ""
+def _describe_kernel(path: Path) -> dict[str, Any]:
+    word, _ = first_word(path)
     if word == "DAFETF":
         return {"kind": "SPICE kernel (transfer text)", "form": read_transfer(path).word.strip()}
-    form = word[:8].rstrip("\0")
-    if form.startswith("DAF/"):
-        return {"kind": "SPICE kernel (binary)", "form": form}
-    if word.startswith("KPL/") or b"\\begindata" in head:
-        stated = orientation_of(path)
-        meridians = {body: stated.constants.get(constant(body, "PM")) for body in stated.bodies}
-        beyond = {str(body): list(stated.beyond_spin(body)) for body in stated.bodies}
-        return {
-            "kind": "SPICE kernel (text)",
-            "form": word if word.startswith("KPL/") else "not stated",
-            "prime_meridian_deg": {str(body): w[0] for body, w in meridians.items() if w},
-            "terms_that_spin_lacks": {body: names for body, names in beyond.items() if names},
-        }
-    return None
+    if word.startswith("DAF/"):
+        return {"kind": "SPICE kernel (binary)", "form": word[:8].rstrip("\0")}
+    stated = orientation_of(path)
+    meridians = {body: stated.constants.get(constant(body, "PM")) for body in stated.bodies}
+    beyond = {str(body): list(stated.beyond_spin(body)) for body in stated.bodies}
+    return {
+        "kind": "SPICE kernel (text)",
+        "form": word if word.startswith("KPL/") else "not stated",
+        "prime_meridian_deg": {str(body): w[0] for body, w in meridians.items() if w},
+        "terms_that_spin_lacks": {body: names for body, names in beyond.items() if names},
+    }
 
 
 def _describe_map(path: Path) -> dict[str, Any]:
@@ -272,8 +222,19 @@ def _icq_facts(shape: IcqShape) -> dict[str, Any]:
     }
 
 
-def _describe_lidar(path: Path, format: str) -> dict[str, Any]:
+def _describe_image(path: Path) -> dict[str, Any]:
+    """Describe an image by its .SUM file, and one in FITS without by its header alone."""
+    summary = summary_path(path)
+    if summary is not None:
+        return {**_describe_summary(summary), "kind": "image", "summary": str(summary)}
+    with reading_fits(path) as units:
+        lines, pixels = units[0].shape
+    return {"kind": "image (FITS, without a .SUM file)", "pixels": pixels, "lines": lines}
+
+
+def _describe_lidar(path: Path) -> dict[str, Any]:
     """Describe a lidar file; all of it is read, a chunk at a time."""
+    format = lidar_format(path)
     if format == "native":
         return {"kind": "lidar (native)", **scan_facts(scan_summary(path))}
     count, rejected = 0, dict[str, int]()
@@ -331,14 +292,17 @@ def _describe_geotiff(path: Path) -> dict[str, Any]:
     return {"kind": "GeoTIFF terrain model", **maplet_facts(read_geotiff(path))}
 
 
-_READERS: dict[str, Callable[[Path], dict[str, Any]]] = {
-    ".map": _describe_map,
-    ".lmk": _describe_landmark,
-    ".sum": _describe_summary,
-    ".nom": _describe_nominal,
-    ".toml": _describe_settings,
-    ".json": _describe_json,
-    ".fits": _describe_fits,
-    ".fit": _describe_fits,
-    ".tif": _describe_geotiff,
+_READERS: dict[FileKind, Callable[[Path], dict[str, Any]]] = {
+    FileKind.MAPLET: _describe_map,
+    FileKind.LANDMARK: _describe_landmark,
+    FileKind.SUMMARY: _describe_summary,
+    FileKind.IMAGE: _describe_image,
+    FileKind.NOMINAL: _describe_nominal,
+    FileKind.LIST: _describe_list,
+    FileKind.SETTINGS: _describe_settings,
+    FileKind.JSON: _describe_json,
+    FileKind.FITS: _describe_fits,
+    FileKind.GEOTIFF: _describe_geotiff,
+    FileKind.KERNEL: _describe_kernel,
+    FileKind.LIDAR: _describe_lidar,
 }

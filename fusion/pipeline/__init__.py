@@ -1,5 +1,6 @@
 """Runs the stages in order and skips those that are up to date."""
 
-import lazy_loader
+from fusion.pipeline.pipeline import Pipeline, StageRun, opened
+from fusion.pipeline.stage import Stage, StageContext, StageResult, find_table
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["Pipeline", "Stage", "StageContext", "StageResult", "StageRun", "find_table", "opened"]

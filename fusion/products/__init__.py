@@ -1,5 +1,24 @@
 """Products of a release, and the manifest."""
 
-import lazy_loader
+from fusion.products.manifest import (
+    MANIFEST_FILE,
+    Product,
+    Provenance,
+    describe_product,
+    manifest_text,
+    versions,
+    write_manifest,
+)
+from fusion.products.naming import lon_lat_deg, product_stems
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "MANIFEST_FILE",
+    "Product",
+    "Provenance",
+    "describe_product",
+    "lon_lat_deg",
+    "manifest_text",
+    "product_stems",
+    "versions",
+    "write_manifest",
+]

@@ -66,7 +66,7 @@ def gather_report(workspace: Workspace, *, body: str, accepted: Sequence[str] = 
     return ReportData(
         body=body,
         surfaces=surfaces,
-        coverage=_coverage(workspace),
+        coverage=gather_coverage(workspace),
         registration=registration,
         scale=scale,
         planted=_rows(known, "planted", Recovered),
@@ -176,7 +176,7 @@ def _surfaces(workspace: Workspace, fused: FusedMaplet, transform: Affine | None
     return Surfaces(fused, spc, lidar)
 
 
-def _coverage(workspace: Workspace) -> Coverage | None:
+def gather_coverage(workspace: Workspace) -> Coverage | None:
     """Return the centres of maplets and mapolas, and the share of each that the lidar covers."""
     centers: dict[str, FloatArray] = {}
     share: dict[str, float] = {}
@@ -193,7 +193,7 @@ def _coverage(workspace: Workspace) -> Coverage | None:
 
 
 def _optional_json(workspace: Workspace, path: Path) -> dict[str, Any] | None:
-    """Read a JSON artefact if it is there."""
+    """Read a JSON artefact if it exists."""
     return workspace.read_json(path.name) if path.is_file() else None
 
 

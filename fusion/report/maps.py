@@ -18,24 +18,29 @@ if TYPE_CHECKING:
 
 def coverage_figure(coverage: Coverage) -> Figure:
     """Longitude and latitude of all maplets, coloured by the share that lidar covers."""
+    with drawing(9.4, 4.6) as figure:
+        draw_coverage(figure, figure.subplots(), coverage)
+    return figure
+
+
+def draw_coverage(figure: Any, panel: Any, coverage: Coverage) -> None:
+    """Draw the maplets on a map of the whole body, coloured by the share that lidar covers."""
     longitude, latitude = lon_lat_deg(coverage.centers)
     covered = np.isfinite(coverage.share)
-    with drawing(9.4, 4.6) as figure:
-        panel = figure.subplots()
-        size = _marker_size(len(longitude))
-        panel.scatter(
-            longitude[~covered], latitude[~covered], s=size, facecolors="none", edgecolors=MUTED,
-            linewidths=0.8, label=f"no mapola ({np.count_nonzero(~covered)})",
-        )  # fmt: skip
-        drawn = panel.scatter(
-            longitude[covered], latitude[covered], c=100 * coverage.share[covered], s=size,
-            cmap="viridis", vmin=0, vmax=100, label=f"mapola ({np.count_nonzero(covered)})",
-        )  # fmt: skip
-        bar = figure.colorbar(drawn, ax=panel, shrink=0.85, pad=0.01)
-        bar.set_label("points with a lidar height, %")
-        _graticule(panel)
-        panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderpad=0.2)
-    return figure
+    size = _marker_size(len(longitude))
+    panel.scatter(
+        longitude[~covered], latitude[~covered], s=size, facecolors="none", edgecolors=MUTED,
+        linewidths=0.8, label=f"no mapola ({np.count_nonzero(~covered)})",
+    )  # fmt: skip
+    drawn = panel.scatter(
+        longitude[covered], latitude[covered], c=100 * coverage.share[covered], s=size,
+        cmap="viridis", vmin=0, vmax=100, label=f"mapola ({np.count_nonzero(covered)})",
+    )  # fmt: skip
+    bar = figure.colorbar(drawn, ax=panel, shrink=0.85, pad=0.01)
+    bar.set_label("points with a lidar height, %")
+    graticule(panel)
+    names, _ = panel.get_legend_handles_labels()
+    panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(names), borderpad=0.2)
 
 
 def registration_figure(registration: Mapping[str, Any]) -> Figure:
@@ -57,7 +62,7 @@ def _known(entry: Mapping[str, Any]) -> bool:
 
 def _arrows(panel: Any, figure: Any, entries: list[Mapping[str, Any]]) -> None:
     """Draw horizontal residuals as arrows, the radial ones as colours; rejected as crosses."""
-    _graticule(panel)
+    graticule(panel)
     panel.set_title("Residuals after the fit: east and north as arrows, up in colour")
     if not entries:
         panel.text(180, 0, "no mapola has a residual", ha="center")
@@ -123,7 +128,7 @@ def _local(
     return east, -np.sin(lat) * outward + np.cos(lat) * z, np.cos(lat) * outward + np.sin(lat) * z
 
 
-def _graticule(panel: Any) -> None:
+def graticule(panel: Any) -> None:
     """Longitude and latitude axes of the whole body, at one scale."""
     panel.set(xlim=(0, 360), ylim=(-90, 90), aspect="equal")
     panel.set(xticks=range(0, 361, 60), yticks=range(-90, 91, 30))

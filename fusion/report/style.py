@@ -55,18 +55,37 @@ def drawing(width: float, height: float) -> Iterator[Figure]:
         yield Figure(figsize=(width, height), layout="constrained")
 
 
-def data_uri(figure: Figure, kind: Literal["png", "svg"] = "svg", *, dpi: int = 130) -> str:
-    """Return the figure as a data URI; equal figures give equal text."""
+def saved(figure: Figure, kind: str = "svg", *, dpi: int = 130, maker: str = "") -> bytes:
+    """Return the figure as a file: equal figures give equal bytes.
+
+    Parameters
+    ----------
+    figure : Figure
+    kind : {"svg", "png", "pdf"}
+    dpi : int
+        Dots per inch, of a PNG.
+    maker : str
+        Stands in the file as the program that made it; nothing if empty.
+    """
     import matplotlib as mpl  # noqa: PLC0415
 
+    key = "Software" if kind == "png" else "Creator"
+    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
     stream = io.BytesIO()
     with mpl.rc_context(_SETTINGS):
-        if kind == "svg":
-            figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-        else:
-            figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
+        figure.savefig(
+            stream,
+            format=kind,
+            dpi=dpi if kind == "png" else "figure",
+            metadata={**undated, key: maker or None},
+        )
+    return stream.getvalue()
+
+
+def data_uri(figure: Figure, kind: Literal["png", "svg"] = "svg") -> str:
+    """Return the figure as a data URI; equal figures give equal text."""
     mime = "image/svg+xml" if kind == "svg" else "image/png"
-    return f"data:{mime};base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
+    return f"data:{mime};base64,{base64.b64encode(saved(figure, kind)).decode('ascii')}"
 
 
 def html_figure(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fusion.fusing.maplets import FusedMaplet
 from fusion.report.data import Surfaces
 from fusion.report.style import INK, SOURCE_COLOURS, SOURCES, drawing
 from spcola.arrays import FloatArray
@@ -14,7 +15,8 @@ from spcola.grids import MapletGrid
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_MISSING = "#d5e8c0"
+MISSING = "#d5e8c0"
+"""Where nothing is known: pale green, which is in none of the colour maps."""
 
 
 def hillshade(height: FloatArray, gsd: float) -> FloatArray:
@@ -70,30 +72,30 @@ def surfaces_figure(place: Surfaces) -> Figure:
     with drawing(9.4, 9.6) as figure:
         panels = figure.subplots(3, 3)
         for panel, (title, height) in zip(panels[0], shades.items(), strict=True):
-            _image(panel, grid, hillshade(height, grid.gsd), "gray", (0.0, 1.0))
+            grid_image(panel, grid, hillshade(height, grid.gsd), "gray", (0.0, 1.0))
             panel.set_title(title)
-        _orientation(panels[0, 0], grid)
-        limit = _symmetric_limit(list(gaps.values()))
+        north_and_scale(panels[0, 0], grid)
+        limit = symmetric_limit(list(gaps.values()))
         for panel, (title, gap) in zip(panels[1], gaps.items(), strict=True):
-            drawn = _image(panel, grid, gap.T, "RdBu_r", (-limit, limit))
+            drawn = grid_image(panel, grid, gap.T, "RdBu_r", (-limit, limit))
             panel.set_title(title)
-            _statistics(panel, gap)
+            write_statistics(panel, gap)
         bar = figure.colorbar(drawn, ax=panels[1].tolist(), shrink=0.85, extend="both", pad=0.01)
         bar.set_label("height difference, m")
         _origins(figure, panels[2], place)
         for panel in panels.flat:
-            _axes(panel)
+            label_axes(panel)
     return figure
 
 
-def _image(
+def grid_image(
     panel: Any, grid: MapletGrid, image: FloatArray, colours: str, limits: tuple[float, float]
 ) -> Any:
     """Draw an image in metres about the maplet's centre: right along Uy, up along −Ux."""
     import matplotlib as mpl  # noqa: PLC0415
 
     half = (grid.half_size + 0.5) * grid.gsd
-    palette = mpl.colormaps[colours].with_extremes(bad=_MISSING)
+    palette = mpl.colormaps[colours].with_extremes(bad=MISSING)
     return panel.imshow(
         np.ma.masked_invalid(image),
         cmap=palette,
@@ -106,45 +108,50 @@ def _image(
 
 def _origins(figure: Figure, panels: Any, place: Surfaces) -> None:
     """Draw sigma, count and source of the fused heights."""
-    from matplotlib.colors import BoundaryNorm, ListedColormap  # noqa: PLC0415
-
     fused, grid = place.fused, place.fused.grid
     known = fused.sigma[np.isfinite(fused.sigma)]
     top = float(np.percentile(known, 99)) if known.size else 1.0
-    sigma = _image(panels[0], grid, fused.sigma.T, "cividis", (0.0, max(top, 1e-6)))
-    _bar(figure, sigma, panels[0], "m", extend="max")
+    sigma = grid_image(panels[0], grid, fused.sigma.T, "cividis", (0.0, max(top, 1e-6)))
+    bar_below(figure, sigma, panels[0], "m", extend="max")
     panels[0].set_title("sigma of the fused height")
     most = max(1.0, float(np.percentile(fused.count, 99)))
-    count = _image(panels[1], grid, fused.count.T.astype(float), "viridis", (0.0, most))
-    _bar(figure, count, panels[1], "returns in a cell", extend="max")
+    count = grid_image(panels[1], grid, fused.count.T.astype(float), "viridis", (0.0, most))
+    bar_below(figure, count, panels[1], "returns in a cell", extend="max")
     panels[1].set_title("lidar returns")
-    half = (grid.half_size + 0.5) * grid.gsd
-    source = panels[2].imshow(
+    draw_sources(figure, panels[2], fused)
+    panels[2].set_title("heights rest on")
+
+
+def draw_sources(figure: Figure, panel: Any, fused: FusedMaplet) -> None:
+    """Draw what the heights of a fused maplet rest on."""
+    from matplotlib.colors import BoundaryNorm, ListedColormap  # noqa: PLC0415
+
+    half = (fused.grid.half_size + 0.5) * fused.grid.gsd
+    source = panel.imshow(
         fused.source.T,
         cmap=ListedColormap(SOURCE_COLOURS),
         norm=BoundaryNorm(np.arange(-0.5, 5.0), 5),
         extent=(-half, half, -half, half),
         interpolation="nearest",
     )
-    bar = _bar(figure, source, panels[2], "", ticks=range(5))
+    bar = bar_below(figure, source, panel, "", ticks=range(5))
     bar.ax.set_xticklabels(SOURCES)
-    panels[2].set_title("heights rest on")
 
 
-def _bar(figure: Figure, drawn: Any, panel: Any, label: str, **options: Any) -> Any:
+def bar_below(figure: Figure, drawn: Any, panel: Any, label: str, **options: Any) -> Any:
     """Draw a colour bar under a panel."""
     bar = figure.colorbar(drawn, ax=panel, location="bottom", shrink=0.9, aspect=24, **options)
     bar.set_label(label)
     return bar
 
 
-def _symmetric_limit(gaps: list[FloatArray]) -> float:
+def symmetric_limit(gaps: list[FloatArray]) -> float:
     """Return the 98th percentile of all absolute differences, a limit robust to outliers."""
     sizes = np.concatenate([np.abs(gap[np.isfinite(gap)]) for gap in gaps])
     return max(float(np.percentile(sizes, 98)), 1e-6) if sizes.size else 1.0
 
 
-def _statistics(panel: Any, gap: FloatArray) -> None:
+def write_statistics(panel: Any, gap: FloatArray) -> None:
     """Write mean and standard deviation into a difference panel."""
     known = gap[np.isfinite(gap)]
     text = "no common point"
@@ -154,7 +161,7 @@ def _statistics(panel: Any, gap: FloatArray) -> None:
     panel.text(0.03, 0.03, text, transform=panel.transAxes, fontsize=7.5, bbox=box, va="bottom")
 
 
-def _axes(panel: Any) -> None:
+def label_axes(panel: Any) -> None:
     """Label the axes of an image panel on the left and lower edges of the figure only."""
     place = panel.get_subplotspec()
     for spine in panel.spines.values():
@@ -166,7 +173,7 @@ def _axes(panel: Any) -> None:
     panel.tick_params(labelbottom=place.is_last_row(), labelleft=place.is_first_col())
 
 
-def _orientation(panel: Any, grid: MapletGrid) -> None:
+def north_and_scale(panel: Any, grid: MapletGrid) -> None:
     """Draw a north arrow and a scale bar."""
     half = (grid.half_size + 0.5) * grid.gsd
     box = {"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "boxstyle": "round,pad=0.2"}
@@ -181,14 +188,14 @@ def _orientation(panel: Any, grid: MapletGrid) -> None:
         panel.annotate("", tip, foot - 0.1 * half * north, arrowprops=arrow)
         at = foot - 0.24 * half * north
         panel.text(*at, "N", ha="center", va="center", fontsize=8, weight="bold", bbox=box)
-    length = _round_length(0.7 * half)
+    length = round_length(0.7 * half)
     left, low = -0.9 * half, -0.88 * half
     panel.plot([left, left + length], [low, low], color=INK, lw=5, solid_capstyle="butt")
     panel.plot([left, left + length], [low, low], color="white", lw=2.5, solid_capstyle="butt")
     panel.text(left, low + 0.07 * half, f"{length:g} m", fontsize=8, va="bottom", bbox=box)
 
 
-def _round_length(metres: float) -> float:
+def round_length(metres: float) -> float:
     """Return the largest 1, 2 or 5 times a power of ten below `metres`."""
     power = 10.0 ** np.floor(np.log10(metres))
     return float(max(step * power for step in (1, 2, 5) if step * power <= metres))

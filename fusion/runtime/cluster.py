@@ -87,7 +87,7 @@ class ClusterExecutor:
             raise
 
     def close(self) -> None:
-        """Leave the cluster; it goes on without this process."""
+        """Leave the cluster, which continues without this process."""
         self._client.close(timeout=1)
 
     def stream(
@@ -150,7 +150,7 @@ class ClusterExecutor:
         return result
 
     def _wait(self, future: Any) -> None:
-        """Wait until a result or an error is there, as long as the cluster is."""
+        """Wait for a result or an error, and check that the cluster is still there."""
         alone = None
         while not future.done():
             try:
@@ -305,7 +305,7 @@ def perform(payload: bytes, digest: str, item: Any) -> Any:
     if function is None:
         _unpacked.clear()
         function = _unpacked.setdefault(digest, cloudpickle.loads(payload))
-    # As on threads at home: the tasks are the parallelism, and BLAS must not add its own.
+    # As on threads: the tasks are the parallelism, and BLAS must not add its own.
     with one_blas_thread():
         return function(item)
 

@@ -23,7 +23,7 @@ AHEAD = 2
 # Between kernels a worker needs the interpreter for microseconds; by default Python lets a thread
 # keep it for five milliseconds.
 _SWITCH_S = 2e-4
-# More threads than any machine has cores only take memory: each holds returns of its own.
+# More threads than any machine has cores only take memory, as each has its own returns.
 _MOST_WORKERS = 1024
 
 

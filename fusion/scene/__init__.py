@@ -1,5 +1,7 @@
 """Data model of the fusion: the data around a maplet in a workspace."""
 
-import lazy_loader
+from fusion.scene.exposures import Exposures
+from fusion.scene.scene import LightSource, Scene
+from fusion.scene.surfaces import Reference, maplets_around, surface_reference
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["Exposures", "LightSource", "Reference", "Scene", "maplets_around", "surface_reference"]

@@ -31,7 +31,7 @@ from spcola.shape import RayCaster, shape_heights
 
 # A mapola whose grid points lie within this many cells of the maplet's: the result has its grid.
 _SAME_PLACE = 2.0
-# The information is one for the whole solution; at most this many maplets are compared for it.
+# Largest number of maplets compared for the errors of the whole solution.
 _SAMPLE = 24
 
 LightSource = Literal["auto", "images", "sun", "none"]
@@ -111,7 +111,7 @@ class Scene:
         )
 
     def comparison(self, name: str) -> Comparison | None:
-        """Lidar and SPC heights of the maplet `name`, aligned; None if there is no common point."""
+        """Lidar and SPC heights of the maplet `name`, aligned; None without a common point."""
         spc = self._spc(name)
         light = self._light(spc)
         lidar = lidar_constraints(spc.grid, self._candidates(self.near(name, spc.grid)))
@@ -121,12 +121,12 @@ class Scene:
         return Comparison(lidar.height, known.height, lidar.sigma, spc.grid.gsd, light, shape)
 
     def information(self, run: Run = map) -> SlopeInformation:
-        """Estimate how much slopes and heights contribute, from a sample of maplets.
+        """Estimate the errors of slopes and heights from a sample of maplets.
 
         Parameters
         ----------
         run : callable, optional
-            Does what `map` does; the program runs it on all cores.
+            A function like `map`; the program passes one that uses all cores.
         """
         sample = self.targets[:: max(1, -(-len(self.targets) // _SAMPLE))]
         compared = run(self.comparison, sample)

@@ -1,5 +1,7 @@
-"""The stages of the pipeline, in the order in which the data walk through them."""
+"""The stages of the pipeline, in the order in which data pass through them."""
 
-import lazy_loader
+from fusion.stages.compiling import compiling_ahead
+from fusion.stages.loading import load_stages
+from fusion.stages.running import import_scans, run_stages
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["compiling_ahead", "import_scans", "load_stages", "run_stages"]

@@ -107,7 +107,7 @@ class _Tally:
                 self.sources[source] += int(np.count_nonzero(maplet.source == source))
             if maplet.valid.any():
                 self.sigma.append(float(np.nanmedian(maplet.sigma)))
-            self.untied += [maplet.name] * result.untied
+            self.untied += [maplet.name] * result.parts_without_lidar
             self.misfits[maplet.name] = result.misfit
             self.downweighted += result.downweighted
             self.not_converged += not result.solution.converged

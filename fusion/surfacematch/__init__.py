@@ -1,5 +1,19 @@
 """Matches of two surfaces in three components."""
 
-import lazy_loader
+from fusion.surfacematch.displacing import BORDER, gauss_newton, spline_of
+from fusion.surfacematch.match import match_surfaces
+from fusion.surfacematch.values import Match, MatchOptions, Surface, judged_match, unmatched
+from fusion.surfacematch.weights import BEST_SHARE
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "BEST_SHARE",
+    "BORDER",
+    "Match",
+    "MatchOptions",
+    "Surface",
+    "gauss_newton",
+    "judged_match",
+    "match_surfaces",
+    "spline_of",
+    "unmatched",
+]

@@ -1,4 +1,4 @@
-"""What is matched, how, and what came out: two surfaces, options, a displacement."""
+"""Surfaces, options and results of a match."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from fusion.estimation.verdict import Cause
 from spcola.arrays import FloatArray
 from spcola.grids import MapletGrid
 
-# Fewer independent differences than twice the parameters of a match give no covariance.
+# Fewer independent differences than this (twice the parameters of a match) give no covariance.
 _MIN_PATCHES = 10.0
 
 
 @dataclass(frozen=True)
 class MatchOptions:
-    """How mapolas are matched.
+    """Options of the matching of mapolas.
 
     Parameters
     ----------
     capture_m : float
-        Largest horizontal displacement that is searched, metres.
+        Largest horizontal displacement of the search, metres.
     min_coverage : float
-        Smallest share of the grid that both surfaces must hold.
+        Smallest share of the grid on which both surfaces must have heights.
     min_correlation : float
         Smallest correlation of the two surfaces, planes removed, after the match.
     ambiguity : float
-        Another displacement that leaves less than this multiple of the difference's variance
-        makes the match ambiguous.
+        The match is ambiguous if another displacement leaves less than this multiple of the
+        smallest variance of the difference.
     max_iterations : int
-        Most Gauss–Newton steps.
+        Largest number of Gauss–Newton steps.
     """
 
     capture_m: float = 2.0
@@ -42,18 +42,18 @@ class MatchOptions:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Heights on a grid and what is known of their errors.
+    """Heights on a grid with their sigmas.
 
     Parameters
     ----------
     height : (N, N) ndarray
         Metres along the grid's Uz; NaN where unknown.
     sigma : (N, N) ndarray, optional
-        One standard deviation, metres; NaN or 0 where it is not known. Only how the sigmas of
-        points compare matters to a match: their size is judged by what is left.
+        One standard deviation, metres; NaN or 0 where it is not known. A match uses only their
+        ratios: their absolute size is estimated from the residuals.
     of_slopes : bool
-        Whether it is smooth because its slopes are, as those of maplets, or because its heights
-        are, as those of facets: a chord lies below a round body.
+        True if the slopes were smoothed (maplets), False if the heights were (facets of a shape: a
+        chord lies below a round body).
     """
 
     height: FloatArray
@@ -62,7 +62,7 @@ class Surface:
 
     @property
     def variance(self) -> FloatArray:
-        """Squared sigma (N, N), that of the middling point where it is not known; 0 if nowhere."""
+        """Squared sigma (N, N), m²; the median sigma where it is not known; 0 if known nowhere."""
         if self.sigma is None:
             return np.zeros(self.height.shape)
         known = np.isfinite(self.height) & (self.sigma > 0)
@@ -75,7 +75,7 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """Where the lidar surface has to move to lie on the SPC surface.
+    """Displacement of the lidar surface onto the SPC surface.
 
     Attributes
     ----------
@@ -85,12 +85,12 @@ class Match:
     displacement : (3,) ndarray
         d, body-fixed, metres: ``V + d`` is the centre in SPC coordinates. NaN if not matched.
     covariance : (3, 3) ndarray
-        Of d, square metres, from the match itself: the curvature of the misfit under the
-        spatial correlation that the remaining differences show.
+        Of d, square metres, from the match itself: the curvature of the misfit, given the spatial
+        correlation of the residuals.
     local : (3,) ndarray
         d along Ux, Uy, Uz.
     residual : (2q+1, 2q+1) ndarray
-        SPC minus moved lidar height less their plane, metres; NaN where not compared.
+        SPC minus moved lidar height minus a plane, metres; NaN where not compared.
     correlation, coverage : float
         Of the surfaces (planes removed) after the match; share of the grid compared.
     iterations : int
@@ -99,8 +99,8 @@ class Match:
     cause : Cause or None
         The code of the reason.
     at_lidar : bool
-        Whether the residual is at the grid points of the lidar, the SPC surface being displaced to
-        them, as the lidar has many gaps; else it is at those of the SPC surface.
+        Whether the SPC surface was displaced (the lidar has many gaps), so that `residual` refers
+        to the grid points of the lidar; otherwise it refers to those of the SPC surface.
     """
 
     name: str
@@ -122,13 +122,14 @@ class Match:
         return not self.reason
 
     def refused(self, cause: Cause, reason: str) -> Match:
-        """Return the match that must not be used, with the reason."""
+        """Return the match with a reason why it must not be used."""
         return replace(self, cause=cause, reason=reason)
 
     def on_one_grid(self, lidar: FloatArray, spc: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Heights (N, N) of lidar and SPC at the same ground, from those that were matched, metres.
+        """Return heights (N, N) of lidar and SPC at the same ground, metres.
 
-        Of the one that is not displaced as they are; of the other NaN where nothing was compared.
+        `lidar` and `spc` are the surfaces that were matched. The one that was not displaced is
+        returned unchanged; the other is NaN where nothing was compared.
         """
         return (lidar, lidar + self.residual) if self.at_lidar else (spc - self.residual, spc)
 
@@ -141,7 +142,7 @@ def judged_match(match: Match, options: MatchOptions, *, converged: bool, patche
     match : Match
     options : MatchOptions
     converged : bool
-        Whether its displacement did.
+        Whether the displacement converged.
     patches : float
         Number of independent residuals.
     """

@@ -1,5 +1,19 @@
 """Synthetic missions, and the assessment of models against their truth."""
 
-import lazy_loader
+from fusion.truth.demo import demonstrate, errors_table, recovery_table
+from fusion.truth.mission import make_mission
+from fusion.truth.planted import read_truth
+from fusion.truth.presets import PRESETS
+from fusion.truth.restoring import changed
+from fusion.truth.size import mission_size
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "PRESETS",
+    "changed",
+    "demonstrate",
+    "errors_table",
+    "make_mission",
+    "mission_size",
+    "read_truth",
+    "recovery_table",
+]

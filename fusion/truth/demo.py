@@ -69,8 +69,8 @@ def demonstrate(
 ) -> Demonstration:
     """Make a mission in `folder`, run all stages on it, and compare with what was planted.
 
-    A mission and a workspace that are there from the last time are used again; if the mission
-    has to be made anew, the workspace of the old one is removed.
+    An existing mission and workspace of an earlier demo are used again; if the mission has to
+    be made again, the workspace of the old one is removed.
 
     Raises
     ------
@@ -194,7 +194,7 @@ def _planted(mission: Path, settings: MissionSettings, progress: Progress) -> Pl
 
 
 def _remove(folder: Path) -> None:
-    """Remove a folder, if it is there."""
+    """Remove a folder, if it exists."""
     try:
         if folder.exists():
             shutil.rmtree(folder)

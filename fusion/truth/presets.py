@@ -78,7 +78,7 @@ class MissionSettings:
     spc : bool
         Whether there is an SPC solution, or its shape alone.
     images : bool
-        Whether images are rendered; without, the solution has their states all the same.
+        Whether images are rendered; the solution has their states in any case.
     """
 
     seed: int = 1

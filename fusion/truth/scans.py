@@ -59,7 +59,7 @@ def write_observations(
 
 
 def _write(work: Work, name: str, at: Pass | Track, errors: ScanErrors) -> None:
-    """Make and write one file, with random numbers of its own."""
+    """Make and write one file, with its own random numbers."""
     lidar, generator = work.settings.lidar, work.random(f"shots {name}")
     if isinstance(at, Pass):
         chunks = scan_chunks(work.body, at, settings=lidar, errors=errors, generator=generator)

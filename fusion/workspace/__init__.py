@@ -1,5 +1,21 @@
 """A workspace: the folder in which an SPC solution and lidar scans meet."""
 
-import lazy_loader
+from fusion.workspace.initialise import new_workspace
+from fusion.workspace.workspace import (
+    OWN_FOLDERS,
+    SETTINGS_FILE,
+    SPC_FOLDERS,
+    SPC_LISTS,
+    Workspace,
+    make_folder,
+)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "OWN_FOLDERS",
+    "SETTINGS_FILE",
+    "SPC_FOLDERS",
+    "SPC_LISTS",
+    "Workspace",
+    "make_folder",
+    "new_workspace",
+]

@@ -107,7 +107,7 @@ def spc_files(folder: Path) -> list[tuple[Path, str]]:
 def _link(source: Path, target: Path) -> None:
     """Link `target` to `source`, or copy if links cannot be made; an existing file is refused."""
     if target.exists() or target.is_symlink():
-        raise WorkspaceError("is there already", target, "take another folder for the workspace")
+        raise WorkspaceError("exists already", target, "choose another folder for the workspace")
     try:
         target.symlink_to(source.resolve())
     except OSError:

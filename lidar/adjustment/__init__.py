@@ -1,5 +1,25 @@
 """Adjustment of scans to each other where they overlap."""
 
-import lazy_loader
+from lidar.adjustment.adjustment import AdjustmentOptions, ScanAdjustment, adjust_scans, unadjusted
+from lidar.adjustment.nodes import ErrorSizes, Nodes
+from lidar.adjustment.overlaps import (
+    DEGREES,
+    OverlapEquations,
+    displacement_rows,
+    ground_shares,
+    overlap_equations,
+)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "DEGREES",
+    "AdjustmentOptions",
+    "ErrorSizes",
+    "Nodes",
+    "OverlapEquations",
+    "ScanAdjustment",
+    "adjust_scans",
+    "displacement_rows",
+    "ground_shares",
+    "overlap_equations",
+    "unadjusted",
+]

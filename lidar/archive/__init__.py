@@ -1,5 +1,5 @@
 """All returns of a workspace, read by place within bounded memory."""
 
-import lazy_loader
+from lidar.archive.store import ScanStore
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["ScanStore"]

@@ -1,5 +1,7 @@
 """Lidar files: recognised by their content, read in blocks."""
 
-import lazy_loader
+from lidar.formats.reader import open_lidar, read_scan
+from lidar.formats.recognition import recognise
+from lidar.formats.sample import ScanSample, read_sample
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["ScanSample", "open_lidar", "read_sample", "read_scan", "recognise"]

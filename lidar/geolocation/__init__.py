@@ -1,5 +1,31 @@
 """Location of returns on the body: trajectory, pointing, mirror and range offset."""
 
-import lazy_loader
+from lidar.geolocation.mirror import MirrorAngles
+from lidar.geolocation.placement import (
+    NO_TIME,
+    OUTSIDE,
+    OUTSIDE_KERNELS,
+    Geolocation,
+    find_geolocation,
+    geolocated,
+    geolocated_by,
+    scan_trajectory,
+    turn_of,
+)
+from lidar.geolocation.range_shift import RangeShift
+from lidar.geolocation.spice_trajectory import KernelPlace
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "NO_TIME",
+    "OUTSIDE",
+    "OUTSIDE_KERNELS",
+    "Geolocation",
+    "KernelPlace",
+    "MirrorAngles",
+    "RangeShift",
+    "find_geolocation",
+    "geolocated",
+    "geolocated_by",
+    "scan_trajectory",
+    "turn_of",
+]

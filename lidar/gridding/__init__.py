@@ -1,5 +1,19 @@
 """Returns to mapolas: cells, planes, outliers, uncertainty."""
 
-import lazy_loader
+from lidar.gridding.bigmap import LidarBigmapOptions, bigmap_from_returns
+from lidar.gridding.gridding import Gridding, GriddingOptions, grid_returns, make_mapola
+from lidar.gridding.mapola import Mapola
+from lidar.gridding.outliers import RejectionOptions
+from lidar.gridding.point_heights import at_grid_points
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "Gridding",
+    "GriddingOptions",
+    "LidarBigmapOptions",
+    "Mapola",
+    "RejectionOptions",
+    "at_grid_points",
+    "bigmap_from_returns",
+    "grid_returns",
+    "make_mapola",
+]

@@ -1,5 +1,8 @@
 """Scans, returns and arcs."""
 
-import lazy_loader
+from lidar.scans.arcs import Arcs
+from lidar.scans.returns import Returns
+from lidar.scans.scan import Scan, join
+from lidar.scans.scan_summary import ScanSummary
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["Arcs", "Returns", "Scan", "ScanSummary", "join"]

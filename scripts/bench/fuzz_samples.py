@@ -37,6 +37,7 @@ from lidar.formats import open_lidar, recognise
 from lidar.formats.missions import write_ola
 from lidar.formats.native import (
     ScanFile,
+    mapola_names,
     read_adjustment,
     read_mapola,
     scan_summary,
@@ -44,13 +45,16 @@ from lidar.formats.native import (
     write_mapolas,
     write_scan,
 )
-from lidar.formats.native.mapola import mapola_names
 from lidar.gridding import Mapola
 from lidar.scans import Scan
 from spcola.camera import Camera, SpcImage
 from spcola.control import Landmark
-from spcola.formats.images import read_image_data, write_fits_image, write_image_data
-from spcola.formats.images.fits import read_fits_image
+from spcola.formats.images import (
+    read_fits_image,
+    read_image_data,
+    write_fits_image,
+    write_image_data,
+)
 from spcola.formats.maplets import read_maplet, write_maplet
 from spcola.formats.shapes import read_shape, recognise_shape, write_icq, write_obj
 from spcola.formats.shapes.ply import write_ply_mesh
@@ -332,7 +336,7 @@ def _read_fused(path: Path) -> None:
 def _read_adjustment(path: Path) -> None:
     found = read_adjustment(path)
     shares = np.full((3, len(found)), 0.5)
-    ScanEffects.left_by(found, shares, POINTS[:3])
+    ScanEffects.of_adjustment(found, shares, POINTS[:3])
     str(found.suspects), found.sigma.sum()
 
 

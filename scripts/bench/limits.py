@@ -118,7 +118,7 @@ class Case:
         adjustment = self.workspace.adjustment()
         if scans and adjustment is not None:
             matrix = share_matrix(shares, adjustment.names)
-            effects = ScanEffects.left_by(adjustment, matrix, centers)
+            effects = ScanEffects.of_adjustment(adjustment, matrix, centers)
         else:
             names = sorted({name for share in shares for name in share})
             matrix = share_matrix(shares, names)

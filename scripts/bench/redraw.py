@@ -35,7 +35,7 @@ from fusion.estimation import influence
 from fusion.runtime import Progress, ThreadExecutor
 from fusion.scaling.fit import ScaleEstimate, estimate_scale
 from fusion.scaling.fit.groups import pointing_of_scans
-from fusion.scaling.fit.observation import PARAMETERS, everywhere
+from fusion.scaling.fit.observation import PARAMETERS, uniform_displacements
 from fusion.scaling.pairs import maplets_under, pair_observations
 from fusion.truth.generation import Site
 from fusion.truth.planted import Planted
@@ -86,7 +86,9 @@ class Redraws:
                 self.case.aside(seen), pointing_of_scans(seen), settings.lidar.pointing_sigma,
             ),
             "centres of maplets": (
-                centers, everywhere(maplets_under(self.made.pairs)), settings.solution.center_sigma,
+                centers,
+                uniform_displacements(maplets_under(self.made.pairs)),
+                settings.solution.center_sigma,
             ),
             "ranges of days": (self.case.longer(seen), np.zeros((len(seen), 3, 1)), 0.0),
         }  # fmt: skip
@@ -105,7 +107,7 @@ class Redraws:
         sources = (
             (self._state_partials(), settings.states.position_sigma),
             (pointing_of_scans(seen), settings.lidar.pointing_sigma),
-            (everywhere(maplets_under(self.made.pairs)), settings.solution.center_sigma),
+            (uniform_displacements(maplets_under(self.made.pairs)), settings.solution.center_sigma),
             (patterns, 1.0),
         )
         value = seen.design() @ self.true + self.case.longer(seen)
@@ -126,9 +128,9 @@ class Redraws:
 
     def _state_partials(self) -> FloatArray:
         """Return the partials (N, 3, 3 S) of observations by displacements of the states."""
-        leaning = self.observations.leaning
-        assert leaning is not None
-        return leaning
+        response = self.observations.response
+        assert response is not None
+        return response
 
     def _state_errors(self, workspace: Workspace) -> FloatArray:
         """Errors (S, 3) of the positions of a workspace's images, in order of time, metres."""

@@ -34,7 +34,7 @@ from fusion.scaling.pairs import (
     Pair,
     blur_of,
     pair_observations,
-    sharpened,
+    rematched,
 )
 from fusion.stages.scale.pairing import Pairing, pair_images
 from fusion.stages.scale.stage import STAGE
@@ -127,10 +127,10 @@ class Case:
             return replace(pair, spc=replace(pair.spc, height=height, sigma=sigma))
 
         pairs = [true(pair) for pair in made.pairs]
-        first = self.executor.map(lambda pair: sharpened(pair, made.options, blur_cells=0.0), pairs)
+        first = self.executor.map(lambda pair: rematched(pair, made.options, blur_cells=0.0), pairs)
         blur = float(np.nanmedian([blur_of(pair) for pair in first if isinstance(pair, Pair)]))
         again = self.executor.map(
-            lambda pair: sharpened(pair, made.options, blur_cells=blur), pairs
+            lambda pair: rematched(pair, made.options, blur_cells=blur), pairs
         )
         return [pair for pair in again if isinstance(pair, Pair)]
 
@@ -194,7 +194,7 @@ def observed(made: Pairing, pairs: list[Pair]) -> ScaleObservations:
 
 def less(observations: ScaleObservations, displaced: FloatArray) -> ScaleObservations:
     """Return the observations minus displacements (N, 3) of the lidar's surfaces, metres."""
-    return replace(observations, value=observations.value - observations.entering(displaced))
+    return replace(observations, value=observations.value - observations.as_observed(displaced))
 
 
 def shown(values: FloatArray) -> str:

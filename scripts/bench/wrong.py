@@ -36,7 +36,7 @@ WRONG = (
     "turn 5 y", "turn 10 random", "turn 37 random", "turn 133 random",
     "mirror x", "mirror z", "west", "axes YZX", "axes YXZ", "mirror z + turn 40 random",
     "unit 0.001", "unit 1000", "unit 0.3048", "points 1.01", "scale 1.05", "scale 0.8",
-    "cloud", "shuffle", "other", "sphere", "relief", "sign", "stray 0.7", "shift 5 0 0",
+    "cloud", "shuffle", "other", "sphere", "relief", "sign", "outliers 0.7", "shift 5 0 0",
     "half + turn 90 z",
 )  # fmt: skip
 """Alterations by `alter.py`."""

@@ -1,5 +1,24 @@
 """Cameras: from body-fixed points to pixels and back."""
 
-import lazy_loader
+from spcola.camera.camera import Camera
+from spcola.camera.distortion import COEFFICIENTS
+from spcola.camera.image import ImagePoint, SpcImage
+from spcola.camera.projection import (
+    partials_position,
+    partials_rotation,
+    project_image,
+    ray,
+    rotate_axes,
+)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "COEFFICIENTS",
+    "Camera",
+    "ImagePoint",
+    "SpcImage",
+    "partials_position",
+    "partials_rotation",
+    "project_image",
+    "ray",
+    "rotate_axes",
+]

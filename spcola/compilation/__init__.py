@@ -1,5 +1,15 @@
 """Compilation of numerical functions (Numba), its cache, and bands of rows for threads."""
 
-import lazy_loader
+from spcola.compilation.bands import Bands, usable_threads
+from spcola.compilation.cache import KernelCache, is_kept
+from spcola.compilation.decorators import compiled, compiled_inline, compiled_sums
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "Bands",
+    "KernelCache",
+    "compiled",
+    "compiled_inline",
+    "compiled_sums",
+    "is_kept",
+    "usable_threads",
+]

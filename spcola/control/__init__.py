@@ -1,5 +1,20 @@
 """Landmarks, and solutions of another scale."""
 
-import lazy_loader
+from spcola.control.landmark import Landmark, MapOverlap
+from spcola.control.scaled_solution import (
+    scaled_image,
+    scaled_landmark,
+    scaled_maplet,
+    scaled_nominal,
+    scaled_shape,
+)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "Landmark",
+    "MapOverlap",
+    "scaled_image",
+    "scaled_landmark",
+    "scaled_maplet",
+    "scaled_nominal",
+    "scaled_shape",
+]

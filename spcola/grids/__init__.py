@@ -1,5 +1,14 @@
 """Maplets and their grids: sampling, projection onto another grid, gaps."""
 
-import lazy_loader
+from spcola.grids.maplet import Maplet, MapletGrid, check_layer, overlaps
+from spcola.grids.regrid import ProjectedMaplet, project_maplet, project_window
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "Maplet",
+    "MapletGrid",
+    "ProjectedMaplet",
+    "check_layer",
+    "overlaps",
+    "project_maplet",
+    "project_window",
+]

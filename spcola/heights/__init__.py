@@ -1,5 +1,22 @@
 """Heights from slopes and constraints, and their uncertainty."""
 
-import lazy_loader
+from spcola.heights.means import MeanConstraints
+from spcola.heights.posterior import posterior_sigma
+from spcola.heights.problem import HeightProblem
+from spcola.heights.slopes import STEPS_ALIKE, slopes_of, steps_from_slopes
+from spcola.heights.smoothing import multiply
+from spcola.heights.solver import HeightSolution, HeightSystem, SolverOptions, solve_heights
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "STEPS_ALIKE",
+    "HeightProblem",
+    "HeightSolution",
+    "HeightSystem",
+    "MeanConstraints",
+    "SolverOptions",
+    "multiply",
+    "posterior_sigma",
+    "slopes_of",
+    "solve_heights",
+    "steps_from_slopes",
+]

@@ -1,5 +1,16 @@
 """Choice of images that show a maplet, and its place in them by matching."""
 
-import lazy_loader
+from spcola.imagematching.image_choice import ChoiceOptions, choose_images
+from spcola.imagematching.sighting import Sighting, SightOptions, agreeing, find_ground
+from spcola.imagematching.sighting_sizes import SizeFactors, estimate_factors
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "ChoiceOptions",
+    "SightOptions",
+    "Sighting",
+    "SizeFactors",
+    "agreeing",
+    "choose_images",
+    "estimate_factors",
+    "find_ground",
+]

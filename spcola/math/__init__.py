@@ -1,5 +1,6 @@
 """Transforms between frames, and lattices of directions."""
 
-import lazy_loader
+from spcola.math.lattices import lattice
+from spcola.math.similarity import Affine, Similarity
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["Affine", "Similarity", "lattice"]

@@ -1,5 +1,20 @@
 """Time, spin of the body, trajectories and nominal states."""
 
-import lazy_loader
+from spcola.navigation.nominal import NominalState
+from spcola.navigation.spin import DAYS_PER_CENTURY, SECONDS_PER_DAY, Spin, turned
+from spcola.navigation.time import SPICE_LOCK, et_from_utc, et_from_utcs, utc_from_et
+from spcola.navigation.trajectory import Offset, Trajectory
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "DAYS_PER_CENTURY",
+    "SECONDS_PER_DAY",
+    "SPICE_LOCK",
+    "NominalState",
+    "Offset",
+    "Spin",
+    "Trajectory",
+    "et_from_utc",
+    "et_from_utcs",
+    "turned",
+    "utc_from_et",
+]

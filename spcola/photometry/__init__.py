@@ -1,5 +1,19 @@
 """Light on a surface: photometric functions, shadows, rendering, slopes from images."""
 
-import lazy_loader
+from spcola.photometry.functions import PhotometricFunction, lunar_lambert, photometric_function
+from spcola.photometry.ortho_image import OrthoImage, ortho_rectify, view_of
+from spcola.photometry.photoclinometry import MOST_INCIDENCE, SlopeVariance, slope_variance
+from spcola.photometry.rendering import render
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "MOST_INCIDENCE",
+    "OrthoImage",
+    "PhotometricFunction",
+    "SlopeVariance",
+    "lunar_lambert",
+    "ortho_rectify",
+    "photometric_function",
+    "render",
+    "slope_variance",
+    "view_of",
+]

@@ -1,5 +1,9 @@
 """Shape models: meshes, rays cast on them, heights on a grid, coverage by maplets."""
 
-import lazy_loader
+from spcola.shape.maplet_cover import covering
+from spcola.shape.mesh import Mesh
+from spcola.shape.rays import Hits, RayCaster
+from spcola.shape.samples import sample_surface
+from spcola.shape.shape_grid import shape_heights
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["Hits", "Mesh", "RayCaster", "covering", "sample_surface", "shape_heights"]

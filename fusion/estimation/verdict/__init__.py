@@ -1,5 +1,13 @@
 """Verdicts on results: accepted, doubtful, refused, with coded reasons."""
 
-import lazy_loader
+from fusion.estimation.verdict.verdict import (
+    JUDGEMENTS,
+    Cause,
+    Code,
+    Finding,
+    Severity,
+    Verdict,
+    verdict_lines,
+)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["JUDGEMENTS", "Cause", "Code", "Finding", "Severity", "Verdict", "verdict_lines"]

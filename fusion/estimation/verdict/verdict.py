@@ -21,12 +21,12 @@ class Severity(StrEnum):
 
 
 class CodedText(StrEnum):
-    """A code, as other programs read it, with what it means."""
+    """A code for other programs, with its meaning as text."""
 
     meaning: str
 
     def __new__(cls, code: str, meaning: str = "") -> Self:
-        """Make the member whose value is `code`."""
+        """Return the member with the value `code`."""
         member = str.__new__(cls, code)
         member._value_, member.meaning = code, meaning
         return member
@@ -59,10 +59,10 @@ class Code(CodedText):
         "centers-disagree",
         "centres of maplets are off by more than their stated sigmas",
     )
-    LARGE_SCALE = "large-scale", "the scale lies beyond what two solutions of one body differ by"
+    LARGE_SCALE = "large-scale", "the scale is larger than plausible for two solutions of one body"
     LARGE_ROTATION = (
         "large-rotation",
-        "the rotation lies beyond what two solutions of one body differ by",
+        "the rotation is larger than plausible for two solutions of one body",
     )
     STRAIN = "strain", "lidar and SPC differ by a shear or a non-uniform scale"
     NOT_CONVERGED = "not-converged", "the fit did not converge"
@@ -81,21 +81,21 @@ class Code(CodedText):
     SCALE_NOT_CONVERGED = "scale-not-converged", "the fit of the scale did not converge"
     SHOTS_FIT_ELSEWHERE = (
         "shots-fit-elsewhere",
-        "shots fit the shape better turned or mirrored than as they are",
+        "shots fit the shape better rotated or mirrored than as they are",
     )
     SHOTS_FIT_BY_CHANCE = (
         "shots-fit-by-chance",
-        "shots fit the shape as well at a place that is a wrong one",
+        "shots fit the shape equally well at a wrong place",
     )
     SCANS_FIT_ELSEWHERE = (
         "scans-fit-elsewhere",
-        "scans fit the shape better turned or mirrored, each on its own",
+        "single scans fit the shape better rotated or mirrored",
     )
     SCANS_DISAGREE = (
         "scans-disagree",
         "scans over the same ground differ by more than shots of one scan do",
     )
-    SHOTS_MISS_SHAPE = "shots-miss-shape", "many shots do not meet the shape"
+    SHOTS_MISS_SHAPE = "shots-miss-shape", "many shots miss the shape"
     SCATTER_TOO_LARGE = "scatter-too-large", "residuals scatter far more than their stated sigmas"
     PAIRS_NOT_MATCHED = "pairs-not-matched", "the surfaces of many pairs could not be matched"
     MANY_REJECTED = "many-rejected", "many pairs or shots disagree with the rest"
@@ -133,23 +133,23 @@ class Code(CodedText):
 
 
 class Cause(CodedText):
-    """Codes of why a mapola or the pair of an image is not used."""
+    """Codes of the reasons why a mapola or the pair of an image is not used."""
 
-    NOT_COVERED = "not-covered", "both surfaces share too little of the grid"
+    NOT_COVERED = "not-covered", "both surfaces have too little of the grid in common"
     CAPTURE_RANGE = (
         "capture-range",
         "the best match lies at the edge of the capture range",
     )
     NO_RELIEF = "no-relief", "the terrain has too little relief for a match"
-    AMBIGUOUS = "ambiguous", "two displacements fit alike"
+    AMBIGUOUS = "ambiguous", "two displacements fit equally well"
     NOT_CONVERGED = "not-converged", "the displacement did not converge"
     FEW_INDEPENDENT = "few-independent", "too few of the differences are independent"
     UNCORRELATED = "uncorrelated", "the surfaces hardly correlate"
-    NOT_IN_IMAGES = "not-in-images", "images do not give the place"
+    NOT_IN_IMAGES = "not-in-images", "images do not determine the position"
     TYPES_DISAGREE = "types-disagree", "topography and images contradict each other"
     OUTLIER = "outlier", "disagrees with the others"
     NO_TRANSFORM = "no-transform", "there is no transform"
-    NO_DATA = "no-data", "no scan, return or maplet is there"
+    NO_DATA = "no-data", "there is no scan, return or maplet"
     OUTSIDE_STATES = "outside-states", "the states of the images do not locate the scan"
     OFF_BODY = "off-body", "the central pixel misses the body"
     OBLIQUE = "oblique", "emission or incidence is too large"

@@ -1,5 +1,15 @@
 """Fused maplets and bigmaps, and their files."""
 
-import lazy_loader
+from fusion.fusing.maplets.bigmap import fused_bigmap
+from fusion.fusing.maplets.maplet import FusedMaplet, Source
+from fusion.fusing.maplets.store import FUSED_HDF5, fused_names, read_fused, write_fused
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "FUSED_HDF5",
+    "FusedMaplet",
+    "Source",
+    "fused_bigmap",
+    "fused_names",
+    "read_fused",
+    "write_fused",
+]

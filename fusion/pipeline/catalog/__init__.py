@@ -1,5 +1,16 @@
 """Catalogue of artefacts: what they were made from, and whether maplets are sound."""
 
-import lazy_loader
+from fusion.pipeline.catalog.catalog import Catalog
+from fusion.pipeline.catalog.digests import FileDigests, file_digest
+from fusion.pipeline.catalog.records import content_digest, read_record, read_records
+from fusion.pipeline.catalog.soundness import unsound
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "Catalog",
+    "FileDigests",
+    "content_digest",
+    "file_digest",
+    "read_record",
+    "read_records",
+    "unsound",
+]

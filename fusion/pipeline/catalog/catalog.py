@@ -43,7 +43,7 @@ _OUTSIDE = ("BUSY", "LOCKED", "CANTOPEN", "PERM", "FULL", "NOMEM", "AUTH", "IOER
 class Catalog:
     """An index over the records of ``provenance/``, with a cache of file digests.
 
-    The records are files of their own, one for each stage; the data base speeds up look-ups and has
+    The records are separate files, one for each stage; the data base speeds up look-ups and has
     a second copy of them. If it is deleted or damaged, it is rebuilt from the records, and digests
     are computed again. Each row has a checksum; a row that fails it is ignored.
 

@@ -1,5 +1,16 @@
 """FITS, GeoTIFF, OBJ and PLY of fused surfaces."""
 
-import lazy_loader
+from fusion.products.formats.fits import read_fits_dtm, write_fits_dtm
+from fusion.products.formats.geotiff import read_geotiff, write_geotiff
+from fusion.products.formats.surface import is_surface, read_surface, write_obj, write_ply
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "is_surface",
+    "read_fits_dtm",
+    "read_geotiff",
+    "read_surface",
+    "write_fits_dtm",
+    "write_geotiff",
+    "write_obj",
+    "write_ply",
+]

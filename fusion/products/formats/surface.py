@@ -28,6 +28,8 @@ from spcola.formats.text import KM, read_bytes
 from spcola.grids import Maplet, MapletGrid
 
 _FRAME = "spcola frame "
+# The comments with the frame and the provenance are shorter than this, bytes.
+_HEAD = 1 << 16
 _PROVENANCE = "spcola provenance "
 _TYPES = {"height": "<f8", "sigma": "<f8", "albedo": "<f8", "count": "<i4", "source": "u1"}
 _PLY_NAMES = {"<f8": "double", "<i4": "int", "u1": "uchar"}
@@ -119,6 +121,11 @@ def write_obj(path: str | Path, maplet: Maplet, provenance: Provenance) -> None:
         lines.append(f"v {x:.12f} {y:.12f} {z:.12f}\n#p {m} {n} {' '.join(map(repr, values))}")
     lines += [f"f {a} {b} {c}" for a, b, c in facets.tolist()]
     atomic.write_bytes(path, ("\n".join(lines) + "\n").encode("utf-8"))
+
+
+def is_surface(path: str | Path) -> bool:
+    """Tell whether an OBJ or PLY holds the frame of a maplet: whether it was written here."""
+    return _FRAME.encode() in read_bytes(path, most=_HEAD)
 
 
 def read_surface(path: str | Path) -> Maplet:

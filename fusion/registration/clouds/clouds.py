@@ -33,7 +33,7 @@ from fusion.registration.returns.equations import (
     SurfacePair,
     pair_equations,
 )
-from spcola.arrays import FloatArray, check_finite, check_shape
+from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.grids import MapletGrid
 from spcola.grids.gaps import filled
@@ -43,12 +43,18 @@ from spcola.math.robust import huber_weight, mad
 
 # Grids on the way to the finest one, in its steps.
 _COARSER = (4.0, 2.0, 1.0)
+# Half the cells along a side that a coarser grid must have.
+_LEAST_HALF = 8
 # Whole steps of the search over the capture range.
 _SEARCH = 10
 # A level is left when the transform moves the ground by less than this share of a step.
 _STILL = 2e-4
+# Or by less than this share of its sigmas.
+_SMALL = 0.05
 # Share of the ground around a point that must be there where one surface is smoothed.
 _WHOLE = 0.98
+# Cells at the rim of the ground that both have which do not count.
+_RIM = 2
 # Gaussian, steps, under which half of the points leave hardly a gap.
 _HALF_SMOOTH = 0.7
 # Cells along a side on which the relief of two clouds is compared, and how far around.
@@ -125,9 +131,11 @@ def register_clouds(
     grid = _grid_over(fixed, len(moving), options.gsd_m)
     transform = _searched(moving, fixed, grid, options)
     for coarser in _COARSER:
+        if coarser > _COARSER[-1] and grid.half_size < coarser * _LEAST_HALF:
+            continue
         # A cell of a coarser grid holds more points than it takes to come nearer.
         some, others = (np.ascontiguousarray(each[:: int(coarser)]) for each in (moving, fixed))
-        level = _Level(some, others, grid.with_gsd(coarser * grid.gsd), options)
+        level = _Level(some, others, grid.with_gsd(coarser * grid.gsd), options, transform)
         state = level.settled(transform, finest=coarser == _COARSER[-1])
         transform = state.transform
     found = level.result(state)
@@ -199,8 +207,10 @@ def _searched(
     if not np.isfinite(variance).any():
         raise NotObservableError("the clouds hardly overlap", do="raise the capture range")
     row, column = np.unravel_index(int(np.nanargmin(variance)), variance.shape)
-    across = np.array([int(column) - reach, int(row) - reach]) * wide.gsd
-    up = float(np.nanmedian(two) - np.nanmedian(one))
+    steps = int(row) - reach, int(column) - reach
+    across = np.array(steps[::-1]) * wide.gsd
+    # Of the ground that both have there: one may reach further than the other.
+    up = float(np.nanmedian(two - ndimage.shift(one, steps, order=0, cval=np.nan)))
     return replace(none, translation=np.array([*across, up]) @ wide.axes)
 
 
@@ -220,7 +230,12 @@ class _Level:
     """Both clouds on one grid, and the steps of the transform there."""
 
     def __init__(
-        self, moving: FloatArray, fixed: FloatArray, grid: MapletGrid, options: CloudOptions
+        self,
+        moving: FloatArray,
+        fixed: FloatArray,
+        grid: MapletGrid,
+        options: CloudOptions,
+        start: Affine,
     ) -> None:
         self.moving, self.still, self.grid, self.options = moving, fixed, grid, options
         self.names = PARAMETERS[options.model]
@@ -228,7 +243,10 @@ class _Level:
         self.slopes = np.zeros((2, *grid.shape))
         self.fixed = grid_cloud(fixed, grid, self.here)
         height = self._surface(self.fixed, 0.0)[0]
-        self.limit = options.reject * _scatter(fixed, grid, height)
+        # A fixed cloud with hardly a point in a cell has no scatter of its own there; what the
+        # moving one has about it must not be taken for outliers.
+        scatter = max(_scatter(each, grid, height) for each in (fixed, start.apply(moving)))
+        self.limit = options.reject * scatter
         self.expected = height
         self.fixed = self._gridded(fixed, self.here)
         self._slopes_of(self._surface(self.fixed, 0.0)[0])
@@ -243,6 +261,8 @@ class _Level:
         # The middling distance from the centre: a turn or stretch by 1/reach moves that by 1 m.
         reach = self.grid.half_size * self.grid.gsd / np.sqrt(1.5)
         natural = natural_sizes(self.names, reach)
+        last: FloatArray = np.zeros(len(self.names))
+        damping = 1.0
         while not settled and iterations < self.options.max_iterations:
             iterations += 1
             cloud = self._gridded(self.moving, transform)
@@ -251,9 +271,16 @@ class _Level:
                 pair, self.grid, transform, center, size=len(self.names), block=clusters.block
             )
             step = found.solve(self.names, natural)
-            transform = updated_transform(transform, step, self.options.model, center)
+            # Noise in the slopes makes steps too long: those that turn back are made shorter.
+            damping *= 0.5 if (step / natural) @ (last / natural) < 0.0 else 1.0
+            last = step
+            transform = updated_transform(transform, damping * step, self.options.model, center)
             moved = float(np.max(np.abs(step) / natural)) / self.grid.gsd
             settled = moved < (_STILL if finest else 0.1)
+            if finest and clusters.inside < 1.0:
+                # Points that pass from cell to cell may keep a transform in motion for ever.
+                spread = np.sqrt(np.diag(found.covariance(clusters.inside)))
+                settled |= bool(np.all(np.abs(step) < _SMALL * spread))
             if finest and clusters.inside == 1.0:
                 area = np.isfinite(difference).sum() / independent_patches(difference)
                 clusters = Clusters.of(area, self.grid.size, len(self.names))
@@ -308,6 +335,7 @@ class _Level:
                 np.isfinite(difference).astype(np.float64), abs(blur), mode="constant"
             )
             weight = np.where(rim > _WHOLE, weight, 0.0)
+        weight = np.where(_inside_rim(np.isfinite(difference)), weight, 0.0)
         robust = huber_weight(standard / max(float(mad(standard[::3, ::3])), 1e-12), k=2.0)
         return SurfacePair(fixed, moving, weight, robust), difference
 
@@ -323,9 +351,21 @@ class _Level:
         return one.surface(flat, flat, _HALF_SMOOTH)[0], two.surface(flat, flat, _HALF_SMOOTH)[0]
 
 
+def _inside_rim(known: BoolArray) -> BoolArray:
+    """Mask (N, N) of known cells away from the rim, where cells are filled in part.
+
+    That bends heights on slopes, and the scale with them. Tracks a few cells wide are all rim: they
+    are kept whole.
+    """
+    whole = ndimage.binary_fill_holes(known)
+    inner: BoolArray = known & ndimage.binary_erosion(whole, iterations=_RIM)
+    return inner if 2 * np.count_nonzero(inner) > np.count_nonzero(known) else known
+
+
 def _scatter(points: FloatArray, grid: MapletGrid, height: FloatArray) -> float:
     """Robust standard deviation of points about a surface on a grid, metres."""
     x, y, z = grid.project(points[:: max(1, len(points) // _SAMPLE)])
     half = grid.half_size
-    column, row = (np.clip(np.rint(at).astype(np.int64) + half, 0, 2 * half) for at in (x, y))
-    return max(float(mad(z - height[row, column])), 1e-9)
+    column, row = (np.rint(at).astype(np.int64) + half for at in (x, y))
+    inside = (np.minimum(column, row) >= 0) & (np.maximum(column, row) <= 2 * half)
+    return max(float(mad(z[inside] - height[row[inside], column[inside]])), 1e-9)

@@ -1,5 +1,29 @@
 """The transform from matches: rigid, similarity, affine; covariance and stability."""
 
-import lazy_loader
+from fusion.registration.fit.fit import (
+    PARAMETERS,
+    FitOptions,
+    Model,
+    Registration,
+    about_origin,
+    natural_sizes,
+    similarity_numbers,
+    transform_partials,
+    updated_transform,
+)
+from fusion.registration.fit.known import KnownTransform
+from fusion.registration.fit.landmarks import LandmarkErrors
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "PARAMETERS",
+    "FitOptions",
+    "KnownTransform",
+    "LandmarkErrors",
+    "Model",
+    "Registration",
+    "about_origin",
+    "natural_sizes",
+    "similarity_numbers",
+    "transform_partials",
+    "updated_transform",
+]

@@ -31,7 +31,7 @@ class KnownTransform:
     model : {"rigid", "similarity", "affine"}
     transform : Affine
     covariance : (P, P) ndarray
-        In the order of :data:`fusion.registration.fit.fit.PARAMETERS`; metres, radians, none.
+        In the order of :data:`fusion.registration.fit.PARAMETERS`; metres, radians, none.
 
     Raises
     ------

@@ -1,5 +1,18 @@
 """Observation types: mapolas against maplets, images, landmarks; their combination."""
 
-import lazy_loader
+from fusion.registration.observations.by_images import ImagedMapolas, place_mapolas
+from fusion.registration.observations.image_registration import (
+    ObservationTypes,
+    fit_mapolas,
+    image_registration_json,
+    register_with_images,
+)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "ImagedMapolas",
+    "ObservationTypes",
+    "fit_mapolas",
+    "image_registration_json",
+    "place_mapolas",
+    "register_with_images",
+]

@@ -28,7 +28,7 @@ ObservationTypes = Literal["images", "both"]
 # If the errors of landmarks are modelled, the prior of the remaining independent error is this
 # share of the error of a maplet's centre.
 _LEFT = 0.1
-# Reported for each observation type.
+# Numbers reported for each observation type.
 _OF_A_TYPE = ("displacement_m", "sigma_m", "residual_m", "used", "reason", "cause", "correlation")
 
 

@@ -1,5 +1,28 @@
 """The content of registration.json, and registrations that are given."""
 
-import lazy_loader
+from fusion.registration.results.apply import GivenRegistration, applied_json, given_registration
+from fusion.registration.results.scans import ScanEffects, share_matrix
+from fusion.registration.results.summary import (
+    DISAGREES,
+    MatchedMapolas,
+    Placement,
+    placements_of,
+    registration_json,
+    scale_influence,
+    transform_of,
+)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "DISAGREES",
+    "GivenRegistration",
+    "MatchedMapolas",
+    "Placement",
+    "ScanEffects",
+    "applied_json",
+    "given_registration",
+    "placements_of",
+    "registration_json",
+    "scale_influence",
+    "share_matrix",
+    "transform_of",
+]

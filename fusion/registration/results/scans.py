@@ -52,7 +52,7 @@ class ScanEffects:
         return cls(tuple(names), np.zeros((len(names), 3)), modes.reshape(6 * len(names), columns))
 
     @classmethod
-    def left_by(
+    def of_adjustment(
         cls, adjustment: ScanAdjustment, shares: FloatArray, points: FloatArray
     ) -> ScanEffects:
         """Return the errors that an adjustment leaves, as patterns that displace the mapolas.

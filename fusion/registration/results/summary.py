@@ -192,7 +192,7 @@ def per_mapola_json(mapolas: MatchedMapolas, placed: Placed) -> list[dict[str, A
 
 
 def _left_out(match: Match, used: bool) -> dict[str, Any]:
-    """Return why a match is not used, in words and as a code: empty and null if it is."""
+    """Return the reason why a match is not used, as text and code; empty and null if it is."""
     if used or match.reason:
         return {"reason": match.reason, "cause": match.cause}
     return {"reason": DISAGREES, "cause": Cause.OUTLIER}

@@ -30,8 +30,8 @@ from spcola.math.robust import huber_scores, huber_weight, mad
 
 # Displacements further apart than this, cells, count as different solutions.
 _APART = 3.0
-# A displacement is found when a step is shorter than this, cells, or than that share of its sigma:
-# returns that change cells with every step keep the last digits moving.
+# Convergence: a step shorter than this, cells, or than this share of its sigma. Returns that change
+# cells with every step make the last digits vary.
 _STILL, _STILL_SIGMAS = 1e-3, 0.05
 # Smallest share of common relief in the squared slopes; below it noise dominates the match.
 _LEAST_COMMON = 0.1
@@ -66,7 +66,7 @@ def match_returns(
     here = height_of_returns(returns, fixed, _shift(fixed, np.zeros(3)))
     both = float(np.mean(np.isfinite(here.height)))
     if both < options.min_coverage:
-        few = f"returns and surface share only {both:.0%} of it"
+        few = f"the returns cover only {both:.0%} of the surface"
         return unmatched(name, fixed.grid, both, Cause.NOT_COVERED, few)
     starts = _searched(here.height, fixed, relative_weight(here, fixed.surface), options)
     if not starts:
@@ -78,8 +78,8 @@ def match_returns(
         return unmatched(name, fixed.grid, both, Cause.NO_RELIEF, Cause.NO_RELIEF.meaning)
     for other in found[1:]:
         if other is not None and _rivals(other, best, fixed.grid.gsd, options):
-            alike = "two displacements fit alike (flat or periodic terrain)"
-            return unmatched(name, fixed.grid, both, Cause.AMBIGUOUS, alike)
+            flat = f"{Cause.AMBIGUOUS.meaning} (flat or periodic terrain)"
+            return unmatched(name, fixed.grid, both, Cause.AMBIGUOUS, flat)
     return _judged(name, fixed, best, options)
 
 

@@ -1,5 +1,16 @@
 """Search over all orientations, mirror images and units, for lidar in another frame."""
 
-import lazy_loader
+from fusion.registration.search.closest import Placement, PointSurface, fit_placement
+from fusion.registration.search.directions import cells_of
+from fusion.registration.search.frame_texts import UNITS
+from fusion.registration.search.search import FrameSearch, search_frames
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "UNITS",
+    "FrameSearch",
+    "Placement",
+    "PointSurface",
+    "cells_of",
+    "fit_placement",
+    "search_frames",
+]

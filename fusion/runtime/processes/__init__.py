@@ -1,4 +1,4 @@
-"""Interrupts, locks, and processes whose limits are kept."""
+"""Interrupts, locks, and child processes with limits."""
 
 import lazy_loader
 

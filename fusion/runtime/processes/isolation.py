@@ -1,4 +1,4 @@
-"""Commands that read foreign files, in a process of their own with limits.
+"""Commands that read foreign files, in a separate process with limits.
 
 Readers bound their work by a file's length, but libraries for HDF5, LAZ or SPICE are native code:
 a malicious file may crash their process, hang it, or fill the memory. So the whole command runs
@@ -77,7 +77,7 @@ def isolated(arguments: Sequence[str], limits: Limits, *folder: Path) -> int:
     before = _parts(folder)
     errors = None if sys.stderr.isatty() else tempfile.TemporaryFile()  # noqa: SIM115 (closed below)
     environment = {**os.environ, LIMITS_VARIABLE: f"{limits.memory_mb} {limits.seconds:.0f}"}
-    # A session of its own: Ctrl-C at the terminal comes to this process, which passes it on once.
+    # A new session: Ctrl-C at the terminal reaches this process only, which passes it on once.
     child = subprocess.Popen(
         [sys.executable, "-m", "fusion.cli", *arguments],
         stderr=errors,

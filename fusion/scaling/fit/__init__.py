@@ -1,5 +1,6 @@
 """The joint estimate of scale, centre, rotation and range bias."""
 
-import lazy_loader
+from fusion.scaling.fit.joint import ScaleEstimate, ScaleOptions, estimate_scale
+from fusion.scaling.fit.observation import Trajectory
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["ScaleEstimate", "ScaleOptions", "Trajectory", "estimate_scale"]

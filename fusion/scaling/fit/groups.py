@@ -58,9 +58,9 @@ class ErrorGroups:
             ),
         )
 
-    def entering(self, observations: ScaleObservations) -> tuple[FloatArray, ...]:
+    def as_observed(self, observations: ScaleObservations) -> tuple[FloatArray, ...]:
         """Effect on the observations: three (N, D, R_g) ndarrays."""
-        return tuple(observations.entering(group) for group in self.displaced)
+        return tuple(observations.as_observed(group) for group in self.displaced)
 
     def in_range(self, observations: ScaleObservations) -> tuple[FloatArray, ...]:
         """Effect on ranges: three (N, 1, R_g) ndarrays, metres."""

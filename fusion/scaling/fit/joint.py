@@ -211,7 +211,7 @@ def _fit(
         observations.value,
         observations.design(),
         observations.covariance,
-        groups.entering(observations),
+        groups.as_observed(observations),
     )
     return groups, equations, fit_mixed(equations, mixed)
 

@@ -125,7 +125,7 @@ class ScaleObservations:
         sources = self.shares.any(axis=0)
         if self.response is not None:
             return self.response[:, :, np.repeat(sources, 3)]
-        return everywhere(self.shares[:, sources])
+        return uniform_displacements(self.shares[:, sources])
 
     @property
     def longitude(self) -> FloatArray:
@@ -161,7 +161,7 @@ class ScaleObservations:
         displacement = np.concatenate(
             [arm[:, :, None], center, turning, self.beam[:, :, None]], axis=2
         )
-        return self.entering(displacement)
+        return self.as_observed(displacement)
 
     @property
     def sight(self) -> FloatArray:
@@ -173,7 +173,7 @@ class ScaleObservations:
         matched = self.kind == "pairs" and self.trajectory == "spc"
         return self.beam if matched else self.along_range
 
-    def entering(self, displaced: FloatArray) -> FloatArray:
+    def as_observed(self, displaced: FloatArray) -> FloatArray:
         """Convert displacements (N, 3, …) of the surfaces to changes of observations (N, D, …).
 
         A pair observes all three components, a shot the change of its range.
@@ -209,6 +209,6 @@ class ScaleObservations:
         return self.in_range(self.value) / gain, np.sqrt(self.range_variance) / np.abs(gain)
 
 
-def everywhere(shares: FloatArray) -> FloatArray:
+def uniform_displacements(shares: FloatArray) -> FloatArray:
     """Displacements (N, 3, 3 S) by sources with `shares` (N, S), the same in all directions."""
     return np.einsum("ns,di->ndsi", shares, np.eye(3)).reshape(len(shares), 3, -1)

@@ -1,5 +1,23 @@
 """Geometry of the scale: frames of images, placement of the lidar, shared errors of pairs."""
 
-import lazy_loader
+from fusion.scaling.geometry.frames import (
+    LeftOut,
+    PairFrame,
+    PairOptions,
+    frame_of_image,
+    pair_size,
+    seen_from,
+)
+from fusion.scaling.geometry.placing import LidarPlacement
+from fusion.scaling.geometry.sharing import maplet_shares
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "LeftOut",
+    "LidarPlacement",
+    "PairFrame",
+    "PairOptions",
+    "frame_of_image",
+    "maplet_shares",
+    "pair_size",
+    "seen_from",
+]

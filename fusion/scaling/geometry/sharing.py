@@ -8,7 +8,7 @@ import numpy as np
 
 from spcola.arrays import FloatArray
 from spcola.grids import Maplet, MapletGrid
-from spcola.math.statistics import own_share, patterns_of, strongest
+from spcola.math.statistics import own_share, patterns_of
 
 # Patterns that displace the observations by less than this (root of the sum of squares, metres) are
 # negligible compared with the error of one pair.
@@ -83,8 +83,12 @@ def patterns(displaced: FloatArray, size: float = 1.0) -> FloatArray:
     (N, 3, K) ndarray
         Displacements by K ≤ R patterns, negligible ones left out.
     """
-    least = _LEAST_M / size if size > 0 else np.inf
-    return strongest(displaced, least=least)[0]
+    # Not by `strongest`: its rounding moves the sizes of errors that are sought with the patterns,
+    # and through them the residuals of pairs by micrometres.
+    rows = displaced.reshape(3 * len(displaced), -1)
+    left, strength, _ = np.linalg.svd(rows, full_matrices=False)
+    kept = strength * size > _LEAST_M
+    return (left[:, kept] * strength[kept]).reshape(len(displaced), 3, -1)
 
 
 def shared_matches(common: FloatArray, covariances: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,5 +1,26 @@
 """Acceptance tests of a scale, and its agreement with the registration."""
 
-import lazy_loader
+from fusion.scaling.judging.agreement import consistency, shared_by_maplets
+from fusion.scaling.judging.findings import (
+    consistency_findings,
+    expected_scatter,
+    missed_findings,
+    place_findings,
+    scale_findings,
+    scan_findings,
+    unmatched_findings,
+    unobserved_findings,
+)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "consistency",
+    "consistency_findings",
+    "expected_scatter",
+    "missed_findings",
+    "place_findings",
+    "scale_findings",
+    "scan_findings",
+    "shared_by_maplets",
+    "unmatched_findings",
+    "unobserved_findings",
+]

@@ -46,7 +46,8 @@ CHANCE = 1e-4
 MOVED = 0.3
 """Largest change, in sigmas, in the last round of an estimate that has not converged."""
 
-# A scatter of more than this many times the expected one is noted, and requires relief.
+# A scatter of more than this many times the expected one is noted; with a smaller one a fit as good
+# as at wrong places is only noted.
 _EXPECTED = 3.0
 # Number of scans named in a finding.
 _NAMED = 3

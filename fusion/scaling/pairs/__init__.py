@@ -1,5 +1,24 @@
 """Pairs of SPC and lidar bigmaps at the ground of each image."""
 
-import lazy_loader
+from fusion.scaling.pairs.pairs import (
+    Pair,
+    Sources,
+    blur_of,
+    make_pair,
+    maplets_under,
+    pair_observations,
+    rematched,
+)
+from fusion.scaling.pairs.response import cell_means, match_response
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "Pair",
+    "Sources",
+    "blur_of",
+    "cell_means",
+    "make_pair",
+    "maplets_under",
+    "match_response",
+    "pair_observations",
+    "rematched",
+]

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from fusion.estimation.verdict import Cause
-from fusion.scaling.fit.observation import ScaleObservations, Trajectory, everywhere
+from fusion.scaling.fit.observation import ScaleObservations, Trajectory, uniform_displacements
 from fusion.scaling.geometry.frames import LeftOut, PairFrame, PairOptions
 from fusion.scaling.geometry.sharing import ground_in_common, patterns, shared_matches
 from fusion.scaling.shots.shots import utc_date
@@ -99,7 +99,7 @@ def make_pair(
     return _judged(frame, spc, lidar, sources, options, 0.0)
 
 
-def sharpened(pair: Pair, options: PairOptions, *, blur_cells: float) -> Pair | LeftOut:
+def rematched(pair: Pair, options: PairOptions, *, blur_cells: float) -> Pair | LeftOut:
     """Match the bigmaps of a pair again, at a common resolution."""
     return _judged(pair.frame, pair.spc, pair.lidar, pair.sources, options, blur_cells)
 
@@ -187,5 +187,5 @@ def _of_ground(
     matches, own = shared_matches(ground_in_common([pair.frame.grid for pair in pairs]), covariance)
     if center_sigma is None:
         return matches, own
-    maplets = patterns(everywhere(maplets_under(pairs) * center_sigma))
+    maplets = patterns(uniform_displacements(maplets_under(pairs) * center_sigma))
     return np.concatenate([maplets, matches], axis=2), own

@@ -1,5 +1,7 @@
 """Tests whether shots fit better at wrong places, and whether scans agree."""
 
-import lazy_loader
+from fusion.scaling.places.crossings import compare_crossings
+from fusion.scaling.places.places import PlaceCheck, check_place
+from fusion.scaling.places.scanplaces import ScanPlaces, check_scans
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["PlaceCheck", "ScanPlaces", "check_place", "check_scans", "compare_crossings"]

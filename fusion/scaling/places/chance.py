@@ -125,7 +125,7 @@ def chance_of_fit(
 
 
 def drawn(rest: FloatArray, count: int) -> FloatArray:
-    """Noise (N, count) with the spectrum of residuals (N,): random signs of their cosines."""
+    """Noise (N, count) with the spectrum of residuals (N,): a cosine transform, random signs."""
     waves = dct(rest, norm="ortho")
     signs = np.random.default_rng(len(rest)).choice([-1.0, 1.0], size=(len(rest), count))
     noise: FloatArray = idct(waves[:, None] * signs, axis=0, norm="ortho")

@@ -35,7 +35,7 @@ class PlaceFit:
 
     @property
     def error(self) -> float:
-        """Robust standard deviation of the values, metres: their sigma relative to the priors."""
+        """Robust standard deviation of the values, metres, used as their sigma in fits."""
         return max(float(mad(self.value)), _LEAST_M)
 
     def rest(self, prior: FloatArray) -> FloatArray:

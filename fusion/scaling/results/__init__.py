@@ -1,5 +1,23 @@
 """The content of scale.json."""
 
-import lazy_loader
+from fusion.scaling.results.summary import (
+    assumed_json,
+    per_pair,
+    per_shot,
+    place_json,
+    scale_json,
+    scan_places_json,
+    unobserved_json,
+    unused_pairs,
+)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "assumed_json",
+    "per_pair",
+    "per_shot",
+    "place_json",
+    "scale_json",
+    "scan_places_json",
+    "unobserved_json",
+    "unused_pairs",
+]

@@ -1,5 +1,7 @@
 """Single shots compared with the shape."""
 
-import lazy_loader
+from fusion.scaling.shots.iteration import iterate_shots
+from fusion.scaling.shots.shots import ShotComparison, compare_shots, join_shots
+from fusion.scaling.shots.spots import SpotOptions
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["ShotComparison", "SpotOptions", "compare_shots", "iterate_shots", "join_shots"]

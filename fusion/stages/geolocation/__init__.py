@@ -1,5 +1,6 @@
 """Geolocation of scans by their trajectory and pointing."""
 
-import lazy_loader
+from fusion.stages.geolocation.locating import located_store
+from fusion.stages.geolocation.return_source import ReturnSource, gridding_options
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["ReturnSource", "gridding_options", "located_store"]

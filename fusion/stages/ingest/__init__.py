@@ -1,5 +1,23 @@
 """Import of lidar files into the workspace."""
 
-import lazy_loader
+from fusion.stages.ingest.sources import Source, doubles, whole_scans
+from fusion.stages.ingest.stage import (
+    STAGE,
+    Imported,
+    Workers,
+    import_files,
+    scan_facts,
+    utc_or_none,
+)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "STAGE",
+    "Imported",
+    "Source",
+    "Workers",
+    "doubles",
+    "import_files",
+    "scan_facts",
+    "utc_or_none",
+    "whole_scans",
+]

@@ -84,7 +84,7 @@ class Repair:
             raise WorkspaceError(
                 own.text,
                 workspace.root / "scans",
-                "import their files again, or go on without them: spcola run "
+                "import their files again, or continue without them: spcola run "
                 f"{workspace.root} --accept {Code.CHANGED_INPUT}",
             )
         known, scans, damaged = recorded_origins(workspace), {}, {}

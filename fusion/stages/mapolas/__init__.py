@@ -1,5 +1,6 @@
 """Mapolas: grids of returns."""
 
-import lazy_loader
+from fusion.stages.mapolas.adjusting import compared_grids
+from fusion.stages.mapolas.stage import STAGE, mapola_grids
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["STAGE", "compared_grids", "mapola_grids"]

@@ -1,5 +1,5 @@
 """Registration of mapolas to the SPC surface."""
 
-import lazy_loader
+from fusion.stages.register.stage import STAGE
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["STAGE"]

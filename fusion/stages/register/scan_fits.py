@@ -204,7 +204,7 @@ class _Pass:
         found: dict[str, SurfaceNormalEquations] = {}
         for scan in np.flatnonzero(counts >= _FEWEST).tolist():
             fit, chosen = self.fits[around.scan_names[scan]], around.scan == scan
-            says = surface_equations(
+            equations = surface_equations(
                 CloudOfReturns(around.points[chosen], around.sigma[chosen]),
                 fixed,
                 fit.transform,
@@ -212,6 +212,6 @@ class _Pass:
                 size=len(fit.covariance),
                 min_coverage=0.0,
             )
-            if says is not None:
-                found[around.scan_names[scan]] = says
+            if equations is not None:
+                found[around.scan_names[scan]] = equations
         return found

@@ -359,7 +359,7 @@ def _with_scans(
         scans = ScanEffects.independent(names, table.scan_sigma_m)
     else:
         shares = share_matrix(found, adjustment.names)
-        scans = ScanEffects.left_by(adjustment, shares, centers)
+        scans = ScanEffects.of_adjustment(adjustment, shares, centers)
     effects = scans.at(shares, centers)
     residual = scans.residual_covariance(shares, centers)
     return MatchedMapolas(matches, scans, effects, residual), shares

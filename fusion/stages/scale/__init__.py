@@ -1,5 +1,6 @@
 """Scale: estimated from pairs or shots, and applied to a solution."""
 
-import lazy_loader
+from fusion.stages.scale.rescaling import apply_scale
+from fusion.stages.scale.stage import STAGE
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["STAGE", "apply_scale"]

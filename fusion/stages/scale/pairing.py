@@ -27,7 +27,7 @@ from fusion.scaling.pairs import (
     cell_means,
     make_pair,
     match_response,
-    sharpened,
+    rematched,
 )
 from fusion.scene import maplets_around
 from fusion.stages.geolocation.locating import geolocator
@@ -116,7 +116,7 @@ def pair_images(context: StageContext, caster: RayCaster, radius: float) -> Pair
     blurs = np.array(context.map("compare resolutions", blur_of, sample))
     blur = float(np.nanmedian(blurs)) if np.isfinite(blurs).any() else 0.0
     again = context.map(
-        "match pairs", lambda pair: sharpened(pair, options, blur_cells=blur), pairs
+        "match pairs", lambda pair: rematched(pair, options, blur_cells=blur), pairs
     )
     left_out += [item for item in (*first, *again) if isinstance(item, LeftOut)]
     kept = [item for item in again if isinstance(item, Pair)]

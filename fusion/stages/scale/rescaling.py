@@ -162,7 +162,7 @@ def apply_scale(
     where = workspace.scale_path
     epsilon, sigma = usable_epsilon(workspace.read_json(where.name), where, accepted)
     if folder.exists() or folder.is_symlink():
-        raise WorkspaceError("is there already", folder, "name a folder that does not exist")
+        raise WorkspaceError("exists already", folder, "name a folder that does not exist")
     make_folder(folder.parent)
     clear_abandoned_folders(folder)
     making = folder.with_name(f".{folder.name}.{os.getpid()}")

@@ -1,5 +1,14 @@
 """Blur, noise and transfer function: surfaces brought to one resolution."""
 
-import lazy_loader
+from fusion.surfacematch.resolution.noise import NoiseSpectrum, estimate_spectrum
+from fusion.surfacematch.resolution.resolution import blur, estimate_blur
+from fusion.surfacematch.resolution.transfer import Transfer, estimate_transfer
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "NoiseSpectrum",
+    "Transfer",
+    "blur",
+    "estimate_blur",
+    "estimate_spectrum",
+    "estimate_transfer",
+]

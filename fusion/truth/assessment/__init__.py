@@ -1,5 +1,17 @@
 """Models compared with the truth."""
 
-import lazy_loader
+from fusion.truth.assessment.assessment import assess
+from fusion.truth.assessment.gather import file_model, workspace_models
+from fusion.truth.assessment.page import write_page
+from fusion.truth.assessment.settings import AssessmentSettings
+from fusion.truth.assessment.summary import assessment_json, assessment_lines
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "AssessmentSettings",
+    "assess",
+    "assessment_json",
+    "assessment_lines",
+    "file_model",
+    "workspace_models",
+    "write_page",
+]

@@ -1,5 +1,38 @@
 """The tables of `spcola.toml`."""
 
-import lazy_loader
+from fusion.workspace.settings.settings import Settings, complaint, load_settings, write_settings
+from fusion.workspace.settings.tables import (
+    AcceptSettings,
+    BigmapSettings,
+    BigmapSite,
+    BodySettings,
+    FuseSettings,
+    ImportSettings,
+    MapolaSettings,
+    RegisterSettings,
+    ReleaseSettings,
+    ScaleSettings,
+    SpiceSettings,
+    SpinSettings,
+    Table,
+)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "AcceptSettings",
+    "BigmapSettings",
+    "BigmapSite",
+    "BodySettings",
+    "FuseSettings",
+    "ImportSettings",
+    "MapolaSettings",
+    "RegisterSettings",
+    "ReleaseSettings",
+    "ScaleSettings",
+    "Settings",
+    "SpiceSettings",
+    "SpinSettings",
+    "Table",
+    "complaint",
+    "load_settings",
+    "write_settings",
+]

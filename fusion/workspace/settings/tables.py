@@ -435,7 +435,7 @@ class ScaleSettings(Table):
 
 
 class AcceptSettings(Table):
-    """[accept]: findings that somebody has looked at, so that the doubtful results are used."""
+    """[accept]: findings that the user has checked, so that the doubtful results are used."""
 
     codes: Texts = Field(
         default=[], description="codes of findings, as the stages print them; see --accept"

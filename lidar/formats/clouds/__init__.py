@@ -1,5 +1,6 @@
 """Point clouds: LAS, LAZ, PLY, PCD."""
 
-import lazy_loader
+from lidar.formats.clouds.las import read_las_system
+from lidar.formats.clouds.las_writer import write_las
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["read_las_system", "write_las"]

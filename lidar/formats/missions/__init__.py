@@ -1,5 +1,5 @@
 """Files of missions: OLA, NLR, LOLA, Hayabusa, Hayabusa2, tracks."""
 
-import lazy_loader
+from lidar.formats.missions.ola import RECORD, write_ola
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["RECORD", "write_ola"]

@@ -1,5 +1,5 @@
 """Common parts of the readers: options, records of bytes and rows, times, and screening."""
 
-import lazy_loader
+from lidar.formats.records.options import LidarOptions
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["LidarOptions"]

@@ -1,5 +1,6 @@
 """Returns sorted into cells: medians, and planes fitted in windows of cells."""
 
-import lazy_loader
+from lidar.gridding.cells.cells import CellReturns, sort_into_cells
+from lidar.gridding.cells.planes import PlaneFit, fit_planes
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["CellReturns", "PlaneFit", "fit_planes", "sort_into_cells"]

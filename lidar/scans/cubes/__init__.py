@@ -1,5 +1,23 @@
 """Points sorted into cubes of space."""
 
-import lazy_loader
+from lidar.scans.cubes.box import Box
+from lidar.scans.cubes.cubes import (
+    MOST_BITS,
+    QUANTUM_M,
+    CubedPoints,
+    cubed,
+    keep_inside,
+    touching,
+    unpack_inside,
+)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "MOST_BITS",
+    "QUANTUM_M",
+    "Box",
+    "CubedPoints",
+    "cubed",
+    "keep_inside",
+    "touching",
+    "unpack_inside",
+]

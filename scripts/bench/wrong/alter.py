@@ -25,7 +25,7 @@ and `one` before an alteration alters one file only:
     noise M           ranges with more noise, of M metres
     bias M            ranges longer by M metres
     drift M           ranges longer by 0 at the beginning of a file to M metres at its end
-    stray SHARE       so many of the returns at random heights
+    outliers SHARE    this share of the returns at random heights
     half              nothing south of the equator
     none              the same
 
@@ -262,7 +262,7 @@ def _drift(table: Table, case: Case) -> None:
     _lengthened(table, float(case.arguments[0]) * since / since.max())
 
 
-def _stray(table: Table, case: Case) -> None:
+def _outliers(table: Table, case: Case) -> None:
     radius = _radius(table)
     off = case.draw.random(len(radius)) < float(case.arguments[0])
     heights = np.where(off, case.draw.uniform(0.7, 1.3, len(radius)) * np.median(radius), radius)
@@ -309,7 +309,7 @@ WAYS: dict[str, Way] = {
     "turn": _turn, "mirror": _mirror, "west": _west, "axes": _axes, "unit": _unit,
     "points": _points, "scale": _scale, "shift": _shift, "cloud": _cloud, "shuffle": _shuffle,
     "times": _times, "clock": _clock, "other": _other, "sphere": _sphere, "relief": _relief,
-    "sign": _sign, "noise": _noise, "bias": _bias, "drift": _drift, "stray": _stray,
+    "sign": _sign, "noise": _noise, "bias": _bias, "drift": _drift, "outliers": _outliers,
     "half": _half, "none": _none,
 }  # fmt: skip
 """Each alteration by its name; it changes a table in place."""

@@ -1,5 +1,23 @@
 """Least squares of landmarks and image states; bundle adjustment."""
 
-import lazy_loader
+from spcola.control.estimation.bundle_adjustment import Network, NetworkOptions, solve_network
+from spcola.control.estimation.landmark_fit import LandmarkSolution, solve_landmark, state_partials
+from spcola.control.estimation.state_errors import (
+    Fixes,
+    by_position_and_pointing,
+    measured_sigma,
+    state_covariance,
+)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "Fixes",
+    "LandmarkSolution",
+    "Network",
+    "NetworkOptions",
+    "by_position_and_pointing",
+    "measured_sigma",
+    "solve_landmark",
+    "solve_network",
+    "state_covariance",
+    "state_partials",
+]

@@ -1,5 +1,12 @@
 """Image files: .DAT and FITS."""
 
-import lazy_loader
+from spcola.formats.images.dat import read_image_data, write_image_data
+from spcola.formats.images.fits import read_fits_image, reading_fits, write_fits_image
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "read_fits_image",
+    "read_image_data",
+    "reading_fits",
+    "write_fits_image",
+    "write_image_data",
+]

@@ -1,5 +1,6 @@
 """Maplet files (.MAP) and their sigma files."""
 
-import lazy_loader
+from spcola.formats.maplets.map import read_map, read_maplet, sigma_path, write_maplet
+from spcola.formats.maplets.sigma import read_sigma
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["read_map", "read_maplet", "read_sigma", "sigma_path", "write_maplet"]

@@ -1,5 +1,16 @@
 """Shape files: ICQ, OBJ, PLY."""
 
-import lazy_loader
+from spcola.formats.shapes.icq import read_icq, write_icq
+from spcola.formats.shapes.obj import FacesFrom, Unit, read_obj, write_obj
+from spcola.formats.shapes.shape import read_shape, recognise_shape
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "FacesFrom",
+    "Unit",
+    "read_icq",
+    "read_obj",
+    "read_shape",
+    "recognise_shape",
+    "write_icq",
+    "write_obj",
+]

@@ -1,5 +1,31 @@
 """HDF5 files: layers, names, and a digest that detects damage."""
 
-import lazy_loader
+from spcola.formats.stores.hdf5 import (
+    NUMBERS,
+    read_layer,
+    read_names,
+    read_number,
+    read_text,
+    reading_hdf5,
+    replacing_hdf5,
+    seal,
+    sealed,
+    stored,
+    stored_names,
+)
+from spcola.formats.stores.map_store import MapStore
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "NUMBERS",
+    "MapStore",
+    "read_layer",
+    "read_names",
+    "read_number",
+    "read_text",
+    "reading_hdf5",
+    "replacing_hdf5",
+    "seal",
+    "sealed",
+    "stored",
+    "stored_names",
+]

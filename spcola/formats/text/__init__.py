@@ -1,5 +1,6 @@
 """Common parts of text formats: numbers, lines, columns, and errors with their place."""
 
-import lazy_loader
+from spcola.formats.text.fortran import LARGEST_NUMBER
+from spcola.formats.text.source import KM, read_bytes, regular_size, whole_number
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["KM", "LARGEST_NUMBER", "read_bytes", "regular_size", "whole_number"]

@@ -1,5 +1,23 @@
 """Gaps of a grid: closed, filled, bridged."""
 
-import lazy_loader
+from spcola.grids.gaps.gaps import (
+    bridged,
+    bridged_mask,
+    carried_on,
+    closable,
+    closed,
+    filled,
+    plane_of,
+    trend_of,
+)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "bridged",
+    "bridged_mask",
+    "carried_on",
+    "closable",
+    "closed",
+    "filled",
+    "plane_of",
+    "trend_of",
+]

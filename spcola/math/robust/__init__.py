@@ -1,5 +1,29 @@
 """Robust statistics: scale, weights, and their scores."""
 
-import lazy_loader
+from spcola.math.robust.weights import (
+    HUBER,
+    MAD_TO_SIGMA,
+    TUKEY,
+    Scores,
+    biweight,
+    biweight_scores,
+    cauchy_weight,
+    huber_scores,
+    huber_solution,
+    huber_weight,
+    mad,
+)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "HUBER",
+    "MAD_TO_SIGMA",
+    "TUKEY",
+    "Scores",
+    "biweight",
+    "biweight_scores",
+    "cauchy_weight",
+    "huber_scores",
+    "huber_solution",
+    "huber_weight",
+    "mad",
+]

@@ -1,5 +1,19 @@
 """Errors that observations share, and the sizes of errors."""
 
-import lazy_loader
+from spcola.math.statistics.shared_errors import (
+    SHARED,
+    covariance_root,
+    own_share,
+    patterns_of,
+    strongest,
+)
+from spcola.math.statistics.variance_components import most_likely_sizes
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "SHARED",
+    "covariance_root",
+    "most_likely_sizes",
+    "own_share",
+    "patterns_of",
+    "strongest",
+]

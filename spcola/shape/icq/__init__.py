@@ -1,5 +1,21 @@
 """The implicitly connected quadrilateral (ICQ): six faces of a cube."""
 
-import lazy_loader
+from spcola.shape.icq.template import (
+    IcqEdges,
+    IcqShape,
+    as_icq,
+    distinct_vertices,
+    first_open_edge,
+    icq_directions,
+    label_name,
+)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "IcqEdges",
+    "IcqShape",
+    "as_icq",
+    "distinct_vertices",
+    "first_open_edge",
+    "icq_directions",
+    "label_name",
+]

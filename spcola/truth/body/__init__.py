@@ -1,5 +1,8 @@
 """The body: relief, craters, boulders, roughness, albedo."""
 
-import lazy_loader
+from spcola.truth.body.body import BodySettings, TruthBody
+from spcola.truth.body.streams import stream
+from spcola.truth.body.surface_points import SurfacePoints
+from spcola.truth.body.terrain import BOULDER, CRATER, SMOOTH
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["BOULDER", "CRATER", "SMOOTH", "BodySettings", "SurfacePoints", "TruthBody", "stream"]

@@ -1,5 +1,19 @@
 """Positions and pointing of the spacecraft: passes, stations, cameras, states."""
 
-import lazy_loader
+from spcola.truth.campaign.campaign import CampaignSettings
+from spcola.truth.campaign.passes import Pass, PassSettings, day_of, plan_passes
+from spcola.truth.campaign.states import SolvedState, StateSettings, make_state
+from spcola.truth.campaign.stations import plan_stations, stations_of_pass
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "CampaignSettings",
+    "Pass",
+    "PassSettings",
+    "SolvedState",
+    "StateSettings",
+    "day_of",
+    "make_state",
+    "plan_passes",
+    "plan_stations",
+    "stations_of_pass",
+]

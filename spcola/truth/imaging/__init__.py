@@ -1,5 +1,6 @@
 """Images of the body, rendered and written."""
 
-import lazy_loader
+from spcola.truth.imaging.files import IMAGE_FORMATS, write_image
+from spcola.truth.imaging.rendering import ImageSettings, render
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["IMAGE_FORMATS", "ImageSettings", "render", "write_image"]

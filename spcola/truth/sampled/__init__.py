@@ -1,5 +1,6 @@
 """The body sampled on a cube: rays, light and shadow."""
 
-import lazy_loader
+from spcola.truth.sampled.light import LightMap
+from spcola.truth.sampled.sampled_surface import SampledSurface
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["LightMap", "SampledSurface"]

@@ -115,7 +115,7 @@ def test_a_setting_on_the_command_line_out_of_range_is_wrong_usage(folder: Path)
     assert "--gsd" in call("mapolas", folder, "--gsd", "-1", code=2).stderr
 
 
-def test_init_tells_what_it_found(tmp_path: Path) -> None:
+def test_init_prints_what_it_found(tmp_path: Path) -> None:
     made = called("init", tmp_path / "ws", "--body", "Bennu")
     assert (made["body"], made["maplets"], made["scans"]) == ("Bennu", 0, 0)
     assert "is a workspace already" in refused("init", tmp_path / "ws")
@@ -204,12 +204,12 @@ def test_settings_errors_name_file_and_key(folder: Path) -> None:
     assert "[mapola]" in message
 
 
-def test_run_of_an_empty_workspace_says_what_to_do(folder: Path) -> None:
+def test_run_of_an_empty_workspace_prints_what_to_do(folder: Path) -> None:
     assert "spcola import" in refused("run", folder)
     assert "spcola import" in refused("mapolas", folder)
 
 
-def test_info_tells_what_a_file_is(tmp_path: Path, table: Path, folder: Path) -> None:
+def test_info_recognises_a_file(tmp_path: Path, table: Path, folder: Path) -> None:
     grid = MapletGrid.facing([0.0, 100.0, 0.0], [0.0, 1.0, 0.0], 0.5, 3)
     height = np.zeros(grid.shape)
     height[0, 0] = np.nan
@@ -224,7 +224,7 @@ def test_info_tells_what_a_file_is(tmp_path: Path, table: Path, folder: Path) ->
     assert str(tmp_path / "none") in refused("info", tmp_path / "none")
 
 
-def test_info_tells_a_cloud_of_points_in_ply_from_a_mesh(tmp_path: Path) -> None:
+def test_info_distinguishes_point_clouds_and_meshes_in_ply(tmp_path: Path) -> None:
     head = "ply\nformat ascii 1.0\nelement vertex 4\n" + "".join(
         f"property float {axis}\n" for axis in "xyz"
     )

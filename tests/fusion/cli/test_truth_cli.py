@@ -1,4 +1,4 @@
-"""``spcola truth make``: what it says, what it refuses, and that a killed run goes on."""
+"""``spcola truth make``: output, refusals, and that a killed run resumes."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]
     return root, call(root, "--preset", "tiny", "--seed", 7, "--json")
 
 
-def test_one_object_says_what_was_made_and_how_large_it_is(
+def test_one_object_contains_what_was_made_and_its_size(
     undisturbed: tuple[Path, Result],
 ) -> None:
     root, result = undisturbed
@@ -63,12 +63,12 @@ def test_one_object_says_what_was_made_and_how_large_it_is(
     assert read_truth(root).settings == PRESETS["tiny"](7)
 
 
-def test_the_size_said_before_is_the_size_found_after(undisturbed: tuple[Path, Result]) -> None:
+def test_the_forecast_size_is_the_size_found_after(undisturbed: tuple[Path, Result]) -> None:
     root, result = undisturbed
-    said = json.loads(result.stdout)["size"]
+    size = json.loads(result.stdout)["size"]
     planted = read_truth(root)
-    assert said["scans"] == len(planted.scans) == len(list((root / "lidar").iterdir()))
-    assert said["bytes"] == pytest.approx(sum(planted.files.values()), rel=0.1)
+    assert size["scans"] == len(planted.scans) == len(list((root / "lidar").iterdir()))
+    assert size["bytes"] == pytest.approx(sum(planted.files.values()), rel=0.1)
 
 
 @pytest.mark.parametrize("after", ["lidar/scan03.dat", "spc/MAPFILES/TR0009.MAP"])

@@ -172,7 +172,7 @@ def test_without_lidar_the_maplet_is_kept_and_the_part_named():
         parts.common_covariance,
     )
     result = fuse_maplet(dry, DEFAULT_INFORMATION)
-    assert result.untied == 1
+    assert result.parts_without_lidar == 1
     np.testing.assert_allclose(result.maplet.height, parts.spc.height, atol=1e-3)
     assert np.all(result.maplet.source == Source.IMAGE)
 

@@ -1,4 +1,4 @@
-"""What `spcola info` and `spcola init` say of files: shapes, lidar, and what is neither."""
+"""Output of `spcola info` and `spcola init` on shapes, lidar and other files."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def apart(q: int) -> IcqShape:
     return IcqShape(vertices)
 
 
-def test_info_tells_q_and_how_the_edges_of_an_icq_close(tmp_path: Path) -> None:
+def test_info_gives_q_and_how_the_edges_of_an_icq_close(tmp_path: Path) -> None:
     write_icq(tmp_path / "A.TXT", apart(8))
     found = facts(tmp_path / "A.TXT")
     assert (found["icq_q"], found["icq_labels_shared"], found["icq_labels_differing"]) == (
@@ -125,11 +125,11 @@ def test_info_knows_the_real_obj_in_the_order_of_an_icq(shared_data: Path) -> No
     assert (found["icq_q"], found["icq_labels_differing"]) == (32, 0)
 
 
-def test_a_workspace_says_what_it_makes_of_edges_that_differ(tmp_path: Path) -> None:
+def test_init_reports_edges_that_differ(tmp_path: Path) -> None:
     write_icq(tmp_path / "A.TXT", apart(8))
-    said = call("init", tmp_path / "WS", "--shape", tmp_path / "A.TXT")
-    assert "1 of 108 pairs of labels that name one vertex differ, by up to 0.90" in said
-    assert "each such vertex is put at their mean" in said
+    printed = call("init", tmp_path / "WS", "--shape", tmp_path / "A.TXT")
+    assert "1 of 108 pairs of labels that name one vertex differ, by up to 0.90" in printed
+    assert "each such vertex is put at their mean" in printed
     workspace = Workspace.open(tmp_path / "WS")
     assert "their mean" in workspace.shape().remark
     settings = tmp_path / "WS" / "spcola.toml"
@@ -138,7 +138,7 @@ def test_a_workspace_says_what_it_makes_of_edges_that_differ(tmp_path: Path) -> 
     assert "its first label" in workspace.shape().remark
 
 
-def test_faces_that_count_from_0_are_read_where_that_is_said(tmp_path: Path) -> None:
+def test_faces_numbered_from_0_are_read_with_the_option(tmp_path: Path) -> None:
     path = tmp_path / "zero.obj"
     path.write_text(
         "v 1 1 1\nv -1 -1 1\nv -1 1 -1\nv 1 -1 -1\nf 0 2 1\nf 0 1 3\nf 0 3 2\nf 1 2 3\n"
@@ -153,7 +153,7 @@ def test_faces_that_count_from_0_are_read_where_that_is_said(tmp_path: Path) -> 
 
 
 @pytest.mark.real_data
-def test_info_tells_the_unit_of_a_las_file(shared_data: Path) -> None:
+def test_info_gives_the_unit_of_a_las_file(shared_data: Path) -> None:
     found = facts(shared_data / "pointcloud" / "autzen_trim.laz")
     assert (found["coordinate_kind"], found["unit_m"]) == ("projected", 0.3048)
     plain = facts(shared_data / "pointcloud" / "simple.las")

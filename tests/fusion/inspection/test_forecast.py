@@ -1,4 +1,4 @@
-"""What mapolas will take, said before."""
+"""Forecast of time, memory and disk for mapolas."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Digests of files: those of their bytes, kept as long as the files stay as they are."""
+"""Digests of files: those of their bytes, stored as long as the files are unchanged."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def record_of(workspace: Workspace) -> StageRecord:
     )
 
 
-def test_a_wrong_digest_in_the_catalogue_is_not_believed(workspace: Workspace) -> None:
+def test_a_wrong_digest_in_the_catalogue_is_not_used(workspace: Workspace) -> None:
     path = workspace.root / "spcola.toml"
     catalog = Catalog(workspace)
     right = catalog.digest(path)

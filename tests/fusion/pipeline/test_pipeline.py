@@ -346,7 +346,7 @@ def test_a_damaged_record_costs_a_run_and_nothing_else(
     assert runs(stages) == [1, 2, 1]
 
 
-def test_the_catalogue_says_what_was_made_from_what(
+def test_the_catalogue_records_what_was_made_from_what(
     workspace: Workspace, stages: list[Copy]
 ) -> None:
     pipeline(workspace, stages).run()
@@ -404,7 +404,7 @@ def test_what_rests_on_a_result_that_may_not_be_used_does_not_run(
 
 
 def chained(workspace: Workspace, stages: list[Copy]) -> Pipeline:
-    """Stages that say where they write and whose results they use."""
+    """Stages with declared places and needs."""
     one, two, three = stages
     one.places, two.places, three.places = ("first",), ("second",), ("third",)
     two.needs, three.needs = ("one",), ("two",)
@@ -440,7 +440,7 @@ def test_results_that_are_not_as_their_stage_left_them_are_refused_by_the_next(
     assert done.state == "ran"
     record = json.loads((workspace.root / "provenance" / "three.json").read_text())
     assert words in record["summary"]["findings"][0]["text"]
-    # A run makes it again, and says so; what nobody made stays, and is still refused.
+    # A run makes it again with a note; a foreign file is kept, and is still refused.
     if not name.endswith("new.txt"):
         notes = [note for run in stacked.run() for note in run.notes]
         assert any(words in note for note in notes)

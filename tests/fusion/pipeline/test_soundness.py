@@ -96,7 +96,7 @@ def test_flipped_bits_of_a_header_are_seen(tmp_path: Path) -> None:
     there = Workspace.open(tmp_path)
     quantum = range(63 * 8, 67 * 8)
     passed_there, _ = flipped(there, "AA0005", quantum[::9])
-    assert passed_there > 0  # without a shape nothing tells how high a maplet is
+    assert passed_there > 0  # without a shape the height of a maplet cannot be checked
     ball_shape = IcqShape(RADIUS * icq_directions(24)).mesh()
     write_obj(tmp_path / "SHAPEFILES" / "ball.obj", ball_shape)
     passed, moved = flipped(there, "AA0005", quantum[::2])
@@ -104,7 +104,7 @@ def test_flipped_bits_of_a_header_are_seen(tmp_path: Path) -> None:
     assert moved < 0.5
 
 
-def test_without_landmarks_what_the_axes_and_the_shape_tell_remains(tmp_path: Path) -> None:
+def test_without_landmarks_axes_and_shape_are_still_checked(tmp_path: Path) -> None:
     workspace = solution(tmp_path, landmarks=False)
     path = workspace.maplet_path("AA0005")
     good = path.read_bytes()
@@ -147,7 +147,7 @@ def test_a_maplet_that_the_registration_left_out_is_named(tmp_path: Path) -> Non
     assert (finding.code, finding.severity) == ("rejected-maplet", "note")
 
 
-def test_heights_of_another_place_are_told_by_the_shape(tmp_path: Path) -> None:
+def test_heights_of_another_place_are_found_by_the_shape(tmp_path: Path) -> None:
     workspace = solution(tmp_path)
     maplet = workspace.maplet("AA0005")
     other = maplet.height + 0.8 * np.sin(0.7 * maplet.grid.offsets)

@@ -1,4 +1,4 @@
-"""The manifest: what stands in it, and that it tells a changed release from a whole one."""
+"""The manifest: its content, and that it detects a changed release."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def release(tmp_path, provenance):
     return tmp_path
 
 
-def test_says_what_from_what_by_what(release) -> None:
+def test_manifest_contains_sources_settings_and_versions(release) -> None:
     manifest = read_manifest(release)
     assert [product["file"] for product in manifest["products"]] == ["a.fits", "b.tif"]
     assert manifest["products"][0]["bytes"] == 60

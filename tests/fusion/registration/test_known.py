@@ -3,9 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.registration.fit import similarity_numbers
-from fusion.registration.fit.fit import PARAMETERS
-from fusion.registration.fit.known import KnownTransform, inverse_jacobian, known_transform
+from fusion.registration.fit import PARAMETERS, KnownTransform, similarity_numbers
+from fusion.registration.fit.known import inverse_jacobian, known_transform
 from spcola.errors import InvalidValueError
 from spcola.math import Affine, Similarity
 

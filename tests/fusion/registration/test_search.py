@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fusion.registration.search import FrameSearch, search_frames
-from fusion.registration.search.closest import Placement
+from fusion.registration.search import FrameSearch, Placement, search_frames
 from fusion.registration.search.frame_texts import LEAST_TURN_DEG, frame_change
 from fusion.registration.search.orientations import all_orientations, apart_deg, distinct
 from fusion.registration.search.search import significance_of

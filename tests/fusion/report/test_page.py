@@ -88,7 +88,7 @@ def test_planted_that_is_not_recovered_stands_out(page) -> None:
     assert '<td class="off">5.45' in page
 
 
-def test_large_pulls_are_explained_and_surfaces_held_against_the_true_one(report_data) -> None:
+def test_large_pulls_are_explained_and_surfaces_are_compared_with_the_truth(report_data) -> None:
     *rest, off = report_data.planted
     planted = (*rest, replace(off, explanation="<half> of it is planted"))
     errors = (
@@ -105,7 +105,7 @@ def test_large_pulls_are_explained_and_surfaces_held_against_the_true_one(report
     assert "Beyond 3 sigma" not in make_report(replace(data, planted=report_data.planted))
 
 
-def test_missing_parts_are_said_to_be_missing() -> None:
+def test_missing_parts_are_stated_as_missing() -> None:
     text = " ".join(outline(make_report(ReportData())).text)
     for wanted in ("no fused maplets", "no maplets or mapolas", "no registration", "no scale"):
         assert wanted in text

@@ -179,7 +179,7 @@ def test_scans_read_by_a_cluster_are_the_same_bytes(
     assert made[0] == made[1]
 
 
-def test_where_there_is_no_cluster_it_is_said(
+def test_a_missing_cluster_is_reported(
     workspace: Workspace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(fusion.runtime.cluster, "_ANSWER_S", 1)
@@ -220,14 +220,14 @@ def lonely() -> Iterator[tuple[str, Callable[[str], None]]]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("dies", "says"),
+    ("dies", "message"),
     [("scheduler", "does not answer any more"), ("worker", "has lost all its workers")],
 )
-def test_a_lost_cluster_is_said_in_one_line(
+def test_a_lost_cluster_is_reported_in_one_line(
     lonely: tuple[str, Callable[[str], None]],
     monkeypatch: pytest.MonkeyPatch,
     dies: str,
-    says: str,
+    message: str,
 ) -> None:
     def nap(item: int) -> int:  # here, so that workers need not import this file
         time.sleep(0.3)
@@ -241,7 +241,7 @@ def test_a_lost_cluster_is_said_in_one_line(
     assert next(stream) == 0
     kill(dies)
     begun = time.monotonic()
-    with pytest.raises(ClusterError, match=f"{address}.*{says}.*what is finished is kept"):
+    with pytest.raises(ClusterError, match=f"{address}.*{message}.*what is finished is kept"):
         list(stream)
     executor.close()
     assert time.monotonic() - begun < 60
@@ -251,7 +251,7 @@ def test_a_lost_cluster_is_said_in_one_line(
 def test_a_port_of_something_else_is_refused_in_time(
     answer: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Silent, or a web server (the scheduler's own dashboard, say)."""
+    """Silent, or a web server (such as the scheduler's own dashboard)."""
     monkeypatch.setattr(fusion.runtime.cluster, "_ANSWER_S", 1)
     with socket.create_server(("127.0.0.1", 0)) as server:
 

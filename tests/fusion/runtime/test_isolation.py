@@ -79,7 +79,7 @@ def test_a_child_keeps_its_limits() -> None:
     assert done.stdout == "no room\n"
 
 
-def test_a_command_says_the_same_in_a_child(tmp_path: Path) -> None:
+def test_a_command_prints_the_same_in_a_child(tmp_path: Path) -> None:
     for name, text in (("a.json", '{"a": 1}'), ("bad.json", "{")):
         path = tmp_path / name
         path.write_text(text)

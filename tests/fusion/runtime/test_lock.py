@@ -1,4 +1,4 @@
-"""What killed programs leave behind is removed; what others are at work on stays."""
+"""Remains of killed programs are removed; files of running programs are kept."""
 
 from __future__ import annotations
 

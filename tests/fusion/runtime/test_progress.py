@@ -10,7 +10,7 @@ import fusion.runtime.progress
 from fusion.runtime import Progress
 
 
-def test_short_work_says_nothing() -> None:
+def test_short_work_prints_nothing() -> None:
     stream = io.StringIO()
     with Progress("lines", stream).task("grid", 3) as task:
         for _ in range(3):
@@ -18,7 +18,7 @@ def test_short_work_says_nothing() -> None:
     assert stream.getvalue() == ""
 
 
-def test_long_work_says_how_far_it_is_in_plain_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_long_work_prints_its_progress_in_plain_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter(range(0, 10_000, 4))
     monkeypatch.setattr("fusion.runtime.progress.time.monotonic", lambda: float(next(clock)))
     stream = io.StringIO()
@@ -49,7 +49,7 @@ def test_a_bar_appears_on_long_work_and_goes_away(monkeypatch: pytest.MonkeyPatc
     assert "grid: 2 of 2 done" in stream.getvalue()
 
 
-def test_work_that_fails_does_not_say_that_it_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_work_is_not_reported_as_done(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fusion.runtime.progress, "PATIENCE_S", 0.0)
     stream = io.StringIO()
     for mode in ("bar", "lines"):

@@ -6,7 +6,7 @@ import pytest
 from fusion.estimation import influence
 from fusion.registration.fit.fit import fit_transform
 from fusion.scaling.fit import ScaleOptions, estimate_scale
-from fusion.scaling.fit.observation import ScaleObservations, everywhere
+from fusion.scaling.fit.observation import ScaleObservations, uniform_displacements
 from fusion.scaling.judging import consistency, shared_by_maplets
 
 MAPLETS, RADIUS, RANGE = 20, 75.0, 250.0
@@ -46,7 +46,7 @@ def observations(maplet_errors, generator):
         local_time_h=np.full(count, np.nan),
         shares=np.ones((count, 1)),
         trajectory="spc",
-        ground=everywhere(UNDER * CENTER),
+        ground=uniform_displacements(UNDER * CENTER),
     )
 
 

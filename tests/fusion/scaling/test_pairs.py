@@ -18,7 +18,7 @@ from fusion.scaling.pairs import (
     blur_of,
     make_pair,
     pair_observations,
-    sharpened,
+    rematched,
 )
 from fusion.surfacematch import MatchOptions
 from lidar.scans import Returns
@@ -137,7 +137,7 @@ def test_a_pair_finds_how_far_the_lidar_lies_from_spc():
     # The surface lies 0.4 m further along the beam than SPC has it.
     assert observed.epsilon()[0][0] == pytest.approx(0.4 / 1950.0, rel=0.03)
     assert abs(blur_of(pair)) < 0.5
-    assert isinstance(sharpened(pair, OPTIONS, blur_cells=0.0), Pair)
+    assert isinstance(rematched(pair, OPTIONS, blur_cells=0.0), Pair)
 
 
 def test_without_maplet_or_returns_there_is_no_pair():

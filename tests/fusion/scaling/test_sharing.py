@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.scaling.fit.observation import everywhere
+from fusion.scaling.fit.observation import uniform_displacements
 from fusion.scaling.geometry import maplet_shares
 from fusion.scaling.geometry.sharing import ground_in_common, patterns, shared_matches
 from fusion.scaling.pairs import cell_means, match_response
@@ -48,7 +48,7 @@ def test_ground_in_common_is_that_of_the_squares():
 def test_patterns_do_what_their_sources_do():
     generator = np.random.default_rng(1)
     shares = np.repeat(generator.dirichlet(np.ones(4), 5), 3, axis=0)
-    displaced = everywhere(np.hstack([shares, 1e-4 * np.eye(15)]))
+    displaced = uniform_displacements(np.hstack([shares, 1e-4 * np.eye(15)]))
     fewer = patterns(displaced)
     assert fewer.shape[2] == 12
     rows, kept = displaced.reshape(45, -1), fewer.reshape(45, -1)

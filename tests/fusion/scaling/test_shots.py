@@ -6,7 +6,7 @@ import pytest
 from fusion.scaling.fit import ScaleOptions, estimate_scale
 from fusion.scaling.shots import compare_shots
 from fusion.scaling.shots.shots import utc_date
-from lidar.formats.reader import read_scan
+from lidar.formats import read_scan
 from lidar.scans import Scan
 from spcola.formats.shapes import read_shape
 from spcola.navigation import et_from_utc

@@ -110,7 +110,7 @@ def alter() -> ModuleType:
     [
         "turn 37 random", "mirror x", "west", "axes yzx", "unit 0.001", "scale 1.05", "shift 1 2 3",
         "cloud", "shuffle", "times", "clock 5", "other", "sphere", "relief", "noise 0.1", "bias 1",
-        "drift 2", "stray 0.2", "half", "one turn 20 z", "none",
+        "drift 2", "outliers 0.2", "half", "one turn 20 z", "none",
     ],
 )  # fmt: skip
 def test_altered_files_agree_with_themselves(tmp_path: Path, alter: ModuleType, how: str) -> None:

@@ -54,7 +54,7 @@ def body() -> Mesh:
 
 
 def kernels(folder: Path) -> list[Path]:
-    """Rotation of a body and a spacecraft at 800 m, as images tell it."""
+    """Rotation of a body and a spacecraft at 800 m, as from images."""
     text, path = folder / "body.tpc", folder / "craft.bsp"
     text.write_text(
         "KPL/PCK\n\\begindata\nBODY2101955_POLE_RA = 85.45\nBODY2101955_POLE_DEC = -60.37\n"

@@ -312,7 +312,7 @@ def test_mapolas_move_as_the_states_of_images_do(tmp_path: Path) -> None:
 
 def longer(scan: Scan, by: float) -> Scan:
     """The scan as its file would be if every range were longer by so many metres."""
-    return scan.with_points(scan.points + by * scan.beam, range=scan.range + by)
+    return replace(scan, points=scan.points + by * scan.beam, range=scan.range + by)
 
 
 def test_mapolas_by_corrected_ranges_are_those_of_corrected_files(tmp_path: Path) -> None:

@@ -154,7 +154,7 @@ def test_a_covering_makes_mapolas_where_the_returns_are(workspace: Workspace) ->
         np.testing.assert_allclose(radii, RADIUS, atol=0.05, rtol=0)
 
 
-def test_the_record_says_what_mapolas_were_made_from(workspace: Workspace) -> None:
+def test_the_record_contains_what_mapolas_were_made_from(workspace: Workspace) -> None:
     pipeline(workspace).run_stage("mapolas")
     record = json.loads((workspace.root / "provenance" / "mapolas.json").read_text())
     assert set(record["inputs"]) == {
@@ -172,7 +172,7 @@ def test_the_record_says_what_mapolas_were_made_from(workspace: Workspace) -> No
     }
 
 
-def test_scans_are_adjusted_unless_told_otherwise(workspace: Workspace) -> None:
+def test_scans_are_adjusted_by_default(workspace: Workspace) -> None:
     run = pipeline(workspace).run_stage("mapolas")
     adjustment = workspace.adjustment()
     assert adjustment is not None

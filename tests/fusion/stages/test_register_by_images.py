@@ -130,7 +130,7 @@ def test_both_kinds_together_are_as_sharp_as_either(found):
         if kinds["topography"]["used"] and kinds["images"]["used"]:
             sigmas = np.array([kinds[kind]["sigma_m"] for kind in kinds])
             assert np.all(np.array(entry["sigma_m"]) < sigmas.max(axis=0))
-    # What images make of the scale leans on states, of which no file tells.
+    # The scale by images depends on errors of states that no file contains.
     assert all("scale_per_m" not in entry for entry in content["per_mapola"])
     # A mapola that images hardly place must not make the mission look bad.
     left = np.std([entry["residual_m"] for entry in content["per_mapola"] if entry["used"]], axis=0)

@@ -323,7 +323,7 @@ def test_one_maplet_is_refused_for_what_it_is(tmp_path: Path) -> None:
     assert "1 mapola(s) give 3 numbers for 7 parameters" in line
 
 
-def test_a_sphere_without_relief_gives_no_number_or_one_that_says_what_it_is(
+def test_a_sphere_without_relief_gives_no_number_or_a_finding(
     tmp_path: Path,
 ) -> None:
     folder = made(tmp_path / "WS", lattice(16), relief=1e-6)
@@ -369,7 +369,7 @@ def assert_refused(folder: Path, code: str) -> None:
     assert "is from a registration that was refused" in line
 
 
-def test_a_stage_says_what_it_makes_of_the_edges_of_its_shape(tmp_path: Path) -> None:
+def test_a_stage_reports_how_it_closes_the_edges_of_its_shape(tmp_path: Path) -> None:
     folder = made(tmp_path / "WS", lattice(16)[:2])
     vertices = np.ascontiguousarray(RADIUS * icq_directions(4))
     vertices[0, 4, 1] *= 1.003
@@ -392,7 +392,7 @@ def test_mapolas_with_gaps_are_registered(tmp_path: Path, filled: float) -> None
     np.testing.assert_allclose(shares, filled, atol=0.08)
 
 
-def test_mapolas_too_thin_to_match_are_told_the_gsd_that_would_do(tmp_path: Path) -> None:
+def test_mapolas_too_thin_to_match_are_refused_with_a_suitable_gsd(tmp_path: Path) -> None:
     line = call("register", made(tmp_path / "WS", lattice(16), filled=0.2), code=1)
     # Twenty hundredths are filled by 0.22 returns in a cell, eighty by 1.6.
     wanted = GSD * np.sqrt(np.log(0.2) / np.log(0.8))
@@ -401,7 +401,7 @@ def test_mapolas_too_thin_to_match_are_told_the_gsd_that_would_do(tmp_path: Path
 
 
 def refused_or_weak(folder: Path, names: tuple[str, ...]) -> None:
-    """Register; it is refused, or the parameters named are said to be weak and are covered."""
+    """Register; it is refused, or the named parameters are reported as weak and are covered."""
     result = CliRunner().invoke(app, ["register", str(folder)])
     if result.exit_code == 1:
         assert result.stderr.splitlines()[-1].startswith("error: ")

@@ -134,7 +134,7 @@ def test_a_failure_leaves_the_old_release(workspace, monkeypatch) -> None:
     assert content(workspace) == before
 
 
-def test_manifest_tells_the_chain(workspace) -> None:
+def test_manifest_contains_the_chain_of_stages(workspace) -> None:
     record = {
         "stage": "fuse", "key": "k", "version": "0+1", "settings": {"FuseSettings": {"seed": 7}},
         "inputs": {"scans/a.h5": "11"}, "outputs": {}, "summary": {}, "finished": "2020-01-01",

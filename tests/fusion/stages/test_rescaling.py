@@ -51,7 +51,7 @@ def applied(tmp_path_factory):
     return root, json.loads(printed.stdout), before
 
 
-def test_the_command_says_what_it_wrote(applied):
+def test_the_command_prints_what_it_wrote(applied):
     root, content, _ = applied
     assert content["applied"]["folder"] == str(root / "C")
     assert content["applied"]["epsilon"] == content["summary"]["epsilon"]
@@ -102,7 +102,7 @@ def test_a_second_run_on_the_copy_finds_no_scale_left(applied):
 def test_what_exists_is_not_written_over(applied):
     root, _, _ = applied
     result = run("scale", root / "WS", root / "C", "--apply", code=1)
-    assert "is there already" in result.stderr
+    assert "exists already" in result.stderr
 
 
 def test_without_a_usable_epsilon_nothing_is_written(applied, tmp_path):
@@ -128,7 +128,7 @@ def test_a_destination_needs_apply(applied):
 
 
 def content_with(*findings, **change):
-    """What scale.json says of an ε of ten sigmas, with some findings."""
+    """Content of scale.json for an ε of ten sigmas, with some findings."""
     verdict = Verdict(tuple(Finding(*one, "why") for one in findings)).as_json()
     return {"epsilon": 1e-4, "epsilon_sigma": 1e-5, "converged": True, **verdict, **change}
 

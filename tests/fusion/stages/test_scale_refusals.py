@@ -1,4 +1,4 @@
-"""Where the data cannot tell the scale: a clear statement, no number or one with a true sigma."""
+"""Data that do not determine the scale: a reason, no number or one with a correct sigma."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
-from lidar.formats.reader import read_scan
+from lidar.formats import read_scan
 
 PLANTED = 2.5e-4
 SMOOTH = ("shape=0", "roughness=0", "craters.density_per_km2=0", "boulders.density_per_km2=0")
@@ -21,7 +21,7 @@ def run(*arguments, code=0):
 
 
 def make(root, *changes):
-    """Make the tiny mission of one seed, of another body where `changes` say so."""
+    """Make the tiny mission of one seed, with `changes` for another body."""
     given = [part for change in changes for part in ("--set", f"body.{change}")]
     run("truth", "make", root, "--preset", "tiny", "--seed", 5, *given)
     return root
@@ -51,10 +51,10 @@ def height(path):
 
 
 def is_silent(content):
-    """Whether nothing is claimed, and said why, of each image too."""
-    said = content["reasons"][0].startswith("nothing is observed")
+    """Return whether there is no result, with reasons, also for each image."""
+    stated = content["reasons"][0].startswith("nothing is observed")
     everyone = all(pair["reason"] and not pair["used"] for pair in content["per_pair"])
-    return content["epsilon"] is None and not content["converged"] and said and everyone
+    return content["epsilon"] is None and not content["converged"] and stated and everyone
 
 
 def test_lidar_of_another_body_is_no_match(mission, tmp_path):
@@ -65,20 +65,20 @@ def test_lidar_of_another_body_is_no_match(mission, tmp_path):
     assert is_silent(content)
 
 
-def test_a_sphere_without_relief_tells_heights_alone(tmp_path):
+def test_a_sphere_without_relief_determines_heights_alone(tmp_path):
     smooth = make(tmp_path / "smooth", *SMOOTH)
     # Most pairs have nothing that holds a match: that a few do may be doubtful.
     scans = sorted((smooth / "lidar").iterdir())
     content = scaled(tmp_path / "WS", smooth / "spc", scans, code=(0, 1))
     assert content["verdict"] != "refused"
     assert covers(content)
-    # Nothing lies anywhere along the ground: decimetres, where relief tells centimetres.
+    # Without relief positions along the surface are free: decimetres instead of centimetres.
     assert min(content["center_offset_sigma_m"]) > 0.2
     for pair in content["per_pair"]:
         assert pair["used"] or pair["reason"]
 
 
-def test_a_single_scan_does_not_tell_the_size_from_the_centre(mission, tmp_path):
+def test_a_single_scan_does_not_separate_size_and_centre(mission, tmp_path):
     scan = sorted((mission / "lidar").iterdir())[0]
     content = scaled(tmp_path / "WS", mission / "spc", [scan])
     assert covers(content)
@@ -91,7 +91,7 @@ def test_a_single_scan_does_not_tell_the_size_from_the_centre(mission, tmp_path)
     assert "per-day terms: all observations are of one day" in content["reasons"]
 
 
-def test_one_cap_knows_less_and_says_so_by_its_sigma(mission, tmp_path):
+def test_one_cap_gives_larger_sigmas(mission, tmp_path):
     # The two scans nearest to the north pole, at 60° and 38° of latitude.
     scans = sorted((mission / "lidar").iterdir(), key=height)[-2:]
     content = scaled(tmp_path / "WS", mission / "spc", scans)

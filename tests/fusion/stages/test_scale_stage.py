@@ -52,7 +52,7 @@ def test_ryugu_shots_through_the_command_line(ryugu):
     # Far more than a range of 0.1 m lets expect, by the coarse shape: noted, and right.
     assert "scatter-too-large" in {found["code"] for found in content["findings"]}
     assert content["residuals"]["after_fit"]["robust_std_m"] < measured["std_m"]
-    # One day, one side: the size is not to be had, and that is said.
+    # One day, one side: the size is not observable, with a reason.
     assert content["trajectory"] == "reference"
     assert any(reason.startswith("epsilon: not determined") for reason in content["reasons"])
     assert abs(content["epsilon"]) < 2 * content["epsilon_sigma"]

@@ -91,7 +91,7 @@ def test_ground_that_no_image_shows_lit_is_given_to_the_lidar(shown: Demonstrati
     np.testing.assert_array_equal(shapeless.prior[filled_in], bright.spc.height[filled_in])
 
 
-def test_every_model_of_the_workspace_is_held_against_the_truth(shown: Demonstration) -> None:
+def test_every_model_of_the_workspace_is_compared_with_the_truth(shown: Demonstration) -> None:
     root = shown.workspace.root
     words = ["truth", "assess", root, "--truth", root.parent / "mission", "--vertices", 2000]
     result = CliRunner().invoke(app, [*map(str, words), "--json"])
@@ -182,7 +182,7 @@ def test_the_second_time_nothing_is_made_again(shown: Demonstration) -> None:
     assert again.recovered == shown.recovered
 
 
-def test_the_table_puts_planted_beside_recovered(shown: Demonstration) -> None:
+def test_the_table_has_planted_and_recovered_values(shown: Demonstration) -> None:
     head, *lines, last = recovery_table([replace(row, explanation="") for row in shown.recovered])
     assert head.split() == ["planted", "recovered", "sigma", "off", "by"]
     assert len(lines) == len(shown.recovered)
@@ -279,7 +279,7 @@ def test_single_shots_give_the_same_scale(shown: Demonstration, copied: Path) ->
     assert 0.03 < summary["ground_sigma_m"] < 0.5
 
 
-def test_images_that_match_nowhere_give_no_scale_and_it_is_said(copied: Path) -> None:
+def test_images_that_match_nowhere_give_no_scale_but_a_reason(copied: Path) -> None:
     settings = copied / "spcola.toml"
     text = settings.read_text(encoding="utf-8")
     settings.write_text(re.sub(r"capture_m = 5\.0", "capture_m = 0.01", text), encoding="utf-8")

@@ -14,7 +14,7 @@ from fusion.truth import make_mission, read_truth
 from fusion.truth.planted import Planted
 from fusion.truth.presets import MissionSettings
 from fusion.truth.recovery import compare
-from lidar.formats.reader import read_scan
+from lidar.formats import read_scan
 from spcola.camera import project_image
 from spcola.errors import FormatError, WorkspaceError
 from spcola.formats.maplets import read_maplet
@@ -77,7 +77,7 @@ def test_lists_name_every_file(mission) -> None:
         assert sorted(listed) == sorted(p.stem for p in (spc / folder).glob(f"*{suffix}"))
 
 
-def test_landmarks_and_images_say_the_same(mission) -> None:
+def test_landmarks_and_images_agree(mission) -> None:
     folder, planted = mission
     spc = folder / "spc"
     images = {p.stem: read_summary(p) for p in (spc / "SUMFILES").glob("*.SUM")}

@@ -29,12 +29,11 @@ from fusion.truth import (
 from fusion.truth import size as size_module
 from fusion.truth.generation import MAKING_FOLDER
 from fusion.truth.presets import MissionSettings
-from lidar.formats.reader import read_scan
+from lidar.formats import read_scan
 from lidar.truth import TrackSettings
 from spcola.camera import project_image, ray
 from spcola.errors import FormatError, WorkspaceError
-from spcola.formats.images import read_image_data
-from spcola.formats.images.fits import read_fits_image
+from spcola.formats.images import read_fits_image, read_image_data
 from spcola.formats.solution import read_nominal
 from spcola.math import lattice
 from spcola.truth.campaign import CampaignSettings
@@ -130,7 +129,7 @@ def test_the_number_of_workers_leaves_no_trace(undisturbed: Path, tmp_path: Path
     assert files_of(tmp_path) == files_of(undisturbed)
 
 
-def test_images_are_what_the_true_state_sees_and_say_the_nominal_one(undisturbed: Path) -> None:
+def test_images_are_rendered_with_true_and_written_with_nominal_states(undisturbed: Path) -> None:
     planted = read_truth(undisturbed)
     names = {path.stem for path in (undisturbed / "images").iterdir()}
     assert (
@@ -171,14 +170,14 @@ def test_the_body_is_where_the_true_state_has_it(undisturbed: Path) -> None:
         assert nearest.max(initial=0.0) < 1.02 * np.linalg.norm(places, axis=1).max()
 
 
-def test_a_nadir_track_is_written_beside_the_scans(undisturbed: Path) -> None:
+def test_a_nadir_track_is_written_in_addition_to_the_scans(undisturbed: Path) -> None:
     planted = read_truth(undisturbed)
     assert set(planted.scans) == {"scan01", "scan02", "scan03", "scan04", "track01"}
     scan = read_scan(undisturbed / "lidar" / "track01.dat")
     assert 250 < len(scan.range) <= 300
 
 
-def test_a_finished_mission_stays_and_a_lost_file_comes_back(
+def test_a_finished_mission_is_kept_and_a_lost_file_is_made_again(
     undisturbed: Path, tmp_path: Path
 ) -> None:
     root = tmp_path / "mission"
@@ -207,7 +206,7 @@ def test_another_mission_is_removed_only_if_that_is_wanted(
     assert json.loads((root / "truth.json").read_text())["settings"]["seed"] == 2
 
 
-def test_a_mission_of_another_body_is_told_though_its_settings_are_the_same(
+def test_a_mission_of_another_body_is_recognised_with_equal_settings(
     undisturbed: Path, tmp_path: Path
 ) -> None:
     root = tmp_path / "mission"
@@ -245,7 +244,7 @@ def test_two_programs_do_not_make_one_mission(tmp_path: Path) -> None:
         make_mission(tmp_path, settings=SMALLEST)
 
 
-def test_a_disk_without_room_is_told_before_anything_is_made(
+def test_a_disk_without_room_is_reported_before_anything_is_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     full = shutil.disk_usage(tmp_path)._replace(free=1000)

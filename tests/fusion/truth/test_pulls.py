@@ -27,12 +27,12 @@ def test_true_sigmas_give_a_deviation_of_one() -> None:
     assert found.sigma == pytest.approx(SIGMA)
 
 
-def test_sigmas_half_too_small_are_told() -> None:
+def test_sigmas_half_too_small_are_detected() -> None:
     (found,) = pull_statistics(missions(60, factor=2.0))
     assert found.lowest > 1.0
 
 
-def test_a_bias_is_told_and_raises_the_deviation() -> None:
+def test_a_bias_is_detected_and_raises_the_deviation() -> None:
     (found,) = pull_statistics(missions(400, bias=1.0))
     assert found.mean == pytest.approx(1.0, abs=3 * found.mean_sigma)
     assert found.deviation == pytest.approx(np.sqrt(2.0), rel=0.1)

@@ -1,4 +1,4 @@
-"""Which planted value stands beside which recovered one, by the trajectory of the returns."""
+"""Which planted and recovered values are compared, by the trajectory of the returns."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def test_every_table_of_the_file_has_a_model() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "parts"),
     [
         ("[nonsense]\n", ["[nonsense]", "unknown table", "[mapolas]"]),
         ("[mapolas]\ngsd = 1\n", ["[mapolas] gsd", "unknown key", "gsd_m", "half_size"]),
@@ -67,7 +67,7 @@ def test_every_table_of_the_file_has_a_model() -> None:
     ],
 )
 def test_what_is_wrong_is_named_with_file_and_key(
-    tmp_path: Path, text: str, says: list[str]
+    tmp_path: Path, text: str, parts: list[str]
 ) -> None:
     path = tmp_path / "spcola.toml"
     path.write_text(text)
@@ -75,7 +75,7 @@ def test_what_is_wrong_is_named_with_file_and_key(
         load_settings(path)
     message = str(caught.value)
     assert "\n" not in message
-    for part in [str(path), *says]:
+    for part in [str(path), *parts]:
         assert part in message
 
 
@@ -118,7 +118,7 @@ FIELDS = [
 ]
 
 
-def test_every_number_has_a_range_and_says_it() -> None:
+def test_every_number_has_a_range_in_its_comment() -> None:
     wrong = []
     for table, key, info in FIELDS:
         comment = next(
@@ -133,7 +133,7 @@ def test_every_number_has_a_range_and_says_it() -> None:
                 wrong.append(f"[{table}] {key}: {spans[0]} is no range")
             # Numbers of the sites are in a table of their own.
             elif (table, key) != ("bigmap", "sites") and not comment.endswith(f"({spans[0]})"):
-                wrong.append(f"[{table}] {key}: its comment does not say {spans[0]}")
+                wrong.append(f"[{table}] {key}: its comment lacks {spans[0]}")
     assert not wrong
 
 
@@ -150,8 +150,8 @@ def fault_of(table: str, key: str, info: Any, value: object) -> str:
         settings = parse_settings({table: {key: value}}, "spcola.toml")
     except SettingsError as error:
         message = str(error)
-        said = message.startswith(f"spcola.toml: [{table}]") and "\n" not in message
-        return "" if said and len(message) < 1500 else f"is refused by {message[:2000]!r}"
+        named = message.startswith(f"spcola.toml: [{table}]") and "\n" not in message
+        return "" if named and len(message) < 1500 else f"is refused by {message[:2000]!r}"
     kept = settings.model_dump(by_alias=True)[table][key]
     spans = [one for found in numbers_of(info.annotation, info.metadata) for one in found]
     for number in kept if isinstance(kept, list) else [kept]:

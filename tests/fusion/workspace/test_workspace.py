@@ -90,7 +90,7 @@ def test_a_folder_without_spc_is_refused_before_anything_is_made(tmp_path: Path)
     assert not (tmp_path / "ws").exists()
 
 
-def test_lists_say_which_maplets_count(spc: Path) -> None:
+def test_lists_determine_which_maplets_are_used(spc: Path) -> None:
     write_list(spc / "LMRKLIST.TXT", ["AA0002"])
     made = new_workspace(spc)
     assert made.maplet_names() == made.landmark_names() == ["AA0002"]

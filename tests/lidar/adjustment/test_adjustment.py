@@ -175,11 +175,11 @@ def test_a_cell_that_agrees_with_the_others_counts() -> None:
     sound = meeting((0, 1), places, GRID.uz, np.full(40, 0.08))
     few = meeting((0, 1), places[:3], GRID.ux, np.full(3, 0.06))
     for _ in range(3):
-        still = [left_by(before, part) for part in (sound, few)]
+        still = [of_adjustment(before, part) for part in (sound, few)]
         before = adjust_scans(before, still, options=OPTIONS)
     assert before.cells[0] == 43
     here = np.linalg.norm(before.displacement[0, :3] - before.displacement[1, :3])
-    left = [left_by(before, part).chi2.sum() / part.chi2.sum() for part in (sound, few)]
+    left = [of_adjustment(before, part).chi2.sum() / part.chi2.sum() for part in (sound, few)]
     assert here > 0.08
     assert max(left) < 0.05
 
@@ -198,15 +198,15 @@ def test_tracks_that_cross_judge_each_other() -> None:
         crossings.append(meeting((first, second), place, normal, np.array([apart + outlier])))
     found = unadjusted(NAMES, NODES, OPTIONS)
     for _ in range(3):
-        still = [left_by(found, part) for part in crossings]
+        still = [of_adjustment(found, part) for part in crossings]
         found = adjust_scans(found, still, options=OPTIONS)
     assert found.cells.sum() == 2 * 58
-    left = np.sqrt([left_by(found, part).chi2.sum() for part in crossings])
+    left = np.sqrt([of_adjustment(found, part).chi2.sum() for part in crossings])
     assert np.median(left) < 2.0
     assert np.median(np.sqrt([part.chi2.sum() for part in crossings])) > 30.0
 
 
-def left_by(found: ScanAdjustment, part: OverlapEquations) -> OverlapEquations:
+def of_adjustment(found: ScanAdjustment, part: OverlapEquations) -> OverlapEquations:
     """Equations of what is left where returns are corrected by `found`."""
     step = found.displacement[part.scan].ravel()
     energy = part.chi2.sum() - 2.0 * part.right @ step + step @ part.normal @ step

@@ -9,9 +9,8 @@ import laspy
 import numpy as np
 import pytest
 
-from lidar.formats import open_lidar, recognise
+from lidar.formats import open_lidar, read_scan, recognise
 from lidar.formats.native import scan_summary
-from lidar.formats.reader import read_scan
 from lidar.formats.records import LidarOptions
 from lidar.scans import Scan
 from lidar.truth import (

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lidar.formats import read_scan
 from lidar.formats.missions import write_ola
-from lidar.formats.reader import read_scan
 from lidar.truth import LidarSettings, ScanErrors, draw_errors
 from lidar.truth.scan import make_scan
 from spcola.errors import SettingsError

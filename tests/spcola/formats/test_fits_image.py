@@ -11,8 +11,7 @@ from astropy.io import fits
 
 from spcola.camera import Camera, SpcImage
 from spcola.errors import FormatError, InvalidValueError
-from spcola.formats.images import write_fits_image
-from spcola.formats.images.fits import read_fits_image
+from spcola.formats.images import read_fits_image, write_fits_image
 
 RNG = np.random.default_rng(3)
 AXES = np.linalg.qr(RNG.normal(size=(3, 3)))[0]

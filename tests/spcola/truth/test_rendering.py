@@ -10,8 +10,7 @@ import pytest
 
 from spcola.camera import Camera, SpcImage, project_image, ray
 from spcola.errors import SettingsError
-from spcola.formats.images import read_image_data
-from spcola.formats.images.fits import read_fits_image
+from spcola.formats.images import read_fits_image, read_image_data
 from spcola.photometry import lunar_lambert
 from spcola.truth.body import BodySettings, TruthBody
 from spcola.truth.campaign.cameras import framing_camera, looking

@@ -1,5 +1,14 @@
 """PLY files: header, elements, meshes."""
 
-import lazy_loader
+from spcola.formats.shapes.ply.data import read_elements
+from spcola.formats.shapes.ply.header import PlyElement, PlyHeader, parse_header
+from spcola.formats.shapes.ply.mesh import read_ply_mesh, write_ply_mesh
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "PlyElement",
+    "PlyHeader",
+    "parse_header",
+    "read_elements",
+    "read_ply_mesh",
+    "write_ply_mesh",
+]

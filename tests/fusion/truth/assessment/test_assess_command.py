@@ -164,7 +164,7 @@ def test_shapes_score_their_rise_their_offset_and_their_scale(mission) -> None:
         assert scaled[key] == pytest.approx(0.0005 * 40.0, rel=0.1)
 
 
-def test_wrong_usage_is_told(mission) -> None:
+def test_wrong_usage_is_reported(mission) -> None:
     folder = mission[0]
     words = ["truth", "assess", str(folder / "WS"), "--truth"]
     result = CliRunner().invoke(app, [*words, str(folder / "mission"), "--only"])

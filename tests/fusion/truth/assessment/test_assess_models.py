@@ -51,7 +51,7 @@ def test_a_maplet_is_read_from_each_of_our_formats(tmp_path, ending: str) -> Non
     np.testing.assert_allclose(model.patch(key).height, maplet.height, atol=tolerance)
 
 
-def test_shapes_are_meshes_in_the_unit_told(tmp_path) -> None:
+def test_shapes_are_meshes_in_the_given_unit(tmp_path) -> None:
     mesh = sphere().mesh()
     write_icq(tmp_path / "SHAPE.TXT", sphere())
     write_mesh(tmp_path / "a.obj", mesh, unit="m")

@@ -40,7 +40,7 @@ def transfer_of(models, truths):
 
 
 @pytest.mark.parametrize("cells", [1.0, 1.5, 2.4])
-def test_a_gaussian_is_told_by_its_width(ground, cells: float) -> None:
+def test_the_width_of_a_gaussian_is_recovered(ground, cells: float) -> None:
     found = transfer_of([gaussian_filter(h, cells) for h in ground], ground)
     assert found.half_power == pytest.approx(HALF * cells * GSD, rel=0.03)
     expected = np.exp(-2.0 * (np.pi * cells * GSD / found.wavelength) ** 2)
@@ -92,7 +92,7 @@ def test_gaps_make_the_windows_smaller(ground) -> None:
     assert found.half_power == pytest.approx(HALF * GSD, rel=0.04)
 
 
-def test_where_nothing_is_whole_it_is_said() -> None:
+def test_without_a_whole_window_there_is_a_reason() -> None:
     spectra = Spectra(SIZE, GSD)
     model = np.zeros((SIZE, SIZE))
     model[::5] = np.nan

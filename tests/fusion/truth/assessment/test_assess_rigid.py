@@ -110,7 +110,7 @@ def test_sigmas_are_those_of_the_fit(top) -> None:
     assert np.sqrt(np.mean(np.square(pulls))) == pytest.approx(1.0, abs=0.2)
 
 
-def test_a_sphere_does_not_tell_how_it_is_turned(ball) -> None:
+def test_the_rotation_of_a_sphere_is_not_observable(ball) -> None:
     fit = fit_rigid(ball.points(lattice(2000)) + SHIFT, ball)
     assert fit.converged
     assert "rotation" in fit.reason
@@ -125,13 +125,13 @@ def test_a_translation_alone_has_no_rotation(top) -> None:
     assert not fit.reason
 
 
-def test_too_few_vertices_are_said(top) -> None:
+def test_too_few_vertices_are_reported(top) -> None:
     fit = fit_rigid(top.points(lattice(3)), top)
     assert not fit.converged
     assert "fewer" in fit.reason
 
 
-def test_a_fit_that_has_no_time_says_so(top) -> None:
+def test_a_fit_with_too_few_iterations_reports_it(top) -> None:
     points = top.points(lattice(500)) + 5.0
     fit = fit_rigid(points, top, options=RigidOptions(most_iterations=1))
     assert not fit.converged

@@ -1,0 +1,135 @@
+"""``spcola align``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from fusion.cli.output import JsonOption, show
+from fusion.cli.stages import AcceptOption
+from spcola.errors import RejectedResultError
+
+if TYPE_CHECKING:
+    from fusion.inspection.points import PointSource
+
+_UNIT = "Of the coordinates of {}, where the file states none: shapes km, clouds m if not given."
+
+
+def align(
+    moving: Annotated[
+        Path, typer.Argument(metavar="A", help="The cloud or surface to be moved.")
+    ],
+    fixed: Annotated[Path, typer.Argument(metavar="B", help="The one that it is moved onto.")],
+    model: Annotated[
+        Literal["rigid", "similarity", "affine"],
+        typer.Option(help="Rotation and translation; with a scale; or any linear map."),
+    ] = "similarity",
+    capture: Annotated[
+        float,
+        typer.Option(
+            metavar="M", min=0.0, max=1e7,
+            help="Largest displacement that is searched, metres; 0: a tenth of the smaller size.",
+        ),
+    ] = 0.0,
+    gsd: Annotated[
+        float,
+        typer.Option(
+            metavar="M", min=0.0, max=1e7,
+            help="Step of the grids on which the two are compared, metres; 0: by their points, "
+            "nodes and facets.",
+        ),
+    ] = 0.0,
+    unit_a: Annotated[
+        Literal["km", "m"] | None, typer.Option("--unit-a", help=_UNIT.format("A"))
+    ] = None,
+    unit_b: Annotated[
+        Literal["km", "m"] | None, typer.Option("--unit-b", help=_UNIT.format("B"))
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="OUT",
+            help="Write A, moved onto B: a cloud as .ply, .las, .laz or .h5, a shape as .obj or "
+            ".ply (an ICQ as .txt too), a maplet as .MAP. Not written if the result is refused.",
+        ),
+    ] = None,
+    accept: AcceptOption = None,
+    as_json: JsonOption = False,
+) -> None:  # fmt: skip
+    """Find the transform that takes one cloud or surface to another, with its covariance.
+
+    A and B may be lidar files, scans, clouds (PLY, PCD, LAS, LAZ, tables), maplets and bigmaps,
+    terrain models, and shapes (ICQ, OBJ, PLY). A result is refused where the two show no relief in
+    common at the place that was found.
+    """
+    # The machinery is imported here and not above, so that help comes at once.
+    from fusion.inspection.points import check_target, read_points, write_moved
+    from fusion.registration.clouds import AlignOptions, align_clouds
+
+    one, two = read_points(moving, unit=unit_a), read_points(fixed, unit=unit_b)
+    if out is not None:
+        check_target(one, out)
+    step = gsd or max(one.resolution_m, two.resolution_m)
+    found = align_clouds(one.points, two.points, options=AlignOptions(model, capture, step))
+    obstacle = found.verdict.obstacle(accept or ())
+    content = {"a": _facts(one), "b": _facts(two), **found.as_json(), "out": None}
+    if out is not None and not obstacle:
+        write_moved(one, found.transform, out)
+        content["out"] = out
+    show(content, _lines(one, two, content), as_json=as_json)
+    if obstacle:
+        raise RejectedResultError(f"the alignment is {obstacle}", moving)
+
+
+def _facts(source: PointSource) -> dict[str, Any]:
+    return {
+        "path": source.path,
+        "kind": source.kind,
+        "points": source.count,
+        "taken": len(source.points),
+        "left_out": dict(source.left_out),
+        "unit": source.unit,
+    }
+
+
+def _lines(one: PointSource, two: PointSource, content: dict[str, Any]) -> list[str]:
+    """Return what people read: the transform, where it moves the ground, the verdict."""
+    from fusion.estimation.verdict import verdict_lines
+    from fusion.report import number
+
+    def row(name: str, values: Any, sigmas: Any, factor: float = 1.0) -> str:
+        parts = [
+            f"{number(factor * v, None if s is None else factor * s)} ± "
+            f"{'unknown' if s is None else number(factor * s, factor * s)}"
+            for v, s in zip(values, sigmas or [None] * len(values), strict=True)
+        ]
+        return f"  {name}: {', '.join(parts)}"
+
+    shift, sigma = content["shift_m"], content["shift_sigma_m"]
+    lines = [
+        f"{one.path} ({one.kind}, {one.count} points) → {two.path} ({two.kind}, {two.count})",
+        *verdict_lines(content),
+        row("ground moved by x, y, z, m", shift, sigma.tolist()),
+        row("rotation x, y, z, °", content["rotation_deg"], _listed(content["rotation_sigma_deg"])),
+    ]
+    if content["model"] != "rigid":
+        scale_sigma = content["scale_sigma"]
+        sigmas = None if scale_sigma is None else [scale_sigma]
+        lines.append(row("scale − 1, 10⁻⁶", [content["scale"] - 1.0], sigmas, 1e6))
+    lines.append(
+        row("translation x, y, z, m", content["translation_m"],
+            _listed(content["translation_sigma_m"]))
+    )  # fmt: skip
+    lines.append(f"  differences of height: {number(content['height_residual_std_m'])} m")
+    for source in (one, two):
+        lost = ", ".join(f"{count} {reason}" for reason, count in source.left_out.items() if count)
+        lines += [f"  left out of {source.path}: {lost}"] if lost else []
+    return [*lines, *([str(content["out"])] if content["out"] else [])]
+
+
+def _listed(values: Any) -> list[float] | None:
+    return None if values is None else values.tolist()

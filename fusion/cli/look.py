@@ -1,0 +1,71 @@
+"""``spcola look``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from fusion.cli.output import (
+    IsolateOption,
+    JsonOption,
+    LimitMbOption,
+    LimitSOption,
+    run_in_child,
+    show,
+)
+
+
+def look(
+    path: Annotated[
+        Path, typer.Argument(metavar="FILE|WS", help="A workspace, or a file of any kind.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="PNG",
+            help="Where to write the picture (.png, .pdf or .svg); NAME.png in the current folder "
+            "if not given.",
+        ),
+    ] = None,
+    unit: Annotated[
+        Literal["km", "m"] | None,
+        typer.Option(help="Of the coordinates of an OBJ or PLY shape; km if not given."),
+    ] = None,
+    faces_from: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=1, help="By which number the faces of an OBJ name its first vertex: 1, or 0."
+        ),
+    ] = None,
+    isolate: IsolateOption = False,
+    limit_mb: LimitMbOption = 8192,
+    limit_s: LimitSOption = 3600.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Draw what a file or a workspace holds.
+
+    Heights and shaded relief of maplets, mapolas, fused maplets, bigmaps and pairs; footprints of
+    lidar files and scans; three views of shapes; images with their landmarks; residuals of
+    registration.json, and scale.json; an overview of a workspace. A file of the name NAME.png that
+    was not made by this command is not replaced; a file named with -o is.
+    """
+    # The machinery is imported here and not above, so that help comes at once.
+    from fusion.inspection.look import (
+        LookOptions,
+        look_at,
+        picture_path,
+        save_picture,
+    )
+
+    if isolate:
+        run_in_child(path, limit_mb, limit_s)
+    target = picture_path(path, out)
+    options = LookOptions(unit, None if faces_from is None else 0 if faces_from == 0 else 1)
+    picture = look_at(path, options)
+    save_picture(picture, target)
+    content = {"source": path, "picture": target, "kind": picture.kind, **picture.facts}
+    show(content, [str(target)], as_json=as_json)

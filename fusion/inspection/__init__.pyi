@@ -1,3 +1,0 @@
-from .describe import describe_file as describe_file
-from .describe import describe_workspace as describe_workspace
-from .forecast import mapolas_forecast as mapolas_forecast

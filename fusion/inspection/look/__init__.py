@@ -1,0 +1,6 @@
+"""Pictures of files: ``spcola look``, one function for each type of file."""
+
+from fusion.inspection.look.choose import LookOptions, look_at
+from fusion.inspection.look.picture import Picture, picture_path, save_picture
+
+__all__ = ["LookOptions", "Picture", "look_at", "picture_path", "save_picture"]

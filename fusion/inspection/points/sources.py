@@ -1,0 +1,132 @@
+"""A file of any kind as points of its surface: clouds, scans, maplets, terrain models, shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from fusion.inspection.file_kinds import FileKind, file_kind, lidar_format
+from fusion.products.formats import is_surface, read_fits_dtm, read_geotiff, read_surface
+from lidar.formats import read_sample
+from lidar.formats.records import LidarOptions
+from spcola.arrays import FloatArray
+from spcola.errors import FormatError
+from spcola.formats.maplets import read_maplet
+from spcola.formats.shapes import FacesFrom, Unit, read_icq, read_shape, recognise_shape
+from spcola.grids import Maplet
+from spcola.shape import Mesh, sample_surface
+from spcola.shape.icq import IcqShape
+
+MOST_POINTS = 2_000_000
+"""Points of a file that are used at most, evenly chosen among all."""
+
+# Most samples across a typical edge of a facet.
+_ACROSS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class PointSource:
+    """Points of the surface that a file holds.
+
+    Attributes
+    ----------
+    path : Path
+    kind : {"cloud", "mesh", "shape (ICQ)", "maplet"}
+    points : (N, 3) ndarray
+        Metres.
+    count : int
+        Points of the file, of which `points` may be a part, or vertices of a mesh.
+    left_out : mapping of str to int
+        Records of the file without a place, by reason.
+    unit : {"km", "m"}
+        Of the coordinates in the file.
+    resolution_m : float
+        Distance of the points of a maplet (its GSD) or a mesh, metres; 0 for a cloud.
+    surface : Mesh, IcqShape or Maplet, optional
+        What the points were taken from; None for a cloud, which is read again to be moved.
+    """
+
+    path: Path
+    kind: Literal["cloud", "mesh", "shape (ICQ)", "maplet"]
+    points: FloatArray
+    count: int
+    left_out: Mapping[str, int] = field(default_factory=dict)
+    unit: Unit = "km"
+    resolution_m: float = 0.0
+    surface: Mesh | IcqShape | Maplet | None = None
+
+
+def read_points(
+    path: Path, *, unit: Unit | None = None, faces_from: FacesFrom = 1, most: int = MOST_POINTS
+) -> PointSource:
+    """Read a lidar file or scan, a cloud, a maplet, a terrain model or a shape as points.
+
+    Parameters
+    ----------
+    path : Path
+    unit : {"km", "m"}, optional
+        Of the coordinates of a file that states none: shapes in OBJ and PLY are in km if not given,
+        clouds in metres.
+    faces_from : {1, 0}
+        The number by which the faces of an OBJ name its first vertex.
+    most : int
+        Points that are kept at most.
+
+    Raises
+    ------
+    FormatError
+        If the file cannot be read, or is of a kind that holds no surface.
+    """
+    kind = file_kind(path)
+    if kind is FileKind.LIDAR:
+        return _cloud(path, unit, most)
+    if kind is FileKind.SHAPE:
+        return _shape(path, unit or "km", faces_from, most)
+    readers = {
+        FileKind.MAPLET: read_maplet,
+        FileKind.FITS: read_fits_dtm,
+        FileKind.GEOTIFF: read_geotiff,
+    }
+    if kind not in readers:
+        article = "an" if kind[0] in "aeiou" else "a"
+        raise FormatError(
+            f"is {article} {kind}, no cloud and no surface",
+            path,
+            "give a lidar file, a cloud, a maplet, a terrain model or a shape",
+        )
+    return _maplet(path, readers[kind](path))
+
+
+def _cloud(path: Path, unit: Unit | None, most: int) -> PointSource:
+    options = LidarOptions(unit=unit)
+    sample = read_sample(path, most, format=lidar_format(path), options=options)
+    points = np.ascontiguousarray(sample.scan.points)
+    return PointSource(path, "cloud", points, sample.count, sample.rejected, unit or "m")
+
+
+def _maplet(path: Path, maplet: Maplet) -> PointSource:
+    points = np.ascontiguousarray(maplet.points()[maplet.valid])
+    lost = maplet.height.size - len(points)
+    left = {"without a height": lost} if lost else {}
+    return PointSource(path, "maplet", points, len(points), left, "km", maplet.grid.gsd, maplet)
+
+
+def _shape(path: Path, unit: Unit, faces_from: FacesFrom, most: int) -> PointSource:
+    """Sample a shape evenly over its facets: its vertices alone crowd where facets are small."""
+    if is_surface(path):
+        return _maplet(path, read_surface(path))
+    shape = read_icq(path) if recognise_shape(path) == "icq" else None
+    mesh = shape.mesh() if shape else read_shape(path, unit=unit, faces_from=faces_from)
+    area = float(np.sum(np.linalg.norm(mesh.area_vectors, axis=1)))
+    edge = float(np.sqrt(2.0 * area / max(len(mesh.facets), 1)))
+    step = edge / float(np.clip(np.floor(np.sqrt(most / max(len(mesh.facets), 1))), 1, _ACROSS))
+    points = sample_surface(mesh, step).points
+    points = np.ascontiguousarray(points[:: -(-len(points) // most)])
+    count = len(mesh.vertices)
+    if shape:
+        return PointSource(path, "shape (ICQ)", points, count, {}, "km", step, shape)
+    return PointSource(path, "mesh", points, count, {}, unit, step, mesh)

@@ -1,9 +1,0 @@
-from .manifest import MANIFEST_FILE as MANIFEST_FILE
-from .manifest import Product as Product
-from .manifest import Provenance as Provenance
-from .manifest import describe_product as describe_product
-from .manifest import manifest_text as manifest_text
-from .manifest import versions as versions
-from .manifest import write_manifest as write_manifest
-from .naming import lon_lat_deg as lon_lat_deg
-from .naming import product_stems as product_stems

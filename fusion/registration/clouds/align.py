@@ -1,0 +1,290 @@
+"""The transform that takes one cloud of points to another, with its covariance and a verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from fusion.estimation.verdict import (
+    Code,
+    Finding,
+    Severity,
+    Verdict,
+)
+from fusion.registration.clouds.bodies import align_bodies
+from fusion.registration.clouds.clouds import CloudOptions, register_clouds
+from fusion.registration.clouds.composed import composed
+from fusion.registration.fit import KnownTransform, Model
+from fusion.registration.returns import DirectRegistration
+from fusion.registration.search import UNITS
+from spcola.arrays import FloatArray, check_shape
+from spcola.errors import InvalidValueError, NotObservableError
+from spcola.math import Affine
+
+LEAST_POINTS = 100
+"""Fewer points than these are no surface."""
+
+# Thickness of a cloud over its shorter side, below which it is a surface over one plane.
+_FLAT = 0.35
+# Share of the smaller cloud's longer side that is searched where nothing else is asked for.
+_CAPTURE = 0.1
+# By so much the sizes of two clouds of one ground may differ: one may see a part of it only.
+_SIZES_APART = 30.0
+# Two models of one body do not differ by a larger scale, or a smaller one than its inverse.
+_SCALES_APART = 1.2
+# Units are named where they make the sizes of the clouds agree to this factor.
+_UNIT_FITS = 1.25
+
+
+Ground = Literal["plane", "body"]
+
+
+@dataclass(frozen=True)
+class AlignOptions:
+    """How two clouds are aligned.
+
+    Parameters
+    ----------
+    model : {"rigid", "similarity", "affine"}
+    capture_m : float
+        Largest displacement that is searched, metres; 0: a tenth of the smaller cloud's size.
+    gsd_m : float
+        Step of the grids on which clouds are compared, metres (around a body: at least); 0: about
+        one point of the sparser cloud in a cell. Not below what the surfaces resolve.
+    """
+
+    model: Model = "similarity"
+    capture_m: float = 0.0
+    gsd_m: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """The transform that takes a moving cloud to a fixed one.
+
+    Attributes
+    ----------
+    registration : DirectRegistration
+        ``V_fixed = translation + matrix · V_moving``; its covariance is about the origin of the
+        moving cloud's coordinates, in the order of its ``parameters``.
+    verdict : Verdict
+        Whether it may be used.
+    ground : {"plane", "body"}
+        Whether the clouds were compared over one plane or in patches around a body.
+    """
+
+    registration: DirectRegistration
+    verdict: Verdict
+    ground: Ground
+
+    @property
+    def transform(self) -> Affine:
+        """From the moving cloud's coordinates to the fixed one's, metres."""
+        return self.registration.transform
+
+    @property
+    def shift(self) -> tuple[FloatArray, FloatArray]:
+        """How far the middle of the ground is moved (3,), and its covariance (3, 3); metres.
+
+        The translation alone means little where the origin of the coordinates is far away.
+        """
+        center = self.registration.center
+        moved = self.transform.apply(center) - center
+        if not np.isfinite(self.registration.covariance).all():
+            return moved, np.full((3, 3), np.nan)
+        return moved, self._known().position_covariance(center[None])[0]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it with the keys of ``registration.json``, as far as they have a meaning here."""
+        found = self.registration
+        known = self._known()
+        numbers = known.numbers()
+        inverse = known.inverse().numbers()
+        if not np.isfinite(found.covariance).all():
+            for content in (numbers, inverse):
+                content.update({key: None for key in content if "sigma" in key})
+                content["covariance"] = None
+        moved, covariance = self.shift
+        return {
+            **numbers,
+            "center_m": found.center,
+            "shift_m": moved,
+            "shift_sigma_m": np.sqrt(np.diag(covariance)),
+            "height_residual_std_m": found.residual_std_m,
+            "ground": self.ground,
+            "points_used": found.points,
+            "cells": found.cells,
+            "clusters": found.clusters,
+            "blur_cells": found.blur_cells,
+            "iterations": found.iterations,
+            "converged": found.converged,
+            "inverse": inverse,
+            **self.verdict.as_json(),
+        }
+
+    def _known(self) -> KnownTransform:
+        """The transform with its covariance; with none of it where it is not known."""
+        found = self.registration
+        known = np.isfinite(found.covariance).all()
+        covariance = found.covariance if known else np.zeros_like(found.covariance)
+        return KnownTransform(found.model, found.transform, covariance)
+
+
+def align_clouds(
+    moving: FloatArray, fixed: FloatArray, *, options: AlignOptions | None = None
+) -> Alignment:
+    """Find the transform that takes one cloud of points to another of the same ground.
+
+    Clouds over one plane are gridded and compared on three grids, each finer than the one before
+    (:func:`fusion.registration.clouds.register_clouds`); clouds around a body in patches of its
+    surface (:func:`fusion.registration.clouds.bodies.align_bodies`). Neither needs points that
+    correspond to each other. The covariance follows from the residuals and their correlation.
+
+    Parameters
+    ----------
+    moving, fixed : (N, 3), (M, 3) ndarrays
+        Metres, at least 100 points each. They may lie anywhere.
+    options : AlignOptions, optional
+
+    Returns
+    -------
+    Alignment
+        With a verdict: refused where the two show no relief in common at the place that was found.
+
+    Raises
+    ------
+    InvalidValueError
+        If a cloud has too few points, points that are not finite, or another unit than the other.
+    NotObservableError
+        If the clouds do not overlap, or the ground leaves a parameter free (a plane, a sphere).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fusion.registration.clouds import align_clouds
+    >>> x, y = np.random.default_rng(1).uniform(-10, 10, (2, 20_000))
+    >>> height = np.sin(x) * np.cos(0.7 * y) + 0.3 * np.sin(2.3 * x + y)
+    >>> fixed = np.stack([x, y, height], axis=1)
+    >>> found = align_clouds(fixed[::2] + [0.1, 0.0, -0.2], fixed[1::2])
+    >>> np.round(found.shift[0], 2) + 0.0
+    array([-0.1,  0. ,  0.2])
+    >>> found.verdict.judgement
+    'accepted'
+    """
+    options = options or AlignOptions()
+    for name, points in (("moving cloud", moving), ("fixed cloud", fixed)):
+        _check_cloud(points, name)
+    size = _size(fixed)
+    if not 1.0 / _SIZES_APART < _size(moving) / size < _SIZES_APART:
+        raise InvalidValueError(
+            f"has a size of {_size(moving):.3g} m, the fixed one of {size:.3g} m",
+            "moving cloud",
+            f"check the units{unit_hint(moving, fixed)}",
+        )
+    capture = options.capture_m or _CAPTURE * min(size, _size(moving))
+    center = np.mean(fixed, axis=0)
+    there = Affine(np.eye(3), -center, "centred", "moving")
+    one, two = moving - center, fixed - center
+    try:
+        found, ground = _aligned(one, two, -center, replace(options, capture_m=capture))
+    except NotObservableError as error:
+        searched = f"displacements up to {capture:.3g} m were searched"
+        do = searched if error.do is None else f"{error.do} ({searched})"
+        what = error.what + unit_hint(moving, fixed)
+        raise NotObservableError(what, error.parameters, error.where, do) from error
+    registration = composed(found, there, center)
+    return Alignment(registration, _judged(registration, unit_hint(moving, fixed)), ground)
+
+
+def unit_hint(moving: FloatArray, fixed: FloatArray) -> str:
+    """Say in which other unit the moving cloud would be as large as the fixed one; else nothing."""
+    ratio = _size(fixed) / _size(moving)
+    for factor, text in UNITS.items():
+        if factor != 1.0 and abs(np.log(ratio / factor)) < np.log(_UNIT_FITS):
+            return f" (times {factor:.4g} the moving one has the fixed one's size: {text}?)"
+    return ""
+
+
+def _check_cloud(points: FloatArray, name: str) -> None:
+    """Refuse what is no cloud of enough finite points."""
+    check_shape(points, (None, 3), name)
+    lost = int(np.count_nonzero(~np.isfinite(points).all(axis=1)))
+    if lost:
+        raise InvalidValueError(f"has {lost} points that are not finite", name, "leave them out")
+    if len(points) < LEAST_POINTS:
+        raise InvalidValueError(f"has {len(points)} points, {LEAST_POINTS} are needed", name)
+    if _size(points) == 0.0:
+        raise InvalidValueError("has all its points at one place", name)
+
+
+def _size(points: FloatArray) -> float:
+    """Longest side of the box around the middle nine tenths of a cloud, metres.
+
+    Isolated points far away must not count.
+    """
+    low, high = np.percentile(points, (5.0, 95.0), axis=0)
+    return float(np.max(high - low)) / 0.9
+
+
+def _is_flat(points: FloatArray) -> bool:
+    """Tell whether a cloud is a surface over one plane."""
+    arms = points - np.median(points, axis=0)
+    spans = np.linalg.eigvalsh(arms.T @ arms / len(points))
+    return bool(spans[0] < _FLAT**2 * spans[1])
+
+
+def _aligned(
+    moving: FloatArray, fixed: FloatArray, origin: FloatArray, options: AlignOptions
+) -> tuple[DirectRegistration, Ground]:
+    """Register two clouds over a plane if one of them lies over one, else around a body."""
+    if _is_flat(moving) and not _is_flat(fixed):
+        near = _near(fixed, moving, options.capture_m, "fixed")
+        if _is_flat(near):
+            fixed = near
+    if not _is_flat(fixed):
+        return align_bodies(
+            moving, fixed, options.model, origin=origin, gsd_m=options.gsd_m
+        ), "body"
+    near = _near(moving, fixed, options.capture_m, "moving")
+    chosen = CloudOptions(model=options.model, gsd_m=options.gsd_m, capture_m=options.capture_m)
+    return register_clouds(near, fixed, options=chosen), "plane"
+
+
+def _near(points: FloatArray, other: FloatArray, capture: float, name: str) -> FloatArray:
+    """Points about a flat cloud: what is elsewhere, such as a body's other side, is left out.
+
+    Raises
+    ------
+    NotObservableError
+        If hardly any is there.
+    """
+    middle = other.mean(axis=0)
+    axes = np.linalg.eigh((other - middle).T @ (other - middle))[1].T
+    low, high = np.percentile(other @ axes.T, (0.5, 99.5), axis=0)
+    margin = capture + 0.05 * (high - low)
+    along = points @ axes.T
+    near = points[np.all((along > low - margin) & (along < high + margin), axis=1)]
+    if len(near) < LEAST_POINTS:
+        raise NotObservableError(
+            f"the clouds do not overlap: {len(near)} of {len(points)} points of the {name} one lie "
+            f"within {capture:.3g} m of the other",
+            do="check frames and units, or raise the capture range",
+        )
+    return np.ascontiguousarray(near)
+
+
+def _judged(found: DirectRegistration, hint: str) -> Verdict:
+    """Return the verdict of a registration, with what is known of its covariance and the units."""
+    findings = list((found.verdict or Verdict()).findings)
+    scale = found.similarity.scale
+    if abs(np.log(scale)) > np.log(_SCALES_APART):
+        text = f"the scale is {scale:.6g}: one of the two may be in another unit{hint}"
+        findings.append(Finding(Code.LARGE_SCALE, Severity.DOUBTFUL, text, scale, _SCALES_APART))
+    if not np.isfinite(found.covariance).all():
+        text = "the ground has too few independent parts for the transform to have sigmas"
+        findings.append(Finding(Code.NOT_DETERMINED, Severity.DOUBTFUL, text))
+    if hint and Verdict(tuple(findings)).judgement != "accepted":
+        findings.append(Finding(Code.FITS_OTHERWISE, Severity.NOTE, f"sizes differ{hint}"))
+    return Verdict(tuple(findings))

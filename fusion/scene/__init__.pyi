@@ -1,6 +1,0 @@
-from .exposures import Exposures as Exposures
-from .scene import LightSource as LightSource
-from .scene import Scene as Scene
-from .surfaces import Reference as Reference
-from .surfaces import maplets_around as maplets_around
-from .surfaces import surface_reference as surface_reference

@@ -1,9 +1,0 @@
-from .sources import Source as Source
-from .sources import doubles as doubles
-from .sources import whole_scans as whole_scans
-from .stage import STAGE as STAGE
-from .stage import Imported as Imported
-from .stage import Workers as Workers
-from .stage import import_files as import_files
-from .stage import scan_facts as scan_facts
-from .stage import utc_or_none as utc_or_none

@@ -1,1 +1,0 @@
-from .stage import STAGE as STAGE

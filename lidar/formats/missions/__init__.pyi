@@ -1,2 +1,0 @@
-from .ola import RECORD as RECORD
-from .ola import write_ola as write_ola

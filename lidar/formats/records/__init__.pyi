@@ -1,1 +1,0 @@
-from .options import LidarOptions as LidarOptions

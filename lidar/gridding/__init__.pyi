@@ -1,9 +1,0 @@
-from .bigmap import LidarBigmapOptions as LidarBigmapOptions
-from .bigmap import bigmap_from_returns as bigmap_from_returns
-from .gridding import Gridding as Gridding
-from .gridding import GriddingOptions as GriddingOptions
-from .gridding import grid_returns as grid_returns
-from .gridding import make_mapola as make_mapola
-from .mapola import Mapola as Mapola
-from .outliers import RejectionOptions as RejectionOptions
-from .point_heights import at_grid_points as at_grid_points

@@ -1,9 +1,0 @@
-from .camera import Camera as Camera
-from .distortion import COEFFICIENTS as COEFFICIENTS
-from .image import ImagePoint as ImagePoint
-from .image import SpcImage as SpcImage
-from .projection import partials_position as partials_position
-from .projection import partials_rotation as partials_rotation
-from .projection import project_image as project_image
-from .projection import ray as ray
-from .projection import rotate_axes as rotate_axes

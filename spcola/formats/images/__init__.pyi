@@ -1,4 +1,0 @@
-from .dat import read_image_data as read_image_data
-from .dat import write_image_data as write_image_data
-from .fits import reading_fits as reading_fits
-from .fits import write_fits_image as write_fits_image

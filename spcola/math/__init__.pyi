@@ -1,3 +1,0 @@
-from .lattices import lattice as lattice
-from .similarity import Affine as Affine
-from .similarity import Similarity as Similarity
