@@ -6,11 +6,13 @@ that states its public names (``__all__``).
 
 from __future__ import annotations
 
+import ast
 import inspect
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 from pkgutil import walk_packages
 from types import ModuleType
@@ -18,6 +20,7 @@ from typing import Any, Literal, get_args, get_origin
 
 from sphinx.application import Sphinx
 from sphinx.util import logging
+from sourcelinks import names as defined
 from typer.core import TyperArgument
 from typer.main import get_command
 
@@ -173,31 +176,67 @@ def public_members(value: type) -> list[str]:
     ]
 
 
-def api_page(package: ModuleType) -> str:
-    """The page of one package, as reStructuredText."""
+def homes(packages: list[ModuleType]) -> dict[int, str]:
+    """By identity of what is public, the package that describes it: the innermost one."""
+    found: dict[int, str] = {}
+    for package in sorted(packages, key=lambda one: one.__name__.count(".")):
+        for public in package.__all__:
+            found[id(getattr(package, public))] = package.__name__
+    return found
+
+
+def api_page(package: ModuleType, home: Mapping[int, str]) -> str:
+    """The page of one package, as reStructuredText; what inner packages describe is linked."""
     name = package.__name__
-    lines = [
-        f"``{name}``",
-        "=" * (len(name) + 4),
-        "",
-        f".. automodule:: {name}",
-        "   :no-members:",
-        "",
+    head = [f"``{name}``", "=" * (len(name) + 4), ""]
+    lines = [*head, f".. automodule:: {name}", "   :no-members:", ""]
+    values = {public: getattr(package, public) for public in sorted(package.__all__)}
+    # Equal numbers may be one object: a constant is described by every package that has it.
+    own = [
+        public for public, value in values.items() if is_constant(value) or home[id(value)] == name
     ]
-    lines += [".. autosummary::", "", *(f"   {public}" for public in package.__all__), ""]
-    for public in package.__all__:
-        value = getattr(package, public)
-        if isinstance(value, type):
-            lines += [
-                f".. autoclass:: {public}",
-                f"   :members: {', '.join(public_members(value))}",
-                "",
-            ]
-        elif inspect.isroutine(value) or hasattr(value, "py_func"):
-            lines += [f".. autofunction:: {public}", ""]
-        else:
-            lines += [f".. autodata:: {public}", "   :no-value:", ""]
+    if own:
+        lines += [".. autosummary::", "", *(f"   {public}" for public in own), ""]
+    lines += [
+        f"* :py:obj:`{public} <{home[id(value)]}.{public}>`: {summary(value)}"
+        for public, value in values.items()
+        if public not in own
+    ]
+    for public in own:
+        lines += ["", *description(package, public, values[public])]
     return "\n".join(lines) + "\n"
+
+
+def is_constant(value: Any) -> bool:
+    """Whether a public name is neither a class nor a function."""
+    return not (isinstance(value, type) or inspect.isroutine(value) or hasattr(value, "py_func"))
+
+
+def summary(value: Any) -> str:
+    """First sentence of a docstring."""
+    return (inspect.getdoc(value) or "").partition("\n")[0]
+
+
+def description(package: ModuleType, public: str, value: Any) -> list[str]:
+    """What describes one public name."""
+    if isinstance(value, type):
+        members = ", ".join(public_members(value))
+        return [f".. autoclass:: {public}", *([f"   :members: {members}"] if members else [])]
+    if not is_constant(value):
+        return [f".. autofunction:: {public}"]
+    text = data_text(package, public)
+    return [f".. py:data:: {public}", f"   :module: {package.__name__}", "", f"   {text}"]
+
+
+def data_text(package: ModuleType, public: str) -> str:
+    """The text below a constant, in whichever module of the package it is."""
+    for path in sorted(Path(package.__path__[0]).rglob("*.py")):
+        body = ast.parse(path.read_text(encoding="utf-8")).body
+        for one, below in pairwise(body):
+            value = getattr(below, "value", None)
+            if public in defined(one) and isinstance(getattr(value, "value", None), str):
+                return " ".join(value.value.split())
+    return ""
 
 
 GENERATED: dict[str, Callable[[Sphinx], str]] = {
@@ -221,7 +260,9 @@ def write_api(app: Sphinx) -> None:
     """Write a page for each package; pages of packages that are gone are removed."""
     folder = Path(app.srcdir, API)
     folder.mkdir(parents=True, exist_ok=True)
-    pages = {f"{package.__name__}.rst": api_page(package) for package in public_packages()}
+    packages = public_packages()
+    home = homes(packages)
+    pages = {f"{package.__name__}.rst": api_page(package, home) for package in packages}
     for path in folder.glob("*.rst"):
         if path.name not in pages:
             path.unlink()

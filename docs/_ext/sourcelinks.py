@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from pkgutil import walk_packages
 from typing import Any
 
 from docutils import nodes
@@ -144,10 +145,32 @@ def find(
             uri = address(app, name, node["refdoc"])
         except (ImportError, AttributeError, KeyError):
             continue
-        reference = nodes.reference("", "", internal=True, refuri=uri)
-        reference += content
-        return reference
+        return referring(uri, content)
+    # A summary in a table does not say in which module its docstring is.
+    public = (one for one in app.env.get_domain("py").objects if one.endswith(f".{target}"))
+    inner = (f"{module}.{target}" for home in within for module in inner_modules(home))
+    for name in (*sorted(public), *inner):
+        try:
+            return referring(address(app, name, node["refdoc"]), content)
+        except (ImportError, AttributeError, KeyError):
+            continue
     return None
+
+
+def inner_modules(package: str) -> list[str]:
+    """Names of all modules of a package; none if there is no such package."""
+    try:
+        folder = import_module(package).__path__
+    except (ImportError, AttributeError):
+        return []
+    return [module.name for module in walk_packages(folder, f"{package}.")]
+
+
+def referring(uri: str, content: nodes.Element) -> nodes.reference:
+    """Make a link of `content`."""
+    reference = nodes.reference("", "", internal=True, refuri=uri)
+    reference += content
+    return reference
 
 
 def pages(app: Sphinx) -> Iterator[tuple[str, dict[str, Any], str]]:

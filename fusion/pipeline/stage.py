@@ -119,7 +119,7 @@ class StageContext:
 class Stage(Protocol):
     """One step of the processing.
 
-    A module ``fusion.stages.NAME`` defines one as ``STAGE``. The pipeline hashes inputs, the
+    A module ``fusion.stages`` defines one as ``STAGE``. The pipeline hashes inputs, the
     declared tables and the version: if the hash and the outputs are those of the last run, the
     stage is up to date and is skipped.
     """
