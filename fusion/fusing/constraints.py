@@ -63,7 +63,10 @@ class Constraints:
         """Keep a random fraction (0 … 1) of the heights (Gaskell et al. §3.3), reproducibly."""
         if fraction >= 1.0:
             return self
-        dropped = generator.random(self.height.shape) >= fraction
+        return self.without(generator.random(self.height.shape) >= fraction)
+
+    def without(self, dropped: BoolArray) -> Constraints:
+        """Leave out the heights of the points (R, C) `dropped`; means stay."""
         return Constraints(
             np.where(dropped, np.nan, self.height),
             np.where(dropped, np.nan, self.sigma),

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from fusion.fusing.constraints import Constraints
+from fusion.fusing.contradiction import contradicted
 from fusion.fusing.information import SlopeInformation, along_edges, light_along_edges
 from fusion.fusing.maplets.maplet import FusedMaplet, Source
 from fusion.fusing.shape import ShapeInformation
@@ -104,6 +105,8 @@ class FuseResult:
         Number of connected parts without lidar height; SPC or the shape fixes their mean height.
     downweighted : int
         Lidar heights to which the robust loss gave less than half of their weight.
+    contradicted : int
+        Lone lidar heights left out because they contradict the SPC surface.
     misfit : float
         Robust standard deviation of lidar minus SPC heights about their median, over that of the
         whole solution; NaN if they have no common point.
@@ -113,6 +116,7 @@ class FuseResult:
     solution: HeightSolution
     parts_without_lidar: int
     downweighted: int
+    contradicted: int
     misfit: float
 
 
@@ -123,7 +127,8 @@ def fuse_maplet(
 
     - Height steps come from the SPC maplet where it has both points, weighted by `information`;
       elsewhere from the shape, with its step error estimated from the lidar.
-    - Lidar heights have weight 1/σ² and a robust loss.
+    - Lidar heights have weight 1/σ² and a robust loss. Lone ones that contradict SPC are left out,
+      and the sigma there includes what a boulder of one cell that SPC lacks may be high.
     - Heights of SPC, and of the shape where SPC has none, have small weights: their errors are
       correlated over many points, so the weight of one independent height is divided among these.
       They fix the height of parts without returns.
@@ -146,7 +151,8 @@ def fuse_maplet(
     """
     options = options or FuseOptions()
     generator = np.random.default_rng([options.seed, _name_number(parts.name)])
-    lidar = parts.lidar.subset(options.fraction, generator)
+    doubtful = contradicted(parts.lidar, parts.spc, _spc_sigma(parts, information))
+    lidar = parts.lidar.without(doubtful).subset(options.fraction, generator)
     shape = information.shape or _assumed_shape(information, options)
     problem = _problem(parts, lidar, information, shape, options)
     # In effect the loss concerns the lidar only: SPC and shape heights have weights so small that
@@ -160,6 +166,7 @@ def fuse_maplet(
         Source.FILLED,
     )
     sigma = _sigma(parts, lidar, information, shape, solution.height, own)
+    sigma = np.hypot(sigma, np.where(doubtful, _doubt(parts), 0.0))
     maplet = FusedMaplet(
         name=parts.name,
         grid=parts.grid,
@@ -174,6 +181,7 @@ def fuse_maplet(
         solution,
         _parts_without_lidar(solution, with_lidar),
         _downweighted(problem, solution, with_lidar),
+        int(np.count_nonzero(doubtful)),
         float(mad(parts.lidar.height - parts.spc.height)) / information.height_sigma_m,
     )
 
@@ -284,6 +292,30 @@ def _heights(
     sigma = np.where(with_lidar, lidar.sigma, sigma)
     weight = np.where(np.isfinite(height), 1.0 / np.maximum(sigma, 1e-6) ** 2, 0.0)
     return height, weight
+
+
+def _spc_sigma(parts: FuseInput, information: SlopeInformation) -> FloatArray:
+    """Standard deviation (R, C) of SPC heights relative to the lidar's, metres.
+
+    It includes displacements of the whole surface, and what SPC misses on steep or bent ground.
+    """
+    height, gsd = parts.spc.height, parts.grid.gsd
+    own = np.where(np.isfinite(parts.spc.sigma), parts.spc.sigma, 0.0)
+    slope = np.nan_to_num(np.hypot(*slopes_of(height, gsd)))
+    bent = np.abs(np.nan_to_num(bending(height)))
+    rough = information.step_sigma(slope, bent, gsd)
+    center = np.diag(np.nan_to_num(parts.spc.center_sigma) ** 2)
+    shared = _displaced_variance(parts.grid, height, center + parts.common_covariance)
+    own = np.maximum(own, information.height_sigma_m)
+    return np.sqrt(own**2 + rough**2 + shared)
+
+
+def _doubt(parts: FuseInput) -> FloatArray:
+    """Sigma (R, C), metres, that a contradicted lidar height adds: it may be a boulder.
+
+    A boulder that SPC lacks is about one cell wide, and no higher than wide.
+    """
+    return np.minimum(np.abs(parts.lidar.height - parts.spc.height), parts.grid.gsd)
 
 
 def _center_sigma(parts: FuseInput) -> float:

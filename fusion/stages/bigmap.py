@@ -44,7 +44,7 @@ class BigmapStage:
     """
 
     name: str = "bigmap"
-    version: int = 4
+    version: int = 5
     needs: tuple[str, ...] = ("fuse",)
     places: tuple[str, ...] = ("bigmaps",)
     tables: tuple[type[Table], ...] = (

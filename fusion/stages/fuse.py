@@ -34,7 +34,7 @@ class FuseStage:
     """Maplets, mapolas, registration → fused maplets."""
 
     name: str = "fuse"
-    version: int = 8
+    version: int = 9
     needs: tuple[str, ...] = ("mapolas", "register")
     places: tuple[str, ...] = ("fused",)
     tables: tuple[type[Table], ...] = (FuseSettings, BodySettings)
@@ -97,7 +97,7 @@ class _Tally:
         self.sigma: list[float] = []
         self.untied: list[str] = []
         self.misfits: dict[str, float] = {}
-        self.downweighted = self.not_converged = 0
+        self.downweighted = self.contradicted = self.not_converged = 0
 
     def passed(self, results: Iterable[FuseResult]) -> Iterator[FusedMaplet]:
         """Yield the maplets and count them."""
@@ -110,6 +110,7 @@ class _Tally:
             self.untied += [maplet.name] * result.parts_without_lidar
             self.misfits[maplet.name] = result.misfit
             self.downweighted += result.downweighted
+            self.contradicted += result.contradicted
             self.not_converged += not result.solution.converged
             yield maplet
 
@@ -141,6 +142,7 @@ class _Tally:
             "parts_without_lidar": len(self.untied),
             "maplets_with_parts_without_lidar": sorted(set(self.untied)),
             "downweighted_heights": self.downweighted,
+            "contradicted_heights": self.contradicted,
             "not_converged": self.not_converged,
             "spc_step_sigma_m": information.step_sigma_m,
             "spc_steep_sigma": information.steep_sigma,

@@ -183,7 +183,7 @@ def grid_returns(
     if not len(cells.index):
         return _nothing(name, grid, len(returns))
     inside, count = len(cells.index), cells.count
-    cells = _without_isolated(cells, grid.gsd, options)
+    cells = _without_isolated(cells, returns.scan, grid.gsd, options)
     isolated, outlying = inside - len(cells.index), 0
     surface = _settle(cells, grid.gsd, options)
     for _ in range(options.rejection.max_rounds):
@@ -336,10 +336,12 @@ def _carried(
     return at_place, change
 
 
-def _without_isolated(cells: CellReturns, gsd: float, options: GriddingOptions) -> CellReturns:
+def _without_isolated(
+    cells: CellReturns, scan: IntArray, gsd: float, options: GriddingOptions
+) -> CellReturns:
     """Remove isolated returns from cells with few returns, in place."""
     for _ in range(options.rejection.max_rounds):
-        isolated = find_isolated(cells, gsd, options.rejection)
+        isolated = find_isolated(cells, scan[cells.index], gsd, options.rejection)
         if not isolated.any():
             break
         cells = cells.reduced(~isolated)

@@ -216,20 +216,20 @@ def _median_step(
 
 
 @compiled
-def supported(
+def count_support(
     height: FloatArray, row: IntArray, column: IntArray, value: FloatArray, step: float
-) -> BoolArray:
-    """Return which values (N,) are close to one of the eight cells around (row, column).
+) -> IntArray:
+    """Return to how many of the eight cells around (row, column) each value (N,) is close.
 
     Close means within `step` metres for each grid step of distance: the edge of a boulder has a
     neighbour at its own height, an isolated echo has none.
     """
     rows, columns = height.shape
-    result = np.zeros(len(value), dtype=np.bool_)
+    result = np.zeros(len(value), dtype=np.int64)
     for i in range(len(value)):
         for r in range(max(0, row[i] - 1), min(rows, row[i] + 2)):
             for c in range(max(0, column[i] - 1), min(columns, column[i] + 2)):
                 distance = np.hypot(r - row[i], c - column[i])
                 if distance > 0 and abs(height[r, c] - value[i]) <= step * distance:
-                    result[i] = True
+                    result[i] += 1
     return result

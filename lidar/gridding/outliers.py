@@ -12,15 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidar.gridding.cells.cells import CellReturns
-from lidar.gridding.neighbourhood import expect, supported
+from lidar.gridding.density import filled_around, needs_support
+from lidar.gridding.neighbourhood import count_support, expect
 from spcola.arrays import (
-    AnyArray,
     BoolArray,
     FloatArray,
     IntArray,
 )
 from spcola.compilation import compiled
 from spcola.errors import SettingsError
+
+# A return in a window of which less than this share is filled lies beyond the rim of a raster. What
+# departs there needs two neighbours near its height, not one: nothing on the other side judges it.
+_RIM = 0.5
 
 
 @dataclass(frozen=True)
@@ -47,9 +51,10 @@ class RejectionOptions:
     neighbourhood : int
         Half-width, in cells, of the neighbourhood.
     least_cells : int
-        Least number of neighbours with a height for this test. Where returns are dense (more
-        than `few` in the median cell) a return with fewer neighbours, beyond the edge of a
-        raster, is isolated unless a cell next to it lies near its height.
+        Least number of neighbours with a height for this test. A scan samples its ground densely
+        if the median cell has so many, or more than `few` returns; there a return with fewer
+        neighbours, beyond the edge of a raster, is isolated unless a cell next to it lies near its
+        height.
     max_rounds : int
         Most repetitions of either test.
 
@@ -79,87 +84,102 @@ class RejectionOptions:
         return cls(cell_sigmas=np.inf, neighbourhood_sigmas=np.inf, departure=np.inf)
 
 
-def find_isolated(cells: CellReturns, gsd: float, options: RejectionOptions) -> BoolArray:
+def find_isolated(
+    cells: CellReturns, scan: IntArray, gsd: float, options: RejectionOptions
+) -> BoolArray:
     """Return which returns (K,) no neighbouring cell supports, or lie on another sheet.
 
     The heights of the cells are plain medians here, since isolated returns must be removed
-    before slopes are fitted.
+    before slopes are fitted. `scan` (K,) are the numbers of the returns' scans: where a scan is
+    dense (:mod:`lidar.gridding.density`) a return without a neighbourhood is isolated too.
     """
+    radius, least_cells = options.neighbourhood, options.least_cells
     place_x, place_y = cells.place
-    height = cells.middle
-    expected = expect(
-        place_x,
-        place_y,
-        height,
-        radius=options.neighbourhood,
-        least_cells=options.least_cells,
-    )
+    expected = expect(place_x, place_y, cells.middle, radius=radius, least_cells=least_cells)
     # At the grid points, to which the cells' own slopes have not been applied yet.
     base = expected.height - expected.slope_x * place_x - expected.slope_y * place_y
-    dense = _is_dense(cells.count, options.few)
-    isolated, candidate = _candidates(
+    away, limit, scarce = _departures(
         cells.start,
         (cells.dx, cells.dy, cells.height),
         (expected.slope_x.ravel(), expected.slope_y.ravel(), base.ravel()),
         options.neighbourhood_sigmas * expected.scatter.ravel(),
-        options.departure * gsd,
-        options.few if dense else -options.few,
+        options.few,
     )
-    at = np.flatnonzero(candidate)
-    cell = np.searchsorted(cells.start, at, side="right") - 1
-    row, column = np.divmod(cell, cells.shape[1])
-    value, step = cells.height[at], options.steepest * gsd
-    if not dense:
-        isolated[at] = ~supported(height, row, column, value, step)
+    isolated: BoolArray = away > options.departure * gsd
+    scarce &= ~isolated
+    departing = np.flatnonzero(scarce & (away > limit))
+    alone = np.flatnonzero(scarce & np.isnan(away))
+    if not len(departing) and not len(alone):
         return isolated
-    # Beyond the edge of a raster two isolated returns must not support each other: support starts
-    # at cells that are not candidates, and propagates.
-    sound = height.copy()
-    sound[row, column] = np.nan
-    found = np.zeros(len(at), dtype=np.bool_)
-    while (more := ~found & supported(sound, row, column, value, step)).any():
-        found |= more
-        sound[row[more], column[more]] = height[row[more], column[more]]
-    isolated[at] = ~found
+    tests = np.isfinite(away), away <= limit
+    needed = needs_support(cells, scan, tests, options.few, (radius, least_cells))
+    beyond = needed[departing] & _beyond_rim(cells, departing, radius)
+    least = np.where(beyond, 2, 1)
+    step = options.steepest * gsd
+    isolated[_unsupported(cells, (departing, least), alone[needed[alone]], step)] = True
     return isolated
 
 
+def _beyond_rim(cells: CellReturns, number: IntArray, radius: int) -> BoolArray:
+    """Return which of the returns of this `number` lie beyond the rim of a raster."""
+    around = filled_around(cells.count, radius).ravel()[cells.cell[number]]
+    beyond: BoolArray = around < _RIM * (2 * radius + 1) ** 2
+    return beyond
+
+
 @compiled
-def _candidates(
+def _departures(
     start: IntArray,
     local: tuple[FloatArray, FloatArray, FloatArray],
     expected: tuple[FloatArray, FloatArray, FloatArray],
     limit: FloatArray,
-    departure: float,
     few: int,
-) -> tuple[BoolArray, BoolArray]:
-    """Masks (K,) of returns that depart too far, and of candidates in cells of few returns.
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Distances (K,) from the expected heights, their limits, and which lie in cells of few.
 
-    Expected of each cell are slopes x and y, and the height at its grid point. With negative
-    `few`, returns without an expectation (NaN) are no candidates.
+    Expected of each cell are slopes x and y, and the height at its grid point; NaN where its
+    neighbourhood is too small.
     """
     dx, dy, height = local
     slope_x, slope_y, base = expected
-    isolated = np.zeros(len(height), dtype=np.bool_)
-    candidate = np.zeros(len(height), dtype=np.bool_)
+    away, limits = np.empty(len(height)), np.empty(len(height))
+    scarce = np.empty(len(height), dtype=np.bool_)
     for c in range(len(start) - 1):
-        some = slice(start[c], start[c + 1])
-        x, y, h, away = dx[some], dy[some], height[some], isolated[some]
-        for k in range(len(h)):
-            away[k] = abs(h[k] - slope_x[c] * x[k] - slope_y[c] * y[k] - base[c]) > departure
-        if len(h) > abs(few):
-            continue
-        for k in range(len(h)):
-            distance = abs(h[k] - slope_x[c] * x[k] - slope_y[c] * y[k] - base[c])
-            untestable = few > 0 and not np.isfinite(distance)
-            candidate[start[c] + k] = (distance > limit[c] or untestable) and not away[k]
-    return isolated, candidate
+        for k in range(start[c], start[c + 1]):
+            away[k] = abs(height[k] - slope_x[c] * dx[k] - slope_y[c] * dy[k] - base[c])
+            limits[k] = limit[c]
+            scarce[k] = start[c + 1] - start[c] <= few
+    return away, limits, scarce
 
 
-def _is_dense(count: AnyArray, few: int) -> bool:
-    """Return whether the returns form a raster, not a track or single shots."""
-    there = count[count > 0]
-    return bool(there.size) and float(np.median(there)) > few
+def _unsupported(
+    cells: CellReturns, departing: tuple[IntArray, IntArray], alone: IntArray, step: float
+) -> IntArray:
+    """Return which of the returns numbered `departing` and `alone` no cell next to them supports.
+
+    Departing ones, with the number of cells that each needs, support each other, since they may
+    be a boulder. Those without a neighbourhood do not, since false echoes may be neighbours by
+    chance: their support starts at other cells, and propagates.
+    """
+    number, least = departing
+    sound = cells.middle.copy()
+
+    def place(some: IntArray) -> tuple[IntArray, IntArray]:
+        row, column = np.divmod(cells.cell[some], cells.shape[1])
+        return row, column
+
+    sound[place(alone)] = np.nan
+    value = cells.height
+    lost = number[count_support(sound, *place(number), value[number], step) < least]
+    sound[place(lost)] = np.nan
+    while len(alone):
+        found = count_support(sound, *place(alone), value[alone], step) > 0
+        if not found.any():
+            break
+        row, column = place(alone[found])
+        sound[row, column] = cells.middle[row, column]
+        alone = alone[~found]
+    return np.concatenate([lost, alone])
 
 
 def find_outliers(

@@ -44,7 +44,7 @@ class MapolasStage:
     """Scans → mapolas."""
 
     name: str = "mapolas"
-    version: int = 14
+    version: int = 15
     needs: tuple[str, ...] = ("ingest",)
     places: tuple[str, ...] = ("mapolas",)
     tables: tuple[type[Table], ...] = (

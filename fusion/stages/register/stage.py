@@ -64,7 +64,7 @@ class RegisterStage:
     """Mapolas and SPC surface → registration.json."""
 
     name: str = "register"
-    version: int = 13
+    version: int = 14
     needs: tuple[str, ...] = ("mapolas",)
     places: tuple[str, ...] = ("registration.json",)
     tables: tuple[type[Table], ...] = (

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -358,3 +360,68 @@ def test_points_with_a_height_of_their_own_are_in_no_mean():
     held[found.means.points] = True
     assert np.array_equal(held.reshape(GRID.shape), np.isfinite(found.coarse))
     np.testing.assert_allclose(np.add.reduceat(found.means.share, found.means.start[:-1]), 1.0)
+
+
+def with_lidar(parts, height, count):
+    """`parts` with other lidar heights, of `count` returns each, and their sigma as before."""
+    known = np.isfinite(height)
+    sigma = np.where(known, 0.03, np.nan)
+    return replace(parts, lidar=Constraints(height, sigma, np.where(known, count, 0)))
+
+
+@pytest.mark.parametrize("error", [20.0, -3.0])
+def test_a_lone_lidar_height_in_a_gap_cannot_pull_the_surface_from_spc(error):
+    """It would lower the weights of the steps around it, so that no loss could act."""
+    ratios, pulled = [], []
+    for seed in range(4):
+        surface, parts = scene(400 + seed)
+        row, column = np.mgrid[:SIZE, :SIZE]
+        height = np.where(np.hypot(row - 30, column - 30) < 14, np.nan, parts.lidar.height)
+        places = np.s_[[30, 26, 34, 38, 25], [30, 35, 24, 33, 26]]
+        without = fuse_maplet(with_lidar(parts, height, 1), information_of(parts)).maplet
+        height[places] = surface[places] + error
+        result = fuse_maplet(with_lidar(parts, height, 1), information_of(parts))
+        fused = result.maplet
+        assert result.contradicted == 5
+        assert (fused.source[places] == Source.IMAGE).all()
+        np.testing.assert_array_equal(fused.height, without.height)
+        # It may be a boulder that SPC lacks.
+        assert (fused.sigma[places] > 0.9 * min(abs(error), GRID.gsd)).all()
+        pulled.append(np.abs(fused.height - surface).max())
+        gap = np.hypot(row - 30, column - 30) < 14
+        ratios.append((np.abs(fused.height - surface) / fused.sigma)[gap])
+    assert max(pulled) < 1.0
+    assert 0.60 < np.mean(np.concatenate(ratios) < 1) < 0.85
+    assert 0.90 < np.mean(np.concatenate(ratios) < 2) <= 1.0
+
+
+def test_two_false_echoes_side_by_side_are_no_boulder_and_four_cells_square_are():
+    surface, parts = scene(11)
+    height = parts.lidar.height.copy()
+    height[20:40, 20:40] = np.nan
+    height[30, 30:32] = surface[30, 30:32] - np.array([18.0, 17.0])
+    height[44:48, 44:48] = surface[44:48, 44:48] + 2.0
+    result = fuse_maplet(with_lidar(parts, height, 1), information_of(parts))
+    assert result.contradicted == 2
+    fused = result.maplet
+    assert (fused.source[44:48, 44:48] == Source.BOTH).all()
+    assert np.abs((fused.height - surface)[44:48, 44:48] - 2.0).max() < 0.2
+    assert np.abs((fused.height - surface)[30, 30:32]).max() < 0.6
+
+
+def test_a_maplet_out_of_place_contradicts_no_lone_shot():
+    surface, parts = scene(12)
+    shots = np.where(np.random.default_rng(1).random(GRID.shape) < 0.01, surface, np.nan)
+    moved = Maplet("AA0001", GRID, parts.spc.height + 4.0, center_sigma=np.full(3, 4.0))
+    result = fuse_maplet(with_lidar(replace(parts, spc=moved), shots, 1), DEFAULT_INFORMATION)
+    assert result.contradicted == 0
+    known = np.isfinite(shots)
+    assert rms((result.maplet.height - surface)[known]) < 0.1
+
+
+def test_two_common_points_do_not_show_which_is_wrong():
+    surface, parts = scene(13)
+    shots = np.full(GRID.shape, np.nan)
+    shots[20, 20], shots[40, 40] = surface[20, 20], surface[40, 40] + 5.0
+    result = fuse_maplet(with_lidar(parts, shots, 1), DEFAULT_INFORMATION)
+    assert result.contradicted == 0

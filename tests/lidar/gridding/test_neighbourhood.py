@@ -8,7 +8,7 @@ import pytest
 from lidar.gridding import grid_returns
 from lidar.gridding.cells import fit_planes
 from lidar.gridding.cells.windows import PlaneWindows
-from lidar.gridding.neighbourhood import expect, supported
+from lidar.gridding.neighbourhood import count_support, expect
 from lidar.scans import Returns
 from spcola.grids import MapletGrid
 
@@ -157,5 +157,5 @@ def test_support_is_a_neighbour_within_the_steepest_slope():
     row, column = np.array([0, 0, 2, 2, 4, 1]), np.array([0, 0, 2, 2, 4, 1])
     value = np.array([4.0 + 1.4, 4.0 + 1.5, 0.9, 2.2, 1.1, 4.0])
     # Steepest 1 per step: across a corner √2 is allowed; an unknown cell is ignored.
-    got = supported(height, row, column, value, 1.0)
-    assert list(got) == [True, False, True, False, False, False]
+    got = count_support(height, row, column, value, 1.0)
+    assert list(got) == [1, 0, 6, 0, 0, 0]

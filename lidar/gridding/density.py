@@ -1,0 +1,103 @@
+"""Whether a scan samples its ground densely, so that a return without neighbours is suspicious.
+
+A raster leaves no shot alone but at its rim: a lone return in its gaps is a false echo rather than
+ground. A track or single shots consist of lone returns. Number of returns in a cell does not
+separate the two, neighbourhood does; and each scan is judged by itself, since tracks may cross
+rasters.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import convolve
+from scipy.spatial import KDTree
+
+from lidar.gridding.cells.cells import CellReturns
+from spcola.arrays import AnyArray, BoolArray, IntArray
+
+# Share of its testable returns that must agree with the ground for a sparse scan to be trusted.
+_AGREEING = 0.9
+# A shot further than so many times its scan's usual spacing from the next is unusual.
+_UNUSUAL = 3.0
+
+
+def is_dense(count: AnyArray, few: int, radius: int, least_cells: int) -> bool:
+    """Return whether returns sample their ground densely, unlike a track or single shots.
+
+    Parameters
+    ----------
+    count : (R, C) ndarray of int
+        Returns in each cell.
+    few : int
+        Returns are dense if the median cell has more than these …
+    radius, least_cells : int
+        … or if at least `least_cells` of the (2 radius + 1)² − 1 cells around the median cell have
+        returns too. Cells without returns do not count.
+    """
+    there = count > 0
+    if not there.any():
+        return False
+    if float(np.median(count[there])) > few:
+        return True
+    return float(np.median(filled_around(count, radius)[there])) >= least_cells
+
+
+def filled_around(count: AnyArray, radius: int) -> IntArray:
+    """Return how many of the (2 radius + 1)² − 1 cells around each cell (R, C) have returns."""
+    there = (count > 0).astype(np.int64)
+    across = np.ones((1, 2 * radius + 1), dtype=np.int64)
+    along = convolve(there, across.T, mode="constant")
+    around: IntArray = convolve(along, across, mode="constant") - there
+    return around
+
+
+def needs_support(
+    cells: CellReturns,
+    scan: IntArray,
+    tests: tuple[BoolArray, BoolArray],
+    few: int,
+    window: tuple[int, int],
+) -> BoolArray:
+    """Return which returns (K,) are suspicious if no neighbour supports them.
+
+    - All returns of a dense scan.
+    - Where all scans together are dense: of a sparse scan those further from its other returns
+      than is usual for it, and all if too few of its returns agree with the ground (it may be what
+      false echoes of a raster beyond the grid have left on it).
+
+    Parameters
+    ----------
+    cells : CellReturns
+    scan : (K,) ndarray of int
+        Number of each return's scan.
+    tests : two (K,) ndarrays of bool
+        Whether the neighbourhood of a return is large enough to judge it, and whether it agrees.
+    few : int
+        See :func:`is_dense`.
+    window : (int, int)
+        Its radius and number of cells.
+    """
+    needed = np.zeros(len(scan), dtype=np.bool_)
+    together = is_dense(cells.count, few, *window)
+    for number in np.flatnonzero(np.bincount(scan)):
+        own = np.flatnonzero(scan == number)
+        cell = cells.cell[own]
+        count = np.bincount(cell, minlength=len(cells.start) - 1).reshape(cells.shape)
+        if is_dense(count, few, *window):
+            needed[own] = True
+        elif together:
+            tested, agreeing = (np.count_nonzero(mask[own]) for mask in tests)
+            trusted = tested >= window[1] and agreeing >= _AGREEING * tested
+            needed[own] = _unusually_far(cell, cells.shape[1]) if trusted else True
+    return needed
+
+
+def _unusually_far(cell: IntArray, columns: int) -> BoolArray:
+    """Return which of the cells (N,) of returns are unusually far from the next cell with one."""
+    chosen, number = np.unique(cell, return_inverse=True)
+    if len(chosen) < 2:
+        return np.ones(len(cell), dtype=np.bool_)
+    place = np.stack(np.divmod(chosen, columns), axis=1).astype(np.float64)
+    distance = np.asarray(KDTree(place).query(place, k=2)[0])[:, 1]
+    far: BoolArray = distance > _UNUSUAL * np.median(distance)
+    return far[number]
