@@ -21,7 +21,7 @@ _AGREEING = 0.9
 _UNUSUAL = 3.0
 
 
-def is_dense(count: AnyArray, few: int, radius: int, least_cells: int) -> bool:
+def is_dense(count: AnyArray, few: int, radius: int) -> bool:
     """Return whether returns sample their ground densely, unlike a track or single shots.
 
     Parameters
@@ -30,16 +30,17 @@ def is_dense(count: AnyArray, few: int, radius: int, least_cells: int) -> bool:
         Returns in each cell.
     few : int
         Returns are dense if the median cell has more than these …
-    radius, least_cells : int
-        … or if at least `least_cells` of the (2 radius + 1)² − 1 cells around the median cell have
-        returns too. Cells without returns do not count.
+    radius : int
+        … or if returns fill a larger share of the (2 radius + 1)² − 1 cells around the median cell
+        than a straight track can cross, which is 4 radius. Cells beyond the grid do not count.
     """
     there = count > 0
     if not there.any():
         return False
     if float(np.median(count[there])) > few:
         return True
-    return float(np.median(filled_around(count, radius)[there])) >= least_cells
+    share = filled_around(count, radius) / filled_around(np.ones_like(count), radius)
+    return float(np.median(share[there])) > 4 * radius / ((2 * radius + 1) ** 2 - 1)
 
 
 def filled_around(count: AnyArray, radius: int) -> IntArray:
@@ -75,15 +76,16 @@ def needs_support(
     few : int
         See :func:`is_dense`.
     window : (int, int)
-        Its radius and number of cells.
+        Half-width of a neighbourhood, cells, and least number of returns that show whether a sparse
+        scan agrees.
     """
     needed = np.zeros(len(scan), dtype=np.bool_)
-    together = is_dense(cells.count, few, *window)
+    together = is_dense(cells.count, few, window[0])
     for number in np.flatnonzero(np.bincount(scan)):
         own = np.flatnonzero(scan == number)
         cell = cells.cell[own]
         count = np.bincount(cell, minlength=len(cells.start) - 1).reshape(cells.shape)
-        if is_dense(count, few, *window):
+        if is_dense(count, few, window[0]):
             needed[own] = True
         elif together:
             tested, agreeing = (np.count_nonzero(mask[own]) for mask in tests)

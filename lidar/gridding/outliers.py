@@ -51,10 +51,9 @@ class RejectionOptions:
     neighbourhood : int
         Half-width, in cells, of the neighbourhood.
     least_cells : int
-        Least number of neighbours with a height for this test. A scan samples its ground densely
-        if the median cell has so many, or more than `few` returns; there a return with fewer
-        neighbours, beyond the edge of a raster, is isolated unless a cell next to it lies near its
-        height.
+        Least number of neighbours with a height for this test. In a scan that samples its ground
+        densely (:mod:`lidar.gridding.density`) a return with fewer neighbours, beyond the edge of a
+        raster, is isolated unless a cell next to it lies near its height.
     max_rounds : int
         Most repetitions of either test.
 

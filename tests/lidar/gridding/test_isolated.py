@@ -120,16 +120,17 @@ def test_a_false_echo_beyond_a_strip_of_a_raster_at_the_edge_of_the_grid_is_reje
     assert gridding.used[:-1].mean() > 0.999
 
 
-@pytest.mark.parametrize("step", [0.4, 3.0, 11.0])
+@pytest.mark.parametrize("step", [0.4, 1.5, 4.0, 11.0])
 def test_tracks_and_single_shots_lose_nothing(step):
     rng = np.random.default_rng(9)
     along = np.arange(-30.0, 30.4, step)
+    # One with a wide gap and a shot in the middle of it.
+    broken = along[(np.abs(along) > 8) | (np.abs(along) < 0.05)]
     tracks = [
-        measured(along, 0.3 * along - 10.0, rng),
-        measured(0.2 * along + 15.0, along, rng),
-        measured(*rng.uniform(-30.0, 30.0, (2, 40)), rng),
+        measured(broken, 0.3 * broken - 10.0, rng),
+        measured(along, 0.3 * along + 6.0, rng),
         # One shot alone.
-        measured(np.array([-20.0]), np.array([20.0]), rng),
+        measured(np.array([-20.0]), np.array([25.0]), rng),
     ]
     gridding = grid_returns("A", GRID, together(*tracks))
     assert gridding.used.all()
@@ -153,11 +154,14 @@ def test_the_order_of_returns_and_scans_does_not_matter():
 def test_rasters_are_dense_and_tracks_are_not():
     rng = np.random.default_rng(11)
     one = rng.poisson(1.0, (61, 61))
-    assert is_dense(one, 4, 2, 6)
-    assert not is_dense(rng.poisson(0.1, (61, 61)), 4, 2, 6)
-    track = np.zeros((61, 61), dtype=int)
-    track[np.arange(61), np.arange(61)] = 1
-    assert not is_dense(track, 4, 2, 6)
+    assert is_dense(one, 4, 2)
+    assert not is_dense(rng.poisson(0.1, (61, 61)), 4, 2)
+    # Across corners: the most that a straight track can cross.
+    track = np.eye(61, dtype=int) + np.eye(61, k=1, dtype=int)
+    assert not is_dense(track, 4, 2)
+    # What the edge of the grid leaves of a raster.
+    assert is_dense(one[:, :3], 4, 2)
+    assert is_dense(np.where(np.arange(61) < 3, one, 0), 4, 2)
     # Many returns in each cell of a track are a raster of it.
-    assert is_dense(5 * track, 4, 2, 6)
-    assert not is_dense(0 * track, 4, 2, 6)
+    assert is_dense(5 * track, 4, 2)
+    assert not is_dense(0 * track, 4, 2)
