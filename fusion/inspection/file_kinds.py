@@ -10,7 +10,7 @@ from fusion.fusing.maplets import FUSED_HDF5
 from fusion.inspection.foreign import name_content
 from fusion.workspace import SPC_LISTS
 from lidar.formats import recognise
-from lidar.formats.native import ADJUSTMENT_HDF5, MAPOLAS_HDF5
+from lidar.formats.mapolas import ADJUSTMENT_HDF5, MAPOLAS_HDF5
 from spcola.errors import FormatError, WorkspaceError
 from spcola.formats.shapes import recognise_shape
 from spcola.formats.shapes.ply import parse_header

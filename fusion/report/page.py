@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fusion.report.data import ReportData, Surfaces
-from fusion.report.maps import coverage_figure, registration_figure
-from fusion.report.origins import origins_figure
-from fusion.report.scale import scale_figure
-from fusion.report.style import html_figure
-from fusion.report.surfaces import surfaces_figure
+from fusion.report.figures.maps import coverage_figure, registration_figure
+from fusion.report.figures.origins import origins_figure
+from fusion.report.figures.scale import scale_figure
+from fusion.report.maplets.surfaces import surfaces_figure
+from fusion.report.style.style import html_figure
 from fusion.report.tables import (
     checks_table,
     errors_table,

@@ -14,7 +14,7 @@ from fusion.fusing.maplets import FusedMaplet, read_fused
 from fusion.runtime import json_text
 from fusion.workspace.settings.settings import Settings, load_settings, write_settings
 from lidar.adjustment import ScanAdjustment
-from lidar.formats.native import ADJUSTMENT_HDF5, read_adjustment, read_mapola
+from lidar.formats.mapolas import ADJUSTMENT_HDF5, read_adjustment, read_mapola
 from lidar.gridding import Mapola
 from spcola import atomic
 from spcola.camera import SpcImage

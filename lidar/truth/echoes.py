@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fusion.report import MISSING
 from lidar.truth.settings import (
+    MISSING,
     NO_ECHO_RANGE,
     NO_RETURN,
     OVERFLOW,

@@ -9,12 +9,11 @@ from types import MappingProxyType
 
 import numpy as np
 
-from fusion.report import MISSING
 from lidar.formats.clouds import write_las
 from lidar.formats.missions import RECORD, write_ola
 from lidar.formats.native import write_scan
 from lidar.scans import Scan
-from lidar.truth.settings import DEMODULATOR, NO_RETURN, OVERFLOW, LidarSettings
+from lidar.truth.settings import DEMODULATOR, MISSING, NO_RETURN, OVERFLOW, LidarSettings
 from lidar.truth.track import Track
 from spcola.errors import SettingsError
 

@@ -34,17 +34,15 @@ from fusion.workspace.settings import Settings, load_settings
 from fusion.workspace.settings.settings import settings_text
 from lidar.adjustment import ErrorSizes, Nodes, ScanAdjustment
 from lidar.formats import open_lidar, recognise
-from lidar.formats.missions import write_ola
-from lidar.formats.native import (
-    ScanFile,
+from lidar.formats.mapolas import (
     mapola_names,
     read_adjustment,
     read_mapola,
-    scan_summary,
     write_adjustment,
     write_mapolas,
-    write_scan,
 )
+from lidar.formats.missions import write_ola
+from lidar.formats.native import ScanFile, scan_summary, write_scan
 from lidar.gridding import Mapola
 from lidar.scans import Scan
 from spcola.camera import Camera, SpcImage

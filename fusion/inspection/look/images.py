@@ -11,12 +11,7 @@ import numpy as np
 from fusion.inspection.file_kinds import summary_path
 from fusion.inspection.look.picture import Picture, set_title
 from fusion.inspection.look.shapes import smooth_normals
-from fusion.report import (
-    LIDAR,
-    REJECTED,
-    SPC,
-    drawing,
-)
+from fusion.report.style import LIDAR, REJECTED, SPC, drawing
 from spcola.arrays import AnyArray, FloatArray
 from spcola.camera import ImagePoint, SpcImage, project_image, ray
 from spcola.errors import FormatError

@@ -17,10 +17,9 @@ from fusion.inspection.look.shading import (
     shaded_colours,
 )
 from fusion.products import lon_lat_deg
-from fusion.report import (
+from fusion.report.maplets import (
     bar_below,
     draw_sources,
-    drawing,
     grid_image,
     hillshade,
     label_axes,
@@ -28,7 +27,8 @@ from fusion.report import (
     symmetric_limit,
     write_statistics,
 )
-from lidar.formats.native import MAPOLAS_HDF5, mapola_names, read_mapola
+from fusion.report.style import drawing
+from lidar.formats.mapolas import MAPOLAS_HDF5, mapola_names, read_mapola
 from lidar.gridding import Mapola
 from spcola.arrays import AnyArray, FloatArray
 from spcola.formats.maplets import read_maplet

@@ -12,20 +12,10 @@ from fusion.inspection.look.numbers import measured
 from fusion.inspection.look.picture import Picture, set_title
 from fusion.pipeline.catalog import read_records
 from fusion.products import lon_lat_deg
-from fusion.report import (
-    FUSED,
-    INK,
-    LIDAR,
-    MUTED,
-    REJECTED,
-    SPC,
-    Coverage,
-    draw_coverage,
-    drawing,
-    gather_coverage,
-    graticule,
-    hillshade,
-)
+from fusion.report import Coverage, gather_coverage
+from fusion.report.figures import draw_coverage, graticule
+from fusion.report.maplets import hillshade
+from fusion.report.style import FUSED, INK, LIDAR, MUTED, REJECTED, SPC, drawing
 from fusion.workspace import Workspace
 from lidar.archive import ScanStore
 from spcola.arrays import FloatArray

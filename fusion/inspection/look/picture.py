@@ -8,7 +8,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
-from fusion.report import INK, saved
+from fusion.report.style import INK, saved
 from spcola import atomic
 from spcola.errors import WorkspaceError
 

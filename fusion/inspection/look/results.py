@@ -9,7 +9,7 @@ from typing import Any
 from fusion.estimation.verdict import Severity, Verdict
 from fusion.inspection.look.numbers import measured
 from fusion.inspection.look.picture import Picture, set_title
-from fusion.report import PPM, registration_figure, scale_figure
+from fusion.report.figures import PPM, registration_figure, scale_figure
 from fusion.workspace import Workspace
 from spcola.errors import FormatError
 

@@ -11,7 +11,8 @@ from fusion.inspection.file_kinds import lidar_format
 from fusion.inspection.look.ground import Frame, GroundView, lay_out
 from fusion.inspection.look.picture import Picture, set_title
 from fusion.inspection.look.shading import limits_of
-from fusion.report import SPC, drawing, graticule
+from fusion.report.figures import graticule
+from fusion.report.style import SPC, drawing
 from fusion.stages.ingest import utc_or_none
 from lidar.formats import ScanSample, read_sample
 from lidar.formats.clouds import read_las_system

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fusion.report import MISSING, bar_below
+from fusion.report.maplets import MISSING, bar_below
 from spcola.arrays import FloatArray
 
 # How much of a colour the darkest shade leaves.
@@ -27,7 +27,7 @@ def shaded_colours(
     values : (R, C) ndarray
         Coloured from the first of `limits` to the second.
     shade : (R, C) ndarray
-        0 … 1 (:func:`fusion.report.surfaces.hillshade`); NaN where there is no ground.
+        0 … 1 (:func:`fusion.report.maplets.surfaces.hillshade`); NaN where there is no ground.
     colours : str
         Name of a matplotlib colour map.
     limits : (float, float)

@@ -13,7 +13,7 @@ from fusion.inspection.look.shading import (
     limits_of,
     shaded_colours,
 )
-from fusion.report import drawing
+from fusion.report.style import drawing
 from spcola.arrays import FloatArray
 from spcola.shape import Hits, Mesh, RayCaster
 

@@ -25,7 +25,8 @@ from fusion.workspace.settings import (
     Table,
 )
 from lidar.archive import ScanStore
-from lidar.formats.native import scan_summary, write_adjustment, write_mapolas
+from lidar.formats.mapolas import write_adjustment, write_mapolas
+from lidar.formats.native import scan_summary
 from lidar.gridding import Gridding, Mapola
 from spcola.errors import SettingsError, WorkspaceError
 from spcola.grids import MapletGrid

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fusion.report import INK, MUTED, drawing
+from fusion.report.style import INK, MUTED, drawing
 from fusion.truth.assessment.regions import REGIONS, RegionScore
 from fusion.truth.assessment.score import ModelScore
 

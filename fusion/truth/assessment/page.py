@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fusion.products import versions
-from fusion.report import html_figure, number, planted_table, table
+from fusion.report import number, planted_table, table
+from fusion.report.style import html_figure
 from fusion.truth.assessment.assessment import Assessment
 from fusion.truth.assessment.definitions import definitions
 from fusion.truth.assessment.figures import (

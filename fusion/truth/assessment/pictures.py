@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fusion.products import lon_lat_deg
-from fusion.report import INK, MUTED, drawing, hillshade
+from fusion.report.maplets import hillshade
+from fusion.report.style import INK, MUTED, drawing
 from fusion.truth.assessment.patches import PatchErrors
 from fusion.truth.assessment.regions import PointErrors
 from spcola.arrays import FloatArray

@@ -17,8 +17,9 @@ from typer.testing import CliRunner
 
 from fusion.cli.app import app
 from fusion.fusing.maplets import FusedMaplet, write_fused
-from fusion.report import MISSING
-from lidar.formats.native import write_mapolas, write_scan
+from fusion.report.maplets import MISSING
+from lidar.formats.mapolas import write_mapolas
+from lidar.formats.native import write_scan
 from lidar.gridding import Mapola
 from lidar.scans import Scan
 from spcola.camera import Camera, ImagePoint, SpcImage, project_image

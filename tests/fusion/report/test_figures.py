@@ -9,13 +9,14 @@ import pytest
 
 from fusion.fusing.maplets import Source
 from fusion.products import lon_lat_deg
-from fusion.report import hillshade, number
+from fusion.report import number
 from fusion.report.data import Origins
+from fusion.report.figures.maps import _local
+from fusion.report.figures.origins import origins_figure
+from fusion.report.figures.scale import binned
 from fusion.report.gather import choose_places
-from fusion.report.maps import _local
-from fusion.report.origins import origins_figure
-from fusion.report.scale import binned
-from fusion.report.surfaces import north_on_image, surfaces_figure
+from fusion.report.maplets import hillshade
+from fusion.report.maplets.surfaces import north_on_image, surfaces_figure
 from spcola.grids import MapletGrid
 from spcola.math import lattice
 

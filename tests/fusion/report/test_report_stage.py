@@ -11,7 +11,7 @@ from fusion.report import gather_report
 from fusion.stages.report import STAGE
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
-from lidar.formats.native import write_mapolas
+from lidar.formats.mapolas import write_mapolas
 from lidar.gridding import Mapola
 from spcola.errors import FormatError, WorkspaceError
 from spcola.formats.maplets import write_maplet

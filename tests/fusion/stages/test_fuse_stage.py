@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from fusion.cli.app import app
 from fusion.workspace import new_workspace
-from lidar.formats.native import write_mapolas
+from lidar.formats.mapolas import write_mapolas
 from lidar.gridding import Mapola
 from spcola.arrays import FloatArray
 from spcola.formats.maplets import read_maplet, write_maplet

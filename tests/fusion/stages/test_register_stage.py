@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from fusion.cli.app import app
 from fusion.workspace import Workspace, new_workspace
-from lidar.formats.native import write_mapolas
+from lidar.formats.mapolas import write_mapolas
 from lidar.gridding import Mapola
 from spcola.arrays import FloatArray
 from spcola.camera import Camera, ImagePoint, SpcImage, project_image

@@ -20,7 +20,7 @@ from lidar.adjustment import (
     overlap_equations,
     unadjusted,
 )
-from lidar.formats.native import read_adjustment, write_adjustment
+from lidar.formats.mapolas import read_adjustment, write_adjustment
 from lidar.gridding import grid_returns
 from lidar.scans import Returns
 from spcola.arrays import FloatArray

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from lidar.formats.native import mapola_names, read_mapola, write_mapolas
+from lidar.formats.mapolas import mapola_names, read_mapola, write_mapolas
 from lidar.gridding import Mapola
 from spcola.errors import FormatError, InvalidValueError, WorkspaceError
 from spcola.formats.maplets import read_maplet

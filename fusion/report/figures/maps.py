@@ -9,7 +9,7 @@ import numpy as np
 
 from fusion.products import lon_lat_deg
 from fusion.report.data import Coverage
-from fusion.report.style import INK, LIDAR, MUTED, REJECTED, SPC, drawing
+from fusion.report.style.style import INK, LIDAR, MUTED, REJECTED, SPC, drawing
 from spcola.arrays import FloatArray
 
 if TYPE_CHECKING:

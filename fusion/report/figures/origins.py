@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fusion.report.data import Origins
-from fusion.report.style import INK, MUTED, SOURCE_COLOURS, SOURCES, drawing
+from fusion.report.style.style import INK, MUTED, SOURCE_COLOURS, SOURCES, drawing
 from spcola.arrays import FloatArray
 
 if TYPE_CHECKING:

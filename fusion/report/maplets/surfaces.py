@@ -8,7 +8,7 @@ import numpy as np
 
 from fusion.fusing.maplets import FusedMaplet
 from fusion.report.data import Surfaces
-from fusion.report.style import INK, SOURCE_COLOURS, SOURCES, drawing
+from fusion.report.style.style import INK, SOURCE_COLOURS, SOURCES, drawing
 from spcola.arrays import FloatArray
 from spcola.grids import MapletGrid
 

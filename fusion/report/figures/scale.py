@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fusion.report.style import FUSED, INK, MUTED, REJECTED, SPC, drawing
+from fusion.report.style.style import FUSED, INK, MUTED, REJECTED, SPC, drawing
 from spcola.arrays import FloatArray
 
 if TYPE_CHECKING:
