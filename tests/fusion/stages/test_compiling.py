@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fusion import warming
-from fusion.stages import compiling_ahead
+from fusion.stages import compiling, compiling_ahead
 from fusion.stages.compiling import compile_late
 from fusion.surfacematch import gauss_newton
 from spcola.compilation import KernelCache, is_kept
@@ -30,10 +29,10 @@ def test_a_process_compiles_what_is_not_kept_and_no_longer_than_the_run(
 ) -> None:
     note = tmp_path / "pid"
     monkeypatch.setattr(
-        warming, "_COMMAND",
+        compiling, "_COMMAND",
         f"import os, time; open({str(note)!r}, 'w').write(str(os.getpid())); time.sleep(60)",
     )  # fmt: skip
-    monkeypatch.setattr(warming, "is_kept", lambda _: kept)
+    monkeypatch.setattr(compiling, "is_kept", lambda _: kept)
     monkeypatch.setattr(KernelCache, "usable", True)
     with compiling_ahead():
         while not kept and not (note.exists() and note.read_text()):
