@@ -49,7 +49,9 @@ spread = np.sqrt([np.diag(match.covariance) for match in matches])
 # maplet has an error of its own.
 plt.figure(figsize=(6, 3.5), layout="constrained")
 place = np.arange(len(mapolas))
-plt.errorbar(place, matched[:, 2], spread[:, 2], fmt="o", markersize=4, label="match of each mapola")
+plt.errorbar(
+    place, matched[:, 2], spread[:, 2], fmt="o", markersize=4, label="match of each mapola"
+)
 plt.errorbar(place, fitted[:, 2], sigma[:, 2], fmt="k_", label="transform")
 plt.ylabel("displacement along z, m")
 plt.xlabel("mapola")

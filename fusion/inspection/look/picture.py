@@ -87,6 +87,11 @@ def save_picture(picture: Picture, path: Path) -> None:
 
     Equal pictures give equal files.
 
+    Parameters
+    ----------
+    picture : Picture
+    path : Path
+
     Raises
     ------
     WorkspaceError
