@@ -22,9 +22,9 @@ scan = lidar.read_scan(mission / "lidar" / "scan01.dat")
 print(f"{len(scan)} returns, left out: {dict(scan.rejected)}")
 
 # %%
-# A grid of 61 × 61 points, half a metre apart, in the middle of the scan and facing outward.
+# A grid of 41 × 41 points, a metre apart, in the middle of the scan and facing outward.
 middle = np.median(scan.points, axis=0)
-grid = spcola.MapletGrid.facing(middle, middle, gsd=0.5, half_size=30)
+grid = spcola.MapletGrid.facing(middle, middle, gsd=1.0, half_size=20)
 gridding = lidar.grid_returns("MINE", grid, lidar.Returns.of_scans([scan]))
 mapola, report = gridding.mapola, gridding.report
 print(f"{report.used} returns used, {report.outlying + report.isolated} outliers; {report.reason}")

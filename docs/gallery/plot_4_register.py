@@ -45,8 +45,8 @@ matched = np.array([match.displacement for match in matches])
 spread = np.sqrt([np.diag(match.covariance) for match in matches])
 
 # %%
-# Along z, with one standard deviation. A mapola's match scatters more than its formal sigma: every
-# maplet has an error of its own.
+# Along z, with one standard deviation. The transform rests on all mapolas; each maplet has an error
+# of its own, which the match of its mapola contains.
 plt.figure(figsize=(6, 3.5), layout="constrained")
 place = np.arange(len(mapolas))
 plt.errorbar(

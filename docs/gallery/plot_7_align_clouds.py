@@ -11,6 +11,7 @@ No point has to correspond to another (:doc:`/how-to/align`).
 import os
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 import fusion
@@ -38,3 +39,10 @@ print(f"scale {found.registration.similarity.scale:.5f}, planted {1 / planted.sc
 away = np.linalg.norm(found.transform.apply(moving) - points[::2], axis=1)
 before = np.linalg.norm(moving - points[::2], axis=1)
 print(f"median distance {np.median(before):.3f} m before, {np.median(away):.3f} m after")
+plt.figure(figsize=(5, 3), layout="constrained")
+plt.hist([before, away], bins=np.geomspace(1e-3, 2, 60), histtype="step", label=["before", "after"])
+plt.xscale("log")
+plt.xlabel("distance, m")
+plt.ylabel("returns")
+plt.legend()
+plt.show()
