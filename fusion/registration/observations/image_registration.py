@@ -64,6 +64,13 @@ def fit_mapolas(
 ) -> Registration:
     """Fit the transform to the mapolas that match; `further` are groups of effects (N, 3, M).
 
+    Parameters
+    ----------
+    mapolas : MatchedMapolas
+    further : sequence of (N, 3, M) ndarrays
+        Patterns of further shared errors, metres.
+    options : FitOptions
+
     Raises
     ------
     NotObservableError
@@ -198,7 +205,16 @@ def image_registration_json(
     topography: Sequence[Match],
     images: ImagedMapolas,
 ) -> dict[str, Any]:
-    """Content of ``registration.json`` with the results of images."""
+    """Content of ``registration.json`` with the results of images.
+
+    Parameters
+    ----------
+    by : {"images", "both"}
+    found : ImageRegistration
+    topography : sequence of Match
+        Matches of heights.
+    images : ImagedMapolas
+    """
     content = registration_json(found.registration, found.mapolas)
     entries = content["per_mapola"]
     if by == "both":

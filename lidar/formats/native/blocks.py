@@ -153,7 +153,14 @@ def spacecraft_knots(block: Block) -> tuple[FloatArray, FloatArray]:
 
 
 def times_of(block: Block, rows: IntArray | slice = slice(None)) -> FloatArray:
-    """Return the ephemeris times (N,), s, of the returns, or of some; NaN where unknown."""
+    """Return the ephemeris times (N,), s, of the returns, or of some; NaN where unknown.
+
+    Parameters
+    ----------
+    block : Block
+    rows : (N,) ndarray of int or slice
+        The returns whose times are needed.
+    """
     return _counted(block, "time", rows)
 
 
