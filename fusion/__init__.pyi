@@ -1,5 +1,7 @@
+from .fusing import FuseInput as FuseInput
 from .fusing import FuseOptions as FuseOptions
 from .fusing import FuseResult as FuseResult
+from .fusing import SlopeInformation as SlopeInformation
 from .fusing import fuse_maplet as fuse_maplet
 from .fusing.maplets import FusedMaplet as FusedMaplet
 from .fusing.maplets import Source as Source

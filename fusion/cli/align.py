@@ -14,7 +14,7 @@ from spcola.errors import RejectedResultError
 if TYPE_CHECKING:
     from fusion.inspection.points import PointSource
 
-_UNIT = "Of the coordinates of {}, where the file states none: shapes km, clouds m if not given."
+_UNIT = "Unit of the coordinates of {}, if its file states none; by default km of shapes, else m."
 
 
 def align(

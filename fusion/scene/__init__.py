@@ -1,4 +1,4 @@
-"""Data model of the fusion: the data around a maplet in a workspace."""
+"""What surrounds one maplet in a workspace: the data model of the fusion."""
 
 from fusion.scene.exposures import Exposures
 from fusion.scene.scene import LightSource, Scene, read_registration

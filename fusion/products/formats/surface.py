@@ -138,7 +138,7 @@ def write_obj(path: str | Path, maplet: Maplet, provenance: Provenance) -> None:
 
 
 def is_surface(path: str | Path) -> bool:
-    """Tell whether an OBJ or PLY holds the frame of a maplet: whether it was written here.
+    """Return whether an OBJ or PLY holds the frame of a maplet: whether it was written here.
 
     Parameters
     ----------

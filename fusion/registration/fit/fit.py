@@ -133,7 +133,7 @@ def fit_transform(
     further: Sequence[FloatArray] = (),
     options: FitOptions | None = None,
 ) -> Registration:
-    """Fit ``V_i + d_i = T + (1 + κ) R V_i`` robustly (MATH §8; Gaskell et al. §6.1).
+    """Fit ``V_i + d_i = T + (1 + κ) R V_i`` robustly (Gaskell et al. §6.1).
 
     Parameters
     ----------

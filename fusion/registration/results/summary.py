@@ -60,7 +60,7 @@ def registration_json(
     registration: Registration,
     mapolas: MatchedMapolas,
 ) -> dict[str, Any]:
-    """Content of ``registration.json`` (DESIGN: keys that other programs read).
+    """Content of ``registration.json``; its keys: :mod:`fusion.registration.results.keys`.
 
     Parameters
     ----------

@@ -63,7 +63,7 @@ class Pair:
     sources: Sources
 
 
-# A single scan leaves cells empty; gaps of up to two cells are filled, as in MATH §7.
+# A single scan leaves cells empty; gaps of up to two cells are filled.
 _BRIDGING = LidarBigmapOptions(max_gap=2)
 
 
