@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from fusion.estimation.verdict import Code, Verdict
+from fusion.registration.clouds.blur import relative_blur, significant_blur
 from fusion.registration.clouds.clouds import CloudOptions, register_clouds
-from fusion.registration.clouds.softness import relative_blur, significant_blur
 from fusion.registration.fit.fit import LIDAR_FRAME, PARAMETERS, SPC_FRAME
 from fusion.registration.returns import (
     CloudOfReturns,

@@ -1,4 +1,4 @@
-"""How much softer one of two noisy surfaces is than the other, told from their halves."""
+"""Blur of one of two noisy surfaces relative to the other, estimated from half-samples."""
 
 from __future__ import annotations
 
