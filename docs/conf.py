@@ -66,6 +66,7 @@ sphinx_gallery_conf = {
     "examples_dirs": "gallery",
     "gallery_dirs": "examples",
     "filename_pattern": r"/plot_",
+    "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
     "remove_config_comments": True,
     "show_memory": False,
@@ -73,6 +74,6 @@ sphinx_gallery_conf = {
     "min_reported_time": 1e9,
     "write_computation_times": False,
     "abort_on_example_error": True,
-    "default_thumb_file": None,
+    "default_thumb_file": str(HERE / "_static" / "surfaces.png"),
     "matplotlib_animations": False,
 }

@@ -7,7 +7,6 @@ pages show it as ``/_pictures/NAME.png``.
 from __future__ import annotations
 
 import json
-from base64 import b64decode
 from pathlib import Path
 
 import matplotlib as mpl
@@ -16,7 +15,7 @@ from sphinx.application import Sphinx
 from sphinx.util import logging
 from tutorial import DONE
 
-from fusion.report.style import data_uri
+from fusion.report.style import saved
 
 FOLDER = "_pictures"
 MADE = "made.json"
@@ -41,8 +40,8 @@ def make(app: Sphinx) -> None:
     mpl.use("agg")
     for name, draw in FIGURES.items():
         logger.info("figure: %s", name)
-        picture = data_uri(draw(tutorial), "png", dpi=110).partition(",")[2]
-        (folder / f"{name}.png").write_bytes(b64decode(picture))
+        picture = saved(draw(tutorial), "png", dpi=110)
+        (folder / f"{name}.png").write_bytes(picture)
     made.write_text(now, encoding="utf-8")
 
 

@@ -12,8 +12,7 @@ from figures.scans import scans_figure
 from figures.surfaces import bigmaps_figure, fused_figure
 from matplotlib.figure import Figure
 
-from fusion.report.maps import registration_figure
-from fusion.report.scale import scale_figure
+from fusion.report.figures import registration_figure, scale_figure
 from fusion.workspace import Workspace
 
 

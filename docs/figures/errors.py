@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fusion.report.style import FUSED, INK, SPC, drawing
-from fusion.truth.planted import Planted, read_truth
+from fusion.truth import read_truth
+from fusion.truth.planted import Planted
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.grids import Maplet, MapletGrid

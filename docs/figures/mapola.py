@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fusion.report.style import drawing
-from fusion.report.surfaces import hillshade
+from fusion.report.maplets import hillshade
 from fusion.workspace import Workspace
-from lidar.scans.cubes.box import Box
+from lidar.scans.cubes import Box
 from lidar.archive import ScanStore
 from spcola.arrays import FloatArray
 from spcola.grids import MapletGrid

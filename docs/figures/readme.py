@@ -11,13 +11,12 @@ from __future__ import annotations
 
 import io
 import sys
-from base64 import b64decode
 from pathlib import Path
 
 from figures.surfaces import both, draw_surfaces
 from PIL import Image
 
-from fusion.report.style import data_uri, drawing
+from fusion.report.style import drawing, saved
 from fusion.workspace import Workspace
 
 MAPLET = "TR0064"
@@ -30,7 +29,7 @@ def main(folder: str, target: str) -> None:
     fused = workspace.fused(MAPLET)
     with drawing(8.4, 3.25) as figure:
         draw_surfaces(figure.subplots(1, 3), fused, *both(workspace, fused))
-    picture = Image.open(io.BytesIO(b64decode(data_uri(figure, "png", dpi=100).partition(",")[2])))
+    picture = Image.open(io.BytesIO(saved(figure, "png", dpi=100)))
     picture.convert("RGB").quantize(COLOURS).save(target, optimize=True)
 
 

@@ -10,13 +10,11 @@ from matplotlib.figure import Figure
 from fusion.fusing.maplets import FusedMaplet, Source
 from fusion.registration.results import transform_of
 from fusion.report.style import drawing
-from fusion.report.surfaces import hillshade
+from fusion.report.maplets import MISSING, hillshade
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.formats.maplets import read_maplet
 from spcola.grids import Maplet, project_maplet
-
-MISSING = "#d5e8c0"
 
 
 def fused_figure(workspace: Workspace) -> Figure:

@@ -14,7 +14,7 @@ from spcola.errors import RejectedResultError
 if TYPE_CHECKING:
     from fusion.inspection.points import PointSource
 
-_UNIT = "Of the coordinates of {}, where the file states none: shapes km, clouds m if not given."
+_UNIT = "Unit of the coordinates of {}, if its file states none; by default km of shapes, else m."
 
 
 def align(
@@ -27,20 +27,21 @@ def align(
         typer.Option(help="Rotation and translation; with a scale; or any linear map."),
     ] = "similarity",
     capture: Annotated[
-        float,
+        float | None,
         typer.Option(
-            metavar="M", min=0.0, max=1e7,
-            help="Largest displacement that is searched, metres; 0: a tenth of the smaller size.",
+            metavar="M", min=1e-6, max=1e7,
+            help="Largest displacement that is searched, metres; by default a tenth of the "
+            "smaller size.",
         ),
-    ] = 0.0,
+    ] = None,
     gsd: Annotated[
-        float,
+        float | None,
         typer.Option(
-            metavar="M", min=0.0, max=1e7,
-            help="Step of the grids on which the two are compared, metres; 0: by their points, "
-            "nodes and facets.",
+            metavar="M", min=1e-6, max=1e7,
+            help="Step of the grids on which the two are compared, metres; by default that of "
+            "their points, nodes and facets.",
         ),
-    ] = 0.0,
+    ] = None,
     unit_a: Annotated[
         Literal["km", "m"] | None, typer.Option("--unit-a", help=_UNIT.format("A"))
     ] = None,
@@ -74,7 +75,8 @@ def align(
     if out is not None:
         check_target(one, out)
     step = gsd or max(one.resolution_m, two.resolution_m)
-    found = align_clouds(one.points, two.points, options=AlignOptions(model, capture, step))
+    options = AlignOptions(model, capture or 0.0, step)
+    found = align_clouds(one.points, two.points, options=options)
     obstacle = found.verdict.obstacle(accept or ())
     content = {"a": _facts(one), "b": _facts(two), **found.as_json(), "out": None}
     if out is not None and not obstacle:

@@ -23,7 +23,7 @@ def demo(
 
     Lidar scans that leave gaps and an SPC solution with a pole in shadow are made of a known body,
     with planted errors. All stages run; recovered and planted parameters are printed side by side,
-    with a line on each that is off by more than three sigma, and the errors of the heights of SPC,
+    with a line on each that differs by more than three sigma, and the errors of the heights of SPC,
     lidar and both.
     """
     # Imported here and not above, so that --help is fast.

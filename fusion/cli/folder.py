@@ -91,8 +91,8 @@ def info(
 ) -> None:
     """Describe a workspace or a file.
 
-    Of a workspace: its content, which stages are due, and a forecast of time, memory and disk for
-    making mapolas. A few mapolas are made and discarded to measure the time.
+    Of a workspace: its content, stages that are not up to date, and a forecast of time, memory and
+    disk for making mapolas. A few mapolas are made and discarded to measure the time.
     """
     from fusion.inspection import describe_file, describe_workspace, mapolas_forecast
     from fusion.workspace import Workspace

@@ -33,7 +33,7 @@ def look(
     ] = None,
     unit: Annotated[
         Literal["km", "m"] | None,
-        typer.Option(help="Of the coordinates of an OBJ or PLY shape; km if not given."),
+        typer.Option(help="Unit of the coordinates of an OBJ or PLY shape; km if not given."),
     ] = None,
     faces_from: Annotated[
         int | None,

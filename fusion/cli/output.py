@@ -28,7 +28,7 @@ IsolateOption = Annotated[
     bool,
     typer.Option(
         "--isolate",
-        help="Run in a separate process with limits, so that a malicious file can do no harm.",
+        help="Run in a separate process with limits, so that a malicious file does less harm.",
     ),
 ]
 LimitMbOption = Annotated[

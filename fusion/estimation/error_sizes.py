@@ -14,8 +14,18 @@ class ErrorSizes:
     """Standard deviations of errors beyond the observations' own covariance, in their unit.
 
     As a prior, each is the median of a log-normal distribution with standard deviation `width` of
-    the natural logarithm. A size of 0 is fixed at 0, and a width of 0 fixes all. `shared` has one
-    size for each group of effects; `fixed` lists the indices of groups whose size is not estimated.
+    the natural logarithm. A size of 0 is fixed at 0, and a width of 0 fixes all.
+
+    Parameters
+    ----------
+    independent : float
+        Of the error of each observation.
+    shared : tuple of float
+        One size for each group of effects.
+    width : float
+        Standard deviation of the natural logarithm.
+    fixed : tuple of int
+        Indices of groups whose size is not estimated.
     """
 
     independent: float

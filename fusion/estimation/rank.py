@@ -14,6 +14,13 @@ _RANK_TOLERANCE = 1e-11
 def check_rank(information: FloatArray, names: tuple[str, ...]) -> None:
     """Refuse a scaled normal matrix (P, P) that does not determine some direction.
 
+    Parameters
+    ----------
+    information : (P, P) ndarray
+        Normal matrix, scaled to a unit diagonal.
+    names : tuple of str
+        Of the P parameters.
+
     Raises
     ------
     NotObservableError

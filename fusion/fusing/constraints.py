@@ -60,7 +60,14 @@ class Constraints:
         return points if self.coarse is None else points | np.isfinite(self.coarse)
 
     def subset(self, fraction: float, generator: np.random.Generator) -> Constraints:
-        """Keep a random fraction (0 … 1) of the heights (Gaskell et al. §3.3), reproducibly."""
+        """Keep a random fraction (0 … 1) of the heights (Gaskell et al. §3.3), reproducibly.
+
+        Parameters
+        ----------
+        fraction : float
+            0 … 1.
+        generator : numpy Generator
+        """
         if fraction >= 1.0:
             return self
         return self.without(generator.random(self.height.shape) >= fraction)

@@ -1,7 +1,7 @@
-"""Lone lidar heights that contradict the SPC surface: false echoes, or boulders that SPC lacks.
+"""Lone lidar heights that contradict the SPC surface: outliers, or boulders that SPC lacks.
 
 The weights of SPC's steps depend on the ground that the lidar shows: steps across the flank of a
-boulder count less. A false echo in a gap of the lidar would thus release the surface around it, and
+boulder count less. An outlier in a gap of the lidar would thus release the surface around it, and
 no robust loss could act, since the surface follows without resistance. So such heights have to be
 found before the weights.
 """
@@ -23,7 +23,7 @@ _FEW = 2
 _LEAST = 3
 # A neighbouring height on the same side, by this share of the difference at least, is support.
 _SHARE = 0.5
-# Further from SPC than so many GSD one neighbour is not enough: two false echoes may be neighbours,
+# Further from SPC than so many GSD one neighbour is not enough: two outliers may be neighbours,
 # and nothing so high is two cells wide.
 _HIGH = 10.0
 _MANY = 3

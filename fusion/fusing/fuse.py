@@ -123,7 +123,7 @@ class FuseResult:
 def fuse_maplet(
     parts: FuseInput, information: SlopeInformation, *, options: FuseOptions | None = None
 ) -> FuseResult:
-    """Minimise (A) of MATH §5 for one maplet, with the sigma of each height.
+    """Minimise energy (A) of the derivations for one maplet, with the sigma of each height.
 
     - Height steps come from the SPC maplet where it has both points, weighted by `information`;
       elsewhere from the shape, with its step error estimated from the lidar.

@@ -48,7 +48,15 @@ class Illumination:
         grids: list[MapletGrid],
         exposed: Callable[[SpcImage], SpcImage] = lambda image: image,
     ) -> Illumination:
-        """Choose `light`: "images" if half of the `grids` lie in three images, else "sun"."""
+        """Choose `light`: "images" if half of the `grids` lie in three images, else "sun".
+
+        Parameters
+        ----------
+        images : tuple of SpcImage
+        grids : list of MapletGrid
+        exposed : callable, optional
+            Image → image with its pixels.
+        """
         framed = cls(images, "images", exposed)
         shown = [len(list(framed.facing(grid))) for grid in grids]
         enough = bool(shown) and float(np.median(shown)) >= _ENOUGH

@@ -49,7 +49,7 @@ class SlopeInformation:
         Number of neighbouring points over which SPC height errors are correlated.
     light_sigma : float
         Error of a brightness relative to its image's mean, estimated from the steps: times the root
-        of a slope's variance from :mod:`spcola.photometry.photoclinometry` it is the slope's sigma.
+        of a slope's variance (:mod:`spcola.photometry.slope_covariance`) it is its sigma.
     usual_light : float
         Variance of slopes by photoclinometry at which a step has `step_sigma_m`: the median of all
         steps.

@@ -33,6 +33,11 @@ def mapolas_forecast(workspace: Workspace, settings: Settings) -> dict[str, Any]
 
     A few of them are made, and discarded, to time one return on this machine. Memory is without
     the system's cache of files.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    settings : Settings
     """
     if STAGE.missing(workspace, settings):
         return {}

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from fusion.pipeline.catalog.catalog import Catalog
 from fusion.pipeline.catalog.records import StageRecord
-from fusion.pipeline.changed import Changed
+from fusion.pipeline.changed_files import Changed
 from fusion.pipeline.stage import Stage
 
 

@@ -21,7 +21,7 @@ from fusion.estimation.verdict import (
 from fusion.pipeline.catalog.catalog import Catalog
 from fusion.pipeline.catalog.records import RECORD_FOLDER, StageRecord, content_digest
 from fusion.pipeline.catalog.soundness import Unsound, rejected_maplets, unsound
-from fusion.pipeline.changed import Changed, changed_since
+from fusion.pipeline.changed_files import Changed, changed_since
 from fusion.pipeline.changes import Changes
 from fusion.pipeline.stage import (
     Stage,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from fusion.pipeline.changed import Changed
+from fusion.pipeline.changed_files import Changed
 from fusion.runtime import AHEAD, Executor, Progress
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings, Table

@@ -91,7 +91,19 @@ class Product:
 def describe_product(
     path: Path, *, kind: str, maplet: str, made_from: Mapping[str, str]
 ) -> Product:
-    """Return the entry of a finished product, with its size and digest."""
+    """Return the entry of a finished product, with its size and digest.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    kind : str
+        What it is.
+    maplet : str
+        Name of the maplet in it.
+    made_from : mapping of str to str
+        Path in the workspace → SHA-256.
+    """
     try:
         with path.open("rb") as stream:
             digest = hashlib.file_digest(stream, "sha256").hexdigest()
@@ -127,7 +139,13 @@ def manifest_text(
 
 
 def write_manifest(folder: Path, text: str) -> Path:
-    """Write the manifest of the release in `folder`, whole or not at all."""
+    """Write the manifest of the release in `folder`, whole or not at all.
+
+    Parameters
+    ----------
+    folder : Path
+    text : str
+    """
     atomic.write_text(folder / MANIFEST_FILE, text)
     return folder / MANIFEST_FILE
 

@@ -62,6 +62,13 @@ def product_stems(
 
     If centres agree to 0.01° and GSDs to 1 mm, the second is called ``dtm2`` and so on, in the
     given order.
+
+    Parameters
+    ----------
+    grids : sequence of MapletGrid
+    version : int
+    source, product : str
+        Parts of the name.
     """
     seen: dict[str, int] = {}
     stems = []

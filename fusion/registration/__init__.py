@@ -1,1 +1,1 @@
-"""Mapolas registered to the SPC surface."""
+"""Registration of lidar to SPC: by mapolas, returns, images or clouds; the fit; its acceptance."""

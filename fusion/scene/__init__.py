@@ -1,7 +1,15 @@
-"""Data model of the fusion: the data around a maplet in a workspace."""
+"""What surrounds one maplet in a workspace: the data model of the fusion."""
 
 from fusion.scene.exposures import Exposures
-from fusion.scene.scene import LightSource, Scene
+from fusion.scene.scene import LightSource, Scene, read_registration
 from fusion.scene.surfaces import Reference, maplets_around, surface_reference
 
-__all__ = ["Exposures", "LightSource", "Reference", "Scene", "maplets_around", "surface_reference"]
+__all__ = [
+    "Exposures",
+    "LightSource",
+    "Reference",
+    "Scene",
+    "maplets_around",
+    "read_registration",
+    "surface_reference",
+]

@@ -12,7 +12,12 @@ _IMAGES_KEPT = 64
 
 
 class Exposures:
-    """Reads images with their pixels, and keeps the last few."""
+    """Reads images with their pixels, and keeps the last few.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    """
 
     def __init__(self, workspace: Workspace) -> None:
         self._workspace = workspace

@@ -12,12 +12,21 @@ from fusion.fusing import (
     Candidate,
     Comparison,
     FuseInput,
+    FuseOptions,
+    FuseResult,
     Illumination,
     SlopeInformation,
     estimate_information,
+    fuse_maplet,
     lidar_constraints,
 )
-from fusion.registration.results import Placement, placements_of, transform_of
+from fusion.registration.fit import KnownTransform
+from fusion.registration.results import (
+    Placement,
+    given_registration,
+    placements_of,
+    transform_of,
+)
 from fusion.scene.exposures import Exposures
 from fusion.scene.surfaces import maplets_around
 from fusion.workspace import Workspace
@@ -74,7 +83,14 @@ class Scene:
         workspace : Workspace
             Registered.
         light : {"auto", "images", "sun", "none"}
-            What says where SPC has slopes, as ``[fuse] light``.
+            What determines where SPC has slopes, as ``[fuse] light``.
+
+        Raises
+        ------
+        WorkspaceError
+            If the workspace is not registered.
+        InvalidValueError
+            If its registration was refused or is not valid.
         """
         path = workspace.registration_path
         registration = workspace.read_json(path.name)
@@ -131,6 +147,25 @@ class Scene:
         sample = self.targets[:: max(1, -(-len(self.targets) // _SAMPLE))]
         compared = run(self.comparison, sample)
         return estimate_information([pair for pair in compared if pair is not None])
+
+    def fuse(
+        self,
+        name: str,
+        information: SlopeInformation | None = None,
+        *,
+        options: FuseOptions | None = None,
+    ) -> FuseResult:
+        """Fuse the maplet `name` (:func:`fusion.fusing.fuse_maplet`); nothing is written.
+
+        Parameters
+        ----------
+        name : str
+            One of `targets`.
+        information : SlopeInformation, optional
+            Of :meth:`information`, estimated anew if not given: keep it to fuse several maplets.
+        options : FuseOptions, optional
+        """
+        return fuse_maplet(self.parts(name), information or self.information(), options=options)
 
     def _shape(self, spc: Maplet) -> FloatArray:
         """Heights of the shape on a maplet's grid; without a shape, the maplet's own heights."""
@@ -190,6 +225,31 @@ class Scene:
             return lambda: replace(self.workspace.mapola(name), grid=self.mapola_grids[name])
 
         return [Candidate(self.mapola_grids[name], loader(name)) for name in names]
+
+
+def read_registration(workspace: Workspace) -> KnownTransform:
+    """Read the transform from lidar to SPC coordinates of a registered workspace.
+
+    Parameters
+    ----------
+    workspace : Workspace
+
+    Returns
+    -------
+    KnownTransform
+        ``transform.apply(points)`` moves points (N, 3), metres, from lidar to SPC coordinates;
+        ``position_covariance(points)`` is the covariance of their positions, m². Displacements of
+        single scans are not in it.
+
+    Raises
+    ------
+    WorkspaceError
+        If the workspace is not registered.
+    InvalidValueError
+        If its registration was refused or is not valid.
+    """
+    path = workspace.registration_path
+    return given_registration(workspace.read_json(path.name), str(path)).known
 
 
 def _where_lit(spc: Maplet, light: SlopeVariance | None) -> Maplet:

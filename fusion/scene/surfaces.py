@@ -54,5 +54,13 @@ def surface_reference(workspace: Workspace, against: str) -> Reference:
 def maplets_around(
     workspace: Workspace, grids: dict[str, MapletGrid], grid: MapletGrid
 ) -> list[Maplet]:
-    """Read the maplets that share ground with `grid`."""
+    """Read the maplets that share ground with `grid`.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    grids : dict of str to MapletGrid
+        Grids of all maplets.
+    grid : MapletGrid
+    """
     return [workspace.maplet(name) for name, other in grids.items() if overlaps(grid, other)]

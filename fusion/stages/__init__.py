@@ -1,4 +1,4 @@
-"""The stages of the pipeline, in the order in which data pass through them."""
+"""The stages of the pipeline, how they are run, and where their returns lie."""
 
 from fusion.stages.compiling import compiling_ahead
 from fusion.stages.loading import load_stages

@@ -174,7 +174,7 @@ class _Builder:
         return MapletGrid.facing(hits.points[0], away, gsd, half_size)
 
     def _joined(self, name: str, grid: MapletGrid, maplets: Iterable[Maplet]) -> Maplet:
-        """Return the bigmap of maplets (MATH §6)."""
+        """Return the bigmap of maplets."""
         table = self._table
         reference = None
         if table.max_distance_m:
@@ -188,7 +188,7 @@ class _Builder:
         return make_bigmap(name, grid, maplets, options=options, reference=reference)
 
     def _gridded(self, name: str, grid: MapletGrid) -> Maplet:
-        """Return the bigmap of all registered returns over the grid (MATH §7)."""
+        """Return the bigmap of all registered returns over the grid."""
         options = LidarBigmapOptions(max_gap=self._table.max_gap)
         there = options.gridding.box(grid).mapped(self._transform.inverse().apply)
         inside = self._store.returns_inside(there)

@@ -20,7 +20,6 @@ from fusion.fusing import (
     FuseOptions,
     FuseResult,
     SlopeInformation,
-    fuse_maplet,
 )
 from fusion.fusing.maplets import FusedMaplet, Source, write_fused
 from fusion.pipeline import StageContext, StageResult, find_table
@@ -69,9 +68,7 @@ class FuseStage:
         )
         tally = _Tally()
 
-        def fused(name: str) -> FuseResult:
-            return fuse_maplet(scene.parts(name), information, options=options)
-
+        fused = partial(scene.fuse, information=information, options=options)
         done = context.stream("fuse maplets", fused, scene.targets, total=len(scene.targets))
         folder = workspace.root / "fused"
         make_folder(folder)

@@ -1,4 +1,4 @@
-"""The stages of the pipeline, in the order in which data pass through them."""
+"""Stages by name, in the order in which data pass through them."""
 
 from __future__ import annotations
 

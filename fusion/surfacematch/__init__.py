@@ -1,4 +1,4 @@
-"""Matches of two surfaces in three components."""
+"""The match of two surfaces: how registration and scaling find displacements."""
 
 from fusion.surfacematch.displacing import BORDER, gauss_newton, spline_of
 from fusion.surfacematch.match import match_surfaces

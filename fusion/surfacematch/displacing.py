@@ -31,6 +31,11 @@ def spline_of(height: FloatArray) -> FloatArray:
     Beyond its edges a surface is continued by point reflection in the edge. Mirror reflection would
     make it level there, whereas a round body is steepest at the edges of its maplets: this would
     bias a displacement by up to a tenth of a cell.
+
+    Parameters
+    ----------
+    height : (R, C) ndarray
+        Metres, without gaps.
     """
     wide = np.pad(height, _EDGE_REACH, mode="reflect", reflect_type="odd")
     cut = _EDGE_REACH - BORDER
@@ -53,6 +58,17 @@ def gauss_newton(
     fixed one. `observable` (2, K) are the directions in which the displacement is estimated.
 
     Returns shift (2,), plane (3,), spread, iterations (0 if too few points are common), converged.
+
+    Parameters
+    ----------
+    layers, known, observable : tuples and ndarray
+        As above.
+    level : float
+        Gain of the whitening filter for a constant height; 1 without a filter.
+    start : (2,) ndarray
+        First displacement, cells.
+    limits : (int, float)
+        Most iterations, and the tolerance in cells.
     """
     coefficients, fixed, sigma, tilting = layers
     shift, along = start.copy(), observable.shape[1]

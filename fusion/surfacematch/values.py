@@ -122,7 +122,13 @@ class Match:
         return not self.reason
 
     def refused(self, cause: Cause, reason: str) -> Match:
-        """Return the match with a reason why it must not be used."""
+        """Return the match with a reason why it must not be used.
+
+        Parameters
+        ----------
+        cause : Cause
+        reason : str
+        """
         return replace(self, cause=cause, reason=reason)
 
     def on_one_grid(self, lidar: FloatArray, spc: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -165,7 +171,17 @@ def judged_match(match: Match, options: MatchOptions, *, converged: bool, patche
 
 
 def unmatched(name: str, grid: MapletGrid, coverage: float, cause: Cause, reason: str) -> Match:
-    """Return the result of a failed match on `grid`: NaN except the share compared, a `reason`."""
+    """Return the result of a failed match on `grid`: NaN except the share compared, a `reason`.
+
+    Parameters
+    ----------
+    name : str
+    grid : MapletGrid
+    coverage : float
+        Share of the grid that was compared, 0 … 1.
+    cause : Cause
+    reason : str
+    """
     unknown = np.full(3, np.nan)
     return Match(
         name=name,

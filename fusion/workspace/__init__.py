@@ -1,4 +1,4 @@
-"""A workspace: the folder in which an SPC solution and lidar scans meet."""
+"""A workspace: the folder that holds an SPC solution, lidar scans and their results."""
 
 from fusion.workspace.initialise import new_workspace
 from fusion.workspace.workspace import (

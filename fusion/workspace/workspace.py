@@ -381,6 +381,10 @@ def _is_there(path: Path) -> bool:
 def make_folder(path: Path) -> None:
     """Create a folder and those above it.
 
+    Parameters
+    ----------
+    path : Path
+
     Raises
     ------
     WorkspaceError

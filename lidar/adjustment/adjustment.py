@@ -175,7 +175,15 @@ def _taken_back(
 
 
 def unadjusted(names: Sequence[str], nodes: Nodes, options: AdjustmentOptions) -> ScanAdjustment:
-    """Return the prior: scans before any overlap is used."""
+    """Return the prior: scans before any overlap is used.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the scans.
+    nodes : Nodes
+    options : AdjustmentOptions
+    """
     count = len(names)
     return ScanAdjustment(
         tuple(names),

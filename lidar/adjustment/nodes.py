@@ -76,7 +76,13 @@ class Nodes:
 
     @classmethod
     def whole(cls, center: FloatArray) -> Nodes:
-        """Return whole scans, of unknown days."""
+        """Return whole scans, of unknown days.
+
+        Parameters
+        ----------
+        center : (S, 3) ndarray
+            Middle of each scan, body-fixed, metres.
+        """
         return cls(center, np.arange(len(center)), np.full(len(center), -1))
 
     @cached_property

@@ -69,7 +69,15 @@ class OverlapEquations:
 
 
 def displacement_rows(points: FloatArray, centers: FloatArray) -> FloatArray:
-    """Partials (..., 3, 6) of points (..., 3) by the displacement of their scans."""
+    """Partials (..., 3, 6) of points (..., 3) by the displacement of their scans.
+
+    Parameters
+    ----------
+    points : (…, 3) ndarray
+        Body-fixed, metres.
+    centers : (…, 3) ndarray
+        Middle of the scan of each point: rotations are about it.
+    """
     arm = points - centers
     shift = np.broadcast_to(np.eye(3), (*arm.shape[:-1], 3, 3))
     turning = np.stack([np.cross(axis, arm) for axis in np.eye(3)], axis=-1)
@@ -127,7 +135,15 @@ def overlap_equations(
 
 
 def ground_shares(grid: MapletGrid, others: list[MapletGrid], height: FloatArray) -> FloatArray:
-    """One over the number of grids (R, C) on which the ground of `grid` lies, itself included."""
+    """One over the number of grids (R, C) on which the ground of `grid` lies, itself included.
+
+    Parameters
+    ----------
+    grid : MapletGrid
+    others : list of MapletGrid
+    height : (R, C) ndarray
+        On `grid`, metres.
+    """
     number = np.ones(grid.shape)
     points = grid.points(np.nan_to_num(height))
     for other in others:

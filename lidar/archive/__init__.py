@@ -1,4 +1,4 @@
-"""All returns of a workspace, read by place within bounded memory."""
+"""All returns of a workspace, indexed by place; memory stays bounded."""
 
 from lidar.archive.store import ScanStore
 

@@ -62,6 +62,10 @@ FORMATS: Mapping[str, LidarFormat] = MappingProxyType(
 def recognise(path: str | Path) -> str:
     """Return the name of the format of a lidar file, from its content.
 
+    Parameters
+    ----------
+    path : str or Path
+
     Raises
     ------
     FormatError

@@ -1,7 +1,6 @@
 """Location of returns on the body: trajectory, pointing, mirror and range offset."""
 
-from lidar.geolocation.mirror import MirrorAngles
-from lidar.geolocation.placement import (
+from lidar.geolocation.geolocation import (
     NO_TIME,
     OUTSIDE,
     OUTSIDE_KERNELS,
@@ -12,6 +11,7 @@ from lidar.geolocation.placement import (
     scan_trajectory,
     turn_of,
 )
+from lidar.geolocation.mirror import MirrorAngles
 from lidar.geolocation.range_shift import RangeShift
 from lidar.geolocation.spice_trajectory import KernelPlace
 

@@ -41,6 +41,11 @@ class MirrorAngles:
         """Return the true beams (N, 3), in the frame of the lidar, with unchanged lengths.
 
         NaN remains NaN.
+
+        Parameters
+        ----------
+        beam : (N, 3) ndarray
+            Beams as located, in the frame of the lidar.
         """
         length = np.linalg.norm(beam, axis=1)
         across = np.hypot(beam[:, 0], beam[:, 2])

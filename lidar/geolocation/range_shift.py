@@ -29,7 +29,15 @@ class RangeShift:
     station: FloatArray
 
     def apply(self, points: FloatArray, time: FloatArray) -> FloatArray:
-        """Return the points (N, 3), metres, at the corrected ranges; NaN at unknown times."""
+        """Return the points (N, 3), metres, at the corrected ranges; NaN at unknown times.
+
+        Parameters
+        ----------
+        points : (N, 3) ndarray
+            Body-fixed, metres.
+        time : (N,) ndarray
+            Ephemeris times, s.
+        """
         station = np.stack([np.interp(time, self.time, axis) for axis in self.station.T], axis=1)
         beam = points - station
         with np.errstate(invalid="ignore", divide="ignore"):

@@ -8,9 +8,9 @@ from functools import cached_property, partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from lidar.geolocation.geolocation import OUTSIDE_KERNELS, Geolocation
 from lidar.geolocation.knots import knots
 from lidar.geolocation.mirror import MirrorAngles, MirrorMotion
-from lidar.geolocation.placement import OUTSIDE_KERNELS, Geolocation
 from spcola.arrays import FloatArray
 from spcola.navigation import Trajectory
 from spcola.spice import (

@@ -1,9 +1,8 @@
 """Whether a scan samples its ground densely, so that a return without neighbours is suspicious.
 
-A raster leaves no shot alone but at its rim: a lone return in its gaps is a false echo rather than
-ground. A track or single shots consist of lone returns. Number of returns in a cell does not
-separate the two, neighbourhood does; and each scan is judged by itself, since tracks may cross
-rasters.
+A raster leaves no shot alone but at its rim: a lone return in its gaps is an outlier. A track, or
+single shots, consist of lone returns. The number of returns in a cell does not separate the two,
+but the cells around do. Each scan is judged by itself, since a track may cross a raster.
 """
 
 from __future__ import annotations
@@ -64,7 +63,7 @@ def needs_support(
     - All returns of a dense scan.
     - Where all scans together are dense: of a sparse scan those further from its other returns
       than is usual for it, and all if too few of its returns agree with the ground (it may be what
-      false echoes of a raster beyond the grid have left on it).
+      outliers of a raster beyond the grid have left on it).
 
     Parameters
     ----------

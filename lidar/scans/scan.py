@@ -139,6 +139,12 @@ class Scan:
 def join(name: str, scans: list[Scan]) -> Scan:
     """Join chunks of one scan in the order given; rejection counts add up.
 
+    Parameters
+    ----------
+    name : str
+        Of the joined scan.
+    scans : list of Scan
+
     Raises
     ------
     InvalidValueError

@@ -3,8 +3,8 @@
 The real commands make each mission and run all stages and one release. A digest of each file of the
 mission and of the workspace is written. Equal digests mean bit-identical numbers. Left out are
 records of runs (times, folders) and the pictures.
-Text of reports and messages may change while numbers do not: `--numbers` digests JSON files by
-their numbers alone; `--made` digests what an earlier run left in DIR.
+Text of reports and messages may change while numbers do not: `--numbers` digests JSON files and
+products by their numbers alone; `--made` digests what an earlier run left in DIR.
 
     python scripts/bench/artefacts.py digests.json [--presets tiny] [--work DIR] [--made]
     python scripts/bench/artefacts.py --compare before.json after.json
@@ -24,6 +24,8 @@ from typing import Any
 
 import h5py
 import numpy as np
+import rasterio
+from astropy.io import fits
 
 # Times of runs; pictures and text of the report; a digest of digests.
 LEFT_OUT = (
@@ -91,7 +93,7 @@ def artefacts(folder: Path) -> Iterator[Path]:
 
 
 def digest(path: Path, *, numbers: bool) -> str:
-    """Return the digest of a file; with `numbers`, of a JSON file's numbers alone."""
+    """Return the digest of a file; of its numbers alone where that is asked."""
     if path.suffix == ".h5":
         return digest_of_hdf5(path)
     if path.suffix == ".json" and path.parent.name != "mission":
@@ -99,7 +101,23 @@ def digest(path: Path, *, numbers: bool) -> str:
         content = {key: value for key, value in content.items() if key not in FOLDERS}
         found = list(numbers_of(content)) if numbers else content
         return hashlib.sha256(json.dumps(found, sort_keys=True).encode()).hexdigest()
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(data_of(path) if numbers else path.read_bytes()).hexdigest()
+
+
+def data_of(path: Path) -> bytes:
+    """Return the data of a product without its header, which has the digests of its inputs."""
+    if path.suffix == ".fits":
+        return np.asarray(fits.getdata(path)).tobytes()
+    if path.suffix == ".tif":
+        with rasterio.open(path) as source:
+            layers: bytes = source.read().tobytes()
+            return layers
+    content = path.read_bytes()
+    if path.suffix == ".ply":
+        return content[content.index(b"end_header") :]
+    if path.suffix in (".obj", ".toml"):
+        return b"".join(line for line in content.splitlines() if line[:1] != b"#")
+    return content
 
 
 def digest_of_hdf5(path: Path) -> str:
@@ -127,7 +145,7 @@ def numbers_of(value: Any) -> Iterator[Any]:
     elif isinstance(value, list):
         for item in value:
             yield from numbers_of(item)
-    elif not isinstance(value, str):
+    elif value is not None and not isinstance(value, str):
         yield value
 
 

@@ -101,7 +101,7 @@ def seen(summary: dict[str, Any]) -> dict[str, float]:
     used, rejected = summary["n_used"], summary["n_rejected"]
     return {
         "share of mapolas with common relief": agreement["share_with_common_relief"],
-        "median clearness": agreement["median_clearness"],
+        "median clearness": agreement["median_z_score"],
         "heights left over, stated sigmas": agreement["residual_over_sigma"],
         "error of centres over what is stated": summary["maplet_sigma_m"]
         / max(CENTER_SIGMA_M, landmarks["own_sigma_m"]),

@@ -22,9 +22,16 @@ from spcola.errors import InvalidValueError
 class ImagePoint:
     """Place of a landmark (or a limb point) in an image.
 
-    Pixel and line start at (1, 1) in the centre of the first pixel. `deweighted` is the ``*``
-    that SPC puts after an observation that is kept but must have weight 0. `extra` contains the
-    further numbers of a limb line, as in the file.
+    Parameters
+    ----------
+    name : str
+        Of the landmark or image.
+    pixel, line : float
+        From (1, 1) in the centre of the first pixel.
+    deweighted : bool
+        The ``*`` that SPC puts after an observation that is kept but must have weight 0.
+    extra : tuple of str
+        The further numbers of a limb line, as in the file.
     """
 
     name: str

@@ -55,6 +55,12 @@ def ray(image: SpcImage, pixel: ArrayLike, line: ArrayLike) -> FloatArray:
 
     The inverse of `project`: the vector runs from ``image.position`` to the surface. NaN where
     the distortion cannot be inverted.
+
+    Parameters
+    ----------
+    image : SpcImage
+    pixel, line : (…) array_like
+        From (1, 1) in the centre of the first pixel.
     """
     x, y = undistort(image.camera, *_focal_plane(image.camera, pixel, line))
     focal = np.full(np.shape(x), image.camera.focal_length_mm)
@@ -70,6 +76,17 @@ def partials_position(
 
     Includes the whole K-matrix and the distortion; without them this is [8] as printed, which
     the published estimation uses.
+
+    Parameters
+    ----------
+    camera : Camera
+        Interior orientation.
+    axes : (3, 3) array_like
+        Rows Cx, Cy, Cz, body-fixed.
+    scobj : (3,) array_like
+        V0: from the pupil to the body's origin, metres.
+    points : (…, 3) array_like
+        Body-fixed, metres.
     """
     turned, direct = _per_focal_plane(camera, axes, scobj, points)
     return direct @ _focal_partials(camera, turned) @ np.asarray(axes, dtype=np.float64)
@@ -82,6 +99,17 @@ def partials_rotation(
 
     The turns move the axes by [11] (see `rotate_axes`). Includes the K-matrix and the distortion,
     as `partials_position` does.
+
+    Parameters
+    ----------
+    camera : Camera
+        Interior orientation.
+    axes : (3, 3) array_like
+        Rows Cx, Cy, Cz, body-fixed.
+    scobj : (3,) array_like
+        V0: from the pupil to the body's origin, metres.
+    points : (…, 3) array_like
+        Body-fixed, metres.
     """
     turned, direct = _per_focal_plane(camera, axes, scobj, points)
     wx, wy, wz = turned[..., 0], turned[..., 1], turned[..., 2]
@@ -102,6 +130,13 @@ def rotate_axes(axes: ArrayLike, turns: ArrayLike) -> FloatArray:
     """Return camera axes (3, 3) after small turns τ (3,), radians, about Cx, Cy, Cz [11].
 
     Orthonormalised to the nearest set of axes afterwards, since [11] is linear.
+
+    Parameters
+    ----------
+    axes : (3, 3) array_like
+        Rows Cx, Cy, Cz, body-fixed.
+    turns : (3,) array_like
+        τ, radians.
     """
     rows = np.asarray(axes, dtype=np.float64)
     t1, t2, t3 = np.asarray(turns, dtype=np.float64)

@@ -1,1 +1,1 @@
-"""Files of SPC: the only place with kilometres, degrees and byte orders."""
+"""Files of SPC, shapes, images and stores; the only place in spcola with km and degrees."""

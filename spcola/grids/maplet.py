@@ -250,6 +250,14 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 def check_layer(values: AnyArray, grid: MapletGrid, name: str) -> None:
     """Check that the shape of a layer is that of `grid`.
 
+    Parameters
+    ----------
+    values : ndarray
+        Layer with two dimensions.
+    grid : MapletGrid
+    name : str
+        Of the layer, for the message.
+
     Raises
     ------
     InvalidValueError
@@ -259,6 +267,12 @@ def check_layer(values: AnyArray, grid: MapletGrid, name: str) -> None:
 
 
 def overlaps(one: MapletGrid, other: MapletGrid) -> bool:
-    """Whether two grids lie on the same side of the body and near enough to share points."""
+    """Whether two grids lie on the same side of the body and near enough to share points.
+
+    Parameters
+    ----------
+    one, other : MapletGrid
+        In one frame.
+    """
     apart = float(np.linalg.norm(one.center - other.center))
     return apart < one.radius + other.radius and float(one.uz @ other.uz) > 0.0

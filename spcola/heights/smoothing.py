@@ -131,7 +131,16 @@ def multiply(
     first: int,
     last: int,
 ) -> float:
-    """Rows `first` … `last` − 1 of ``A value``; return their share of ``valueᵀ A value``."""
+    """Rows `first` … `last` − 1 of ``A value``; return their share of ``valueᵀ A value``.
+
+    Parameters
+    ----------
+    right, down, ground : ndarrays
+        Weights of steps along columns and rows, and of heights, 1/m²; padded as in this module.
+    value, out : ndarrays
+        The vector, and where the product is written; padded too.
+    first, last : int
+    """
     total = np.zeros(LANES)
     for i in range(first + 1, last + 1):
         here, up, low, above, below = value[i], value[i - 1], value[i + 1], down[i - 1], down[i]

@@ -92,13 +92,23 @@ class Sighting:
         return len(self.images)
 
     def scaled(self, match: float, position: float, pointing: float) -> Sighting:
-        """Return a copy with sigmas of matches, positions and pointing times these factors."""
+        """Return a copy with sigmas of matches, positions and pointing times these factors.
+
+        Parameters
+        ----------
+        match, position, pointing : float
+        """
         by_position, by_pointing = by_position_and_pointing(self.states)
         states = position**2 * by_position + pointing**2 * by_pointing
         return replace(self, covariance=match**2 * self.covariance, states=states)
 
     def solve(self, start: FloatArray | None = None) -> LandmarkSolution:
         """Return the place determined by the images [9, 10].
+
+        Parameters
+        ----------
+        start : (3,) ndarray, optional
+            First guess of the place, body-fixed, metres.
 
         Raises
         ------
@@ -114,7 +124,15 @@ class Sighting:
         )
 
     def of(self, keep: Sequence[int], left_out: Mapping[str, str]) -> Sighting:
-        """Return a copy with some of its images; the others are added to `left_out`."""
+        """Return a copy with some of its images; the others are added to `left_out`.
+
+        Parameters
+        ----------
+        keep : sequence of int
+            Places of the images in this one.
+        left_out : mapping of str to str
+            Image to reason.
+        """
         chosen = list(keep)
         return replace(
             self,

@@ -25,6 +25,10 @@ class SizeFactors(NamedTuple):
     """Factors on the sigmas of matches, and of the states' positions and pointing.
 
     Pointing is that at a known position; its part correlated with position is in the second.
+
+    Parameters
+    ----------
+    match, position, pointing : float
     """
 
     match: float

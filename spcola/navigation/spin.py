@@ -84,6 +84,12 @@ class Spin:
 
         A corrected meridian turns about Z; a corrected pole about an axis in the equator that
         rotates with the spin, since the pole is corrected in inertial space.
+
+        Parameters
+        ----------
+        corrected : Spin
+        times : (N,) array_like
+            Ephemeris times, s.
         """
         matrices = corrected.axes(times) @ np.swapaxes(self.axes(times), 1, 2)
         vectors: FloatArray = Rotation.from_matrix(matrices).as_rotvec()

@@ -19,6 +19,10 @@ SPICE_LOCK = threading.RLock()
 def et_from_utc(utc: str) -> float:
     """Return ephemeris time (s) of a UTC string in any form that SPICE's ``str2et`` reads.
 
+    Parameters
+    ----------
+    utc : str
+
     Raises
     ------
     FormatError
@@ -29,6 +33,11 @@ def et_from_utc(utc: str) -> float:
 
 def et_from_utcs(utcs: Sequence[str]) -> FloatArray:
     """Return ephemeris times (N,), s, of UTC strings.
+
+    Parameters
+    ----------
+    utcs : sequence of str
+        N of them.
 
     Raises
     ------
@@ -47,7 +56,15 @@ def et_from_utcs(utcs: Sequence[str]) -> FloatArray:
 
 
 def utc_from_et(et: float, digits: int = 3) -> str:
-    """Return UTC (calendar form, ``2015 APR 14 16:26:27.974``) of ephemeris time, s."""
+    """Return UTC (calendar form, ``2015 APR 14 16:26:27.974``) of ephemeris time, s.
+
+    Parameters
+    ----------
+    et : float
+        TDB seconds past J2000.
+    digits : int
+        Decimals of the seconds.
+    """
     with SPICE_LOCK:
         _need_leap_seconds()
         return str(spiceypy.et2utc(float(et), "C", digits))

@@ -71,6 +71,12 @@ class Trajectory:
     def from_images(cls, images: Sequence[SpcImage], *, name: str = "spc") -> Trajectory:
         """Build from the solved states of images, in any order.
 
+        Parameters
+        ----------
+        images : sequence of SpcImage
+        name : str
+            Of the trajectory.
+
         Raises
         ------
         InvalidValueError
@@ -96,6 +102,13 @@ class Trajectory:
         """Return whether times (N,) lie between two of the trajectory's no more than a gap apart.
 
         A time of the trajectory itself is covered whatever the gaps next to it.
+
+        Parameters
+        ----------
+        times : (N,) array_like
+            Ephemeris times, s.
+        max_gap_s : float
+            Largest gap between two positions that is interpolated, seconds.
         """
         wanted = np.asarray(times, dtype=np.float64)
         low, share = bracket(self.time, wanted)
@@ -111,6 +124,13 @@ class Trajectory:
         A cubic spline from four positions on, straight lines with fewer. Positions far apart in a
         body-fixed trajectory turn with the body: interpolate differences to another trajectory
         instead (`offset_from`).
+
+        Parameters
+        ----------
+        times : (N,) array_like
+            Ephemeris times, s.
+        max_gap_s : float
+            Largest gap between two positions that is interpolated, seconds.
         """
         wanted = np.asarray(times, dtype=np.float64)
         covered = self.covers(wanted, max_gap_s=max_gap_s)

@@ -2,8 +2,8 @@
 
 from spcola.photometry.functions import PhotometricFunction, lunar_lambert, photometric_function
 from spcola.photometry.ortho_image import OrthoImage, ortho_rectify, view_of
-from spcola.photometry.photoclinometry import MOST_INCIDENCE, SlopeVariance, slope_variance
 from spcola.photometry.rendering import render
+from spcola.photometry.slope_covariance import MOST_INCIDENCE, SlopeVariance, slope_variance
 
 __all__ = [
     "MOST_INCIDENCE",

@@ -40,6 +40,13 @@ def lunar_lambert(
 
     The weight L depends on the phase angle: see :func:`lunar_weight`. The truth images of
     Weirich et al. (section 2.6) were made with this function.
+
+    Parameters
+    ----------
+    cos_incidence, cos_emission : ndarrays
+        μ0 and μ.
+    phase : ndarray
+        Phase angle, radians.
     """
     weight = lunar_weight(phase)
     value = weight * _lunar(cos_incidence, cos_emission) + (1.0 - weight) * cos_incidence

@@ -26,6 +26,12 @@ def sample_surface(mesh: Mesh, step: float) -> Samples:
     Each facet is cut into k² equal triangles whose centres are taken; k is chosen so that no
     point of such a triangle is further than `step` from its centre.
 
+    Parameters
+    ----------
+    mesh : Mesh
+    step : float
+        Metres.
+
     Raises
     ------
     InvalidValueError

@@ -85,7 +85,13 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """Times at which several quantities are known together."""
+    """Times at which several quantities are known together.
+
+    Parameters
+    ----------
+    tracks : tuple of Track
+        One for each quantity.
+    """
 
     tracks: tuple[Track, ...]
 

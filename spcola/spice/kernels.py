@@ -165,6 +165,19 @@ def body_fixed_states(
     times (N,), s, that the kernels do not cover; axes are those of the body without a `frame`,
     and positions are NaN without a `spacecraft`. To be called inside ``KernelSet.load()``.
 
+    Parameters
+    ----------
+    spacecraft : str or int
+        Name or NAIF number; empty for axes alone.
+    body : int
+        NAIF number.
+    times : (N,) array_like
+        Ephemeris times, s.
+    frame : str
+        Frame whose axes are returned; empty for the body's.
+    tolerance_s : float
+        Tolerance of the pointing in time, seconds.
+
     Raises
     ------
     KernelError

@@ -85,6 +85,10 @@ class Orientation:
 def orientation_of(path: Path) -> Orientation:
     """Return the orientations in a kernel; none for any other than a text kernel.
 
+    Parameters
+    ----------
+    path : Path
+
     Raises
     ------
     KernelError
@@ -100,7 +104,15 @@ def orientation_of(path: Path) -> Orientation:
 
 
 def constant(body: int, item: str) -> str:
-    """Return SPICE's name of a constant; angles, frame and epoch belong to the barycentre."""
+    """Return SPICE's name of a constant; angles, frame and epoch belong to the barycentre.
+
+    Parameters
+    ----------
+    body : int
+        NAIF number.
+    item : str
+        Such as ``POLE_RA``.
+    """
     number = barycenter(body) if item in _OF_BARYCENTER else body
     return f"BODY{number}_{item}"
 

@@ -84,6 +84,10 @@ def convert_transfer(source: str | Path, target: str | Path) -> None:
 def read_transfer(path: str | Path) -> Daf:
     """Read a DAF transfer file.
 
+    Parameters
+    ----------
+    path : str or Path
+
     Raises
     ------
     FormatError

@@ -227,6 +227,11 @@ class Verdict:
     def from_json(cls, content: Mapping[str, Any]) -> Self:
         """Rebuild from the output of :meth:`as_json`; without ``findings`` there are none.
 
+        Parameters
+        ----------
+        content : mapping
+            As in ``registration.json`` or ``scale.json``.
+
         Raises
         ------
         ValueError, KeyError
@@ -250,7 +255,13 @@ def _listed(findings: Sequence[Finding]) -> str:
 
 
 def verdict_lines(content: Mapping[str, Any]) -> list[str]:
-    """Return the verdict and its findings as lines of text; no lines without a verdict."""
+    """Return the verdict and its findings as lines of text; no lines without a verdict.
+
+    Parameters
+    ----------
+    content : mapping
+        As in ``registration.json`` or ``scale.json``.
+    """
     if "verdict" not in content:
         return []
     verdict = Verdict.from_json(content)

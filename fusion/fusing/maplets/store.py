@@ -61,6 +61,12 @@ def fused_names(folder: str | Path) -> list[str]:
 def read_fused(folder: str | Path, name: str) -> FusedMaplet:
     """Read a fused maplet from `folder` at full precision.
 
+    Parameters
+    ----------
+    folder : str or Path
+    name : str
+        Of the maplet, without ``.MAP``.
+
     Raises
     ------
     WorkspaceError

@@ -38,12 +38,12 @@ class LookOptions:
     faces_from: FacesFrom | None = None
 
 
-def look_at(path: Path, options: LookOptions | None = None) -> Picture:
+def look_at(path: str | Path, options: LookOptions | None = None) -> Picture:
     """Draw what a file or a workspace holds.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         A workspace, or a file of any kind that is read: maplet, bigmap, mapola, fused maplet or
         pair (.MAP), image (.SUM, .DAT, FITS), landmark, shape, lidar file or scan, terrain model
         (FITS, GeoTIFF, OBJ, PLY), registration.json or scale.json.
@@ -52,6 +52,7 @@ def look_at(path: Path, options: LookOptions | None = None) -> Picture:
     Returns
     -------
     Picture
+        A notebook shows it; ``picture.figure`` is the Matplotlib figure.
 
     Raises
     ------
@@ -62,11 +63,11 @@ def look_at(path: Path, options: LookOptions | None = None) -> Picture:
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> from fusion.inspection.look import look_at, save_picture
-    >>> picture = look_at(Path("bennu/MAPFILES/AB0001.MAP"))  # doctest: +SKIP
-    >>> save_picture(picture, Path("AB0001.png"))  # doctest: +SKIP
+    >>> import fusion
+    >>> picture = fusion.look_at("bennu/MAPFILES/AB0001.MAP")  # doctest: +SKIP
+    >>> picture.figure.savefig("AB0001.png")  # doctest: +SKIP
     """
+    path = Path(path)
     if path.is_dir():
         return workspace_picture(Workspace.open(path))
     kind = file_kind(path)

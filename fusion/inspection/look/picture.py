@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
-from fusion.report.style import INK, saved
+from fusion.report.style import INK, data_uri, saved
 from spcola import atomic
 from spcola.errors import WorkspaceError
 
@@ -41,6 +42,10 @@ class Picture:
     kind: str
     figure: Figure
     facts: Mapping[str, Any] = field(default_factory=dict)
+
+    def _repr_html_(self) -> str:
+        """Return the picture as an element of a notebook."""
+        return f'<img alt="{escape(self.kind)}" src="{data_uri(self.figure, "png")}">'
 
 
 def picture_path(source: Path, chosen: Path | None = None) -> Path:
@@ -81,6 +86,11 @@ def save_picture(picture: Picture, path: Path) -> None:
     """Write a picture whole or not at all; the suffix chooses PNG, PDF or SVG.
 
     Equal pictures give equal files.
+
+    Parameters
+    ----------
+    picture : Picture
+    path : Path
 
     Raises
     ------

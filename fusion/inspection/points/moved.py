@@ -39,6 +39,11 @@ _ROUNDING = 1e-9
 def check_target(source: PointSource, target: Path) -> None:
     """Refuse a file that the moved source cannot be written to, before anything is computed.
 
+    Parameters
+    ----------
+    source : PointSource
+    target : Path
+
     Raises
     ------
     WorkspaceError

@@ -24,7 +24,6 @@ from fusion.estimation.verdict import (
 )
 from fusion.pipeline.catalog.catalog import Catalog
 from fusion.pipeline.catalog.records import content_digest
-from fusion.registration.results import DISAGREES
 from fusion.workspace import Workspace
 from spcola.arrays import BoolArray, FloatArray
 from spcola.control import Landmark
@@ -59,6 +58,8 @@ _SHARED, _NEARLY = 3, 1e-3
 _VERSION = 1
 # The scatter of fewer maplets is not known.
 _FEWEST = 5
+# In a registration.json of before `cause`.
+_OLD_REASON = "disagrees with the other mapolas"
 
 
 @dataclass(frozen=True)
@@ -351,7 +352,7 @@ def _is_outlier(entry: Mapping[str, Any]) -> bool:
     """Return whether a mapola was matched, but left out; older files have no code."""
     if "cause" in entry:
         return entry["cause"] == Cause.OUTLIER
-    return entry.get("reason") == DISAGREES
+    return entry.get("reason") == _OLD_REASON
 
 
 def rejected_maplets(workspace: Workspace) -> list[Finding]:
@@ -367,5 +368,5 @@ def rejected_maplets(workspace: Workspace) -> list[Finding]:
     ]
     if not names:
         return []
-    text = f"the registration left out {', '.join(names)} ({DISAGREES})"
+    text = f"the registration left out {', '.join(names)} ({Cause.OUTLIER.meaning})"
     return [Finding(Code.REJECTED_MAPLET, Severity.NOTE, text, float(len(names)))]

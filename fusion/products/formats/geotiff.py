@@ -96,6 +96,13 @@ def write_geotiff(path: str | Path, maplet: Maplet, provenance: Provenance) -> N
     NaN where there is none. Overviews take the nearest point, as codes of sources and missing
     points cannot be averaged. The dataset's tags hold the frame and the provenance as JSON.
 
+    Parameters
+    ----------
+    path : str or Path
+    maplet : Maplet
+    provenance : Provenance
+        What it was made from.
+
     Raises
     ------
     InvalidValueError
@@ -129,6 +136,10 @@ def write_geotiff(path: str | Path, maplet: Maplet, provenance: Provenance) -> N
 
 def read_geotiff(path: str | Path) -> Maplet:
     """Read a file of :func:`write_geotiff`; values are 32-bit floats.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------

@@ -64,6 +64,13 @@ def write_ply(path: str | Path, maplet: Maplet, provenance: Provenance) -> None:
     height, sigma, albedo and, for a fused maplet, count and source. The comments hold the frame
     and the provenance as JSON.
 
+    Parameters
+    ----------
+    path : str or Path
+    maplet : Maplet
+    provenance : Provenance
+        What it was made from.
+
     Raises
     ------
     InvalidValueError
@@ -101,6 +108,13 @@ def write_obj(path: str | Path, maplet: Maplet, provenance: Provenance) -> None:
     OBJ has no further values of a vertex: they follow it in a comment,
     ``#p m n height sigma albedo [count source]``, which other readers skip.
 
+    Parameters
+    ----------
+    path : str or Path
+    maplet : Maplet
+    provenance : Provenance
+        What it was made from.
+
     Raises
     ------
     InvalidValueError
@@ -124,12 +138,21 @@ def write_obj(path: str | Path, maplet: Maplet, provenance: Provenance) -> None:
 
 
 def is_surface(path: str | Path) -> bool:
-    """Tell whether an OBJ or PLY holds the frame of a maplet: whether it was written here."""
+    """Return whether an OBJ or PLY holds the frame of a maplet: whether it was written here.
+
+    Parameters
+    ----------
+    path : str or Path
+    """
     return _FRAME.encode() in read_bytes(path, most=_HEAD)
 
 
 def read_surface(path: str | Path) -> Maplet:
     """Read an OBJ or PLY that this module wrote: a bit-identical maplet.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------

@@ -15,9 +15,9 @@ from fusion.estimation.verdict import (
     Severity,
     Verdict,
 )
+from fusion.registration.clouds.blur import relative_blur, significant_blur
 from fusion.registration.clouds.cloud_grid import grid_cloud
 from fusion.registration.clouds.composed import composed
-from fusion.registration.clouds.softness import relative_blur, significant_blur
 from fusion.registration.fit import PARAMETERS, Model
 from fusion.registration.judging import Placed, common_relief, judge_relief
 from fusion.registration.returns import (

@@ -15,8 +15,8 @@ from fusion.estimation.verdict import (
     Severity,
     Verdict,
 )
+from fusion.registration.clouds.blur import relative_blur, significant_blur
 from fusion.registration.clouds.cloud_grid import CloudGrid, grid_cloud
-from fusion.registration.clouds.softness import relative_blur, significant_blur
 from fusion.registration.fit.fit import (
     PARAMETERS,
     Model,

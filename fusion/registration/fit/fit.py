@@ -133,7 +133,7 @@ def fit_transform(
     further: Sequence[FloatArray] = (),
     options: FitOptions | None = None,
 ) -> Registration:
-    """Fit ``V_i + d_i = T + (1 + κ) R V_i`` robustly (MATH §8; Gaskell et al. §6.1).
+    """Fit ``V_i + d_i = T + (1 + κ) R V_i`` robustly (Gaskell et al. §6.1).
 
     Parameters
     ----------
@@ -253,7 +253,15 @@ def transform_partials(
 
 
 def natural_sizes(names: tuple[str, ...], reach: float) -> FloatArray:
-    """Size (P,) of each parameter that moves ground `reach` metres from the centre by a metre."""
+    """Size (P,) of each parameter that moves ground `reach` metres from the centre by a metre.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Parameters as in :data:`PARAMETERS`.
+    reach : float
+        Metres.
+    """
     return np.where([name.endswith("_m") for name in names], 1.0, 1.0 / reach)
 
 
@@ -263,6 +271,14 @@ def updated_transform(
     """Return `current` after a step (P,) of the parameters, which act about the image of `center`.
 
     Metres, radians, and units of scale or matrix, in the order of :data:`PARAMETERS`.
+
+    Parameters
+    ----------
+    current : Affine
+    step : (P,) ndarray
+    model : {"rigid", "similarity", "affine"}
+    center : (3,) ndarray
+        Metres.
     """
     image = current.apply(center) + step[:3]
     if model == "affine":
@@ -283,6 +299,15 @@ def about_origin(
     The translation T in ``V_spc = T + s R V`` is the image of the body's origin: the image of
     `center` minus the rotated and scaled arm between the two. Further rows of `covariance` after
     the parameters of the model are kept.
+
+    Parameters
+    ----------
+    covariance : (P, P) ndarray
+        With the translation of `center`.
+    model : {"rigid", "similarity", "affine"}
+    transform : Affine
+    center : (3,) ndarray
+        Metres.
     """
     if not np.isfinite(covariance).all():
         return covariance
@@ -324,6 +349,10 @@ def similarity_numbers(
 
     For an affine fit they are those of the polar decomposition, to first order; a rigid fit has
     scale 1 with sigma 0.
+
+    Parameters
+    ----------
+    registration : Registration or KnownTransform
     """
     similarity, covariance = registration.similarity, registration.covariance
     if registration.model != "affine":

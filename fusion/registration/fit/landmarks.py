@@ -46,7 +46,15 @@ class LandmarkErrors:
     def of_mapolas(
         cls, network: Network, names: Sequence[str], center_sigma: float
     ) -> LandmarkErrors:
-        """Errors for the mapolas `names`; `center_sigma`, metres, for those without a landmark."""
+        """Errors for the mapolas `names`; `center_sigma`, metres, for those without a landmark.
+
+        Parameters
+        ----------
+        network : Network
+            Solved landmarks.
+        names : sequence of str
+        center_sigma : float
+        """
         row = {name: number for number, name in enumerate(network.names)}
         known = np.array([name in row for name in names], dtype=np.bool_)
         rows = np.array([row[name] for name in names if name in row], dtype=np.intp)

@@ -91,7 +91,7 @@ class Evidence:
             "mapolas_compared": self.relief.compared,
             "share_with_common_relief": self.relief.share,
             "share_by_chance": self.relief.chance,
-            "median_clearness": float(np.median(z_score)) if len(z_score) else None,
+            "median_z_score": float(np.median(z_score)) if len(z_score) else None,
             "residual_over_sigma": float(np.median(known)) if len(known) else None,
         }
 
@@ -179,7 +179,7 @@ def _images(content: Mapping[str, Any]) -> Iterator[Finding]:
 def _observation_types(content: Mapping[str, Any]) -> Iterator[Finding]:
     """Test whether images and heights agree: for single mapolas, and in the rotation."""
     known = np.array(
-        [entry.get("kinds_chi2", np.nan) for entry in content.get("per_mapola") or ()], dtype=float
+        [entry.get("types_chi2", np.nan) for entry in content.get("per_mapola") or ()], dtype=float
     )
     known = known[np.isfinite(known)]
     ratio = float(np.sqrt(np.median(known) / chi2.median(3))) if len(known) else 0.0
@@ -190,8 +190,8 @@ def _observation_types(content: Mapping[str, Any]) -> Iterator[Finding]:
             "their sigmas"
         )
         yield Finding(Code.IMAGES_DISAGREE, severity, text, ratio, _DOUBTFUL_TYPES)
-    turn = np.array(content.get("kinds_rotation_deg", np.nan), dtype=np.float64)
-    sigma = np.array(content.get("kinds_rotation_sigma_deg", np.nan), dtype=np.float64)
+    turn = np.array(content.get("types_rotation_deg", np.nan), dtype=np.float64)
+    sigma = np.array(content.get("types_rotation_sigma_deg", np.nan), dtype=np.float64)
     apart = float(np.max(np.abs(turn) / sigma))
     severity = _severity(apart - _DOUBTFUL_APART, _REFUSED_APART - _DOUBTFUL_APART)
     if severity is not None:

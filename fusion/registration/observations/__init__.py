@@ -1,4 +1,4 @@
-"""Observation types: mapolas against maplets, images, landmarks; their combination."""
+"""Registration by images, alone or together with topography."""
 
 from fusion.registration.observations.by_images import ImagedMapolas, place_mapolas
 from fusion.registration.observations.image_registration import (

@@ -64,6 +64,13 @@ def fit_mapolas(
 ) -> Registration:
     """Fit the transform to the mapolas that match; `further` are groups of effects (N, 3, M).
 
+    Parameters
+    ----------
+    mapolas : MatchedMapolas
+    further : sequence of (N, 3, M) ndarrays
+        Patterns of further shared errors, metres.
+    options : FitOptions
+
     Raises
     ------
     NotObservableError
@@ -198,7 +205,16 @@ def image_registration_json(
     topography: Sequence[Match],
     images: ImagedMapolas,
 ) -> dict[str, Any]:
-    """Content of ``registration.json`` with the results of images."""
+    """Content of ``registration.json`` with the results of images.
+
+    Parameters
+    ----------
+    by : {"images", "both"}
+    found : ImageRegistration
+    topography : sequence of Match
+        Matches of heights.
+    images : ImagedMapolas
+    """
     content = registration_json(found.registration, found.mapolas)
     entries = content["per_mapola"]
     if by == "both":
@@ -219,8 +235,8 @@ def image_registration_json(
         "image_pointing_factor": images.factors.pointing,
         "n_images": len(used),
         "n_images_compared": len(compared),
-        "kinds_rotation_deg": found.turn_deg,
-        "kinds_rotation_sigma_deg": found.turn_sigma_deg,
+        "types_rotation_deg": found.turn_deg,
+        "types_rotation_sigma_deg": found.turn_sigma_deg,
         "images_not_matched": sorted(compared - used),
         "per_mapola": entries,
     }
@@ -233,7 +249,7 @@ def image_registration_json(
             "n_images": len(sighting),
             "images_left_out": dict(Counter(sighting.left_out.values())),
             "surface_residual_m": surface if ground.usable else np.full(3, np.nan),
-            "kinds_chi2": chi2,
+            "types_chi2": chi2,
         }
     return content
 
@@ -253,7 +269,7 @@ def _joined(entries: list[dict[str, Any]], matches: Sequence[Match]) -> list[dic
             for key in ("displacement_m", "residual_m"):
                 entry[key] = ground[key] + share @ (imaged[key] - ground[key])
             entry["sigma_m"] = np.sqrt(np.diag(share @ by_images))
-        entry["kinds"] = {
+        entry["observation_types"] = {
             name: {key: values[key] for key in _OF_A_TYPE}
             for name, values in (("topography", ground), ("images", imaged))
         }

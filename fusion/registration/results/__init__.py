@@ -1,9 +1,9 @@
 """The content of registration.json, and registrations that are given."""
 
 from fusion.registration.results.apply import GivenRegistration, applied_json, given_registration
+from fusion.registration.results.keys import with_old_keys
 from fusion.registration.results.scans import ScanEffects, share_matrix
 from fusion.registration.results.summary import (
-    DISAGREES,
     MatchedMapolas,
     Placement,
     placements_of,
@@ -13,7 +13,6 @@ from fusion.registration.results.summary import (
 )
 
 __all__ = [
-    "DISAGREES",
     "GivenRegistration",
     "MatchedMapolas",
     "Placement",
@@ -25,4 +24,5 @@ __all__ = [
     "scale_influence",
     "share_matrix",
     "transform_of",
+    "with_old_keys",
 ]

@@ -6,6 +6,7 @@ A key within another one is written ``outer.inner``, also where `outer` is a lis
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 REGISTRATION_KEYS: Mapping[str, str] = {
     "model": "`rigid` (6 parameters), `similarity` (7) or `affine` (12)",
@@ -37,8 +38,8 @@ REGISTRATION_KEYS: Mapping[str, str] = {
     "n_images": "images used",
     "n_images_compared": "images searched for mapolas",
     "images_not_matched": "names of images in which no mapola was found",
-    "kinds_rotation_deg": "rotation from the fit by heights alone to the fit by images alone",
-    "kinds_rotation_sigma_deg": "its sigmas",
+    "types_rotation_deg": "rotation from the fit by heights alone to the fit by images alone",
+    "types_rotation_sigma_deg": "its sigmas",
     "per_scan": "for each scan (or arc) what is added to its adjustment",
     "per_scan.scan": "name of the scan, `NAME:1`, `NAME:2`, … for its arcs",
     "per_scan.center_m": "point about which it is rotated",
@@ -75,10 +76,10 @@ REGISTRATION_KEYS: Mapping[str, str] = {
     "per_mapola.correlation": "of the two surfaces after the match, planes removed",
     "per_mapola.n_images": "by `images` and `both`: images in which it was found",
     "per_mapola.images_left_out": "reasons why others were left out, with their number",
-    "per_mapola.kinds_chi2": "by `both`: place by heights against place by images, χ² with 3 "
+    "per_mapola.types_chi2": "by `both`: place by heights against place by images, χ² with 3 "
     "degrees of freedom",
-    "per_mapola.kinds": "by `both`: displacement, sigma, residual, use, reason and correlation of "
-    "each observation type",
+    "per_mapola.observation_types": "by `both`: displacement, sigma, residual, use, reason and "
+    "correlation of each observation type",
     "tests": "`strain`: shear and non-uniform scale (lidar axes) with sigmas, z and χ² with 5 "
     "degrees of freedom; `scale`: scale − 1 with χ² of 1 degree; null with a `reason` where it "
     "cannot be observed",
@@ -95,10 +96,30 @@ REGISTRATION_KEYS: Mapping[str, str] = {
     "findings": "why: `code`, `severity`, `text`, `value`, `limit` of each finding",
     "agreement": "whether the surfaces agree where the transform puts them: `mapolas_compared`, "
     "`share_with_common_relief`, `share_by_chance` (what unrelated ground reaches in the same "
-    "search), `median_clearness` (standard deviations above unrelated ground), "
+    "search), `median_z_score` (standard deviations above unrelated ground), "
     "`residual_over_sigma` (height residuals in stated sigmas; null where none is stated)",
     "frame_search": "of a result that is not accepted: the frame in which the lidar would fit",
     "refused_estimate": "of a refused registration: what was fitted; the keys of the transform "
     "are null then",
     "made_by": "stage, version, settings and digests of the inputs",
 }
+
+OLD_KEYS: Mapping[str, str] = {
+    "median_z_score": "median_clearness",
+    "observation_types": "kinds",
+    "types_chi2": "kinds_chi2",
+    "types_rotation_deg": "kinds_rotation_deg",
+    "types_rotation_sigma_deg": "kinds_rotation_sigma_deg",
+    "changes": "kinds",
+}
+"""Old names of keys that were renamed; files have both until the next version."""
+
+
+def with_old_keys(content: Any) -> Any:
+    """Return JSON content in which each key that was renamed stands under its old name, too."""
+    if isinstance(content, Mapping):
+        known = {key: with_old_keys(value) for key, value in content.items()}
+        return known | {OLD_KEYS[key]: value for key, value in known.items() if key in OLD_KEYS}
+    if isinstance(content, list):
+        return [with_old_keys(item) for item in content]
+    return content

@@ -44,7 +44,14 @@ class ScanEffects:
 
     @classmethod
     def independent(cls, names: Sequence[str], sigma_m: float) -> ScanEffects:
-        """Return independent errors of scans, `sigma_m` metres along each axis; 0 for none."""
+        """Return independent errors of scans, `sigma_m` metres along each axis; 0 for none.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Of the scans.
+        sigma_m : float
+        """
         columns = 3 * len(names) if sigma_m > 0 else 0
         modes = np.zeros((len(names), 6, columns))
         if columns:
@@ -86,7 +93,15 @@ class ScanEffects:
         return effects
 
     def residual_covariance(self, shares: FloatArray, points: FloatArray) -> FloatArray:
-        """Covariances (N, 3, 3), m², of the displacements of mapolas not due to the patterns."""
+        """Covariances (N, 3, 3), m², of the displacements of mapolas not due to the patterns.
+
+        Parameters
+        ----------
+        shares : (N, S) ndarray
+            Share of each scan in each mapola.
+        points : (N, 3) ndarray
+            Centres of the mapolas, metres.
+        """
         variance = self.wander_m**2 * np.sum(shares**2, axis=1)
         covariance: FloatArray = variance[:, None, None] * np.eye(3)
         if self.rest is not None:

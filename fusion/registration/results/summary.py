@@ -60,7 +60,7 @@ def registration_json(
     registration: Registration,
     mapolas: MatchedMapolas,
 ) -> dict[str, Any]:
-    """Content of ``registration.json`` (DESIGN: keys that other programs read).
+    """Content of ``registration.json``; its keys: :mod:`fusion.registration.results.keys`.
 
     Parameters
     ----------
@@ -105,6 +105,12 @@ def scale_influence(registration: Registration, mapolas: MatchedMapolas) -> Floa
     """Derivative (N, 3), 1/m, of the scale of a similarity by the displacement of each match.
 
     0 for matches that were not used.
+
+    Parameters
+    ----------
+    registration : Registration
+    mapolas : MatchedMapolas
+        To which it was fitted.
     """
     moved = np.zeros((len(mapolas.matches), 3))
     of_all = influence(registration.observations, registration.fit)
@@ -206,6 +212,11 @@ def transform_of(content: Mapping[str, Any], where: str, *, do: str = _AGAIN) ->
 
     Errors name the file `where` and the remedy `do`.
 
+    Parameters
+    ----------
+    content : mapping
+    where, do : str
+
     Raises
     ------
     InvalidValueError
@@ -245,13 +256,26 @@ class Placement:
     covariance: FloatArray
 
     def grid(self, grid: MapletGrid, transform: Affine) -> MapletGrid:
-        """Return the registered grid of a mapola."""
+        """Return the registered grid of a mapola.
+
+        Parameters
+        ----------
+        grid : MapletGrid
+            Of the mapola, lidar coordinates.
+        transform : Affine
+            Lidar → SPC.
+        """
         moved = grid.moved(transform)
         return replace(moved, center=moved.center + self.shift)
 
 
 def placements_of(content: Mapping[str, Any], where: str) -> dict[str, Placement]:
     """Read the registration of each mapola from ``registration.json``; `where` is for errors.
+
+    Parameters
+    ----------
+    content : mapping
+    where : str
 
     Raises
     ------

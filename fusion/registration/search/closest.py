@@ -79,6 +79,14 @@ def fit_placement(
 
     Outliers get weight 0.
 
+    Parameters
+    ----------
+    surface : PointSurface
+    points : (N, 3) ndarray
+        Metres.
+    start : Placement
+    steps : int
+
     Returns
     -------
     Placement

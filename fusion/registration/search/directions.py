@@ -138,7 +138,15 @@ def _middles(n: int) -> FloatArray:
 
 @compiled
 def cells_of(points: FloatArray, n: int) -> IntArray:
-    """Return the cells (N,) in which points (N, 3) lie."""
+    """Return the cells (N,) in which points (N, 3) lie.
+
+    Parameters
+    ----------
+    points : (N, 3) ndarray
+        Directions.
+    n : int
+        Cells along the side of a cube's face.
+    """
     cells = np.empty(len(points), dtype=np.int64)
     for k in range(len(points)):
         cells[k] = cell_of(points[k, 0], points[k, 1], points[k, 2], n)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from fusion.registration.search.closest import Placement
 from spcola.arrays import FloatArray
 
-Kind = Literal["unit", "mirror", "turn", "scale", "shift"]
+Change = Literal["unit", "mirror", "turn", "scale", "shift"]
 
 UNITS: Mapping[float, str] = MappingProxyType(
     {
@@ -42,7 +42,7 @@ class FrameChange:
 
     Attributes
     ----------
-    kinds : tuple of {"unit", "mirror", "turn", "scale", "shift"}
+    changes : tuple of {"unit", "mirror", "turn", "scale", "shift"}
         The parts that are not negligible; empty if the lidar fits as it is.
     mirrored : str
         The mirrored axis, "X", "Y" or "Z"; empty for none. The one that leaves the smallest
@@ -61,7 +61,7 @@ class FrameChange:
         A clause with the lidar as its subject.
     """
 
-    kinds: tuple[Kind, ...]
+    changes: tuple[Change, ...]
     mirrored: str
     angle_deg: float
     axis: FloatArray
@@ -73,7 +73,7 @@ class FrameChange:
     def as_json(self) -> dict[str, Any]:
         """Return it in JSON types."""
         return {
-            "kinds": list(self.kinds),
+            "changes": list(self.changes),
             "mirrored": self.mirrored,
             "angle_deg": self.angle_deg,
             "axis": self.axis.tolist(),
@@ -92,7 +92,7 @@ def frame_change(at: Placement, radius: float, misfit: float) -> FrameChange:
     angle, axis, name = _turn(rotation)
     unit = min(UNITS, key=lambda factor: abs(np.log(at.scale / factor)))
     scale = at.scale / unit
-    phrases: dict[Kind, str] = {}
+    phrases: dict[Change, str] = {}
     if mirrored:
         west = " (longitudes of the other sign)" if mirrored == "Y" else ""
         phrases["mirror"] = f"mirrored in {mirrored}{west}"

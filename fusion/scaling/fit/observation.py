@@ -167,7 +167,7 @@ class ScaleObservations:
     def sight(self) -> FloatArray:
         """Rows (N, 3) that convert an observed displacement to a range difference.
 
-        The beam for pairs with SPC's trajectory (Δr along the line of sight, MATH §9); else
+        The beam for pairs with SPC's trajectory (Δr along the line of sight); else
         :attr:`along_range`.
         """
         matched = self.kind == "pairs" and self.trajectory == "spc"
@@ -203,7 +203,7 @@ class ScaleObservations:
     def epsilon(self) -> tuple[FloatArray, FloatArray]:
         """ε of each observation alone (N,), and its sigma from its own covariance (N,).
 
-        All other parameters are assumed 0: ε = Δr / r with SPC's trajectory (MATH §9).
+        All other parameters are assumed 0: ε = Δr / r with SPC's trajectory.
         """
         gain = self.range_per_epsilon
         return self.in_range(self.value) / gain, np.sqrt(self.range_variance) / np.abs(gain)

@@ -89,7 +89,15 @@ class PairFrame:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """An image without a pair, and the reason; `unmatched` if its two surfaces do not match."""
+    """An image without a pair, and the reason; `unmatched` if its two surfaces do not match.
+
+    Parameters
+    ----------
+    image : str
+    cause : Cause
+    reason : str
+    unmatched : bool
+    """
 
     image: str
     cause: Cause

@@ -42,7 +42,13 @@ class LidarPlacement:
         return np.concatenate([[0.0], self.center, self.turn, [0.0]])
 
     def displaced(self, arm: FloatArray) -> FloatArray:
-        """Displacement (N, 3) of the lidar surface from SPC at arms (N, 3), metres."""
+        """Displacement (N, 3) of the lidar surface from SPC at arms (N, 3), metres.
+
+        Parameters
+        ----------
+        arm : (N, 3) ndarray
+            From the centre of the transform, metres.
+        """
         away: FloatArray = self.center - np.cross(self.turn, arm)
         return away
 

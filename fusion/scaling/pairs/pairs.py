@@ -63,7 +63,7 @@ class Pair:
     sources: Sources
 
 
-# A single scan leaves cells empty; gaps of up to two cells are filled, as in MATH §7.
+# A single scan leaves cells empty; gaps of up to two cells are filled.
 _BRIDGING = LidarBigmapOptions(max_gap=2)
 
 
@@ -100,7 +100,15 @@ def make_pair(
 
 
 def rematched(pair: Pair, options: PairOptions, *, blur_cells: float) -> Pair | LeftOut:
-    """Match the bigmaps of a pair again, at a common resolution."""
+    """Match the bigmaps of a pair again, at a common resolution.
+
+    Parameters
+    ----------
+    pair : Pair
+    options : PairOptions
+    blur_cells : float
+        Blur of the SPC bigmap relative to the lidar's.
+    """
     return _judged(pair.frame, pair.spc, pair.lidar, pair.sources, options, blur_cells)
 
 
@@ -127,7 +135,12 @@ def _judged(
 
 
 def blur_of(pair: Pair) -> float:
-    """Blur of the SPC bigmap relative to the lidar's, cells; NaN with too little overlap."""
+    """Blur of the SPC bigmap relative to the lidar's, cells; NaN with too little overlap.
+
+    Parameters
+    ----------
+    pair : Pair
+    """
     return estimate_blur(*pair.match.on_one_grid(pair.lidar.height, pair.spc.height))
 
 

@@ -24,7 +24,7 @@ from fusion.scaling.shots.spots import SpotOptions
 def scale_json(
     observations: ScaleObservations, estimate: ScaleEstimate, *, mean_radius: float
 ) -> dict[str, Any]:
-    """Content of ``scale.json`` common to pairs and shots (DESIGN: keys that others read).
+    """Content of ``scale.json`` common to pairs and shots; see `keys`.
 
     Parameters
     ----------

@@ -122,6 +122,10 @@ def compare_shots(
 def join_shots(compared: Sequence[ShotComparison]) -> ShotComparison:
     """Join the comparisons of several scans.
 
+    Parameters
+    ----------
+    compared : sequence of ShotComparison
+
     Raises
     ------
     InvalidValueError

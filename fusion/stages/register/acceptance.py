@@ -121,7 +121,7 @@ def other_frames(context: StageContext) -> tuple[dict[str, Any], tuple[Finding, 
         finally:
             task.advance()
     best = search.best
-    if best is None or not best.change.kinds:
+    if best is None or not best.change.changes:
         return search.as_json(), ()
     return search.as_json(), (Finding(Code.FITS_OTHERWISE, Severity.NOTE, search.text),)
 

@@ -29,6 +29,7 @@ from fusion.registration.results import (
     scale_influence,
     share_matrix,
     transform_of,
+    with_old_keys,
 )
 from fusion.scene import surface_reference
 from fusion.stages.geolocation.locating import return_paths
@@ -131,7 +132,7 @@ class RegisterStage:
             content["frame_search"], found = other_frames(context)
             verdict = Verdict((*verdict.findings, *found))
         content = with_verdict(content, verdict)
-        path = context.write_json(workspace.registration_path.name, content)
+        path = context.write_json(workspace.registration_path.name, with_old_keys(content))
         return StageResult((path,), {k: v for k, v in content.items() if k not in _LONG})
 
 

@@ -73,7 +73,13 @@ class NoiseSpectrum:
             raise InvalidValueError("is nowhere positive", "power")
 
     def gain(self, wavenumber: FloatArray) -> FloatArray:
-        """Gain (…) of the whitening filter at wavenumbers (…), cycles per cell; at most 1."""
+        """Gain (…) of the whitening filter at wavenumbers (…), cycles per cell; at most 1.
+
+        Parameters
+        ----------
+        wavenumber : ndarray
+            Cycles per cell.
+        """
         least = _LEAST * float(self.power.max())
         at = np.maximum(np.interp(wavenumber, self.wavenumber, self.power), least)
         gain: FloatArray = np.sqrt(least / at)
@@ -100,6 +106,11 @@ class NoiseSpectrum:
         slope which, filtered, are the same in both surfaces at the edges of the grid whatever the
         displacement, and bias it towards 0. :func:`supported` gives the points that edges and gaps
         do not affect.
+
+        Parameters
+        ----------
+        height : (…, R, C) ndarray
+            Metres.
         """
         trend = np.stack([trend_of(layer) for layer in height.reshape(-1, *height.shape[-2:])])
         trend = trend.reshape(height.shape)

@@ -86,6 +86,10 @@ def read_las(path: Path, options: LidarOptions) -> Iterator[Scan]:
 def read_las_system(path: Path) -> LasSystem:
     """Return the coordinate reference system that a LAS, LAZ or COPC file states.
 
+    Parameters
+    ----------
+    path : Path
+
     Raises
     ------
     FormatError

@@ -36,6 +36,11 @@ _SIZES = tuple(field.name for field in fields(ErrorSizes))
 def write_adjustment(path: str | Path, adjustment: ScanAdjustment) -> None:
     """Write an adjustment: metres and radians, one row a scan.
 
+    Parameters
+    ----------
+    path : str or Path
+    adjustment : ScanAdjustment
+
     Raises
     ------
     WorkspaceError
@@ -55,6 +60,10 @@ def write_adjustment(path: str | Path, adjustment: ScanAdjustment) -> None:
 
 def read_adjustment(path: str | Path) -> ScanAdjustment:
     """Read an adjustment.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------

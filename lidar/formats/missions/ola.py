@@ -93,6 +93,12 @@ def write_ola(path: str | Path, chunks: Iterable[Scan]) -> None:
     Unknown values are written as NaN, blank, or −1 in the integer fields. Returns keep their
     flag.
 
+    Parameters
+    ----------
+    path : str or Path
+    chunks : iterable of Scan
+        Written in their order.
+
     Raises
     ------
     WorkspaceError

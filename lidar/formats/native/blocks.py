@@ -9,7 +9,7 @@
 | sigma, intensity | f4 (N) | metres, instrument units |
 | flag | i4 (N) | as in the file |
 | flight_time, flight_position | f8 (K), f8 (K, 3) | knots of the path,
-:mod:`lidar.formats.native.flight` | | spacecraft | f8 (N, 3) | where that path is too rough for
+:mod:`lidar.formats.native.positions` | | spacecraft | f8 (N, 3) | where that path is too rough for
 knots | | beam | f8 (N, 3) | where it does not point from spacecraft to return |
 
 A layer that is one number throughout, or unknown (NaN), is an attribute instead.
@@ -23,7 +23,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from lidar.formats.native.flight import Flight, fit_flight
+from lidar.formats.native.positions import Flight, fit_flight
 from lidar.scans import Scan
 from lidar.scans.cubes import QUANTUM_M, CubedPoints, cubed
 from spcola.arrays import AnyArray, FloatArray, IntArray
@@ -153,7 +153,14 @@ def spacecraft_knots(block: Block) -> tuple[FloatArray, FloatArray]:
 
 
 def times_of(block: Block, rows: IntArray | slice = slice(None)) -> FloatArray:
-    """Return the ephemeris times (N,), s, of the returns, or of some; NaN where unknown."""
+    """Return the ephemeris times (N,), s, of the returns, or of some; NaN where unknown.
+
+    Parameters
+    ----------
+    block : Block
+    rows : (N,) ndarray of int or slice
+        The returns whose times are needed.
+    """
     return _counted(block, "time", rows)
 
 

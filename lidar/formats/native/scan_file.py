@@ -98,6 +98,10 @@ def write_scan(
 def scan_summary(path: str | Path) -> ScanSummary:
     """Read the summary of a native scan.
 
+    Parameters
+    ----------
+    path : str or Path
+
     Raises
     ------
     FormatError
@@ -193,6 +197,11 @@ def iter_scan(path: str | Path, *, chunk: int = 1_000_000) -> Iterator[Scan]:
     Returns come block by block, sorted by place, not by time. The first chunk carries the
     rejection counts, so that joined chunks have them once. A scan without returns yields one
     empty chunk.
+
+    Parameters
+    ----------
+    path : str or Path
+    chunk : int
 
     Raises
     ------

@@ -39,9 +39,9 @@ class LidarOptions:
     reference_offset_m : float, optional
         Expected distance from spacecraft to point less the range, metres; the format's own if
         not given (OLA 1.15 m, LOLA 0.545 m, others 0).
-    A return is rejected if distance less range differs from the expected by more than this,
-    metres, or if two positions of it differ by more; the format's own if not given.
-        metres, or two statements of its position differ by more; the format's own if not given.
+    range_tolerance_m : float, optional
+        A return is rejected if distance less range differs from the expected by more than this,
+        metres, or if two positions of it differ by more; the format's own if not given.
     radius_limits_m : (float, float), optional
         Returns nearer to or further from the body's centre than this, metres, are rejected.
 

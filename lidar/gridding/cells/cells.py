@@ -129,7 +129,15 @@ class CellReturns:
     def corrected(
         self, slope_x: FloatArray, slope_y: FloatArray, *, out: FloatArray | None = None
     ) -> FloatArray:
-        """Heights (K,) moved to the grid points with slopes in metres per step [36]."""
+        """Heights (K,) moved to the grid points with slopes in metres per step [36].
+
+        Parameters
+        ----------
+        slope_x, slope_y : (R, C) ndarrays
+            Of each cell, metres per grid step.
+        out : (K,) ndarray, optional
+            Where the result is written.
+        """
         result = np.empty(len(self.height)) if out is None else out
         local = (self.dx, self.dy, self.height)
         every = np.arange(len(self.start) - 1)

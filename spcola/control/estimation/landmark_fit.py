@@ -211,7 +211,14 @@ def solve_landmark(
 
 
 def state_partials(image: SpcImage, points: ArrayLike) -> FloatArray:
-    """Return ∂(pixel, line)/∂(τ1, τ2, τ3, V0) (…, 2, 6) at points (…, 3) [8, 12]."""
+    """Return ∂(pixel, line)/∂(τ1, τ2, τ3, V0) (…, 2, 6) at points (…, 3) [8, 12].
+
+    Parameters
+    ----------
+    image : SpcImage
+    points : (…, 3) array_like
+        Body-fixed, metres.
+    """
     state = (image.camera, image.axes, image.scobj, points)
     return np.concatenate([partials_rotation(*state), partials_position(*state)], axis=-1)
 

@@ -36,11 +36,23 @@ class Fixes:
     sigma: FloatArray
 
     def residuals(self, image: SpcImage) -> FloatArray:
-        """Observed less predicted pixel and line (N, 2)."""
+        """Observed less predicted pixel and line (N, 2).
+
+        Parameters
+        ----------
+        image : SpcImage
+            State by which pixel and line are predicted.
+        """
         return self.observed - np.stack(project_image(image, self.points), axis=1)
 
     def landmark_variance(self, image: SpcImage) -> FloatArray:
-        """Variance (N, 2) of pixel and line by the errors of the landmarks, pixels²."""
+        """Variance (N, 2) of pixel and line by the errors of the landmarks, pixels².
+
+        Parameters
+        ----------
+        image : SpcImage
+            State at which the partials are taken.
+        """
         partials = partials_position(image.camera, image.axes, image.scobj, self.points)
         return np.sum((partials * np.nan_to_num(self.sigma)[:, None, :]) ** 2, axis=2)
 
@@ -49,6 +61,11 @@ def measured_sigma(images: list[tuple[SpcImage, Fixes]]) -> float:
     """Return one standard deviation of measured landmarks, pixels, without their own errors.
 
     From the median deviation of all residuals; a tenth of a pixel at least.
+
+    Parameters
+    ----------
+    images : list of (SpcImage, Fixes)
+        Images with their measured landmarks.
     """
     if not sum(len(fixes.points) for _, fixes in images):
         return _LEAST_PX

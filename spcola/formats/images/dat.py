@@ -55,6 +55,14 @@ def read_image_data(
 def write_image_data(path: str | Path, pixels: AnyArray, *, byte_order: ByteOrder = ">") -> None:
     """Write pixels (NLN, NPX), uint8 or uint16, as a .DAT file.
 
+    Parameters
+    ----------
+    path : str or Path
+    pixels : (NLN, NPX) ndarray
+        Brightness, uint8 or uint16.
+    byte_order : {">", "<"}
+        Of 16-bit values: big-endian or little-endian.
+
     Raises
     ------
     InvalidValueError

@@ -73,6 +73,10 @@ def write_fits_image(
 def read_fits_image(path: str | Path) -> SpcImage:
     """Read an image that :func:`write_fits_image` wrote.
 
+    Parameters
+    ----------
+    path : str or Path
+
     Raises
     ------
     FormatError
@@ -106,6 +110,10 @@ def reading_fits(path: str | Path) -> Iterator[Any]:
 
     On damaged files astropy warns, or raises various errors. This is the one place that turns all
     of them into one line, so the block must contain nothing but reading.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------

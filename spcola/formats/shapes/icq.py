@@ -20,6 +20,10 @@ def read_icq(path: str | Path) -> IcqShape:
     Labels are unchanged, also those of one vertex. A fourth column (relative albedo, or sigma in
     metres in SIGMA.TXT) becomes the layer.
 
+    Parameters
+    ----------
+    path : str or Path
+
     Raises
     ------
     FormatError

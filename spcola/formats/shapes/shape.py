@@ -27,6 +27,10 @@ def recognise_shape(path: str | Path) -> ShapeFormat:
     PLY begins with ``ply``; ICQ with one whole number alone on its line; OBJ with a statement,
     perhaps after comments.
 
+    Parameters
+    ----------
+    path : str or Path
+
     Raises
     ------
     FormatError

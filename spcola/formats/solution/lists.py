@@ -48,6 +48,13 @@ def read_list(path: str | Path, *, kind: ListKind = "image") -> list[str]:
 def write_list(path: str | Path, names: Iterable[str], *, kind: ListKind = "image") -> None:
     """Write a list of names and ``END``.
 
+    Parameters
+    ----------
+    path : str or Path
+    names : iterable of str
+    kind : {"image", "landmark"}
+        What is listed; it determines the longest name.
+
     Raises
     ------
     InvalidValueError

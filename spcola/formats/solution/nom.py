@@ -26,6 +26,10 @@ _LABELS = ("SCOBJ", "SIGMA_VSO", "CX", "CY", "CZ", "SIGMA_PTG")
 def read_nominal(path: str | Path) -> NominalState:
     """Read a .NOM file; lines after SIGMA_PTG are kept unchanged.
 
+    Parameters
+    ----------
+    path : str or Path
+
     Raises
     ------
     FormatError

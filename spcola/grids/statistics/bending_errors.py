@@ -47,6 +47,11 @@ def bending_range(height: FloatArray) -> FloatArray:
 
     At the edge of a boulder it shows bending that a single point misses. 0 where at most one of
     them is known.
+
+    Parameters
+    ----------
+    height : (R, C) ndarray
+        Metres; NaN where unknown.
     """
     bend = bending(height)
     known = np.isfinite(bend)

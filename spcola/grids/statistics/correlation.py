@@ -173,7 +173,15 @@ def _usable(reach: int, residual: FloatArray) -> int:
 
 
 class RobustCovariance(NamedTuple):
-    """Covariance (P, P) of an estimate, and the number of independent patches of its residual."""
+    """Covariance (P, P) of an estimate, and the number of independent patches of its residual.
+
+    Parameters
+    ----------
+    matrix : (P, P) ndarray
+        In the squared units of the parameters.
+    patches : float
+        Number of independent patches.
+    """
 
     matrix: FloatArray
     patches: float

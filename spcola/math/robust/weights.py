@@ -116,7 +116,15 @@ def biweight(z: ArrayLike, c: float = TUKEY) -> FloatArray:
 
 
 class Scores(NamedTuple):
-    """Scores of residuals, ψ(e), and their derivatives, ψ′(e)."""
+    """Scores of residuals, ψ(e), and their derivatives, ψ′(e).
+
+    Parameters
+    ----------
+    pull : ndarray
+        ψ(e).
+    slope : ndarray
+        ψ′(e).
+    """
 
     pull: FloatArray
     slope: FloatArray

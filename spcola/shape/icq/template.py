@@ -231,7 +231,14 @@ def _differing(vertices: FloatArray, share: float) -> BoolArray:
 
 
 def label_name(number: int, q: int) -> str:
-    """Return a label number (from 0, in the order of the file) as ``(I, J, F)``."""
+    """Return a label number (from 0, in the order of the file) as ``(I, J, F)``.
+
+    Parameters
+    ----------
+    number : int
+    q : int
+        Q: facets along the side of a face.
+    """
     face, rest = divmod(number, (q + 1) ** 2)
     return f"({rest % (q + 1)}, {rest // (q + 1)}, {face + 1})"
 
@@ -251,6 +258,11 @@ def shared_labels(q: int) -> tuple[IntArray, IntArray]:
 
 def distinct_vertices(q: int) -> tuple[IntArray, IntArray]:
     """Return the vertex of each label, and the first label of each vertex.
+
+    Parameters
+    ----------
+    q : int
+        Q: facets along the side of a face.
 
     Returns
     -------
@@ -275,6 +287,11 @@ def icq_directions(q: int) -> FloatArray:
 
     Equal angles (not equal steps on the cube) between neighbours in the middle of a face, so
     that facets differ less in size.
+
+    Parameters
+    ----------
+    q : int
+        Q: facets along the side of a face.
     """
     steps = np.tan(np.pi / 4.0 * np.linspace(-1.0, 1.0, q + 1))
     b, a = np.meshgrid(steps, steps, indexing="ij")

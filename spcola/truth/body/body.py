@@ -181,7 +181,12 @@ class TruthBody:
         return SurfacePoints(found[:, 3], found[:, :3], found[:, 4:])
 
     def heights(self, grid: MapletGrid) -> FloatArray:
-        """Return the heights (2q+1, 2q+1) along Uz of the outermost surface, metres."""
+        """Return the heights (2q+1, 2q+1) along Uz of the outermost surface, metres.
+
+        Parameters
+        ----------
+        grid : MapletGrid
+        """
         reach = 2.0 * self._bounds.ceiling + grid.radius
         nodes = grid.points(np.full(grid.shape, reach)).reshape(-1, 3)
         found = self.cast(nodes, np.broadcast_to(-grid.uz, nodes.shape))
@@ -195,7 +200,13 @@ class TruthBody:
         return IcqShape(radius[..., None] * directions, name="truth")
 
     def mesh(self, q: int) -> Mesh:
-        """Return the surface as 12 q² triangles, whose vertices lie on it exactly."""
+        """Return the surface as 12 q² triangles, whose vertices lie on it exactly.
+
+        Parameters
+        ----------
+        q : int
+            Facets along the side of a cube's face.
+        """
         return self.icq(q).mesh()
 
     def albedo(self, directions: FloatArray) -> FloatArray:

@@ -144,6 +144,15 @@ class CampaignSettings:
 
         Around a body of another radius all ranges change in proportion, so that its apparent size
         is the same; nominal errors are unchanged.
+
+        Parameters
+        ----------
+        approach, preliminary_survey, detailed_survey : int
+            Images of each phase.
+        radius : float
+            Of the body, metres.
+        detector : int
+            Pixels along a side.
         """
         legs = (
             *approach_legs(approach),

@@ -87,7 +87,13 @@ class PassSettings:
         return direction_of(self.sun_longitude(time), np.radians(self.sun_latitude_deg))
 
     def sun_longitude(self, time: float) -> float:
-        """Return the longitude of the sub-solar point, radians: 0 at the epoch."""
+        """Return the longitude of the sub-solar point, radians: 0 at the epoch.
+
+        Parameters
+        ----------
+        time : float
+            Seconds.
+        """
         return float(-2.0 * np.pi * (time - self.epoch) / self.period)
 
 
@@ -126,12 +132,24 @@ class Pass:
         return day_of(self.middle)
 
     def position(self, time: FloatArray) -> FloatArray:
-        """Return true positions (N, 3), metres, body-fixed, at times (N,), s."""
+        """Return true positions (N, 3), metres, body-fixed, at times (N,), s.
+
+        Parameters
+        ----------
+        time : (N,) ndarray
+            Seconds.
+        """
         turned = 2.0 * np.pi * (np.asarray(time) - self.middle) / self.period
         return self.distance * direction_of(self.longitude - turned, self.latitude)
 
     def velocity(self, time: FloatArray) -> FloatArray:
-        """Return the rate (N, 3), m/s, of the body-fixed position."""
+        """Return the rate (N, 3), m/s, of the body-fixed position.
+
+        Parameters
+        ----------
+        time : (N,) ndarray
+            Seconds.
+        """
         position = self.position(time)
         rate = 2.0 * np.pi / self.period
         zero = np.zeros_like(position[..., 0])
@@ -150,6 +168,11 @@ def plan_passes(settings: PassSettings, generator: np.random.Generator) -> list[
     The directions are assigned to the days in turn. A day has one local time; the next pass is
     always the one whose longitude has that time soonest after the pass before, so that few
     rotations suffice for many passes.
+
+    Parameters
+    ----------
+    settings : PassSettings
+    generator : numpy Generator
 
     Raises
     ------

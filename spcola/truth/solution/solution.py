@@ -102,7 +102,13 @@ class SolvedMaplet:
 
 
 def maplet_directions(body: TruthBody, settings: SolutionSettings) -> FloatArray:
-    """Return the directions (N, 3) of maplets that cover the whole body."""
+    """Return the directions (N, 3) of maplets that cover the whole body.
+
+    Parameters
+    ----------
+    body : TruthBody
+    settings : SolutionSettings
+    """
     return lattice(settings.count(body.settings.radius))
 
 
@@ -141,6 +147,18 @@ def make_maplet(
     without heights deep in it. Its sigma states the errors that a solution could estimate: its
     noise, the expected loss by smoothing, and missing light. The centre has an error of its own
     sigma (and of the drift, in the dark), which moves all of it.
+
+    Parameters
+    ----------
+    body : TruthBody
+    to_spc : Similarity
+        True → SPC coordinates.
+    name : str
+    direction : (3,) ndarray
+        From the body's centre.
+    light : LightMap
+    settings : SolutionSettings
+    generator : numpy Generator
     """
     grid = _facing(body, to_spc, direction, settings)
     wide = MapletGrid(grid.center, grid.axes, grid.gsd, grid.half_size + _MARGIN)
@@ -242,6 +260,16 @@ def spc_shape(
 
     Each vertex is the mean radius of nine directions over a quad's width about it. Without `light`
     it drifts like the maplets of `settings`; the rest of their errors averages out over a facet.
+
+    Parameters
+    ----------
+    body : TruthBody
+    to_spc : Similarity
+        True → SPC coordinates.
+    q : int
+        Facets along the side of a face.
+    light : LightMap, optional
+    settings : SolutionSettings, optional
     """
     # Labels of one vertex must be equal, whatever rounding does at the edge of a shadow.
     number, first = distinct_vertices(q)

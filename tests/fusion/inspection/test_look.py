@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+from base64 import b64decode
 from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from typer.testing import CliRunner
 
+import fusion
 from fusion.cli.app import app
 from fusion.fusing.maplets import FusedMaplet, write_fused
 from fusion.report.maplets import MISSING
@@ -86,6 +89,14 @@ def test_a_maplet_and_its_gaps(here: Path) -> None:
     drawn("AA0001.MAP")
     assert gaps > 0.1
     assert shows("AA0001.png", MISSING) == 0.0
+
+
+def test_a_notebook_shows_the_picture(here: Path) -> None:
+    write_maplet("AA0001.MAP", Maplet("AA0001", GRID, heights()))
+    shown = fusion.look_at("AA0001.MAP")._repr_html_()
+    encoded = shown.partition("data:image/png;base64,")[2].removesuffix('">')
+    with Image.open(BytesIO(b64decode(encoded))) as image:
+        assert min(image.size) > 500
 
 
 def test_mapolas_and_fused_maplets_with_the_layers_of_their_folder(here: Path) -> None:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from fusion.estimation.verdict import Code, Verdict
+from fusion.registration.clouds.blur import relative_blur, significant_blur
 from fusion.registration.clouds.clouds import CloudOptions, register_clouds
-from fusion.registration.clouds.softness import relative_blur, significant_blur
 from fusion.registration.fit.fit import LIDAR_FRAME, PARAMETERS, SPC_FRAME
 from fusion.registration.returns import (
     CloudOfReturns,
@@ -166,7 +166,7 @@ def test_clouds_of_other_ground_are_refused() -> None:
     try:
         verdict = register_clouds(moving, fixed).verdict
     except NotObservableError as error:
-        assert "relief that both surfaces show" in str(error)  # noqa: PT017
+        assert "relief common to both surfaces" in str(error)  # noqa: PT017
         return
     assert verdict is not None
     assert verdict.judgement == "refused"

@@ -45,15 +45,15 @@ def images(matched: int, of: int = 24) -> dict[str, Any]:
 
 def disagreement(middle: float) -> dict[str, Any]:
     """Mapolas of which images and heights differ by a median χ² of 3 degrees of freedom."""
-    return {"per_mapola": [{"kinds_chi2": middle * (0.5 + k / 12)} for k in range(13)] + [
-        {"kinds_chi2": np.nan}, {}
+    return {"per_mapola": [{"types_chi2": middle * (0.5 + k / 12)} for k in range(13)] + [
+        {"types_chi2": np.nan}, {}
     ]}  # fmt: skip
 
 
 def turned(sigmas: float) -> dict[str, Any]:
     """Rotation by images against that by heights, standard deviations."""
     turn = np.array([0.01, 0.02 * sigmas, 0.0])
-    return {"kinds_rotation_deg": turn, "kinds_rotation_sigma_deg": np.full(3, 0.02)}
+    return {"types_rotation_deg": turn, "types_rotation_sigma_deg": np.full(3, 0.02)}
 
 
 def codes(judged: dict[str, Any], seen: Evidence) -> tuple[str, list[str]]:

@@ -89,7 +89,7 @@ def test_what_was_planted_is_named(
 ) -> None:
     search = search_frames(lidar_of(1) @ planted.T, surface)
     assert search.found
-    assert search.candidates[0].change.kinds == kinds
+    assert search.candidates[0].change.changes == kinds
     assert search.text.startswith(text)
     assert off_deg(search, planted) < 0.15
     assert search.candidates[0].placement.scale * np.cbrt(abs(np.linalg.det(planted))) == (
@@ -103,7 +103,7 @@ def test_a_hemisphere_that_is_shifted_and_too_large_is_found(surface: FloatArray
     search = search_frames(1.06 * seen + np.array([2.0, -1.0, 0.5]), surface)
     best = search.best
     assert best is not None
-    assert set(best.change.kinds) == {"scale", "shift"}
+    assert set(best.change.changes) == {"scale", "shift"}
     assert best.placement.scale == pytest.approx(1.0 / 1.06, abs=2e-3)
     np.testing.assert_allclose(
         best.placement.translation, np.array([-2.0, 1.0, -0.5]) / 1.06, atol=0.1
@@ -154,7 +154,7 @@ def test_significance_is_that_above_the_best_of_wrong_places() -> None:
 def test_words_state_the_turn(axis: tuple[float, float, float], angle: float) -> None:
     at = Placement(rotation(angle, axis), np.zeros(3), 1.0)
     change = frame_change(at, RADIUS, 0.1)
-    assert change.kinds == ("turn",)
+    assert change.changes == ("turn",)
     again = rotation(change.angle_deg, tuple(change.axis))
     np.testing.assert_allclose(again, at.matrix, atol=1e-12)
 
@@ -164,7 +164,7 @@ def test_words_state_the_mirrored_axis(axis: str, row: int) -> None:
     flip = np.eye(3)
     flip[row, row] = -1.0
     change = frame_change(Placement(rotation(10.0, (0, 0, 1)) @ flip, np.zeros(3), 1.0), 40.0, 0.1)
-    assert change.kinds == ("mirror", "turn")
+    assert change.changes == ("mirror", "turn")
     assert change.mirrored == axis
     assert f"mirrored in {axis}" in change.text
     assert change.text.endswith("and turned by 10.0° about Z")

@@ -127,14 +127,17 @@ def test_sparse_results_are_shown_too(report_data) -> None:
     one = {"day": "2019-03-07", "n": 1, "epsilon": 1e-4, "epsilon_sigma": None}
     pair = {"epsilon": 1e-4, "longitude_deg": 5.0, "local_time_h": None, "used": True}
     scale |= {"epsilon": 1e-4, "per_day": [one], "per_pair": [pair]}
-    outline(make_report(ReportData("B", scale=scale)))
+    shown = outline(make_report(ReportData("B", scale=scale)))
+    assert sum(target.startswith("data:image/") for target in shown.targets) == 1
 
 
 def test_empty_surfaces_do_not_stop_the_report(places) -> None:
     place = places[0]
     nothing = np.full(place.fused.grid.shape, np.nan)
     empty = type(place)(place.fused, nothing, nothing, "no SPC, no lidar")
-    outline(make_report(ReportData("B", surfaces=(empty,))))
+    shown = outline(make_report(ReportData("B", surfaces=(empty,))))
+    assert place.fused.name in " ".join(shown.text)
+    assert sum(target.startswith("data:image/") for target in shown.targets) == 1
 
 
 def test_checks_of_the_registration_and_what_it_hardly_determines_are_shown(report_data, page):

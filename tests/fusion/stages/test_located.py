@@ -217,7 +217,7 @@ def test_mapolas_without_kernels_of_their_time_name_the_spans(tmp_path: Path) ->
     write_maplet(workspace.root / "MAPFILES" / "AA0001.MAP", maplet)
     result = CliRunner().invoke(app, ["mapolas", str(workspace.root)])
     assert result.exit_code == 1
-    assert "50 of 50 returns have no place" in result.stderr
+    assert "50 of 50 returns cannot be geolocated" in result.stderr
     assert "by the kernels: they cover 20" in result.stderr
     assert "frame" not in result.stderr
 

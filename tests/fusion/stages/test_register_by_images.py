@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
-from fusion.registration.results.keys import REGISTRATION_KEYS
+from fusion.registration.results.keys import OLD_KEYS, REGISTRATION_KEYS
 from fusion.runtime import Progress, ThreadExecutor
 from fusion.truth import make_mission
 from fusion.truth.presets import MissionSettings
@@ -99,8 +99,10 @@ def test_what_was_planted_is_recovered_by_images(workspace, found):
     assert content["by"] == summary["by"] == "images"
     assert content["n_images"] == content["n_images_compared"] == 24
     for _, written in found.values():
-        assert set(written) <= set(REGISTRATION_KEYS)
-        assert {f"per_mapola.{key}" for key in written["per_mapola"][0]} <= set(REGISTRATION_KEYS)
+        assert set(written) - set(OLD_KEYS.values()) <= set(REGISTRATION_KEYS)
+        entry = written["per_mapola"][0].keys() - set(OLD_KEYS.values())
+        assert {f"per_mapola.{key}" for key in entry} <= set(REGISTRATION_KEYS)
+        assert written["agreement"]["median_clearness"] == written["agreement"]["median_z_score"]
     assert content["verdict"] == "accepted"
     truth = settings.to_spc
     turned = np.degrees(truth.rotation_vector) - content["rotation_deg"]
@@ -121,11 +123,11 @@ def test_both_kinds_together_are_as_sharp_as_either(found):
     turned = [np.array(found[by][1]["rotation_sigma_deg"]) for by in ("both", "images")]
     assert np.all(turned[0] <= 1.02 * turned[1])
     assert content["n_used"] + content["n_rejected"] == len(content["per_mapola"]) == 24
-    told = [e["kinds_chi2"] for e in content["per_mapola"] if e["kinds_chi2"] is not None]
+    told = [e["types_chi2"] for e in content["per_mapola"] if e["types_chi2"] is not None]
     assert len(told) > 15
     assert 1.0 < np.mean(told) < 6.0
     for entry in content["per_mapola"]:
-        kinds = entry["kinds"]
+        kinds = entry["observation_types"]
         assert entry["used"] == (kinds["topography"]["used"] or kinds["images"]["used"])
         if kinds["topography"]["used"] and kinds["images"]["used"]:
             sigmas = np.array([kinds[kind]["sigma_m"] for kind in kinds])

@@ -19,7 +19,7 @@ from fusion.cli.app import app
 from fusion.fusing import DEFAULT_INFORMATION, Illumination, estimate_information, fuse_maplet
 from fusion.fusing.maplets import Source
 from fusion.runtime import Progress, ThreadExecutor
-from fusion.scene import Scene
+from fusion.scene import Scene, read_registration
 from fusion.truth import demonstrate, errors_table, read_truth, recovery_table
 from fusion.truth.causes import explained
 from fusion.truth.demo import Demonstration
@@ -89,6 +89,21 @@ def test_ground_that_no_image_shows_lit_is_given_to_the_lidar(shown: Demonstrati
     # Without a shape what SPC filled in stands for it.
     shapeless = replace(polar, prior=lambda grid: np.full(grid.shape, np.nan)).parts(south)
     np.testing.assert_array_equal(shapeless.prior[filled_in], bright.spc.height[filled_in])
+
+
+def test_a_notebook_registers_and_fuses_as_the_stages_do(shown: Demonstration) -> None:
+    workspace = shown.workspace
+    scene = Scene.of(workspace)
+    name = scene.targets[0]
+    fused = workspace.fused(name)
+    np.testing.assert_array_equal(scene.fuse(name).maplet.height, fused.height)
+    known = read_registration(workspace)
+    center = workspace.mapola(name).grid.center
+    registered = known.transform.apply(center) + scene.placements[name].shift
+    np.testing.assert_allclose(registered, scene.mapola_grids[name].center, rtol=0, atol=1e-12)
+    sigma = workspace.read_json("registration.json")["translation_sigma_m"]
+    origin = known.position_covariance(np.zeros((1, 3)))[0]
+    np.testing.assert_allclose(np.sqrt(np.diag(origin)), sigma, rtol=1e-6)
 
 
 def test_every_model_of_the_workspace_is_compared_with_the_truth(shown: Demonstration) -> None:

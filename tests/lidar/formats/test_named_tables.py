@@ -152,19 +152,17 @@ def test_a_column_in_another_unit_refuses_the_table(tmp_path: Path, index: int) 
         read_scan(write(tmp_path / "a", HEADER, table))
 
 
-@pytest.mark.parametrize("index", range(9))
 @pytest.mark.parametrize("garbage", ["nan", "inf", "1e40", "x", "", "1_0"])
-def test_each_field_garbled_once_is_counted(tmp_path: Path, index: int, garbage: str) -> None:
+def test_each_field_garbled_once_is_counted(tmp_path: Path, garbage: str) -> None:
     path = write(tmp_path / "a", HEADER, FULL)
-    lines = path.read_text().split("\n")
-    fields = lines[6].split(",")
-    fields[index] = garbage
-    lines[6] = ",".join(fields)
-    path.write_text("\n".join(lines))
-    scan = read_scan(path)
-    assert len(scan) == 11
-    assert sum(scan.rejected.values()) == 1
-    np.testing.assert_array_equal(scan.points, np.delete(POINTS, 5, axis=0))
+    good = path.read_text().split("\n")
+    for index in range(9):
+        fields = good[6].split(",")
+        fields[index] = garbage
+        path.write_text("\n".join([*good[:6], ",".join(fields), *good[7:]]))
+        scan = read_scan(path)
+        assert (len(scan), sum(scan.rejected.values())) == (11, 1), index
+        np.testing.assert_array_equal(scan.points, np.delete(POINTS, 5, axis=0))
 
 
 def test_zero_and_negative_ranges_are_no_returns(tmp_path: Path) -> None:

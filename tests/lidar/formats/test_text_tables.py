@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -172,13 +173,9 @@ USED = {
 }
 
 
-@pytest.mark.parametrize(
-    ("name", "column"), [(name, column) for name, used in USED.items() for column in used]
-)
-@pytest.mark.parametrize("garbage", ["nan", "9e9", "?"])
-def test_each_used_field_garbled_once_is_counted(
-    tmp_path: Path, name: str, column: int, garbage: str
-) -> None:
+def garbled(name: str, column: int, garbage: str) -> Callable[[int, str], str]:
+    """An edit of the third record."""
+
     def edit(index: int, line: str) -> str:
         if index != 2:
             return line
@@ -193,9 +190,17 @@ def test_each_used_field_garbled_once_is_counted(
             where = line.index(old, where + 1)
         return line[:where] + new + line[where + len(old) :]
 
-    scan = read_scan(write(tmp_path / "a", name, edit))
-    assert len(scan) == COUNT - 1
-    assert sum(scan.rejected.values()) == 1
+    return edit
+
+
+@pytest.mark.parametrize("name", USED)
+def test_each_used_field_garbled_once_is_counted(tmp_path: Path, name: str) -> None:
+    passed_over = []
+    for column, garbage in product(USED[name], ["nan", "9e9", "?"]):
+        scan = read_scan(write(tmp_path / "a", name, garbled(name, column, garbage)))
+        if (len(scan), sum(scan.rejected.values())) != (COUNT - 1, 1):
+            passed_over.append((column, garbage))
+    assert not passed_over
 
 
 @every_format

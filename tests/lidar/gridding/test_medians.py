@@ -9,20 +9,19 @@ from lidar.gridding.cells.medians import column_medians, median_of, middle_netwo
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 4, 15, 16, 17, 18, 100, 101, 5000])
-@pytest.mark.parametrize("kind", ["random", "sorted", "reversed", "equal", "few", "organ"])
-def test_the_median_of_any_order(size: int, kind: str) -> None:
+def test_the_median_of_any_order(size: int) -> None:
     rng = np.random.default_rng(size)
-    values = {
-        "random": rng.normal(size=size),
-        "sorted": np.arange(size, dtype=float),
-        "reversed": np.arange(size, dtype=float)[::-1].copy(),
-        "equal": np.full(size, 2.5),
-        "few": rng.integers(0, 3, size).astype(float),
-        "organ": np.concatenate([np.arange(size // 2), np.arange(size - size // 2)[::-1]]) * 1.0,
-    }[kind]
-    given = np.concatenate([values, [1e9]])
-    assert median_of(given, size) == np.median(values)
-    np.testing.assert_array_equal(given[:size], values)
+    for values in (
+        rng.normal(size=size),
+        np.arange(size, dtype=float),
+        np.arange(size, dtype=float)[::-1].copy(),
+        np.full(size, 2.5),
+        rng.integers(0, 3, size).astype(float),
+        np.concatenate([np.arange(size // 2), np.arange(size - size // 2)[::-1]]) * 1.0,
+    ):
+        given = np.concatenate([values, [1e9]])
+        assert median_of(given, size) == np.median(values)
+        np.testing.assert_array_equal(given[:size], values)
 
 
 @pytest.mark.parametrize("size", [2, 4, 6, 10, 18, 24, 40])

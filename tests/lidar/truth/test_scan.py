@@ -97,7 +97,7 @@ def test_the_table_reads_back_without_its_rejects(body: TruthBody, tmp_path) -> 
 
 
 def test_with_spc_states_a_return_is_off_by_epsilon_times_the_range(body: TruthBody) -> None:
-    # MATH §9: the measured range is (1 + ε) times the one that the solution predicts.
+    # The measured range is (1 + ε) times the one that the solution predicts.
     epsilon = 2.5e-4
     to_spc = Similarity.from_rotation_vector(
         [1e-4, -2e-4, 3e-4], [0.07, -0.05, 0.04], 1.0 / (1.0 + epsilon)

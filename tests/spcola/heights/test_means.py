@@ -182,7 +182,7 @@ def test_sigma_of_large_grids_includes_means(method):
 
 def test_what_does_not_fit_is_refused():
     one = np.ones(1)
-    with pytest.raises(InvalidValueError, match="part the points"):
+    with pytest.raises(InvalidValueError, match="divide the points"):
         MeanConstraints([0, 2], [0], one, one, one)
     with pytest.raises(InvalidValueError, match="share"):
         MeanConstraints([0, 1], [0], -one, one, one)

@@ -18,6 +18,14 @@ PlyValues = dict[str, AnyArray]
 def read_elements(content: bytes, header: PlyHeader, path: str | Path) -> dict[str, PlyValues]:
     """Read all elements of a PLY file.
 
+    Parameters
+    ----------
+    content : bytes
+        Of the whole file.
+    header : PlyHeader
+    path : str or Path
+        For messages.
+
     Raises
     ------
     FormatError

@@ -50,7 +50,15 @@ class PlyProperty:
 
 @dataclass(frozen=True)
 class PlyElement:
-    """An element: its name, how many there are, and the properties of each."""
+    """An element: its name, how many there are, and the properties of each.
+
+    Parameters
+    ----------
+    name : str
+    count : int
+    properties : tuple of PlyProperty
+        Of each.
+    """
 
     name: str
     count: int
@@ -63,7 +71,20 @@ class PlyElement:
 
 @dataclass(frozen=True)
 class PlyHeader:
-    """Content of the header, its number of lines, first byte of the data, and its comments."""
+    """Content of the header, its number of lines, first byte of the data, and its comments.
+
+    Parameters
+    ----------
+    encoding : {"ascii", "little", "big"}
+        Text, or the byte order of binary data.
+    elements : tuple of PlyElement
+        In the order of the data.
+    line_count : int
+        Lines of the header.
+    data_begin : int
+        First byte of the data.
+    comments : tuple of str
+    """
 
     encoding: Encoding
     elements: tuple[PlyElement, ...]
@@ -78,6 +99,13 @@ class PlyHeader:
 
 def parse_header(content: bytes, path: str | Path) -> PlyHeader:
     """Parse the header at the start of a PLY file.
+
+    Parameters
+    ----------
+    content : bytes
+        Of the file.
+    path : str or Path
+        For messages.
 
     Raises
     ------

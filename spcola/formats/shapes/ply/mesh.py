@@ -78,6 +78,12 @@ def read_ply(path: str | Path, *, unit: Unit = "km") -> PlyMesh:
 def read_ply_mesh(path: str | Path, *, unit: Unit = "km") -> Mesh:
     """Read a PLY mesh; see :func:`read_ply`.
 
+    Parameters
+    ----------
+    path : str or Path
+    unit : {"km", "m"}
+        Of its coordinates.
+
     Raises
     ------
     FormatError

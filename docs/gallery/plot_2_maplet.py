@@ -15,9 +15,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import LightSource
 
-from fusion import Workspace
+import fusion
 
-workspace = Workspace.open(Path(os.environ.get("SPCOLA_TUTORIAL", ".")) / "ws")
+workspace = fusion.Workspace.open(Path(os.environ.get("SPCOLA_TUTORIAL", ".")) / "ws")
 print(workspace.maplet_names()[:5], "…")
 
 # %%

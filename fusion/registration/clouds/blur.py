@@ -1,4 +1,4 @@
-"""How much softer one of two noisy surfaces is than the other, told from their halves."""
+"""Blur of one of two noisy surfaces relative to the other, estimated from half-samples."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def relative_blur(
     Returns
     -------
     square, sigma : float
-        Negative where the moving surface is the softer one; NaN where no wavenumber tells.
+        Negative where the moving surface is the blurred one; NaN where no wavenumber determines it.
     """
     size = fixed[0].shape[0]
     wave = 2.0 * np.pi * np.hypot(fft.fftfreq(size)[:, None], fft.rfftfreq(size)[None])
@@ -62,7 +62,15 @@ def relative_blur(
 
 
 def significant_blur(square: float, sigma: float) -> float:
-    """Return the blur in cells, with its sign; 0 where it may be none."""
+    """Return the blur in cells, with its sign; 0 where it may be none.
+
+    Parameters
+    ----------
+    square : float
+        Squared blur, cells²; negative where the moving cloud is the blurred one.
+    sigma : float
+        Its standard deviation, cells².
+    """
     if not abs(square) > _SIGNIFICANT * sigma:
         return 0.0
     return float(np.sign(square) * np.sqrt(abs(square)))

@@ -80,6 +80,13 @@ class Geolocation:
         """Return the points (N, 3), metres, at their new places, and which have one (N,).
 
         Those without one are NaN: at times that are unknown, or not covered.
+
+        Parameters
+        ----------
+        points : (N, 3) ndarray
+            Body-fixed, metres.
+        time : (N,) ndarray
+            Ephemeris times, s.
         """
         if self.ranges is not None:
             points = self.ranges.apply(points, time)
@@ -92,7 +99,13 @@ class Geolocation:
         return moved, kept
 
     def covers(self, time: FloatArray) -> BoolArray:
-        """Return at which times (N,) returns have a place."""
+        """Return at which times (N,) returns have a place.
+
+        Parameters
+        ----------
+        time : (N,) ndarray
+            Ephemeris times, s.
+        """
         if not self.moves:
             return np.isfinite(time)
         return self.apply(np.zeros((len(time), 3)), time)[1]
@@ -159,7 +172,17 @@ def _shifted(turns: Geolocation, offset: Offset, max_gap_s: float) -> Geolocatio
 
 
 def turn_of(span: tuple[float, float], radius: float, old: Spin, new: Spin) -> Geolocation:
-    """Return the rotation of returns within `radius` (m) of the origin over a time `span` (s)."""
+    """Return the rotation of returns within `radius` (m) of the origin over a time `span` (s).
+
+    Parameters
+    ----------
+    span : (float, float)
+        First and last ephemeris time, s.
+    radius : float
+        Metres.
+    old, new : Spin
+        Before and after.
+    """
     times = _turn_times(span, radius, old, new)
     return Geolocation(times, old.change_to(new, times))
 
@@ -168,6 +191,11 @@ def geolocated(scan: Scan, move: Geolocation) -> Scan:
     """Return a scan with points, stations and beams at their new places.
 
     Returns without a place are counted as rejected, by reason.
+
+    Parameters
+    ----------
+    scan : Scan
+    move : Geolocation
     """
     points, kept = move.apply(scan.points, scan.time)
     # A beam has no direction where the point is at the lidar itself.

@@ -11,19 +11,13 @@ both is the minimum of a quadratic energy (:doc:`/explanation/fusing`).
 import matplotlib.pyplot as plt
 import numpy as np
 
-from spcola.heights import (
-    HeightProblem,
-    posterior_sigma,
-    slopes_of,
-    solve_heights,
-    steps_from_slopes,
-)
+import spcola
 
 gsd = 0.5
 generator = np.random.default_rng(1)
 y, x = np.mgrid[-25:25:101j, -25:25:101j]
 truth = 3 * np.exp(-((x - 5) ** 2 + y**2) / 60) + 0.5 * np.sin(x / 3) * np.cos(y / 4)
-slope_x, slope_y = slopes_of(truth, gsd)
+slope_x, slope_y = spcola.slopes_of(truth, gsd)
 
 # %%
 # A height step between neighbours is the mean of their slopes times the distance. Each step gets an
@@ -31,7 +25,7 @@ slope_x, slope_y = slopes_of(truth, gsd)
 step_sigma = 0.02
 step_x, step_y = (
     step + generator.normal(0, step_sigma, step.shape)
-    for step in steps_from_slopes(slope_x, slope_y, gsd)
+    for step in spcola.steps_from_slopes(slope_x, slope_y, gsd)
 )
 step_weight = 1 / step_sigma**2
 
@@ -44,7 +38,7 @@ weight[rows, columns] = 1 / 0.05**2
 
 # %%
 # The solution, and the sigma of each height.
-problem = HeightProblem(
+problem = spcola.HeightProblem(
     step_x,
     step_y,
     weight_x=np.full_like(step_x, step_weight),
@@ -52,8 +46,8 @@ problem = HeightProblem(
     height=height,
     weight=weight,
 )
-solution = solve_heights(problem)
-sigma = posterior_sigma(problem)
+solution = spcola.solve_heights(problem)
+sigma = spcola.posterior_sigma(problem)
 error = solution.height - truth
 print(solution.reason)
 pull = np.sqrt(np.mean((error / sigma) ** 2))

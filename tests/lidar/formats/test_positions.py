@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.formats.native.flight import fit_flight
+from lidar.formats.native.positions import fit_flight
 
 
 def path(time: np.ndarray) -> np.ndarray:

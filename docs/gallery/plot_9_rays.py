@@ -14,12 +14,12 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from fusion import Workspace
-from spcola import RayCaster
+import fusion
+import spcola
 
-workspace = Workspace.open(Path(os.environ.get("SPCOLA_TUTORIAL", ".")) / "ws")
+workspace = fusion.Workspace.open(Path(os.environ.get("SPCOLA_TUTORIAL", ".")) / "ws")
 shape = workspace.shape()
-caster = RayCaster(shape)
+caster = spcola.RayCaster(shape)
 print(f"{len(shape.vertices)} vertices, {len(shape.facets)} facets")
 
 # %%
