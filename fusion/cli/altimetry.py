@@ -15,12 +15,7 @@ from fusion.cli.output import (
     run_in_child,
     show,
 )
-from fusion.cli.stages import (
-    ClusterOption,
-    WorkersOption,
-    executor,
-    shared_path,
-)
+from fusion.cli.stages import ClusterOption, WorkersOption, executor, shared_path
 
 if TYPE_CHECKING:
     from fusion.stages.ingest import Imported

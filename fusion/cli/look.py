@@ -54,12 +54,7 @@ def look(
     was not made by this command is not replaced; a file named with -o is.
     """
     # The machinery is imported here and not above, so that help comes at once.
-    from fusion.inspection.look import (
-        LookOptions,
-        look_at,
-        picture_path,
-        save_picture,
-    )
+    from fusion.inspection.look import LookOptions, look_at, picture_path, save_picture
 
     if isolate:
         run_in_child(path, limit_mb, limit_s)

@@ -8,12 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from fusion.cli.output import (
-    JsonOption,
-    run_content,
-    run_lines,
-    show,
-)
+from fusion.cli.output import JsonOption, run_content, run_lines, show
 from spcola.errors import RejectedResultError, SettingsError
 
 if TYPE_CHECKING:

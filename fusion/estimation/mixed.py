@@ -21,13 +21,7 @@ import numpy as np
 from fusion.estimation.error_sizes import ErrorSizes
 from fusion.estimation.rank import check_rank
 from fusion.runtime.machine import one_blas_thread
-from spcola.arrays import (
-    AnyArray,
-    BoolArray,
-    FloatArray,
-    check_finite,
-    check_shape,
-)
+from spcola.arrays import AnyArray, BoolArray, FloatArray, check_finite, check_shape
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.math.robust import huber_weight
 from spcola.math.statistics import most_likely_sizes

@@ -12,12 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidar.gridding import Mapola, at_grid_points
-from spcola.arrays import (
-    AnyArray,
-    BoolArray,
-    FloatArray,
-    IntArray,
-)
+from spcola.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from spcola.grids import MapletGrid, overlaps, project_maplet
 from spcola.heights import MeanConstraints
 

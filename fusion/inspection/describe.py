@@ -9,13 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fusion.inspection.file_kinds import (
-    FileKind,
-    file_kind,
-    first_word,
-    lidar_format,
-    summary_path,
-)
+from fusion.inspection.file_kinds import FileKind, file_kind, first_word, lidar_format, summary_path
 from fusion.inspection.import_forecast import BYTES_PER_RETURN, ImportClock
 from fusion.pipeline import Pipeline
 from fusion.pipeline.catalog import Catalog, read_records, unsound

@@ -9,12 +9,7 @@ from typing import Any
 from fusion.estimation.verdict import Verdict
 from fusion.fusing.maplets import FusedMaplet
 from fusion.report.recovered import Recovered, SurfaceErrors
-from spcola.arrays import (
-    AnyArray,
-    FloatArray,
-    check_shape,
-    frozen,
-)
+from spcola.arrays import AnyArray, FloatArray, check_shape, frozen
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,12 +14,7 @@ from fusion.fusing.maplets import FUSED_HDF5, FusedMaplet, fused_names, read_fus
 from fusion.pipeline.catalog import read_records
 from fusion.products import versions
 from fusion.registration.results import transform_of
-from fusion.report.data import (
-    Coverage,
-    Origins,
-    ReportData,
-    Surfaces,
-)
+from fusion.report.data import Coverage, Origins, ReportData, Surfaces
 from fusion.report.recovered import Recovered, SurfaceErrors
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray

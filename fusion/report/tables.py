@@ -8,12 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fusion.estimation.verdict import (
-    JUDGEMENTS,
-    Code,
-    Finding,
-    Severity,
-)
+from fusion.estimation.verdict import JUDGEMENTS, Code, Finding, Severity
 from fusion.report.data import ReportData
 from fusion.report.recovered import Recovered, SurfaceErrors
 

@@ -21,12 +21,7 @@ from fusion.fusing import (
     lidar_constraints,
 )
 from fusion.registration.fit import KnownTransform
-from fusion.registration.results import (
-    Placement,
-    given_registration,
-    placements_of,
-    transform_of,
-)
+from fusion.registration.results import Placement, given_registration, placements_of, transform_of
 from fusion.scene.exposures import Exposures
 from fusion.scene.surfaces import maplets_around
 from fusion.workspace import Workspace

@@ -10,17 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from fusion.estimation.verdict import (
-    Code,
-    Finding,
-    Severity,
-    Verdict,
-)
-from fusion.fusing import (
-    FuseOptions,
-    FuseResult,
-    SlopeInformation,
-)
+from fusion.estimation.verdict import Code, Finding, Severity, Verdict
+from fusion.fusing import FuseOptions, FuseResult, SlopeInformation
 from fusion.fusing.maplets import FusedMaplet, Source, write_fused
 from fusion.pipeline import StageContext, StageResult, find_table
 from fusion.scene import Scene

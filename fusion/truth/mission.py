@@ -10,23 +10,11 @@ from fusion.runtime.machine import one_blas_thread
 from fusion.truth.generation import building, files_of, finished
 from fusion.truth.ground import shadow_ground
 from fusion.truth.images import write_images
-from fusion.truth.planted import (
-    TRUTH_FILE,
-    PlacedCenter,
-    Planted,
-    TrueState,
-    write_truth,
-)
+from fusion.truth.planted import TRUTH_FILE, PlacedCenter, Planted, TrueState, write_truth
 from fusion.truth.presets import MissionSettings
 from fusion.truth.scans import day_biases, plan_observations, write_observations
 from fusion.truth.size import check_room, mission_size
-from fusion.truth.solution import (
-    light_of,
-    plan_states,
-    write_maplets,
-    write_shape,
-    write_states,
-)
+from fusion.truth.solution import light_of, plan_states, write_maplets, write_shape, write_states
 from fusion.truth.work import Work
 from spcola.camera import SpcImage
 from spcola.truth.body import TruthBody

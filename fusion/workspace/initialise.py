@@ -7,12 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from fusion.workspace.settings.settings import Settings
-from fusion.workspace.workspace import (
-    SETTINGS_FILE,
-    SPC_FOLDERS,
-    SPC_LISTS,
-    Workspace,
-)
+from fusion.workspace.workspace import SETTINGS_FILE, SPC_FOLDERS, SPC_LISTS, Workspace
 from spcola.atomic import replacing, write_error
 from spcola.errors import WorkspaceError
 from spcola.formats.shapes import read_shape

@@ -17,14 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri
 
-from lidar.adjustment.nodes import (
-    SIZE_OF_NUMBER,
-    ErrorSizes,
-    Nodes,
-    columns,
-    turned,
-    turned_vector,
-)
+from lidar.adjustment.nodes import SIZE_OF_NUMBER, ErrorSizes, Nodes, columns, turned, turned_vector
 from lidar.adjustment.overlaps import DEGREES, OverlapEquations
 from spcola.arrays import FloatArray, IntArray
 from spcola.errors import NotObservableError

@@ -13,10 +13,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter
 from scipy.sparse import csr_array
 
-from lidar.gridding import (
-    Gridding,
-    GriddingOptions,
-)
+from lidar.gridding import Gridding, GriddingOptions
 from lidar.gridding.cells import CellReturns, PlaneFit, fit_planes, sort_into_cells
 from lidar.scans import Returns
 from spcola.arrays import BoolArray, FloatArray, IntArray

@@ -19,13 +19,7 @@ from lidar.adjustment import Nodes
 from lidar.formats.native import Block, ScanFile, times_of
 from lidar.geolocation import Geolocation
 from lidar.scans import Arcs, Returns
-from lidar.scans.cubes import (
-    Box,
-    CubedPoints,
-    keep_inside,
-    touching,
-    unpack_inside,
-)
+from lidar.scans.cubes import Box, CubedPoints, keep_inside, touching, unpack_inside
 from spcola.arrays import FloatArray, IntArray
 from spcola.errors import InvalidValueError
 

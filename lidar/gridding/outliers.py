@@ -14,11 +14,7 @@ import numpy as np
 from lidar.gridding.cells.cells import CellReturns
 from lidar.gridding.density import filled_around, needs_support
 from lidar.gridding.neighbourhood import count_support, expect
-from spcola.arrays import (
-    BoolArray,
-    FloatArray,
-    IntArray,
-)
+from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.compilation import compiled
 from spcola.errors import SettingsError
 

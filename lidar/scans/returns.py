@@ -8,14 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidar.scans.scan import Scan
-from spcola.arrays import (
-    AnyArray,
-    FloatArray,
-    IntArray,
-    check_finite,
-    check_shape,
-    read_only,
-)
+from spcola.arrays import AnyArray, FloatArray, IntArray, check_finite, check_shape, read_only
 from spcola.errors import InvalidValueError
 
 

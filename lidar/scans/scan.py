@@ -9,13 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from spcola.arrays import (
-    AnyArray,
-    FloatArray,
-    check_finite,
-    check_shape,
-    read_only,
-)
+from spcola.arrays import AnyArray, FloatArray, check_finite, check_shape, read_only
 from spcola.errors import InvalidValueError
 
 MEASURES = ("time", "range", "spacecraft", "beam", "points", "intensity", "flag", "sigma")

@@ -7,19 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from lidar.scans import Scan, join
-from lidar.truth.echoes import (
-    flags,
-    meet,
-    stated_range,
-    strengths,
-)
+from lidar.truth.echoes import flags, meet, stated_range, strengths
 from lidar.truth.settings import DEMODULATOR, LidarSettings, ScanErrors
-from lidar.truth.shots import (
-    Shots,
-    raster_shots,
-    track_shots,
-    unit,
-)
+from lidar.truth.shots import Shots, raster_shots, track_shots, unit
 from lidar.truth.track import Track
 from spcola.truth.body import TruthBody
 from spcola.truth.campaign import Pass

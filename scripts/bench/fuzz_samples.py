@@ -22,12 +22,7 @@ from fusion.products.formats import read_fits_dtm, write_fits_dtm
 from fusion.registration.results import ScanEffects, given_registration, placements_of
 from fusion.stages.ingest.sources import recorded_source
 from fusion.truth import read_truth
-from fusion.truth.planted import (
-    PlacedCenter,
-    Planted,
-    TrueState,
-    write_truth,
-)
+from fusion.truth.planted import PlacedCenter, Planted, TrueState, write_truth
 from fusion.truth.presets import MissionSettings
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings, load_settings

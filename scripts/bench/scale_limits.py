@@ -30,12 +30,7 @@ from fusion.pipeline import StageContext
 from fusion.runtime import Progress, ThreadExecutor, usable_cores
 from fusion.scaling.fit import ScaleEstimate, ScaleOptions, estimate_scale
 from fusion.scaling.fit.observation import ScaleObservations
-from fusion.scaling.pairs import (
-    Pair,
-    blur_of,
-    pair_observations,
-    rematched,
-)
+from fusion.scaling.pairs import Pair, blur_of, pair_observations, rematched
 from fusion.stages.scale.pairing import Pairing, pair_images
 from fusion.stages.scale.stage import STAGE
 from fusion.truth import read_truth

@@ -6,14 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from spcola.arrays import (
-    AnyArray,
-    FloatArray,
-    check_axes,
-    check_finite,
-    check_shape,
-    frozen,
-)
+from spcola.arrays import AnyArray, FloatArray, check_axes, check_finite, check_shape, frozen
 from spcola.camera.camera import Camera
 from spcola.errors import InvalidValueError
 

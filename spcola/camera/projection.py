@@ -7,12 +7,7 @@ from numpy.typing import ArrayLike
 
 from spcola.arrays import FloatArray
 from spcola.camera.camera import Camera
-from spcola.camera.distortion import (
-    distort,
-    distortion_jacobian,
-    solve_2x2,
-    undistort,
-)
+from spcola.camera.distortion import distort, distortion_jacobian, solve_2x2, undistort
 from spcola.camera.image import SpcImage
 
 MAX_ITERATIONS = 20

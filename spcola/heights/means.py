@@ -7,14 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spcola.arrays import (
-    BoolArray,
-    FloatArray,
-    IntArray,
-    check_shape,
-    frozen,
-    read_only,
-)
+from spcola.arrays import BoolArray, FloatArray, IntArray, check_shape, frozen, read_only
 from spcola.compilation import compiled
 from spcola.errors import InvalidValueError
 

@@ -7,12 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spcola.arrays import (
-    BoolArray,
-    FloatArray,
-    check_shape,
-    read_only,
-)
+from spcola.arrays import BoolArray, FloatArray, check_shape, read_only
 from spcola.compilation import compiled
 from spcola.errors import InvalidValueError
 from spcola.heights.means import MeanConstraints

@@ -7,13 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from spcola.arrays import (
-    BoolArray,
-    FloatArray,
-    IntArray,
-    check_shape,
-    read_only,
-)
+from spcola.arrays import BoolArray, FloatArray, IntArray, check_shape, read_only
 from spcola.compilation import Bands, compiled
 from spcola.errors import InvalidValueError, SettingsError
 from spcola.heights.components import Components, find_components

@@ -8,12 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from spcola.arrays import (
-    FloatArray,
-    check_axes,
-    check_finite,
-    frozen,
-)
+from spcola.arrays import FloatArray, check_axes, check_finite, frozen
 from spcola.errors import FrameMismatchError, InvalidValueError
 
 

@@ -6,12 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from spcola.arrays import (
-    FloatArray,
-    check_axes,
-    check_finite,
-    frozen,
-)
+from spcola.arrays import FloatArray, check_axes, check_finite, frozen
 
 
 @dataclass(frozen=True, eq=False)

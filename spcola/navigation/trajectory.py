@@ -10,13 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.sparse import csr_array
 
-from spcola.arrays import (
-    BoolArray,
-    FloatArray,
-    IntArray,
-    check_finite,
-    frozen,
-)
+from spcola.arrays import BoolArray, FloatArray, IntArray, check_finite, frozen
 from spcola.camera import SpcImage
 from spcola.errors import InvalidValueError
 from spcola.navigation.time import et_from_utcs

@@ -7,13 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from spcola.arrays import (
-    FloatArray,
-    IntArray,
-    check_finite,
-    frozen,
-    read_only,
-)
+from spcola.arrays import FloatArray, IntArray, check_finite, frozen, read_only
 from spcola.errors import InvalidValueError
 
 

@@ -15,12 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spcola.arrays import (
-    BoolArray,
-    FloatArray,
-    IntArray,
-    check_shape,
-)
+from spcola.arrays import BoolArray, FloatArray, IntArray, check_shape
 from spcola.compilation import compiled
 from spcola.errors import InvalidValueError
 from spcola.shape.mesh import Mesh

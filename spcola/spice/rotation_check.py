@@ -17,12 +17,7 @@ from scipy.spatial.transform import Rotation
 from spcola.arrays import FloatArray
 from spcola.errors import KernelError
 from spcola.navigation import DAYS_PER_CENTURY, SECONDS_PER_DAY, SPICE_LOCK, utc_from_et
-from spcola.spice.pck import (
-    Orientation,
-    Values,
-    constant,
-    orientation_of,
-)
+from spcola.spice.pck import Orientation, Values, constant, orientation_of
 
 AGREEMENT_DEG = 1e-6
 """Rotations with smaller differences over the times of use count as equal: 5 µm on Bennu."""

@@ -10,12 +10,7 @@ import numpy as np
 
 from fusion.fusing.maplets import FUSED_HDF5, FusedMaplet, Source, fused_names, read_fused
 from fusion.inspection.look.picture import Picture, set_title
-from fusion.inspection.look.shading import (
-    colour_bar,
-    limits_of,
-    note_gaps,
-    shaded_colours,
-)
+from fusion.inspection.look.shading import colour_bar, limits_of, note_gaps, shaded_colours
 from fusion.products import lon_lat_deg
 from fusion.report.maplets import (
     bar_below,

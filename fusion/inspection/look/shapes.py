@@ -7,12 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fusion.inspection.look.picture import Picture, set_title
-from fusion.inspection.look.shading import (
-    colour_bar,
-    length_unit,
-    limits_of,
-    shaded_colours,
-)
+from fusion.inspection.look.shading import colour_bar, length_unit, limits_of, shaded_colours
 from fusion.report.style import drawing
 from spcola.arrays import FloatArray
 from spcola.shape import Hits, Mesh, RayCaster

@@ -16,12 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from fusion.estimation.verdict import (
-    Cause,
-    Code,
-    Finding,
-    Severity,
-)
+from fusion.estimation.verdict import Cause, Code, Finding, Severity
 from fusion.pipeline.catalog.catalog import Catalog
 from fusion.pipeline.catalog.records import content_digest
 from fusion.workspace import Workspace

@@ -7,12 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fusion.estimation.verdict import (
-    Code,
-    Finding,
-    Severity,
-    Verdict,
-)
+from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.registration.clouds.bodies import align_bodies
 from fusion.registration.clouds.clouds import CloudOptions, register_clouds
 from fusion.registration.clouds.composed import composed

@@ -5,12 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import fft
 
-from spcola.arrays import (
-    AnyArray,
-    BoolArray,
-    FloatArray,
-    IntArray,
-)
+from spcola.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 # Rings of wavenumbers, from the third on: what is as long as the grid tells nothing of blur.
 _RINGS = 40

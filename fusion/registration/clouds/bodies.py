@@ -9,12 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fusion.estimation.verdict import (
-    Code,
-    Finding,
-    Severity,
-    Verdict,
-)
+from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.registration.clouds.blur import relative_blur, significant_blur
 from fusion.registration.clouds.cloud_grid import grid_cloud
 from fusion.registration.clouds.composed import composed

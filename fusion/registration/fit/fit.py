@@ -8,13 +8,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from fusion.estimation import (
-    ErrorSizes,
-    MixedFit,
-    MixedOptions,
-    Observations,
-    fit_mixed,
-)
+from fusion.estimation import ErrorSizes, MixedFit, MixedOptions, Observations, fit_mixed
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
 from spcola.math import Affine, Similarity

@@ -8,12 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fusion.registration.fit.fit import (
-    PARAMETERS,
-    Model,
-    similarity_numbers,
-    transform_partials,
-)
+from fusion.registration.fit.fit import PARAMETERS, Model, similarity_numbers, transform_partials
 from spcola.arrays import FloatArray, check_finite, check_shape
 from spcola.errors import InvalidValueError
 from spcola.math import Affine, Similarity

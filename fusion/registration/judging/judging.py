@@ -13,12 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
-from fusion.estimation.verdict import (
-    Code,
-    Finding,
-    Severity,
-    Verdict,
-)
+from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.registration.judging.common_ground import CommonRelief
 from spcola.arrays import FloatArray
 

@@ -11,12 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fusion.estimation import ErrorSizes
-from fusion.registration.fit.fit import (
-    FitOptions,
-    Registration,
-    fit_transform,
-    similarity_numbers,
-)
+from fusion.registration.fit.fit import FitOptions, Registration, fit_transform, similarity_numbers
 from fusion.registration.observations.by_images import ImagedMapolas
 from fusion.registration.observations.combine import ObservationTypeSizes, joint_matches
 from fusion.registration.results.summary import MatchedMapolas, registration_json

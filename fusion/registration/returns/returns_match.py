@@ -16,12 +16,7 @@ from fusion.registration.returns.return_heights import (
     height_of_returns,
     relative_weight,
 )
-from fusion.surfacematch import (
-    Match,
-    MatchOptions,
-    judged_match,
-    unmatched,
-)
+from fusion.surfacematch import Match, MatchOptions, judged_match, unmatched
 from spcola.arrays import BoolArray, FloatArray
 from spcola.grids.gaps import filled
 from spcola.grids.statistics import independent_patches, robust_covariance, shift_variances

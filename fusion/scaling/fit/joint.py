@@ -6,23 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fusion.estimation import (
-    ErrorSizes,
-    MixedFit,
-    MixedOptions,
-    Observations,
-    fit_mixed,
-)
+from fusion.estimation import ErrorSizes, MixedFit, MixedOptions, Observations, fit_mixed
 from fusion.scaling.fit.ground import SharedGround, shared_ground
 from fusion.scaling.fit.groups import ErrorGroups
 from fusion.scaling.fit.observation import PARAMETERS, ScaleObservations
-from fusion.scaling.fit.trends import (
-    DayScale,
-    Trend,
-    by_day,
-    days_differ,
-    trends,
-)
+from fusion.scaling.fit.trends import DayScale, Trend, by_day, days_differ, trends
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
 

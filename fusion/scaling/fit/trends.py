@@ -7,13 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from fusion.estimation import (
-    ErrorSizes,
-    MixedFit,
-    MixedOptions,
-    Observations,
-    fit_mixed,
-)
+from fusion.estimation import ErrorSizes, MixedFit, MixedOptions, Observations, fit_mixed
 from fusion.scaling.fit.groups import ErrorGroups
 from fusion.scaling.fit.observation import ScaleObservations
 from spcola.arrays import BoolArray, FloatArray

@@ -13,12 +13,7 @@ from fusion.workspace.settings import MapolaSettings, SpiceSettings, SpinSetting
 from lidar.adjustment import ScanAdjustment
 from lidar.archive import ScanStore
 from lidar.formats.native import scan_summary
-from lidar.gridding import (
-    Gridding,
-    GriddingOptions,
-    RejectionOptions,
-    grid_returns,
-)
+from lidar.gridding import Gridding, GriddingOptions, RejectionOptions, grid_returns
 from lidar.scans import Arcs, Returns
 from spcola.grids import MapletGrid
 

@@ -8,13 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fusion.estimation.verdict import (
-    Cause,
-    Code,
-    Finding,
-    Severity,
-    Verdict,
-)
+from fusion.estimation.verdict import Cause, Code, Finding, Severity, Verdict
 from fusion.pipeline import StageContext
 from fusion.registration.judging import Evidence, Placed, common_relief
 from fusion.registration.results import GivenRegistration, placements_of, transform_of

@@ -13,12 +13,7 @@ from fusion.registration.returns import CloudOfReturns, FixedSurface, match_retu
 from fusion.runtime.machine import check_grid
 from fusion.scene import Reference, surface_reference
 from fusion.stages.geolocation.return_source import ReturnSource
-from fusion.surfacematch import (
-    Match,
-    MatchOptions,
-    Surface,
-    match_surfaces,
-)
+from fusion.surfacematch import Match, MatchOptions, Surface, match_surfaces
 from fusion.surfacematch.resolution import (
     NoiseSpectrum,
     Transfer,

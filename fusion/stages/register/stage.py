@@ -34,12 +34,7 @@ from fusion.registration.results import (
 from fusion.scene import surface_reference
 from fusion.stages.geolocation.locating import return_paths
 from fusion.stages.geolocation.return_source import ReturnSource
-from fusion.stages.register.acceptance import (
-    evidence_of,
-    other_frames,
-    unregistered,
-    with_verdict,
-)
+from fusion.stages.register.acceptance import evidence_of, other_frames, unregistered, with_verdict
 from fusion.stages.register.imaging import imaged_mapolas, landmark_files
 from fusion.stages.register.matching import Matched, check_usable, match_mapolas
 from fusion.stages.register.scan_fits import ScanRegistration

@@ -55,12 +55,7 @@ from fusion.scaling.shots import (
 from fusion.stages.geolocation.located import LocatedShots, located_shots
 from fusion.stages.geolocation.locating import geolocator, kernel_paths
 from fusion.stages.ingest.sources import check_doubles, whole_scans
-from fusion.stages.scale.pairing import (
-    Pairing,
-    pair_images,
-    state_shares,
-    write_pairs,
-)
+from fusion.stages.scale.pairing import Pairing, pair_images, state_shares, write_pairs
 from fusion.workspace import Workspace
 from fusion.workspace.settings import (
     BodySettings,

@@ -15,13 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, ndimage
 
-from spcola.arrays import (
-    BoolArray,
-    FloatArray,
-    check_finite,
-    check_shape,
-    frozen,
-)
+from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape, frozen
 from spcola.errors import InvalidValueError
 from spcola.grids.gaps import closable, trend_of
 from spcola.grids.statistics import autocovariance

@@ -11,12 +11,7 @@ import numpy as np
 from fusion.fusing.maplets import FUSED_HDF5, fused_names, read_fused
 from fusion.products.formats import read_fits_dtm, read_geotiff, read_surface
 from fusion.registration.results import placements_of, transform_of
-from fusion.truth.assessment.model import (
-    Frame,
-    MapletModel,
-    MeshModel,
-    Model,
-)
+from fusion.truth.assessment.model import Frame, MapletModel, MeshModel, Model
 from fusion.workspace import Workspace
 from spcola.errors import FormatError, WorkspaceError
 from spcola.formats.maplets import read_maplet

@@ -12,12 +12,7 @@ from fusion.runtime import Executor, Progress
 from fusion.truth.assessment.distances import Distances, measure_distances
 from fusion.truth.assessment.model import Model, squares
 from fusion.truth.assessment.patches import PatchErrors, patch_errors
-from fusion.truth.assessment.regions import (
-    Ground,
-    PointErrors,
-    RegionScore,
-    score_regions,
-)
+from fusion.truth.assessment.regions import Ground, PointErrors, RegionScore, score_regions
 from fusion.truth.assessment.resolution import Spectra, Transfer
 from fusion.truth.assessment.settings import AssessmentSettings
 from spcola.arrays import FloatArray

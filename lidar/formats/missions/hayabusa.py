@@ -6,12 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from lidar.formats.records.options import LidarOptions
-from lidar.formats.records.rows import (
-    RowLayout,
-    first_lines,
-    mostly,
-    read_rows,
-)
+from lidar.formats.records.rows import RowLayout, first_lines, mostly, read_rows
 from lidar.formats.records.screening import Agreement, Records, Screen
 from lidar.formats.records.times import times_of
 from lidar.scans import Scan

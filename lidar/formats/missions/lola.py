@@ -11,20 +11,8 @@ from numpy.typing import NDArray
 
 from lidar.formats.records.binary import check_whole, mapped_chunks, probed
 from lidar.formats.records.options import LidarOptions
-from lidar.formats.records.rows import (
-    RowLayout,
-    first_lines,
-    flags_of,
-    mostly,
-    read_rows,
-)
-from lidar.formats.records.screening import (
-    Agreement,
-    Records,
-    Screen,
-    cartesian,
-    spherical_of,
-)
+from lidar.formats.records.rows import RowLayout, first_lines, flags_of, mostly, read_rows
+from lidar.formats.records.screening import Agreement, Records, Screen, cartesian, spherical_of
 from lidar.formats.records.times import times_differ
 from lidar.scans import Scan
 from spcola.errors import FormatError

@@ -8,20 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from lidar.formats.records.options import LidarOptions
-from lidar.formats.records.rows import (
-    RowLayout,
-    first_lines,
-    flags_of,
-    mostly,
-    read_rows,
-)
-from lidar.formats.records.screening import (
-    Agreement,
-    Records,
-    Screen,
-    cartesian,
-    spherical_of,
-)
+from lidar.formats.records.rows import RowLayout, first_lines, flags_of, mostly, read_rows
+from lidar.formats.records.screening import Agreement, Records, Screen, cartesian, spherical_of
 from lidar.formats.records.times import times_differ
 from lidar.scans import Scan
 

@@ -12,12 +12,7 @@ from numpy.typing import NDArray
 
 from lidar.formats.records.binary import check_whole, mapped_chunks, probed
 from lidar.formats.records.options import LidarOptions
-from lidar.formats.records.screening import (
-    Agreement,
-    Records,
-    Screen,
-    norms,
-)
+from lidar.formats.records.screening import Agreement, Records, Screen, norms
 from lidar.scans import Scan
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.atomic import replacing

@@ -8,13 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from lidar.formats.records.options import LidarOptions
-from lidar.formats.records.rows import (
-    RowLayout,
-    first_lines,
-    is_number,
-    mostly,
-    read_rows,
-)
+from lidar.formats.records.rows import RowLayout, first_lines, is_number, mostly, read_rows
 from lidar.formats.records.screening import Agreement, Records, Screen
 from lidar.formats.records.times import is_time, times_of
 from lidar.scans import Scan

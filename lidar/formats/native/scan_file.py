@@ -15,13 +15,7 @@ from zlib import crc32
 
 import numpy as np
 
-from lidar.formats.native.blocks import (
-    LAYERS,
-    Block,
-    decode,
-    encode,
-    spacecraft_knots,
-)
+from lidar.formats.native.blocks import LAYERS, Block, decode, encode, spacecraft_knots
 from lidar.formats.records.options import LidarOptions
 from lidar.scans import Scan, ScanSummary
 from lidar.scans.cubes import MOST_BITS

@@ -8,26 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from lidar.formats.records.options import LidarOptions
-from lidar.formats.records.rows import (
-    RowChunk,
-    RowLayout,
-    first_lines,
-    flags_of,
-    read_rows,
-)
-from lidar.formats.records.screening import (
-    Agreement,
-    Records,
-    Screen,
-    cartesian,
-)
+from lidar.formats.records.rows import RowChunk, RowLayout, first_lines, flags_of, read_rows
+from lidar.formats.records.screening import Agreement, Records, Screen, cartesian
 from lidar.formats.records.times import times_of
-from lidar.formats.tables.columns import (
-    Column,
-    chosen_columns,
-    named_columns,
-    quantity_of,
-)
+from lidar.formats.tables.columns import Column, chosen_columns, named_columns, quantity_of
 from lidar.scans import Scan
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError

@@ -16,19 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from spcola.arrays import (
-    BoolArray,
-    FloatArray,
-    check_finite,
-    check_shape,
-)
-from spcola.camera import (
-    SpcImage,
-    partials_position,
-    partials_rotation,
-    project_image,
-    rotate_axes,
-)
+from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape
+from spcola.camera import SpcImage, partials_position, partials_rotation, project_image, rotate_axes
 from spcola.errors import InvalidValueError, NotObservableError
 
 S = TypeVar("S")

@@ -21,12 +21,7 @@ from spcola.formats.maplets.map_header import (
     header_of,
     map_length,
 )
-from spcola.formats.maplets.sigma import (
-    read_sigma,
-    sigma_content,
-    sigma_path,
-    write_sigma,
-)
+from spcola.formats.maplets.sigma import read_sigma, sigma_content, sigma_path, write_sigma
 from spcola.formats.text.source import KM, read_bytes
 from spcola.grids import Maplet
 

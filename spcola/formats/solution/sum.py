@@ -23,12 +23,7 @@ from spcola.formats.solution.sections import (
 from spcola.formats.text.fortran import format_d, format_fixed
 from spcola.formats.text.layout import in_layout_of
 from spcola.formats.text.lines import LineCursor
-from spcola.formats.text.source import (
-    KM,
-    LARGEST_RANGE_KM,
-    as_format_error,
-    check_name,
-)
+from spcola.formats.text.source import KM, LARGEST_RANGE_KM, as_format_error, check_name
 from spcola.navigation import et_from_utc
 
 LABEL_COLUMN = 63

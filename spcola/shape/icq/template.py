@@ -9,13 +9,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from spcola.arrays import (
-    BoolArray,
-    FloatArray,
-    IntArray,
-    check_finite,
-    frozen,
-)
+from spcola.arrays import BoolArray, FloatArray, IntArray, check_finite, frozen
 from spcola.errors import InvalidValueError
 from spcola.shape.mesh import Mesh
 

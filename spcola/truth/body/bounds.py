@@ -13,12 +13,7 @@ import numpy as np
 
 from spcola.arrays import FloatArray, IntArray
 from spcola.compilation import compiled
-from spcola.truth.body.cells import (
-    Indexed,
-    cell_of,
-    face_directions,
-    index_features,
-)
+from spcola.truth.body.cells import Indexed, cell_of, face_directions, index_features
 from spcola.truth.body.relief import BOULDER_HEIGHT, Features
 from spcola.truth.body.surface import Surface, low_degree
 

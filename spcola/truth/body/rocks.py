@@ -16,18 +16,8 @@ import numpy as np
 
 from spcola.arrays import AnyArray, FloatArray, IntArray
 from spcola.compilation import compiled, compiled_inline
-from spcola.truth.body.cells import (
-    face_directions,
-    face_place,
-    unwarp,
-    warp_step,
-)
-from spcola.truth.body.relief import (
-    BURIED,
-    OUTLINE,
-    PowerLaw,
-    SmoothSite,
-)
+from spcola.truth.body.cells import face_directions, face_place, unwarp, warp_step
+from spcola.truth.body.relief import BURIED, OUTLINE, PowerLaw, SmoothSite
 from spcola.truth.body.roughness import mixed
 
 _PATCHES = 128

@@ -10,12 +10,7 @@ import numpy as np
 from spcola.arrays import FloatArray
 from spcola.camera import Camera
 from spcola.truth.campaign.cameras import framing_camera, looking
-from spcola.truth.campaign.campaign import (
-    FILL,
-    CampaignSettings,
-    Leg,
-    place_of,
-)
+from spcola.truth.campaign.campaign import FILL, CampaignSettings, Leg, place_of
 from spcola.truth.campaign.passes import Pass, PassSettings
 
 _DAY = 86400.0

@@ -10,12 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from spcola.arrays import (
-    AnyArray,
-    BoolArray,
-    FloatArray,
-    read_only,
-)
+from spcola.arrays import AnyArray, BoolArray, FloatArray, read_only
 from spcola.camera import SpcImage, ray
 from spcola.errors import SettingsError
 from spcola.photometry import photometric_function

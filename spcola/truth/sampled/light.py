@@ -10,12 +10,7 @@ import numpy as np
 from spcola.arrays import BoolArray, FloatArray
 from spcola.compilation import compiled
 from spcola.errors import SettingsError
-from spcola.truth.sampled.cube import (
-    Tiling,
-    place_of,
-    tile_directions,
-    value_in,
-)
+from spcola.truth.sampled.cube import Tiling, place_of, tile_directions, value_in
 
 _FACES = np.arange(6)
 _CHUNK = 250_000

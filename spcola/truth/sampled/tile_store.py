@@ -10,13 +10,7 @@ import numpy as np
 
 from spcola.arrays import AnyArray, FloatArray, IntArray
 from spcola.errors import SettingsError
-from spcola.truth.sampled.cube import (
-    Tiling,
-    fill_tile,
-    look_up,
-    tile_directions,
-    tiles_of,
-)
+from spcola.truth.sampled.cube import Tiling, fill_tile, look_up, tile_directions, tiles_of
 
 _NODES_AT_ONCE = 1 << 19
 _CHUNK = 1 << 15

@@ -10,13 +10,7 @@ from spcola.arrays import AnyArray, FloatArray, IntArray
 from spcola.compilation import compiled
 from spcola.truth.sampled.borrowing import borrowed
 from spcola.truth.sampled.crossing import in_tile
-from spcola.truth.sampled.cube import (
-    Tiling,
-    face_axes,
-    face_of,
-    place_in_tile,
-    value_in,
-)
+from spcola.truth.sampled.cube import Tiling, face_axes, face_of, place_in_tile, value_in
 from spcola.truth.sampled.face_lines import (
     Vector,
     at,

@@ -6,12 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
-from fusion.fusing.maplets import (
-    FUSED_HDF5,
-    fused_names,
-    read_fused,
-    write_fused,
-)
+from fusion.fusing.maplets import FUSED_HDF5, fused_names, read_fused, write_fused
 from spcola.errors import FormatError, InvalidValueError, WorkspaceError
 from spcola.formats.maplets import read_maplet
 

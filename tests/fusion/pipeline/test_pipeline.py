@@ -14,12 +14,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from fusion.estimation.verdict import (
-    Code,
-    Finding,
-    Severity,
-    Verdict,
-)
+from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.pipeline import Pipeline, StageContext, StageResult
 from fusion.pipeline.catalog import Catalog
 from fusion.pipeline.catalog.catalog import CATALOG_FILE

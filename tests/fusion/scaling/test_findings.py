@@ -5,12 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fusion.estimation.verdict import (
-    Cause,
-    Code,
-    Severity,
-    Verdict,
-)
+from fusion.estimation.verdict import Cause, Code, Severity, Verdict
 from fusion.scaling.fit import ScaleOptions, estimate_scale
 from fusion.scaling.fit.observation import ScaleObservations
 from fusion.scaling.fit.residuals import residuals_json

@@ -4,22 +4,9 @@ import numpy as np
 import pytest
 
 from fusion.estimation.verdict import Cause
-from fusion.scaling.geometry import (
-    LeftOut,
-    PairOptions,
-    frame_of_image,
-    pair_size,
-    seen_from,
-)
+from fusion.scaling.geometry import LeftOut, PairOptions, frame_of_image, pair_size, seen_from
 from fusion.scaling.geometry.frames import local_time
-from fusion.scaling.pairs import (
-    Pair,
-    Sources,
-    blur_of,
-    make_pair,
-    pair_observations,
-    rematched,
-)
+from fusion.scaling.pairs import Pair, Sources, blur_of, make_pair, pair_observations, rematched
 from fusion.surfacematch import MatchOptions
 from lidar.scans import Returns
 from spcola.camera import Camera, SpcImage

@@ -12,12 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
-from fusion.estimation.verdict import (
-    Code,
-    Finding,
-    Severity,
-    Verdict,
-)
+from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.stages.scale.rescaling import APPLIED_FILE, usable_epsilon
 from fusion.workspace import Workspace
 from spcola.errors import NotObservableError

@@ -5,12 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.geolocation import (
-    NO_TIME,
-    OUTSIDE,
-    geolocated_by,
-    scan_trajectory,
-)
+from lidar.geolocation import NO_TIME, OUTSIDE, geolocated_by, scan_trajectory
 from lidar.scans import Scan
 from spcola.errors import InvalidValueError
 from spcola.navigation import Trajectory

@@ -5,14 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.scans.cubes import (
-    QUANTUM_M,
-    Box,
-    cubed,
-    keep_inside,
-    touching,
-    unpack_inside,
-)
+from lidar.scans.cubes import QUANTUM_M, Box, cubed, keep_inside, touching, unpack_inside
 from lidar.scans.cubes.cubes import edge_of
 
 

@@ -11,13 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spcola.errors import FormatError, InvalidValueError
-from spcola.formats.maplets import (
-    read_map,
-    read_maplet,
-    read_sigma,
-    sigma_path,
-    write_maplet,
-)
+from spcola.formats.maplets import read_map, read_maplet, read_sigma, sigma_path, write_maplet
 from spcola.formats.maplets.map_header import MapHeader, map_length
 from spcola.formats.maplets.sigma import write_sigma
 from spcola.grids import Maplet, MapletGrid

@@ -12,12 +12,7 @@ from scipy.sparse.linalg import spsolve
 
 from spcola.compilation import Bands
 from spcola.errors import InvalidValueError, SettingsError
-from spcola.heights import (
-    HeightProblem,
-    HeightSystem,
-    SolverOptions,
-    solve_heights,
-)
+from spcola.heights import HeightProblem, HeightSystem, SolverOptions, solve_heights
 from spcola.heights.aggregation import AggregationCycle
 from spcola.heights.components import find_components
 from spcola.heights.conjugate import LinearSystem

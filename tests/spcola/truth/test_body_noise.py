@@ -12,12 +12,7 @@ from spcola.truth.body.cells import (
     face_directions,
     index_features,
 )
-from spcola.truth.body.roughness import (
-    NOISE_RMS,
-    add_noise,
-    fractal_octaves,
-    gradient_noise,
-)
+from spcola.truth.body.roughness import NOISE_RMS, add_noise, fractal_octaves, gradient_noise
 
 MASK = 2**32 - 1
 

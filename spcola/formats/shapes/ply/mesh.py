@@ -9,19 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from spcola import atomic
-from spcola.arrays import (
-    AnyArray,
-    FloatArray,
-    IntArray,
-    check_shape,
-)
+from spcola.arrays import AnyArray, FloatArray, IntArray, check_shape
 from spcola.errors import FormatError, InvalidValueError
-from spcola.formats.shapes.obj import (
-    METRES,
-    Unit,
-    divided,
-    fan,
-)
+from spcola.formats.shapes.obj import METRES, Unit, divided, fan
 from spcola.formats.shapes.ply.data import PlyValues, read_elements
 from spcola.formats.shapes.ply.header import Encoding, parse_header
 from spcola.formats.text.source import KM, LARGEST_RADIUS_KM, read_bytes

@@ -9,12 +9,7 @@ from fusion.fusing.maplets import FusedMaplet, Source, write_fused
 from fusion.products import Provenance
 from fusion.products.formats import write_fits_dtm, write_geotiff, write_obj, write_ply
 from fusion.truth.assessment import file_model
-from fusion.truth.assessment.model import (
-    MapletModel,
-    MeshModel,
-    evenly,
-    squares,
-)
+from fusion.truth.assessment.model import MapletModel, MeshModel, evenly, squares
 from spcola.errors import FormatError, WorkspaceError
 from spcola.formats.maplets import write_maplet
 from spcola.formats.shapes import write_icq

@@ -7,13 +7,7 @@ import pytest
 
 from fusion.truth.assessment import AssessmentSettings
 from fusion.truth.assessment.patches import patch_errors
-from fusion.truth.assessment.regions import (
-    BANDS_DEG,
-    REGIONS,
-    Ground,
-    PointErrors,
-    score_regions,
-)
+from fusion.truth.assessment.regions import BANDS_DEG, REGIONS, Ground, PointErrors, score_regions
 from spcola.errors import SettingsError
 from spcola.grids import Maplet, MapletGrid
 from spcola.math import Similarity, lattice
