@@ -38,7 +38,7 @@ class Demonstration:
     workspace : Workspace
     runs : list of StageRun
     recovered : list of Recovered
-        Planted values beside what the program found of them.
+        Planted and recovered values.
     errors : list of SurfaceErrors
         How far SPC, lidar and fused heights are from the true ones.
     """
@@ -171,7 +171,7 @@ def _mission(
     if planted is not None:
         return planted
     # What was made of another mission (an earlier version's, say) says nothing of this one.
-    # A workspace without any mission beside it was not made by a demo.
+    # A workspace without a mission next to it was not made by a demo.
     if (folder / WORKSPACE_FOLDER).exists() and not (mission / TRUTH_FILE).exists():
         raise WorkspaceError("holds other things than a demo", folder, "choose an empty folder")
     _remove(folder / WORKSPACE_FOLDER)

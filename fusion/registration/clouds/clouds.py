@@ -50,7 +50,7 @@ _HALF_SMOOTH = 0.7
 # Cells along a side on which the relief of two clouds is compared, and how far around.
 _JUDGED_SIZE = 128
 _JUDGED_REACH = 3
-# Points that tell a scatter.
+# Largest number of points from which a scatter is estimated.
 _SAMPLE = 100_000
 
 

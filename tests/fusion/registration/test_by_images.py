@@ -112,11 +112,11 @@ def imaged(*matches, effects=None):
     return ImagedMapolas(matches, (), none, common, SizeFactors(1.0, 1.0, 1.0))
 
 
-def by_heights(*matches, beside=0.0, effects=None):
+def by_heights(*matches, residual=0.0, effects=None):
     count = len(matches)
     scans = ScanEffects.independent([], 0.05)
     none = np.zeros((count, 3, 0)) if effects is None else effects
-    return MatchedMapolas(matches, scans, none, np.tile(beside**2 * np.eye(3), (count, 1, 1)))
+    return MatchedMapolas(matches, scans, none, np.tile(residual**2 * np.eye(3), (count, 1, 1)))
 
 
 def test_both_observation_types_are_separate_rows():
@@ -124,7 +124,7 @@ def test_both_observation_types_are_separate_rows():
     _, seen = match([0.0, 0.1, 0.0], 0.01)
     effects = np.full((1, 3, 2), 0.02)
     found = joint_matches(
-        by_heights(ground, beside=0.01),
+        by_heights(ground, residual=0.01),
         imaged(seen, effects=effects),
         ObservationTypeSizes(0.04, 0.0),
     )

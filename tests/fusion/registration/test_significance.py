@@ -61,10 +61,10 @@ def test_a_rigid_fit_tests_the_scale_that_it_lacks(scene):
 def test_the_score_test_is_the_affine_fit_where_error_sizes_are_known(scene):
     """With sizes that the strain does not move, the score test equals the fit."""
     points = scene.body()
-    beside = strain_departure(scene.registered(points, 4), points)
+    separate = strain_departure(scene.registered(points, 4), points)
     fitted = strain_departure(scene.registered(points, 4, model="affine"), points)
-    np.testing.assert_allclose(beside.estimate, fitted.estimate, atol=0.2 * fitted.sigma.min())
-    np.testing.assert_allclose(beside.sigma, fitted.sigma, rtol=0.1)
+    np.testing.assert_allclose(separate.estimate, fitted.estimate, atol=0.2 * fitted.sigma.min())
+    np.testing.assert_allclose(separate.sigma, fitted.sigma, rtol=0.1)
 
 
 def test_a_cap_does_not_determine_strain_and_its_sigma_is_large(scene):

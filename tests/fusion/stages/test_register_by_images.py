@@ -123,9 +123,9 @@ def test_both_kinds_together_are_as_sharp_as_either(found):
     turned = [np.array(found[by][1]["rotation_sigma_deg"]) for by in ("both", "images")]
     assert np.all(turned[0] <= 1.02 * turned[1])
     assert content["n_used"] + content["n_rejected"] == len(content["per_mapola"]) == 24
-    told = [e["types_chi2"] for e in content["per_mapola"] if e["types_chi2"] is not None]
-    assert len(told) > 15
-    assert 1.0 < np.mean(told) < 6.0
+    chi2 = [e["types_chi2"] for e in content["per_mapola"] if e["types_chi2"] is not None]
+    assert len(chi2) > 15
+    assert 1.0 < np.mean(chi2) < 6.0
     for entry in content["per_mapola"]:
         kinds = entry["observation_types"]
         assert entry["used"] == (kinds["topography"]["used"] or kinds["images"]["used"])

@@ -50,7 +50,7 @@ def test_the_south_of_the_preset_pole_is_never_lit() -> None:
 
 
 def test_the_scans_of_the_demo_see_the_dark_pole_and_leave_a_belt() -> None:
-    """And are dense enough to count as rasters: stray returns in the gaps are found then."""
+    """And are dense enough to count as rasters: outliers in the gaps are found then."""
     settings = MissionSettings.demo()
     reach = np.degrees(np.arcsin(settings.lidar.width / 2.0 / settings.body.radius))
     latitude = np.degrees(pass_directions(settings.passes))[:, 1]
