@@ -1,0 +1,6 @@
+"""Items of stages: kept when they are finished, by what went into them."""
+
+from fusion.pipeline.items.encoding import Encoded, decode, encode
+from fusion.pipeline.items.item_store import ItemStore
+
+__all__ = ["Encoded", "ItemStore", "decode", "encode"]
