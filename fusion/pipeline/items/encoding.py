@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
@@ -72,9 +72,7 @@ def decode(encoded: Encoded) -> Any:
 
 
 def _written(value: Any, arrays: list[AnyArray]) -> Any:
-    """Return JSON types; every container is a list that begins with its type."""
-    if isinstance(value, Enum):
-        return ["enum", _name_of(type(value)), value.name]
+    """Return JSON types; whatever is no plain number or text is a list that begins with its type."""
     if value is None or type(value) in (bool, int, float, str):
         return value
     if isinstance(value, np.ndarray | np.generic):
@@ -83,44 +81,54 @@ def _written(value: Any, arrays: list[AnyArray]) -> Any:
             raise TypeError("arrays of objects cannot be kept")
         arrays.append(array)
         return ["array" if isinstance(value, np.ndarray) else "scalar", len(arrays) - 1]
+    kind, name, content = _parts(value)
+    return [kind, name, [_written(each, arrays) for each in content]]
+
+
+def _parts(value: Any) -> tuple[str, str, list[Any]]:
+    """Return the kind of a value or container, its class where it has one, and what is in it."""
+    if isinstance(value, Enum):
+        return "enum", _name_of(type(value)), [value.name]
     if isinstance(value, Path):
-        return ["path", str(value)]
+        return "path", "", [str(value)]
     if is_dataclass(value) and not isinstance(value, type):
-        content = [[each.name, getattr(value, each.name)] for each in fields(value) if each.init]
-        return ["value", _name_of(type(value)), [[k, _written(v, arrays)] for k, v in content]]
+        names = [each.name for each in fields(value) if each.init]
+        return "value", _name_of(type(value)), [names, *(getattr(value, name) for name in names)]
     if isinstance(value, tuple) and hasattr(value, "_fields"):
-        return ["named", _name_of(type(value)), [_written(each, arrays) for each in value]]
-    if isinstance(value, tuple | list):
-        kind = "tuple" if isinstance(value, tuple) else "list"
-        return [kind, [_written(each, arrays) for each in value]]
+        return "named", _name_of(type(value)), list(value)
     if isinstance(value, Mapping):
-        return ["dict", [[_written(k, arrays), _written(v, arrays)] for k, v in value.items()]]
+        return "dict", "", [list(value.keys()), list(value.values())]
     if isinstance(value, set | frozenset):
         # A set has no order of its own: equal sets must give equal text.
-        return [type(value).__name__, sorted((_written(each, arrays) for each in value), key=str)]
+        return type(value).__name__, "", sorted(value, key=lambda each: encode(each).text)
+    if isinstance(value, tuple | list):
+        return "tuple" if isinstance(value, tuple) else "list", "", list(value)
     raise TypeError(f"{type(value).__name__} cannot be kept")
 
 
+_MAKERS: Mapping[str, Callable[[str, list[Any]], Any]] = {
+    "enum": lambda name, content: _class(name)[content[0]],
+    "path": lambda _, content: Path(content[0]),
+    "value": lambda name, content: _class(name)(**dict(zip(content[0], content[1:], strict=True))),
+    "named": lambda name, content: _class(name)(*content),
+    "dict": lambda _, content: dict(zip(*content, strict=True)),
+    "set": lambda _, content: set(content),
+    "frozenset": lambda _, content: frozenset(content),
+    "tuple": lambda _, content: tuple(content),
+    "list": lambda _, content: content,
+}
+
+
 def _read(content: Any, arrays: list[AnyArray]) -> Any:
+    """Return the value of what `_written` returned."""
     if not isinstance(content, list):
         return content
-    kind, *rest = content
-    if kind in ("array", "scalar"):
-        array = arrays[rest[0]]
-        return array if kind == "array" else array[()]
-    if kind == "path":
-        return Path(rest[0])
-    if kind == "enum":
-        return _class(rest[0])[rest[1]]
-    if kind == "value":
-        given = {name: _read(each, arrays) for name, each in rest[1]}
-        return _class(rest[0])(**given)
-    if kind == "dict":
-        return {_read(key, arrays): _read(each, arrays) for key, each in rest[0]}
-    items = [_read(each, arrays) for each in rest[-1]]
-    if kind == "named":
-        return _class(rest[0])(*items)
-    return {"tuple": tuple, "list": list, "set": set, "frozenset": frozenset}[kind](items)
+    if content[0] == "array":
+        return arrays[content[1]]
+    if content[0] == "scalar":
+        return arrays[content[1]][()]
+    kind, name, parts = content
+    return _MAKERS[kind](name, [_read(each, arrays) for each in parts])
 
 
 def _name_of(kind: type) -> str:

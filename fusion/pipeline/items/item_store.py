@@ -60,7 +60,7 @@ class ItemStore:
         path = self.folder / f"{encode((self.version, name, arguments)).digest}.npz"
         found, kept = _read(path)
         if found:
-            return kept  # type: ignore[no-any-return]  # what the same function returned
+            return kept
         result = function(*arguments)
         _write(path, result)
         return result
