@@ -10,6 +10,7 @@ from enum import Enum
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,66 +72,6 @@ def decode(encoded: Encoded) -> Any:
     return _read(json.loads(encoded.text), encoded.arrays)
 
 
-def _written(value: Any, arrays: list[AnyArray]) -> Any:
-    """Return JSON types; whatever is no plain number or text is a list that begins with its type."""
-    if value is None or type(value) in (bool, int, float, str):
-        return value
-    if isinstance(value, np.ndarray | np.generic):
-        array = np.asarray(value)
-        if array.dtype.hasobject:
-            raise TypeError("arrays of objects cannot be kept")
-        arrays.append(array)
-        return ["array" if isinstance(value, np.ndarray) else "scalar", len(arrays) - 1]
-    kind, name, content = _parts(value)
-    return [kind, name, [_written(each, arrays) for each in content]]
-
-
-def _parts(value: Any) -> tuple[str, str, list[Any]]:
-    """Return the kind of a value or container, its class where it has one, and what is in it."""
-    if isinstance(value, Enum):
-        return "enum", _name_of(type(value)), [value.name]
-    if isinstance(value, Path):
-        return "path", "", [str(value)]
-    if is_dataclass(value) and not isinstance(value, type):
-        names = [each.name for each in fields(value) if each.init]
-        return "value", _name_of(type(value)), [names, *(getattr(value, name) for name in names)]
-    if isinstance(value, tuple) and hasattr(value, "_fields"):
-        return "named", _name_of(type(value)), list(value)
-    if isinstance(value, Mapping):
-        return "dict", "", [list(value.keys()), list(value.values())]
-    if isinstance(value, set | frozenset):
-        # A set has no order of its own: equal sets must give equal text.
-        return type(value).__name__, "", sorted(value, key=lambda each: encode(each).text)
-    if isinstance(value, tuple | list):
-        return "tuple" if isinstance(value, tuple) else "list", "", list(value)
-    raise TypeError(f"{type(value).__name__} cannot be kept")
-
-
-_MAKERS: Mapping[str, Callable[[str, list[Any]], Any]] = {
-    "enum": lambda name, content: _class(name)[content[0]],
-    "path": lambda _, content: Path(content[0]),
-    "value": lambda name, content: _class(name)(**dict(zip(content[0], content[1:], strict=True))),
-    "named": lambda name, content: _class(name)(*content),
-    "dict": lambda _, content: dict(zip(*content, strict=True)),
-    "set": lambda _, content: set(content),
-    "frozenset": lambda _, content: frozenset(content),
-    "tuple": lambda _, content: tuple(content),
-    "list": lambda _, content: content,
-}
-
-
-def _read(content: Any, arrays: list[AnyArray]) -> Any:
-    """Return the value of what `_written` returned."""
-    if not isinstance(content, list):
-        return content
-    if content[0] == "array":
-        return arrays[content[1]]
-    if content[0] == "scalar":
-        return arrays[content[1]][()]
-    kind, name, parts = content
-    return _MAKERS[kind](name, [_read(each, arrays) for each in parts])
-
-
 def _name_of(kind: type) -> str:
     """Return the name by which `_class` finds a class of this program."""
     if kind.__module__.partition(".")[0] not in _PACKAGES:
@@ -151,3 +92,68 @@ def _class(name: str) -> Any:
     if not plain:
         raise ValueError(f"{name} is no value of this program")
     return found
+
+
+def _written(value: Any, arrays: list[AnyArray]) -> Any:
+    """Return JSON types; all but numbers and text become lists that begin with their type."""
+    if value is None or type(value) in (bool, int, float, str):
+        return value
+    if isinstance(value, np.ndarray | np.generic):
+        array = np.asarray(value)
+        if array.dtype.hasobject:
+            raise TypeError("arrays of objects cannot be kept")
+        arrays.append(array)
+        return ["array" if isinstance(value, np.ndarray) else "scalar", len(arrays) - 1]
+    kind, name, content = _parts(value)
+    return [kind, name, [_written(each, arrays) for each in content]]
+
+
+def _parts(value: Any) -> tuple[str, str, list[Any]]:
+    """Return the kind of a value or container, its class where it has one, and what is in it."""
+    if is_dataclass(value) and not isinstance(value, type):
+        names = [each.name for each in fields(value) if each.init]
+        return "value", _name_of(type(value)), [names, *(getattr(value, name) for name in names)]
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return "named", _name_of(type(value)), list(value)
+    if isinstance(value, Enum):
+        return "enum", _name_of(type(value)), [value.name]
+    for kind, content_of in _CONTENT.items():
+        if isinstance(value, kind):
+            return kind.__name__, "", content_of(value)
+    raise TypeError(f"{type(value).__name__} cannot be kept")
+
+
+# A set has no order of its own: equal sets must give equal text.
+_CONTENT: Mapping[type, Callable[[Any], list[Any]]] = {
+    Path: lambda value: [str(value)],
+    dict: lambda value: [list(value.keys()), list(value.values())],
+    MappingProxyType: lambda value: [list(value.keys()), list(value.values())],
+    set: lambda value: sorted(value, key=lambda each: encode(each).text),
+    frozenset: lambda value: sorted(value, key=lambda each: encode(each).text),
+    tuple: list,
+    list: list,
+}
+_MAKERS: Mapping[str, Callable[[str, list[Any]], Any]] = {
+    "enum": lambda name, content: _class(name)[content[0]],
+    "Path": lambda _, content: Path(content[0]),
+    "value": lambda name, content: _class(name)(**dict(zip(content[0], content[1:], strict=True))),
+    "named": lambda name, content: _class(name)(*content),
+    "dict": lambda _, content: dict(zip(*content, strict=True)),
+    "mappingproxy": lambda _, content: MappingProxyType(dict(zip(*content, strict=True))),
+    "set": lambda _, content: set(content),
+    "frozenset": lambda _, content: frozenset(content),
+    "tuple": lambda _, content: tuple(content),
+    "list": lambda _, content: content,
+}
+
+
+def _read(content: Any, arrays: list[AnyArray]) -> Any:
+    """Return the value of what `_written` returned."""
+    if not isinstance(content, list):
+        return content
+    if content[0] == "array":
+        return arrays[content[1]]
+    if content[0] == "scalar":
+        return arrays[content[1]][()]
+    kind, name, parts = content
+    return _MAKERS[kind](name, [_read(each, arrays) for each in parts])
