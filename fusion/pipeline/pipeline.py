@@ -18,6 +18,7 @@ from fusion.pipeline.catalog.records import RECORD_FOLDER, StageRecord, content_
 from fusion.pipeline.catalog.soundness import Unsound, rejected_maplets, unsound
 from fusion.pipeline.changed_files import Changed, changed_since
 from fusion.pipeline.changes import Changes
+from fusion.pipeline.items import ItemStore
 from fusion.pipeline.stage import Stage, StageContext, StageResult, find_table
 from fusion.runtime import Executor, Progress, ThreadExecutor, plain
 from fusion.runtime.machine import one_blas_thread
@@ -30,6 +31,7 @@ from spcola.formats.shapes import recognise_shape
 State = Literal["ran", "up to date", "cannot run"]
 SCRATCH_FOLDER = ".scratch"
 LOCK_FILE = ".lock"
+ITEM_FOLDER = ".items"
 
 
 @dataclass(frozen=True)
@@ -155,7 +157,7 @@ class Pipeline:
             return self._without_inputs(stage, missing, changes)
         if found := self._obstacle(stage, catalog):
             return StageRun(stage.name, "cannot run", reason=found)
-        begun = time.monotonic()
+        begun, started = time.monotonic(), time.time()
         key = self._key(stage, catalog)
         whole = self.workspace.root / SCRATCH_FOLDER
         before = changes.before(stage, key.inputs)
@@ -176,6 +178,7 @@ class Pipeline:
         scratch = whole / stage.name / key.digest[:16]
         self._clear_scratch(scratch)
         make_folder(scratch)
+        items = ItemStore(self.workspace.root / ITEM_FOLDER / stage.name, key.version)
         context = StageContext(
             self.workspace,
             self.settings,
@@ -185,6 +188,7 @@ class Pipeline:
             key.inputs,
             key.digest,
             scratch,
+            items,
             own,
         )
         self._note_shape(key.inputs)
@@ -196,6 +200,7 @@ class Pipeline:
         result = replace(result, summary=_with_findings(result.summary, findings))
         self._keep(stage, catalog, key, result)
         remove_folder(scratch.parent)
+        items.remove_unused(since=started)
         took = time.monotonic() - begun
         run = StageRun(stage.name, "ran", took, plain(result.summary))
         return self._judged(run, (*notes, *self._report(catalog, result.notes)))

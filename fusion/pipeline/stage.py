@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from fusion.pipeline.changed_files import Changed
+from fusion.pipeline.items import ItemStore
 from fusion.runtime import AHEAD, Executor, Progress
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings, Table
@@ -60,6 +61,8 @@ class StageContext:
     scratch : Path
         A folder of this run. It survives an interruption as long as `key` is unchanged, so that
         finished parts can be used again, and is removed when the stage is done.
+    items : ItemStore
+        Where finished items are kept, and found again by what went into them.
     own : Changed, optional
         Which of its last results changed since.
     """
@@ -72,6 +75,7 @@ class StageContext:
     inputs: Mapping[str, str]
     key: str
     scratch: Path
+    items: ItemStore
     own: Changed | None = None
 
     def table(self, kind: type[AnyTable]) -> AnyTable:

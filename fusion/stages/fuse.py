@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fusion.estimation.verdict import Code, Finding, Severity, Verdict
-from fusion.fusing import FuseOptions, FuseResult, SlopeInformation
+from fusion.fusing import FuseOptions, FuseResult, SlopeInformation, fuse_maplet
 from fusion.fusing.maplets import FusedMaplet, Source, write_fused
 from fusion.pipeline import StageContext, StageResult, find_table
 from fusion.scene import Scene
@@ -59,7 +59,11 @@ class FuseStage:
         )
         tally = _Tally()
 
-        fused = partial(scene.fuse, information=information, options=options)
+        def fused(name: str) -> FuseResult:
+            return context.items.result(
+                fuse_maplet, scene.parts(name), information, options=options
+            )
+
         done = context.stream("fuse maplets", fused, scene.targets, total=len(scene.targets))
         folder = workspace.root / "fused"
         make_folder(folder)

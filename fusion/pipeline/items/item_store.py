@@ -41,14 +41,16 @@ class ItemStore:
     folder: Path
     version: str
 
-    def result(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """Return ``function(*arguments)``: the kept result, or a new one, which is kept.
+    def result(
+        self, function: Callable[..., Result], *arguments: Any, **options: Any
+    ) -> Result:
+        """Return ``function(*arguments, **options)``: the kept result, or a new one, which is kept.
 
         Parameters
         ----------
         function : callable
             Pure: its result depends on the arguments and on nothing else.
-        *arguments
+        *arguments, **options
             Values that :func:`fusion.pipeline.items.encode` can write.
 
         Raises
@@ -57,11 +59,11 @@ class ItemStore:
             If the result cannot be written.
         """
         name = f"{function.__module__}.{function.__qualname__}"
-        path = self.folder / f"{encode((self.version, name, arguments)).digest}.npz"
+        path = self.folder / f"{encode((self.version, name, arguments, options)).digest}.npz"
         found, kept = _read(path)
         if found:
             return kept
-        result = function(*arguments)
+        result = function(*arguments, **options)
         _write(path, result)
         return result
 
