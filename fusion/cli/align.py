@@ -101,12 +101,12 @@ def _facts(source: PointSource) -> dict[str, Any]:
 def _lines(one: PointSource, two: PointSource, content: dict[str, Any]) -> list[str]:
     """Return what people read: the transform, where it moves the ground, the verdict."""
     from fusion.estimation.verdict import verdict_lines
-    from fusion.report import number
+    from fusion.report.layout import number_text
 
     def row(name: str, values: Any, sigmas: Any, factor: float = 1.0) -> str:
         parts = [
-            f"{number(factor * v, None if s is None else factor * s)} ± "
-            f"{'unknown' if s is None else number(factor * s, factor * s)}"
+            f"{number_text(factor * v, None if s is None else factor * s)} ± "
+            f"{'unknown' if s is None else number_text(factor * s, factor * s)}"
             for v, s in zip(values, sigmas or [None] * len(values), strict=True)
         ]
         return f"  {name}: {', '.join(parts)}"
@@ -126,7 +126,7 @@ def _lines(one: PointSource, two: PointSource, content: dict[str, Any]) -> list[
         row("translation x, y, z, m", content["translation_m"],
             _listed(content["translation_sigma_m"]))
     )  # fmt: skip
-    lines.append(f"  differences of height: {number(content['height_residual_std_m'])} m")
+    lines.append(f"  differences of height: {number_text(content['height_residual_std_m'])} m")
     for source in (one, two):
         lost = ", ".join(f"{count} {reason}" for reason, count in source.left_out.items() if count)
         lines += [f"  left out of {source.path}: {lost}"] if lost else []

@@ -304,7 +304,11 @@ class Workspace:
         atomic.write_text(path, json_text(content))
         return path
 
-    def read_json(self, name: str) -> dict[str, Any]:
+    def find_json(self, name: str | Path) -> dict[str, Any] | None:
+        """Read the file `name` as :meth:`read_json` does; None if it is not there."""
+        return self.read_json(name) if (self.root / name).is_file() else None
+
+    def read_json(self, name: str | Path) -> dict[str, Any]:
         """Read the file `name`; null becomes None.
 
         Raises
