@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from fusion.products import lon_lat_deg
+from spcola.math import lon_lat_deg
 from fusion.report.layout import Colour, styled_figure
 from fusion.workspace import Workspace
 from lidar.archive import ScanStore

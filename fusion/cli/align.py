@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from fusion.cli.output import JsonOption, show
-from fusion.cli.stages import AcceptOption
+from fusion.cli.options import AcceptOption, JsonOption
+from fusion.cli.output import show
 from spcola.errors import RejectedResultError
 
 if TYPE_CHECKING:

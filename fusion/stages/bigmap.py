@@ -11,9 +11,10 @@ import numpy as np
 
 from fusion.pipeline import StageContext, StageResult
 from fusion.registration.results import transform_of
+from fusion.runtime.folders import make_folder
 from fusion.runtime.machine import check_grid
 from fusion.stages.geolocation.locating import kernel_paths, located_store
-from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
+from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import (
     BigmapSettings,
     BigmapSite,

@@ -28,7 +28,8 @@ from fusion.products import (
     write_manifest,
 )
 from fusion.products.formats import write_fits_dtm, write_geotiff, write_obj, write_ply
-from fusion.workspace import Workspace, make_folder
+from fusion.runtime.folders import make_folder
+from fusion.workspace import Workspace
 from fusion.workspace.settings import BodySettings, ReleaseSettings, Settings, Table
 from spcola.atomic import write_error
 from spcola.formats.maplets import read_maplet

@@ -13,6 +13,7 @@ from fusion.pipeline import Pipeline, StageRun, opened
 from fusion.report import fused_places
 from fusion.report.planted import RecoveredParameter, SurfaceErrors, write_planted
 from fusion.runtime import Executor, Progress
+from fusion.runtime.folders import make_folder
 from fusion.stages import compiling_ahead, load_stages
 from fusion.stages.ingest import Source, Workers, import_files
 from fusion.truth.causes import LARGE_PULL, explained
@@ -22,7 +23,7 @@ from fusion.truth.planted import TRUTH_FILE, Planted, read_truth
 from fusion.truth.presets import MissionSettings
 from fusion.truth.recovery import compare
 from fusion.truth.surface_errors import surface_errors
-from fusion.workspace import SETTINGS_FILE, Workspace, make_folder, new_workspace
+from fusion.workspace import SETTINGS_FILE, Workspace, new_workspace
 from spcola.errors import FormatError, WorkspaceError
 from spcola.truth.body import TruthBody
 

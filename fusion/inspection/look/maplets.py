@@ -11,7 +11,6 @@ import numpy as np
 from fusion.fusing.maplets import FUSED_HDF5, FusedMaplet, Source, fused_names, read_fused
 from fusion.inspection.look.picture import Picture, set_title
 from fusion.inspection.look.shading import colour_bar, limits_of, note_gaps, shaded_colours
-from fusion.products import lon_lat_deg
 from fusion.report.layout import styled_figure
 from fusion.report.maplets import (
     bar_below,
@@ -26,6 +25,7 @@ from lidar.gridding import Mapola
 from spcola.arrays import AnyArray, FloatArray
 from spcola.formats.maplets import read_maplet
 from spcola.grids import Maplet, project_maplet
+from spcola.math import lon_lat_deg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

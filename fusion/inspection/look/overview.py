@@ -11,7 +11,6 @@ from fusion.inspection.describe import describe_workspace
 from fusion.inspection.look.numbers import measured
 from fusion.inspection.look.picture import Picture, set_title
 from fusion.pipeline.catalog import read_records
-from fusion.products import lon_lat_deg
 from fusion.report import gather_coverage
 from fusion.report.figures import draw_coverage, graticule
 from fusion.report.layout import Colour, styled_figure
@@ -20,6 +19,7 @@ from fusion.workspace import Workspace
 from lidar.archive import ScanStore
 from spcola.arrays import FloatArray
 from spcola.errors import SpcolaError
+from spcola.math import lon_lat_deg
 from spcola.shape import RayCaster
 
 if TYPE_CHECKING:

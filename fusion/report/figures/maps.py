@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fusion.products import lon_lat_deg
 from fusion.report.data import LidarCoverage
 from fusion.report.layout import Colour, styled_figure
 from spcola.arrays import FloatArray
+from spcola.math import lon_lat_deg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -15,7 +15,7 @@ import numpy as np
 from fusion.pipeline import StageContext, StageResult
 from fusion.pipeline.catalog import content_digest
 from fusion.runtime import Executor, Progress
-from fusion.runtime.machine import one_blas_thread, release
+from fusion.runtime.machine import forget_pages, one_blas_thread
 from fusion.stages.ingest.repair import Repair
 from fusion.stages.ingest.sources import (
     INGEST,
@@ -350,7 +350,7 @@ def _write(
         "import_key": _key(source, settings),
     }
     scan = write_scan(path, chunks, digest=digest, parameters=parameters)
-    release(source.path)
+    forget_pages(source.path)
     return scan
 
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fusion.products import lon_lat_deg
 from fusion.report.figures import graticule
 from fusion.report.layout import Colour, styled_figure
 from fusion.report.maplets import (
@@ -20,6 +19,7 @@ from fusion.report.maplets import (
 from fusion.truth.assessment.patches import PatchErrors
 from fusion.truth.assessment.regions import PointErrors
 from spcola.arrays import FloatArray
+from spcola.math import lon_lat_deg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

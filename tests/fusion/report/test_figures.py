@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from fusion.fusing.maplets import Source
-from fusion.products import lon_lat_deg
 from fusion.report.data import Origins
 from fusion.report.figures.maps import _local
 from fusion.report.figures.origins import origins_figure
@@ -19,7 +18,7 @@ from fusion.report.layout import number_text
 from fusion.report.maplets import hillshade
 from fusion.report.maplets.panels import north_on_image
 from spcola.grids import MapletGrid
-from spcola.math import lattice
+from spcola.math import lattice, lon_lat_deg
 
 
 def test_slopes_that_face_the_light_are_bright() -> None:
