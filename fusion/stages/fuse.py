@@ -17,7 +17,9 @@ from fusion.pipeline import StageContext, StageResult, find_table
 from fusion.runtime.folders import make_folder
 from fusion.scene import Scene
 from fusion.workspace import Workspace
-from fusion.workspace.settings import BodySettings, FuseSettings, Settings, Table
+from fusion.workspace.settings import Settings, Table
+from fusion.workspace.settings.inputs import BodySettings
+from fusion.workspace.settings.processing import FuseSettings
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,8 @@ from fusion.stages.ingest.sources import (
     whole_scans,
 )
 from fusion.workspace import Workspace
-from fusion.workspace.settings import BodySettings, ImportSettings, Settings, Table
+from fusion.workspace.settings import Settings, Table
+from fusion.workspace.settings.inputs import BodySettings, ImportSettings
 from lidar.formats import open_lidar, recognise
 from lidar.formats.native import write_scan
 from lidar.formats.records import LidarOptions

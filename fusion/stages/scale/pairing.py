@@ -34,7 +34,8 @@ from fusion.scene import maplets_around
 from fusion.stages.geolocation.locating import geolocator
 from fusion.surfacematch import MatchOptions
 from fusion.workspace import SETTINGS_FILE, Workspace
-from fusion.workspace.settings import ScaleSettings, SpiceSettings, SpinSettings
+from fusion.workspace.settings.inputs import SpiceSettings, SpinSettings
+from fusion.workspace.settings.processing import ScaleSettings
 from lidar.formats.native import iter_scan, scan_summary
 from lidar.geolocation import geolocated_by
 from lidar.scans import Returns, Scan, join

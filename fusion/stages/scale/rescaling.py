@@ -19,7 +19,8 @@ from fusion.workspace import (
     SPC_LISTS,
     Workspace,
 )
-from fusion.workspace.settings import BodySettings, Settings, write_settings
+from fusion.workspace.settings import Settings, write_settings
+from fusion.workspace.settings.inputs import BodySettings
 from spcola import atomic
 from spcola.control import (
     scaled_image,
