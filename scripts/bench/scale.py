@@ -12,7 +12,7 @@ The missions plant no range bias, but the sigma of the scale includes the prior 
 `--drawn-bias` each has a bias drawn from that prior: pulls should then scatter by 1.
 With `--by images` or `both` the missions have images, and are registered by them (three minutes).
 
-    python scripts/bench/scale [--seeds 20] [--preset tiny|mini] [--method pairs|shots]
+    python scripts/bench/scale.py [--seeds 20] [--preset tiny|mini] [--method pairs|shots]
                                [--registration] [--by topography|images|both] [--drawn-bias]
 """
 
