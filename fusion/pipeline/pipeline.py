@@ -20,10 +20,11 @@ from fusion.pipeline.changed_files import Changed, changed_since
 from fusion.pipeline.changes import Changes
 from fusion.pipeline.items import ItemStore
 from fusion.pipeline.stage import Stage, StageContext, StageResult, find_table
-from fusion.runtime import Executor, Progress, ThreadExecutor, plain
+from fusion.runtime import Executor, Progress, ThreadExecutor, json_value
+from fusion.runtime.folders import clear_leftovers, locked, make_folder, remove_folder
 from fusion.runtime.machine import one_blas_thread
-from fusion.runtime.processes import check_interrupts, clear_leftovers, locked, remove_folder
-from fusion.workspace import OWN_FOLDERS, Workspace, make_folder
+from fusion.runtime.processes import check_interrupts
+from fusion.workspace import OWN_FOLDERS, Workspace
 from fusion.workspace.settings import Settings
 from spcola.errors import SpcolaError, WorkspaceError
 from spcola.formats.shapes import recognise_shape
@@ -202,7 +203,7 @@ class Pipeline:
         remove_folder(scratch.parent)
         items.remove_unused(since=started)
         took = time.monotonic() - begun
-        run = StageRun(stage.name, "ran", took, plain(result.summary))
+        run = StageRun(stage.name, "ran", took, json_value(result.summary))
         return self._judged(run, (*notes, *self._report(catalog, result.notes)))
 
     def _note_shape(self, inputs: Mapping[str, str]) -> None:
@@ -292,7 +293,7 @@ class Pipeline:
                 key.settings,
                 key.inputs,
                 outputs,
-                plain(result.summary),
+                json_value(result.summary),
                 finished,
             )
         )
@@ -363,7 +364,7 @@ def _with_findings(summary: Mapping[str, Any], findings: Sequence[Finding]) -> M
     """Add findings to a summary."""
     if not findings:
         return summary
-    verdict = Verdict.from_json(plain(summary))
+    verdict = Verdict.from_json(json_value(summary))
     return {**summary, **Verdict((*verdict.findings, *findings)).as_json()}
 
 

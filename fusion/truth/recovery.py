@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from fusion.report import Recovered
+from fusion.report.planted import RecoveredParameter
 from fusion.truth.planted import Planted
 from spcola.arrays import FloatArray
 
 
 def compare(
     planted: Planted, registration: Mapping[str, Any], scale: Mapping[str, Any]
-) -> list[Recovered]:
+) -> list[RecoveredParameter]:
     """Return planted and recovered values.
 
     Parameters
@@ -28,7 +28,7 @@ def compare(
     return [*_of_registration(planted, registration), *_of_scale(planted, scale)]
 
 
-def _of_registration(planted: Planted, found: Mapping[str, Any]) -> list[Recovered]:
+def _of_registration(planted: Planted, found: Mapping[str, Any]) -> list[RecoveredParameter]:
     similarity = planted.similarity
     rows = [_row("registration scale", similarity.scale, found, "scale", "")]
     rotation = np.degrees(similarity.rotation_vector)
@@ -37,7 +37,7 @@ def _of_registration(planted: Planted, found: Mapping[str, Any]) -> list[Recover
     return rows
 
 
-def _of_scale(planted: Planted, found: Mapping[str, Any]) -> list[Recovered]:
+def _of_scale(planted: Planted, found: Mapping[str, Any]) -> list[RecoveredParameter]:
     """Rows of ``scale.json``, with the signs of :mod:`fusion.scaling.fit.observation`.
 
     With SPC's trajectory, spacecraft and surface are displaced alike, and there is no offset of
@@ -62,23 +62,27 @@ def _of_scale(planted: Planted, found: Mapping[str, Any]) -> list[Recovered]:
     return rows
 
 
-def _row(name: str, planted: float, found: Mapping[str, Any], key: str, unit: str) -> Recovered:
+def _row(
+    name: str, planted: float, found: Mapping[str, Any], key: str, unit: str
+) -> RecoveredParameter:
     """Read `key` and `key_sigma`, both followed by the unit, from `found`."""
     tail = f"_{unit}" if unit else ""
     value = found.get(f"{key}{tail}")
     sigma = found.get(f"{key}_sigma{tail}")
-    return Recovered(name, float(planted), _number(value), _number(sigma), unit)
+    return RecoveredParameter(name, float(planted), _number(value), _number(sigma), unit)
 
 
 def _rows(
     name: str, planted: Sequence[float] | FloatArray, found: Mapping[str, Any], key: tuple[str, str]
-) -> list[Recovered]:
+) -> list[RecoveredParameter]:
     """Read as many of the components x, y, z of a vector as were planted."""
     base, unit = key
     value = found.get(f"{base}_{unit}") or [None] * 3
     sigma = found.get(f"{base}_sigma_{unit}") or [None] * 3
     return [
-        Recovered(f"{name} {axis}", float(planted[k]), _number(value[k]), _number(sigma[k]), unit)
+        RecoveredParameter(
+            f"{name} {axis}", float(planted[k]), _number(value[k]), _number(sigma[k]), unit
+        )
         for k, axis in enumerate("xyz"[: len(planted)])
     ]
 

@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
-from fusion.report import Recovered
+from fusion.report.planted import RecoveredParameter
 from fusion.runtime import Progress, ThreadExecutor, usable_cores
 from fusion.truth import demonstrate
 from fusion.truth.presets import MissionSettings
@@ -28,7 +28,7 @@ from fusion.truth.pulls import PullStatistics, pull_statistics
 PRESETS = {"tiny": MissionSettings.tiny, "mini": MissionSettings.mini}
 
 
-def recovered(preset: str, seed: int) -> list[Recovered]:
+def recovered(preset: str, seed: int) -> list[RecoveredParameter]:
     """Make a mission, run all stages on it, and return the recovered values."""
     settings = PRESETS[preset](seed)
     with tempfile.TemporaryDirectory() as folder:
@@ -41,13 +41,15 @@ def recovered(preset: str, seed: int) -> list[Recovered]:
     return shown.recovered
 
 
-def missions(preset: str, seeds: range, lines: Path | None) -> Iterator[list[Recovered]]:
+def missions(preset: str, seeds: range, lines: Path | None) -> Iterator[list[RecoveredParameter]]:
     """Yield the table of each seed: from `lines` if it is there, else made now."""
     known = {}
     if lines and lines.exists():
         for text in lines.read_text(encoding="utf-8").splitlines():
             entry = json.loads(text)
-            known[entry["preset"], entry["seed"]] = [Recovered(**row) for row in entry["rows"]]
+            known[entry["preset"], entry["seed"]] = [
+                RecoveredParameter(**row) for row in entry["rows"]
+            ]
     for seed in seeds:
         if (preset, seed) not in known:
             start = time.perf_counter()

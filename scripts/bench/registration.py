@@ -8,7 +8,7 @@ data (Cramér–Rao, from the true slopes and both clouds' noise and numbers), t
 ICP with scaling, root mean squares over seeds, the effect of smoothing one cloud on the scale, a
 scan of a million returns against an SPC surface, and the number of mapolas matched per second.
 
-    python scripts/bench/registration [--seeds 8] [--parts clouds icp blur returns match]
+    python scripts/bench/registration.py [--seeds 8] [--parts clouds icp blur returns match]
 """
 
 from __future__ import annotations

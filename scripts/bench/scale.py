@@ -12,7 +12,7 @@ The missions plant no range bias, but the sigma of the scale includes the prior 
 `--drawn-bias` each has a bias drawn from that prior: pulls should then scatter by 1.
 With `--by images` or `both` the missions have images, and are registered by them (three minutes).
 
-    python scripts/bench/scale [--seeds 20] [--preset tiny|mini] [--method pairs|shots]
+    python scripts/bench/scale.py [--seeds 20] [--preset tiny|mini] [--method pairs|shots]
                                [--registration] [--by topography|images|both] [--drawn-bias]
 """
 
@@ -31,7 +31,7 @@ from pulls import PRESETS, table
 
 from fusion.pipeline import Pipeline
 from fusion.pipeline.catalog import Catalog
-from fusion.report import Recovered
+from fusion.report.planted import RecoveredParameter
 from fusion.runtime import Progress, ThreadExecutor, usable_cores
 from fusion.scaling.fit import ScaleOptions
 from fusion.stages import load_stages
@@ -65,7 +65,7 @@ class Kind:
         return replace(settings, lidar=replace(settings.lidar, range_bias=bias))
 
 
-def recovered(kind: Kind, seed: int) -> list[Recovered]:
+def recovered(kind: Kind, seed: int) -> list[RecoveredParameter]:
     """Make the mission of a seed, and return recovered and planted values."""
     settings = kind.mission(seed)
     executor, progress = ThreadExecutor(usable_cores()), Progress.fitting(silent=True)
@@ -100,7 +100,7 @@ def main() -> None:
     parser.add_argument("--by", choices=ways, help="register by that")
     options = parser.parse_args()
     registration = options.registration or options.by is not None
-    known: dict[int, list[Recovered]] = {}
+    known: dict[int, list[RecoveredParameter]] = {}
     kind = Kind(
         options.preset, options.method, registration, options.drawn_bias, options.by or ways[0]
     )
@@ -108,7 +108,7 @@ def main() -> None:
         for text in options.lines.read_text(encoding="utf-8").splitlines():
             entry = json.loads(text)
             if Kind(**entry["kind"]) == kind:
-                known[entry["seed"]] = [Recovered(**row) for row in entry["rows"]]
+                known[entry["seed"]] = [RecoveredParameter(**row) for row in entry["rows"]]
     seeds = range(options.first, options.first + options.seeds)
     for seed in seeds:
         if seed in known:

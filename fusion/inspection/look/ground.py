@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 
 from fusion.inspection.look.shading import length_unit
-from fusion.products import lon_lat_deg
 from spcola.arrays import FloatArray
 from spcola.grids import MapletGrid
+from spcola.math import lon_lat_deg
 
 # Points that are seen within this angle from the body's centre are drawn as a site.
 _SITE_DEG = 80.0

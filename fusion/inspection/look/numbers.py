@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fusion.report import number
+from fusion.report.layout import number_text
 
 
 def measured(value: float | None, sigma: float | None) -> str:
@@ -16,5 +16,5 @@ def measured(value: float | None, sigma: float | None) -> str:
     if value is None:
         return "unknown"
     if not sigma:
-        return number(value)
-    return f"{number(value, sigma)} ± {number(sigma, sigma)}"
+        return number_text(value)
+    return f"{number_text(value, sigma)} ± {number_text(sigma, sigma)}"

@@ -21,13 +21,8 @@ from fusion.pipeline.catalog.catalog import CATALOG_FILE
 from fusion.pipeline.pipeline import LOCK_FILE, SCRATCH_FOLDER
 from fusion.runtime import ThreadExecutor
 from fusion.workspace import Workspace
-from fusion.workspace.settings import (
-    FuseSettings,
-    MapolaSettings,
-    RegisterSettings,
-    Settings,
-    Table,
-)
+from fusion.workspace.settings import Settings, Table
+from fusion.workspace.settings.processing import FuseSettings, MapolaSettings, RegisterSettings
 from spcola import atomic
 from spcola.errors import SettingsError, WorkspaceError
 
