@@ -43,6 +43,10 @@ AcceptOption = Annotated[
         "[accept] codes in spcola.toml keeps it.",
     ),
 ]
+SolutionOption = Annotated[
+    str,
+    typer.Option(metavar="NAME", help="The SPC solution; by default the one in use."),
+]
 FACES_FROM = typer.Option(
     min=0, max=1, help="Number of the first vertex in the faces of an OBJ: 1, or 0."
 )
@@ -53,6 +57,7 @@ class RunOptions:
     """Options of all commands that run stages."""
 
     force: Annotated[bool, typer.Option("--force", help="Run even if up to date.")] = False
+    solution: SolutionOption = ""
     workers: WorkersOption = None
     cluster: ClusterOption = ""
     accept: AcceptOption = None

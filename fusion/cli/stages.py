@@ -108,10 +108,6 @@ def bigmap(
 
 def scale(
     workspace: WorkspaceArgument,
-    destination: Annotated[
-        Path | None,
-        typer.Argument(metavar="DEST", help="With --apply: a new folder; by default WS-scaled."),
-    ] = None,
     method: Annotated[
         Literal["pairs", "shots"] | None,
         typer.Option(
@@ -121,41 +117,45 @@ def scale(
     apply: Annotated[
         bool,
         typer.Option(
-            "--apply", help="Write a scaled copy of the SPC solution; the original is unchanged."
+            "--apply", help="Make a scaled solution from the one that is read, which is unchanged."
         ),
     ] = False,
+    name: Annotated[
+        str,
+        typer.Option(
+            "--as",
+            metavar="NAME",
+            help="With --apply: name of the new solution, else scaled-1, ...",
+        ),
+    ] = "",
     options: RunOptions = RunOptions(),
 ) -> None:
     """Estimate scale, centre and prime meridian.
 
     They come from paired bigmaps or single shots and are written with their sigmas to scale.json.
     Epsilon > 0 means that the SPC body is too small: ranges are longer than predicted by SPC's
-    trajectory, and shorter than predicted by an independent one. With --apply a new workspace is
-    written: a copy of maplets, landmarks, states and shape with all lengths times 1 + epsilon, and
-    the same scans. This is refused if epsilon is below three sigmas, not determined or not
+    trajectory, and shorter than predicted by an independent one. With --apply a new
+    solution is made: maplets, landmarks, states and shape with all lengths times 1 + epsilon. This
+    is refused if epsilon is below three sigmas, not determined or not
     separable, unless --accept names that finding.
     """
-    if destination is not None and not apply:
-        raise typer.BadParameter("is given without --apply", param_hint="DEST")
+    if name and not apply:
+        raise typer.BadParameter("is given without --apply", param_hint="--as")
     if apply:
-        _scale_and_apply(workspace, destination, method, options)
+        _scale_and_apply(workspace, name, method, options)
     else:
         _run(workspace, options, "scale", method=method)
 
 
-def _scale_and_apply(
-    workspace: Path, destination: Path | None, method: str | None, options: RunOptions
-) -> None:
-    """Bring the scale up to date, and write the copy."""
+def _scale_and_apply(workspace: Path, name: str, method: str | None, options: RunOptions) -> None:
+    """Bring the scale up to date, and make the scaled solution."""
     from fusion.stages.scale import apply_scale
 
     pipeline = _pipeline(workspace, options, "scale", method=method)
-    root = pipeline.workspace.root
-    target = destination or root.absolute().with_name(f"{root.absolute().name}-scaled")
     ran = pipeline.run_stage("scale", force=options.force)
     _end(pipeline, [ran])
     applied = apply_scale(
-        pipeline.workspace, target, pipeline.progress, accepted=pipeline.settings.accept.codes
+        pipeline.workspace, name, pipeline.progress, accepted=pipeline.settings.accept.codes
     )
     content = {**run_content(ran), "applied": applied.as_dict()}
     show(content, [*run_lines(ran), *applied.lines()], as_json=options.as_json)
@@ -226,7 +226,7 @@ def _pipeline(workspace: Path, options: RunOptions, table: str = "", **changed: 
     from fusion.stages import load_stages
     from fusion.workspace import Workspace
 
-    opened = Workspace.open(shared_path(workspace, options.cluster))
+    opened = Workspace.open(shared_path(workspace, options.cluster), options.solution)
     settings = opened.settings()
     settings = _changed(settings, table, changed)
     if options.accept:

@@ -3,5 +3,18 @@
 from fusion.inspection.describe import describe_file, describe_workspace
 from fusion.inspection.forecast import mapolas_forecast
 from fusion.inspection.foreign import name_content
+from fusion.inspection.solution_difference import (
+    SolutionDifference,
+    difference_lines,
+    solution_difference,
+)
 
-__all__ = ["describe_file", "describe_workspace", "mapolas_forecast", "name_content"]
+__all__ = [
+    "SolutionDifference",
+    "describe_file",
+    "describe_workspace",
+    "difference_lines",
+    "mapolas_forecast",
+    "name_content",
+    "solution_difference",
+]

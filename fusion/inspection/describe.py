@@ -44,7 +44,7 @@ def describe_workspace(workspace: Workspace) -> dict[str, Any]:
     settings = workspace.settings()
     scans = list(whole_scans(workspace).values())
     per_worker = settings.ingest.chunk * BYTES_PER_RETURN
-    shapes = sorted((workspace.root / "SHAPEFILES").glob("[!.]*"))
+    shapes = sorted((workspace.home / "SHAPEFILES").glob("[!.]*"))
     return {
         "kind": "workspace",
         "body": settings.body.name,

@@ -67,8 +67,8 @@ class Changes:
         return () if record is None else record.outputs
 
     def _of_record(self, record: StageRecord) -> Changed:
-        root = self.catalog.workspace.root
-        there = {name: root / name for name in record.outputs if (root / name).is_file()}
+        path_of = self.catalog.workspace.path_of
+        there = {name: path_of(name) for name in record.outputs if path_of(name).is_file()}
         digests = self.catalog.digests_of(list(there.values()))
         differing = (
             name

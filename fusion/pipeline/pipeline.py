@@ -14,7 +14,12 @@ from typing import Any, Literal
 import spcola
 from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.pipeline.catalog.catalog import Catalog
-from fusion.pipeline.catalog.records import RECORD_FOLDER, StageRecord, content_digest
+from fusion.pipeline.catalog.records import (
+    RECORD_FOLDER,
+    SHARED_STAGES,
+    StageRecord,
+    content_digest,
+)
 from fusion.pipeline.catalog.soundness import Unsound, rejected_maplets, unsound
 from fusion.pipeline.changed_files import Changed, changed_since
 from fusion.pipeline.changes import Changes
@@ -24,7 +29,7 @@ from fusion.runtime import Executor, Progress, ThreadExecutor, json_value
 from fusion.runtime.folders import clear_leftovers, locked, make_folder, remove_folder
 from fusion.runtime.machine import one_blas_thread
 from fusion.runtime.processes import check_interrupts
-from fusion.workspace import OWN_FOLDERS, Workspace
+from fusion.workspace import IMPORTED, OWN_FOLDERS, Workspace
 from fusion.workspace.settings import Settings
 from spcola.errors import SpcolaError, WorkspaceError
 from spcola.formats.shapes import recognise_shape
@@ -97,7 +102,7 @@ class Pipeline:
         """
         with opened(self.workspace) as catalog:
             fit = self._without_unsound(catalog)
-            runs = [fit._update(stage, catalog, force) for stage in self.stages]
+            runs = [fit._brought(stage, catalog, force) for stage in self.stages]
         if all(run.state == "cannot run" for run in runs):
             reason = runs[0].reason if runs else "there is no stage"
             raise WorkspaceError(f"nothing can run: {reason}", self.workspace.root)
@@ -124,7 +129,7 @@ class Pipeline:
                     self.progress.note(
                         f"note: {earlier.name} is out of date; spcola run brings all up to date"
                     )
-            run = self._without_unsound(catalog)._update(stage, catalog, force)
+            run = self._without_unsound(catalog)._brought(stage, catalog, force)
         if run.state == "cannot run":
             raise WorkspaceError(f"{name} cannot run: {run.reason}", self.workspace.root)
         return run
@@ -135,8 +140,33 @@ class Pipeline:
         with closing(Catalog(self.workspace, read_only=True)) as catalog:
             return {stage.name: self._state(stage, catalog) for stage in self.stages}
 
+    def _of_all(self) -> Pipeline:
+        """Return the pipeline of what all solutions of the workspace share."""
+        shared = [stage for stage in self.stages if stage.name in SHARED_STAGES]
+        return replace(self, workspace=replace(self.workspace, solution=IMPORTED), stages=shared)
+
+    def _is_of_all(self, stage: Stage) -> bool:
+        """Return whether the result of `stage` is shared with other solutions, and not its own."""
+        return self.workspace.solution != IMPORTED and stage.name in SHARED_STAGES
+
+    def _brought(self, stage: Stage, catalog: Catalog, force: bool) -> StageRun:
+        """Bring a stage up to date: in this solution, or for all of them if they share its result.
+
+        Only if there is something to do for all must no other program work in the workspace.
+        """
+        if not self._is_of_all(stage):
+            return self._update(stage, catalog, force)
+        shared, record = self._of_all(), catalog.record(stage.name)
+        if not force and record and shared.states()[stage.name] == "up to date":
+            run = StageRun(stage.name, "up to date", summary=record.summary)
+            return self._judged(run, ())
+        with opened(shared.workspace) as of_all:
+            return shared._update(stage, of_all, force)
+
     def _state(self, stage: Stage, catalog: Catalog) -> str:
         """Return the state of `stage`; see :meth:`states`."""
+        if self._is_of_all(stage):
+            return self._of_all().states()[stage.name]
         try:
             missing = stage.missing(self.workspace, self.settings)
             missing = missing or self._obstacle(stage, catalog)
@@ -160,7 +190,7 @@ class Pipeline:
             return StageRun(stage.name, "cannot run", reason=found)
         begun, started = time.monotonic(), time.time()
         key = self._key(stage, catalog)
-        whole = self.workspace.root / SCRATCH_FOLDER
+        whole = self.workspace.home / SCRATCH_FOLDER
         before = changes.before(stage, key.inputs)
         against = [changed for changed in before if changed.is_contradicted]
         if against and Code.CHANGED_INPUT not in self.settings.accept.codes:
@@ -179,7 +209,7 @@ class Pipeline:
         scratch = whole / stage.name / key.digest[:16]
         self._clear_scratch(scratch)
         make_folder(scratch)
-        items = ItemStore(self.workspace.root / ITEM_FOLDER / stage.name, key.version)
+        items = ItemStore(self.workspace.home / ITEM_FOLDER / stage.name, key.version)
         context = StageContext(
             self.workspace,
             self.settings,
@@ -280,7 +310,7 @@ class Pipeline:
         before = catalog.record(stage.name)
         outputs = catalog.digests(list(result.outputs))
         for path, digest in ({} if before is None else before.outputs).items():
-            file = self.workspace.root / path
+            file = self.workspace.path_of(path)
             # A file that was changed since by hand is not removed.
             if path not in outputs and file.is_file() and catalog.digest(file) == digest:
                 file.unlink()
@@ -314,13 +344,15 @@ class Pipeline:
         record = catalog.record(stage.name)
         if record is None or record.key != key.digest:
             return None
-        files = [self.workspace.root / path for path in record.outputs]
+        files = [self.workspace.path_of(path) for path in record.outputs]
         if not all(file.is_file() for file in files):
             return None
         return record if catalog.digests_of(files) == list(record.outputs.values()) else None
 
     def _is_stale(self, stage: Stage, catalog: Catalog) -> bool:
         """Return whether `stage` ran before but its inputs, settings or version changed since."""
+        if self._is_of_all(stage):
+            return self._state(stage, catalog).startswith("due")
         if catalog.record(stage.name) is None or stage.missing(self.workspace, self.settings):
             return False
         return self._current(stage, catalog, self._key(stage, catalog)) is None
@@ -385,8 +417,8 @@ def opened(workspace: Workspace) -> Iterator[Catalog]:
     WorkspaceError
         If another program works in it, or it cannot be written.
     """
-    own = [workspace.root, *(workspace.root / name for name in (*OWN_FOLDERS, RECORD_FOLDER))]
-    with locked(workspace.root / LOCK_FILE):
+    own = [workspace.home, *(workspace.home / name for name in (*OWN_FOLDERS, RECORD_FOLDER))]
+    with locked(workspace.home / LOCK_FILE):
         clear_leftovers(own)
         with closing(Catalog(workspace)) as catalog:
             catalog.restore()

@@ -122,7 +122,7 @@ def fused_places(workspace: Workspace, *, most: int | None = None) -> Iterator[S
     SpcolaError
         If a file that is there cannot be used.
     """
-    folder = workspace.root / "fused"
+    folder = workspace.home / "fused"
     if not (folder / FUSED_HDF5).is_file():
         return
     registration = workspace.find_json(workspace.registration_path)

@@ -91,7 +91,7 @@ class BigmapStage:
         )
         builder = _Builder(workspace, store, table, RayCaster(shape), radius)
         for folder in ("bigmaps", "bigmaps/maplets", "bigmaps/returns"):
-            make_folder(workspace.root / folder)
+            make_folder(workspace.home / folder)
         made = context.map("bigmaps", builder.write_site, table.sites)
         return StageResult(
             tuple(path for paths, _ in made for path in paths),
@@ -126,7 +126,7 @@ class _Builder:
         grid = self._grid(site)
         spc = (self._workspace.maplet(name) for name in _over(grid, self._maplets))
         fused = (self._workspace.fused(name) for name in _over(grid, self._fused))
-        root = self._workspace.root / "bigmaps"
+        root = self._workspace.home / "bigmaps"
         bigmaps = {
             root / f"{site.name}.MAP": self._joined(site.name, grid, fused),
             root / "maplets" / f"{site.name}.MAP": self._joined(site.name, grid, spc),

@@ -68,7 +68,7 @@ class FuseStage:
             )
 
         done = context.stream("fuse maplets", fused, scene.targets, total=len(scene.targets))
-        folder = workspace.root / "fused"
+        folder = workspace.home / "fused"
         make_folder(folder)
         write_fused(folder, tally.passed(done))
         summary = {**tally.summary(information), **tally.verdict().as_json()}

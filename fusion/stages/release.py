@@ -88,7 +88,7 @@ class Origins:
 
     def made_from(self, name: str) -> dict[str, str]:
         """Return path → digest of the files of which the maplet `name` (empty: all) was made."""
-        root = self.workspace.root
+        root = self.workspace.home
         candidates = [root / "fused" / FUSED_HDF5, self.workspace.registration_path]
         if name:
             candidates += [self.workspace.maplet_path(name), root / "mapolas" / f"{name}.MAP"]
@@ -116,14 +116,14 @@ class ReleaseStage:
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why nothing can be released; empty if it can."""
-        if not (workspace.root / "fused" / FUSED_HDF5).is_file():
+        if not (workspace.home / "fused" / FUSED_HDF5).is_file():
             return f"there are no fused maplets; run: spcola fuse {workspace.root}"
         return ""
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
         """Return fused maplets and bigmaps."""
         fused = [workspace.fused_path(name) for name in workspace.fused_names()]
-        return [workspace.root / "fused" / FUSED_HDF5, *fused, *bigmap_paths(workspace)]
+        return [workspace.home / "fused" / FUSED_HDF5, *fused, *bigmap_paths(workspace)]
 
     def run(self, context: StageContext) -> StageResult:
         """Build everything in the scratch folder, then move it to release/, the manifest last.
@@ -139,7 +139,7 @@ class ReleaseStage:
         inputs = self.inputs(context.workspace, context.settings)
         provenance = origins.provenance(origins.digests(inputs))
         text = manifest_text(products, provenance, origins.stages)
-        folder = context.workspace.root / "release"
+        folder = context.workspace.home / "release"
         paths = publish(build, folder, [product.file for product in products], text)
         kinds = sorted({product.kind for product in products})
         summary = {
@@ -156,14 +156,14 @@ STAGE = ReleaseStage()
 
 def bigmap_paths(workspace: Workspace) -> list[Path]:
     """Return the bigmaps of the workspace, with their sigma companions and further layers."""
-    folder = workspace.root / "bigmaps"
+    folder = workspace.home / "bigmaps"
     return [path for path in sorted(folder.glob("[!.]*")) if path.is_file()]
 
 
 def build_products(context: StageContext, build: Path, origins: Origins) -> list[Product]:
     """Write every product into the folder `build`; return their entries."""
     workspace, table = context.workspace, context.table(ReleaseSettings)
-    names = [*fused_names(workspace.root / "fused"), *_bigmap_names(workspace)]
+    names = [*fused_names(workspace.home / "fused"), *_bigmap_names(workspace)]
     grids = [_grid(workspace, name) for name in names]
     stems = dict(zip(names, product_stems(grids, version=table.version), strict=True))
 
@@ -198,18 +198,18 @@ def _write_maps(
 
 def load_fused(workspace: Workspace, name: str) -> FusedMaplet:
     """Read a fused maplet, or a bigmap with the sources of its fused maplets."""
-    folder = workspace.root / "fused"
+    folder = workspace.home / "fused"
     if workspace.fused_path(name).is_file():
         return read_fused(folder, name)
     around = (read_fused(folder, other) for other in fused_names(folder))
-    return fused_bigmap(read_maplet(workspace.root / "bigmaps" / f"{name}.MAP"), around)
+    return fused_bigmap(read_maplet(workspace.home / "bigmaps" / f"{name}.MAP"), around)
 
 
 def _grid(workspace: Workspace, name: str) -> MapletGrid:
     """Return the grid of a fused maplet or bigmap."""
     if workspace.fused_path(name).is_file():
-        return read_fused(workspace.root / "fused", name).grid
-    return read_maplet(workspace.root / "bigmaps" / f"{name}.MAP").grid
+        return read_fused(workspace.home / "fused", name).grid
+    return read_maplet(workspace.home / "bigmaps" / f"{name}.MAP").grid
 
 
 def publish(build: Path, folder: Path, files: list[str], manifest: str) -> list[Path]:

@@ -34,7 +34,7 @@ class ReportStage:
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
         """Return the existing files that the report reads."""
-        root = workspace.root
+        root = workspace.home
         results = [root / "fused" / FUSED_HDF5, workspace.registration_path, workspace.scale_path]
         candidates = [*results, root / PLANTED_FILE, *workspace.maplet_files()]
         candidates += workspace.mapola_paths()

@@ -1,6 +1,7 @@
 """A workspace: the folder that holds an SPC solution, lidar scans and their results."""
 
 from fusion.workspace.initialise import new_workspace
+from fusion.workspace.solution_records.record import IMPORTED
 from fusion.workspace.workspace import (
     OWN_FOLDERS,
     SETTINGS_FILE,
@@ -10,6 +11,7 @@ from fusion.workspace.workspace import (
 )
 
 __all__ = [
+    "IMPORTED",
     "OWN_FOLDERS",
     "SETTINGS_FILE",
     "SPC_FOLDERS",

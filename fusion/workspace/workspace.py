@@ -14,6 +14,12 @@ from fusion.fusing.maplets import FusedMaplet, read_fused
 from fusion.runtime import json_text
 from fusion.runtime.folders import make_folder
 from fusion.workspace.settings.settings import Settings, load_settings, write_settings
+from fusion.workspace.solution_records.record import (
+    IMPORTED,
+    name_in_use,
+    read_solution,
+    solution_folder,
+)
 from lidar.adjustment import ScanAdjustment
 from lidar.formats.mapolas import ADJUSTMENT_HDF5, read_adjustment, read_mapola
 from lidar.gridding import Mapola
@@ -34,6 +40,8 @@ SPC_LISTS = ("PICTLIST.TXT", "LMRKLIST.TXT", "MAPLIST.TXT")
 # Surface points lie within this factor of the mean radius; a wrong unit (metres for kilometres)
 # is a factor of a thousand.
 _UNIT_FACTOR = 30.0
+# Folders that all solutions share.
+_SHARED = ("scans", "IMAGEFILES")
 OWN_FOLDERS = ("scans", "mapolas", "fused", "bigmaps", "pairs", "release")
 
 
@@ -44,17 +52,27 @@ class Workspace:
     Parameters
     ----------
     root : Path
-        The folder; it contains ``spcola.toml``.
+        The folder; it contains ``spcola.toml``, scans, and the pixels of images.
     left_out : frozenset of str
         Maplets to ignore.
+    solution : str
+        The SPC solution whose maplets, landmarks, states and shape are read, and whose results
+        are meant (:mod:`fusion.workspace.solutions`).
     """
 
     root: Path
     left_out: frozenset[str] = frozenset()
+    solution: str = IMPORTED
 
     @classmethod
-    def open(cls, root: str | Path) -> Workspace:
+    def open(cls, root: str | Path, solution: str = "") -> Workspace:
         """Open the workspace in the folder `root`.
+
+        Parameters
+        ----------
+        root : str or Path
+        solution : str
+            By default the one in use.
 
         Raises
         ------
@@ -68,7 +86,10 @@ class Workspace:
             raise WorkspaceError(
                 f"is not a workspace: it has no {SETTINGS_FILE}", root, f"run: spcola init {root}"
             )
-        return cls(root)
+        name = solution or name_in_use(root)
+        if name != IMPORTED:
+            read_solution(root, name)
+        return cls(root, solution=name)
 
     @classmethod
     def create(cls, root: str | Path, settings: Settings) -> Workspace:
@@ -88,13 +109,32 @@ class Workspace:
         return cls(root)
 
     def settings(self) -> Settings:
-        """Read ``spcola.toml``."""
-        return load_settings(self.root / SETTINGS_FILE)
+        """Read ``spcola.toml``, and apply what the solution changed of it."""
+        settings = load_settings(self.root / SETTINGS_FILE)
+        if self.solution == IMPORTED:
+            return settings
+        for table, values in read_solution(self.root, self.solution).constants.items():
+            settings = settings.with_table(table, **values)
+        return settings
+
+    @property
+    def home(self) -> Path:
+        """The folder of the solution: its SPC files, and all that was made with it."""
+        return solution_folder(self.root, self.solution)
+
+    def path_of(self, name: str) -> Path:
+        """Return the file that :meth:`relative` names."""
+        return (self.root if name.partition("/")[0] in _SHARED else self.home) / name
 
     def relative(self, path: Path) -> str:
-        """Return `path` as it is named in the catalogue: relative to the root where inside it."""
-        inside = path.is_relative_to(self.root)
-        name = path.relative_to(self.root).as_posix() if inside else str(path.resolve())
+        """Return `path` as it is named in the catalogue.
+
+        Relative to the folder of the solution where inside it, so that a file has the same name
+        in all solutions, or else to the root.
+        """
+        base = self.home if path.is_relative_to(self.home) else self.root
+        inside = path.is_relative_to(base)
+        name = path.relative_to(base).as_posix() if inside else str(path.resolve())
         # The data base stores UTF-8, and a file name may not be UTF-8.
         return name.encode("utf-8", "backslashreplace").decode("utf-8")
 
@@ -104,13 +144,13 @@ class Workspace:
 
     def _all_maplets(self) -> list[str]:
         for listing in ("MAPLIST.TXT", "LMRKLIST.TXT"):
-            if _is_there(self.root / listing):
+            if _is_there(self.home / listing):
                 return self._listed(listing, "landmark", "MAPFILES", ".MAP")
         return self._stems("MAPFILES", ".MAP")
 
     def maplet_path(self, name: str) -> Path:
         """Return where the maplet `name` lies."""
-        return self.root / "MAPFILES" / f"{name}.MAP"
+        return self.home / "MAPFILES" / f"{name}.MAP"
 
     def maplet_files(self) -> list[Path]:
         """Return the files of all maplets: each .MAP, and its sigma companion where it has one."""
@@ -127,13 +167,13 @@ class Workspace:
 
     def landmark_names(self) -> list[str]:
         """Return the landmarks: those of LMRKLIST.TXT, else all in LMKFILES."""
-        if _is_there(self.root / "LMRKLIST.TXT"):
+        if _is_there(self.home / "LMRKLIST.TXT"):
             return self._listed("LMRKLIST.TXT", "landmark", "LMKFILES", ".LMK")
         return self._stems("LMKFILES", ".LMK")
 
     def landmark_path(self, name: str) -> Path:
         """Return where the landmark `name` lies."""
-        return self.root / "LMKFILES" / f"{name}.LMK"
+        return self.home / "LMKFILES" / f"{name}.LMK"
 
     def landmark(self, name: str) -> Landmark:
         """Read the landmark `name`."""
@@ -141,13 +181,13 @@ class Workspace:
 
     def image_names(self) -> list[str]:
         """Return the images: those of PICTLIST.TXT, else all in SUMFILES."""
-        if _is_there(self.root / "PICTLIST.TXT"):
+        if _is_there(self.home / "PICTLIST.TXT"):
             return self._listed("PICTLIST.TXT", "image", "SUMFILES", ".SUM")
         return self._stems("SUMFILES", ".SUM")
 
     def image_path(self, name: str) -> Path:
         """Return where the SUM file of the image `name` lies."""
-        return self.root / "SUMFILES" / f"{name}.SUM"
+        return self.home / "SUMFILES" / f"{name}.SUM"
 
     def image(self, name: str) -> SpcImage:
         """Read the state of the image `name` (no pixels)."""
@@ -185,7 +225,7 @@ class Workspace:
         WorkspaceError
             If there is none, or several and none is chosen.
         """
-        folder = self.root / "SHAPEFILES"
+        folder = self.home / "SHAPEFILES"
         chosen = self.settings().body.shape
         if chosen:
             return self._present(folder / chosen, "shape")
@@ -201,7 +241,7 @@ class Workspace:
 
     def has_shape(self) -> bool:
         """Return whether there is any file in SHAPEFILES."""
-        return bool(self._files(self.root / "SHAPEFILES"))
+        return bool(self._files(self.home / "SHAPEFILES"))
 
     def shape(self) -> Mesh:
         """Read the shape model.
@@ -246,17 +286,17 @@ class Workspace:
 
     def mapola_paths(self) -> list[Path]:
         """Return the files of all mapolas: their maps and the HDF5 with the other layers."""
-        return self._files(self.root / "mapolas")
+        return self._files(self.home / "mapolas")
 
     def mapola(self, name: str) -> Mapola:
         """Read the mapola `name`."""
-        self._present(self.root / "mapolas" / f"{name}.MAP", "mapola")
-        return read_mapola(self.root / "mapolas", name)
+        self._present(self.home / "mapolas" / f"{name}.MAP", "mapola")
+        return read_mapola(self.home / "mapolas", name)
 
     @property
     def adjustment_path(self) -> Path:
         """Where the displacements of scans lie with which the mapolas were made."""
-        return self.root / "mapolas" / ADJUSTMENT_HDF5
+        return self.home / "mapolas" / ADJUSTMENT_HDF5
 
     def adjustment(self) -> ScanAdjustment | None:
         """Read the displacements of the scans; None if the mapolas were made without."""
@@ -268,46 +308,46 @@ class Workspace:
 
     def fused_paths(self) -> list[Path]:
         """Return the files of all fused maplets: maps, sigmas and the HDF5 of the rest."""
-        return self._files(self.root / "fused")
+        return self._files(self.home / "fused")
 
     def fused_path(self, name: str) -> Path:
         """Return where the fused maplet `name` lies."""
-        return self.root / "fused" / f"{name}.MAP"
+        return self.home / "fused" / f"{name}.MAP"
 
     def fused(self, name: str) -> FusedMaplet:
         """Read the fused maplet `name`."""
         self._present(self.fused_path(name), "fused maplet")
-        return read_fused(self.root / "fused", name)
+        return read_fused(self.home / "fused", name)
 
     def pair_path(self, image: str, kind: str) -> Path:
         """Return where a bigmap of the pair of `image` lies; `kind` is "maplets" or "returns"."""
-        return self.root / "pairs" / f"{image}-{kind}.MAP"
+        return self.home / "pairs" / f"{image}-{kind}.MAP"
 
     @property
     def registration_path(self) -> Path:
         """Where the registration lies."""
-        return self.root / "registration.json"
+        return self.home / "registration.json"
 
     @property
     def scale_path(self) -> Path:
         """Where the scale lies."""
-        return self.root / "scale.json"
+        return self.home / "scale.json"
 
     @property
     def report_path(self) -> Path:
         """Where the report lies."""
-        return self.root / "report.html"
+        return self.home / "report.html"
 
     def write_json(self, name: str, content: Mapping[str, Any]) -> Path:
         """Write `content` to the file `name`: atomic, keys sorted, NaN and infinity as null."""
-        path = self.root / name
+        path = self.home / name
         make_folder(path.parent)
         atomic.write_text(path, json_text(content))
         return path
 
     def find_json(self, name: str | Path) -> dict[str, Any] | None:
         """Read the file `name` as :meth:`read_json` does; None if it is not there."""
-        return self.read_json(name) if (self.root / name).is_file() else None
+        return self.read_json(name) if (self.home / name).is_file() else None
 
     def read_json(self, name: str | Path) -> dict[str, Any]:
         """Read the file `name`; null becomes None.
@@ -317,7 +357,7 @@ class Workspace:
         WorkspaceError
             If it is missing or holds no JSON object.
         """
-        path = self.root / name
+        path = self.home / name
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
         except OSError as error:
@@ -332,18 +372,19 @@ class Workspace:
 
     def _listed(self, listing: str, kind: ListKind, folder: str, suffix: str) -> list[str]:
         """Return the names in `listing`; an empty list next to a full folder is refused."""
-        names = read_list(self.root / listing, kind=kind)
+        names = read_list(self.home / listing, kind=kind)
         if not names and (there := len(self._stems(folder, suffix))):
             raise WorkspaceError(
                 f"lists nothing, but {folder} holds {there} files",
-                self.root / listing,
+                self.home / listing,
                 "write their names into it, or remove it to take all of them",
             )
         return names
 
     def _stems(self, folder: str, suffix: str) -> list[str]:
         """Return the names of the files with `suffix` in a folder of the workspace, sorted."""
-        return [p.stem for p in self._files(self.root / folder, suffix) if p.suffix == suffix]
+        base = self.root if folder in _SHARED else self.home
+        return [p.stem for p in self._files(base / folder, suffix) if p.suffix == suffix]
 
     @staticmethod
     def _files(folder: Path, suffix: str = "") -> list[Path]:

@@ -2,6 +2,6 @@
 
 from spcola.math.directions import lon_lat_deg
 from spcola.math.lattices import lattice
-from spcola.math.similarity import Affine, Similarity
+from spcola.math.similarity import Affine, Similarity, similarity_between
 
-__all__ = ["Affine", "Similarity", "lattice", "lon_lat_deg"]
+__all__ = ["Affine", "Similarity", "lattice", "lon_lat_deg", "similarity_between"]

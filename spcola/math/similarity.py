@@ -212,3 +212,29 @@ def check_frames_meet(second: Affine | Similarity, first: Affine | Similarity) -
             f"{first.source} → {first.target} cannot be followed by "
             f"{second.source} → {second.target}"
         )
+
+
+def similarity_between(points: ArrayLike, moved: ArrayLike) -> Similarity:
+    """Return the similarity that takes points nearest to where they were moved.
+
+    It minimises the sum of the squared distances (Umeyama 1991).
+
+    Parameters
+    ----------
+    points, moved : (N, 3) array_like
+        Metres, N ≥ 3, not on one line.
+
+    Raises
+    ------
+    InvalidValueError
+        If the points leave the rotation free.
+    """
+    source, target = np.asarray(points, dtype=np.float64), np.asarray(moved, dtype=np.float64)
+    middle, aim = source.mean(axis=0), target.mean(axis=0)
+    u, strength, vt = np.linalg.svd((target - aim).T @ (source - middle))
+    if len(source) < 3 or strength[1] <= 1e-12 * strength[0]:
+        raise InvalidValueError("lie on one line, or are fewer than three", "points")
+    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    rotation = (u * sign) @ vt
+    scale = float(strength @ sign / np.sum((source - middle) ** 2))
+    return Similarity(rotation, aim - scale * rotation @ middle, scale)

@@ -2,5 +2,13 @@
 
 from fusion.inspection.look.choose import LookOptions, look_at
 from fusion.inspection.look.picture import Picture, picture_path, save_picture
+from fusion.inspection.look.solutions import difference_picture
 
-__all__ = ["LookOptions", "Picture", "look_at", "picture_path", "save_picture"]
+__all__ = [
+    "LookOptions",
+    "Picture",
+    "difference_picture",
+    "look_at",
+    "picture_path",
+    "save_picture",
+]

@@ -62,7 +62,7 @@ class Catalog:
 
     def __init__(self, workspace: Workspace, *, read_only: bool = False) -> None:
         self.workspace = workspace
-        self.path = workspace.root / CATALOG_FILE
+        self.path = workspace.home / CATALOG_FILE
         self.rebuilt = False
         self.notes: list[str] = []
         try:
@@ -151,7 +151,7 @@ class Catalog:
 
     def restore(self) -> None:
         """Write lost or damaged records again, from the copies in the data base."""
-        folder = self.workspace.root / RECORD_FOLDER
+        folder = self.workspace.home / RECORD_FOLDER
         there = {path.stem for path in folder.glob("*.json")}
         for stage in sorted(there | set(self._names())):
             if read_record(self.workspace, stage) is not None:

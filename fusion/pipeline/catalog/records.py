@@ -14,6 +14,8 @@ from fusion.workspace import Workspace
 from spcola.errors import WorkspaceError
 
 RECORD_FOLDER = "provenance"
+SHARED_STAGES = ("ingest",)
+"""Stages whose results all solutions of a workspace share."""
 _CHECKSUM = "checksum"
 
 
@@ -70,7 +72,8 @@ class StageRecord:
 
 def record_path(workspace: Workspace, stage: str) -> Path:
     """Return where the record of `stage` lies."""
-    return workspace.root / RECORD_FOLDER / f"{stage}.json"
+    base = workspace.root if stage in SHARED_STAGES else workspace.home
+    return base / RECORD_FOLDER / f"{stage}.json"
 
 
 def write_record(workspace: Workspace, record: StageRecord) -> None:
@@ -100,7 +103,9 @@ def read_record(workspace: Workspace, stage: str) -> StageRecord | None:
 
 
 def read_records(workspace: Workspace) -> list[StageRecord]:
-    """Return the records in ``provenance/``; damaged ones are ignored.
+    """Return the records in ``provenance/``, with those that solutions share.
+
+    Damaged ones are ignored.
 
     A stage without a record runs again: a damaged record costs time and never a wrong result.
 
@@ -109,8 +114,8 @@ def read_records(workspace: Workspace) -> list[StageRecord]:
     WorkspaceError
         If a file cannot be read.
     """
-    paths = sorted((workspace.root / RECORD_FOLDER).glob("*.json"))
-    found = (read_record(workspace, path.stem) for path in paths)
+    own = {path.stem for path in (workspace.home / RECORD_FOLDER).glob("*.json")}
+    found = (read_record(workspace, stage) for stage in sorted(own | set(SHARED_STAGES)))
     return [record for record in found if record is not None]
 
 

@@ -41,9 +41,7 @@ class ItemStore:
     folder: Path
     version: str
 
-    def result(
-        self, function: Callable[..., Result], *arguments: Any, **options: Any
-    ) -> Result:
+    def result(self, function: Callable[..., Result], *arguments: Any, **options: Any) -> Result:
         """Return ``function(*arguments, **options)``: the kept result, or a new one, which is kept.
 
         Parameters

@@ -90,11 +90,11 @@ class MapolasStage:
         done = context.stream("mapolas", one, grids.items(), total=len(grids), ahead=_AHEAD)
         empty = WorkspaceError(
             f"none of {len(grids)} grids is covered to {table.min_coverage:.0%} by returns",
-            workspace.root / "mapolas",
+            workspace.home / "mapolas",
             _advice(context, store),
         )
         kept = _some(counts.passed(done, table), empty)
-        names = write_mapolas(workspace.root / "mapolas", kept)
+        names = write_mapolas(workspace.home / "mapolas", kept)
         summary = counts.summary(len(grids), len(names))
         lost = {scan: count for scan, count in store.without_place.items() if count}
         if lost:

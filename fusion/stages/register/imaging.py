@@ -116,7 +116,7 @@ def imaged_mapolas(
 
 def landmark_files(workspace: Workspace) -> list[Path]:
     """Return the existing landmark files."""
-    paths = [workspace.root / "LMKFILES" / f"{name}.LMK" for name in workspace.landmark_names()]
+    paths = [workspace.home / "LMKFILES" / f"{name}.LMK" for name in workspace.landmark_names()]
     return [path for path in paths if path.is_file()]
 
 

@@ -175,7 +175,7 @@ def check_usable(matches: list[Match], workspace: Workspace, min_coverage: float
         advice = _advice_on_gaps(workspace.mapola(best.name), best.coverage)
     raise NotObservableError(
         f"none of {len(matches)} mapolas matches the SPC surface ({best.name}: {best.reason})",
-        where=workspace.root / "mapolas",
+        where=workspace.home / "mapolas",
         do=advice,
     )
 

@@ -304,7 +304,7 @@ def _away(time: float, span: tuple[float, float]) -> float:
 def write_pairs(workspace: Workspace, pairs: list[Pair]) -> list[Path]:
     """Write both bigmaps of each pair."""
     files = []
-    make_folder(workspace.root / "pairs")
+    make_folder(workspace.home / "pairs")
     for pair in pairs:
         for kind, bigmap in (("maplets", pair.spc), ("returns", pair.lidar)):
             path = workspace.pair_path(pair.frame.image, kind)

@@ -1,27 +1,18 @@
-"""A scaled copy of the SPC solution of a workspace: ``spcola scale --apply``."""
+"""A solution that is scaled: ``spcola scale --apply``."""
 
 from __future__ import annotations
 
-import os
-import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from fusion.estimation.verdict import Code, Verdict
-from fusion.runtime import Progress, json_text
-from fusion.runtime.folders import clear_abandoned_folders, make_folder
-from fusion.workspace import (
-    OWN_FOLDERS,
-    SETTINGS_FILE,
-    SPC_FOLDERS,
-    SPC_LISTS,
-    Workspace,
-)
-from fusion.workspace.settings import Settings, write_settings
+from fusion.pipeline.catalog import file_digest
+from fusion.pipeline.solutions import MadeBy, free_name, making_solution, solution_files
+from fusion.runtime import Progress, json_value
+from fusion.workspace import Workspace
 from fusion.workspace.settings.inputs import BodySettings
-from spcola import atomic
 from spcola.control import (
     scaled_image,
     scaled_landmark,
@@ -29,7 +20,7 @@ from spcola.control import (
     scaled_nominal,
     scaled_shape,
 )
-from spcola.errors import NotObservableError, WorkspaceError
+from spcola.errors import NotObservableError
 from spcola.formats.maplets import read_map, read_sigma, sigma_path, write_maplet
 from spcola.formats.shapes import read_icq, read_obj, recognise_shape, write_icq, write_obj
 from spcola.formats.shapes.ply import read_ply_mesh, write_ply_mesh
@@ -42,7 +33,6 @@ from spcola.formats.solution import (
     write_summary,
 )
 
-APPLIED_FILE = "applied_scale.json"
 # Decimals of a written shape, so that scaling it again loses nothing.
 _ICQ_DIGITS = 9
 # Findings that are only notes on the estimate but forbid to apply it to a whole solution.
@@ -58,47 +48,39 @@ _UNUSABLE = frozenset(
 
 @dataclass(frozen=True)
 class AppliedScale:
-    """The scaled copy of a solution.
+    """A new solution, scaled.
 
     Attributes
     ----------
+    solution, parent : str
     folder : Path
-        A workspace with the scaled solution, the same settings and the same scans.
     epsilon, epsilon_sigma : float
-        All lengths are 1 + ε times those of the original; sigma of ε.
+        All lengths are 1 + ε times those of the parent; sigma of ε.
     written : mapping of str to int
         Number of files scaled, by folder.
-    copied : tuple of str
-        Files in SPC folders of unknown formats, copied as they are.
     """
 
+    solution: str
+    parent: str
     folder: Path
     epsilon: float
     epsilon_sigma: float
     written: Mapping[str, int]
-    copied: tuple[str, ...]
 
     def as_dict(self) -> dict[str, Any]:
         """Return the content in JSON types."""
-        return {
-            "folder": str(self.folder),
-            "epsilon": self.epsilon,
-            "epsilon_sigma": self.epsilon_sigma,
-            "factor": 1.0 + self.epsilon,
-            "written": dict(self.written),
-            "copied": list(self.copied),
-        }
+        return {**json_value(asdict(self)), "factor": 1.0 + self.epsilon}
 
     def lines(self) -> list[str]:
         """Return the lines to print."""
         counts = ", ".join(f"{count} in {name}" for name, count in self.written.items())
-        lines = [
+        root = self.folder.parent.parent
+        return [
             f"applied: all lengths times 1 {self.epsilon:+.4e} (sigma {self.epsilon_sigma:.1e})",
-            f"  written to {self.folder}: {counts}",
+            f"  solution {self.solution}, from {self.parent}: {counts}",
+            f"  next: spcola scale {root} --solution {self.solution}",
+            f"  or use it from now on: spcola solution use {root} {self.solution}",
         ]
-        if self.copied:
-            lines.append(f"  copied as they are, no known format: {', '.join(self.copied)}")
-        return [*lines, f"  next: spcola scale {self.folder}"]
 
 
 def usable_epsilon(
@@ -142,81 +124,67 @@ def usable_epsilon(
 
 
 def apply_scale(
-    workspace: Workspace, folder: Path, progress: Progress, *, accepted: Iterable[str] = ()
+    workspace: Workspace, name: str, progress: Progress, *, accepted: Iterable[str] = ()
 ) -> AppliedScale:
-    """Write the workspace's SPC solution, multiplied by 1 + ε of ``scale.json``, to `folder`.
+    """Make a solution whose lengths are 1 + ε of ``scale.json`` times those of the workspace's.
 
-    Maplets with their sigmas, landmarks, states, nominal states and shapes are scaled; lists are
-    copied, pixels and scans linked. The original is unchanged. The folder is written whole or not
-    at all. `accepted` are codes of accepted findings.
+    Maplets with their sigmas, landmarks, states, nominal states and shapes are scaled; files of
+    other formats are linked. The solution is made whole or not at all.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        Its solution is scaled, and unchanged.
+    name : str
+        Of the new solution; empty: ``scaled-1``, ``scaled-2``, …
+    progress : Progress
+    accepted : iterable of str
+        Codes of accepted findings.
 
     Raises
     ------
     NotObservableError
         If there is no usable ε.
     WorkspaceError
-        If `folder` exists, or something cannot be read or written.
+        If there is a solution of that name, or something cannot be read or written.
     FormatError
         If a file of the solution is damaged.
     """
     where = workspace.scale_path
-    epsilon, sigma = usable_epsilon(workspace.read_json(where.name), where, accepted)
-    if folder.exists() or folder.is_symlink():
-        raise WorkspaceError("exists already", folder, "name a folder that does not exist")
-    make_folder(folder.parent)
-    clear_abandoned_folders(folder)
-    making = folder.with_name(f".{folder.name}.{os.getpid()}")
-    try:
-        made = _written(workspace, making, 1.0 + epsilon, progress)
-        applied = AppliedScale(folder, epsilon, sigma, *made)
-        content = {**applied.as_dict(), "from": str(workspace.root.resolve())}
-        atomic.write_text(making / APPLIED_FILE, json_text(content))
-        making.rename(folder)
-    except OSError as error:
-        raise atomic.write_error(folder, error) from error
-    finally:
-        shutil.rmtree(making, ignore_errors=True)
-    return applied
+    content = workspace.read_json(where.name)
+    epsilon, sigma = usable_epsilon(content, where, accepted)
+    factor, chosen = 1.0 + epsilon, name or free_name(workspace, "scaled")
+    settings = workspace.settings()
+    # OBJ are written with faces numbered from 1.
+    body: dict[str, Any] = {"faces_from": 1}
+    if settings.body.mean_radius_m:
+        body["mean_radius_m"] = factor * settings.body.mean_radius_m
+    made_by = MadeBy(
+        "spcola scale --apply", {"body": body}, {"epsilon": epsilon, "epsilon_sigma": sigma},
+        {where.name: file_digest(where)},
+    )  # fmt: skip
+    with making_solution(workspace, chosen, made_by) as folder:
+        written = _written(workspace, folder, factor, progress)
+    made = replace(workspace, solution=chosen).home
+    return AppliedScale(chosen, workspace.solution, made, epsilon, sigma, written)
 
 
 def _written(
-    workspace: Workspace, making: Path, factor: float, progress: Progress
-) -> tuple[dict[str, int], tuple[str, ...]]:
-    """Write everything into `making`; return counts of scaled files, and names of copied ones."""
-    settings = workspace.settings()
-    for name in (*SPC_FOLDERS, *OWN_FOLDERS):
-        make_folder(making / name)
-    write_settings(making / SETTINGS_FILE, _settings(settings, factor))
-    for name in SPC_LISTS:
-        if (workspace.root / name).is_file():
-            shutil.copyfile(workspace.root / name, making / name)
-    for path in (*_files(workspace.root / "IMAGEFILES"), *workspace.scan_paths()):
-        _link(path, making / path.parent.name / path.name)
+    workspace: Workspace, folder: Path, factor: float, progress: Progress
+) -> dict[str, int]:
+    """Write all files with lengths into `folder`; return how many, by folder."""
+    body = workspace.settings().body
     written: dict[str, int] = {}
-    copied: list[str] = []
-    for name in ("MAPFILES", "LMKFILES", "SUMFILES", "NOMINALS", "SHAPEFILES"):
-        paths = list(_files(workspace.root / name))
-        count = 0
-        with progress.task(f"scale {name}", len(paths)) as task:
-            for path in paths:
-                write = _writer(path, settings.body)
-                if write is not None:
-                    write(path, making / name / path.name, factor)
-                    count += 1
-                elif path.suffix != ".SIG":
-                    shutil.copyfile(path, making / name / path.name)
-                    copied.append(f"{name}/{path.name}")
+    for name, paths in solution_files(workspace).items():
+        found = [(path, _writer(path, body)) for path in paths]
+        scaled = [(path, write) for path, write in found if write is not None]
+        with progress.task(f"scale {name}", len(scaled)) as task:
+            for path, write in scaled:
+                write(path, folder / name / path.name, factor)
                 task.advance()
-        if count:
-            written[name] = count
-    return written, tuple(copied)
-
-
-def _settings(settings: Settings, factor: float) -> Settings:
-    """Return the settings of the copy: scaled mean radius, and OBJ faces numbered from 1."""
-    settings = settings.with_table("body", faces_from=1)
-    radius = settings.body.mean_radius_m
-    return settings.with_table("body", mean_radius_m=factor * radius) if radius else settings
+        if scaled:
+            written[name] = len(scaled)
+    return written
 
 
 Write = Callable[[Path, Path, float], None]
@@ -271,17 +239,3 @@ _WRITERS: dict[tuple[str, str], Write] = {
     ("SUMFILES", ".SUM"): _scale_image,
     ("NOMINALS", ".NOM"): _scale_nominal,
 }
-
-
-def _files(folder: Path) -> Iterator[Path]:
-    """Yield the files of a folder, if there is one, in the order of their names."""
-    if folder.is_dir():
-        yield from sorted(p for p in folder.iterdir() if p.is_file() and p.name[0] != ".")
-
-
-def _link(source: Path, target: Path) -> None:
-    """Link to an unchanged file, or copy it if links cannot be made."""
-    try:
-        target.symlink_to(source.resolve())
-    except OSError:
-        shutil.copyfile(source, target)

@@ -38,7 +38,7 @@ def workspace_models(workspace: Workspace) -> list[Model]:
     if workspace.fused_names():
         models.append(MapletModel("fused maplets", workspace.fused_names(), workspace.fused))
     for folder, title in _BIGMAPS:
-        paths = {path.stem: path for path in _maps(workspace.root / "bigmaps" / folder)}
+        paths = {path.stem: path for path in _maps(workspace.home / "bigmaps" / folder)}
         if paths:
             models.append(_maps_of(title, paths))
     if workspace.has_shape():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,9 @@ from typer.testing import CliRunner
 
 from fusion.cli.app import app
 from fusion.estimation.verdict import Code, Finding, Severity, Verdict
-from fusion.stages.scale.rescaling import APPLIED_FILE, usable_epsilon
+from fusion.stages.scale.rescaling import usable_epsilon
 from fusion.workspace import Workspace
+from fusion.workspace.solution_records import read_solution
 from spcola.errors import NotObservableError
 
 
@@ -42,31 +44,45 @@ def applied(tmp_path_factory):
     run("init", root / "WS", "--spc", root / "M" / "spc", "--body", "Truth")
     run("import", root / "WS", *sorted((root / "M" / "lidar").iterdir()))
     before = digests(root / "M" / "spc")
-    printed = run("scale", root / "WS", root / "C", "--apply", "--json")
+    printed = run("scale", root / "WS", "--apply", "--as", "C", "--json")
     return root, json.loads(printed.stdout), before
+
+
+def scaled(root):
+    return Workspace.open(root / "WS", "C")
 
 
 def test_the_command_prints_what_it_wrote(applied):
     root, content, _ = applied
-    assert content["applied"]["folder"] == str(root / "C")
+    assert content["applied"]["folder"] == str(scaled(root).home)
     assert content["applied"]["epsilon"] == content["summary"]["epsilon"]
-    assert content["applied"]["copied"] == []
     assert content["applied"]["written"]["MAPFILES"] == 24
-    kept = json.loads((root / "C" / APPLIED_FILE).read_text())
-    assert kept["factor"] == 1.0 + content["applied"]["epsilon"]
-    assert kept["from"] == str((root / "WS").resolve())
+    record = read_solution(root / "WS", "C")
+    assert record.parent == "imported"
+    assert record.made_by == "spcola scale --apply"
+    assert record.facts["epsilon"] == content["applied"]["epsilon"]
+    scale = hashlib.sha256((root / "WS" / "scale.json").read_bytes()).hexdigest()
+    assert record.digests == {"scale.json": scale}
+    assert datetime.fromisoformat(record.made).tzinfo is not None
 
 
-def test_the_original_is_untouched(applied):
+def test_the_original_is_untouched_and_still_in_use(applied):
     root, _, before = applied
     assert digests(root / "M" / "spc") == before
-    assert not list(root.glob(".C*"))
+    assert not list((root / "WS" / "solutions").glob(".*.part"))
+    assert Workspace.open(root / "WS").solution == "imported"
+
+
+def test_unchanged_files_are_shared(applied):
+    root, _, _ = applied
+    for name in ("MAPLIST.TXT", "PICTLIST.TXT"):
+        assert (scaled(root).home / name).samefile(root / "M" / "spc" / name)
 
 
 def test_every_length_of_the_copy_is_scaled(applied):
     root, content, _ = applied
     factor = 1.0 + content["applied"]["epsilon"]
-    old, new = Workspace.open(root / "WS"), Workspace.open(root / "C")
+    old, new = Workspace.open(root / "WS"), scaled(root)
     assert new.maplet_names() == old.maplet_names()
     assert new.image_names() == old.image_names()
     for name in old.maplet_names()[:5]:
@@ -89,15 +105,29 @@ def test_a_second_run_on_the_copy_finds_no_scale_left(applied):
     root, content, _ = applied
     first = content["summary"]
     assert abs(first["epsilon"]) > 5 * first["epsilon_sigma"]
-    again = json.loads(run("scale", root / "C", "--json").stdout)["summary"]
+    again = json.loads(run("scale", root / "WS", "--solution", "C", "--json").stdout)["summary"]
     assert abs(again["epsilon"]) < 2 * again["epsilon_sigma"]
     assert abs(again["n_used"] - first["n_used"]) <= 3
 
 
+def test_the_difference_is_the_scale_alone(applied, tmp_path):
+    root, content, _ = applied
+    picture = tmp_path / "diff.png"
+    printed = run("solution", "diff", root / "WS", "imported", "C", "-o", picture, "--json")
+    found, factor = json.loads(printed.stdout), 1.0 + content["applied"]["epsilon"]
+    assert found["maplets"] == 24
+    assert found["common_scale"] == pytest.approx(factor, abs=1e-8)
+    assert found["shape_radius_ratio"] == pytest.approx(factor, abs=1e-8)
+    np.testing.assert_allclose(found["common_rotation_deg"], 0.0, atol=1e-6)
+    assert found["centers_left_over_m"]["p100"] < 1e-5 < found["centers_moved_m"]["p50"]
+    assert found["pointing_turned_deg"]["p100"] < 1e-6
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
 def test_what_exists_is_not_written_over(applied):
     root, _, _ = applied
-    result = run("scale", root / "WS", root / "C", "--apply", code=1)
-    assert "exists already" in result.stderr
+    result = run("scale", root / "WS", "--apply", "--as", "C", code=1)
+    assert "a solution 'C' already" in result.stderr
 
 
 def test_without_a_usable_epsilon_nothing_is_written(applied, tmp_path):
@@ -111,15 +141,15 @@ def test_without_a_usable_epsilon_nothing_is_written(applied, tmp_path):
         settings.read_text().replace("max_emission_deg = 60.0", "max_emission_deg = 0.001")
     )
     accepted = ("--accept", "changed-input")
-    result = run("scale", alone, tmp_path / "C", "--apply", *accepted, code=1)
+    result = run("scale", alone, "--apply", "--as", "D", *accepted, code=1)
     assert "the result of scale is refused" in result.stderr
     assert "[scale-not-observed]" in result.stderr
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["WS"]
+    assert not (alone / "solutions" / "D").exists()
 
 
-def test_a_destination_needs_apply(applied):
+def test_a_name_needs_apply(applied):
     root, _, _ = applied
-    assert run("scale", root / "WS", root / "D", code=2).stdout == ""
+    assert run("scale", root / "WS", "--as", "D", code=2).stdout == ""
 
 
 def content_with(*findings, **change):

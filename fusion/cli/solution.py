@@ -1,0 +1,132 @@
+"""``spcola solution``: versions of the SPC solution of a workspace."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from fusion.cli.options import JsonOption, WorkspaceArgument
+from fusion.cli.output import show
+from fusion.cli.program import guarded
+
+if TYPE_CHECKING:
+    from fusion.workspace import Workspace
+
+app = typer.Typer(
+    name="solution",
+    help="List, choose, compare, export and remove versions of the SPC solution.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+NameArgument = Annotated[str, typer.Argument(metavar="NAME", help="A solution of the workspace.")]
+
+
+def list_(workspace: WorkspaceArgument, as_json: JsonOption = False) -> None:
+    """List the solutions of a workspace, each below the one that it was made from."""
+    from fusion.pipeline.solutions import solutions_of
+
+    opened = _opened(workspace)
+    records, depth, lines = solutions_of(opened), {"": -1}, []
+    for one in records:
+        depth[one.name] = depth.get(one.parent, -1) + 1
+        mark = "*" if one.name == opened.solution else " "
+        about = ", ".join(part for part in (one.made_by, one.made) if part)
+        lines.append(f"{mark} {'  ' * depth[one.name]}{one.name} ({about})")
+    content = {"in_use": opened.solution, "solutions": [one.as_json() for one in records]}
+    show(content, [*lines, "* in use"], as_json=as_json)
+
+
+def show_(workspace: WorkspaceArgument, name: NameArgument, as_json: JsonOption = False) -> None:
+    """Show what a solution was made from, by what and when, and what it holds."""
+    from fusion.cli.output import value_lines
+    from fusion.workspace.solution_records import read_solution
+
+    opened = _opened(workspace, name)
+    record = read_solution(opened.root, opened.solution)
+    content = {
+        **record.as_json(),
+        "folder": opened.home,
+        "maplets": len(opened.maplet_names()),
+        "landmarks": len(opened.landmark_names()),
+        "images": len(opened.image_names()),
+    }
+    show(content, value_lines(content), as_json=as_json)
+
+
+def use(workspace: WorkspaceArgument, name: NameArgument, as_json: JsonOption = False) -> None:
+    """Let all commands read this solution from now on; --solution chooses for one command."""
+    from fusion.pipeline.solutions import use_solution
+
+    before = _opened(workspace, "imported")
+    used = use_solution(before, name)
+    show({"in_use": used.solution}, [f"in use: {used.solution}"], as_json=as_json)
+
+
+def diff(
+    workspace: WorkspaceArgument,
+    first: Annotated[str, typer.Argument(metavar="A", help="A solution.")],
+    second: Annotated[str, typer.Argument(metavar="B", help="The one that A is compared with.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE", help="Write a picture: .png, .pdf or .svg."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare two solutions: how far B moved from A.
+
+    Centres, heights within maplets, positions and pointing of images, the similarity that all
+    centres have in common, shape, pole and other constants.
+    """
+    from fusion.inspection import difference_lines, solution_difference
+    from fusion.inspection.look import difference_picture, picture_path, save_picture
+
+    target = None if out is None else picture_path(workspace, out)
+    one, two = _opened(workspace, first), _opened(workspace, second)
+    found = solution_difference(one, two)
+    lines, content = difference_lines(found), {**found.as_json(), "picture": target}
+    if target is not None:
+        save_picture(difference_picture(found), target)
+        lines.append(str(target))
+    show(content, lines, as_json=as_json)
+
+
+def export(
+    workspace: WorkspaceArgument,
+    name: NameArgument,
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new folder.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Write a solution as a plain SPC folder, with the pixels of its images."""
+    from fusion.pipeline.solutions import export_solution
+
+    counts = export_solution(_opened(workspace, name), folder)
+    listed = ", ".join(f"{count} in {each}" for each, count in counts.items())
+    content: dict[str, Any] = {"folder": folder, "written": counts}
+    show(content, [f"{folder}: {listed}"], as_json=as_json)
+
+
+def remove(workspace: WorkspaceArgument, name: NameArgument, as_json: JsonOption = False) -> None:
+    """Remove a solution and its results; not one in use, or from which another was made."""
+    from fusion.pipeline.solutions import remove_solution
+
+    remove_solution(_opened(workspace), name)
+    show({"removed": name}, [f"removed: {name}"], as_json=as_json)
+
+
+for _name, _command, _example in (
+    ("list", list_, "spcola solution list bennu"),
+    ("show", show_, "spcola solution show bennu scaled-1"),
+    ("use", use, "spcola solution use bennu scaled-1"),
+    ("diff", diff, "spcola solution diff bennu imported scaled-1 -o diff.png"),
+    ("export", export, "spcola solution export bennu scaled-1 /data/spc-scaled"),
+    ("remove", remove, "spcola solution remove bennu scaled-1"),
+):
+    app.command(_name, epilog=f"Example: {_example}")(guarded(_command))
+
+
+def _opened(workspace: Path, name: str = "") -> Workspace:
+    from fusion.workspace import Workspace
+
+    return Workspace.open(workspace, name)

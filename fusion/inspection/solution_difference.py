@@ -1,0 +1,222 @@
+"""How one solution differs from another: centres, heights, states, shape, pole and scale."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fusion.workspace import Workspace
+from spcola.arrays import FloatArray
+from spcola.errors import InvalidValueError
+from spcola.math import Similarity, similarity_between
+
+_PERCENT = (50, 95, 100)
+
+
+@dataclass(frozen=True, eq=False)
+class SolutionDifference:
+    """A second solution less a first one, item by item.
+
+    Attributes
+    ----------
+    first, second : str
+        Names of the solutions.
+    maplets, images : tuple of str
+        Those that both have, in the order of the arrays.
+    only_first, only_second : tuple of str
+        Maplets and images of one solution only.
+    centers : (N, 3) ndarray
+        Central vectors of the maplets in the first solution, metres.
+    moved : (N, 3) ndarray
+        Displacement of the centres, body-fixed, metres.
+    outward : (N,) ndarray
+        Its part along the normal of the maplet, metres.
+    heights : (N,) ndarray
+        Standard deviation over a maplet of the change of its heights, metres; NaN where its grid
+        has another size.
+    positions : (M, 3) ndarray
+        Change of the spacecraft positions along Cx, Cy and Cz, metres.
+    turns : (M, 3) ndarray
+        Change of the pointing: rotations about Cx, Cy and Cz, radians.
+    common : Similarity or None
+        The similarity that takes the first centres nearest to the second ones; None for fewer than
+        three.
+    radius_ratio : float
+        Mean radius of the shape, second over first; NaN without shapes.
+    settings : mapping of str to pair
+        What differs in body constants, by ``table.key``: first and second value.
+    """
+
+    first: str
+    second: str
+    maplets: tuple[str, ...]
+    images: tuple[str, ...]
+    only_first: tuple[str, ...]
+    only_second: tuple[str, ...]
+    centers: FloatArray
+    moved: FloatArray
+    outward: FloatArray
+    heights: FloatArray
+    positions: FloatArray
+    turns: FloatArray
+    common: Similarity | None
+    radius_ratio: float
+    settings: Mapping[str, tuple[Any, Any]]
+
+    @property
+    def left_over(self) -> FloatArray:
+        """Displacements (N, 3) of the centres beyond the common similarity, metres."""
+        if self.common is None:
+            return self.moved
+        return self.centers + self.moved - self.common.apply(self.centers)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return counts and percentiles in JSON types; keys carry units."""
+        common = self.common
+        return {
+            "first": self.first,
+            "second": self.second,
+            "maplets": len(self.maplets),
+            "images": len(self.images),
+            "only_first": list(self.only_first),
+            "only_second": list(self.only_second),
+            "centers_moved_m": _percentiles(np.linalg.norm(self.moved, axis=1)),
+            "centers_outward_m": _percentiles(np.abs(self.outward)),
+            "centers_left_over_m": _percentiles(np.linalg.norm(self.left_over, axis=1)),
+            "heights_changed_m": _percentiles(self.heights),
+            "positions_moved_m": _percentiles(np.linalg.norm(self.positions, axis=1)),
+            "pointing_turned_deg": _percentiles(np.degrees(np.linalg.norm(self.turns, axis=1))),
+            "common_scale": None if common is None else common.scale,
+            "common_rotation_deg": None if common is None else np.degrees(common.rotation_vector),
+            "common_shift_m": None if common is None else _shift(common, self.centers),
+            "shape_radius_ratio": self.radius_ratio,
+            "constants": {key: list(values) for key, values in self.settings.items()},
+        }
+
+
+def solution_difference(first: Workspace, second: Workspace) -> SolutionDifference:
+    """Compare two solutions of a workspace.
+
+    Parameters
+    ----------
+    first, second : Workspace
+        The same workspace with one solution and with the other.
+
+    Raises
+    ------
+    SpcolaError
+        If a file of a solution cannot be read.
+    """
+    maplets = _shared(first.maplet_names(), second.maplet_names())
+    images = _shared(first.image_names(), second.image_names())
+    names = [{*each.maplet_names(), *each.image_names()} for each in (first, second)]
+    rows = [_maplet_change(first, second, name) for name in maplets]
+    centers, moved = (np.array([row[k] for row in rows]).reshape(-1, 3) for k in (0, 1))
+    states = [_state_change(first, second, name) for name in images]
+    positions, turns = (np.array([row[k] for row in states]).reshape(-1, 3) for k in (0, 1))
+    try:
+        common = similarity_between(centers, centers + moved) if len(rows) > 2 else None
+    except InvalidValueError:
+        common = None
+    return SolutionDifference(
+        first.solution, second.solution, maplets, images,
+        tuple(sorted(names[0] - names[1])), tuple(sorted(names[1] - names[0])),
+        centers, moved, np.array([row[2] for row in rows]), np.array([row[3] for row in rows]),
+        positions, turns, common, _radius_ratio(first, second), _changed_settings(first, second),
+    )  # fmt: skip
+
+
+def difference_lines(found: SolutionDifference) -> list[str]:
+    """Return what people read of a difference of solutions."""
+    content = found.as_json()
+
+    def row(text: str, key: str, unit: str) -> str:
+        values = content[key]
+        if values is None:
+            return f"  {text}: none to compare"
+        numbers = ", ".join(f"{values[f'p{p}']:.3g}" for p in _PERCENT)
+        return f"  {text} (median, 95 %, largest): {numbers} {unit}"
+
+    lines = [
+        f"{found.second} less {found.first}: {len(found.maplets)} maplets, {len(found.images)} "
+        "images in both",
+        row("centres moved", "centers_moved_m", "m"),
+        row("  along their normals", "centers_outward_m", "m"),
+        row("  beyond a common similarity", "centers_left_over_m", "m"),
+        row("heights within a maplet", "heights_changed_m", "m"),
+        row("spacecraft moved", "positions_moved_m", "m"),
+        row("pointing turned", "pointing_turned_deg", "°"),
+    ]
+    if found.common is not None:
+        turn = ", ".join(f"{value:.3g}" for value in content["common_rotation_deg"])
+        shift = ", ".join(f"{value:.3g}" for value in content["common_shift_m"])
+        lines.append(
+            f"  all centres together: scale − 1 {1e6 * (found.common.scale - 1.0):.4g} · 10⁻⁶, "
+            f"rotation {turn} °, shift {shift} m"
+        )
+    if np.isfinite(found.radius_ratio):
+        lines.append(f"  mean radius of the shape: times {found.radius_ratio:.7f}")
+    lines += [f"  {key}: {old} → {new}" for key, (old, new) in found.settings.items()]
+    for name, only in ((found.first, found.only_first), (found.second, found.only_second)):
+        lines += [f"  only in {name}: {', '.join(only)}"] if only else []
+    return lines
+
+
+def _shared(first: Sequence[str], second: Sequence[str]) -> tuple[str, ...]:
+    there = set(second)
+    return tuple(name for name in first if name in there)
+
+
+def _maplet_change(
+    first: Workspace, second: Workspace, name: str
+) -> tuple[FloatArray, FloatArray, float, float]:
+    """Return centre, displacement, its normal part, and the standard deviation of heights."""
+    old, new = first.maplet(name), second.maplet(name)
+    moved = new.grid.center - old.grid.center
+    spread = float("nan")
+    if old.height.shape == new.height.shape:
+        known = old.valid & new.valid
+        change = (new.height - old.height)[known]
+        spread = float(np.std(change)) if change.size else spread
+    return old.grid.center, moved, float(moved @ old.grid.axes[2]), spread
+
+
+def _state_change(first: Workspace, second: Workspace, name: str) -> tuple[FloatArray, FloatArray]:
+    """Return the change of position and of pointing of an image, in its camera axes."""
+    old, new = first.image(name), second.image(name)
+    turn = Rotation.from_matrix(old.axes @ new.axes.T).as_rotvec()
+    return old.axes @ (new.position - old.position), turn
+
+
+def _radius_ratio(first: Workspace, second: Workspace) -> float:
+    if not (first.has_shape() and second.has_shape()):
+        return float("nan")
+    return second.shape().mean_radius / first.shape().mean_radius
+
+
+def _changed_settings(first: Workspace, second: Workspace) -> dict[str, tuple[Any, Any]]:
+    old, new = (each.settings().model_dump(mode="json") for each in (first, second))
+    return {
+        f"{table}.{key}": (old[table][key], new[table][key])
+        for table in old
+        for key in old[table]
+        if old[table][key] != new[table][key]
+    }
+
+
+def _shift(common: Similarity, centers: FloatArray) -> FloatArray:
+    """Return how far the middle of the centres is moved (3,), metres."""
+    middle = centers.mean(axis=0)
+    return common.apply(middle) - middle
+
+
+def _percentiles(values: FloatArray) -> dict[str, float] | None:
+    """Return percentiles of the known values; None if there is none."""
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return None
+    return {f"p{p}": float(np.percentile(known, p)) for p in _PERCENT}

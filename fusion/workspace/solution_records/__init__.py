@@ -1,0 +1,25 @@
+"""Records of solutions: what each was made from, and which one is in use."""
+
+from fusion.workspace.solution_records.record import (
+    IMPORTED,
+    SolutionRecord,
+    check_name,
+    derived_names,
+    name_in_use,
+    read_solution,
+    solution_folder,
+    write_name_in_use,
+    write_solution,
+)
+
+__all__ = [
+    "IMPORTED",
+    "SolutionRecord",
+    "check_name",
+    "derived_names",
+    "name_in_use",
+    "read_solution",
+    "solution_folder",
+    "write_name_in_use",
+    "write_solution",
+]
