@@ -61,6 +61,10 @@ class RunOptions:
     workers: WorkersOption = None
     cluster: ClusterOption = ""
     accept: AcceptOption = None
+    wait: Annotated[
+        bool,
+        typer.Option("--wait", help="Wait while another spcola works with the same solution."),
+    ] = False
     as_json: JsonOption = False
 
 

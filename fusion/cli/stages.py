@@ -238,7 +238,7 @@ def _pipeline(workspace: Path, options: RunOptions, table: str = "", **changed: 
             raise typer.BadParameter(error.what, param_hint="--accept") from error
     progress = Progress.fitting(silent=options.as_json)
     workforce = executor_of(options.workers, options.cluster)
-    return Pipeline(opened, settings, load_stages(), workforce, progress)
+    return Pipeline(opened, settings, load_stages(), workforce, progress, options.wait)
 
 
 def _changed(settings: Settings, table: str, given: dict[str, Any]) -> Settings:

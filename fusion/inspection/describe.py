@@ -48,6 +48,7 @@ def describe_workspace(workspace: Workspace) -> dict[str, Any]:
     return {
         "kind": "workspace",
         "body": settings.body.name,
+        "solution": workspace.solution,
         "maplets": len(workspace.maplet_names()),
         "landmarks": len(workspace.landmark_names()),
         "images": len(workspace.image_names()),

@@ -81,6 +81,8 @@ class Pipeline:
         In the order in which data pass through them.
     executor, progress
         Where work is done, and where its progress is reported.
+    wait : bool
+        Whether to wait while another program works with the same solution.
     """
 
     workspace: Workspace
@@ -88,6 +90,7 @@ class Pipeline:
     stages: Sequence[Stage]
     executor: Executor = field(default_factory=ThreadExecutor)
     progress: Progress = field(default_factory=Progress)
+    wait: bool = False
 
     @one_blas_thread()
     def run(self, *, force: bool = False) -> list[StageRun]:
@@ -100,7 +103,7 @@ class Pipeline:
         SpcolaError
             If a stage fails; results of earlier stages are kept.
         """
-        with opened(self.workspace) as catalog:
+        with opened(self.workspace, wait=self.wait) as catalog:
             fit = self._without_unsound(catalog)
             runs = [fit._brought(stage, catalog, force) for stage in self.stages]
         if all(run.state == "cannot run" for run in runs):
@@ -123,7 +126,7 @@ class Pipeline:
         if stage is None:
             names = ", ".join(stage.name for stage in self.stages)
             raise WorkspaceError(f"there is no stage {name!r}", self.workspace.root, f"use {names}")
-        with opened(self.workspace) as catalog:
+        with opened(self.workspace, wait=self.wait) as catalog:
             for earlier in self.stages[: self.stages.index(stage)]:
                 if self._is_stale(earlier, catalog):
                     self.progress.note(
@@ -160,7 +163,7 @@ class Pipeline:
         if not force and record and shared.states()[stage.name] == "up to date":
             run = StageRun(stage.name, "up to date", summary=record.summary)
             return self._judged(run, ())
-        with opened(shared.workspace) as of_all:
+        with opened(shared.workspace, wait=self.wait) as of_all:
             return shared._update(stage, of_all, force)
 
     def _state(self, stage: Stage, catalog: Catalog) -> str:
@@ -409,16 +412,22 @@ class _Key:
 
 
 @contextmanager
-def opened(workspace: Workspace) -> Iterator[Catalog]:
-    """Open the catalogue of a workspace, and lock the workspace meanwhile.
+def opened(workspace: Workspace, *, wait: bool = False) -> Iterator[Catalog]:
+    """Open the catalogue of a solution, and lock the solution meanwhile.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    wait : bool
+        Whether to wait while another program works with this solution.
 
     Raises
     ------
     WorkspaceError
-        If another program works in it, or it cannot be written.
+        If another program works with it, or it cannot be written.
     """
     own = [workspace.home, *(workspace.home / name for name in (*OWN_FOLDERS, RECORD_FOLDER))]
-    with locked(workspace.home / LOCK_FILE):
+    with locked(workspace.home / LOCK_FILE, wait=wait):
         clear_leftovers(own)
         with closing(Catalog(workspace)) as catalog:
             catalog.restore()

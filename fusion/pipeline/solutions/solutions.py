@@ -12,7 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import spcola
-from fusion.runtime.folders import clear_leftovers, locked, make_folder
+from fusion.runtime.folders import (
+    clear_abandoned_folders,
+    clear_leftovers,
+    locked,
+    make_folder,
+)
 from fusion.workspace import IMPORTED, SPC_FOLDERS, SPC_LISTS, Workspace
 from fusion.workspace.solution_records import (
     SolutionRecord,
@@ -189,7 +194,8 @@ def export_solution(workspace: Workspace, folder: Path) -> dict[str, int]:
     """
     if folder.exists() or folder.is_symlink():
         raise WorkspaceError("exists already", folder, "name a folder that does not exist")
-    making = folder.with_name(f".{folder.name}.{os.getpid()}.part")
+    clear_abandoned_folders(folder)
+    making = folder.with_name(f".{folder.name}.{os.getpid()}")
     files = {**solution_files(workspace), "IMAGEFILES": _files(workspace.root / "IMAGEFILES")}
     try:
         for name, paths in files.items():

@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import fcntl
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
+from fusion.runtime.processes import check_interrupts
 from spcola.errors import WorkspaceError
+
+_ASKED_AGAIN_S = 0.2
 
 
 @contextmanager
-def locked(path: Path) -> Iterator[None]:
+def locked(path: Path, *, wait: bool = False) -> Iterator[None]:
     """Hold the lock file `path`, so that no other program works in its folder meanwhile.
+
+    Parameters
+    ----------
+    path : Path
+    wait : bool
+        Whether to wait until the other program is done.
 
     Raises
     ------
@@ -24,10 +35,21 @@ def locked(path: Path) -> Iterator[None]:
     except OSError as error:
         raise WorkspaceError(f"cannot be written ({error.strerror})", path) from error
     with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise WorkspaceError(
-                "another spcola is at work here", path.parent, "wait until it is done"
-            ) from error
+        while not _taken(lock):
+            if not wait:
+                raise WorkspaceError(
+                    "another spcola is at work here", path.parent, "wait until it is done: --wait"
+                )
+            # A blocking call would keep Ctrl-C from being noticed.
+            time.sleep(_ASKED_AGAIN_S)
+            check_interrupts()
         yield
+
+
+def _taken(lock: IO[str]) -> bool:
+    """Take a lock if no other program has it; return whether it was taken."""
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
