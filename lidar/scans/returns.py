@@ -84,3 +84,9 @@ class Returns:
     def select(self, keep: AnyArray) -> Returns:
         """Return the returns chosen by `keep` (mask, slice or indices); the names are unchanged."""
         return Returns(self.points[keep], self.sigma[keep], self.scan[keep], self.scan_names)
+
+    def of_own_scans(self) -> Returns:
+        """Return the same returns with the names of their own scans only."""
+        own, scan = np.unique(self.scan, return_inverse=True)
+        names = tuple(self.scan_names[number] for number in own)
+        return Returns(self.points, self.sigma, scan.astype(np.int32), names)

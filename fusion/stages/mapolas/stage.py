@@ -22,7 +22,7 @@ from fusion.workspace.settings.processing import MapolaSettings
 from lidar.archive import ScanStore
 from lidar.formats.mapolas import write_adjustment, write_mapolas
 from lidar.formats.native import scan_summary
-from lidar.gridding import Gridding, Mapola
+from lidar.gridding import Gridding, Mapola, grid_returns
 from spcola.errors import SettingsError, WorkspaceError
 from spcola.grids import MapletGrid
 from spcola.shape import covering
@@ -85,7 +85,10 @@ class MapolasStage:
         counts = _Counts()
 
         def one(item: tuple[str, MapletGrid]) -> Gridding:
-            return source.gridded(*item)[0]
+            name, grid = item
+            # Numbered among all scans, the same returns would make another item with each new scan.
+            around = source.around(grid).of_own_scans()
+            return context.items.result(grid_returns, name, grid, around, options=source.options)
 
         done = context.stream("mapolas", one, grids.items(), total=len(grids), ahead=_AHEAD)
         empty = WorkspaceError(
