@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -96,16 +97,22 @@ class StageContext:
         function: Callable[[Item], Result],
         items: Iterable[Item],
         *,
-        total: int | None = None,
+        sizes: Sequence[float],
         ahead: int = AHEAD,
     ) -> Iterator[Result]:
         """Yield ``function(item)`` in the order of `items`, on the workers, with progress.
 
-        At most `ahead` results per worker wait to be taken.
+        `sizes` is the work in each item, in any unit: the time that is left follows from it. At
+        most `ahead` results per worker wait to be taken.
         """
-        with self.progress.task(title, total) as task:
-            for result in self.executor.stream(function, items, ahead=ahead):
-                task.advance()
+
+        def timed(item: Item) -> tuple[Result, float]:
+            begun = time.monotonic()
+            return function(item), time.monotonic() - begun
+
+        with self.progress.items(title, sizes, self.executor.workers) as task:
+            for result, seconds in self.executor.stream(timed, items, ahead=ahead):
+                task.advance_one(seconds)
                 yield result
 
     def map(
@@ -113,7 +120,7 @@ class StageContext:
     ) -> list[Result]:
         """Return ``function(item)`` of every item, in order, on the workers, with progress."""
         items = list(items)
-        return list(self.stream(title, function, items, total=len(items)))
+        return list(self.stream(title, function, items, sizes=[1.0] * len(items)))
 
     def write_json(self, name: str, content: Mapping[str, Any]) -> Path:
         """Write a JSON artefact of the stage, with `key` in it."""

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Literal, TextIO
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 from rich.progress import Progress as RichProgress
+
+from fusion.runtime.remaining import RemainingTime
 
 PATIENCE_S = 2.0
 """Work shorter than this shows nothing."""
@@ -28,6 +31,7 @@ class Task:
         self.title = title
         self.total = total
         self.done = 0
+        self.remaining: RemainingTime | None = None
         self.begun = time.monotonic()
         self._show = show
 
@@ -35,6 +39,12 @@ class Task:
         """Count `count` more parts as done."""
         self.done += count
         self._show(self)
+
+    def advance_one(self, seconds: float) -> None:
+        """Count one more part as done, which took a worker some seconds."""
+        if self.remaining is not None:
+            self.remaining.add(seconds)
+        self.advance()
 
     @property
     def elapsed(self) -> float:
@@ -44,6 +54,20 @@ class Task:
     def text(self) -> str:
         """Return how far the task is, in words."""
         return f"{self.title}: {self.done}" + ("" if self.total is None else f" of {self.total}")
+
+    def time_text(self) -> str:
+        """Return the time since the task began, and what it still takes if that is known."""
+        seconds = math.nan if self.remaining is None else self.remaining.seconds
+        left = "" if math.isnan(seconds) else f", about {_duration(seconds)} left"
+        return f"{self.elapsed:.0f} s{left}"
+
+
+def _duration(seconds: float) -> str:
+    """Return a time in its usual unit, to two digits."""
+    for unit, size in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:.2g} {unit}"
+    return f"{seconds:.0f} s"
 
 
 class Progress:
@@ -72,6 +96,13 @@ class Progress:
             self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     @contextmanager
+    def items(self, title: str, sizes: Sequence[float], workers: int) -> Iterator[Task]:
+        """Open a task over items, of which it is known how much work each is, in any unit."""
+        with self.task(title, len(sizes)) as task:
+            task.remaining = RemainingTime(sizes, workers)
+            yield task
+
+    @contextmanager
     def task(self, title: str, total: int | None = None) -> Iterator[Task]:
         """Open a task of `total` parts (``None``: unknown); one is open at a time."""
         if self.mode == "bar":
@@ -87,7 +118,7 @@ class Progress:
             due = PATIENCE_S if printed == 0.0 else printed + LINE_INTERVAL_S
             if task.elapsed >= due:
                 printed = task.elapsed
-                self.note(f"{task.text()} ({task.elapsed:.0f} s)")
+                self.note(f"{task.text()} ({task.time_text()})")
 
         task = Task(title, total, show)
         yield task
@@ -99,11 +130,15 @@ class Progress:
             TextColumn("{task.description}"),
             BarColumn(),
             MofNCompleteColumn(),
-            TimeRemainingColumn(),
+            TextColumn("{task.fields[time]}"),
         )
         bar = RichProgress(*columns, console=self._console, transient=True)
-        number = bar.add_task(title, total=total)
-        task = Task(title, total, lambda task: bar.update(number, completed=task.done))
+        number = bar.add_task(title, total=total, time="")
+
+        def show(task: Task) -> None:
+            bar.update(number, completed=task.done, time=task.time_text())
+
+        task = Task(title, total, show)
         late = threading.Timer(PATIENCE_S, bar.start)
         late.start()
         try:

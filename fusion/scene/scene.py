@@ -104,6 +104,10 @@ class Scene:
         """Names to be fused: all maplets, and the mapolas that have no maplet."""
         return [*self.grids, *(name for name in self.mapola_grids if name not in self.grids)]
 
+    def grid_of(self, name: str) -> MapletGrid:
+        """Return the grid of the maplet or mapola from which `name` is fused."""
+        return self.grids.get(name) or self.mapola_grids[name]
+
     def parts(self, name: str) -> FuseInput:
         """Gather the input of the fused maplet `name`."""
         spc = self._spc(name)

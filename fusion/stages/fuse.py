@@ -67,7 +67,8 @@ class FuseStage:
                 fuse_maplet, scene.parts(name), information, options=options
             )
 
-        done = context.stream("fuse maplets", fused, scene.targets, total=len(scene.targets))
+        sizes = [float(scene.grid_of(name).size ** 2) for name in scene.targets]
+        done = context.stream("fuse maplets", fused, scene.targets, sizes=sizes)
         folder = workspace.home / "fused"
         make_folder(folder)
         write_fused(folder, tally.passed(done))

@@ -90,7 +90,9 @@ class MapolasStage:
             around = source.around(grid).of_own_scans()
             return context.items.result(grid_returns, name, grid, around, options=source.options)
 
-        done = context.stream("mapolas", one, grids.items(), total=len(grids), ahead=_AHEAD)
+        boxes = [source.options.box(grid) for grid in grids.values()]
+        sizes = [float(store.count_inside(box)) for box in boxes]
+        done = context.stream("mapolas", one, grids.items(), sizes=sizes, ahead=_AHEAD)
         empty = WorkspaceError(
             f"none of {len(grids)} grids is covered to {table.min_coverage:.0%} by returns",
             workspace.home / "mapolas",

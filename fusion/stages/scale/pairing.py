@@ -104,7 +104,8 @@ def pair_images(context: StageContext, caster: RayCaster, radius: float) -> Pair
     frames, left_out = _frames(context.workspace, caster, options)
     maker = _PairMaker(context, options, frames, solution)
     groups = maker.groups()
-    made = context.stream("pair bigmaps", maker.pairs_of_scan, groups.items(), total=len(groups))
+    sizes = [float(len(frames)) for frames in groups.values()]
+    made = context.stream("pair bigmaps", maker.pairs_of_scan, groups.items(), sizes=sizes)
     groups_made = list(made)
     first = [item for group in groups_made for item in group.items]
     seen = {item.frame.image if isinstance(item, Pair) else item.image for item in first}

@@ -1,0 +1,44 @@
+"""The time that work still takes is known within a factor of 1.5 after its first tenth."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from fusion.runtime.remaining import RemainingTime
+
+
+def forecast(seconds: np.ndarray, sizes: np.ndarray, workers: int, done: int) -> float:
+    found = RemainingTime(sizes.tolist(), workers)
+    for each in seconds[:done]:
+        found.add(float(each))
+    return found.seconds
+
+
+@pytest.mark.parametrize("workers", [1, 2, 8])
+@pytest.mark.parametrize("case", ["alike", "by size", "compiled", "kept first", "kept among"])
+def test_the_rest_is_known_after_a_tenth(workers: int, case: str) -> None:
+    draw = np.random.default_rng([workers, len(case)])
+    sizes = draw.lognormal(0.0, 1.0, 400) if case == "by size" else np.ones(400)
+    seconds = 0.3 * sizes * draw.lognormal(0.0, 0.2, 400)
+    done = 40
+    if case == "compiled":
+        seconds[:workers] += 30.0
+    elif case == "kept first":
+        seconds[:20] = 0.002
+    elif case == "kept among":
+        seconds[:40:2] = 0.002
+    expected = seconds[done:].sum() / workers
+    assert 1 / 1.5 < forecast(seconds, sizes, workers, done) / expected < 1.5
+
+
+def test_before_anything_is_known_nothing_is_said() -> None:
+    found = RemainingTime([1.0, 1.0, 1.0], 2)
+    assert math.isnan(found.seconds)
+    for _ in range(2):
+        found.add(5.0)
+    assert math.isnan(found.seconds)
+    found.add(1.0)
+    assert found.seconds == 0.0
