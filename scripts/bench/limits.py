@@ -68,7 +68,7 @@ class Case:
         )
 
     def mapped(self, function: Callable[[str], object], names: Sequence[str]) -> list[object]:
-        return list(self.executor.map(function, names))
+        return list(self.executor.stream(function, names))
 
     def heights(self) -> dict[str, Surface]:
         """Return the heights of the mapolas as they are."""

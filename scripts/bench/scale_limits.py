@@ -122,9 +122,11 @@ class Case:
             return replace(pair, spc=replace(pair.spc, height=height, sigma=sigma))
 
         pairs = [true(pair) for pair in made.pairs]
-        first = self.executor.map(lambda pair: rematched(pair, made.options, blur_cells=0.0), pairs)
+        first = self.executor.stream(
+            lambda pair: rematched(pair, made.options, blur_cells=0.0), pairs
+        )
         blur = float(np.nanmedian([blur_of(pair) for pair in first if isinstance(pair, Pair)]))
-        again = self.executor.map(
+        again = self.executor.stream(
             lambda pair: rematched(pair, made.options, blur_cells=blur), pairs
         )
         return [pair for pair in again if isinstance(pair, Pair)]

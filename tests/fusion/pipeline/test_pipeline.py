@@ -112,7 +112,7 @@ def test_stages_run_linear_algebra_on_one_thread(workspace: Workspace, stages: l
 
     def look(context: StageContext) -> None:
         found.extend(blas_threads())
-        context.executor.map(lambda _: found.extend(blas_threads()), range(2))
+        list(context.executor.stream(lambda _: found.extend(blas_threads()), range(2)))
         found.extend(blas_threads())
 
     stages[0].act = look
