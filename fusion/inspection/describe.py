@@ -177,15 +177,6 @@ def _describe_summary(path: Path) -> dict[str, Any]:
     }
 
 
-def _describe_nominal(path: Path) -> dict[str, Any]:
-    nominal = read_nominal(path)
-    return {"kind": "nominal state", "name": nominal.name}
-
-
-def _describe_list(path: Path) -> dict[str, Any]:
-    return {"kind": "list", "names": len(read_list(path))}
-
-
 def _describe_shape(path: Path, faces_from: FacesFrom) -> dict[str, Any]:
     form = recognise_shape(path)
     shape = read_icq(path) if form == "icq" else None
@@ -270,33 +261,20 @@ def _las_facts(path: Path) -> dict[str, Any]:
     }
 
 
-def _describe_settings(path: Path) -> dict[str, Any]:
-    return {"kind": "settings", **load_settings(path).model_dump(by_alias=True)}
-
-
-def _describe_json(path: Path) -> dict[str, Any]:
-    return {"kind": "JSON", **Workspace(path.parent).read_json(path.name)}
-
-
-def _describe_fits(path: Path) -> dict[str, Any]:
-    return {"kind": "FITS terrain model", **maplet_facts(read_fits_dtm(path))}
-
-
-def _describe_geotiff(path: Path) -> dict[str, Any]:
-    return {"kind": "GeoTIFF terrain model", **maplet_facts(read_geotiff(path))}
-
-
 _READERS: dict[FileKind, Callable[[Path], dict[str, Any]]] = {
     FileKind.MAPLET: _describe_map,
     FileKind.LANDMARK: _describe_landmark,
     FileKind.SUMMARY: _describe_summary,
     FileKind.IMAGE: _describe_image,
-    FileKind.NOMINAL: _describe_nominal,
-    FileKind.LIST: _describe_list,
-    FileKind.SETTINGS: _describe_settings,
-    FileKind.JSON: _describe_json,
-    FileKind.FITS: _describe_fits,
-    FileKind.GEOTIFF: _describe_geotiff,
+    FileKind.NOMINAL: lambda path: {"kind": "nominal state", "name": read_nominal(path).name},
+    FileKind.LIST: lambda path: {"kind": "list", "names": len(read_list(path))},
+    FileKind.SETTINGS: lambda path: {
+        "kind": "settings",
+        **load_settings(path).model_dump(by_alias=True),
+    },
+    FileKind.JSON: lambda path: {"kind": "JSON", **Workspace(path.parent).read_json(path.name)},
+    FileKind.FITS: lambda path: {"kind": FileKind.FITS, **maplet_facts(read_fits_dtm(path))},
+    FileKind.GEOTIFF: lambda path: {"kind": FileKind.GEOTIFF, **maplet_facts(read_geotiff(path))},
     FileKind.KERNEL: _describe_kernel,
     FileKind.LIDAR: _describe_lidar,
 }

@@ -11,19 +11,13 @@ import numpy as np
 
 from fusion.pipeline import StageContext, StageResult
 from fusion.registration.results import transform_of
+from fusion.runtime.folders import make_folder
 from fusion.runtime.machine import check_grid
 from fusion.stages.geolocation.locating import kernel_paths, located_store
-from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
-from fusion.workspace.settings import (
-    BigmapSettings,
-    BigmapSite,
-    BodySettings,
-    MapolaSettings,
-    Settings,
-    SpiceSettings,
-    SpinSettings,
-    Table,
-)
+from fusion.workspace import SETTINGS_FILE, Workspace
+from fusion.workspace.settings import Settings, Table
+from fusion.workspace.settings.inputs import BodySettings, SpiceSettings, SpinSettings
+from fusion.workspace.settings.processing import BigmapSettings, BigmapSite, MapolaSettings
 from lidar.archive import ScanStore
 from lidar.gridding import LidarBigmapOptions, bigmap_from_returns
 from lidar.scans import Returns

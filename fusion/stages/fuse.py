@@ -14,9 +14,12 @@ from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.fusing import FuseOptions, FuseResult, SlopeInformation
 from fusion.fusing.maplets import FusedMaplet, Source, write_fused
 from fusion.pipeline import StageContext, StageResult, find_table
+from fusion.runtime.folders import make_folder
 from fusion.scene import Scene
-from fusion.workspace import Workspace, make_folder
-from fusion.workspace.settings import BodySettings, FuseSettings, Settings, Table
+from fusion.workspace import Workspace
+from fusion.workspace.settings import Settings, Table
+from fusion.workspace.settings.inputs import BodySettings
+from fusion.workspace.settings.processing import FuseSettings
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,11 @@ from fusion.products import (
     write_manifest,
 )
 from fusion.products.formats import write_fits_dtm, write_geotiff, write_obj, write_ply
-from fusion.workspace import Workspace, make_folder
-from fusion.workspace.settings import BodySettings, ReleaseSettings, Settings, Table
+from fusion.runtime.folders import make_folder
+from fusion.workspace import Workspace
+from fusion.workspace.settings import Settings, Table
+from fusion.workspace.settings.inputs import BodySettings
+from fusion.workspace.settings.processing import ReleaseSettings
 from spcola.atomic import write_error
 from spcola.formats.maplets import read_maplet
 from spcola.grids import MapletGrid

@@ -7,9 +7,12 @@ from pathlib import Path
 
 from fusion.fusing.maplets import FUSED_HDF5
 from fusion.pipeline import StageContext, StageResult
-from fusion.report import PLANTED_FILE, gather_report, make_report
+from fusion.report import gather_report, make_report
+from fusion.report.planted import PLANTED_FILE
 from fusion.workspace import Workspace
-from fusion.workspace.settings import AcceptSettings, BodySettings, Settings, Table
+from fusion.workspace.settings import Settings, Table
+from fusion.workspace.settings.inputs import BodySettings
+from fusion.workspace.settings.processing import AcceptSettings
 from spcola import atomic
 
 

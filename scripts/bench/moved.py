@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from limit_tables import rms
 
 from fusion.fusing.maplets import FusedMaplet, Source
 from fusion.registration.results import Placement, placements_of
@@ -105,10 +106,6 @@ class Errors:
                 shares = " ".join(f"{np.mean(pulls < k):.3f}" for k in (1, 2))
                 cells.append(f"{region} {rms(left):.4f} m, {shares}")
         yield f"{title:16}{rms(moved):.4f} m (rms); without it, within 1, 2 σ: {'; '.join(cells)}"
-
-
-def rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def fitted_movement(rows: FloatArray, error: FloatArray, own: FloatArray) -> FloatArray:

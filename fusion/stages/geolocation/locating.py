@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from fusion.workspace import SETTINGS_FILE, Workspace
-from fusion.workspace.settings import MapolaSettings, Settings, SpiceSettings, SpinSettings
+from fusion.workspace.settings import Settings
+from fusion.workspace.settings.inputs import SpiceSettings, SpinSettings
+from fusion.workspace.settings.processing import MapolaSettings
 from lidar.archive import ScanStore
 from lidar.formats.native import ScanFile, scan_summary, times_of
 from lidar.geolocation import (

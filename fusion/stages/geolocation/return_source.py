@@ -9,7 +9,8 @@ import numpy as np
 from fusion.pipeline import StageContext
 from fusion.stages.geolocation.locating import located_store
 from fusion.workspace import Workspace
-from fusion.workspace.settings import MapolaSettings, SpiceSettings, SpinSettings
+from fusion.workspace.settings.inputs import SpiceSettings, SpinSettings
+from fusion.workspace.settings.processing import MapolaSettings
 from lidar.adjustment import ScanAdjustment
 from lidar.archive import ScanStore
 from lidar.formats.native import scan_summary

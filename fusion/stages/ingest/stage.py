@@ -15,7 +15,7 @@ import numpy as np
 from fusion.pipeline import StageContext, StageResult
 from fusion.pipeline.catalog import content_digest
 from fusion.runtime import Executor, Progress
-from fusion.runtime.machine import one_blas_thread, release
+from fusion.runtime.machine import forget_pages, one_blas_thread
 from fusion.stages.ingest.repair import Repair
 from fusion.stages.ingest.sources import (
     INGEST,
@@ -28,7 +28,8 @@ from fusion.stages.ingest.sources import (
     whole_scans,
 )
 from fusion.workspace import Workspace
-from fusion.workspace.settings import BodySettings, ImportSettings, Settings, Table
+from fusion.workspace.settings import Settings, Table
+from fusion.workspace.settings.inputs import BodySettings, ImportSettings
 from lidar.formats import open_lidar, recognise
 from lidar.formats.native import write_scan
 from lidar.formats.records import LidarOptions
@@ -350,7 +351,7 @@ def _write(
         "import_key": _key(source, settings),
     }
     scan = write_scan(path, chunks, digest=digest, parameters=parameters)
-    release(source.path)
+    forget_pages(source.path)
     return scan
 
 

@@ -16,14 +16,9 @@ from fusion.stages.geolocation.locating import kernel_place, return_paths
 from fusion.stages.geolocation.return_source import ReturnSource
 from fusion.stages.mapolas.adjusting import adjusted, adjustment_summary
 from fusion.workspace import SETTINGS_FILE, Workspace
-from fusion.workspace.settings import (
-    BodySettings,
-    MapolaSettings,
-    Settings,
-    SpiceSettings,
-    SpinSettings,
-    Table,
-)
+from fusion.workspace.settings import Settings, Table
+from fusion.workspace.settings.inputs import BodySettings, SpiceSettings, SpinSettings
+from fusion.workspace.settings.processing import MapolaSettings
 from lidar.archive import ScanStore
 from lidar.formats.mapolas import write_adjustment, write_mapolas
 from lidar.formats.native import scan_summary

@@ -17,7 +17,7 @@ from fusion.stages.register.frame_search import search_workspace_frames
 from fusion.stages.register.matching import Matched, Matcher
 from fusion.surfacematch import Match, Surface
 from fusion.surfacematch.resolution import blur
-from fusion.workspace.settings import RegisterSettings
+from fusion.workspace.settings.processing import RegisterSettings
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError, SpcolaError
 from spcola.grids import MapletGrid

@@ -22,7 +22,7 @@ from fusion.surfacematch.resolution import (
     estimate_transfer,
 )
 from fusion.workspace import SETTINGS_FILE, Workspace
-from fusion.workspace.settings import RegisterSettings
+from fusion.workspace.settings.processing import RegisterSettings
 from lidar.gridding import Mapola
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError

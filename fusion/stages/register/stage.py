@@ -40,15 +40,9 @@ from fusion.stages.register.matching import Matched, check_usable, match_mapolas
 from fusion.stages.register.scan_fits import ScanRegistration
 from fusion.surfacematch import Match
 from fusion.workspace import SETTINGS_FILE, Workspace
-from fusion.workspace.settings import (
-    BodySettings,
-    MapolaSettings,
-    RegisterSettings,
-    Settings,
-    SpiceSettings,
-    SpinSettings,
-    Table,
-)
+from fusion.workspace.settings import Settings, Table
+from fusion.workspace.settings.inputs import BodySettings, SpiceSettings, SpinSettings
+from fusion.workspace.settings.processing import MapolaSettings, RegisterSettings
 from spcola.arrays import FloatArray
 from spcola.control.estimation import NetworkOptions, solve_network
 from spcola.errors import NotObservableError, SettingsError

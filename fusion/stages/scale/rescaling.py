@@ -11,16 +11,16 @@ from typing import Any
 
 from fusion.estimation.verdict import Code, Verdict
 from fusion.runtime import Progress, json_text
-from fusion.runtime.processes import clear_abandoned_folders
+from fusion.runtime.folders import clear_abandoned_folders, make_folder
 from fusion.workspace import (
     OWN_FOLDERS,
     SETTINGS_FILE,
     SPC_FOLDERS,
     SPC_LISTS,
     Workspace,
-    make_folder,
 )
-from fusion.workspace.settings import BodySettings, Settings, write_settings
+from fusion.workspace.settings import Settings, write_settings
+from fusion.workspace.settings.inputs import BodySettings
 from spcola import atomic
 from spcola.control import (
     scaled_image,

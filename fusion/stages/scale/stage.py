@@ -57,14 +57,9 @@ from fusion.stages.geolocation.locating import geolocator, kernel_paths
 from fusion.stages.ingest.sources import check_doubles, whole_scans
 from fusion.stages.scale.pairing import Pairing, pair_images, state_shares, write_pairs
 from fusion.workspace import Workspace
-from fusion.workspace.settings import (
-    BodySettings,
-    ScaleSettings,
-    Settings,
-    SpiceSettings,
-    SpinSettings,
-    Table,
-)
+from fusion.workspace.settings import Settings, Table
+from fusion.workspace.settings.inputs import BodySettings, SpiceSettings, SpinSettings
+from fusion.workspace.settings.processing import ScaleSettings
 from lidar.geolocation import geolocated_by
 from lidar.scans import Scan, join
 from spcola.arrays import FloatArray

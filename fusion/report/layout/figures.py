@@ -1,24 +1,33 @@
-"""Style of all figures of the report, and their embedding into the page."""
+"""Style of all figures of the report, and their files."""
 
 from __future__ import annotations
 
-import base64
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager
-from html import escape
-from typing import TYPE_CHECKING, Any, Literal
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SPC, LIDAR, FUSED, REJECTED = "#0072b2", "#e69f00", "#009e73", "#cc3311"
-"""Colours (Okabe and Ito; Tol) that remain distinct for colour-blind readers."""
-INK, MUTED = "#222222", "#8a8a8a"
+
+class Colour(StrEnum):
+    """Colours (Okabe and Ito; Tol) that remain distinct for colour-blind readers."""
+
+    SPC = "#0072b2"
+    LIDAR = "#e69f00"
+    FUSED = "#009e73"
+    REJECTED = "#cc3311"
+    TEXT = "#222222"
+    GREY = "#8a8a8a"
+    # Pale green, which is in none of the colour maps.
+    MISSING = "#d5e8c0"
+
 
 SOURCES = ("none", "image", "lidar", "both", "filled")
 """Words for each :class:`fusion.fusing.maplets.Source`, in its order."""
-SOURCE_COLOURS = ("#ffffff", SPC, LIDAR, FUSED, "#bbbbbb")
+SOURCE_COLOURS = ("#ffffff", Colour.SPC, Colour.LIDAR, Colour.FUSED, "#bbbbbb")
 """Colours of them."""
 
 _SETTINGS: dict[str, Any] = {
@@ -33,10 +42,10 @@ _SETTINGS: dict[str, Any] = {
     "axes.axisbelow": True,
     "grid.color": "#dddddd",
     "grid.linewidth": 0.6,
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
+    "text.color": Colour.TEXT,
+    "axes.labelcolor": Colour.TEXT,
+    "xtick.color": Colour.TEXT,
+    "ytick.color": Colour.TEXT,
     "xtick.labelsize": 8,
     "ytick.labelsize": 8,
     "legend.fontsize": 8,
@@ -46,7 +55,7 @@ _SETTINGS: dict[str, Any] = {
 
 
 @contextmanager
-def drawing(width: float, height: float) -> Iterator[Figure]:
+def styled_figure(width: float, height: float) -> Iterator[Figure]:
     """Yield an empty figure (size in inches) in the report's style; global state is restored."""
     import matplotlib as mpl  # noqa: PLC0415  (0.4 s at start-up)
     from matplotlib.figure import Figure  # noqa: PLC0415
@@ -55,8 +64,17 @@ def drawing(width: float, height: float) -> Iterator[Figure]:
         yield Figure(figsize=(width, height), layout="constrained")
 
 
-def saved(figure: Figure, kind: str = "svg", *, dpi: int = 130, maker: str = "") -> bytes:
-    """Return the figure as a file: equal figures give equal bytes.
+def source_colours() -> dict[str, Any]:
+    """Return colour map and norm of an image of sources, as options of ``imshow``."""
+    from matplotlib.colors import BoundaryNorm, ListedColormap  # noqa: PLC0415
+
+    count = len(SOURCES)
+    norm = BoundaryNorm([number - 0.5 for number in range(count + 1)], count)
+    return {"cmap": ListedColormap(SOURCE_COLOURS), "norm": norm}
+
+
+def figure_bytes(figure: Figure, kind: str = "svg", *, dpi: int = 130, maker: str = "") -> bytes:
+    """Return the content of the figure's file: equal figures give equal bytes.
 
     Parameters
     ----------
@@ -80,19 +98,3 @@ def saved(figure: Figure, kind: str = "svg", *, dpi: int = 130, maker: str = "")
             metadata={**undated, key: maker or None},
         )
     return stream.getvalue()
-
-
-def data_uri(figure: Figure, kind: Literal["png", "svg"] = "svg") -> str:
-    """Return the figure as a data URI; equal figures give equal text."""
-    mime = "image/svg+xml" if kind == "svg" else "image/png"
-    return f"data:{mime};base64,{base64.b64encode(saved(figure, kind)).decode('ascii')}"
-
-
-def html_figure(
-    figure: Figure, caption: str, alternative: str, kind: Literal["png", "svg"] = "svg"
-) -> str:
-    """Return the element of a page that shows a figure above its caption (HTML)."""
-    return (
-        f'<figure><img alt="{escape(alternative)}" src="{data_uri(figure, kind)}">'
-        f"<figcaption>{caption}</figcaption></figure>"
-    )

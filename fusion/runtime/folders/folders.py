@@ -1,38 +1,34 @@
-"""One program at a time in a folder; temporary files of a killed one are removed."""
+"""Folders made and removed; what killed programs left in them."""
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 
 from spcola.errors import WorkspaceError
 
 
-@contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """Hold the lock file `path`, so that no other program works in its folder meanwhile.
+def make_folder(path: Path) -> None:
+    """Create a folder and those above it.
+
+    Parameters
+    ----------
+    path : Path
 
     Raises
     ------
     WorkspaceError
-        If another program holds it, or it cannot be written.
+        If it cannot be created.
     """
     try:
-        lock = path.open("w", encoding="utf-8")
+        path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise WorkspaceError(f"cannot be written ({error.strerror})", path) from error
-    with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise WorkspaceError(
-                "another spcola is at work here", path.parent, "wait until it is done"
-            ) from error
-        yield
+        raise WorkspaceError(
+            f"cannot be created ({error.strerror})", path, "check the folder above it"
+        ) from error
 
 
 def clear_leftovers(folders: Iterable[Path]) -> None:
