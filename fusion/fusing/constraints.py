@@ -79,7 +79,7 @@ class Constraints:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class RegisteredMapola:
     """A registered mapola that may have heights for a grid; read only if it is needed.
 
     Parameters
@@ -94,7 +94,7 @@ class Candidate:
     load: Callable[[], Mapola]
 
 
-def lidar_constraints(grid: MapletGrid, candidates: Iterable[Candidate]) -> Constraints:
+def lidar_constraints(grid: MapletGrid, candidates: Iterable[RegisteredMapola]) -> Constraints:
     """Project registered mapolas onto `grid`, one height for each point.
 
     Overlapping mapolas contain the same returns, so averaging them would count returns twice. Each
@@ -105,7 +105,7 @@ def lidar_constraints(grid: MapletGrid, candidates: Iterable[Candidate]) -> Cons
     ----------
     grid : MapletGrid
         In SPC coordinates.
-    candidates : iterable of Candidate
+    candidates : iterable of RegisteredMapola
         Best first. Those that cover no point still without a height are not read.
 
     Returns

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from fusion.geolocation import located_store, return_paths
 from fusion.pipeline import StageContext, StageResult
 from fusion.registration.results import transform_of
 from fusion.runtime.machine import check_grid
-from fusion.stages.geolocation.locating import kernel_paths, located_store
 from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
 from fusion.workspace.settings import (
     BigmapSettings,
@@ -64,12 +64,11 @@ class BigmapStage:
         return ""
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return fused maplets, maplets, scans, kernels, registration and shape."""
+        """Return fused maplets, maplets, returns, registration and shape."""
         return [
             *workspace.fused_paths(),
             *workspace.maplet_files(),
-            *workspace.scan_paths(),
-            *kernel_paths(workspace, settings.spice),
+            *return_paths(workspace, settings),
             workspace.registration_path,
             workspace.shape_path(),
         ]

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from fusion.estimation.verdict import Code, Finding, Severity, Verdict
-from fusion.fusing import FuseOptions, FuseResult, SlopeInformation
+from fusion.fusing import FuseOptions, FuseResult
 from fusion.fusing.maplets import FusedMaplet, Source, write_fused
+from fusion.fusing.uncertainty import SlopeInformation
 from fusion.pipeline import StageContext, StageResult, find_table
 from fusion.scene import Scene
 from fusion.workspace import Workspace, make_folder

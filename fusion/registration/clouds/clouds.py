@@ -12,17 +12,22 @@ from scipy.spatial import ConvexHull
 from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.registration.clouds.blur import relative_blur, significant_blur
 from fusion.registration.clouds.cloud_grid import CloudGrid, grid_cloud
-from fusion.registration.fit.fit import (
+from fusion.registration.direct.direct_registration import DirectRegistration
+from fusion.registration.direct.equations import (
+    Clusters,
+    NormalEquations,
+    SurfacePair,
+    pair_equations,
+)
+from fusion.registration.judging.common_ground import ReliefPair, common_relief
+from fusion.registration.judging.judging import judge_relief
+from fusion.registration.transform.parameters import (
     PARAMETERS,
     Model,
     about_origin,
     natural_sizes,
     updated_transform,
 )
-from fusion.registration.judging.common_ground import Placed, common_relief
-from fusion.registration.judging.judging import judge_relief
-from fusion.registration.returns.direct import DirectRegistration
-from fusion.registration.returns.equations import Clusters, Equations, SurfacePair, pair_equations
 from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.grids import MapletGrid
@@ -144,7 +149,7 @@ def _judged(
         grid_cloud(points[::thinned], wide, frame).surface(flat, flat, _HALF_SMOOTH)[0]
         for points, frame in ((moving, found.transform), (fixed, here))
     )
-    relief = common_relief([Placed(one, two, np.zeros(2), _JUDGED_REACH)])
+    relief = common_relief([ReliefPair(one, two, np.zeros(2), _JUDGED_REACH)])
     findings = list(judge_relief(relief))
     if not found.converged:
         text = f"the transform still moved after {found.iterations} steps"
@@ -207,7 +212,7 @@ def _searched(
 class _State(NamedTuple):
     transform: Affine
     center: FloatArray  # the point of the moving frame about which the parameters act
-    equations: Equations
+    equations: NormalEquations
     difference: FloatArray
     blur: float
     clusters: Clusters
@@ -286,7 +291,6 @@ class _Level:
         return DirectRegistration(
             transform=state.transform,
             model=model,
-            parameters=self.names,
             covariance=about_origin(spread, model, state.transform, state.center),
             center=state.center,
             blur_cells=state.blur,

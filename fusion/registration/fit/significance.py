@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from fusion.registration.fit.fit import (
-    PARAMETERS,
-    STRAIN_ROWS,
-    Model,
-    Registration,
-    similarity_numbers,
-    transform_partials,
-)
+from fusion.registration.fit.fit import Registration
 from fusion.registration.fit.fixed_weights import FixedWeightEquations, Refit
+from fusion.registration.transform.parameters import PARAMETERS, Model, transform_partials
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
+
+# Rows that take a matrix to xx − mean, yy − mean, xy, xz, yz of its symmetric part.
+_STRAIN_ROWS = np.zeros((5, 9))
+_STRAIN_ROWS[0, [0, 4, 8]] = [2 / 3, -1 / 3, -1 / 3]
+_STRAIN_ROWS[1, [0, 4, 8]] = [-1 / 3, 2 / 3, -1 / 3]
+_STRAIN_ROWS[[2, 3, 4], [1, 2, 5]] = _STRAIN_ROWS[[2, 3, 4], [3, 6, 7]] = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,20 +83,20 @@ def strain_departure(registration: Registration, centers: FloatArray) -> Departu
         Axes of the lidar frame, dimensionless.
     """
     similarity = registration.similarity
-    rows = STRAIN_ROWS @ np.kron(similarity.rotation.T / similarity.scale, np.eye(3))
+    rows = _STRAIN_ROWS @ np.kron(similarity.rotation.T / similarity.scale, np.eye(3))
     if registration.model == "affine":
         covariance = rows @ registration.covariance[3:, 3:] @ rows.T
         return Departure(rows @ registration.transform.matrix.ravel(), covariance)
     found = _refitted(registration, centers, "affine")
     if isinstance(found, str):
-        return Departure.unobserved(len(STRAIN_ROWS), found)
+        return Departure.unobserved(len(_STRAIN_ROWS), found)
     return Departure(rows @ found.change[3:], rows @ found.covariance[3:, 3:] @ rows.T)
 
 
 def scale_departure(registration: Registration, centers: FloatArray) -> Departure:
     """Scale minus 1 (1,): fitted, or for a rigid fit estimated from the residuals."""
     if registration.model != "rigid":
-        scale, sigma, _, _ = similarity_numbers(registration)
+        scale, sigma, _, _ = registration.similarity_numbers()
         return Departure(np.array([scale - 1.0]), np.array([[sigma**2]]))
     found = _refitted(registration, centers, "similarity")
     if isinstance(found, str):

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from fusion.registration.fit.fit import Registration, transform_partials
+from fusion.registration.fit.fit import Registration
 from fusion.registration.fit.fixed_weights import FixedWeightEquations, Refit
+from fusion.registration.transform.parameters import transform_partials
 from spcola.arrays import AnyArray, FloatArray
 from spcola.errors import NotObservableError
 from spcola.math import lattice

@@ -44,7 +44,7 @@ _ABSURD = 10.0
 
 
 @dataclass(frozen=True)
-class Limits:
+class RegistrationLimits:
     """Largest plausible differences of two solutions of one body.
 
     Parameters
@@ -91,7 +91,9 @@ class Evidence:
         }
 
 
-def judge_registration(content: Mapping[str, Any], evidence: Evidence, limits: Limits) -> Verdict:
+def judge_registration(
+    content: Mapping[str, Any], evidence: Evidence, limits: RegistrationLimits
+) -> Verdict:
     """Judge a registration by its numbers and by the agreement of the surfaces.
 
     Parameters
@@ -99,7 +101,7 @@ def judge_registration(content: Mapping[str, Any], evidence: Evidence, limits: L
     content : mapping
         ``registration.json`` without its verdict.
     evidence : Evidence
-    limits : Limits
+    limits : RegistrationLimits
 
     Returns
     -------
@@ -209,7 +211,7 @@ def _heights(chi: FloatArray) -> Iterator[Finding]:
         yield Finding(Code.HEIGHTS_DISAGREE, severity, text, middle, _DOUBTFUL_CHI)
 
 
-def _centers(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
+def _centers(content: Mapping[str, Any], limits: RegistrationLimits) -> Iterator[Finding]:
     """Test the estimated error of maplets' centres against that of files and settings."""
     estimated = content.get("maplet_sigma_m")
     if estimated is None:
@@ -226,7 +228,7 @@ def _centers(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
         yield Finding(Code.CENTERS_DISAGREE, severity, text, ratio, _DOUBTFUL_CENTER)
 
 
-def _scale(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
+def _scale(content: Mapping[str, Any], limits: RegistrationLimits) -> Iterator[Finding]:
     """Test the scale against its limit."""
     off = abs(content["scale"] - 1.0) - _BEYOND * content["scale_sigma"]
     severity = _severity(off - limits.scale, (_ABSURD - 1.0) * limits.scale)
@@ -238,7 +240,7 @@ def _scale(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
         yield Finding(Code.LARGE_SCALE, severity, text, content["scale"] - 1.0, limits.scale)
 
 
-def _rotation(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
+def _rotation(content: Mapping[str, Any], limits: RegistrationLimits) -> Iterator[Finding]:
     """Test the rotation against its limit."""
     turn = np.array(content["rotation_deg"], dtype=np.float64)
     sigma = float(np.max(content["rotation_sigma_deg"]))

@@ -8,7 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fusion.registration.fit.fit import (
+from fusion.registration.direct.direct_registration import DirectRegistration
+from fusion.registration.direct.equations import Clusters, NormalEquations, pair_equations
+from fusion.registration.returns.return_heights import (
+    CloudOfReturns,
+    FixedSurface,
+    compared,
+    height_of_returns,
+)
+from fusion.registration.returns.returns_match import match_returns
+from fusion.registration.transform.parameters import (
     LIDAR_FRAME,
     PARAMETERS,
     SPC_FRAME,
@@ -17,15 +26,6 @@ from fusion.registration.fit.fit import (
     natural_sizes,
     updated_transform,
 )
-from fusion.registration.returns.direct import DirectRegistration
-from fusion.registration.returns.equations import Clusters, Equations, pair_equations
-from fusion.registration.returns.return_heights import (
-    CloudOfReturns,
-    FixedSurface,
-    compared,
-    height_of_returns,
-)
-from fusion.registration.returns.returns_match import match_returns
 from fusion.surfacematch import MatchOptions
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
@@ -114,7 +114,6 @@ def register_returns(
     return DirectRegistration(
         transform=transform,
         model=options.model,
-        parameters=names,
         covariance=about_origin(found.covariance(rounds.inside), options.model, transform, center),
         center=center,
         blur_cells=float(np.mean([fixed.blur_cells for _, fixed in near])),
@@ -142,7 +141,7 @@ class _Round:
 
     def equations(
         self, near: list[tuple[CloudOfReturns, FixedSurface]], transform: Affine, about: FloatArray
-    ) -> Equations:
+    ) -> NormalEquations:
         """Return the sum of the normal equations of all surfaces."""
         parts, differences, areas = [], [], []
         size = len(PARAMETERS[self.options.model])
@@ -165,7 +164,7 @@ class _Round:
             points = int(np.sqrt(sum(len(fixed.height) ** 2 for _, fixed in near)))
             self.clusters = Clusters.of(float(np.median(areas)), points, size)
         self.differences = np.concatenate(differences)
-        return Equations.joined(parts)
+        return NormalEquations.joined(parts)
 
 
 def _near(

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from fusion.estimation.verdict import Cause
-from fusion.registration.returns.equations import SurfacePair, both_slopes
+from fusion.registration.direct.equations import SurfacePair, both_slopes
 from fusion.registration.returns.return_heights import (
     CloudOfReturns,
     FixedSurface,

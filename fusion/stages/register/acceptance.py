@@ -10,8 +10,8 @@ import numpy as np
 
 from fusion.estimation.verdict import Cause, Code, Finding, Severity, Verdict
 from fusion.pipeline import StageContext
-from fusion.registration.judging import Evidence, Placed, common_relief
-from fusion.registration.results import GivenRegistration, placements_of, transform_of
+from fusion.registration.judging import Evidence, ReliefPair, common_relief
+from fusion.registration.results import GivenRegistration, mapola_registrations, transform_of
 from fusion.scene import surface_reference
 from fusion.stages.register.frame_search import search_workspace_frames
 from fusion.stages.register.matching import Matched, Matcher
@@ -43,7 +43,7 @@ _ESTIMATE = (*_TRANSFORM, "matrix", "strain", "strain_sigma")
 class _Comparison:
     """Heights of a mapola and the SPC surface on one grid, and the residual over its sigma."""
 
-    placed: Placed
+    placed: ReliefPair
     chi: float
 
 
@@ -86,7 +86,7 @@ def evidence_of(
         stated = _stated_sigma(mapola.sigma, surface)
         noise = stated if np.isfinite(stated) else 0.0
         return _Comparison(
-            Placed(lidar, spc, shift, reach, noise), float(mad(match.residual)) / stated
+            ReliefPair(lidar, spc, shift, reach, noise), float(mad(match.residual)) / stated
         )
 
     found = context.map("compare relief", compared, sample)
@@ -168,7 +168,7 @@ def unregistered(
 def _displacements(content: Mapping[str, Any]) -> dict[str, FloatArray]:
     """Return the registered centres of the mapolas (3,), SPC coordinates, metres."""
     transform = transform_of(content, "registration")
-    shifts = placements_of(content, "registration")
+    shifts = mapola_registrations(content, "registration")
     return {
         str(entry["name"]): transform.apply(np.array(entry["center_m"], dtype=np.float64))
         + shifts[str(entry["name"])].shift

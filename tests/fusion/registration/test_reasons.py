@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.registration.fit import FitOptions, similarity_numbers
+from fusion.registration.fit import FitOptions
 from fusion.registration.fit.fit import fit_transform
 from fusion.registration.fit.reasons import registration_reasons
 from spcola.errors import NotObservableError
@@ -14,7 +14,7 @@ from spcola.math import lattice
 
 def errors(fit, truth):
     """Errors of translation, rotation and scale over their sigmas (7,)."""
-    scale, scale_sigma, rotation, rotation_sigma = similarity_numbers(fit)
+    scale, scale_sigma, rotation, rotation_sigma = fit.similarity_numbers()
     sigma = np.sqrt(np.diag(fit.covariance))
     return np.array(
         [
@@ -114,7 +114,7 @@ def test_matches_by_chance_alone_have_the_sigma_of_chance():
     covariances = np.broadcast_to(1e-4 * np.eye(3), (30, 3, 3))
     options = FitOptions(center_sigma_m=0.05)
     fit = fit_transform(points, moved, covariances, np.zeros((30, 3, 0)), options=options)
-    scale, sigma, _, _ = similarity_numbers(fit)
+    scale, sigma, _, _ = fit.similarity_numbers()
     assert fit.fit.sizes.independent > 1.0, "a uniform spread of 4 m"
     assert sigma > 5e-4
     assert abs(scale - 1.0) < 3 * sigma

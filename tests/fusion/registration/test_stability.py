@@ -3,7 +3,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.registration.fit import transform_partials
 from fusion.registration.fit.fixed_weights import FixedWeightEquations
 from fusion.registration.fit.stability import (
     REGIONS,
@@ -13,6 +12,7 @@ from fusion.registration.fit.stability import (
     stability_json,
     suspects,
 )
+from fusion.registration.transform import transform_partials
 from spcola.math import lattice
 
 

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from fusion.geolocation.kernels import kernel_paths, kernel_place
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import MapolaSettings, Settings, SpiceSettings, SpinSettings
 from lidar.archive import ScanStore
-from lidar.formats.native import ScanFile, scan_summary, times_of
+from lidar.formats.native import ScanFile, times_of
 from lidar.geolocation import (
     Geolocation,
     KernelPlace,
-    MirrorAngles,
     RangeShift,
     find_geolocation,
     geolocated,
@@ -27,10 +26,7 @@ from lidar.scans import Scan, ScanSummary
 from spcola.arrays import FloatArray
 from spcola.errors import InvalidValueError, SettingsError
 from spcola.navigation import Spin, Trajectory
-from spcola.spice import KernelSet, KernelUse
 
-# Times of each scan at which the rotation is compared, and about the most of all scans.
-_TIMES_A_SCAN, _MOST_TIMES = 5, 500
 _SPIN = tuple(field.name for field in fields(Spin))
 
 
@@ -44,7 +40,14 @@ def located_store(
 ) -> ScanStore:
     """Open the returns of all scans, geolocated by `[mapolas]`, `[spin]` and `[spice]`.
 
-    Scans that last longer than `arc_s` seconds are cut into arcs.
+    Parameters
+    ----------
+    workspace : Workspace
+    table : MapolaSettings
+    spin : SpinSettings
+    spice : SpiceSettings
+    arc_s : float
+        Scans that last longer, seconds, are cut into arcs.
 
     Raises
     ------
@@ -67,96 +70,14 @@ def located_store(
     return ScanStore(workspace.scan_paths(), locate=locate, arc_s=arc_s)
 
 
-def kernel_place(
-    workspace: Workspace,
-    table: SpiceSettings,
-    change: tuple[Spin, Spin] | None,
-    *,
-    max_gap_s: float,
-) -> KernelPlace | None:
-    """Return the geolocation by the kernels of `[spice]`; None without kernels.
-
-    States and attitudes further apart than `max_gap_s`, seconds, are not interpolated between.
-
-    Raises
-    ------
-    SettingsError
-        If a setting that kernels need is missing, or the rotation is corrected (`change`) too.
-    KernelError
-        If a kernel is missing, or they disagree about the rotation.
-    """
-    if not table.kernels:
-        return None
-    where = f"{workspace.root / SETTINGS_FILE}: [spice]"
-    if not table.spacecraft or not table.body:
-        raise SettingsError("must be given with kernels", f"{where} spacecraft and body")
-    if not table.frame and (any(table.mounting) or table.reference):
-        raise SettingsError(
-            "must be given with reference, boresight_deg, pupil_m, mirror_deg or mirror_scale",
-            f"{where} frame",
-        )
-    if table.frame and not table.reference and not any(table.mounting):
-        raise SettingsError(
-            "must be given with a frame: the pointing with which the files were geolocated",
-            f"{where} reference",
-        )
-    if change is not None:
-        raise SettingsError(
-            "the rotation is that of the kernels",
-            f"{workspace.root / SETTINGS_FILE}: [spin]",
-            "set its shifts to 0, or correct the PCK",
-        )
-    use = KernelUse(table.body, partial(_extent, workspace), "[spice] prime_meridian")
-    reference = None
-    if table.reference:
-        paths = [workspace.root / name for name in table.reference]
-        chosen = table.reference_prime_meridian or None
-        its_use = replace(use, setting="[spice] reference_prime_meridian")
-        reference = KernelSet(paths, prime_meridian=chosen, use=its_use)
-    return KernelPlace(
-        KernelSet(
-            [workspace.root / name for name in table.kernels],
-            prime_meridian=table.prime_meridian or None,
-            use=use,
-        ),
-        table.spacecraft,
-        table.body,
-        table.frame,
-        reference,
-        np.radians(table.boresight_deg),
-        np.array(table.pupil_m),
-        MirrorAngles(
-            (np.radians(table.mirror_deg[0]), np.radians(table.mirror_deg[1])),
-            (table.mirror_scale[0], table.mirror_scale[1]),
-        ),
-        max_gap_s,
-        table.pointing_tolerance_s,
-    )
-
-
-def _extent(workspace: Workspace) -> tuple[FloatArray, float]:
-    """Return some times of each scan, s, and the largest coordinate of returns, metres.
-
-    Without scans they are empty and 0.
-    """
-    summaries = [scan_summary(path) for path in workspace.scan_paths()]
-    spans = [one.time_span for one in summaries if np.isfinite(one.time_span).all()]
-    times = np.concatenate([np.empty(0), *(np.linspace(*span, _TIMES_A_SCAN) for span in spans)])
-    radius = max((float(np.nan_to_num(np.abs(one.bounds)).max()) for one in summaries), default=0.0)
-    return times[:: max(1, len(times) // _MOST_TIMES)], radius
-
-
-def kernel_paths(workspace: Workspace, table: SpiceSettings) -> list[Path]:
-    """Return the kernels of `[spice]`, with the kernels that meta-kernels list."""
-    place = kernel_place(workspace, table, None, max_gap_s=np.inf)
-    if place is None:
-        return []
-    sets = [place.kernels] + ([place.reference] if place.reference is not None else [])
-    return list(dict.fromkeys(path for kernels in sets for path in kernels.paths))
-
-
 def return_paths(workspace: Workspace, settings: Settings) -> list[Path]:
-    """Return every file on which places of returns depend: scans, states of images, kernels."""
+    """Return every file on which places of returns depend: scans, states of images, kernels.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    settings : Settings
+    """
     paths = [*workspace.scan_paths(), *kernel_paths(workspace, settings.spice)]
     if settings.mapolas.trajectory == "spc":
         paths += [workspace.image_path(name) for name in workspace.image_names()]
@@ -258,8 +179,13 @@ def geolocator(
 ) -> Geolocator:
     """Return the geolocation by `[spin]` and `[spice]`.
 
-    States of kernels or images further apart than `max_gap_s`, seconds, are not interpolated
-    between.
+    Parameters
+    ----------
+    workspace : Workspace
+    spin : SpinSettings
+    spice : SpiceSettings
+    max_gap_s : float
+        States of kernels or images further apart, seconds, are not interpolated between.
 
     Raises
     ------

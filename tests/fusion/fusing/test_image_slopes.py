@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from fusion.fusing import Comparison, Illumination, estimate_information
-from fusion.fusing.information import light_along_edges
+from fusion.fusing.uncertainty import AlignedHeights, ImageSlopes, estimate_information
+from fusion.fusing.uncertainty.spc_errors import light_along_edges
 from spcola.camera import Camera, SpcImage
 from spcola.grids import Maplet, MapletGrid
 from spcola.photometry import SlopeVariance
@@ -43,10 +43,10 @@ def suns(longitude, count, polar=35.0):
 
 def test_only_images_that_look_at_a_maplet_face_it():
     images = tuple(image_of(lon, next(suns(lon, 1)), n) for n, lon in enumerate((0, 1, 60, 180)))
-    framed = Illumination(images, "images")
+    framed = ImageSlopes(images, "images")
     assert {i.name for i in framed.facing(facing(0.0))} == {"I000", "I001"}
     # From 1 km above 60° the ground at 0° is above the horizon; from 180° it is not.
-    light = Illumination(images, "sun")
+    light = ImageSlopes(images, "sun")
     assert {i.name for i in light.facing(facing(0.0))} == {"I000", "I001", "I002"}
 
 
@@ -58,12 +58,12 @@ def test_images_are_the_source_if_half_of_the_maplets_lie_in_three(count, light)
         for n, lon in enumerate((0.0, 90.0))
         for k, sun in enumerate(suns(lon, count))
     )
-    assert Illumination.of(images, grids).light == light
+    assert ImageSlopes.of(images, grids).light == light
 
 
 def test_many_images_of_a_campaign_are_thinned_and_still_light_the_ground():
     images = tuple(image_of(0.0, sun, n) for n, sun in enumerate(suns(0.0, 200)))
-    light = Illumination(images, "sun")
+    light = ImageSlopes(images, "sun")
     grid = facing(0.0)
     assert 40 <= len(list(light.facing(grid))) <= 48
     assert light.variance(Maplet("A", grid, np.zeros(grid.shape))).defined.all()
@@ -78,9 +78,9 @@ def test_pixels_are_read_for_images_only():
 
     images = tuple(image_of(0.0, sun, n) for n, sun in enumerate(suns(0.0, 4)))
     maplet = Maplet("A", facing(0.0), np.zeros((21, 21)))
-    Illumination(images, "sun", exposed).variance(maplet)
+    ImageSlopes(images, "sun", exposed).variance(maplet)
     assert not asked
-    Illumination(images, "images", exposed).variance(maplet)
+    ImageSlopes(images, "images", exposed).variance(maplet)
     assert sorted(asked) == [image.name for image in images]
 
 
@@ -97,7 +97,7 @@ def test_the_error_of_brightness_is_found_from_steps():
         walk = np.cumsum(step * rng.normal(size=step.shape), axis=1)
         error = np.pad(walk, ((0, 0), (1, 0)))
         flat = np.zeros(grid.shape)
-        pairs.append(Comparison(flat, error, np.full(grid.shape, 1e-3), grid.gsd, light))
+        pairs.append(AlignedHeights(flat, error, np.full(grid.shape, 1e-3), grid.gsd, light))
     # Along columns neighbouring walks have nothing in common: only rows are compared.
     found = estimate_information(pairs)
     assert found.usual_light == pytest.approx(1.0, rel=0.5)
@@ -114,7 +114,9 @@ def test_points_without_neighbours_do_not_affect_the_light_sigma(recwarn):
     height[::2, ::2] = np.random.default_rng(6).normal(size=(21, 21))
     ones = np.ones(grid.shape)
     light = SlopeVariance(ones, ones, np.full(grid.shape, 5))
-    found = estimate_information([Comparison(0.0 * height, height, 0.01 * ones, grid.gsd, light)])
+    found = estimate_information(
+        [AlignedHeights(0.0 * height, height, 0.01 * ones, grid.gsd, light)]
+    )
     assert (found.light_sigma, found.usual_light) == (0.0, 0.0)
     assert np.isfinite(found.step_sigma(ones, ones, grid.gsd, ones)).all()
     assert not recwarn.list

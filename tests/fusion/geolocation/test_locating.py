@@ -15,10 +15,11 @@ from scipy.spatial import KDTree
 from typer.testing import CliRunner, Result
 
 from fusion.cli.app import app
+from fusion.geolocation import located_store
+from fusion.geolocation.kernels import kernel_paths
+from fusion.geolocation.locating import geolocator, spin_change
 from fusion.pipeline import Pipeline
 from fusion.runtime import ClusterExecutor, Executor, ThreadExecutor
-from fusion.stages.geolocation import located_store
-from fusion.stages.geolocation.locating import geolocator, kernel_paths, spin_change
 from fusion.stages.ingest import stage as ingest
 from fusion.stages.mapolas import stage as mapolas
 from fusion.workspace import SETTINGS_FILE, new_workspace

@@ -1,4 +1,4 @@
-"""Source files of the scans of a workspace, from the scans and from the record of imports."""
+"""LidarFile files of the scans of a workspace, from the scans and from the record of imports."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ INGEST = "ingest"
 
 
 @dataclass(frozen=True)
-class Source:
+class LidarFile:
     """A lidar file and how it is to be read.
 
     Parameters
@@ -50,12 +50,12 @@ class Source:
         return self.name or self.path.name.removesuffix(".gz").rsplit(".", 1)[0] or self.path.name
 
 
-def recorded_source(scan: ScanSummary) -> Source | None:
+def recorded_source(scan: ScanSummary) -> LidarFile | None:
     """Return the source of an imported scan; None for a scan that was not imported."""
     kept = scan.parameters
     if "source" not in kept:
         return None
-    return Source(
+    return LidarFile(
         Path(str(kept["source"])),
         scan.name,
         str(kept["format"]),
@@ -71,14 +71,14 @@ class Origin:
 
     Parameters
     ----------
-    source : Source
+    source : LidarFile
     digest : str
         SHA-256 of the source when it was read.
     returns : int
         Number of returns accepted.
     """
 
-    source: Source
+    source: LidarFile
     digest: str
     returns: int
 
@@ -104,7 +104,7 @@ class Origin:
     @classmethod
     def from_json(cls, name: str, content: Mapping[str, Any]) -> Self:
         """Rebuild the origin of the scan `name` from the content of :meth:`as_json`."""
-        source = Source(
+        source = LidarFile(
             Path(content["file"]),
             name,
             str(content["format"]),
@@ -130,13 +130,13 @@ def readable(path: Path) -> ScanSummary | None:
         return None
 
 
-def whole_scans(workspace: Workspace) -> dict[str, ScanSummary]:
+def readable_scans(workspace: Workspace) -> dict[str, ScanSummary]:
     """Return the scans that are not damaged, by the names of their files."""
     found = {path.stem: readable(path) for path in workspace.scan_paths()}
     return {name: scan for name, scan in found.items() if scan is not None}
 
 
-def doubles(scans: Mapping[str, ScanSummary]) -> list[tuple[str, str]]:
+def duplicate_scans(scans: Mapping[str, ScanSummary]) -> list[tuple[str, str]]:
     """Return pairs of files, by their names, that hold the same scan."""
     found, names, digests = list[tuple[str, str]](), dict[str, str](), dict[str, str]()
     for name, scan in scans.items():
@@ -148,7 +148,7 @@ def doubles(scans: Mapping[str, ScanSummary]) -> list[tuple[str, str]]:
     return found
 
 
-def check_doubles(workspace: Workspace, scans: Iterable[tuple[str, ScanSummary]]) -> None:
+def check_duplicates(workspace: Workspace, scans: Iterable[tuple[str, ScanSummary]]) -> None:
     """Refuse two files of the same scan.
 
     Raises
@@ -156,7 +156,7 @@ def check_doubles(workspace: Workspace, scans: Iterable[tuple[str, ScanSummary]]
     WorkspaceError
         If two files hold the same scan; both are named.
     """
-    for first, second in doubles(dict(scans)):
+    for first, second in duplicate_scans(dict(scans)):
         raise WorkspaceError(
             f"holds the same scan as {workspace.scan_path(first)}",
             workspace.scan_path(second),

@@ -5,9 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.registration.fit import FitOptions, LandmarkErrors
-from fusion.registration.observations import fit_mapolas
-from fusion.registration.results import MatchedMapolas, ScanEffects
+from fusion.registration.fit import (
+    FitOptions,
+    LandmarkErrors,
+    MatchedMapolas,
+    ScanErrors,
+    fit_mapolas,
+)
 from fusion.surfacematch import Match
 from spcola.control.estimation import Network
 from spcola.math import lattice
@@ -38,7 +42,7 @@ def matched(generator):
         Match(f"L{number:04d}", center, moved, covariance, moved, np.zeros((3, 3)), 0.9, 1.0, 3, "")
         for number, (center, moved) in enumerate(zip(centers, error, strict=True))
     ]
-    scans = ScanEffects.independent((), 0.0)
+    scans = ScanErrors.independent((), 0.0)
     none = np.zeros((COUNT, 0))
     return MatchedMapolas(
         matches, scans, scans.at(none, centers), scans.residual_covariance(none, centers)

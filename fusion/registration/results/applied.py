@@ -2,111 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from fusion.registration.fit.fit import LIDAR_FRAME, SPC_FRAME
-from fusion.registration.fit.known import KnownTransform, known_transform
+from fusion.registration.fit.mapolas import MatchedMapolas
 from fusion.registration.fit.reasons import inseparable
-from fusion.registration.results.scans import mapola_shifts
-from fusion.registration.results.summary import (
-    MatchedMapolas,
-    Placed,
-    per_mapola_json,
-    per_scan_json,
-    transform_of,
-)
-from fusion.surfacematch import Match
+from fusion.registration.fit.scan_errors import mapola_shifts
+from fusion.registration.results.read import GivenRegistration
+from fusion.registration.results.write import RegisteredMapolas, per_mapola_json, per_scan_json
 from spcola.arrays import BoolArray, FloatArray
-from spcola.errors import InvalidValueError
-from spcola.grids import MapletGrid
-from spcola.math import Affine
 from spcola.math.robust import mad
 
-_DO = "give a registration.json, or JSON with model, scale, rotation_deg and translation_m"
 # Largest distance, metres, of a mapola from the position that the file gives for it.
 _SAME_PLACE_M = 1e-3
-
-
-@dataclass(frozen=True, eq=False)
-class GivenRegistration:
-    """The transform from lidar to SPC coordinates that a file gives.
-
-    Attributes
-    ----------
-    known : KnownTransform
-        From lidar to SPC coordinates.
-    scans : mapping of str to (2, 3) or (3, 3) ndarray
-        Addition to the adjustment of a scan: rows are its centre, displacement (metres) and
-        rotation vector (radians).
-    covariances : mapping of str to (center, covariance)
-        Mapolas of the file: centre (3,) and covariance (3, 3), m², of the position.
-    """
-
-    known: KnownTransform
-    scans: Mapping[str, FloatArray]
-    covariances: Mapping[str, tuple[FloatArray, FloatArray]]
-
-    def moved(self, grid: MapletGrid) -> MapletGrid:
-        """Return the grid of a mapola moved by the transform alone."""
-        return grid.moved(self.known.transform)
-
-    def referred(self, match: Match, grid: MapletGrid) -> Match:
-        """Convert a match of the moved grid to one of the mapola's own `grid`."""
-        path = self.moved(grid).center - grid.center
-        return replace(match, center=grid.center, displacement=match.displacement + path)
-
-
-def given_registration(
-    content: Mapping[str, Any], where: str, *, inverse: bool = False
-) -> GivenRegistration:
-    """Read a transform from ``registration.json``, or from JSON with the transform alone.
-
-    Parameters
-    ----------
-    content : mapping
-        `model`, `scale`, `rotation_deg` [3], `translation_m` [3] (of an affine map `matrix`);
-        optional: `covariance`, and `per_scan` and `per_mapola` of a registration.
-    where : str
-        Name of the file, for errors.
-    inverse : bool
-        True if the file takes SPC to lidar coordinates. Its scans and mapolas are then ignored.
-
-    Raises
-    ------
-    InvalidValueError
-        If the content is not valid.
-    """
-    transform = transform_of(content, where, do=_DO)
-    known = known_transform(content, transform, where, do=_DO)
-    if inverse:
-        back = known.inverse()
-        named = Affine(back.transform.matrix, back.transform.translation, SPC_FRAME, LIDAR_FRAME)
-        return GivenRegistration(replace(back, transform=named), {}, {})
-    try:
-        scans = {
-            str(entry["scan"]): np.array(
-                [entry["center_m"], entry["offset_m"], np.radians(entry["rotation_deg"])], float
-            ).reshape(3, 3)
-            for entry in content.get("per_scan") or ()
-        }
-        covariances = {
-            str(entry["name"]): (
-                np.array(entry["center_m"], float).reshape(3),
-                np.array(entry["position_covariance_m2"], float).reshape(3, 3),
-            )
-            for entry in content.get("per_mapola") or ()
-        }
-    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
-        raise InvalidValueError(
-            f"has no usable scans or mapolas ({error})",
-            where,
-            "remove them: the transform alone is enough",
-        ) from error
-    return GivenRegistration(known, scans, covariances)
 
 
 def applied_json(
@@ -154,7 +63,7 @@ def applied_json(
 
 def _placed(
     given: GivenRegistration, mapolas: MatchedMapolas, shares: FloatArray, reject: float
-) -> Placed:
+) -> RegisteredMapolas:
     """Positions of the mapolas by the transform and by the file's displacements of scans."""
     matches = mapolas.matches
     centers = np.array([match.center for match in matches])
@@ -170,7 +79,7 @@ def _placed(
             covariance[number] = own
     used = _agreeing(mapolas, residual, reject)
     surface = np.where(used[:, None], residual, np.nan)
-    return Placed(shift, residual, surface, covariance, used)
+    return RegisteredMapolas(shift, residual, surface, covariance, used)
 
 
 def _shifts(

@@ -23,7 +23,7 @@ _MOST_SAMPLES = 48
 
 
 @dataclass(frozen=True, eq=False)
-class Illumination:
+class ImageSlopes:
     """The images of a solution, as a source of slopes.
 
     Parameters
@@ -47,7 +47,7 @@ class Illumination:
         images: tuple[SpcImage, ...],
         grids: list[MapletGrid],
         exposed: Callable[[SpcImage], SpcImage] = lambda image: image,
-    ) -> Illumination:
+    ) -> ImageSlopes:
         """Choose `light`: "images" if half of the `grids` lie in three images, else "sun".
 
         Parameters

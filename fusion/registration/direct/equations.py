@@ -57,7 +57,7 @@ class SurfacePair:
 
 
 @dataclass(frozen=True, eq=False)
-class Equations:
+class NormalEquations:
     """Normal equations of P parameters from one or many pairs of surfaces.
 
     Attributes
@@ -80,7 +80,7 @@ class Equations:
     cells: FloatArray
 
     @classmethod
-    def joined(cls, parts: list[Equations]) -> Equations:
+    def joined(cls, parts: list[NormalEquations]) -> NormalEquations:
         """Sum parts; their clusters remain separate."""
         return cls(
             np.sum([part.normal for part in parts], axis=0),
@@ -175,7 +175,7 @@ class Clusters:
 
 
 def modelled_covariance(
-    parts: Sequence[Equations], areas: Sequence[float], shift_sigma_m: float
+    parts: Sequence[NormalEquations], areas: Sequence[float], shift_sigma_m: float
 ) -> FloatArray:
     """Covariance (P, P) of the solution from a few surfaces with known error statistics.
 
@@ -186,7 +186,7 @@ def modelled_covariance(
 
     Parameters
     ----------
-    parts : sequence of Equations
+    parts : sequence of NormalEquations
         One for each surface; translations first, weights relative to the differences' variance.
     areas : sequence of float
         Correlation areas of the differences, cells.
@@ -213,7 +213,7 @@ def pair_equations(
     *,
     size: int,
     block: int,
-) -> Equations:
+) -> NormalEquations:
     """Return the normal equations of a transform of the moving surface from a pair.
 
     Parameters
@@ -224,7 +224,7 @@ def pair_equations(
         Of both; body-fixed.
     transform : Affine
         Transform at which the partials are evaluated
-        (:func:`fusion.registration.fit.transform_partials`).
+        (:func:`fusion.registration.transform.transform_partials`).
     about : (3,) ndarray
         The point of the moving frame about which rotation, scale and matrix act, metres.
     size : {6, 7, 12}
@@ -234,7 +234,7 @@ def pair_equations(
 
     Returns
     -------
-    Equations
+    NormalEquations
     """
     slopes = both_slopes(pair, grid.gsd)
     known = np.isfinite(pair.fixed - pair.moving + slopes.sum(axis=0))
@@ -250,7 +250,7 @@ def pair_equations(
         size,
         block,
     )
-    return Equations(normal.sum(axis=0), shown.sum(axis=0), scores.sum(axis=0), scores, cells)
+    return NormalEquations(normal.sum(axis=0), shown.sum(axis=0), scores.sum(axis=0), scores, cells)
 
 
 def both_slopes(pair: SurfacePair, gsd: float) -> FloatArray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fusion.fusing.variogram import correlated_cells, mean_square, walk_sigma
+from fusion.fusing.uncertainty.variogram import correlated_cells, mean_square, walk_sigma
 from spcola.arrays import FloatArray
 
 # Fewer differences than this do not determine a spread.
@@ -17,7 +17,7 @@ _REACH = 8
 
 
 @dataclass(frozen=True)
-class ShapeInformation:
+class ShapeErrors:
     """Uncertainty of the shape between neighbouring points, and of its heights.
 
     Parameters
@@ -36,7 +36,7 @@ class ShapeInformation:
     correlated_cells: float
 
 
-def estimate_shape(departures: Sequence[FloatArray]) -> ShapeInformation | None:
+def estimate_shape_errors(departures: Sequence[FloatArray]) -> ShapeErrors | None:
     """Estimate the errors of the shape from lidar minus shape heights.
 
     Boulders missing in the shape are errors, so mean squares are used rather than medians. The
@@ -49,7 +49,7 @@ def estimate_shape(departures: Sequence[FloatArray]) -> ShapeInformation | None:
 
     Returns
     -------
-    ShapeInformation or None
+    ShapeErrors or None
         None if at any lag up to 8 cells fewer than 200 differences are known.
     """
     squares, counts = mean_square(departures, _REACH)
@@ -57,4 +57,4 @@ def estimate_shape(departures: Sequence[FloatArray]) -> ShapeInformation | None:
         return None
     known = np.concatenate([layer[np.isfinite(layer)] for layer in departures])
     height = float(np.sqrt(np.mean(known**2)))
-    return ShapeInformation(walk_sigma(squares), height, correlated_cells(squares, height))
+    return ShapeErrors(walk_sigma(squares), height, correlated_cells(squares, height))

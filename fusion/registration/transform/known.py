@@ -1,4 +1,4 @@
-"""A transform with its covariance, fitted or read from a file, and its inverse."""
+"""Transforms with their covariance: fitted, or read from a file; their inverse."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fusion.registration.fit.fit import PARAMETERS, Model, similarity_numbers, transform_partials
+from fusion.registration.transform.parameters import PARAMETERS, Model, transform_partials
 from spcola.arrays import FloatArray, check_finite, check_shape
 from spcola.errors import InvalidValueError
 from spcola.math import Affine, Similarity
@@ -18,25 +18,61 @@ _NEGATIVE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class KnownTransform:
-    """A transform and its covariance.
+class TransformWithCovariance:
+    """A transform between two frames, and its covariance.
 
     Attributes
     ----------
     model : {"rigid", "similarity", "affine"}
     transform : Affine
+        ``V_target = translation + matrix · V_source``, metres.
     covariance : (P, P) ndarray
-        In the order of :data:`fusion.registration.fit.PARAMETERS`; metres, radians, none.
+        Of `parameters`, whose names have the units: metres, radians, none.
+    """
+
+    model: Model
+    transform: Affine
+    covariance: FloatArray
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names and order of the covariance's rows: one of :data:`PARAMETERS`."""
+        return PARAMETERS[self.model]
+
+    @property
+    def similarity(self) -> Similarity:
+        """The transform as a similarity; for an affine map, the nearest one."""
+        return self.transform.nearest_similarity()
+
+    def similarity_numbers(self) -> tuple[float, float, FloatArray, FloatArray]:
+        """Return scale, its sigma, rotation vector (3,) and its sigma (3,), radians.
+
+        Of an affine map they are those of the polar decomposition, to first order; a rigid
+        transform has scale 1 with sigma 0.
+        """
+        similarity, covariance = self.similarity, self.covariance
+        if self.model != "affine":
+            sigma = np.sqrt(np.diag(covariance))
+            scale_sigma = float(sigma[6]) if self.model == "similarity" else 0.0
+            return similarity.scale, scale_sigma, similarity.rotation_vector, sigma[3:6]
+        # A ≈ s R (1 + E): s' = tr E / 3, δθ = antisymmetric part of E (first order in small E).
+        rows = np.zeros((4, 9))
+        rows[0, [0, 4, 8]] = 1.0 / 3.0
+        for axis, (i, j) in enumerate([(2, 1), (0, 2), (1, 0)]):
+            rows[axis + 1, 3 * i + j], rows[axis + 1, 3 * j + i] = 0.5, -0.5
+        spread = np.sqrt(np.diag(rows @ covariance[3:, 3:] @ rows.T))
+        return similarity.scale, float(spread[0]), similarity.rotation_vector, spread[1:]
+
+
+@dataclass(frozen=True, eq=False)
+class KnownTransform(TransformWithCovariance):
+    """A transform whose covariance has been checked, as it is written and read.
 
     Raises
     ------
     InvalidValueError
         If the covariance has another shape, is not finite, or is not a covariance.
     """
-
-    model: Model
-    transform: Affine
-    covariance: FloatArray
 
     def __post_init__(self) -> None:
         count = len(PARAMETERS[self.model])
@@ -49,16 +85,6 @@ class KnownTransform:
         values = np.linalg.eigvalsh((scaled + scaled.T) / 2.0)
         if np.diag(self.covariance).min() < 0 or values[0] < -_NEGATIVE * max(values[-1], 1.0):
             raise InvalidValueError("has negative variances", "covariance")
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names and order of the covariance's rows."""
-        return PARAMETERS[self.model]
-
-    @property
-    def similarity(self) -> Similarity:
-        """The transform as a similarity (nearest one, of an affine map)."""
-        return self.transform.nearest_similarity()
 
     @property
     def is_exact(self) -> bool:
@@ -78,7 +104,7 @@ class KnownTransform:
 
     def numbers(self) -> dict[str, Any]:
         """Return it as ``registration.json`` has it: units in the keys."""
-        scale, scale_sigma, rotation, rotation_sigma = similarity_numbers(self)
+        scale, scale_sigma, rotation, rotation_sigma = self.similarity_numbers()
         content: dict[str, Any] = {
             "model": self.model,
             "scale": scale,

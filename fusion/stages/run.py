@@ -1,21 +1,32 @@
-"""Run stages from Python, as the commands do."""
+"""The stages in their order, and how to run them from Python, as the commands do."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 
-from fusion.pipeline import Pipeline, StageRun, opened
+from fusion.pipeline import Pipeline, Stage, StageRun, opened
 from fusion.runtime import Executor, Progress, ThreadExecutor
-from fusion.stages.ingest import STAGE, Imported, Source, Workers, import_files
-from fusion.stages.loading import load_stages
+from fusion.stages.ingest import STAGE, Imported, LidarFile, import_files
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
+
+# Names of stages, of their modules and of their commands, in the order of the data.
+_ORDER = ("ingest", "mapolas", "register", "fuse", "bigmap", "scale", "release", "report")
+
+
+def load_stages() -> list[Stage]:
+    """Return all stages in the order in which data pass through them.
+
+    Their modules are imported only now, so that commands start fast.
+    """
+    return [import_module(f"fusion.stages.{name}").STAGE for name in _ORDER]
 
 
 def import_scans(
     workspace: Workspace,
-    files: Sequence[Source | str | Path],
+    files: Sequence[LidarFile | str | Path],
     *,
     settings: Settings | None = None,
     executor: Executor | None = None,
@@ -26,8 +37,8 @@ def import_scans(
     Parameters
     ----------
     workspace : Workspace
-    files : sequence of Source, str or Path
-        A `Source` also gives name, format, columns and unit.
+    files : sequence of LidarFile, str or Path
+        A `LidarFile` also gives name, format, columns and unit.
     settings : Settings, optional
         By default those of ``spcola.toml``.
     executor, progress : optional
@@ -48,9 +59,9 @@ def import_scans(
     """
     chosen, workers = settings or workspace.settings(), executor or ThreadExecutor()
     shown = progress or Progress("silent")
-    sources = [file if isinstance(file, Source) else Source(Path(file)) for file in files]
+    found = [file if isinstance(file, LidarFile) else LidarFile(Path(file)) for file in files]
     with opened(workspace) as catalog:
-        done = import_files(workspace, chosen, sources, Workers(workers, shown, catalog.digesting))
+        done = import_files(workspace, chosen, found, catalog, executor=workers, progress=shown)
         catalog.update_digests(STAGE.name, [workspace.scan_path(one.scan.name) for one in done])
     Pipeline(workspace, chosen, [STAGE], workers, shown).run_stage(STAGE.name)
     return done

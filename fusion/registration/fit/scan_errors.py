@@ -19,7 +19,7 @@ _CHUNK = 512
 
 
 @dataclass(frozen=True, eq=False)
-class ScanEffects:
+class ScanErrors:
     """Error patterns of scans, each of standard deviation 1, and their residual covariance.
 
     Parameters
@@ -43,7 +43,7 @@ class ScanEffects:
     wander_m: float = 0.0
 
     @classmethod
-    def independent(cls, names: Sequence[str], sigma_m: float) -> ScanEffects:
+    def independent(cls, names: Sequence[str], sigma_m: float) -> ScanErrors:
         """Return independent errors of scans, `sigma_m` metres along each axis; 0 for none.
 
         Parameters
@@ -61,7 +61,7 @@ class ScanEffects:
     @classmethod
     def of_adjustment(
         cls, adjustment: ScanAdjustment, shares: FloatArray, points: FloatArray
-    ) -> ScanEffects:
+    ) -> ScanErrors:
         """Return the errors that an adjustment leaves, as patterns that displace the mapolas.
 
         Parameters

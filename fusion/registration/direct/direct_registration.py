@@ -1,28 +1,22 @@
-"""A transform fitted directly to surfaces, without the displacements of mapolas."""
+"""A transform fitted directly to two surfaces, without the displacements of mapolas."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from fusion.estimation.verdict import Verdict
-from fusion.registration.fit.fit import Model
+from fusion.registration.transform.known import TransformWithCovariance
 from spcola.arrays import FloatArray
-from spcola.math import Affine, Similarity
 
 
 @dataclass(frozen=True, eq=False)
-class DirectRegistration:
+class DirectRegistration(TransformWithCovariance):
     """The transform that takes a moving surface to a fixed one.
 
     Attributes
     ----------
-    transform : Affine
-        ``V_fixed = translation + matrix · V_moving``.
-    model : str
-    parameters : tuple of str
-        Names and order of the covariance's rows.
     covariance : (P, P) ndarray
-        Units by the names; infinite if the ground has too few clusters to determine it.
+        Infinite if the ground has too few clusters to determine it.
     center : (3,) ndarray
         Point of the moving frame about which rotation and scale were parametrised.
     blur_cells : float
@@ -38,10 +32,6 @@ class DirectRegistration:
         Whether it may be used; None if it was not judged.
     """
 
-    transform: Affine
-    model: Model
-    parameters: tuple[str, ...]
-    covariance: FloatArray
     center: FloatArray
     blur_cells: float
     residual_std_m: float
@@ -51,8 +41,3 @@ class DirectRegistration:
     iterations: int
     converged: bool
     verdict: Verdict | None = None
-
-    @property
-    def similarity(self) -> Similarity:
-        """The transform as a similarity (nearest one, for an affine fit)."""
-        return self.transform.nearest_similarity()

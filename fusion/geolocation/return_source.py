@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fusion.geolocation.locating import located_store
 from fusion.pipeline import StageContext
-from fusion.stages.geolocation.locating import located_store
 from fusion.workspace import Workspace
 from fusion.workspace.settings import MapolaSettings, SpiceSettings, SpinSettings
 from lidar.adjustment import ScanAdjustment
@@ -39,7 +39,13 @@ class ReturnSource:
 
     @classmethod
     def of(cls, context: StageContext, adjustment: ScanAdjustment | None = None) -> ReturnSource:
-        """Open the returns of a workspace, geolocated as for its mapolas."""
+        """Open the returns of a workspace, geolocated as for its mapolas.
+
+        Parameters
+        ----------
+        context : StageContext
+        adjustment : ScanAdjustment, optional
+        """
         workspace, table = context.workspace, context.table(MapolaSettings)
         store = located_store(
             workspace,
@@ -60,13 +66,13 @@ class ReturnSource:
         return self.adjustment.corrected(self.store.returns_inside(wide))
 
     def gridded(self, name: str, grid: MapletGrid) -> tuple[Gridding, Returns]:
-        """Grid the returns around `grid`; return the result with them."""
+        """Grid the returns around `grid` as the mapola `name`; return the result with them."""
         around = self.around(grid)
         return grid_returns(name, grid, around, options=self.options), around
 
 
 def gridding_options(table: MapolaSettings) -> GriddingOptions:
-    """Return the options of gridding from the settings."""
+    """Return the options of gridding from the settings in `table`."""
     return GriddingOptions(rejection=RejectionOptions(cell_sigmas=table.outlier_k))
 
 

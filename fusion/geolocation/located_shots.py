@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from fusion.estimation.verdict import Code, Finding, Severity
-from fusion.stages.geolocation.locating import Geolocator
+from fusion.geolocation.kernels import coverage_text, span_text, utc_texts
+from fusion.geolocation.locating import Geolocator
 from fusion.workspace import Workspace
 from lidar.formats.native import iter_scan, scan_summary
 from lidar.geolocation import NO_TIME, OUTSIDE, OUTSIDE_KERNELS, KernelPlace
 from lidar.scans import Scan, join
-from spcola.navigation import utc_from_et
 
 KEYS: Mapping[str, str] = {
     OUTSIDE_KERNELS: "outside_kernels",
@@ -57,7 +57,15 @@ class LocatedShots:
         return self.lost.get(OUTSIDE_KERNELS, 0)
 
     def moved(self, scans: tuple[Scan, ...], within_m: float) -> LocatedShots:
-        """Return the shots geolocated by another trajectory; those left out are outside it."""
+        """Return the shots geolocated by another trajectory; those left out are outside it.
+
+        Parameters
+        ----------
+        scans : tuple of Scan
+            The shots with a place.
+        within_m : float
+            Error of their places by interpolation, metres.
+        """
         fewer = sum(map(len, self.scans)) - sum(map(len, scans))
         lost = {**self.lost, OUTSIDE: self.lost.get(OUTSIDE, 0) + fewer}
         return replace(self, scans=scans, lost=lost, within_m=max(self.within_m, within_m))
@@ -69,9 +77,9 @@ class LocatedShots:
         if self.place is not None:
             windows = self.place.coverage.windows()
             content["spans"] = {
-                "kernels_utc": _utc(windows[0, 0], windows[-1, 1]) if len(windows) else None,
+                "kernels_utc": utc_texts(windows[0, 0], windows[-1, 1]) if len(windows) else None,
                 "kernels_windows": len(windows),
-                "shots_utc": _utc(*self.span) if np.isfinite(self.span).all() else None,
+                "shots_utc": utc_texts(*self.span) if np.isfinite(self.span).all() else None,
             }
         return content
 
@@ -125,7 +133,15 @@ class LocatedShots:
 
 
 def located_shots(workspace: Workspace, locator: Geolocator, most: int) -> LocatedShots:
-    """Read and geolocate the shots of each scan, evenly thinned to about `most` in all."""
+    """Read and geolocate the shots of each scan, evenly thinned.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    locator : Geolocator
+    most : int
+        About the number of shots in all.
+    """
     paths = workspace.scan_paths()
     total = sum(scan_summary(path).count for path in paths)
     step = max(1, -(-total // most))
@@ -148,31 +164,3 @@ def located_shots(workspace: Workspace, locator: Geolocator, most: int) -> Locat
     first, last = (float(end) for end in span)
     known_span = (first, last) if first <= last else (np.nan, np.nan)
     return LocatedShots(tuple(scans), count, lost, known_span, within, locator.place)
-
-
-def span_text(first: float, last: float) -> str:
-    """Return the UTC of a span of ephemeris times, s, as text."""
-    known = np.isfinite([first, last]).all()
-    return " to ".join(_utc(first, last)) if known else "unknown times"
-
-
-def coverage_text(place: KernelPlace) -> str:
-    """Return one clause: the times for which the kernels have the place of the lidar."""
-    windows = place.coverage.windows()
-    if not len(windows):
-        whole = replace(place, max_gap_s=np.inf).coverage.windows()
-        if not len(whole):
-            what = f"the pointing of {place.frame} and " if place.frame else ""
-            return f"they have no data on {what}the place of {place.spacecraft} at any time"
-        windows = np.column_stack([whole.ravel(), whole.ravel()])
-    span = span_text(windows[0, 0], windows[-1, 1])
-    gap = f"max_gap_s = {place.max_gap_s:g} s"
-    if np.all(windows[:, 0] == windows[:, 1]):
-        return f"all their states, of {span}, are more than {gap} apart"
-    apart = f" in {len(windows)} spans of states no more than {gap} apart"
-    return f"they cover {span}{apart if len(windows) > 1 else ''}"
-
-
-def _utc(*times: float) -> list[str]:
-    """Return the UTC of ephemeris times (s) to the second."""
-    return [utc_from_et(float(time), 0) for time in times]

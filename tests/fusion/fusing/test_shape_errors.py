@@ -6,19 +6,17 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from fusion.fusing import (
+from fusion.fusing import Constraints, FuseInput, FuseOptions, fuse_maplet
+from fusion.fusing.maplets import FusedMaplet, Source
+from fusion.fusing.uncertainty import (
     DEFAULT_INFORMATION,
-    Comparison,
-    Constraints,
-    FuseInput,
-    FuseOptions,
+    AlignedHeights,
+    ShapeErrors,
     SlopeInformation,
     estimate_information,
-    fuse_maplet,
+    estimate_shape_errors,
 )
-from fusion.fusing.maplets import FusedMaplet, Source
-from fusion.fusing.shape import ShapeInformation, estimate_shape
-from fusion.fusing.variogram import mean_square
+from fusion.fusing.uncertainty.variogram import mean_square
 from spcola.grids import Maplet, MapletGrid
 
 GRID = MapletGrid.facing([80.0, 10.0, 5.0], [1.0, 0.1, 0.1], 0.5, 25)
@@ -34,7 +32,9 @@ def field(generator: np.random.Generator, sigma: float, cells: float) -> np.ndar
     return sigma * wide[SIZE : 2 * SIZE, SIZE : 2 * SIZE] / wide.std()
 
 
-def parts(seed: int, cells: float, seen: np.ndarray) -> tuple[np.ndarray, FuseInput, Comparison]:
+def parts(
+    seed: int, cells: float, seen: np.ndarray
+) -> tuple[np.ndarray, FuseInput, AlignedHeights]:
     """Ground lit on the left; a lidar `seen` in part; 20 cm errors of the shape over `cells`."""
     rng = np.random.default_rng(seed)
     ground = field(rng, 0.5, 5.0) + field(rng, 0.05, 1.0)
@@ -42,7 +42,7 @@ def parts(seed: int, cells: float, seen: np.ndarray) -> tuple[np.ndarray, FuseIn
     shape = ground + field(rng, 0.2, cells)
     lidar = ground + rng.normal(0.0, NOISE, GRID.shape)
     # The information is of the whole solution: it has seen such ground elsewhere.
-    pair = Comparison(lidar, spc, np.full(GRID.shape, NOISE), GRID.gsd, None, shape)
+    pair = AlignedHeights(lidar, spc, np.full(GRID.shape, NOISE), GRID.gsd, None, shape)
     heights = Constraints(
         np.where(seen, lidar, np.nan),
         np.where(seen, NOISE, np.nan),
@@ -71,7 +71,7 @@ def shares(made: list[tuple[np.ndarray, FusedMaplet]], where: np.ndarray) -> tup
 def test_what_the_shape_errs_by_is_recovered(cells: float) -> None:
     rng = np.random.default_rng(1)
     errors = [field(rng, 0.2, cells) for _ in range(8)]
-    found = estimate_shape(errors)
+    found = estimate_shape_errors(errors)
     assert found is not None
     assert found.height_sigma_m == pytest.approx(0.2, rel=0.25)
     first = mean_square(errors, 1)[0][0]
@@ -85,8 +85,8 @@ def test_what_the_shape_errs_by_is_recovered(cells: float) -> None:
 def test_too_few_heights_give_no_estimate() -> None:
     few = np.full(GRID.shape, np.nan)
     few[:5, :5] = 0.1
-    assert estimate_shape([few]) is None
-    assert estimate_shape([]) is None
+    assert estimate_shape_errors([few]) is None
+    assert estimate_shape_errors([]) is None
     assert estimate_information([]).shape is None
 
 
@@ -97,10 +97,12 @@ def test_errors_of_the_shape_are_estimated_where_images_show_nothing() -> None:
     error = np.where(DARK, 0.5, 0.01) * rng.normal(size=GRID.shape)
     spc = np.where(DARK, np.nan, ground)
     sigma = np.full(GRID.shape, NOISE)
-    found = estimate_information([Comparison(ground, spc, sigma, GRID.gsd, None, ground + error)])
+    found = estimate_information(
+        [AlignedHeights(ground, spc, sigma, GRID.gsd, None, ground + error)]
+    )
     assert found.shape is not None
     assert found.shape.height_sigma_m == pytest.approx(0.5, rel=0.1)
-    everywhere = Comparison(ground, ground, sigma, GRID.gsd, None, ground + error)
+    everywhere = AlignedHeights(ground, ground, sigma, GRID.gsd, None, ground + error)
     lit = estimate_information([everywhere]).shape
     assert lit is not None
     assert lit.height_sigma_m == pytest.approx(0.5 * np.sqrt(DARK.mean()), rel=0.1)
@@ -144,7 +146,7 @@ def test_a_good_shape_takes_noise_off_dark_returns_and_a_bad_one_adds_none() -> 
     def error(shape_error: float) -> float:
         rng = np.random.default_rng(4)
         prior = ground + shape_error * rng.normal(size=GRID.shape)
-        told = ShapeInformation(2.0 * shape_error, shape_error, np.pi)
+        told = ShapeErrors(2.0 * shape_error, shape_error, np.pi)
         information = SlopeInformation(0.1, 0.1, 0.1, 0.1, 20.0, shape=told)
         mine = FuseInput("A", GRID, whole.spc, whole.lidar, prior, np.zeros((3, 3)))
         made = fuse_maplet(mine, information, options=FuseOptions(loss="l2")).maplet

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import nnls
 
-from fusion.fusing.shape import ShapeInformation, estimate_shape
-from fusion.fusing.variogram import correlated_cells, ends, walk_sigma
+from fusion.fusing.uncertainty.shape_errors import ShapeErrors, estimate_shape_errors
+from fusion.fusing.uncertainty.variogram import correlated_cells, ends, walk_sigma
 from spcola.arrays import FloatArray, IntArray
 from spcola.grids.statistics import bending
 from spcola.math.robust import mad
@@ -53,7 +53,7 @@ class SlopeInformation:
     usual_light : float
         Variance of slopes by photoclinometry at which a step has `step_sigma_m`: the median of all
         steps.
-    shape : ShapeInformation, optional
+    shape : ShapeErrors, optional
         Errors of the shape model; None if the lidar does not determine them.
     """
 
@@ -64,7 +64,7 @@ class SlopeInformation:
     correlated_cells: float
     light_sigma: float = 0.0
     usual_light: float = 0.0
-    shape: ShapeInformation | None = None
+    shape: ShapeErrors | None = None
 
     def step_sigma(
         self, slope: FloatArray, bend: FloatArray, gsd: float, light: FloatArray | None = None
@@ -112,7 +112,7 @@ def light_along_edges(light: SlopeVariance, lag: int, axis: int) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class AlignedHeights:
     """Aligned lidar and SPC heights on one grid, from which SPC's errors are estimated.
 
     Parameters
@@ -137,16 +137,17 @@ class Comparison:
     shape: FloatArray | None = None
 
 
-def estimate_information(comparisons: list[Comparison], *, reach: int = 8) -> SlopeInformation:
+def estimate_information(comparisons: list[AlignedHeights], *, reach: int = 8) -> SlopeInformation:
     """Estimate the uncertainty of SPC slopes and heights from their differences to a lidar.
 
     The lidar's own variance is subtracted. SPC errors are correlated over some cells, while energy
     (A) assumes independent step errors: their size is chosen so that over one to three cells the
-    surface is nowhere more certain than observed (:func:`fusion.fusing.variogram.walk_sigma`).
+    surface is nowhere more certain than observed
+    (:func:`fusion.fusing.uncertainty.variogram.walk_sigma`).
 
     Parameters
     ----------
-    comparisons : list of Comparison
+    comparisons : list of AlignedHeights
         Of one GSD, registered; gaps as NaN.
     reach : int
         Largest lag of the variogram, cells.
@@ -178,7 +179,7 @@ def estimate_information(comparisons: list[Comparison], *, reach: int = 8) -> Sl
     )
 
 
-def _shape_information(comparisons: list[Comparison]) -> ShapeInformation | None:
+def _shape_information(comparisons: list[AlignedHeights]) -> ShapeErrors | None:
     """Errors of the shape on ground without SPC heights; on all ground if that is too little.
 
     The fusion uses the shape only there, and on unlit ground it may be less accurate.
@@ -186,7 +187,7 @@ def _shape_information(comparisons: list[Comparison]) -> ShapeInformation | None
     known = [pair for pair in comparisons if pair.shape is not None]
     everywhere = [pair.lidar - pair.shape for pair in known if pair.shape is not None]
     alone = [np.where(np.isnan(p.spc), d, np.nan) for p, d in zip(known, everywhere, strict=True)]
-    return estimate_shape(alone) or estimate_shape(everywhere)
+    return estimate_shape_errors(alone) or estimate_shape_errors(everywhere)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +205,7 @@ class _Steps:
     light: FloatArray
 
 
-def _steps(comparisons: list[Comparison], errors: list[FloatArray], lag: int) -> _Steps:
+def _steps(comparisons: list[AlignedHeights], errors: list[FloatArray], lag: int) -> _Steps:
     parts: list[FloatArray] = []
     for pair, error in zip(comparisons, errors, strict=True):
         bent = np.abs(np.nan_to_num(bending(pair.lidar)))
