@@ -60,11 +60,6 @@ def spc_sigma(parts: FuseInput, information: SlopeInformation) -> FloatArray:
     """Standard deviation (R, C) of SPC heights relative to the lidar's, metres.
 
     It includes displacements of the whole surface, and what SPC misses on steep or bent ground.
-
-    Parameters
-    ----------
-    parts : FuseInput
-    information : SlopeInformation
     """
     height, gsd = parts.spc.height, parts.grid.gsd
     own = np.where(np.isfinite(parts.spc.sigma), parts.spc.sigma, 0.0)
@@ -81,10 +76,6 @@ def missing_boulder_sigma(parts: FuseInput) -> FloatArray:
     """Sigma (R, C), metres, that a contradicted lidar height adds: it may be a boulder.
 
     A boulder that SPC lacks is about one cell wide, and no higher than wide.
-
-    Parameters
-    ----------
-    parts : FuseInput
     """
     return np.minimum(np.abs(parts.lidar.height - parts.spc.height), parts.grid.gsd)
 

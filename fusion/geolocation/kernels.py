@@ -112,13 +112,7 @@ def kernel_paths(workspace: Workspace, table: SpiceSettings) -> list[Path]:
 
 
 def advice_on_unplaced(context: StageContext, lost: int, count: int) -> str:
-    """Return what to do if `lost` of `count` returns of scans cannot be geolocated.
-
-    Parameters
-    ----------
-    context : StageContext
-    lost, count : int
-    """
+    """Return what to do if `lost` of `count` returns of a `context` cannot be geolocated."""
     workspace, table = context.workspace, context.table(MapolaSettings)
     place = kernel_place(workspace, context.table(SpiceSettings), None, max_gap_s=table.max_gap_s)
     text = f"{lost} of {count} returns cannot be geolocated"

@@ -71,12 +71,9 @@ def located_store(
 
 
 def return_paths(workspace: Workspace, settings: Settings) -> list[Path]:
-    """Return every file on which places of returns depend: scans, states of images, kernels.
+    """Return the files of a `workspace` on which places of returns depend, by the `settings`.
 
-    Parameters
-    ----------
-    workspace : Workspace
-    settings : Settings
+    These are scans, states of images and kernels.
     """
     paths = [*workspace.scan_paths(), *kernel_paths(workspace, settings.spice)]
     if settings.mapolas.trajectory == "spc":

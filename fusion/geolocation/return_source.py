@@ -39,13 +39,7 @@ class ReturnSource:
 
     @classmethod
     def of(cls, context: StageContext, adjustment: ScanAdjustment | None = None) -> ReturnSource:
-        """Open the returns of a workspace, geolocated as for its mapolas.
-
-        Parameters
-        ----------
-        context : StageContext
-        adjustment : ScanAdjustment, optional
-        """
+        """Open the returns of a `context`, geolocated as for mapolas, with an `adjustment`."""
         workspace, table = context.workspace, context.table(MapolaSettings)
         store = located_store(
             workspace,

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fusion.geolocation import located_store, return_paths
-from fusion.pipeline import StageContext, StageResult
+from fusion.pipeline import Stage, StageContext, StageResult
 from fusion.registration.results import transform_of
 from fusion.runtime.machine import check_grid
 from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
@@ -22,7 +21,6 @@ from fusion.workspace.settings import (
     Settings,
     SpiceSettings,
     SpinSettings,
-    Table,
 )
 from lidar.archive import ScanStore
 from lidar.gridding import LidarBigmapOptions, bigmap_from_returns
@@ -35,25 +33,18 @@ from spcola.math import Affine
 from spcola.shape import RayCaster, shape_heights
 
 
-@dataclass(frozen=True)
-class BigmapStage:
+class BigmapStage(Stage):
     """Fused maplets, maplets, scans → bigmaps of each site in one frame.
 
     ``bigmaps/SITE.MAP`` is made of the fused maplets, ``bigmaps/maplets/SITE.MAP`` of the SPC
     maplets, ``bigmaps/returns/SITE.MAP`` of the registered returns; each has a sigma companion.
     """
 
-    name: str = "bigmap"
-    version: int = 5
-    needs: tuple[str, ...] = ("fuse",)
-    places: tuple[str, ...] = ("bigmaps",)
-    tables: tuple[type[Table], ...] = (
-        BigmapSettings,
-        BodySettings,
-        MapolaSettings,
-        SpiceSettings,
-        SpinSettings,
-    )
+    name = "bigmap"
+    version = 5
+    needs = ("fuse",)
+    places = ("bigmaps",)
+    tables = (BigmapSettings, BodySettings, MapolaSettings, SpiceSettings, SpinSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why no bigmap can be made; empty if it can."""

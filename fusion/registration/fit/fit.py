@@ -23,6 +23,9 @@ from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
 from spcola.math import Affine
 
+# Largest number of Gauss–Newton steps.
+_MOST_STEPS = 10
+
 
 @dataclass(frozen=True)
 class FitOptions:
@@ -57,8 +60,10 @@ class Registration(TransformWithCovariance):
     ----------
     joint : (P + M, P + M) ndarray
         The covariance with the strengths of the patterns of scan errors.
+    centers : (N, 3) ndarray
+        Mapola centres that it was fitted to, lidar coordinates, metres.
     center : (3,) ndarray
-        Point about which rotation and scale were parametrised (mean of the mapola centres).
+        Point about which rotation and scale were parametrised: their mean.
     observations : Observations
         Observations of the last step, to which ``fit`` refers.
     fit : MixedFit
@@ -68,6 +73,7 @@ class Registration(TransformWithCovariance):
     """
 
     joint: FloatArray
+    centers: FloatArray
     center: FloatArray
     observations: Observations
     fit: MixedFit
@@ -155,7 +161,7 @@ def fit_transform(
     target = centers + displacements
     current = _start(options.model, centers, target, center)
     iterations = 0
-    while iterations < 10:
+    while iterations < _MOST_STEPS:
         iterations += 1
         design = transform_partials(options.model, current.nearest_similarity(), centers, center)
         value = target - current.apply(centers)
@@ -171,7 +177,7 @@ def fit_transform(
     joint = about_origin(fit.joint[:moving, :moving], options.model, current, center)
     covariance = joint[: len(names), : len(names)]
     return Registration(
-        options.model, current, covariance, joint, center, observed, fit, iterations
+        options.model, current, covariance, joint, centers, center, observed, fit, iterations
     )
 
 

@@ -23,12 +23,7 @@ _DO = "give a registration.json, or JSON with model, scale, rotation_deg and tra
 def transform_of(content: Mapping[str, Any], where: str, *, do: str = _AGAIN) -> Affine:
     """Read the transform from lidar to SPC coordinates (metres) out of ``registration.json``.
 
-    Errors name the file `where` and the remedy `do`.
-
-    Parameters
-    ----------
-    content : mapping
-    where, do : str
+    The `content` is that of the file `where`; errors name it and the remedy `do`.
 
     Raises
     ------
@@ -83,12 +78,9 @@ class MapolaRegistration:
 
 
 def mapola_registrations(content: Mapping[str, Any], where: str) -> dict[str, MapolaRegistration]:
-    """Read the registration of each mapola from ``registration.json``; `where` is for errors.
+    """Read the registration of each mapola from the `content` of ``registration.json``.
 
-    Parameters
-    ----------
-    content : mapping
-    where : str
+    Errors name the file `where`.
 
     Raises
     ------

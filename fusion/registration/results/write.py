@@ -44,7 +44,6 @@ def registration_json(
     fit, scans = registration.fit, mapolas.scans
     known = KnownTransform(registration.model, registration.transform, registration.covariance)
     by_scans = fit.sizes.shared[0] * mapolas.effects[mapolas.usable]
-    centers = np.stack([match.center for match in mapolas.matches])[mapolas.usable]
     content: dict[str, Any] = {
         **known.numbers(),
         "residual_std_m": registration.residual_std,
@@ -58,10 +57,10 @@ def registration_json(
         "reason": fit.reason,
         "landmarks": None if mapolas.landmarks is None else mapolas.landmarks.as_json(),
         "per_mapola": per_mapola_json(mapolas, _placed(registration, mapolas)),
-        "tests": departures_json(registration, centers),
-        "stability": stability_json(registration, centers),
+        "tests": departures_json(registration),
+        "stability": stability_json(registration),
         "inverse": known.inverse().numbers(),
-        "reasons": registration_reasons(registration, centers),
+        "reasons": registration_reasons(registration),
     }
     if registration.model == "affine":
         found = content["tests"]["strain"]

@@ -72,7 +72,7 @@ def match_returns(
     if best is None:
         return unmatched(name, fixed.grid, both, Cause.NO_RELIEF, Cause.NO_RELIEF.meaning)
     for other in found[1:]:
-        if other is not None and _rivals(other, best, fixed.grid.gsd, options):
+        if other is not None and _is_alternative(other, best, fixed.grid.gsd, options):
             flat = f"{Cause.AMBIGUOUS.meaning} (flat or periodic terrain)"
             return unmatched(name, fixed.grid, both, Cause.AMBIGUOUS, flat)
     return _judged(name, fixed, best, options)
@@ -86,7 +86,7 @@ def _shift(fixed: FixedSurface, local: FloatArray) -> Affine:
 def _searched(
     height: FloatArray, fixed: FixedSurface, weight: FloatArray, options: MatchOptions
 ) -> list[FloatArray]:
-    """Best whole-cell displacement, metres, and up to two rivals; none if it lies on the edge."""
+    """Best whole-cell displacement, metres, and up to two others; none if it lies on the edge."""
     gsd = fixed.grid.gsd
     reach = max(1, int(np.ceil(options.capture_m / gsd)))
     covered = np.isfinite(height)
@@ -200,7 +200,7 @@ def _determined(shown: FloatArray, normal: FloatArray) -> bool:
     return bool(np.linalg.eigvalsh(white.T @ normal @ white)[0] > _LEAST_COMMON)
 
 
-def _rivals(other: _Fine, best: _Fine, gsd: float, options: MatchOptions) -> bool:
+def _is_alternative(other: _Fine, best: _Fine, gsd: float, options: MatchOptions) -> bool:
     """Return whether another displacement leaves about the same variance as the best one.
 
     In square metres, as each pair's weights have their own scale.

@@ -23,12 +23,7 @@ _LEAST = 20
 
 
 class ShortRelief:
-    """Relief of a surface at wavelengths below some twenty degrees.
-
-    Parameters
-    ----------
-    surface : Directions
-    """
+    """Relief of a surface at wavelengths below some twenty degrees."""
 
     def __init__(self, surface: Directions) -> None:
         long = surface.coarser(_COARSE).smoothed(cell_centers(_COARSE), LONGEST_DEG)

@@ -117,8 +117,14 @@ def about_origin(
     """
     if not np.isfinite(covariance).all():
         return covariance
-    origin = np.zeros((1, 3))
-    row = transform_partials(model, transform.nearest_similarity(), origin, center)[0]
     jacobian = np.eye(len(covariance))
-    jacobian[:3, : row.shape[1]] = row
+    count = len(PARAMETERS[model])
+    jacobian[:count, :count] = origin_jacobian(model, transform.nearest_similarity(), center)
     return jacobian @ covariance @ jacobian.T
+
+
+def origin_jacobian(model: Model, transform: Similarity, center: FloatArray) -> FloatArray:
+    """Partials (P, P) of the parameters about the origin by those about `center` (3,), metres."""
+    jacobian = np.eye(len(PARAMETERS[model]))
+    jacobian[:3] = transform_partials(model, transform, np.zeros((1, 3)), center)[0]
+    return jacobian

@@ -52,16 +52,23 @@ class LidarFile:
 
 def recorded_source(scan: ScanSummary) -> LidarFile | None:
     """Return the source of an imported scan; None for a scan that was not imported."""
-    kept = scan.parameters
+    kept = dict(scan.parameters)
     if "source" not in kept:
         return None
+    return _lidar_file(
+        kept["source"], scan.name, {**kept, "columns": json.loads(str(kept["columns"]))}
+    )
+
+
+def _lidar_file(path: Any, name: str, reading: Mapping[str, Any]) -> LidarFile:
+    """Rebuild a source from its recorded path and how it was read."""
     return LidarFile(
-        Path(str(kept["source"])),
-        scan.name,
-        str(kept["format"]),
-        json.loads(str(kept["columns"])),
-        str(kept["unit"]),
-        bool(kept["gps_time"]),
+        Path(str(path)),
+        name,
+        str(reading["format"]),
+        dict(reading["columns"]),
+        str(reading["unit"]),
+        bool(reading["gps_time"]),
     )
 
 
@@ -104,14 +111,7 @@ class Origin:
     @classmethod
     def from_json(cls, name: str, content: Mapping[str, Any]) -> Self:
         """Rebuild the origin of the scan `name` from the content of :meth:`as_json`."""
-        source = LidarFile(
-            Path(content["file"]),
-            name,
-            str(content["format"]),
-            dict(content["columns"]),
-            str(content["unit"]),
-            bool(content["gps_time"]),
-        )
+        source = _lidar_file(content["file"], name, content)
         return cls(source, str(content["digest"]), int(content["returns"]))
 
 

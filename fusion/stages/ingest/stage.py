@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fusion.pipeline import StageContext, StageResult
+from fusion.pipeline import Stage, StageContext, StageResult
 from fusion.pipeline.catalog import Catalog, content_digest
 from fusion.runtime import Executor, Progress
 from fusion.runtime.machine import one_blas_thread, release
@@ -27,7 +27,7 @@ from fusion.stages.ingest.lidar_files import (
 )
 from fusion.stages.ingest.repair import Repair
 from fusion.workspace import Workspace
-from fusion.workspace.settings import BodySettings, ImportSettings, Settings, Table
+from fusion.workspace.settings import BodySettings, ImportSettings, Settings
 from lidar.formats import open_lidar, recognise
 from lidar.formats.native import write_scan
 from lidar.formats.records import LidarOptions
@@ -189,15 +189,12 @@ class _Importer:
         return Imported(source, "imported again", scan, before.count)
 
 
-@dataclass(frozen=True)
-class IngestStage:
+class IngestStage(Stage):
     """Keeps scans consistent with the settings: reads them again if these changed."""
 
-    name: str = INGEST
-    version: int = 2
-    needs: tuple[str, ...] = ()
-    places: tuple[str, ...] = ()
-    tables: tuple[type[Table], ...] = (BodySettings, ImportSettings)
+    name = INGEST
+    version = 2
+    tables = (BodySettings, ImportSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why there is nothing to do; empty if there is."""
@@ -281,12 +278,7 @@ def scan_facts(scan: ScanSummary) -> dict[str, Any]:
 
 
 def span_facts(span: Sequence[float] | FloatArray) -> dict[str, Any]:
-    """Return first and last ephemeris time, s, with their UTC; None for the UTC of unknown times.
-
-    Parameters
-    ----------
-    span : (2,) array_like
-    """
+    """Return the ends of a `span`, ephemeris s, and their UTC; None for the UTC of unknown ones."""
     first, last = (utc_from_et(time) if math.isfinite(time) else None for time in span)
     return {"first_et_s": span[0], "last_et_s": span[1], "first_utc": first, "last_utc": last}
 

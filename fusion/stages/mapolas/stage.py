@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fusion.geolocation import ReturnSource, advice_on_unplaced, return_paths
-from fusion.pipeline import StageContext, StageResult
+from fusion.pipeline import Stage, StageContext, StageResult
 from fusion.runtime.machine import check_grid
 from fusion.stages.mapolas.adjusting import adjusted, adjustment_summary
 from fusion.workspace import SETTINGS_FILE, Workspace
@@ -20,7 +20,6 @@ from fusion.workspace.settings import (
     Settings,
     SpiceSettings,
     SpinSettings,
-    Table,
 )
 from lidar.archive import ScanStore
 from lidar.formats.mapolas import write_adjustment, write_mapolas
@@ -36,20 +35,14 @@ COVER_HALF_SIZE = 49
 _AHEAD = 64
 
 
-@dataclass(frozen=True)
-class MapolasStage:
+class MapolasStage(Stage):
     """Scans → mapolas."""
 
-    name: str = "mapolas"
-    version: int = 15
-    needs: tuple[str, ...] = ("ingest",)
-    places: tuple[str, ...] = ("mapolas",)
-    tables: tuple[type[Table], ...] = (
-        MapolaSettings,
-        BodySettings,
-        SpinSettings,
-        SpiceSettings,
-    )
+    name = "mapolas"
+    version = 15
+    needs = ("ingest",)
+    places = ("mapolas",)
+    tables = (MapolaSettings, BodySettings, SpinSettings, SpiceSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why mapolas cannot be made; empty if they can."""

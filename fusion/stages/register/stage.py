@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from fusion.estimation.verdict import Verdict
 from fusion.geolocation import ReturnSource, return_paths
-from fusion.pipeline import StageContext, StageResult
+from fusion.pipeline import Stage, StageContext, StageResult
 from fusion.registration.fit import (
     FitOptions,
     LandmarkErrors,
@@ -48,7 +48,6 @@ from fusion.workspace.settings import (
     Settings,
     SpiceSettings,
     SpinSettings,
-    Table,
 )
 from spcola.arrays import FloatArray
 from spcola.control.estimation import NetworkOptions, solve_network
@@ -56,21 +55,14 @@ from spcola.errors import NotObservableError, SettingsError
 from spcola.shape import Mesh
 
 
-@dataclass(frozen=True)
-class RegisterStage:
+class RegisterStage(Stage):
     """Mapolas and SPC surface → registration.json."""
 
-    name: str = "register"
-    version: int = 14
-    needs: tuple[str, ...] = ("mapolas",)
-    places: tuple[str, ...] = ("registration.json",)
-    tables: tuple[type[Table], ...] = (
-        RegisterSettings,
-        BodySettings,
-        MapolaSettings,
-        SpinSettings,
-        SpiceSettings,
-    )
+    name = "register"
+    version = 14
+    needs = ("mapolas",)
+    places = ("registration.json",)
+    tables = (RegisterSettings, BodySettings, MapolaSettings, SpinSettings, SpiceSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why nothing can be registered; empty if it can."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from fusion.estimation.verdict import Verdict
 from fusion.geolocation import return_paths
-from fusion.pipeline import StageContext, StageResult
+from fusion.pipeline import Stage, StageContext, StageResult
 from fusion.scaling.judging import consistency, consistency_findings
 from fusion.stages.ingest.lidar_files import check_duplicates, readable_scans
 from fusion.stages.scale.pairs import scale_by_pairs
@@ -19,25 +18,18 @@ from fusion.workspace.settings import (
     Settings,
     SpiceSettings,
     SpinSettings,
-    Table,
 )
 from spcola.shape import RayCaster
 
 
-@dataclass(frozen=True)
-class ScaleStage:
+class ScaleStage(Stage):
     """Scans, images and SPC surface → scale.json and pairs/."""
 
-    name: str = "scale"
-    version: int = 12
-    needs: tuple[str, ...] = ("ingest", "register")
-    places: tuple[str, ...] = ("scale.json", "pairs")
-    tables: tuple[type[Table], ...] = (
-        ScaleSettings,
-        BodySettings,
-        SpinSettings,
-        SpiceSettings,
-    )
+    name = "scale"
+    version = 12
+    needs = ("ingest", "register")
+    places = ("scale.json", "pairs")
+    tables = (ScaleSettings, BodySettings, SpinSettings, SpiceSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why no scale can be estimated; empty if it can."""
