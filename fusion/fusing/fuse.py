@@ -10,7 +10,7 @@ from fusion.fusing.contradiction import contradicted
 from fusion.fusing.energy import height_problem
 from fusion.fusing.fuse_input import FuseInput, FuseOptions
 from fusion.fusing.fused_sigma import fused_sigma, missing_boulder_sigma, spc_sigma
-from fusion.fusing.maplets.maplet import FusedMaplet, Source
+from fusion.fusing.maplets import FusedMaplet, Source
 from fusion.fusing.uncertainty import ShapeErrors, SlopeInformation
 from spcola.arrays import BoolArray
 from spcola.heights import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fusion.estimation.verdict import Verdict
-from fusion.registration.transform.known import TransformWithCovariance
+from fusion.registration.transform import TransformWithCovariance
 from spcola.arrays import FloatArray
 
 

@@ -8,17 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fusion.estimation import ErrorSizes, MixedFit, MixedOptions, Observations, fit_mixed
-from fusion.registration.transform.known import TransformWithCovariance
-from fusion.registration.transform.parameters import (
-    LIDAR_FRAME,
+from fusion.registration.transform import (
     PARAMETERS,
-    SPC_FRAME,
     Model,
+    TransformWithCovariance,
     about_origin,
     natural_sizes,
     transform_partials,
     updated_transform,
 )
+from fusion.registration.transform.parameters import LIDAR_FRAME, SPC_FRAME
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
 from spcola.math import Affine

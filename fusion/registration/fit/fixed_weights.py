@@ -8,7 +8,7 @@ import numpy as np
 
 from fusion.estimation import check_rank
 from fusion.registration.fit.fit import Registration
-from fusion.registration.transform.parameters import PARAMETERS, Model, transform_partials
+from fusion.registration.transform import PARAMETERS, Model, transform_partials
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 
 

@@ -10,7 +10,7 @@ from scipy import stats
 
 from fusion.registration.fit.fit import Registration
 from fusion.registration.fit.fixed_weights import FixedWeightEquations, Refit
-from fusion.registration.transform.parameters import PARAMETERS, Model
+from fusion.registration.transform import PARAMETERS, Model
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
 

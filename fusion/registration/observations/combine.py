@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fusion.estimation.verdict import Cause
-from fusion.registration.fit.landmark_errors import LandmarkErrors
-from fusion.registration.fit.mapolas import MatchedMapolas
+from fusion.registration.fit import LandmarkErrors, MatchedMapolas
 from fusion.registration.observations.by_images import ImagedMapolas
 from fusion.surfacematch import Match
 from spcola.arrays import FloatArray

@@ -11,11 +11,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fusion.estimation import ErrorSizes
-from fusion.registration.fit.fit import FitOptions, Registration
-from fusion.registration.fit.mapolas import MatchedMapolas, fit_mapolas
+from fusion.registration.fit import FitOptions, MatchedMapolas, Registration, fit_mapolas
 from fusion.registration.observations.by_images import ImagedMapolas
 from fusion.registration.observations.combine import ObservationTypeSizes, joint_matches
-from fusion.registration.results.write import registration_json
+from fusion.registration.results import registration_json
 from fusion.surfacematch import Match
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError

@@ -1,6 +1,7 @@
 """The content of registration.json, written and read."""
 
 from fusion.registration.results.applied import applied_json
+from fusion.registration.results.fitted import registration_json
 from fusion.registration.results.keys import with_old_keys
 from fusion.registration.results.read import (
     GivenRegistration,
@@ -9,7 +10,6 @@ from fusion.registration.results.read import (
     mapola_registrations,
     transform_of,
 )
-from fusion.registration.results.write import registration_json
 
 __all__ = [
     "GivenRegistration",

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from fusion.registration.fit.mapolas import MatchedMapolas
+from fusion.registration.fit import MatchedMapolas
 from fusion.registration.fit.reasons import inseparable
 from fusion.registration.fit.scan_errors import mapola_shifts
+from fusion.registration.results.fitted import RegisteredMapolas, per_mapola_json, per_scan_json
 from fusion.registration.results.read import GivenRegistration
-from fusion.registration.results.write import RegisteredMapolas, per_mapola_json, per_scan_json
 from spcola.arrays import BoolArray, FloatArray
 from spcola.math.robust import mad
 

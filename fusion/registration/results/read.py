@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from fusion.registration.transform.known import KnownTransform, known_transform
+from fusion.registration.transform import KnownTransform
+from fusion.registration.transform.known import known_transform
 from fusion.registration.transform.parameters import LIDAR_FRAME, SPC_FRAME
 from fusion.surfacematch import Match
 from spcola.arrays import FloatArray

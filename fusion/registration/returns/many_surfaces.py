@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fusion.registration.direct.direct_registration import DirectRegistration
-from fusion.registration.direct.equations import Clusters, NormalEquations, pair_equations
+from fusion.registration.direct import Clusters, DirectRegistration, NormalEquations, pair_equations
 from fusion.registration.returns.return_heights import (
     CloudOfReturns,
     FixedSurface,
@@ -17,15 +16,14 @@ from fusion.registration.returns.return_heights import (
     height_of_returns,
 )
 from fusion.registration.returns.returns_match import match_returns
-from fusion.registration.transform.parameters import (
-    LIDAR_FRAME,
+from fusion.registration.transform import (
     PARAMETERS,
-    SPC_FRAME,
     Model,
     about_origin,
     natural_sizes,
     updated_transform,
 )
+from fusion.registration.transform.parameters import LIDAR_FRAME, SPC_FRAME
 from fusion.surfacematch import MatchOptions
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError

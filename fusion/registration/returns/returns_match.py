@@ -8,7 +8,8 @@ import numpy as np
 from scipy import ndimage
 
 from fusion.estimation.verdict import Cause
-from fusion.registration.direct.equations import SurfacePair, both_slopes
+from fusion.registration.direct import SurfacePair
+from fusion.registration.direct.equations import both_slopes
 from fusion.registration.returns.return_heights import (
     CloudOfReturns,
     FixedSurface,

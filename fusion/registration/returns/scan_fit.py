@@ -7,19 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from fusion.registration.direct.equations import (
-    NormalEquations,
-    modelled_covariance,
-    pair_equations,
-)
+from fusion.registration.direct import NormalEquations, modelled_covariance, pair_equations
 from fusion.registration.returns.return_heights import (
     CloudOfReturns,
     FixedSurface,
     compared,
     height_of_returns,
 )
-from fusion.registration.transform.known import TransformWithCovariance
-from fusion.registration.transform.parameters import (
+from fusion.registration.transform import (
+    TransformWithCovariance,
     about_origin,
     natural_sizes,
     transform_partials,

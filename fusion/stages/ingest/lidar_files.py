@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -148,7 +148,7 @@ def duplicate_scans(scans: Mapping[str, ScanSummary]) -> list[tuple[str, str]]:
     return found
 
 
-def check_duplicates(workspace: Workspace, scans: Iterable[tuple[str, ScanSummary]]) -> None:
+def check_duplicates(workspace: Workspace, scans: Mapping[str, ScanSummary]) -> None:
     """Refuse two files of the same scan.
 
     Raises
@@ -156,7 +156,7 @@ def check_duplicates(workspace: Workspace, scans: Iterable[tuple[str, ScanSummar
     WorkspaceError
         If two files hold the same scan; both are named.
     """
-    for first, second in duplicate_scans(dict(scans)):
+    for first, second in duplicate_scans(scans):
         raise WorkspaceError(
             f"holds the same scan as {workspace.scan_path(first)}",
             workspace.scan_path(second),

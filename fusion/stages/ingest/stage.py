@@ -243,7 +243,7 @@ class IngestStage(Stage):
         again = dict(zip(due, context.map("import", one, due), strict=True))
         notes = repair.taken(due, again)
         scans = {**repair.scans, **again}
-        check_duplicates(workspace, ((path.stem, scan) for path, scan in scans.items()))
+        check_duplicates(workspace, {path.stem: scan for path, scan in scans.items()})
         rejected = {scan.name: dict(scan.rejected) for scan in scans.values() if scan.rejected}
         returns = sum(scan.count for scan in scans.values())
         origins = {path.stem: Origin.of(scan) for path, scan in scans.items()}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -39,14 +38,6 @@ _TRANSFORM = (
 _ESTIMATE = (*_TRANSFORM, "matrix", "strain", "strain_sigma")
 
 
-@dataclass(frozen=True, eq=False)
-class _Comparison:
-    """Heights of a mapola and the SPC surface on one grid, and the residual over its sigma."""
-
-    placed: ReliefPair
-    chi: float
-
-
 def evidence_of(
     context: StageContext,
     matched: Matched,
@@ -72,7 +63,7 @@ def evidence_of(
     shifts = _displacements(content) if content is not None else {}
     sample = matched.matches[:: -(-len(matched.matches) // _SAMPLE)]
 
-    def compared(match: Match) -> _Comparison:
+    def compared(match: Match) -> tuple[ReliefPair, float]:
         mapola = workspace.mapola(match.name)
         grid = matcher.grid(mapola.grid)
         surface = reference(match.name, grid)
@@ -85,13 +76,11 @@ def evidence_of(
         shift = _shift(shifts.get(match.name), grid)
         stated = _stated_sigma(mapola.sigma, surface)
         noise = stated if np.isfinite(stated) else 0.0
-        return _Comparison(
-            ReliefPair(lidar, spc, shift, reach, noise), float(mad(match.residual)) / stated
-        )
+        return ReliefPair(lidar, spc, shift, reach, noise), float(mad(match.residual)) / stated
 
     found = context.map("compare relief", compared, sample)
-    relief = common_relief([one.placed for one in found])
-    return Evidence(relief, np.array([one.chi for one in found]))
+    relief = common_relief([pair for pair, _ in found])
+    return Evidence(relief, np.array([chi for _, chi in found]))
 
 
 def _stated_sigma(sigma: FloatArray, surface: Surface) -> float:

@@ -17,7 +17,7 @@ from fusion.registration.returns import (
     ScanFit,
     SurfaceNormalEquations,
 )
-from fusion.stages.mapolas.adjusting import compared_grids
+from fusion.stages.mapolas import compared_grids
 from fusion.surfacematch import Surface
 from spcola.grids import MapletGrid
 

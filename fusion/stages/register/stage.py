@@ -112,7 +112,10 @@ class RegisterStage(Stage):
         else:
             evidence = evidence_of(context, matched, content, given)
             content["agreement"] = evidence.as_json()
-            verdict = judge_registration(content, evidence, _limits(table))
+            limits = RegistrationLimits(
+                table.max_rotation_deg, table.max_scale_change, table.center_sigma_m
+            )
+            verdict = judge_registration(content, evidence, limits)
         content["blur_cells"] = matched.blur_cells
         for key, curve in (("noise_spectrum", matched.spectrum), ("transfer", matched.transfer)):
             content[key] = None if curve is None else curve.as_json()
@@ -210,11 +213,6 @@ def _rematched(
         "the rotation does not settle when mapolas are matched again from where the fit turns them"
     )
     return matched, {**content, "converged": False, "reason": text}, given
-
-
-def _limits(table: RegisterSettings) -> RegistrationLimits:
-    """Return the limits of the difference of two solutions of a body, from the settings."""
-    return RegistrationLimits(table.max_rotation_deg, table.max_scale_change, table.center_sigma_m)
 
 
 def _by_topography(

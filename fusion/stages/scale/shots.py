@@ -28,13 +28,7 @@ from fusion.scaling.places import (
     check_scans,
     compare_crossings,
 )
-from fusion.scaling.results import (
-    assumed_json,
-    per_shot,
-    place_json,
-    scale_json,
-    scan_places_json,
-)
+from fusion.scaling.results import assumed_json, per_shot, place_json, scale_json, scan_places_json
 from fusion.scaling.shots import (
     ShotComparison,
     SpotOptions,

@@ -8,7 +8,8 @@ from fusion.estimation.verdict import Verdict
 from fusion.geolocation import return_paths
 from fusion.pipeline import Stage, StageContext, StageResult
 from fusion.scaling.judging import consistency, consistency_findings
-from fusion.stages.ingest.lidar_files import check_duplicates, readable_scans
+from fusion.stages.ingest import readable_scans
+from fusion.stages.ingest.lidar_files import check_duplicates
 from fusion.stages.scale.pairs import scale_by_pairs
 from fusion.stages.scale.shots import scale_by_shots
 from fusion.workspace import Workspace
@@ -57,7 +58,7 @@ class ScaleStage(Stage):
     def run(self, context: StageContext) -> StageResult:
         """Compare, estimate jointly, write; also if nothing can be compared."""
         workspace, table = context.workspace, context.table(ScaleSettings)
-        check_duplicates(workspace, readable_scans(workspace).items())
+        check_duplicates(workspace, readable_scans(workspace))
         shape = workspace.shape()
         radius = context.table(BodySettings).mean_radius_m or shape.mean_radius
         caster = RayCaster(shape)

@@ -9,13 +9,11 @@ import numpy as np
 
 from fusion.estimation import influence
 from fusion.estimation.verdict import Cause
-from fusion.registration.fit.fit import Registration
-from fusion.registration.fit.mapolas import MatchedMapolas
+from fusion.registration.fit import MatchedMapolas, Registration, ScanErrors
 from fusion.registration.fit.reasons import registration_reasons
-from fusion.registration.fit.scan_errors import ScanErrors
 from fusion.registration.fit.significance import departures_json
 from fusion.registration.fit.stability import stability_json
-from fusion.registration.transform.known import KnownTransform
+from fusion.registration.transform import KnownTransform
 from fusion.surfacematch import Match
 from spcola.arrays import BoolArray, FloatArray
 
