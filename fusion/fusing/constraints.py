@@ -68,7 +68,7 @@ class Constraints:
         return self.without(generator.random(self.height.shape) >= fraction)
 
     def without(self, dropped: BoolArray) -> Constraints:
-        """Leave out the heights of the points (R, C) `dropped`; means stay."""
+        """Leave out the heights of the points (R, C) `dropped`; means remain."""
         return Constraints(
             np.where(dropped, np.nan, self.height),
             np.where(dropped, np.nan, self.sigma),

@@ -19,7 +19,7 @@ from fuzz_rows import COUNT, hayabusa, hayabusa2, lola, lola_binary, nlr, rows, 
 from fusion.fusing.maplets import FusedMaplet, Source, read_fused, write_fused
 from fusion.products import Provenance
 from fusion.products.formats import read_fits_dtm, write_fits_dtm
-from fusion.registration.fit import ScanErrors
+from fusion.registration.fit import ScanErrorPatterns
 from fusion.registration.results import given_registration, mapola_registrations
 from fusion.stages.ingest.lidar_files import recorded_source
 from fusion.truth import read_truth
@@ -330,7 +330,7 @@ def _read_fused(path: Path) -> None:
 def _read_adjustment(path: Path) -> None:
     found = read_adjustment(path)
     shares = np.full((3, len(found)), 0.5)
-    ScanErrors.of_adjustment(found, shares, POINTS[:3])
+    ScanErrorPatterns.of_adjustment(found, shares, POINTS[:3])
     str(found.suspects), found.sigma.sum()
 
 

@@ -27,7 +27,7 @@ from fusion.registration.fit import (
     LandmarkErrors,
     MatchedMapolas,
     Registration,
-    ScanErrors,
+    ScanErrorPatterns,
     fit_mapolas,
     share_matrix,
 )
@@ -124,11 +124,11 @@ class Case:
         adjustment = self.workspace.adjustment()
         if scans and adjustment is not None:
             matrix = share_matrix(shares, adjustment.names)
-            effects = ScanErrors.of_adjustment(adjustment, matrix, centers)
+            effects = ScanErrorPatterns.of_adjustment(adjustment, matrix, centers)
         else:
             names = sorted({name for share in shares for name in share})
             matrix = share_matrix(shares, names)
-            effects = ScanErrors.independent(names, 0.0)
+            effects = ScanErrorPatterns.independent(names, 0.0)
         return MatchedMapolas.of(matches, effects, matrix)
 
     def landmarks(self) -> LandmarkErrors:

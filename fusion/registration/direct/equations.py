@@ -64,7 +64,7 @@ class NormalEquations:
     ----------
     normal : (P, P) ndarray
         M of ``M p = right``: products of one surface's partials with the other's.
-    shown : (P, P) ndarray
+    noisy : (P, P) ndarray
         Products of the mean partials with themselves, noise of the slopes included.
     right : (P,) ndarray
     scores : (K, P) ndarray
@@ -74,7 +74,7 @@ class NormalEquations:
     """
 
     normal: FloatArray
-    shown: FloatArray
+    noisy: FloatArray
     right: FloatArray
     scores: FloatArray
     cells: FloatArray
@@ -84,7 +84,7 @@ class NormalEquations:
         """Sum parts; their clusters remain separate."""
         return cls(
             np.sum([part.normal for part in parts], axis=0),
-            np.sum([part.shown for part in parts], axis=0),
+            np.sum([part.noisy for part in parts], axis=0),
             np.sum([part.right for part in parts], axis=0),
             np.concatenate([part.scores for part in parts]),
             np.concatenate([part.cells for part in parts]),
@@ -106,9 +106,9 @@ class NormalEquations:
             If the relief common to both surfaces does not determine a parameter.
         """
         scale = np.outer(natural, natural)
-        check_rank(self.shown * scale, names)
-        # Eigenvalues of `normal` relative to `shown`.
-        root = np.linalg.cholesky(self.shown * scale)
+        check_rank(self.noisy * scale, names)
+        # Eigenvalues of `normal` relative to `noisy`.
+        root = np.linalg.cholesky(self.noisy * scale)
         half = np.linalg.solve(root, self.normal * scale)
         values, vectors = np.linalg.eigh(np.linalg.solve(root, half.T))
         weak = values < _LEAST_COMMON
@@ -196,7 +196,7 @@ def modelled_covariance(
     inverse = np.linalg.inv(np.sum([part.normal for part in parts], axis=0))
     middle = np.sum(
         [
-            area * part.shown + shift_sigma_m**2 * part.normal[:, :3] @ part.normal[:, :3].T
+            area * part.noisy + shift_sigma_m**2 * part.normal[:, :3] @ part.normal[:, :3].T
             for part, area in zip(parts, areas, strict=True)
         ],
         axis=0,
@@ -240,7 +240,7 @@ def pair_equations(
     known = np.isfinite(pair.fixed - pair.moving + slopes.sum(axis=0))
     weights = np.where(known, np.nan_to_num(pair.weights), 0.0)
     scale = 1.0 / transform.nearest_similarity().scale if size == 7 else 1.0
-    normal, shown, scores, cells = _accumulate(
+    normal, noisy, scores, cells = _accumulate(
         np.concatenate([[pair.fixed, pair.moving], weights]),
         slopes,
         np.concatenate([grid.axes, [grid.center - transform.apply(about)]]),
@@ -250,7 +250,7 @@ def pair_equations(
         size,
         block,
     )
-    return NormalEquations(normal.sum(axis=0), shown.sum(axis=0), scores.sum(axis=0), scores, cells)
+    return NormalEquations(normal.sum(axis=0), noisy.sum(axis=0), scores.sum(axis=0), scores, cells)
 
 
 def both_slopes(pair: SurfacePair, gsd: float) -> FloatArray:
@@ -305,7 +305,7 @@ def _accumulate(
     """
     points = layers.shape[1]
     blocks = (points + block - 1) // block
-    normal, shown = np.zeros((blocks, size, size)), np.zeros((blocks, size, size))
+    normal, noisy = np.zeros((blocks, size, size)), np.zeros((blocks, size, size))
     scores, cells = np.zeros((blocks, blocks, size)), np.zeros((blocks, blocks))
     middle = 0.5 * (points - 1)
     for band in range(blocks):
@@ -340,9 +340,9 @@ def _accumulate(
                     for q in range(p + 1):
                         cross = 0.5 * (first[p] * second[q] + second[p] * first[q])
                         normal[band, p, q] += curvature * cross
-                        shown[band, p, q] += curvature * mean[p] * mean[q]
+                        noisy[band, p, q] += curvature * mean[p] * mean[q]
         for p in range(size):
             for q in range(p):
                 normal[band, q, p] = normal[band, p, q]
-                shown[band, q, p] = shown[band, p, q]
-    return normal, shown, scores.reshape(-1, size), cells.ravel()
+                noisy[band, q, p] = noisy[band, p, q]
+    return normal, noisy, scores.reshape(-1, size), cells.ravel()

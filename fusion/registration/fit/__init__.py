@@ -3,14 +3,14 @@
 from fusion.registration.fit.fit import FitOptions, Registration
 from fusion.registration.fit.landmark_errors import LandmarkErrors
 from fusion.registration.fit.mapolas import MatchedMapolas, fit_mapolas
-from fusion.registration.fit.scan_errors import ScanErrors, share_matrix
+from fusion.registration.fit.scan_errors import ScanErrorPatterns, share_matrix
 
 __all__ = [
     "FitOptions",
     "LandmarkErrors",
     "MatchedMapolas",
     "Registration",
-    "ScanErrors",
+    "ScanErrorPatterns",
     "fit_mapolas",
     "share_matrix",
 ]

@@ -31,7 +31,7 @@ class LandmarkErrors:
         Patterns of shared errors, of standard deviation 1, metres.
     pixel_sigma : float
         Of the landmarks' positions in images, pixels.
-    images, seen : int
+    images, positions : int
         Number of images used, and of positions of landmarks in them.
     """
 
@@ -40,7 +40,7 @@ class LandmarkErrors:
     shared: FloatArray
     pixel_sigma: float
     images: int
-    seen: int
+    positions: int
 
     @classmethod
     def of_mapolas(
@@ -70,7 +70,7 @@ class LandmarkErrors:
         """Return its numbers as ``registration.json`` has them."""
         return {
             "images": self.images,
-            "seen": self.seen,
+            "seen": self.positions,
             "pixel_sigma": self.pixel_sigma,
             "patterns": self.shared.shape[2],
             "offset_rms_m": float(np.sqrt(np.mean(self.offset**2))),

@@ -9,7 +9,7 @@ import numpy as np
 
 from fusion.registration.fit.fit import FitOptions, Registration, fit_transform
 from fusion.registration.fit.landmark_errors import LandmarkErrors
-from fusion.registration.fit.scan_errors import ScanErrors
+from fusion.registration.fit.scan_errors import ScanErrorPatterns
 from fusion.surfacematch import Match
 from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import NotObservableError
@@ -26,7 +26,7 @@ class MatchedMapolas:
     Attributes
     ----------
     matches : sequence of Match
-    scans : ScanErrors
+    scans : ScanErrorPatterns
     effects : (N, 3, M) ndarray
         ``scans.at`` of each mapola.
     residual_covariance : (N, 3, 3) ndarray
@@ -36,7 +36,7 @@ class MatchedMapolas:
     """
 
     matches: Sequence[Match]
-    scans: ScanErrors
+    scans: ScanErrorPatterns
     effects: FloatArray
     residual_covariance: FloatArray
     landmarks: LandmarkErrors | None = None
@@ -45,7 +45,7 @@ class MatchedMapolas:
     def of(
         cls,
         matches: Sequence[Match],
-        scans: ScanErrors,
+        scans: ScanErrorPatterns,
         shares: FloatArray,
     ) -> MatchedMapolas:
         """Return matches with the errors of scans at their places.
@@ -53,7 +53,7 @@ class MatchedMapolas:
         Parameters
         ----------
         matches : sequence of Match
-        scans : ScanErrors
+        scans : ScanErrorPatterns
         shares : (N, S) ndarray
             Share of each scan in the mapolas' returns.
         """

@@ -19,7 +19,7 @@ _CHUNK = 512
 
 
 @dataclass(frozen=True, eq=False)
-class ScanErrors:
+class ScanErrorPatterns:
     """Error patterns of scans, each of standard deviation 1, and their residual covariance.
 
     Parameters
@@ -30,7 +30,7 @@ class ScanErrors:
         Body-fixed point about which each is rotated, metres.
     modes : (6S, M) ndarray
         Displacement (metres) and rotation (radians) of each scan in each pattern.
-    rest : (6S, 6S) ndarray, optional
+    residual : (6S, 6S) ndarray, optional
         Residual covariance of the displacements, in addition to the patterns; 0 if not given.
     wander_m : float
         Standard deviation, each axis, metres, of local displacements of a scan.
@@ -39,11 +39,11 @@ class ScanErrors:
     names: tuple[str, ...]
     center: FloatArray
     modes: FloatArray
-    rest: FloatArray | None = None
+    residual: FloatArray | None = None
     wander_m: float = 0.0
 
     @classmethod
-    def independent(cls, names: Sequence[str], sigma_m: float) -> ScanErrors:
+    def independent(cls, names: Sequence[str], sigma_m: float) -> ScanErrorPatterns:
         """Return independent errors of scans, `sigma_m` metres along each axis; 0 for none.
 
         Parameters
@@ -61,7 +61,7 @@ class ScanErrors:
     @classmethod
     def of_adjustment(
         cls, adjustment: ScanAdjustment, shares: FloatArray, points: FloatArray
-    ) -> ScanErrors:
+    ) -> ScanErrorPatterns:
         """Return the errors that an adjustment leaves, as patterns that displace the mapolas.
 
         Parameters
@@ -104,9 +104,9 @@ class ScanErrors:
         """
         variance = self.wander_m**2 * np.sum(shares**2, axis=1)
         covariance: FloatArray = variance[:, None, None] * np.eye(3)
-        if self.rest is not None:
+        if self.residual is not None:
             parts = [
-                np.einsum("nip,njp->nij", rows @ self.rest, rows)
+                np.einsum("nip,njp->nij", rows @ self.residual, rows)
                 for rows in _displaced(self.center, shares, points)
             ]
             covariance = covariance + np.concatenate([np.zeros((0, 3, 3)), *parts])

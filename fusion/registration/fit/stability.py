@@ -129,12 +129,12 @@ def _influence(
     values, vectors = np.linalg.eigh((expected + expected.T) / 2.0)
     changed = values > _ROUNDING * max(float(values[-1]), _ROUNDING)
     chi2 = float(np.sum((vectors.T @ (change / unit))[changed] ** 2 / values[changed]))
-    carried = origin @ (rest.covariance - whole.covariance) @ origin.T
+    spread = origin @ (rest.covariance - whole.covariance) @ origin.T
     return RegionInfluence(
         direction=direction,
         count=count,
         change=origin @ change,
-        sigma=np.sqrt(np.maximum(np.diag(carried), 0.0)),
+        sigma=np.sqrt(np.maximum(np.diag(spread), 0.0)),
         chi2=chi2,
         p_value=float(stats.chi2.sf(chi2, np.count_nonzero(changed))),
     )

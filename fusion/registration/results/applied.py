@@ -9,7 +9,7 @@ import numpy as np
 from fusion.registration.fit import MatchedMapolas
 from fusion.registration.fit.reasons import inseparable
 from fusion.registration.fit.scan_errors import mapola_shifts
-from fusion.registration.results.fitted import RegisteredMapolas, per_mapola_json, per_scan_json
+from fusion.registration.results.fitted import RegisteredPositions, per_mapola_json, per_scan_json
 from fusion.registration.results.read import GivenRegistration
 from spcola.arrays import BoolArray, FloatArray
 from spcola.math.robust import mad
@@ -63,7 +63,7 @@ def applied_json(
 
 def _placed(
     given: GivenRegistration, mapolas: MatchedMapolas, shares: FloatArray, reject: float
-) -> RegisteredMapolas:
+) -> RegisteredPositions:
     """Positions of the mapolas by the transform and by the file's displacements of scans."""
     matches = mapolas.matches
     centers = np.array([match.center for match in matches])
@@ -79,7 +79,7 @@ def _placed(
             covariance[number] = own
     used = _agreeing(mapolas, residual, reject)
     surface = np.where(used[:, None], residual, np.nan)
-    return RegisteredMapolas(shift, residual, surface, covariance, used)
+    return RegisteredPositions(shift, residual, surface, covariance, used)
 
 
 def _shifts(

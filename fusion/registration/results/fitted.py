@@ -9,7 +9,7 @@ import numpy as np
 
 from fusion.estimation import influence
 from fusion.estimation.verdict import Cause
-from fusion.registration.fit import MatchedMapolas, Registration, ScanErrors
+from fusion.registration.fit import MatchedMapolas, Registration, ScanErrorPatterns
 from fusion.registration.fit.reasons import registration_reasons
 from fusion.registration.fit.significance import departures_json
 from fusion.registration.fit.stability import stability_json
@@ -78,7 +78,7 @@ def _scale_partials(registration: Registration, mapolas: MatchedMapolas) -> Floa
     return moved
 
 
-def per_scan_json(scans: ScanErrors, displacement: FloatArray) -> list[dict[str, Any]]:
+def per_scan_json(scans: ScanErrorPatterns, displacement: FloatArray) -> list[dict[str, Any]]:
     """One entry for each scan: the additions to its adjustment, (S, 6) metres and radians."""
     return [
         {
@@ -92,7 +92,7 @@ def per_scan_json(scans: ScanErrors, displacement: FloatArray) -> list[dict[str,
 
 
 @dataclass(frozen=True, eq=False)
-class RegisteredMapolas:
+class RegisteredPositions:
     """Registered positions of all mapolas, including those that do not match.
 
     Attributes
@@ -116,7 +116,7 @@ class RegisteredMapolas:
     used: BoolArray
 
 
-def _placed(registration: Registration, mapolas: MatchedMapolas) -> RegisteredMapolas:
+def _placed(registration: Registration, mapolas: MatchedMapolas) -> RegisteredPositions:
     """Registered positions of the mapolas by a fit."""
     centers = np.array([match.center for match in mapolas.matches])
     residual, used = np.full(centers.shape, np.nan), mapolas.usable
@@ -126,7 +126,7 @@ def _placed(registration: Registration, mapolas: MatchedMapolas) -> RegisteredMa
     moved = np.array([match.displacement for match in mapolas.matches]).reshape(-1, 3)
     surface = centers + moved - registration.transform.apply(centers) - shift
     surface[~used] = np.nan
-    return RegisteredMapolas(
+    return RegisteredPositions(
         shift=shift,
         residual=residual,
         surface=surface,
@@ -136,7 +136,7 @@ def _placed(registration: Registration, mapolas: MatchedMapolas) -> RegisteredMa
     )
 
 
-def per_mapola_json(mapolas: MatchedMapolas, placed: RegisteredMapolas) -> list[dict[str, Any]]:
+def per_mapola_json(mapolas: MatchedMapolas, placed: RegisteredPositions) -> list[dict[str, Any]]:
     """One entry for each mapola: its match and registration, and the reason if it was not used."""
     return [
         {

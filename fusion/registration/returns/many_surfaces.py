@@ -75,7 +75,7 @@ def register_returns(
     Parameters
     ----------
     returns : CloudOfReturns
-        Of a scan, say; lidar coordinates.
+        For example of one scan; lidar coordinates.
     surfaces : sequence of FixedSurface
         Maplets, or one bigmap. Errors of different surfaces count as independent.
     options : ReturnsOptions, optional
@@ -156,7 +156,7 @@ class _Round:
                 areas.append(np.isfinite(difference).sum() / independent_patches(difference))
         if not parts:
             raise NotObservableError(
-                "the returns cover none of the surfaces", do="lower the coverage asked for"
+                "the returns cover none of the surfaces", do="lower the required coverage"
             )
         if areas:
             points = int(np.sqrt(sum(len(fixed.height) ** 2 for _, fixed in near)))

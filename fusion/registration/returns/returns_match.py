@@ -171,30 +171,30 @@ def _solved(pair: SurfacePair, gsd: float) -> tuple[FloatArray, FloatArray, Floa
     robust, step = np.where(known, pair.robust, 0.0), np.zeros(5)
     for _ in range(4):
         weighted = mean * robust[..., None]
-        shown = np.einsum("rcp,rcq->pq", weighted, mean)
+        noisy = np.einsum("rcp,rcq->pq", weighted, mean)
         normal = np.einsum("rcp,rcq->pq", first * robust[..., None], second)
         normal = 0.5 * (normal + normal.T)
-        if not _determined(shown, normal):
+        if not _determined(noisy, normal):
             return None
         step = np.linalg.solve(normal, np.einsum("rcp,rc->p", weighted, target))
         rest = target - mean @ step
         spread = max(float(mad(rest[known])), 1e-12)
         robust = np.where(known, huber_weight(rest / spread), 0.0)
     standardised = np.where(known, rest, np.nan)
-    # The sandwich uses `shown`, which includes noise of the slopes, in place of `normal`.
-    carried = np.linalg.solve(normal, shown)
+    # The sandwich uses `noisy`, which includes noise of the slopes, in place of `normal`.
+    response = np.linalg.solve(normal, noisy)
     design = np.moveaxis(np.where(known[..., None], mean, 0.0), -1, 0)
     found = robust_covariance(design, huber_scores(standardised, spread))
-    covariance = carried @ found.matrix @ carried.T
+    covariance = response @ found.matrix @ response.T
     return step, standardised, covariance[:3, :3]
 
 
-def _determined(shown: FloatArray, normal: FloatArray) -> bool:
+def _determined(noisy: FloatArray, normal: FloatArray) -> bool:
     """Return whether relief common to both surfaces, not noise, determines every parameter."""
-    size = np.sqrt(np.diag(shown))
+    size = np.sqrt(np.diag(noisy))
     if np.min(size) < 1e-9:
         return False
-    values, vectors = np.linalg.eigh(shown / np.outer(size, size))
+    values, vectors = np.linalg.eigh(noisy / np.outer(size, size))
     if values[0] < 1e-10 * values[-1]:
         return False
     white = vectors / np.sqrt(values) / size[:, None]

@@ -160,5 +160,5 @@ class ScanFit(TransformWithCovariance):
 
 def _extent(equations: NormalEquations) -> float:
     """Distance, metres, at which rotations displace the observed ground as far as translations."""
-    shown = np.diag(equations.shown)
-    return float(np.sqrt(max(shown[3:].mean() / max(shown[:3].mean(), 1e-300), 1.0)))
+    noisy = np.diag(equations.noisy)
+    return float(np.sqrt(max(noisy[3:].mean() / max(noisy[:3].mean(), 1e-300), 1.0)))

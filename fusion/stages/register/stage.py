@@ -16,7 +16,7 @@ from fusion.registration.fit import (
     FitOptions,
     LandmarkErrors,
     MatchedMapolas,
-    ScanErrors,
+    ScanErrorPatterns,
     fit_mapolas,
     share_matrix,
 )
@@ -344,8 +344,8 @@ def _with_scans(
     if adjustment is None:
         names = sorted({name for share in found for name in share})
         shares = share_matrix(found, names)
-        scans = ScanErrors.independent(names, table.scan_sigma_m)
+        scans = ScanErrorPatterns.independent(names, table.scan_sigma_m)
     else:
         shares = share_matrix(found, adjustment.names)
-        scans = ScanErrors.of_adjustment(adjustment, shares, centers)
+        scans = ScanErrorPatterns.of_adjustment(adjustment, shares, centers)
     return MatchedMapolas.of(matches, scans, shares), shares

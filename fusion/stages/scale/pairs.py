@@ -13,16 +13,16 @@ from fusion.scaling.fit import ScaleEstimate, estimate_scale
 from fusion.scaling.judging import scale_findings, shared_by_maplets, unmatched_findings
 from fusion.scaling.pairs import maplets_under, pair_observations
 from fusion.scaling.results import per_pair, scale_json, unused_pairs
-from fusion.stages.scale.estimate import Estimate, scale_options, unobserved
 from fusion.stages.scale.pairing import Pairing, pair_images, write_pairs
+from fusion.stages.scale.result import ScaleResult, scale_options, unobserved
 from fusion.workspace import Workspace
 from fusion.workspace.settings import ScaleSettings, SpiceSettings
 from spcola.errors import NotObservableError
 from spcola.shape import RayCaster
 
 
-def scale_by_pairs(context: StageContext, caster: RayCaster, radius: float) -> Estimate:
-    """Estimate the scale from paired bigmaps of all images.
+def scale_by_pairs(context: StageContext, caster: RayCaster, radius: float) -> ScaleResult:
+    """ScaleResult the scale from paired bigmaps of all images.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def scale_by_pairs(context: StageContext, caster: RayCaster, radius: float) -> E
     shared = None
     if workspace.registration_path.is_file() and table.trajectory == "spc":
         shared = _shared_with_registration(workspace, made, estimate)
-    return Estimate(content, findings, files, shared)
+    return ScaleResult(content, findings, files, shared)
 
 
 def _located(context: StageContext, made: Pairing) -> dict[str, Any]:

@@ -36,8 +36,8 @@ from fusion.scaling.shots import (
     iterate_shots,
     join_shots,
 )
-from fusion.stages.scale.estimate import Estimate, scale_options, unobserved
 from fusion.stages.scale.pairing import state_shares
+from fusion.stages.scale.result import ScaleResult, scale_options, unobserved
 from fusion.workspace import Workspace
 from fusion.workspace.settings import ScaleSettings, SpiceSettings, SpinSettings
 from lidar.geolocation import geolocated_by
@@ -51,8 +51,8 @@ from spcola.shape import RayCaster
 _PlacedScan = tuple[Scan, FloatArray | None]
 
 
-def scale_by_shots(context: StageContext, caster: RayCaster, radius: float) -> Estimate:
-    """Estimate the scale from single shots of all scans against the shape.
+def scale_by_shots(context: StageContext, caster: RayCaster, radius: float) -> ScaleResult:
+    """ScaleResult the scale from single shots of all scans against the shape.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def scale_by_shots(context: StageContext, caster: RayCaster, radius: float) -> E
     content["per_shot"] = per_shot(compared, estimate)
     findings = scale_findings(compared.observations, estimate, options)
     findings += missed_findings(compared.missed, len(compared.met))
-    return Estimate(content, [*findings, *at_place, *shots.taken.findings()])
+    return ScaleResult(content, [*findings, *at_place, *shots.taken.findings()])
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +142,7 @@ class _Shots:
         """Compare all shots."""
         return join_shots(self.each(known))
 
-    def unobserved(self, reason: str, **content: Any) -> Estimate:
+    def unobserved(self, reason: str, **content: Any) -> ScaleResult:
         """Return the result if the shots determine nothing."""
         found = unobserved("shots", self.trajectory, reason, **self.taken.as_json(), **content)
         found.findings.extend(self.taken.findings())

@@ -9,7 +9,7 @@ from fusion.registration.fit import (
     FitOptions,
     LandmarkErrors,
     MatchedMapolas,
-    ScanErrors,
+    ScanErrorPatterns,
     fit_mapolas,
 )
 from fusion.registration.observations import ImagedMapolas, place_mapolas
@@ -119,7 +119,7 @@ def imaged(*matches, effects=None):
 
 def by_heights(*matches, residual=0.0, effects=None):
     count = len(matches)
-    scans = ScanErrors.independent([], 0.05)
+    scans = ScanErrorPatterns.independent([], 0.05)
     none = np.zeros((count, 3, 0)) if effects is None else effects
     return MatchedMapolas(matches, scans, none, np.tile(residual**2 * np.eye(3), (count, 1, 1)))
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.registration.fit import FitOptions, ScanErrors, share_matrix
+from fusion.registration.fit import FitOptions, ScanErrorPatterns, share_matrix
 from fusion.registration.fit.fit import fit_transform
 from fusion.registration.fit.significance import strain_departure
 from fusion.registration.transform import transform_partials
@@ -34,7 +34,7 @@ def fit(points, truth, generator, *, sigma=0.01, scan_sigma=0.0, scans=12, model
 
 def scan_effects(shares, points, sigma=0.05):
     names = [f"scan{number}" for number in range(shares.shape[1])]
-    return ScanErrors.independent(names, sigma).at(shares, points)
+    return ScanErrorPatterns.independent(names, sigma).at(shares, points)
 
 
 def test_planted_similarity_is_recovered_exactly_without_noise():
@@ -180,7 +180,7 @@ def test_a_turned_scan_displaces_its_far_end():
     """Modes of rotation reach a mapola by its arm from the scan's centre."""
     modes = np.zeros((6, 1))
     modes[5, 0] = 1e-3
-    scans = ScanErrors(("one",), np.array([[100.0, 0.0, 0.0]]), modes)
+    scans = ScanErrorPatterns(("one",), np.array([[100.0, 0.0, 0.0]]), modes)
     effect = scans.at(np.ones((1, 1)), np.array([[150.0, 0.0, 0.0]]))
     assert effect[0, :, 0] == pytest.approx([0.0, 0.05, 0.0], abs=1e-15)
 

@@ -9,7 +9,7 @@ from fusion.registration.fit import (
     FitOptions,
     LandmarkErrors,
     MatchedMapolas,
-    ScanErrors,
+    ScanErrorPatterns,
     fit_mapolas,
 )
 from fusion.surfacematch import Match
@@ -42,7 +42,7 @@ def matched(generator):
         Match(f"L{number:04d}", center, moved, covariance, moved, np.zeros((3, 3)), 0.9, 1.0, 3, "")
         for number, (center, moved) in enumerate(zip(centers, error, strict=True))
     ]
-    scans = ScanErrors.independent((), 0.0)
+    scans = ScanErrorPatterns.independent((), 0.0)
     none = np.zeros((COUNT, 0))
     return MatchedMapolas(
         matches, scans, scans.at(none, centers), scans.residual_covariance(none, centers)

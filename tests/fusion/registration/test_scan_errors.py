@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.registration.fit import ScanErrors
+from fusion.registration.fit import ScanErrorPatterns
 from lidar.adjustment import AdjustmentOptions, Nodes, ScanAdjustment, displacement_rows, unadjusted
 from spcola.arrays import FloatArray
 
@@ -35,7 +35,7 @@ def test_patterns_and_residual_covariance_add_up_to_the_covariance(
     adjustment: ScanAdjustment,
 ) -> None:
     shares, points = placed(7)
-    scans = ScanErrors.of_adjustment(adjustment, shares, points)
+    scans = ScanErrorPatterns.of_adjustment(adjustment, shares, points)
     effects, rest = scans.at(shares, points), scans.residual_covariance(shares, points)
     rows = displacement_rows(points[:, None], CENTERS)
     displaced = np.einsum("ns,nsij->nisj", shares, rows).reshape(7, 3, 18)
@@ -47,9 +47,9 @@ def test_patterns_and_residual_covariance_add_up_to_the_covariance(
 
 def test_patterns_that_move_no_mapola_are_left_out(adjustment: ScanAdjustment) -> None:
     shares, points = placed(7)
-    all_of_them = ScanErrors.of_adjustment(adjustment, shares, points)
+    all_of_them = ScanErrorPatterns.of_adjustment(adjustment, shares, points)
     last = np.tile([0.0, 0.0, 1.0], (7, 1))
-    third = ScanErrors.of_adjustment(adjustment, last, points)
+    third = ScanErrorPatterns.of_adjustment(adjustment, last, points)
     assert 6 <= all_of_them.modes.shape[1] < 18
     assert third.modes.shape[1] == 0
     assert third.at(last, points).shape == (7, 3, 0)
@@ -60,7 +60,7 @@ def test_patterns_that_move_no_mapola_are_left_out(adjustment: ScanAdjustment) -
 
 def test_many_mapolas_are_as_few(adjustment: ScanAdjustment) -> None:
     shares, points = placed(1100)
-    scans = ScanErrors.of_adjustment(adjustment, shares, points)
+    scans = ScanErrorPatterns.of_adjustment(adjustment, shares, points)
     some = slice(600, 640)
     np.testing.assert_allclose(
         scans.at(shares, points)[some], scans.at(shares[some], points[some]), atol=1e-15
@@ -74,7 +74,7 @@ def test_many_mapolas_are_as_few(adjustment: ScanAdjustment) -> None:
 
 def test_without_an_adjustment_each_scan_errs_by_itself() -> None:
     shares, points = placed(5)
-    scans = ScanErrors.independent(NAMES, 0.04)
+    scans = ScanErrorPatterns.independent(NAMES, 0.04)
     assert scans.at(shares, points).shape == (5, 3, 9)
     assert not scans.residual_covariance(shares, points).any()
-    assert ScanErrors.independent(NAMES, 0.0).at(shares, points).shape == (5, 3, 0)
+    assert ScanErrorPatterns.independent(NAMES, 0.0).at(shares, points).shape == (5, 3, 0)

@@ -1,4 +1,4 @@
-"""What both methods of the scale stage share: its result, and the options of the estimate."""
+"""The result of either method of the scale stage, and the options of its estimate."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fusion.workspace.settings import ScaleSettings
 
 
 @dataclass
-class Estimate:
+class ScaleResult:
     """Result of one method: content of ``scale.json``, findings, and files written.
 
     Attributes
@@ -32,10 +32,10 @@ class Estimate:
     registration_covariance: float | None = None
 
 
-def unobserved(method: str, trajectory: str, reason: str, **content: Any) -> Estimate:
+def unobserved(method: str, trajectory: str, reason: str, **content: Any) -> ScaleResult:
     """Return the result if nothing is observed for a `reason`, with further `content`."""
     found = unobserved_json(method, trajectory, reason) | content
-    return Estimate(found, unobserved_findings(reason))
+    return ScaleResult(found, unobserved_findings(reason))
 
 
 def scale_options(table: ScaleSettings) -> ScaleOptions:
