@@ -147,16 +147,7 @@ def fit_transform(
     groups = (effects, *further)
     center = np.mean(centers, axis=0)
     reach = max(float(np.sqrt(np.mean(np.sum((centers - center) ** 2, axis=1)))), 1e-6)
-    mixed = MixedOptions(
-        prior=np.full(len(names), np.inf),
-        sizes=ErrorSizes(options.fixed_sizes[0], options.fixed_sizes[1:], width=0.0)
-        if options.fixed_sizes
-        else ErrorSizes(options.center_sigma_m, (1.0,) * len(groups), fixed=options.fixed_groups),
-        # Without extent (one point) rotation and scale are not determined in any unit.
-        scale=natural_sizes(names, max(reach, 1.0)),
-        names=names,
-        reject=options.reject,
-    )
+    mixed = _mixed_options(options, reach, len(groups))
     target = centers + displacements
     current = _start(options.model, centers, target, center)
     iterations = 0
@@ -177,6 +168,23 @@ def fit_transform(
     covariance = joint[: len(names), : len(names)]
     return Registration(
         options.model, current, covariance, joint, centers, center, observed, fit, iterations
+    )
+
+
+def _mixed_options(options: FitOptions, reach: float, groups: int) -> MixedOptions:
+    """Options of the mixed model for mapolas that extend over `reach`, metres."""
+    names = PARAMETERS[options.model]
+    if options.fixed_sizes:
+        sizes = ErrorSizes(options.fixed_sizes[0], options.fixed_sizes[1:], width=0.0)
+    else:
+        sizes = ErrorSizes(options.center_sigma_m, (1.0,) * groups, fixed=options.fixed_groups)
+    return MixedOptions(
+        prior=np.full(len(names), np.inf),
+        sizes=sizes,
+        # Without extent (one point) rotation and scale are not determined in any unit.
+        scale=natural_sizes(names, max(reach, 1.0)),
+        names=names,
+        reject=options.reject,
     )
 
 
