@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 from typer.testing import CliRunner, Result
 
 from fusion.cli.app import app
-from fusion.geolocation import located_store
+from fusion.geolocation import located_store, return_paths
 from fusion.geolocation.kernels import kernel_paths
 from fusion.geolocation.locating import geolocator, spin_change
 from fusion.pipeline import Pipeline
@@ -309,6 +309,8 @@ def test_mapolas_move_as_the_states_of_images_do(tmp_path: Path) -> None:
     # States that wander by 2 cm an axis between each other are 2 to 4 cm off halfway.
     assert 0.01 < summary["located_within_m"] < 0.05
     assert "located_within_m" not in as_read
+    # Whatever is made of these returns, bigmaps among it, is made again when a state changes.
+    assert workspace.image_path("I000") in return_paths(workspace, settings)
 
 
 def longer(scan: Scan, by: float) -> Scan:
