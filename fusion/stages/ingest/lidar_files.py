@@ -1,4 +1,4 @@
-"""LidarFile files of the scans of a workspace, from the scans and from the record of imports."""
+"""Lidar files of the scans of a workspace, from the scans and from the record of imports."""
 
 from __future__ import annotations
 

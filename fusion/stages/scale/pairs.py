@@ -22,7 +22,7 @@ from spcola.shape import RayCaster
 
 
 def scale_by_pairs(context: StageContext, caster: RayCaster, radius: float) -> ScaleResult:
-    """ScaleResult the scale from paired bigmaps of all images.
+    """Estimate the scale from paired bigmaps of all images.
 
     Parameters
     ----------

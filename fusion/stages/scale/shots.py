@@ -52,7 +52,7 @@ _PlacedScan = tuple[Scan, FloatArray | None]
 
 
 def scale_by_shots(context: StageContext, caster: RayCaster, radius: float) -> ScaleResult:
-    """ScaleResult the scale from single shots of all scans against the shape.
+    """Estimate the scale from single shots of all scans against the shape.
 
     Parameters
     ----------
