@@ -7,7 +7,7 @@ height of the points in it; the detail between them is determined by the slopes.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -69,12 +69,11 @@ class Constraints:
 
     def without(self, dropped: BoolArray) -> Constraints:
         """Leave out the heights of the points (R, C) `dropped`; means remain."""
-        return Constraints(
-            np.where(dropped, np.nan, self.height),
-            np.where(dropped, np.nan, self.sigma),
-            np.where(dropped, 0, self.count),
-            self.means,
-            self.coarse,
+        return replace(
+            self,
+            height=np.where(dropped, np.nan, self.height),
+            sigma=np.where(dropped, np.nan, self.sigma),
+            count=np.where(dropped, 0, self.count),
         )
 
 
