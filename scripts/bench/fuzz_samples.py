@@ -42,8 +42,9 @@ from fuzz_rows import (
 from fusion.fusing.maplets import FusedMaplet, Source, read_fused, write_fused
 from fusion.products import Provenance
 from fusion.products.formats import read_fits_dtm, write_fits_dtm
-from fusion.registration.results import ScanEffects, given_registration, placements_of
-from fusion.stages.ingest.sources import recorded_source
+from fusion.registration.fit import ScanErrorPatterns
+from fusion.registration.results import given_registration, mapola_registrations
+from fusion.stages.ingest.lidar_files import recorded_source
 from fusion.truth import read_truth
 from fusion.truth.planted import PlacedCenter, Planted, TrueState, write_truth
 from fusion.truth.presets import MissionSettings
@@ -278,7 +279,7 @@ def _read_fused(path: Path) -> None:
 def _read_adjustment(path: Path) -> None:
     found = read_adjustment(path)
     shares = np.full((3, len(found)), 0.5)
-    ScanEffects.of_adjustment(found, shares, POINTS[:3])
+    ScanErrorPatterns.of_adjustment(found, shares, POINTS[:3])
     str(found.suspects), found.sigma.sum()
 
 
@@ -295,7 +296,7 @@ def _read_shape(path: Path) -> None:
 
 def _read_registration(path: Path) -> None:
     content = Workspace(path.parent).read_json(path.name)
-    placements_of(content, str(path))
+    mapola_registrations(content, str(path))
     given_registration(content, str(path))
     given_registration(content, str(path), inverse=True)
 

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from fusion.estimation.verdict import Cause
+from fusion.geolocation import geolocator
 from fusion.pipeline import StageContext
 from fusion.runtime.folders import make_folder
 from fusion.runtime.machine import check_grid
@@ -31,7 +32,6 @@ from fusion.scaling.pairs import (
     rematched,
 )
 from fusion.scene import maplets_around
-from fusion.stages.geolocation.locating import geolocator
 from fusion.surfacematch import MatchOptions
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings.inputs import SpiceSettings, SpinSettings
