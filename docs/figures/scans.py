@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from fusion.products import lon_lat_deg
 from fusion.report.style import LIDAR, drawing
 from fusion.workspace import Workspace
-from lidar.archive import ScanStore
+from lidar.scan_store import ScanStore
 
 SHOWN = 20_000
 

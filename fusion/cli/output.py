@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fusion.estimation.verdict import verdict_lines
+from fusion.verdict import verdict_lines
 from spcola.errors import SpcolaError
 
 if TYPE_CHECKING:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import spcola
-from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.pipeline.catalog.catalog import Catalog
 from fusion.pipeline.catalog.records import RECORD_FOLDER, StageRecord, content_digest
 from fusion.pipeline.catalog.soundness import Unsound, rejected_maplets, unsound
@@ -22,6 +21,7 @@ from fusion.pipeline.stage import Stage, StageContext, StageResult, find_table
 from fusion.runtime import Executor, Progress, ThreadExecutor, plain
 from fusion.runtime.machine import one_blas_thread
 from fusion.runtime.processes import check_interrupts, clear_leftovers, locked, remove_folder
+from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import OWN_FOLDERS, Workspace, make_folder
 from fusion.workspace.settings import Settings
 from spcola.errors import SpcolaError, WorkspaceError

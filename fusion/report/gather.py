@@ -9,13 +9,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fusion.estimation.verdict import Verdict
 from fusion.fusing.maplets import FUSED_HDF5, FusedMaplet, fused_names, read_fused
 from fusion.pipeline.catalog import read_records
 from fusion.products import versions
 from fusion.registration.results import transform_of
 from fusion.report.data import Coverage, Origins, ReportData, Surfaces
 from fusion.report.recovered import Recovered, SurfaceErrors
+from fusion.verdict import Verdict
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from fusion.estimation.verdict import JUDGEMENTS, Code, Finding, Severity
 from fusion.report.data import ReportData
 from fusion.report.recovered import Recovered, SurfaceErrors
+from fusion.verdict import JUDGEMENTS, Code, Finding, Severity
 
 # Beyond this many sigmas a recovered number disagrees with what was planted.
 _SUSPICIOUS_PULL = 3.0

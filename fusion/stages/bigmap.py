@@ -24,8 +24,8 @@ from fusion.workspace.settings import (
     SpinSettings,
     Table,
 )
-from lidar.archive import ScanStore
 from lidar.gridding import LidarBigmapOptions, bigmap_from_returns
+from lidar.scan_store import ScanStore
 from lidar.scans import Returns
 from spcola.bigmap import BigmapOptions, make_bigmap
 from spcola.errors import WorkspaceError

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.fusing import FuseOptions, FuseResult, SlopeInformation
 from fusion.fusing.maplets import FusedMaplet, Source, write_fused
 from fusion.pipeline import StageContext, StageResult, find_table
 from fusion.scene import Scene
+from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import Workspace, make_folder
 from fusion.workspace.settings import BodySettings, FuseSettings, Settings, Table
 

@@ -42,10 +42,10 @@ from fusion.truth.solution import write_shape
 from fusion.truth.work import Work
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import write_settings
-from lidar.archive import ScanStore
 from lidar.formats.reader import read_scan
 from lidar.gridding import grid_returns
 from lidar.gridding.cells import sort_into_cells
+from lidar.scan_store import ScanStore
 from lidar.scans import Returns
 from lidar.truth import Track
 from spcola.arrays import FloatArray

@@ -17,7 +17,7 @@ from fusion.report.figures import draw_coverage, graticule
 from fusion.report.maplets import hillshade
 from fusion.report.style import FUSED, INK, LIDAR, MUTED, REJECTED, SPC, drawing
 from fusion.workspace import Workspace
-from lidar.archive import ScanStore
+from lidar.scan_store import ScanStore
 from spcola.arrays import FloatArray
 from spcola.errors import SpcolaError
 from spcola.shape import RayCaster

@@ -7,13 +7,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.registration.clouds.bodies import align_bodies
 from fusion.registration.clouds.clouds import CloudOptions, register_clouds
 from fusion.registration.clouds.composed import composed
 from fusion.registration.fit import KnownTransform, Model
 from fusion.registration.returns import DirectRegistration
 from fusion.registration.search import UNITS
+from fusion.verdict import Code, Finding, Severity, Verdict
 from spcola.arrays import FloatArray, check_shape
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.math import Affine

@@ -9,7 +9,6 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import ConvexHull
 
-from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.registration.clouds.blur import relative_blur, significant_blur
 from fusion.registration.clouds.cloud_grid import CloudGrid, grid_cloud
 from fusion.registration.fit.fit import (
@@ -23,6 +22,7 @@ from fusion.registration.judging.common_ground import Placed, common_relief
 from fusion.registration.judging.judging import judge_relief
 from fusion.registration.returns.direct import DirectRegistration
 from fusion.registration.returns.equations import Clusters, Equations, SurfacePair, pair_equations
+from fusion.verdict import Code, Finding, Severity, Verdict
 from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.grids import MapletGrid

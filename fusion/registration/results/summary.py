@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from fusion.estimation import influence
-from fusion.estimation.verdict import Cause
 from fusion.registration.fit.fit import LIDAR_FRAME, SPC_FRAME, Registration
 from fusion.registration.fit.known import KnownTransform
 from fusion.registration.fit.landmarks import LandmarkErrors
@@ -18,6 +17,7 @@ from fusion.registration.fit.significance import departures_json
 from fusion.registration.fit.stability import stability_json
 from fusion.registration.results.scans import ScanEffects
 from fusion.surfacematch import Match
+from fusion.verdict import Cause
 from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import InvalidValueError
 from spcola.grids import MapletGrid

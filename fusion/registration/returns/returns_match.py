@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from fusion.estimation.verdict import Cause
 from fusion.registration.returns.equations import SurfacePair, both_slopes
 from fusion.registration.returns.return_heights import (
     CloudOfReturns,
@@ -17,6 +16,7 @@ from fusion.registration.returns.return_heights import (
     relative_weight,
 )
 from fusion.surfacematch import Match, MatchOptions, judged_match, unmatched
+from fusion.verdict import Cause
 from spcola.arrays import BoolArray, FloatArray
 from spcola.grids.gaps import filled
 from spcola.grids.statistics import independent_patches, robust_covariance, shift_variances

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from fusion.estimation.verdict import Code, Finding, Severity
 from fusion.scaling.fit.joint import ScaleEstimate, ScaleOptions
 from fusion.scaling.fit.observation import PARAMETERS, ScaleObservations
 from fusion.scaling.fit.residuals import after_fit
 from fusion.scaling.places.crossings import Crossings
 from fusion.scaling.places.places import FALSE_ALARM, PlaceCheck
 from fusion.scaling.places.scanplaces import ScanPlaces
+from fusion.verdict import Code, Finding, Severity
 from spcola.math.robust import mad
 
 SIGNIFICANT = 3.0

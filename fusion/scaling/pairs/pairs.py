@@ -8,13 +8,13 @@ from typing import Literal
 
 import numpy as np
 
-from fusion.estimation.verdict import Cause
 from fusion.scaling.fit.observation import ScaleObservations, Trajectory, uniform_displacements
 from fusion.scaling.geometry.frames import LeftOut, PairFrame, PairOptions
 from fusion.scaling.geometry.sharing import ground_in_common, patterns, shared_matches
 from fusion.scaling.shots.shots import utc_date
 from fusion.surfacematch import Match, Surface, match_surfaces
 from fusion.surfacematch.resolution import estimate_blur
+from fusion.verdict import Cause
 from lidar.gridding import LidarBigmapOptions, bigmap_from_returns
 from lidar.scans import Returns
 from spcola.arrays import FloatArray

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from fusion.estimation.verdict import Cause
 from fusion.scaling.fit.joint import ScaleEstimate
 from fusion.scaling.fit.observation import PARAMETERS, ScaleObservations
 from fusion.scaling.fit.residuals import residuals_json
@@ -19,6 +18,7 @@ from fusion.scaling.places.places import PlaceCheck
 from fusion.scaling.places.scanplaces import ScanPlaces
 from fusion.scaling.shots.shots import ShotComparison
 from fusion.scaling.shots.spots import SpotOptions
+from fusion.verdict import Cause
 
 
 def scale_json(

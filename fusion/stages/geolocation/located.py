@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from fusion.estimation.verdict import Code, Finding, Severity
 from fusion.stages.geolocation.locating import Geolocator
+from fusion.verdict import Code, Finding, Severity
 from fusion.workspace import Workspace
 from lidar.formats.native import iter_scan, scan_summary
 from lidar.geolocation import NO_TIME, OUTSIDE, OUTSIDE_KERNELS, KernelPlace

@@ -11,7 +11,6 @@ import numpy as np
 
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import MapolaSettings, Settings, SpiceSettings, SpinSettings
-from lidar.archive import ScanStore
 from lidar.formats.native import ScanFile, scan_summary, times_of
 from lidar.geolocation import (
     Geolocation,
@@ -23,6 +22,7 @@ from lidar.geolocation import (
     scan_trajectory,
     turn_of,
 )
+from lidar.scan_store import ScanStore
 from lidar.scans import Scan, ScanSummary
 from spcola.arrays import FloatArray
 from spcola.errors import InvalidValueError, SettingsError

@@ -11,9 +11,9 @@ from fusion.stages.geolocation.locating import located_store
 from fusion.workspace import Workspace
 from fusion.workspace.settings import MapolaSettings, SpiceSettings, SpinSettings
 from lidar.adjustment import ScanAdjustment
-from lidar.archive import ScanStore
 from lidar.formats.native import scan_summary
 from lidar.gridding import Gridding, GriddingOptions, RejectionOptions, grid_returns
+from lidar.scan_store import ScanStore
 from lidar.scans import Arcs, Returns
 from spcola.grids import MapletGrid
 

@@ -24,10 +24,10 @@ from fusion.workspace.settings import (
     SpinSettings,
     Table,
 )
-from lidar.archive import ScanStore
 from lidar.formats.mapolas import write_adjustment, write_mapolas
 from lidar.formats.native import scan_summary
 from lidar.gridding import Gridding, Mapola
+from lidar.scan_store import ScanStore
 from spcola.errors import SettingsError, WorkspaceError
 from spcola.grids import MapletGrid
 from spcola.shape import covering

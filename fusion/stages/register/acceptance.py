@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from fusion.estimation.verdict import Cause, Code, Finding, Severity, Verdict
 from fusion.pipeline import StageContext
 from fusion.registration.judging import Evidence, Placed, common_relief
 from fusion.registration.results import GivenRegistration, placements_of, transform_of
@@ -17,6 +16,7 @@ from fusion.stages.register.frame_search import search_workspace_frames
 from fusion.stages.register.matching import Matched, Matcher
 from fusion.surfacematch import Match, Surface
 from fusion.surfacematch.resolution import blur
+from fusion.verdict import Cause, Code, Finding, Severity, Verdict
 from fusion.workspace.settings import RegisterSettings
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError, SpcolaError

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from scipy.sparse import csr_array
 
-from fusion.estimation.verdict import Cause
 from fusion.pipeline import StageContext
 from fusion.runtime.machine import check_grid
 from fusion.scaling.geometry import (
@@ -32,6 +31,7 @@ from fusion.scaling.pairs import (
 from fusion.scene import maplets_around
 from fusion.stages.geolocation.locating import geolocator
 from fusion.surfacematch import MatchOptions
+from fusion.verdict import Cause
 from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
 from fusion.workspace.settings import ScaleSettings, SpiceSettings, SpinSettings
 from lidar.formats.native import iter_scan, scan_summary

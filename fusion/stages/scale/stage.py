@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from fusion.estimation import influence
-from fusion.estimation.verdict import Finding, Severity, Verdict
 from fusion.pipeline import StageContext, StageResult
 from fusion.scaling.fit import ScaleEstimate, ScaleOptions, estimate_scale
 from fusion.scaling.fit import Trajectory as Located
@@ -56,6 +55,7 @@ from fusion.stages.geolocation.located import LocatedShots, located_shots
 from fusion.stages.geolocation.locating import geolocator, kernel_paths
 from fusion.stages.ingest.sources import check_doubles, whole_scans
 from fusion.stages.scale.pairing import Pairing, pair_images, state_shares, write_pairs
+from fusion.verdict import Finding, Severity, Verdict
 from fusion.workspace import Workspace
 from fusion.workspace.settings import (
     BodySettings,

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from fusion.estimation.verdict import Code
+from fusion.verdict import Code
 from fusion.workspace.settings.ranges import (
     Angle,
     Cells,

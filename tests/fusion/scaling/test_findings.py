@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fusion.estimation.verdict import Cause, Code, Severity, Verdict
 from fusion.scaling.fit import ScaleOptions, estimate_scale
 from fusion.scaling.fit.observation import ScaleObservations
 from fusion.scaling.fit.residuals import residuals_json
@@ -16,6 +15,7 @@ from fusion.scaling.judging import (
     unmatched_findings,
     unobserved_findings,
 )
+from fusion.verdict import Cause, Code, Severity, Verdict
 
 DAYS = ("2019-03-07", "2019-03-14", "2019-03-21")
 # By an independent trajectory rotations and centre are determined by the relief of one body only.

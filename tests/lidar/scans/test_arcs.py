@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidar.archive import ScanStore
 from lidar.formats.native import write_scan
+from lidar.scan_store import ScanStore
 from lidar.scans import Arcs, Scan
 from lidar.scans.cubes import Box
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidar.archive import ScanStore
 from lidar.formats.native import ScanFile, write_scan
 from lidar.geolocation import find_geolocation
 from lidar.gridding import GriddingOptions, grid_returns
+from lidar.scan_store import ScanStore
 from lidar.scans import Returns, Scan
 from lidar.scans.cubes import QUANTUM_M, Box
 from spcola.errors import FormatError, InvalidValueError
@@ -80,7 +80,7 @@ def test_memory_of_files_is_given_back_and_mapped_again(
     box, given_back = cube_at([50.0, 0.0, 0.0], 12.0), []
     store = ScanStore(paths)
     first = store.returns_inside(box)
-    monkeypatch.setattr("lidar.archive.store._MOST_MAPPED_BYTES", 0)
+    monkeypatch.setattr("lidar.scan_store._MOST_MAPPED_BYTES", 0)
     monkeypatch.setattr(
         ScanFile,
         "release",
