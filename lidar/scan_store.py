@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from lidar.adjustment import Nodes
+from lidar.adjustment import RigidArcs
 from lidar.formats.native import Block, ScanFile, times_of
 from lidar.geolocation import Geolocation
 from lidar.scans import Arcs, Returns
@@ -47,8 +47,8 @@ class ScanStore:
     ----------
     scan_names : tuple of str
         Names of the scans, or of their arcs (:meth:`lidar.scans.Arcs.names`).
-    nodes : Nodes
-        Their nodes: the middle of the box of a scan as first located, or the mean of the
+    arcs : RigidArcs
+        Their centres: the middle of the box of a scan as first located, or the mean of the
         returns of an arc, metres, 0 for one without returns; the scan; and its day.
     without_place : mapping of str to int
         By scan, number of returns without a place after relocation.
@@ -85,7 +85,7 @@ class ScanStore:
         self._files, self._mapped = files, 0
         self.without_place: dict[str, int] = {}
         self.scan_names: tuple[str, ...] = ()
-        self.nodes = Nodes.whole(np.empty((0, 3)))
+        self.arcs = RigidArcs.whole(np.empty((0, 3)))
         for file in files:
             self._add(file, locate(file) if locate else None)
             file.release()
@@ -100,8 +100,8 @@ class ScanStore:
         middles = _middle(file.summary.bounds)[None] if arcs.count == 1 else _means(parts, arcs)
         self._blocks += parts
         self.scan_names += tuple(arcs.names(file.summary.name))
-        number, before = len(self.without_place), self.nodes
-        self.nodes = Nodes(
+        number, before = len(self.without_place), self.arcs
+        self.arcs = RigidArcs(
             np.vstack([before.center, middles]),
             np.append(before.scan, np.full(arcs.count, number)),
             np.append(before.day, np.full(arcs.count, _day(file.summary.time_span))),

@@ -24,7 +24,7 @@ MODULES = {
 MOST_BOXES = 17
 MOST_NAMES = 12
 # One class for each table of spcola.toml.
-MORE_NAMES = {"fusion.workspace.settings", "lidar.truth"}
+MORE_NAMES = {"fusion.workspace.settings"}
 
 
 def text_of(path: Path) -> str:

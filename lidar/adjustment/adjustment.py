@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lidar.adjustment.nodes import ErrorSizes, Nodes, columns
+from lidar.adjustment.arcs import RigidArcs, ScanErrorSizes, columns
 from lidar.adjustment.normal_equations import solve_network
-from lidar.adjustment.overlaps import DEGREES, OverlapEquations
+from lidar.adjustment.overlaps import COMPONENTS, OverlapEquations
 from lidar.scans import Returns
 from spcola.arrays import FloatArray, IntArray
 from spcola.compilation import compiled
@@ -70,10 +70,10 @@ class AdjustmentOptions:
                 raise SettingsError(f"must be positive, not {getattr(self, name)}", name)
 
     @property
-    def sizes(self) -> ErrorSizes:
+    def sizes(self) -> ScanErrorSizes:
         """First values of the sizes of the errors."""
         offset = self.offset_sigma_m
-        return ErrorSizes(
+        return ScanErrorSizes(
             offset, offset, self.rotation_sigma_rad, self.wander_sigma_m, self.day_sigma_m
         )
 
@@ -85,14 +85,14 @@ class ScanAdjustment:
     Attributes
     ----------
     names : tuple of str
-    nodes : Nodes
-        The points about which they are rotated, and which of them are arcs of one scan.
+    arcs : RigidArcs
+        The points about which they are rotated, and the scan of each.
     displacement : (S, 6) ndarray
         Stated minus adjusted place of the centre (metres), and the rotation vector from adjusted
         to stated orientation (radians).
     covariance : (6S, 6S) ndarray
         Covariance of the remaining displacements.
-    sizes : ErrorSizes
+    sizes : ScanErrorSizes
         Sizes of the displacements.
     misfit : (S,) ndarray
         Root mean square of the remaining differences between a scan and the others, in standard
@@ -105,13 +105,29 @@ class ScanAdjustment:
     """
 
     names: tuple[str, ...]
-    nodes: Nodes
+    arcs: RigidArcs
     displacement: FloatArray
     covariance: FloatArray
-    sizes: ErrorSizes
+    sizes: ScanErrorSizes
     misfit: FloatArray
     cells: FloatArray
     step_m: float = float("nan")
+
+    @classmethod
+    def unadjusted(
+        cls, names: Sequence[str], arcs: RigidArcs, options: AdjustmentOptions
+    ) -> ScanAdjustment:
+        """Return the prior of the scans `names`, before any overlap is used."""
+        count = len(names)
+        return cls(
+            tuple(names),
+            arcs,
+            np.zeros((count, COMPONENTS)),
+            arcs.prior(options.sizes),
+            options.sizes,
+            np.full(count, np.nan),
+            np.zeros(count),
+        )
 
     def __len__(self) -> int:
         return len(self.names)
@@ -119,12 +135,12 @@ class ScanAdjustment:
     @property
     def center(self) -> FloatArray:
         """Body-fixed points (S, 3) about which they are rotated, metres."""
-        return self.nodes.center
+        return self.arcs.center
 
     @property
     def sigma(self) -> FloatArray:
         """Standard deviations (S, 6) of the remaining displacements: metres and radians."""
-        return np.sqrt(np.diag(self.covariance)).reshape(-1, DEGREES)
+        return np.sqrt(np.diag(self.covariance)).reshape(-1, COMPONENTS)
 
     @property
     def suspects(self) -> tuple[str, ...]:
@@ -140,8 +156,8 @@ class ScanAdjustment:
         own = {name: number for number, name in enumerate(self.names)}
         which = np.array([own.get(name, len(self)) for name in returns.scan_names], dtype=np.intp)
         center = np.vstack([self.center, np.zeros(3)])[which]
-        displacement = np.vstack([self.displacement, np.zeros(DEGREES)])[which]
-        points = _taken_back(returns.points, returns.scan, center, displacement)
+        displacement = np.vstack([self.displacement, np.zeros(COMPONENTS)])[which]
+        points = _without_displacement(returns.points, returns.scan, center, displacement)
         return Returns(points, returns.sigma, returns.scan, returns.scan_names)
 
     def reach(self, center: FloatArray, radius: float) -> float:
@@ -152,7 +168,7 @@ class ScanAdjustment:
 
 
 @compiled
-def _taken_back(
+def _without_displacement(
     points: FloatArray, scan: IntArray, center: FloatArray, displacement: FloatArray
 ) -> FloatArray:
     """Return points (N, 3) less the displacement of their scans, metres.
@@ -174,28 +190,6 @@ def _taken_back(
     return moved
 
 
-def unadjusted(names: Sequence[str], nodes: Nodes, options: AdjustmentOptions) -> ScanAdjustment:
-    """Return the prior: scans before any overlap is used.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Of the scans.
-    nodes : Nodes
-    options : AdjustmentOptions
-    """
-    count = len(names)
-    return ScanAdjustment(
-        tuple(names),
-        nodes,
-        np.zeros((count, DEGREES)),
-        nodes.prior(options.sizes),
-        options.sizes,
-        np.full(count, np.nan),
-        np.zeros(count),
-    )
-
-
 def adjust_scans(
     before: ScanAdjustment,
     equations: Sequence[OverlapEquations],
@@ -210,12 +204,11 @@ def adjust_scans(
     that no displacement makes agree, may consist of outliers, and a single one can rotate scans
     without other constraints: it is used only if the others do not contradict it. Where the
     overlaps fit worse than their noise predicts, the covariance grows with the misfit.
-    worse than their noise has it, the covariance grows with the misfit.
 
     Parameters
     ----------
     before : ScanAdjustment
-        Result of the last round, or :func:`unadjusted`.
+        Result of the last round, or :meth:`ScanAdjustment.unadjusted`.
     equations : sequence of OverlapEquations
     options : AdjustmentOptions, optional
 
@@ -293,7 +286,7 @@ def _adjusted(
     before: ScanAdjustment,
     equations: Sequence[OverlapEquations],
     options: AdjustmentOptions,
-    start: ErrorSizes,
+    start: ScanErrorSizes,
 ) -> ScanAdjustment:
     """Solve the displacements from weighted overlaps; the search for sizes begins at `start`."""
     count = len(before)
@@ -312,7 +305,7 @@ def _adjusted(
         misfit = np.sqrt(chi2 / np.where((freedom > 0) & ~few, freedom, np.nan))
     found = solve_network(
         whole,
-        before.nodes,
+        before.arcs,
         options.sizes,
         start=start,
         excess=_excess(equations),
@@ -320,8 +313,8 @@ def _adjusted(
     )
     return ScanAdjustment(
         before.names,
-        before.nodes,
-        found.displacement.reshape(count, DEGREES),
+        before.arcs,
+        found.displacement.reshape(count, COMPONENTS),
         found.covariance,
         found.sizes,
         misfit,

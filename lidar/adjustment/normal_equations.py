@@ -17,8 +17,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri
 
-from lidar.adjustment.nodes import SIZE_OF_NUMBER, ErrorSizes, Nodes, columns, turned, turned_vector
-from lidar.adjustment.overlaps import DEGREES, OverlapEquations
+from lidar.adjustment.arcs import (
+    SIZE_OF_NUMBER,
+    RigidArcs,
+    ScanErrorSizes,
+    columns,
+    turned,
+    turned_vector,
+)
+from lidar.adjustment.overlaps import COMPONENTS, OverlapEquations
 from spcola.arrays import FloatArray, IntArray
 from spcola.errors import NotObservableError
 
@@ -42,20 +49,20 @@ class NetworkSolution:
     displacement : (6S,) ndarray
         Metres and radians, body-fixed.
     covariance : (6S, 6S) ndarray
-    sizes : ErrorSizes
+    sizes : ScanErrorSizes
     """
 
     displacement: FloatArray
     covariance: FloatArray
-    sizes: ErrorSizes
+    sizes: ScanErrorSizes
 
 
 def solve_network(
     parts: Sequence[OverlapEquations],
-    nodes: Nodes,
-    sizes: ErrorSizes,
+    arcs: RigidArcs,
+    sizes: ScanErrorSizes,
     *,
-    start: ErrorSizes | None = None,
+    start: ScanErrorSizes | None = None,
     excess: float = 1.0,
     estimate: bool = True,
 ) -> NetworkSolution:
@@ -69,29 +76,29 @@ def solve_network(
     ----------
     parts : sequence of OverlapEquations
         Normal equations of whole displacements.
-    nodes : Nodes
-    sizes : ErrorSizes
+    arcs : RigidArcs
+    sizes : ScanErrorSizes
         First guesses, which count for a few numbers each; or the fixed sizes, with
         ``estimate=False``.
-    start : ErrorSizes, optional
+    start : ScanErrorSizes, optional
         Where the search begins, by default at the first guesses.
     excess : float
         Factor by which the variances of the parts are too small.
     """
     first, sizes = sizes, start or sizes
     local_parts = [
-        _LocalEquations.of(part, nodes.frames[part.scan], excess) for part in parts if part.weight
+        _LocalEquations.of(part, arcs.frames[part.scan], excess) for part in parts if part.weight
     ]
     for _ in range(_MAX_ROUNDS if estimate else 1):
-        solution, parted = _at(local_parts, nodes, sizes)
+        solution, parted = _at(local_parts, arcs, sizes)
         if not estimate:
             break
-        found = _renewed(solution, parted, local_parts, nodes.share, first)
+        found = _renewed(solution, parted, local_parts, arcs.share, first)
         change = float(np.abs(np.log(found.all / sizes.all)).max())
         sizes = found
         if change < _SETTLED:
             break
-    back = nodes.frames.transpose(0, 2, 1)
+    back = arcs.frames.transpose(0, 2, 1)
     return NetworkSolution(
         turned_vector(solution.displacement, back),
         turned(solution.covariance, back),
@@ -110,7 +117,7 @@ class _LocalEquations:
 
     @classmethod
     def of(cls, part: OverlapEquations, frames: FloatArray, excess: float) -> _LocalEquations:
-        moved = (DEGREES * np.arange(len(part.scan))[:, None] + np.arange(3)).ravel()
+        moved = (COMPONENTS * np.arange(len(part.scan))[:, None] + np.arange(3)).ravel()
         normal, right = turned(part.normal, frames), turned_vector(part.right, frames)
         return cls(columns(part.scan), moved, normal / excess, right / excess)
 
@@ -136,10 +143,10 @@ class _Parted:
 
 
 def _at(
-    parts: Sequence[_LocalEquations], nodes: Nodes, sizes: ErrorSizes
+    parts: Sequence[_LocalEquations], arcs: RigidArcs, sizes: ScanErrorSizes
 ) -> tuple[NetworkSolution, _Parted]:
     """Solve at given sizes, in the scans' frames."""
-    count, days = nodes.lifted.shape
+    count, days = arcs.lifted.shape
     normal: FloatArray = np.zeros((count, count))
     right: FloatArray = np.zeros(count)
     for part in parts:
@@ -148,10 +155,10 @@ def _at(
         right[part.at] += reduced_right
     # A scan has its own displacement and that of its day; both are scaled by the prior, since
     # metres and radians have different scales.
-    root, lifted = sizes.local(len(nodes)), sizes.day_m * nodes.lifted
+    root, lifted = sizes.local(len(arcs)), sizes.day_m * arcs.lifted
     by_day = normal @ lifted
     scaled = np.empty((count + days, count + days))
-    scaled[:count, :count] = normal * np.outer(root, root) + nodes.precision
+    scaled[:count, :count] = normal * np.outer(root, root) + arcs.precision
     scaled[:count, count:] = root[:, None] * by_day
     scaled[count:, :count] = scaled[:count, count:].T
     scaled[count:, count:] = lifted.T @ by_day + np.eye(days)
@@ -191,12 +198,12 @@ def _renewed(
     parted: _Parted,
     parts: Sequence[_LocalEquations],
     share: FloatArray,
-    first: ErrorSizes,
-) -> ErrorSizes:
+    first: ScanErrorSizes,
+) -> ScanErrorSizes:
     """Return the sizes from the squares of the solution, with some weight of the `first` ones."""
     sizes, days = solution.sizes, len(parted.value) - len(solution.displacement)
     kind = np.concatenate([np.tile(SIZE_OF_NUMBER, len(share)), np.full(days, _DAY)])
-    each = np.concatenate([np.repeat(share, DEGREES), np.ones(days)])
+    each = np.concatenate([np.repeat(share, COMPONENTS), np.ones(days)])
     squares = np.bincount(kind, weights=each * parted.value**2, minlength=5) * sizes.all**2
     determined = np.bincount(kind, weights=each * (1.0 - parted.variance), minlength=5)
     for local in parts:

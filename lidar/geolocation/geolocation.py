@@ -11,8 +11,9 @@ stored at some times and interpolated linearly. Pointing and range are unchanged
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 
 import numpy as np
 
@@ -27,15 +28,19 @@ from spcola.navigation import Offset, Spin, Trajectory, turned
 
 MAX_GAP_S = 3600.0
 """Default for the longest time between two states over which their offset is interpolated."""
-NO_TIME = "no time"
-OUTSIDE = "outside trajectory"
-OUTSIDE_KERNELS = "outside kernels"
-"""Reasons under which returns that cannot be geolocated are counted."""
 
 # Error of interpolated rotation vectors, metres at the returns: a tenth of the rounding of places.
 _TOLERANCE_M = 0.1 * QUANTUM_M
 # Most times of a scan for that; only bodies that rotate in minutes need more.
 _MOST_TIMES = 100_000
+
+
+class Unlocated(StrEnum):
+    """Reasons under which returns that cannot be geolocated are counted."""
+
+    NO_TIME = "no time"
+    OUTSIDE_TRAJECTORY = "outside trajectory"
+    OUTSIDE_KERNELS = "outside kernels"
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +66,7 @@ class Geolocation:
         Error of the lidar's mirror, corrected before anything else.
     ranges : RangeShift, optional
         Correction of the ranges, before anything else.
-    outside : str
+    outside : Unlocated
         The reason under which returns at times that are not covered are counted.
     """
 
@@ -74,7 +79,18 @@ class Geolocation:
     error_m: float = 0.0
     mirror: MirrorMotion | None = None
     ranges: RangeShift | None = None
-    outside: str = OUTSIDE
+    outside: Unlocated = Unlocated.OUTSIDE_TRAJECTORY
+
+    @classmethod
+    def by_rotation(
+        cls, span: tuple[float, float], radius: float, old: Spin, new: Spin
+    ) -> Geolocation:
+        """Return the change of returns within `radius` (m) of the origin from one spin to another.
+
+        `span` are the first and the last ephemeris time, s.
+        """
+        times = _turn_times(span, radius, old, new)
+        return cls(times, old.change_to(new, times))
 
     def apply(self, points: FloatArray, time: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return the points (N, 3), metres, at their new places, and which have one (N,).
@@ -97,6 +113,32 @@ class Geolocation:
             points, time, self.turn_time, self.turn, self.shift_time, self.shift, gap
         )
         return moved, kept
+
+    def apply_to_scan(self, scan: Scan) -> Scan:
+        """Return `scan` with points, stations and beams at their new places.
+
+        Returns without a place are counted as rejected, by reason.
+        """
+        points, kept = self.apply(scan.points, scan.time)
+        # A beam has no direction where the point is at the lidar itself.
+        station, _ = replace(self, mirror=None, ranges=None).apply(scan.spacecraft, scan.time)
+        ahead, _ = replace(self, ranges=None).apply(scan.spacecraft + scan.beam, scan.time)
+        longer = 0.0 if self.ranges is None else self.ranges.shift_m
+        timeless = int(np.count_nonzero(np.isnan(scan.time)))
+        rejected = Counter(scan.rejected)
+        if timeless:
+            rejected[Unlocated.NO_TIME] += timeless
+        if outside := int(np.count_nonzero(~kept)) - timeless:
+            rejected[self.outside] += outside
+        chosen = scan.select(kept)
+        return replace(
+            chosen,
+            points=points[kept],
+            spacecraft=station[kept],
+            beam=(ahead - station)[kept],
+            range=chosen.range + longer,
+            rejected=rejected,
+        )
 
     def covers(self, time: FloatArray) -> BoolArray:
         """Return at which times (N,) returns have a place.
@@ -148,7 +190,7 @@ def find_geolocation(
     InvalidValueError
         If the trajectories have no time in common.
     """
-    turns = Geolocation() if spin is None else turn_of(old.span, radius, *spin)
+    turns = Geolocation() if spin is None else Geolocation.by_rotation(old.span, radius, *spin)
     if trajectory is None:
         return turns
     times = trajectory.time[old.covers(trajectory.time)]
@@ -168,50 +210,6 @@ def _shifted(turns: Geolocation, offset: Offset, max_gap_s: float) -> Geolocatio
         moves=True,
         max_gap_s=max_gap_s,
         error_m=offset.widest(max_gap_s),
-    )
-
-
-def turn_of(span: tuple[float, float], radius: float, old: Spin, new: Spin) -> Geolocation:
-    """Return the rotation of returns within `radius` (m) of the origin over a time `span` (s).
-
-    Parameters
-    ----------
-    span : (float, float)
-        First and last ephemeris time, s.
-    radius : float
-        Metres.
-    old, new : Spin
-        Before and after.
-    """
-    times = _turn_times(span, radius, old, new)
-    return Geolocation(times, old.change_to(new, times))
-
-
-def geolocated(scan: Scan, move: Geolocation) -> Scan:
-    """Return a scan with points, stations and beams at their new places.
-
-    Returns without a place are counted as rejected, by reason.
-
-    Parameters
-    ----------
-    scan : Scan
-    move : Geolocation
-    """
-    points, kept = move.apply(scan.points, scan.time)
-    # A beam has no direction where the point is at the lidar itself.
-    station, _ = replace(move, mirror=None, ranges=None).apply(scan.spacecraft, scan.time)
-    ahead, _ = replace(move, ranges=None).apply(scan.spacecraft + scan.beam, scan.time)
-    longer = 0.0 if move.ranges is None else move.ranges.shift_m
-    timeless = int(np.count_nonzero(np.isnan(scan.time)))
-    counts = {NO_TIME: timeless, move.outside: int(np.count_nonzero(~kept)) - timeless}
-    chosen = scan.select(kept)
-    return replace(
-        chosen,
-        points=points[kept],
-        spacecraft=station[kept],
-        beam=(ahead - station)[kept],
-        range=chosen.range + longer,
-        rejected=_counted(scan.rejected, counts),
     )
 
 
@@ -240,7 +238,7 @@ def geolocated_by(
         If the two trajectories have no time in common, or the scan has no position at a time.
     """
     offset = trajectory.offset_from(scan_trajectory(scan), max_gap_s=max_gap_s)
-    moved = geolocated(scan, _shifted(Geolocation(), offset, max_gap_s))
+    moved = _shifted(Geolocation(), offset, max_gap_s).apply_to_scan(scan)
     return replace(moved, trajectory=trajectory.name), offset
 
 
@@ -259,15 +257,6 @@ def scan_trajectory(scan: Scan) -> Trajectory:
         )
     time, first = np.unique(scan.time[known], return_index=True)
     return Trajectory(scan.trajectory, time, scan.spacecraft[known][first])
-
-
-def _counted(before: Mapping[str, int], more: Mapping[str, int]) -> dict[str, int]:
-    """Add counts to those of a scan; a reason without counts is left out."""
-    counts = dict(before)
-    for reason, count in more.items():
-        if count:
-            counts[reason] = counts.get(reason, 0) + count
-    return counts
 
 
 def _turn_times(span: tuple[float, float], radius: float, old: Spin, new: Spin) -> FloatArray:

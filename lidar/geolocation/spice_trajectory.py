@@ -8,7 +8,7 @@ from functools import cached_property, partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lidar.geolocation.geolocation import OUTSIDE_KERNELS, Geolocation
+from lidar.geolocation.geolocation import Geolocation, Unlocated
 from lidar.geolocation.knots import knots
 from lidar.geolocation.mirror import MirrorAngles, MirrorMotion
 from spcola.arrays import FloatArray
@@ -146,7 +146,7 @@ class KernelPlace:
             moves=True,
             error_m=error,
             mirror=mirror,
-            outside=OUTSIDE_KERNELS,
+            outside=Unlocated.OUTSIDE_KERNELS,
         )
 
     def _departure(self, old: Trajectory, radius: float, off: FloatArray) -> FloatArray:

@@ -14,10 +14,10 @@ from lidar.formats.missions import RECORD, write_ola
 from lidar.formats.native import write_scan
 from lidar.scans import Scan
 from lidar.truth.settings import DEMODULATOR, MISSING, NO_RETURN, OVERFLOW, LidarSettings
-from lidar.truth.track import Track
+from lidar.truth.track import NadirTrack
 from spcola.errors import SettingsError
 
-FORMATS: Mapping[str, str] = MappingProxyType({"ola": ".dat", "hdf5": ".h5", "laz": ".laz"})
+SCAN_FORMATS: Mapping[str, str] = MappingProxyType({"ola": ".dat", "hdf5": ".h5", "laz": ".laz"})
 """Formats of scans, and the endings of their files."""
 
 _REASONS = {OVERFLOW: "overflow", NO_RETURN: "no return", MISSING: "missing"}
@@ -48,13 +48,13 @@ class ScanSize:
     bytes: int
 
 
-def scan_size(settings: LidarSettings, format: str, *, track: Track | None = None) -> ScanSize:
+def scan_size(settings: LidarSettings, format: str, *, track: NadirTrack | None = None) -> ScanSize:
     """Return the size of a raster scan (or a `track`) with these settings in a format.
 
     Raises
     ------
     SettingsError
-        If the format is none of :data:`FORMATS`.
+        If the format is none of :data:`SCAN_FORMATS`.
     """
     _check_format(format)
     shots = settings.shots if track is None else track.shots
@@ -86,7 +86,7 @@ def write_scans(path: str | Path, chunks: Iterable[Scan], *, format: str) -> Non
     Raises
     ------
     SettingsError
-        If the format is none of :data:`FORMATS`.
+        If the format is none of :data:`SCAN_FORMATS`.
     InvalidValueError
         If there is no chunk, or for LAZ no return.
     WorkspaceError
@@ -111,5 +111,7 @@ def returns_of(chunks: Iterable[Scan]) -> Iterator[Scan]:
 
 
 def _check_format(format: str) -> None:
-    if format not in FORMATS:
-        raise SettingsError(f"{format!r} is none of {', '.join(FORMATS)}", "format of the scans")
+    if format not in SCAN_FORMATS:
+        raise SettingsError(
+            f"{format!r} is none of {', '.join(SCAN_FORMATS)}", "format of the scans"
+        )

@@ -143,7 +143,7 @@ def test_a_scan_is_replaced_and_the_others_are_not_touched(
 
 
 def test_middles_are_those_of_the_scans(paths: list[Path], scans: list[Scan]) -> None:
-    middles = ScanStore(paths).nodes.center
+    middles = ScanStore(paths).arcs.center
     for middle, scan in zip(middles, scans, strict=True):
         box = (scan.points.min(axis=0) + scan.points.max(axis=0)) / 2 if len(scan) else [0, 0, 0]
         np.testing.assert_allclose(middle, box, atol=1e-12)

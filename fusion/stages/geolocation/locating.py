@@ -18,9 +18,7 @@ from lidar.geolocation import (
     MirrorAngles,
     RangeShift,
     find_geolocation,
-    geolocated,
     scan_trajectory,
-    turn_of,
 )
 from lidar.scan_store import ScanStore
 from lidar.scans import Scan, ScanSummary
@@ -218,7 +216,7 @@ class Geolocator:
             return scan, 0.0
         radius = float(np.linalg.norm(scan.points, axis=1).max(initial=0.0))
         move = self._find(lambda: scan_trajectory(scan), radius, lambda: [scan.time])
-        return geolocated(scan, move), move.error_m
+        return move.apply_to_scan(scan), move.error_m
 
     def _find(
         self,
@@ -242,7 +240,8 @@ class Geolocator:
                 known = _known(times())
                 if not len(known):
                     return Geolocation(moves=True)
-                move = turn_of((float(known[0]), float(known[-1])), radius, *self.change)
+                span = (float(known[0]), float(known[-1]))
+                move = Geolocation.by_rotation(span, radius, *self.change)
             else:
                 move = Geolocation()
             if self.range_m:

@@ -172,7 +172,7 @@ class ScanRegistration:
         unknown = np.full((len(names),) * 2, np.inf)
         fits = {
             name: ScanFit(self.whole.transform, model, unknown, center)
-            for name, center in zip(store.scan_names, store.nodes.center, strict=True)
+            for name, center in zip(store.scan_names, store.arcs.center, strict=True)
         }
         maplet_sigma = self.whole.fit.sizes.independent
         for number in range(_PASSES):

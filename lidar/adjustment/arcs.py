@@ -1,4 +1,4 @@
-"""Nodes of the adjustment: scans, arcs of scans and days, and the sizes of their errors."""
+"""Arcs of scans, which are displaced as a whole, and the sizes of their errors."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from lidar.adjustment.overlaps import DEGREES
+from lidar.adjustment.overlaps import COMPONENTS
 from spcola.arrays import FloatArray, IntArray
 
 # Index of the size of each of a scan's six numbers.
@@ -19,7 +19,7 @@ _ALIKE = 0.5
 
 
 @dataclass(frozen=True)
-class ErrorSizes:
+class ScanErrorSizes:
     """Standard deviations of the errors.
 
     Parameters
@@ -53,8 +53,8 @@ class ErrorSizes:
 
 
 @dataclass(frozen=True, eq=False)
-class Nodes:
-    """S scans, or arcs of scans, that can be displaced.
+class RigidArcs:
+    """S arcs of scans, each displaced and rotated as a whole; a short scan is one arc.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Nodes:
         return len(self.center)
 
     @classmethod
-    def whole(cls, center: FloatArray) -> Nodes:
+    def whole(cls, center: FloatArray) -> RigidArcs:
         """Return whole scans, of unknown days.
 
         Parameters
@@ -103,7 +103,7 @@ class Nodes:
                 frame[:] = np.sign(rows[0] @ center) * rows
         return frames
 
-    def prior(self, sizes: ErrorSizes) -> FloatArray:
+    def prior(self, sizes: ScanErrorSizes) -> FloatArray:
         """Covariance (6S, 6S), body-fixed, of displacements of the stated sizes."""
         local = sizes.local(len(self))
         alike = self._alike(lambda _: (1.0 - _ALIKE, _ALIKE)) * np.outer(local, local)
@@ -114,9 +114,9 @@ class Nodes:
     def lifted(self) -> FloatArray:
         """Displacements (6S, G) due to each of the G days, in the frames."""
         days = np.unique(self.day[self.day >= 0])
-        lifted = np.zeros((len(self), DEGREES, len(days)))
+        lifted = np.zeros((len(self), COMPONENTS, len(days)))
         lifted[:, 0] = self.day[:, None] == days
-        return lifted.reshape(DEGREES * len(self), len(days))
+        return lifted.reshape(COMPONENTS * len(self), len(days))
 
     @cached_property
     def precision(self) -> FloatArray:
@@ -134,12 +134,12 @@ class Nodes:
         `shares` returns the weights of the two for the number of a scan's arcs. The common part is
         the same vector in the body-fixed frame.
         """
-        matrix = np.eye(DEGREES * len(self))
+        matrix = np.eye(COMPONENTS * len(self))
         for scan in np.unique(self.scan[self.share < 1.0]):
             arcs = np.flatnonzero(self.scan == scan)
             own, together = shares(len(arcs))
             at = columns(arcs)
-            shared = np.tile(np.eye(DEGREES), (len(arcs), len(arcs)))
+            shared = np.tile(np.eye(COMPONENTS), (len(arcs), len(arcs)))
             matrix[np.ix_(at, at)] = own * np.eye(len(at)) + together * turned(
                 shared, self.frames[arcs]
             )
@@ -148,14 +148,14 @@ class Nodes:
 
 def columns(scan: IntArray) -> IntArray:
     """Positions of the unknowns of the scans (K,) among those of all."""
-    found: IntArray = (DEGREES * scan[:, None] + np.arange(DEGREES)).ravel()
+    found: IntArray = (COMPONENTS * scan[:, None] + np.arange(COMPONENTS)).ravel()
     return found
 
 
 def turned(matrix: FloatArray, frames: FloatArray) -> FloatArray:
     """Turn the metres of K scans in a matrix (6K, 6K) by `frames` (K, 3, 3)."""
     count = len(frames)
-    found = matrix.reshape(count, DEGREES, count, DEGREES).copy()
+    found = matrix.reshape(count, COMPONENTS, count, COMPONENTS).copy()
     found[:, :3] = np.einsum("kij,kjlm->kilm", frames, found[:, :3])
     found[..., :3] = np.einsum("lij,kmlj->kmli", frames, found[..., :3])
     return found.reshape(matrix.shape)
@@ -163,6 +163,6 @@ def turned(matrix: FloatArray, frames: FloatArray) -> FloatArray:
 
 def turned_vector(vector: FloatArray, frames: FloatArray) -> FloatArray:
     """Turn the metres of K scans in a vector (6K,)."""
-    found = vector.reshape(-1, DEGREES).copy()
+    found = vector.reshape(-1, COMPONENTS).copy()
     found[:, :3] = np.einsum("kij,kj->ki", frames, found[:, :3])
     return found.ravel()
