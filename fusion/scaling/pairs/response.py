@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fusion.surfacematch import BEST_SHARE
+from fusion.surfacematch import accurate_variance
 from spcola.arrays import AnyArray, FloatArray
 from spcola.grids import MapletGrid
 
@@ -78,4 +78,4 @@ def _weights(variance: FloatArray) -> AnyArray:
     if not known.size:
         return np.ones(len(variance))
     filled = np.where(np.isfinite(variance) & (variance > 0), variance, np.median(known))
-    return 1.0 / np.maximum(filled, np.quantile(filled, BEST_SHARE))
+    return 1.0 / np.maximum(filled, accurate_variance(filled))

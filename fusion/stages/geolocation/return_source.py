@@ -12,7 +12,8 @@ from fusion.workspace import Workspace
 from fusion.workspace.settings import MapolaSettings, SpiceSettings, SpinSettings
 from lidar.adjustment import ScanAdjustment
 from lidar.formats.native import scan_summary
-from lidar.gridding import Gridding, GriddingOptions, RejectionOptions, grid_returns
+from lidar.gridding import Gridding, GriddingOptions, grid_returns
+from lidar.gridding.rejection import RejectionOptions
 from lidar.scan_store import ScanStore
 from lidar.scans import Arcs, Returns
 from spcola.grids import MapletGrid

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidar.gridding.cells.cells import CellReturns
-from lidar.gridding.density import filled_around, needs_support
-from lidar.gridding.neighbourhood import count_support, expect
+from lidar.gridding.rejection.density import filled_around, needs_support
+from lidar.gridding.rejection.neighbourhood import count_support, expect
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.compilation import compiled
 from spcola.errors import SettingsError
@@ -48,8 +48,8 @@ class RejectionOptions:
         Half-width, in cells, of the neighbourhood.
     least_cells : int
         Least number of neighbours with a height for this test. In a scan that samples its ground
-        densely (:mod:`lidar.gridding.density`) a return with fewer neighbours, beyond the edge of a
-        raster, is isolated unless a cell next to it lies near its height.
+        densely (:mod:`~lidar.gridding.rejection.density`) a return with fewer neighbours, beyond
+        the edge of a raster, is isolated unless a cell next to it lies near its height.
     max_rounds : int
         Most repetitions of either test.
 
@@ -86,7 +86,7 @@ def find_isolated(
 
     The heights of the cells are plain medians here, since isolated returns must be removed
     before slopes are fitted. `scan` (K,) are the numbers of the returns' scans: where a scan is
-    dense (:mod:`lidar.gridding.density`) a return without a neighbourhood is isolated too.
+    dense (see the module `density`) a return without a neighbourhood is isolated too.
     """
     radius, least_cells = options.neighbourhood, options.least_cells
     place_x, place_y = cells.place
