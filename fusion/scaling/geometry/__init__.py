@@ -6,9 +6,8 @@ from fusion.scaling.geometry.frames import (
     PairOptions,
     frame_of_image,
     pair_size,
-    seen_from,
 )
-from fusion.scaling.geometry.placing import LidarPlacement
+from fusion.scaling.geometry.placement import LidarPlacement
 from fusion.scaling.geometry.sharing import maplet_shares
 
 __all__ = [
@@ -19,5 +18,4 @@ __all__ = [
     "frame_of_image",
     "maplet_shares",
     "pair_size",
-    "seen_from",
 ]

@@ -86,6 +86,16 @@ class PairFrame:
     emission_deg: float
     incidence_deg: float
 
+    def with_station(self, station: FloatArray) -> PairFrame:
+        """Return the frame with the line of sight of the returns, from `station` (3,), metres.
+
+        During a scan the spacecraft moves by degrees over the body: the range error of a return
+        lies along its own beam, not along the boresight of an image taken before or after.
+        """
+        away = self.grid.center - station
+        distance = float(np.linalg.norm(away))
+        return replace(self, beam=away / distance, range=distance)
+
 
 @dataclass(frozen=True)
 class LeftOut:
@@ -198,17 +208,6 @@ def _angle(normal: FloatArray, direction: FloatArray) -> float:
 def _oblique(image: str, what: str, angle_deg: float, most_deg: float) -> LeftOut:
     over = f"the {what} at the central pixel is {angle_deg:.0f} deg, more than {most_deg:g}"
     return LeftOut(image, Cause.OBLIQUE, over)
-
-
-def seen_from(frame: PairFrame, station: FloatArray) -> PairFrame:
-    """Return the frame with the line of sight of the returns, from `station` (3,), metres.
-
-    During a scan the spacecraft moves by degrees over the body: the range error of a return lies
-    along its own beam, not along the boresight of an image taken before or after.
-    """
-    away = frame.grid.center - station
-    distance = float(np.linalg.norm(away))
-    return replace(frame, beam=away / distance, range=distance)
 
 
 def local_time(point: FloatArray, sun: FloatArray) -> float:

@@ -11,7 +11,7 @@ from scipy import stats
 from spcola.arrays import FloatArray
 
 
-def shared_by_maplets(
+def covariance_by_maplets(
     of_epsilon: FloatArray, of_scale: FloatArray, center_sigma: FloatArray
 ) -> float:
     """Covariance of ε and the registration's scale by errors of the centres of M maplets.

@@ -12,10 +12,10 @@ from fusion.scaling.fit.joint import ScaleEstimate
 from fusion.scaling.fit.observation import PARAMETERS, ScaleObservations
 from fusion.scaling.fit.residuals import residuals_json
 from fusion.scaling.geometry.frames import LeftOut
+from fusion.scaling.misplacement.check import PlaceCheck
+from fusion.scaling.misplacement.crossings import Crossings
+from fusion.scaling.misplacement.scans import ScanChecks
 from fusion.scaling.pairs.pairs import Pair
-from fusion.scaling.places.crossings import Crossings
-from fusion.scaling.places.places import PlaceCheck
-from fusion.scaling.places.scanplaces import ScanPlaces
 from fusion.scaling.shots.shots import ShotComparison
 from fusion.scaling.shots.spots import SpotOptions
 from fusion.verdict import Cause
@@ -226,11 +226,11 @@ def place_json(check: PlaceCheck) -> dict[str, Any]:
         "misfit": check.misfit,
         "scatter_wrong_m": check.usual_m,
         "wrong_places": check.wrong,
-        "rivals": check.rivals,
+        "rivals": check.as_good,
     }
 
 
-def scan_places_json(places: ScanPlaces, crossings: Crossings) -> dict[str, Any]:
+def scan_places_json(places: ScanChecks, crossings: Crossings) -> dict[str, Any]:
     """Entry ``scan_check``: the fit of single scans at their stated positions, their agreement.
 
     `per_scan` is empty if it was not tested: with one scan, or if all shots fit elsewhere.

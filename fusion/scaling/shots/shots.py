@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from fusion.scaling.fit.observation import ScaleObservations, Trajectory
-from fusion.scaling.geometry.placing import LidarPlacement
+from fusion.scaling.fit.observation import ScaleObservations, TrajectorySource
+from fusion.scaling.geometry.placement import LidarPlacement
 from fusion.scaling.shots.spots import SpotOptions, cast_spots
 from lidar.scans import Scan
 from spcola.arrays import BoolArray, FloatArray
@@ -47,7 +47,7 @@ def compare_shots(
     scan: Scan,
     caster: RayCaster,
     *,
-    trajectory: Trajectory = "reference",
+    trajectory: TrajectorySource = "reference",
     shares: FloatArray | None = None,
     spots: SpotOptions | None = None,
     known: LidarPlacement | None = None,

@@ -17,16 +17,13 @@ from fusion.scaling.geometry import (
     frame_of_image,
     maplet_shares,
     pair_size,
-    seen_from,
 )
 from fusion.scaling.pairs import (
     Pair,
-    Sources,
-    blur_of,
-    cell_means,
+    PairSources,
     make_pair,
     match_response,
-    rematched,
+    rematch,
 )
 from fusion.scene import maplets_around
 from fusion.stages.geolocation.locating import geolocator
@@ -113,11 +110,9 @@ def pair_images(context: StageContext, caster: RayCaster, radius: float) -> Pair
     ]
     pairs = [item for item in first if isinstance(item, Pair)]
     sample = pairs[:: max(1, -(-len(pairs) // _BLUR_SAMPLE))]
-    blurs = np.array(context.map("compare resolutions", blur_of, sample))
+    blurs = np.array(context.map("compare resolutions", Pair.relative_blur, sample))
     blur = float(np.nanmedian(blurs)) if np.isfinite(blurs).any() else 0.0
-    again = context.map(
-        "match pairs", lambda pair: rematched(pair, options, blur_cells=blur), pairs
-    )
+    again = context.map("match pairs", lambda pair: rematch(pair, options, blur_cells=blur), pairs)
     left_out += [item for item in (*first, *again) if isinstance(item, LeftOut)]
     kept = [item for item in again if isinstance(item, Pair)]
     names = tuple(solution.grids)
@@ -256,13 +251,13 @@ class _PairMaker:
         if not len(chosen):
             none = "there are no returns of that time with a known spacecraft position"
             return LeftOut(frame.image, Cause.NO_DATA, none)
-        frame = seen_from(frame, np.mean(chosen.spacecraft, axis=0))
+        frame = frame.with_station(np.mean(chosen.spacecraft, axis=0))
         place = {name: number for number, name in enumerate(self._grids)}
         maplets = np.zeros(len(place))
         shares = maplet_shares(frame.grid, spc.height, around)
         maplets[[place[maplet.name] for maplet in around]] = shares
         states, response = self._state_response(spc, chosen, offset)
-        sources = Sources(scan.name, states, response, maplets)
+        sources = PairSources(scan.name, states, response, maplets)
         return make_pair(frame, spc, Returns.of_scans([chosen]), sources, self._options)
 
     def _state_response(
@@ -279,9 +274,8 @@ class _PairMaker:
         # returns by all states would take gigabytes.
         shares = state_shares(self._trajectory, offset, scan.time)
         used = np.unique(shares.indices)
-        cells = cell_means(spc.grid, scan.points, shares[:, used].toarray())
         response = np.zeros((shares.shape[1], 3, 3))
-        response[used] = match_response(spc.grid, spc.height, spc.sigma**2, cells)
+        response[used] = match_response(spc, scan.points, shares[:, used].toarray())
         return np.asarray(shares.mean(axis=0)), response
 
 

@@ -11,29 +11,26 @@ import numpy as np
 
 from fusion.estimation import influence
 from fusion.pipeline import StageContext, StageResult
-from fusion.scaling.fit import ScaleEstimate, ScaleOptions, estimate_scale
-from fusion.scaling.fit import Trajectory as Located
+from fusion.scaling.fit import ScaleEstimate, ScaleOptions, TrajectorySource, estimate_scale
 from fusion.scaling.geometry import LidarPlacement
 from fusion.scaling.judging import (
     consistency,
     consistency_findings,
+    covariance_by_maplets,
     expected_scatter,
-    missed_findings,
+    lost_findings,
     place_findings,
     scale_findings,
     scan_findings,
-    shared_by_maplets,
-    unmatched_findings,
-    unobserved_findings,
 )
-from fusion.scaling.pairs import maplets_under, pair_observations
-from fusion.scaling.places import (
+from fusion.scaling.misplacement import (
     PlaceCheck,
-    ScanPlaces,
+    ScanChecks,
     check_place,
     check_scans,
     compare_crossings,
 )
+from fusion.scaling.pairs import pair_maplet_shares, pair_observations
 from fusion.scaling.results import (
     assumed_json,
     per_pair,
@@ -55,7 +52,7 @@ from fusion.stages.geolocation.located import LocatedShots, located_shots
 from fusion.stages.geolocation.locating import geolocator, kernel_paths
 from fusion.stages.ingest.sources import check_doubles, whole_scans
 from fusion.stages.scale.pairing import Pairing, pair_images, state_shares, write_pairs
-from fusion.verdict import Finding, Severity, Verdict
+from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import Workspace
 from fusion.workspace.settings import (
     BodySettings,
@@ -230,7 +227,7 @@ def _shots(
         content["located_within_m"] = taken.within_m
     content["per_shot"] = per_shot(compared, estimate)
     findings = scale_findings(compared.observations, estimate, options)
-    findings += missed_findings(compared.missed, len(compared.met))
+    findings += lost_findings("shots", compared.missed, len(compared.met))
     return content, [*findings, *at_place, *taken.findings()]
 
 
@@ -251,20 +248,21 @@ def _placed(
     *,
     options: ScaleOptions,
     known: LidarPlacement,
-    located: Located,
-) -> tuple[PlaceCheck, ScanPlaces]:
+    located: TrajectorySource,
+) -> tuple[PlaceCheck, ScanChecks]:
     """Search where all shots fit the shape and, if that is not elsewhere, where single scans do."""
     check = check_place(
         join("shots", scans), caster, prior=options.prior, known=known, trajectory=located
     )
     if check.misfit:
-        return check, ScanPlaces()
+        return check, ScanChecks()
     return check, check_scans(scans, caster, prior=options.prior, known=known, trajectory=located)
 
 
 def _unobserved(kind: str, located: str, reason: str) -> tuple[dict[str, Any], list[Finding]]:
     """Return content and findings if nothing is observed."""
-    return unobserved_json(kind, located, reason), unobserved_findings(reason)
+    refused = Finding(Code.SCALE_NOT_OBSERVED, Severity.REFUSED, reason)
+    return unobserved_json(kind, located, reason), [refused]
 
 
 def _by_states(scan: Scan, states: Trajectory, max_gap_s: float) -> tuple[Scan, FloatArray, float]:
@@ -317,7 +315,7 @@ def _pairs(
     }
     unmatched = sum(item.unmatched for item in left_out)
     findings = scale_findings(observations, estimate, options)
-    findings += unmatched_findings(unmatched, unmatched + len(pairs))
+    findings += lost_findings("pairs", unmatched, unmatched + len(pairs))
     if workspace.registration_path.is_file() and table.trajectory == "spc":
         content[_SHARED] = _shared_with_registration(workspace, made, estimate)
     return content, findings, files
@@ -352,5 +350,5 @@ def _shared_with_registration(
         return None
     of_scale = np.array([moved.get(name, np.zeros(3)) for name in made.maplets]).reshape(-1, 3)
     # A displaced maplet displaces SPC against the lidar in a pair, and its mapola.
-    of_epsilon = -maplets_under(made.pairs).T @ influence(estimate.equations, estimate.fit)[0]
-    return shared_by_maplets(of_epsilon, of_scale, made.center_sigma)
+    of_epsilon = -pair_maplet_shares(made.pairs).T @ influence(estimate.equations, estimate.fit)[0]
+    return covariance_by_maplets(of_epsilon, of_scale, made.center_sigma)

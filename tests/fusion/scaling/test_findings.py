@@ -10,10 +10,8 @@ from fusion.scaling.fit.observation import ScaleObservations
 from fusion.scaling.fit.residuals import residuals_json
 from fusion.scaling.judging import (
     consistency_findings,
-    missed_findings,
+    lost_findings,
     scale_findings,
-    unmatched_findings,
-    unobserved_findings,
 )
 from fusion.verdict import Cause, Code, Severity, Verdict
 
@@ -136,11 +134,10 @@ def test_scales_that_disagree_are_doubtful():
 
 
 def test_shares_of_what_is_missing():
-    assert missed_findings(30, 100) == []
-    assert missed_findings(40, 100)[0].code is Code.SHOTS_MISS_SHAPE
-    assert unmatched_findings(2, 24) == []
-    assert unmatched_findings(23, 24)[0].code is Code.PAIRS_NOT_MATCHED
-    assert unobserved_findings("no pair")[0].severity is Severity.REFUSED
+    assert lost_findings("shots", 30, 100) == []
+    assert lost_findings("shots", 40, 100)[0].code is Code.SHOTS_MISS_SHAPE
+    assert lost_findings("pairs", 2, 24) == []
+    assert lost_findings("pairs", 23, 24)[0].code is Code.PAIRS_NOT_MATCHED
 
 
 @pytest.mark.parametrize("kind", ["pairs", "shots"])

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 from scipy.fft import dct, idct
 
-from fusion.scaling.places.fits import PlaceFit, clipped
+from fusion.scaling.misplacement.fit import PlaceFit, clipped
 from spcola.arrays import FloatArray
 
 FEWEST_SHOTS = 10

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fusion.scaling.geometry.placing import LidarPlacement
-from fusion.scaling.places.fits import PlaceFit
+from fusion.scaling.geometry.placement import LidarPlacement
+from fusion.scaling.misplacement.fit import PlaceFit
 from fusion.scaling.shots.shots import ShotComparison
 from spcola.arrays import FloatArray
 from spcola.math.robust import mad
