@@ -1,7 +1,7 @@
 """The match of two gridded surfaces, one of lidar and one of SPC: their displacement.
 
-Registration and scaling both stand on it: registration fits a transform to the displacements of
-mapolas from maplets, scaling a scale to those of pairs of bigmaps. It has no transform of its own.
+Registration and scaling both use it: registration fits a transform to the displacements of mapolas
+from maplets, scaling a scale to those between the two bigmaps of each image.
 """
 
 from fusion.surfacematch.match import MATCH_KERNEL, match_surfaces

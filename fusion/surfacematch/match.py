@@ -15,7 +15,7 @@ from fusion.surfacematch.alignment import (
     tilt_partials,
     tilts,
 )
-from fusion.surfacematch.coarse import APART, AREA, coarse_shift
+from fusion.surfacematch.coarse import APART, AREA, CoarseShift, coarse_shift
 from fusion.surfacematch.displacing import gauss_newton
 from fusion.surfacematch.resolution.noise import NoiseSpectrum, supported
 from fusion.surfacematch.resolution.resolution import blurred_over_gaps
@@ -122,24 +122,37 @@ def match_surfaces(
         few = f"only {both:.0%} of the grid has both surfaces"
         return Match.failed(name, grid, both, Cause.NOT_COVERED, few)
     fields, reach = _plain(pair), max(1, int(np.ceil(options.capture_m / grid.gsd)))
-    start, starts = coarse_shift(fields, reach=reach, ambiguity=options.ambiguity)
-    if max(abs(start)) == reach > 1:
+    shift = coarse_shift(fields, reach=reach, ambiguity=options.ambiguity)
+    if max(abs(shift.start)) == reach > 1:
         edge = f"the best match lies at the edge of the capture range ({options.capture_m:g} m)"
         return Match.failed(name, grid, both, Cause.CAPTURE_RANGE, edge)
-    aligner = Aligner.of(fields)
     rough = Search(options.capture_m / grid.gsd, options.max_iterations, _ROUGH, AREA)
-    plain = aligner.align(start, rough)
-    if plain is None:
+    found = _found(fields, shift, spectrum, rough, options)
+    if found is None:
         few = "too few points are common to both surfaces"
         return Match.failed(name, grid, both, Cause.NOT_COVERED, few)
-    others = [aligner.align(other, rough) for other in starts]
+    return _judged(name, grid, pair, found, options)
+
+
+def _found(
+    fields: Fields,
+    shift: CoarseShift,
+    spectrum: NoiseSpectrum | None,
+    rough: Search,
+    options: MatchOptions,
+) -> _Found | None:
+    """Align the surfaces from a whole-cell shift; None if too few points are common."""
+    aligner = Aligner.of(fields)
+    plain = aligner.align(shift.start, rough)
+    if plain is None:
+        return None
+    others = [aligner.align(other, rough) for other in shift.alternatives]
     alternatives = [other for other in others if other and _as_good(other, plain, options)]
     sharp = None if spectrum is None or alternatives else _whitened(fields, spectrum, plain, rough)
-    if sharp is None:
-        best = aligner.align(plain.shift, replace(rough, tolerance=_FINE, area=0.0)) or plain
-        return _judged(name, grid, pair, _Found(best, best.residual, alternatives), options)
-    residual = aligner.residual_at(sharp.shift, sharp.plane)
-    return _judged(name, grid, pair, _Found(sharp, residual, alternatives), options)
+    if sharp is not None:
+        return _Found(sharp, aligner.residual_at(sharp.shift, sharp.plane), alternatives)
+    best = aligner.align(plain.shift, replace(rough, tolerance=_FINE, area=0.0)) or plain
+    return _Found(best, best.residual, alternatives)
 
 
 def _prepare(grid: MapletGrid, moving: Surface, fixed: Surface, blur_cells: float) -> _Pair:

@@ -15,16 +15,11 @@ _EDGE_REACH = 14
 
 
 def spline_coefficients(height: FloatArray) -> FloatArray:
-    """Coefficients (R + 4, C + 4) of the cubic spline through heights (R, C).
+    """Return coefficients (R + 4, C + 4) of the cubic spline through `height` (R, C) without gaps.
 
     Beyond its edges a surface is continued by point reflection in the edge. Mirror reflection would
     make it level there, whereas a round body is steepest at the edges of its maplets: this would
     bias a displacement by up to a tenth of a cell.
-
-    Parameters
-    ----------
-    height : (R, C) ndarray
-        Metres, without gaps.
     """
     wide = np.pad(height, _EDGE_REACH, mode="reflect", reflect_type="odd")
     cut = _EDGE_REACH - BORDER
@@ -33,7 +28,7 @@ def spline_coefficients(height: FloatArray) -> FloatArray:
 
 @compiled
 def spline_at(coefficients: FloatArray, x: float, y: float) -> float:
-    """Return the height at column `x` and row `y` of a grid, by its `spline_coefficients`."""
+    """Return the height at column `x` and row `y` of a grid, by its spline's `coefficients`."""
     last = coefficients.shape[0] - 1
     column, row = int(np.floor(x)), int(np.floor(y))
     t, u = x - column, y - row

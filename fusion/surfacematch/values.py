@@ -125,7 +125,10 @@ class Match:
     def failed(
         cls, name: str, grid: MapletGrid, coverage: float, cause: Cause, reason: str
     ) -> Match:
-        """Return the result of a failed match on `grid`, NaN except for `coverage`."""
+        """Return the result `name` of a failed match on `grid`, NaN except for `coverage`.
+
+        `cause` and `reason` are those of the failure.
+        """
         unknown = np.full(3, np.nan)
         return cls(
             name=name,
@@ -142,7 +145,7 @@ class Match:
         )
 
     def refused(self, cause: Cause, reason: str) -> Match:
-        """Return the match with a reason why it must not be used."""
+        """Return the match with the `cause` and the `reason` why it must not be used."""
         return replace(self, cause=cause, reason=reason)
 
     def judged(self, options: MatchOptions, *, converged: bool, patches: float) -> Match:

@@ -117,7 +117,7 @@ class ScanAdjustment:
     def unadjusted(
         cls, names: Sequence[str], arcs: RigidArcs, options: AdjustmentOptions
     ) -> ScanAdjustment:
-        """Return the prior of the scans `names`, before any overlap is used."""
+        """Return the prior by `options` of the scans `names`, one for each of `arcs`."""
         count = len(names)
         return cls(
             tuple(names),
@@ -211,10 +211,6 @@ def adjust_scans(
         Result of the last round, or :meth:`ScanAdjustment.unadjusted`.
     equations : sequence of OverlapEquations
     options : AdjustmentOptions, optional
-
-    Returns
-    -------
-    ScanAdjustment
     """
     options = options or AdjustmentOptions()
     sound = [part for part in equations if _is_conclusive(part)]

@@ -15,7 +15,7 @@ from spcola.arrays import FloatArray, IntArray
 SIZE_OF_NUMBER = np.array([0, 1, 1, 2, 2, 2])
 # Share of the variance common to the arcs of one scan: a trajectory has errors over minutes and
 # over days.
-_ALIKE = 0.5
+_COMMON = 0.5
 
 
 @dataclass(frozen=True)
@@ -76,13 +76,7 @@ class RigidArcs:
 
     @classmethod
     def whole(cls, center: FloatArray) -> RigidArcs:
-        """Return whole scans, of unknown days.
-
-        Parameters
-        ----------
-        center : (S, 3) ndarray
-            Middle of each scan, body-fixed, metres.
-        """
+        """Return whole scans of unknown days, their middles at `center` (S, 3), metres."""
         return cls(center, np.arange(len(center)), np.full(len(center), -1))
 
     @cached_property
@@ -106,29 +100,29 @@ class RigidArcs:
     def prior(self, sizes: ScanErrorSizes) -> FloatArray:
         """Covariance (6S, 6S), body-fixed, of displacements of the stated sizes."""
         local = sizes.local(len(self))
-        alike = self._alike(lambda _: (1.0 - _ALIKE, _ALIKE)) * np.outer(local, local)
-        alike += sizes.day_m**2 * self.lifted @ self.lifted.T
-        return turned(alike, self.frames.transpose(0, 2, 1))
+        covariance = self._correlations(lambda _: (1.0 - _COMMON, _COMMON)) * np.outer(local, local)
+        covariance += sizes.day_m**2 * self.day_partials @ self.day_partials.T
+        return rotated(covariance, self.frames.transpose(0, 2, 1))
 
     @cached_property
-    def lifted(self) -> FloatArray:
+    def day_partials(self) -> FloatArray:
         """Displacements (6S, G) due to each of the G days, in the frames."""
         days = np.unique(self.day[self.day >= 0])
-        lifted = np.zeros((len(self), COMPONENTS, len(days)))
-        lifted[:, 0] = self.day[:, None] == days
-        return lifted.reshape(COMPONENTS * len(self), len(days))
+        day_partials = np.zeros((len(self), COMPONENTS, len(days)))
+        day_partials[:, 0] = self.day[:, None] == days
+        return day_partials.reshape(COMPONENTS * len(self), len(days))
 
     @cached_property
     def precision(self) -> FloatArray:
         """Inverse (6S, 6S) of the correlations of displacements, in the frames."""
-        return self._alike(
+        return self._correlations(
             lambda count: (
-                1.0 / (1.0 - _ALIKE),
-                -_ALIKE / ((1.0 - _ALIKE) * (1.0 - _ALIKE + _ALIKE * count)),
+                1.0 / (1.0 - _COMMON),
+                -_COMMON / ((1.0 - _COMMON) * (1.0 - _COMMON + _COMMON * count)),
             )
         )
 
-    def _alike(self, shares: Callable[[int], tuple[float, float]]) -> FloatArray:
+    def _correlations(self, shares: Callable[[int], tuple[float, float]]) -> FloatArray:
         """Matrix (6S, 6S), in the frames, of the independent and the common part of arcs.
 
         `shares` returns the weights of the two for the number of a scan's arcs. The common part is
@@ -140,7 +134,7 @@ class RigidArcs:
             own, together = shares(len(arcs))
             at = columns(arcs)
             shared = np.tile(np.eye(COMPONENTS), (len(arcs), len(arcs)))
-            matrix[np.ix_(at, at)] = own * np.eye(len(at)) + together * turned(
+            matrix[np.ix_(at, at)] = own * np.eye(len(at)) + together * rotated(
                 shared, self.frames[arcs]
             )
         return matrix
@@ -152,7 +146,7 @@ def columns(scan: IntArray) -> IntArray:
     return found
 
 
-def turned(matrix: FloatArray, frames: FloatArray) -> FloatArray:
+def rotated(matrix: FloatArray, frames: FloatArray) -> FloatArray:
     """Turn the metres of K scans in a matrix (6K, 6K) by `frames` (K, 3, 3)."""
     count = len(frames)
     found = matrix.reshape(count, COMPONENTS, count, COMPONENTS).copy()
@@ -161,7 +155,7 @@ def turned(matrix: FloatArray, frames: FloatArray) -> FloatArray:
     return found.reshape(matrix.shape)
 
 
-def turned_vector(vector: FloatArray, frames: FloatArray) -> FloatArray:
+def rotated_vector(vector: FloatArray, frames: FloatArray) -> FloatArray:
     """Turn the metres of K scans in a vector (6K,)."""
     found = vector.reshape(-1, COMPONENTS).copy()
     found[:, :3] = np.einsum("kij,kj->ki", frames, found[:, :3])

@@ -22,15 +22,15 @@ from lidar.adjustment.arcs import (
     RigidArcs,
     ScanErrorSizes,
     columns,
-    turned,
-    turned_vector,
+    rotated,
+    rotated_vector,
 )
 from lidar.adjustment.overlaps import COMPONENTS, OverlapEquations
 from spcola.arrays import FloatArray, IntArray
 from spcola.errors import NotObservableError
 
 # Sizes have converged when a round changes none of them by more than this share.
-_SETTLED = 0.01
+_CONVERGED = 0.01
 _MAX_ROUNDS = 60
 # Smallest size, metres and radians.
 _LEAST = np.array([1e-6, 1e-6, 1e-9, 1e-6, 1e-6])
@@ -96,12 +96,12 @@ def solve_network(
         found = _renewed(solution, parted, local_parts, arcs.share, first)
         change = float(np.abs(np.log(found.all / sizes.all)).max())
         sizes = found
-        if change < _SETTLED:
+        if change < _CONVERGED:
             break
     back = arcs.frames.transpose(0, 2, 1)
     return NetworkSolution(
-        turned_vector(solution.displacement, back),
-        turned(solution.covariance, back),
+        rotated_vector(solution.displacement, back),
+        rotated(solution.covariance, back),
         solution.sizes,
     )
 
@@ -118,7 +118,7 @@ class _LocalEquations:
     @classmethod
     def of(cls, part: OverlapEquations, frames: FloatArray, excess: float) -> _LocalEquations:
         moved = (COMPONENTS * np.arange(len(part.scan))[:, None] + np.arange(3)).ravel()
-        normal, right = turned(part.normal, frames), turned_vector(part.right, frames)
+        normal, right = rotated(part.normal, frames), rotated_vector(part.right, frames)
         return cls(columns(part.scan), moved, normal / excess, right / excess)
 
     def own(self, wander_m: float) -> FloatArray:
@@ -146,7 +146,7 @@ def _at(
     parts: Sequence[_LocalEquations], arcs: RigidArcs, sizes: ScanErrorSizes
 ) -> tuple[NetworkSolution, _Parted]:
     """Solve at given sizes, in the scans' frames."""
-    count, days = arcs.lifted.shape
+    count, days = arcs.day_partials.shape
     normal: FloatArray = np.zeros((count, count))
     right: FloatArray = np.zeros(count)
     for part in parts:
@@ -155,20 +155,20 @@ def _at(
         right[part.at] += reduced_right
     # A scan has its own displacement and that of its day; both are scaled by the prior, since
     # metres and radians have different scales.
-    root, lifted = sizes.local(len(arcs)), sizes.day_m * arcs.lifted
-    by_day = normal @ lifted
+    root, day_partials = sizes.local(len(arcs)), sizes.day_m * arcs.day_partials
+    by_day = normal @ day_partials
     scaled = np.empty((count + days, count + days))
     scaled[:count, :count] = normal * np.outer(root, root) + arcs.precision
     scaled[:count, count:] = root[:, None] * by_day
     scaled[count:, :count] = scaled[:count, count:].T
-    scaled[count:, count:] = lifted.T @ by_day + np.eye(days)
+    scaled[count:, count:] = day_partials.T @ by_day + np.eye(days)
     inverse = _inverse(scaled)
-    value = inverse @ np.concatenate([root * right, lifted.T @ right])
+    value = inverse @ np.concatenate([root * right, day_partials.T @ right])
     # Covariance of the sum of both.
-    crossed = root[:, None] * inverse[:count, count:] @ lifted.T
+    crossed = root[:, None] * inverse[:count, count:] @ day_partials.T
     covariance = inverse[:count, :count] * np.outer(root, root) + crossed + crossed.T
-    covariance += lifted @ inverse[count:, count:] @ lifted.T
-    displacement = root * value[:count] + lifted @ value[count:]
+    covariance += day_partials @ inverse[count:, count:] @ day_partials.T
+    displacement = root * value[:count] + day_partials @ value[count:]
     solution = NetworkSolution(displacement, covariance, sizes)
     return solution, _Parted(value, np.diag(inverse).copy())
 

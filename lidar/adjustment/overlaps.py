@@ -67,14 +67,9 @@ class OverlapEquations:
 
 
 def displacement_partials(points: FloatArray, centers: FloatArray) -> FloatArray:
-    """Partials (..., 3, 6) of points (..., 3) by the displacement of their scans.
+    """Partials (…, 3, 6) of `points` (…, 3), metres, by displacements of their scans.
 
-    Parameters
-    ----------
-    points : (…, 3) ndarray
-        Body-fixed, metres.
-    centers : (…, 3) ndarray
-        Middle of the scan of each point: rotations are about it.
+    Rotations are about the middles of the scans, `centers` (…, 3).
     """
     arm = points - centers
     shift = np.broadcast_to(np.eye(3), (*arm.shape[:-1], 3, 3))

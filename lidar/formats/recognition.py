@@ -60,11 +60,7 @@ FORMATS: Mapping[str, LidarFormat] = MappingProxyType(
 
 
 def recognise(path: str | Path) -> str:
-    """Return the name of the format of a lidar file, from its content.
-
-    Parameters
-    ----------
-    path : str or Path
+    """Return the name of the format of the lidar file at `path`, from its content.
 
     Raises
     ------

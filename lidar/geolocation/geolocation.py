@@ -85,7 +85,7 @@ class Geolocation:
     def by_rotation(
         cls, span: tuple[float, float], radius: float, old: Spin, new: Spin
     ) -> Geolocation:
-        """Return the change of returns within `radius` (m) of the origin from one spin to another.
+        """Return the rotation from `old` to `new` of returns within `radius` (m) of the origin.
 
         `span` are the first and the last ephemeris time, s.
         """
@@ -93,16 +93,9 @@ class Geolocation:
         return cls(times, old.change_to(new, times))
 
     def apply(self, points: FloatArray, time: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return the points (N, 3), metres, at their new places, and which have one (N,).
+        """Return body-fixed `points` (N, 3), metres, at their new places, and which have one (N,).
 
-        Those without one are NaN: at times that are unknown, or not covered.
-
-        Parameters
-        ----------
-        points : (N, 3) ndarray
-            Body-fixed, metres.
-        time : (N,) ndarray
-            Ephemeris times, s.
+        Those without one are NaN: where the ephemeris `time` (N,), s, is unknown or not covered.
         """
         if self.ranges is not None:
             points = self.ranges.apply(points, time)
@@ -141,13 +134,7 @@ class Geolocation:
         )
 
     def covers(self, time: FloatArray) -> BoolArray:
-        """Return at which times (N,) returns have a place.
-
-        Parameters
-        ----------
-        time : (N,) ndarray
-            Ephemeris times, s.
-        """
+        """Return at which of the ephemeris times `time` (N,), s, returns have a place (N,)."""
         if not self.moves:
             return np.isfinite(time)
         return self.apply(np.zeros((len(time), 3)), time)[1]

@@ -92,9 +92,9 @@ class KernelPlace:
     ) -> Geolocation:
         """Return the motion of the returns of a scan.
 
-        A return p was located as the position s(t) of the spacecraft plus the beam v. The beam in
-        the frame of the lidar is rotated by its mounting B (after the mirror's correction), and
-        the frame's axes (rows) A(t) become A'(t):
+        A return p was located as the position s(t) of the spacecraft plus a beam. In the frame of
+        the lidar this is rotated by its mounting B (after the mirror's correction), and the
+        frame's axes (rows) A(t) become A'(t):
 
             p' = s' + A'ᵀ o + Q (p − s),    Q = A'ᵀ B A
 

@@ -111,16 +111,7 @@ class BigmapGridding:
 def bigmap_from_returns(
     name: str, grid: MapletGrid, returns: Returns, *, options: LidarBigmapOptions | None = None
 ) -> LidarBigmap:
-    """Integrate `returns` to a bigmap on `grid`; see :func:`integrate_returns`.
-
-    Parameters
-    ----------
-    name : str
-    grid : MapletGrid
-    returns : Returns
-        Body-fixed, metres.
-    options : LidarBigmapOptions, optional
-    """
+    """Return the bigmap `name` on `grid` of :func:`integrate_returns` with `returns`, `options`."""
     return integrate_returns(name, grid, returns, options=options).bigmap
 
 

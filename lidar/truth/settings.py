@@ -149,7 +149,7 @@ class ScanErrors:
     def drawn(
         cls, settings: LidarSettings, generator: np.random.Generator, *, range_scale: float = 0.0
     ) -> ScanErrors:
-        """Draw the errors of one scan, of the sizes that `settings` state.
+        """Draw the errors of one scan by `generator`, of the sizes that `settings` state.
 
         `range_scale` is the relative bias of the ranges of its day.
         """

@@ -99,14 +99,9 @@ class PairFrame:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """An image without a pair, and the reason; `unmatched` if its two surfaces do not match.
+    """An `image` without a pair, and why: `cause` and `reason`.
 
-    Parameters
-    ----------
-    image : str
-    cause : Cause
-    reason : str
-    unmatched : bool
+    `unmatched` if it has two surfaces that do not match.
     """
 
     image: str

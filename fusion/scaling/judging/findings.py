@@ -64,20 +64,10 @@ _GROUPS = (
 def scale_findings(
     observations: ScaleObservations, estimate: ScaleEstimate, options: ScaleOptions
 ) -> list[Finding]:
-    """Test an estimate by its convergence, its residuals and its priors.
+    """Test an estimate from observations by its convergence, its residuals and its priors.
 
-    Parameters
-    ----------
-    observations : ScaleObservations
-    estimate : ScaleEstimate
-        Estimate from them with `options`.
-    options : ScaleOptions
-
-    Returns
-    -------
-    list of Finding
-        Doubtful if the result may be wrong or meaningless; a weakly determined term is only a note,
-        as its sigma includes that.
+    Findings are doubtful if the result may be wrong or meaningless; a weakly determined term is
+    only a note, as its sigma includes that.
     """
     return [
         *_of_the_fit(observations, estimate, options),
@@ -175,12 +165,8 @@ def _weak_terms(estimate: ScaleEstimate, options: ScaleOptions) -> list[Finding]
 def place_findings(check: PlaceCheck, scatter_m: float) -> list[Finding]:
     """Test whether shots fit the shape better elsewhere, or as well at wrong places.
 
-    Parameters
-    ----------
-    check : PlaceCheck
-    scatter_m : float
-        Expected scatter of the residuals, metres. On ground without relief shots fit everywhere
-        with this scatter, which is only noted.
+    `scatter_m` is the expected scatter of the residuals, metres. On ground without relief shots fit
+    everywhere with this scatter, which is only noted.
     """
     found = []
     if check.misfit:
@@ -205,15 +191,7 @@ def place_findings(check: PlaceCheck, scatter_m: float) -> list[Finding]:
 def scan_findings(places: ScanChecks, crossings: Crossings) -> list[Finding]:
     """Test whether single scans fit better elsewhere, and whether scans agree.
 
-    Parameters
-    ----------
-    places : ScanChecks
-    crossings : Crossings
-
-    Returns
-    -------
-    list of Finding
-        Refused if more than half of the scans fit better elsewhere.
+    The result is refused if more than half of the scans fit better elsewhere.
     """
     found, count = [], len(places.checks)
     wrongly = [

@@ -234,10 +234,10 @@ class _Compared:
         compared = compare_shots(scan, self.caster, trajectory=self.trajectory, known=known)
         value, design = compared.observations.value[:, 0], compared.observations.design()[:, 0]
         fits, first = [], 0
-        for met in compared.met.reshape(-1, count):
-            hits = int(np.count_nonzero(met))
-            enough = hits >= max(FEWEST_SHOTS, count / 2)
-            part = slice(first, first + hits if enough else first)
-            fits.append(PlaceFit(met & enough, value[part], design[part]))
-            first += hits
+        for hits in compared.hits.reshape(-1, count):
+            number = int(np.count_nonzero(hits))
+            enough = number >= max(FEWEST_SHOTS, count / 2)
+            part = slice(first, first + number if enough else first)
+            fits.append(PlaceFit(hits & enough, value[part], design[part]))
+            first += number
         return fits

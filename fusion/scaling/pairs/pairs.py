@@ -109,7 +109,8 @@ def make_pair(
 def rematch(pair: Pair, options: PairOptions, *, blur_cells: float) -> Pair | LeftOut:
     """Match the bigmaps of a pair again, at a common resolution.
 
-    `blur_cells` is the blur of the SPC bigmap relative to the lidar's.
+    `blur_cells` is the blur of the SPC bigmap relative to the lidar's; `options` as for
+    :func:`make_pair`.
     """
     return _judged(pair.frame, pair.spc, pair.lidar, pair.sources, options, blur_cells)
 

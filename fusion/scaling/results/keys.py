@@ -11,7 +11,7 @@ SCALE_KEYS: Mapping[str, str] = {
     "method": "`pairs` of bigmaps or single `shots`",
     "trajectory": "by whose spacecraft positions the returns were located: `spc` or `reference`. "
     "Without images it is the reference trajectory, or the kernels of `[spice]`, whatever the "
-    "setting; `reasons` says so",
+    "setting; `reasons` states this",
     "epsilon": "ε: all SPC lengths are to be multiplied by 1 + ε",
     "epsilon_sigma": "its sigma",
     "size_correction_m": "ε times the mean radius (of the settings, else of the shape)",
@@ -65,7 +65,7 @@ SCALE_KEYS: Mapping[str, str] = {
     "per_pair.dz_m": "along Uz, up",
     "per_pair.residual_m": "body-fixed, shared errors removed",
     "per_pair.correlation": "of the two bigmaps",
-    "per_pair.coverage": "share of the grid that both hold",
+    "per_pair.coverage": "share of the grid that both cover",
     "per_pair.longitude_deg": "east",
     "per_pair.local_time_h": "local solar time",
     "per_pair.emission_deg": "angle between the ground's normal and the image",
@@ -96,7 +96,7 @@ SCALE_KEYS: Mapping[str, str] = {
     "verdict": "`accepted`, `doubtful` or `refused`",
     "findings": "why: `code`, `severity`, `text`, `value`, `limit` of each finding",
     "located_within_m": "where returns were located again by kernels or images: by how much "
-    "interpolation may put them wrong; 0 where kernels were asked at each time",
+    "interpolation may displace them; 0 where kernels were read at each time",
     "size_m": "pairs: side of the bigmaps",
     "gsd_m": "pairs: their ground sample distance",
     "blur_cells": "pairs: as in `registration.json`",

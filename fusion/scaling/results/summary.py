@@ -11,6 +11,7 @@ import numpy as np
 from fusion.scaling.fit.joint import ScaleEstimate
 from fusion.scaling.fit.observation import PARAMETERS, ScaleObservations
 from fusion.scaling.fit.residuals import residuals_json
+from fusion.scaling.fit.trends import DayScale
 from fusion.scaling.geometry.frames import LeftOut
 from fusion.scaling.misplacement.check import PlaceCheck
 from fusion.scaling.misplacement.crossings import Crossings
@@ -66,22 +67,24 @@ def scale_json(
         "n_rejected": int(np.count_nonzero(~fit.used)),
         "parameters": list(PARAMETERS),
         "covariance": fit.covariance,
-        "per_day": [
-            {
-                "day": day.day,
-                "n": day.count,
-                "epsilon": day.epsilon,
-                "epsilon_sigma": day.epsilon_sigma,
-                "size_correction_m": day.epsilon * mean_radius,
-                "mean_epsilon": day.mean,
-                "standard_error": day.standard_error,
-            }
-            for day in estimate.days
-        ],
+        "per_day": [_of_day(day, mean_radius) for day in estimate.days],
         "trends": {name: asdict(trend) for name, trend in estimate.trends.items()},
         "reasons": list(estimate.reasons),
         "converged": fit.converged,
         "reason": fit.reason,
+    }
+
+
+def _of_day(day: DayScale, mean_radius: float) -> dict[str, Any]:
+    """Entry of one day."""
+    return {
+        "day": day.day,
+        "n": day.count,
+        "epsilon": day.epsilon,
+        "epsilon_sigma": day.epsilon_sigma,
+        "size_correction_m": day.epsilon * mean_radius,
+        "mean_epsilon": day.mean,
+        "standard_error": day.standard_error,
     }
 
 

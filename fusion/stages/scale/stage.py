@@ -227,7 +227,7 @@ def _shots(
         content["located_within_m"] = taken.within_m
     content["per_shot"] = per_shot(compared, estimate)
     findings = scale_findings(compared.observations, estimate, options)
-    findings += lost_findings("shots", compared.missed, len(compared.met))
+    findings += lost_findings("shots", compared.missed, len(compared.hits))
     return content, [*findings, *at_place, *taken.findings()]
 
 

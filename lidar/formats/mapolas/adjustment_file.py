@@ -34,12 +34,7 @@ _SIZES = tuple(field.name for field in fields(ScanErrorSizes))
 
 
 def write_adjustment(path: str | Path, adjustment: ScanAdjustment) -> None:
-    """Write an adjustment: metres and radians, one row a scan.
-
-    Parameters
-    ----------
-    path : str or Path
-    adjustment : ScanAdjustment
+    """Write an `adjustment` to `path`: metres and radians, one row a scan.
 
     Raises
     ------
@@ -59,11 +54,7 @@ def write_adjustment(path: str | Path, adjustment: ScanAdjustment) -> None:
 
 
 def read_adjustment(path: str | Path) -> ScanAdjustment:
-    """Read an adjustment.
-
-    Parameters
-    ----------
-    path : str or Path
+    """Read the adjustment at `path`.
 
     Raises
     ------

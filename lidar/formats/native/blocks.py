@@ -3,14 +3,14 @@
 | layer | type | what |
 |---|---|---|
 | cube, start | i8 (T, 3), i8 (T + 1) | occupied lattice cubes, and their rows |
-| place | u8 (N) | place of a return in its cube, :mod:`lidar.scans.cubes.cubes` |
+| place | u8 (N) | place of a return in its cube (:mod:`lidar.scans.cubes.cubes`) |
 | time | u4 (N) | steps of ``time_step`` s after ``time_start`` |
 | range | u4 (N) | steps of ``range_step`` m |
 | sigma, intensity | f4 (N) | metres, instrument units |
 | flag | i4 (N) | as in the file |
-| flight_time, flight_position | f8 (K), f8 (K, 3) | knots of the path,
-:mod:`lidar.formats.native.positions` | | spacecraft | f8 (N, 3) | where that path is too rough for
-knots | | beam | f8 (N, 3) | where it does not point from spacecraft to return |
+| flight_time, flight_position | f8 (K), f8 (K, 3) | knots of the spacecraft's path |
+| spacecraft | f8 (N, 3) | where that path is too rough for knots |
+| beam | f8 (N, 3) | where it does not point from spacecraft to return |
 
 A layer that is one number throughout, or unknown (NaN), is an attribute instead.
 """
@@ -153,14 +153,7 @@ def spacecraft_knots(block: Block) -> tuple[FloatArray, FloatArray]:
 
 
 def times_of(block: Block, rows: IntArray | slice = slice(None)) -> FloatArray:
-    """Return the ephemeris times (N,), s, of the returns, or of some; NaN where unknown.
-
-    Parameters
-    ----------
-    block : Block
-    rows : (N,) ndarray of int or slice
-        The returns whose times are needed.
-    """
+    """Return the ephemeris times (N,), s, of the returns `rows` of a `block`; NaN where unknown."""
     return _counted(block, "time", rows)
 
 

@@ -328,17 +328,10 @@ def unpack_inside(
 
 
 def keep_inside(points: FloatArray, rows: IntArray, box: Box) -> int:
-    """Move the points in `box` to the front, in their order; return how many there are.
+    """Move the `points` (N, 3), metres, in `box` to the front; return how many there are.
 
+    Their order remains; their numbers `rows` (N,) are moved with them. Both arrays are changed.
     Points without a place (NaN) are never inside.
-
-    Parameters
-    ----------
-    points : (N, 3) ndarray
-        Body-fixed, metres; changed in place.
-    rows : (N,) ndarray of int
-        Numbers of the points; moved with them.
-    box : Box
     """
     count: int = _keep_inside(points, rows, (box.center, box.axes, box.half))
     return count
