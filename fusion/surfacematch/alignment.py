@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fusion.surfacematch.displacing import (
+from fusion.surfacematch.displacement_kernels import (
     LEAST_POINTS,
     displaced,
     gauss_newton,

@@ -15,8 +15,8 @@ from fusion.surfacematch.alignment import (
     tilt_partials,
     tilts,
 )
-from fusion.surfacematch.coarse import APART, AREA, CoarseShift, coarse_shift
-from fusion.surfacematch.displacing import gauss_newton
+from fusion.surfacematch.coarse_shift import APART, AREA, CoarseShift, coarse_shift
+from fusion.surfacematch.displacement_kernels import gauss_newton
 from fusion.surfacematch.resolution.noise import NoiseSpectrum, supported
 from fusion.surfacematch.resolution.resolution import blurred_over_gaps
 from fusion.surfacematch.values import Match, MatchOptions, Surface
@@ -276,7 +276,9 @@ def _judged(
     )
     best = found.best
     judged = match.judged(options, converged=best.converged, patches=best.patches)
-    if judged.cause is Cause.UNCORRELATED and _within_stated(pair, residual):
+    if judged.cause is Cause.UNCORRELATED and (
+        float(np.nanstd(residual.standardised)) <= _WITHIN_STATED * pair.stated
+    ):
         flat = replace(options, min_correlation=-1.0)
         return match.judged(flat, converged=best.converged, patches=best.patches)
     return judged
@@ -314,11 +316,6 @@ def _positive(covariance: FloatArray, least: float) -> FloatArray:
         return covariance
     positive: FloatArray = (vectors * np.maximum(values, least**2)) @ vectors.T
     return positive
-
-
-def _within_stated(pair: _Pair, residual: Residual) -> bool:
-    """Return whether the residual is as small as the stated sigmas."""
-    return float(np.nanstd(residual.standardised)) <= _WITHIN_STATED * pair.stated
 
 
 def _correlation(pair: _Pair, residual: Residual) -> float:

@@ -34,6 +34,7 @@ class LidarFormat:
     matches : callable (path, head, size) -> bool
         Whether a file of `size` bytes that begins with `head` has the format.
     read : callable (path, options) -> iterator of Scan
+        Raises FormatError if the file is not of the format, is cut off, or contradicts itself.
     """
 
     matches: Callable[[Path, bytes, int], bool]

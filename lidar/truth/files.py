@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from lidar.formats.clouds import write_las
-from lidar.formats.missions import RECORD, write_ola
+from lidar.formats.missions import OLA_RECORD, write_ola
 from lidar.formats.native import write_scan
 from lidar.scans import Scan
 from lidar.truth.settings import DEMODULATOR, MISSING, NO_RETURN, OVERFLOW, LidarSettings
@@ -24,7 +24,7 @@ _REASONS = {OVERFLOW: "overflow", NO_RETURN: "no return", MISSING: "missing"}
 # Bytes of a file, and of each return in it, measured over rasters and tracks of several bodies,
 # with an error of a tenth: noise does not compress, small differences between neighbours do.
 _NATIVE_HEAD, _LAZ_HEAD = 15_000, 20_000
-_NATIVE_BYTES, _TRACK_NATIVE_BYTES = 20.2, 20.2
+_NATIVE_BYTES = 20.2
 _LAZ_BYTES, _LAZ_BYTES_AN_OCTAVE, _LAZ_SPACING = 7.2, 0.45, 0.07
 _TRACK_LAZ_BYTES = 11.0
 
@@ -60,10 +60,9 @@ def scan_size(settings: LidarSettings, format: str, *, track: NadirTrack | None 
     shots = settings.shots if track is None else track.shots
     returns = round(shots * settings.expected_share)
     if format == "ola":
-        return ScanSize(shots, returns, shots * RECORD.itemsize)
+        return ScanSize(shots, returns, shots * OLA_RECORD.itemsize)
     if format == "hdf5":
-        each = _NATIVE_BYTES if track is None else _TRACK_NATIVE_BYTES
-        return ScanSize(shots, returns, _NATIVE_HEAD + round(returns * each))
+        return ScanSize(shots, returns, _NATIVE_HEAD + round(returns * _NATIVE_BYTES))
     octaves = np.log2(settings.spacing / _LAZ_SPACING)
     each = max(1.0, _LAZ_BYTES + _LAZ_BYTES_AN_OCTAVE * float(octaves))
     each = each if track is None else _TRACK_LAZ_BYTES

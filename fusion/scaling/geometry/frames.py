@@ -98,7 +98,7 @@ class PairFrame:
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class UnpairedImage:
     """An `image` without a pair, and why: `cause` and `reason`.
 
     `unmatched` if it has two surfaces that do not match.
@@ -133,7 +133,9 @@ def _rounded(value: float) -> float:
     return float(f"{value:.1e}")
 
 
-def frame_of_image(image: SpcImage, caster: RayCaster, options: PairOptions) -> PairFrame | LeftOut:
+def frame_of_image(
+    image: SpcImage, caster: RayCaster, options: PairOptions
+) -> PairFrame | UnpairedImage:
     """Return the grid where the central pixel of `image` hits the shape (Gaskell et al. §6.2).
 
     Parameters
@@ -145,7 +147,7 @@ def frame_of_image(image: SpcImage, caster: RayCaster, options: PairOptions) -> 
 
     Returns
     -------
-    PairFrame or LeftOut
+    PairFrame or UnpairedImage
         The latter if the pixel misses the body, or emission or incidence angle are too large.
 
     Raises
@@ -157,7 +159,7 @@ def frame_of_image(image: SpcImage, caster: RayCaster, options: PairOptions) -> 
     beam = ray(image, (camera.width + 1) / 2.0, (camera.height + 1) / 2.0)
     hit = caster.cast(image.position[None], beam[None])
     if not np.isfinite(hit.distance[0]):
-        return LeftOut(image.name, Cause.OFF_BODY, Cause.OFF_BODY.meaning)
+        return UnpairedImage(image.name, Cause.OFF_BODY, Cause.OFF_BODY.meaning)
     point = hit.points[0]
     normal = mean_normal(caster, image.position, point, options.size_m)
     emission, incidence = _angle(normal, -beam), _angle(normal, image.sun)
@@ -200,9 +202,9 @@ def _angle(normal: FloatArray, direction: FloatArray) -> float:
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
-def _oblique(image: str, what: str, angle_deg: float, most_deg: float) -> LeftOut:
+def _oblique(image: str, what: str, angle_deg: float, most_deg: float) -> UnpairedImage:
     over = f"the {what} at the central pixel is {angle_deg:.0f} deg, more than {most_deg:g}"
-    return LeftOut(image, Cause.OBLIQUE, over)
+    return UnpairedImage(image, Cause.OBLIQUE, over)
 
 
 def local_time(point: FloatArray, sun: FloatArray) -> float:

@@ -12,7 +12,7 @@ from fusion.scaling.fit.observation import (
     TrajectorySource,
     uniform_displacements,
 )
-from fusion.scaling.geometry.frames import LeftOut, PairFrame, PairOptions
+from fusion.scaling.geometry.frames import PairFrame, PairOptions, UnpairedImage
 from fusion.scaling.geometry.sharing import ground_in_common, patterns, shared_matches
 from fusion.scaling.shots.shots import utc_date
 from fusion.surfacematch import Match, Surface, match_surfaces
@@ -76,7 +76,7 @@ _BRIDGING = LidarBigmapOptions(max_gap=2)
 
 def make_pair(
     frame: PairFrame, spc: Maplet, returns: Returns, sources: PairSources, options: PairOptions
-) -> Pair | LeftOut:
+) -> Pair | UnpairedImage:
     """Grid the returns in the frame of the image and match them to the SPC bigmap.
 
     Parameters
@@ -91,22 +91,22 @@ def make_pair(
 
     Returns
     -------
-    Pair or LeftOut
+    Pair or UnpairedImage
         The latter with the reason if there is nothing to match, or no match.
     """
     if not spc.valid.any():
-        return LeftOut(frame.image, Cause.NO_DATA, "no maplet lies there")
+        return UnpairedImage(frame.image, Cause.NO_DATA, "no maplet lies there")
     lidar = bigmap_from_returns(frame.image, frame.grid, returns, options=_BRIDGING)
     if not lidar.valid.any():
-        return LeftOut(frame.image, Cause.NO_DATA, "no return of that time lies there")
+        return UnpairedImage(frame.image, Cause.NO_DATA, "no return of that time lies there")
     for what, valid in (("maplets", spc.valid), ("returns", lidar.valid)):
         if (share := float(np.mean(valid))) < options.match.min_coverage:
             few = f"{what} cover only {share:.0%} of the square"
-            return LeftOut(frame.image, Cause.NOT_COVERED, few)
+            return UnpairedImage(frame.image, Cause.NOT_COVERED, few)
     return _judged(frame, spc, lidar, sources, options, 0.0)
 
 
-def rematch(pair: Pair, options: PairOptions, *, blur_cells: float) -> Pair | LeftOut:
+def rematch(pair: Pair, options: PairOptions, *, blur_cells: float) -> Pair | UnpairedImage:
     """Match the bigmaps of a pair again, at a common resolution.
 
     `blur_cells` is the blur of the SPC bigmap relative to the lidar's; `options` as for
@@ -122,7 +122,7 @@ def _judged(
     sources: PairSources,
     options: PairOptions,
     blur_cells: float,
-) -> Pair | LeftOut:
+) -> Pair | UnpairedImage:
     """Match two bigmaps on ``frame.grid``."""
     match = match_surfaces(
         frame.image,
@@ -133,7 +133,7 @@ def _judged(
         options=options.match,
     )
     if match.cause is not None:
-        return LeftOut(frame.image, match.cause, match.reason, unmatched=True)
+        return UnpairedImage(frame.image, match.cause, match.reason, unmatched=True)
     return Pair(frame, spc, lidar, match, sources)
 
 

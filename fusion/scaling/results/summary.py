@@ -12,7 +12,7 @@ from fusion.scaling.fit.joint import ScaleEstimate
 from fusion.scaling.fit.observation import PARAMETERS, ScaleObservations
 from fusion.scaling.fit.residuals import residuals_json
 from fusion.scaling.fit.trends import DayScale
-from fusion.scaling.geometry.frames import LeftOut
+from fusion.scaling.geometry.frames import UnpairedImage
 from fusion.scaling.misplacement.check import PlaceCheck
 from fusion.scaling.misplacement.crossings import Crossings
 from fusion.scaling.misplacement.scans import ScanChecks
@@ -88,6 +88,16 @@ def _of_day(day: DayScale, mean_radius: float) -> dict[str, Any]:
     }
 
 
+_NUMBERS = (
+    *("epsilon", "epsilon_sigma", "size_correction_m", "size_correction_sigma_m"),
+    *("prime_meridian_deg", "prime_meridian_sigma_deg", "range_bias_m", "range_bias_sigma_m"),
+)
+_SIZES = (
+    *("single_sigma_m", "state_sigma_m", "day_sigma_m"),
+    *("ground_factor", "ground_sigma_m", "ground_reach_m"),
+)
+
+
 def unobserved_json(kind: str, trajectory: str, reason: str) -> dict[str, Any]:
     """Content of ``scale.json`` without observations: all numbers null, with the reason.
 
@@ -98,21 +108,13 @@ def unobserved_json(kind: str, trajectory: str, reason: str) -> dict[str, Any]:
     reason : str
         One clause.
     """
-    single = ("epsilon", "size_correction_m", "prime_meridian_deg", "range_bias_m")
-    vectors = {"center_offset_m": 3, "pole_deg": 2}
-    unknown: dict[str, Any] = dict.fromkeys([name for key in single for name in _both(key)])
-    for key, length in vectors.items():
-        unknown |= {name: [None] * length for name in _both(key)}
     return {
-        **unknown,
+        **dict.fromkeys(_NUMBERS),
+        **dict.fromkeys(("center_offset_m", "center_offset_sigma_m"), [None] * 3),
+        **dict.fromkeys(("pole_deg", "pole_sigma_deg"), [None] * 2),
         "method": kind,
         "trajectory": trajectory,
-        "single_sigma_m": None,
-        "state_sigma_m": None,
-        "day_sigma_m": None,
-        "ground_factor": None,
-        "ground_sigma_m": None,
-        "ground_reach_m": None,
+        **dict.fromkeys(_SIZES),
         "residuals": None,
         "n_used": 0,
         "n_rejected": 0,
@@ -126,15 +128,9 @@ def unobserved_json(kind: str, trajectory: str, reason: str) -> dict[str, Any]:
     }
 
 
-def _both(key: str) -> tuple[str, str]:
-    """A key and that of its sigma: ``size_m`` → ``size_m``, ``size_sigma_m``."""
-    stem, _, unit = key.rpartition("_") if key.endswith(("_m", "_deg")) else (key, "", "")
-    return key, f"{stem}_sigma_{unit}" if unit else f"{key}_sigma"
-
-
 def per_pair(
     pairs: Sequence[Pair],
-    left_out: Sequence[LeftOut],
+    left_out: Sequence[UnpairedImage],
     observations: ScaleObservations,
     estimate: ScaleEstimate,
 ) -> list[dict[str, Any]]:
@@ -172,7 +168,7 @@ def per_pair(
     return sorted([*rows, *unused_pairs(left_out)], key=lambda entry: str(entry["image"]))
 
 
-def unused_pairs(left_out: Sequence[LeftOut]) -> list[dict[str, Any]]:
+def unused_pairs(left_out: Sequence[UnpairedImage]) -> list[dict[str, Any]]:
     """Entries of ``per_pair`` for the images without a pair, with the reason."""
     return [
         {"image": item.image, "used": False, "reason": item.reason, "cause": item.cause}

@@ -94,7 +94,7 @@ def compare_shots(
         ScaleObservations(
             kind="shots",
             label=(scan.name,) * int(good.sum()),
-            day=tuple(_day(time) for time in scan.time[good]),
+            day=tuple(utc_date(time) for time in scan.time[good]),
             value=(measured - distance)[good, None],
             covariance=variance[:, None, None],
             point=point,
@@ -153,15 +153,10 @@ def join_shots(compared: Sequence[ShotComparison]) -> ShotComparison:
     return ShotComparison(joined, np.concatenate([one.hits for one in compared]))
 
 
-def _day(time: float) -> str:
-    """UTC date of ephemeris time; "unknown" where the time is not known."""
+def utc_date(time: float) -> str:
+    """UTC date ``YYYY-MM-DD`` of ephemeris time (s); "unknown" where that is NaN."""
     if not np.isfinite(time):
         return "unknown"
-    return utc_date(time)
-
-
-def utc_date(time: float) -> str:
-    """UTC date ``YYYY-MM-DD`` of ephemeris time (s)."""
     year, month, day = utc_from_et(time, 0).split()[:3]
     return f"{year}-{_MONTHS.index(month) + 1:02d}-{int(day):02d}"
 

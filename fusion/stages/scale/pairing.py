@@ -11,9 +11,9 @@ from scipy.sparse import csr_array
 from fusion.pipeline import StageContext
 from fusion.runtime.machine import check_grid
 from fusion.scaling.geometry import (
-    LeftOut,
     PairFrame,
     PairOptions,
+    UnpairedImage,
     frame_of_image,
     maplet_shares,
     pair_size,
@@ -54,7 +54,7 @@ class Pairing:
     ----------
     options : PairOptions
     pairs : list of Pair
-    left_out : list of LeftOut
+    left_out : list of UnpairedImage
     blur_cells : float
         Blur of the SPC bigmaps against those of returns that was applied, cells.
     maplets : tuple of str
@@ -69,7 +69,7 @@ class Pairing:
 
     options: PairOptions
     pairs: list[Pair]
-    left_out: list[LeftOut]
+    left_out: list[UnpairedImage]
     blur_cells: float
     maplets: tuple[str, ...]
     center_sigma: FloatArray
@@ -104,7 +104,7 @@ def pair_images(context: StageContext, caster: RayCaster, radius: float) -> Pair
     first = [item for group in groups_made for item in group.items]
     seen = {item.frame.image if isinstance(item, Pair) else item.image for item in first}
     left_out += [
-        LeftOut(frame.image, Cause.NO_DATA, "no scan was taken with the image")
+        UnpairedImage(frame.image, Cause.NO_DATA, "no scan was taken with the image")
         for frame in frames
         if frame.image not in seen
     ]
@@ -113,7 +113,7 @@ def pair_images(context: StageContext, caster: RayCaster, radius: float) -> Pair
     blurs = np.array(context.map("compare resolutions", Pair.relative_blur, sample))
     blur = float(np.nanmedian(blurs)) if np.isfinite(blurs).any() else 0.0
     again = context.map("match pairs", lambda pair: rematch(pair, options, blur_cells=blur), pairs)
-    left_out += [item for item in (*first, *again) if isinstance(item, LeftOut)]
+    left_out += [item for item in (*first, *again) if isinstance(item, UnpairedImage)]
     kept = [item for item in again if isinstance(item, Pair)]
     names = tuple(solution.grids)
     return Pairing(
@@ -128,7 +128,7 @@ class _PairsOfScan:
     """Pairs of one scan, and the geolocation of its returns."""
 
     scan: str
-    items: list[Pair | LeftOut]
+    items: list[Pair | UnpairedImage]
     within_m: float
     without_place: int
 
@@ -179,11 +179,11 @@ def _options(
 
 def _frames(
     workspace: Workspace, caster: RayCaster, options: PairOptions
-) -> tuple[list[PairFrame], list[LeftOut]]:
+) -> tuple[list[PairFrame], list[UnpairedImage]]:
     """Return the frames of all images, without those that miss the body or look obliquely."""
     found = [frame_of_image(image, caster, options) for image in workspace.images()]
     frames = [item for item in found if isinstance(item, PairFrame)]
-    return frames, [item for item in found if isinstance(item, LeftOut)]
+    return frames, [item for item in found if isinstance(item, UnpairedImage)]
 
 
 class _PairMaker:
@@ -231,15 +231,15 @@ class _PairMaker:
             try:
                 scan, offset = geolocated_by(scan, self._trajectory, max_gap_s=gap)
             except InvalidValueError as error:
-                none: list[Pair | LeftOut] = [
-                    LeftOut(frame.image, Cause.OUTSIDE_STATES, str(error)) for frame in frames
+                none: list[Pair | UnpairedImage] = [
+                    UnpairedImage(frame.image, Cause.OUTSIDE_STATES, str(error)) for frame in frames
                 ]
                 return _PairsOfScan(path.stem, none, within, len(read))
             within = max(within, offset.widest(gap))
         items = [self._pair(frame, scan, offset) for frame in frames]
         return _PairsOfScan(path.stem, items, within, len(read) - len(scan))
 
-    def _pair(self, frame: PairFrame, scan: Scan, offset: Offset | None) -> Pair | LeftOut:
+    def _pair(self, frame: PairFrame, scan: Scan, offset: Offset | None) -> Pair | UnpairedImage:
         around = maplets_around(self._workspace, self._grids, frame.grid)
         spc = make_bigmap(frame.image, frame.grid, around)
         x, y, height = frame.grid.project(scan.points)
@@ -250,7 +250,7 @@ class _PairMaker:
         chosen = chosen.select(np.all(np.isfinite(chosen.spacecraft), axis=1))
         if not len(chosen):
             none = "there are no returns of that time with a known spacecraft position"
-            return LeftOut(frame.image, Cause.NO_DATA, none)
+            return UnpairedImage(frame.image, Cause.NO_DATA, none)
         frame = frame.with_station(np.mean(chosen.spacecraft, axis=0))
         place = {name: number for number, name in enumerate(self._grids)}
         maplets = np.zeros(len(place))

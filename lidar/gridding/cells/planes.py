@@ -73,8 +73,7 @@ def fit_planes(
     weight : (R, C) ndarray
         Relative weights of the heights.
     """
-    layers = plane_layers(place_x, place_y, height, weight, baseline**2, max_radius)
-    return PlaneFit(layers[0], layers[1], layers[2], layers[3], layers[4], layers[5])
+    return PlaneFit(*plane_layers(place_x, place_y, height, weight, baseline**2, max_radius))
 
 
 @compiled

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.scaling.geometry import LeftOut, PairOptions, frame_of_image, pair_size
+from fusion.scaling.geometry import PairOptions, UnpairedImage, frame_of_image, pair_size
 from fusion.scaling.geometry.frames import local_time
 from fusion.scaling.pairs import Pair, PairSources, make_pair, pair_observations, rematch
 from fusion.surfacematch import MatchOptions
@@ -74,7 +74,7 @@ def test_the_frame_lies_where_the_central_pixel_looks():
 
 def test_images_past_the_body_are_left_out():
     past = frame_of_image(image([2000.0, 0.0, 0.0], [0.0, 300.0, 0.0]), RayCaster(CUBE), OPTIONS)
-    assert past == LeftOut("I1", Cause.OFF_BODY, "the central pixel misses the body")
+    assert past == UnpairedImage("I1", Cause.OFF_BODY, "the central pixel misses the body")
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_images_past_the_body_are_left_out():
 def test_oblique_ground_is_left_out_and_the_angle_reported(position, sun, reason):
     seen = image(position, [50.0, 0.0, 0.0], sun=sun)
     left_out = frame_of_image(seen, RayCaster(CUBE), OPTIONS)
-    assert left_out == LeftOut("I1", Cause.OBLIQUE, left_out.reason)
+    assert left_out == UnpairedImage("I1", Cause.OBLIQUE, left_out.reason)
     assert left_out.reason.startswith(reason)
 
 
@@ -152,7 +152,7 @@ def test_a_square_that_one_of_the_two_hardly_covers_is_left_out(what, spc_side, 
     points = np.stack([50.0 + relief(y, z), y, z], axis=1)
     returns = Returns(points, np.full(len(y), 0.03), np.zeros(len(y), dtype=np.int32), ("S",))
     left_out = make_pair(frame, Maplet("I1", frame.grid, height), returns, SOURCES, OPTIONS)
-    assert isinstance(left_out, LeftOut)
+    assert isinstance(left_out, UnpairedImage)
     assert left_out.reason.startswith(f"{what} cover only 1")
     assert left_out.reason.endswith("% of the square")
 
