@@ -23,6 +23,8 @@ from lidar.scans.cubes import Box, CubedPoints, keep_inside, touching_cubes, unp
 from spcola.arrays import FloatArray, IntArray
 from spcola.errors import InvalidValueError
 
+__all__ = ["ScanStore"]
+
 _DAY_S = 86400.0
 # Reading one cube maps the pages around it too: so many bytes of a file.
 _MAPPED_BYTES = 1 << 16
