@@ -147,7 +147,7 @@ def columns(scan: IntArray) -> IntArray:
 
 
 def rotated(matrix: FloatArray, frames: FloatArray) -> FloatArray:
-    """Turn the metres of K scans in a matrix (6K, 6K) by `frames` (K, 3, 3)."""
+    """Rotate the translations of K scans in a matrix (6K, 6K) by `frames` (K, 3, 3)."""
     count = len(frames)
     found = matrix.reshape(count, COMPONENTS, count, COMPONENTS).copy()
     found[:, :3] = np.einsum("kij,kjlm->kilm", frames, found[:, :3])
@@ -156,7 +156,7 @@ def rotated(matrix: FloatArray, frames: FloatArray) -> FloatArray:
 
 
 def rotated_vector(vector: FloatArray, frames: FloatArray) -> FloatArray:
-    """Turn the metres of K scans in a vector (6K,)."""
+    """Rotate the translations of K scans in a vector (6K,) by `frames` (K, 3, 3)."""
     found = vector.reshape(-1, COMPONENTS).copy()
     found[:, :3] = np.einsum("kij,kj->ki", frames, found[:, :3])
     return found.ravel()
