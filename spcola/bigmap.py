@@ -10,7 +10,8 @@ import numpy as np
 from spcola.arrays import AnyArray, FloatArray, check_shape, read_only
 from spcola.errors import InvalidValueError, SettingsError
 from spcola.grids import Maplet, MapletGrid, ProjectedMaplet, check_layer, project_window
-from spcola.heights import HeightProblem, SolverOptions, solve_heights, steps_from_slopes
+from spcola.heights import HeightProblem, SolverOptions, solve_heights
+from spcola.heights.slopes import steps_from_slopes
 
 
 @dataclass(frozen=True, eq=False)

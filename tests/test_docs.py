@@ -94,8 +94,15 @@ def public_names() -> Iterator[tuple[str, Any, bool]]:
     """
     for top in ("spcola", "lidar", "fusion"):
         package = import_module(top)
-        inner = [m.name for m in walk_packages(package.__path__, f"{top}.") if m.ispkg]
-        for name in [top, *inner]:
+        modules = walk_packages(package.__path__, f"{top}.")
+        files = (
+            (m.name, Path(__file__).parents[1] / (m.name.replace(".", "/") + ".py"))
+            for m in modules
+        )
+        offered = [
+            name for name, path in files if not path.exists() or "\n__all__ = " in path.read_text()
+        ]
+        for name in [top, *offered]:
             module = import_module(name)
             for public in getattr(module, "__all__", ()):
                 value = getattr(module, public)

@@ -25,7 +25,7 @@ from lidar.formats.native import ScanFile, scan_summary, write_scan
 from lidar.scans import Scan
 from spcola.errors import FormatError, KernelError, SpcolaError
 from spcola.formats.images import read_fits_image
-from spcola.formats.shapes import read_icq, read_obj, read_shape, write_icq, write_obj
+from spcola.formats.shapes import read_icq, read_obj_mesh, read_shape, write_icq, write_obj_mesh
 from spcola.formats.stores import reading_hdf5, replacing_hdf5, stored
 from spcola.shape.icq import IcqShape, icq_directions
 from spcola.spice import KernelSet, orientation_of, read_transfer
@@ -211,8 +211,8 @@ def test_the_mark_by_which_dos_ends_a_text_is_no_part_of_it(tmp_path: Path, form
     if form == "icq":
         write_icq(path, BALL)
     else:
-        write_obj(path, BALL.mesh())
-    read = read_icq if form == "icq" else read_obj
+        write_obj_mesh(path, BALL.mesh())
+    read = read_icq if form == "icq" else read_obj_mesh
     content = path.read_bytes()
     before = read(path).vertices
     path.write_bytes(content + b"\x1a")

@@ -15,17 +15,16 @@ from fusion.fusing.maplets.maplet import FusedMaplet, Source
 from fusion.fusing.shape import ShapeInformation
 from spcola.arrays import BoolArray, FloatArray
 from spcola.grids import Maplet, MapletGrid
+from spcola.grids.bending import bending
 from spcola.grids.gaps import carried_on, filled, plane_of
-from spcola.grids.statistics import bending
 from spcola.heights import (
-    STEPS_ALIKE,
     HeightProblem,
     HeightSolution,
     SolverOptions,
     posterior_sigma,
-    slopes_of,
     solve_heights,
 )
+from spcola.heights.slopes import STEP_SIGMA_FACTOR, slopes_of
 from spcola.math.robust import cauchy_weight, mad
 from spcola.photometry import SlopeVariance
 
@@ -256,7 +255,7 @@ def _problem(
         contradicted = np.where(imaged | measured, (ground_step - step) / spread, 0.0)
         trust = cauchy_weight(contradicted, options.step_loss_scale)
         # SPC rounds what the lidar resolves.
-        trust = np.where(imaged & measured, trust / STEPS_ALIKE**2, trust)
+        trust = np.where(imaged & measured, trust / STEP_SIGMA_FACTOR**2, trust)
         steps.append(step)
         weights.append(np.where(_both(mask, axis), trust / sigma**2, 0.0))
     height, weight = _heights(parts, lidar, information, shape)

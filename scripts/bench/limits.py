@@ -34,7 +34,7 @@ from fusion.truth.planted import Planted
 from fusion.workspace import Workspace
 from lidar.gridding import Mapola
 from spcola.arrays import FloatArray
-from spcola.control.estimation import Network, NetworkOptions, solve_network
+from spcola.control.bundle_adjustment import Network, NetworkOptions, solve_network
 
 BARS = {"translation": 2.0, "rotation": 1e-4, "scale": 2.0}
 UNITS = {"translation": "mm", "rotation": "deg", "scale": "ppm"}

@@ -8,11 +8,12 @@ from typing import Literal
 import numpy as np
 
 from spcola.arrays import BoolArray, FloatArray, IntArray, check_shape, read_only
-from spcola.compilation import Bands, compiled
+from spcola.compilation import Bands, compiled, is_kept
 from spcola.errors import InvalidValueError, SettingsError
 from spcola.heights.components import Components, find_components
 from spcola.heights.conjugate import LinearSolution, LinearSystem
 from spcola.heights.problem import HeightProblem
+from spcola.heights.smoothing import multiply
 from spcola.math.robust import cauchy_weight, huber_weight
 
 Loss = Literal["l2", "huber", "cauchy"]
@@ -159,6 +160,11 @@ class HeightSystem:
         with Bands(problem.mask.size, threads) as bands:
             self._parts = find_components(problem, bands)
         self._linear: LinearSystem | None = None
+
+    @staticmethod
+    def is_compiled() -> bool:
+        """Return whether compiled forms of the solver's kernels are kept on this machine."""
+        return is_kept(multiply)
 
     def solve(
         self,

@@ -8,9 +8,10 @@ import numpy as np
 from scipy import ndimage
 
 from spcola.arrays import BoolArray, FloatArray
+from spcola.grids.correlation import independent_patches, shift_correlations
 from spcola.grids.gaps import carried_on
-from spcola.grids.statistics import independent_patches, robust_covariance, shift_correlations
-from spcola.math.robust import huber_scores, huber_solution, mad
+from spcola.grids.robust_covariance import huber_scores, robust_covariance
+from spcola.math.robust import huber_solution, mad
 from spcola.photometry import OrthoImage
 
 # Smallest number of independent differences: twice the parameters of a match.
@@ -18,8 +19,8 @@ _MIN_PATCHES = 12.0
 # Peaks of the correlation within so many cells count as one.
 _APART = 3.0
 # Largest distance of the fine match from the best whole cell, steps; beyond, it is another peak.
-_STRAYED = 3.0
-_SETTLED = 1e-3
+_FARTHEST = 3.0
+_CONVERGED = 1e-3
 _ROUNDING = 1e-9
 
 
@@ -196,8 +197,8 @@ def _refined(name: str, pair: _Pair, start: FloatArray, options: ImageMatchOptio
         (x - size[1] / 2) / size[1],
         (y - size[0] / 2) / size[0],
     ]
-    shift, settled, iterations = start.copy(), False, 0
-    while not settled and iterations < options.max_iterations:
+    shift, converged, iterations = start.copy(), False, 0
+    while not converged and iterations < options.max_iterations:
         iterations += 1
         where = np.stack([y + shift[1], x + shift[0]])
         shown = ndimage.map_coordinates(
@@ -214,8 +215,8 @@ def _refined(name: str, pair: _Pair, start: FloatArray, options: ImageMatchOptio
             return _unmatched(name, "has no texture there")
         solution, _ = found
         shift = shift + np.clip(solution[:2], -1.0, 1.0)
-        settled = bool(np.max(np.abs(solution[:2])) < _SETTLED)
-    if not settled or float(np.hypot(*(shift - start))) > _STRAYED:
+        converged = bool(np.max(np.abs(solution[:2])) < _CONVERGED)
+    if not converged or float(np.hypot(*(shift - start))) > _FARTHEST:
         return _unmatched(name, "the match does not converge")
     return _judged(name, shift, (shown, design, compared), solution, options)
 

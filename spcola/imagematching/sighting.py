@@ -18,7 +18,8 @@ from spcola.control.estimation import (
 from spcola.errors import NotObservableError
 from spcola.grids import Maplet
 from spcola.imagematching.image_match import ImageMatch, ImageMatchOptions, match_image
-from spcola.photometry import PhotometricFunction, lunar_lambert, ortho_rectify, render, view_of
+from spcola.photometry import ortho_rectify, render_view, view_of
+from spcola.photometry.functions import PhotometricFunction, lunar_lambert
 from spcola.shape import RayCaster
 
 # Search radius of a match once the place is known, cells.
@@ -43,7 +44,7 @@ class SightOptions:
         Smallest correlation of ortho-image and rendering.
     rounds : int
         Most rounds of projecting the images onto the ground at its last solved place.
-    settled : float
+    tolerance_cells : float
         Rounds end when the place changes by less, grid steps.
     """
 
@@ -52,7 +53,7 @@ class SightOptions:
     psf_px: float = 0.0
     min_correlation: float = 0.5
     rounds: int = 4
-    settled: float = 0.02
+    tolerance_cells: float = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +196,7 @@ def find_ground(
         if not len(found):
             return found
         before, place = place, found.solve(place).estimate
-        if float(np.linalg.norm(place - before)) < options.settled * ground.grid.gsd:
+        if float(np.linalg.norm(place - before)) < options.tolerance_cells * ground.grid.gsd:
             break
     return found
 
@@ -251,7 +252,7 @@ def _match(
 ) -> tuple[ImageMatch, FloatArray]:
     """Match one image; return the match and the footprint (2, 2), pixels a grid step."""
     view = view_of(image, ground.grid, ground.height, beyond=beyond)
-    rendered = render(view, function=options.function, psf_px=options.psf_px)
+    rendered = render_view(view, function=options.function, psf_px=options.psf_px)
     matching = ImageMatchOptions(capture_cells=reach, min_correlation=options.min_correlation)
     return match_image(ortho_rectify(image, view), rendered, options=matching), view.footprint
 

@@ -15,6 +15,8 @@ import numpy as np
 from spcola.arrays import FloatArray
 from spcola.errors import SettingsError
 
+__all__ = ["PhotometricFunction", "lunar_lambert", "photometric_function"]
+
 PhotometricFunction = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 # McEwen (1996, LPSC XXVII, 841) for the Moon: L = 1 + A α + B α² + C α³, α in degrees.

@@ -9,7 +9,7 @@ import numpy as np
 from spcola.arrays import FloatArray
 from spcola.camera import SpcImage
 from spcola.grids import MapletGrid, check_layer
-from spcola.heights import slopes_of
+from spcola.heights.slopes import slopes_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,15 +19,15 @@ from spcola.arrays import FloatArray
 from spcola.errors import KernelError
 from spcola.navigation import SPICE_LOCK, Trajectory
 from spcola.spice.coverage_windows import (
-    Coverage,
-    Track,
-    pointing_tracks,
-    position_track,
+    KernelCoverage,
+    QuantityCoverage,
+    pointing_coverages,
+    position_coverage,
     segment_epochs,
     segments_of,
 )
 from spcola.spice.daf import check_daf, is_daf
-from spcola.spice.rotation_check import KernelUse, settle_rotation
+from spcola.spice.rotation_check import KernelUse, resolve_rotation
 from spcola.spice.text_kernel import expand_meta_kernels
 from spcola.spice.transfer import convert_transfer, is_transfer
 
@@ -76,7 +76,7 @@ class KernelSet:
     ) -> None:
         given = [paths] if isinstance(paths, (str, Path)) else list(paths)
         expanded = expand_meta_kernels([Path(path) for path in given])
-        self.paths, self._dropped = settle_rotation(expanded, prime_meridian, use)
+        self.paths, self._dropped = resolve_rotation(expanded, prime_meridian, use)
 
     @contextmanager
     def load(self) -> Iterator[None]:
@@ -206,11 +206,11 @@ def coverage(
     frame: str = "",
     max_gap_s: float = np.inf,
     tolerance_s: float = POINTING_TOLERANCE_S,
-) -> Coverage:
+) -> KernelCoverage:
     """Return when the loaded kernels give the position of a spacecraft and pointing of a frame.
 
     To be called inside ``KernelSet.load()``. States and attitudes further apart than `max_gap_s`,
-    seconds, are not interpolated between; see :func:`spcola.spice.coverage_windows.position_track`.
+    seconds, are not interpolated between; see :mod:`spcola.spice.coverage_windows`.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def coverage(
     KernelError
         If a name is unknown, or a kernel cannot be read.
     """
-    tracks: tuple[Track, ...] = ()
+    quantities: tuple[QuantityCoverage, ...] = ()
     where = f"coverage of {spacecraft or frame}"
     with SPICE_LOCK, _kernel_errors(where):
         if spacecraft:
@@ -236,10 +236,10 @@ def coverage(
                 raise KernelError(
                     "is a name unknown to SPICE and the kernels", str(spacecraft), "give its number"
                 ) from None
-            tracks = (position_track(target, max_gap_s),)
+            quantities = (position_coverage(target, max_gap_s),)
         if frame:
-            tracks += pointing_tracks(frame, max_gap_s, tolerance_s)
-    return Coverage(tracks)
+            quantities += pointing_coverages(frame, max_gap_s, tolerance_s)
+    return KernelCoverage(quantities)
 
 
 def _rotation_near(frame: str, et: float, tolerance_s: float) -> FloatArray:

@@ -50,6 +50,10 @@ class Orientation:
         heads = {"POLE_RA", "POLE_DEC", "PM"}
         return tuple(sorted({int(body[4:]) for body, item in names if item in heads}))
 
+    def get(self, body: int, item: str) -> Values:
+        """Return a constant of a body, such as ``PM``; empty if it is not stated."""
+        return self.constants.get(constant(body, item), ())
+
     def stated(self, body: int) -> dict[str, Values]:
         """Return all that the kernel states for a body; a constant that it leaves zero is empty.
 

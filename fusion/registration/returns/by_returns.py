@@ -14,7 +14,7 @@ from fusion.registration.returns.return_heights import (
     height_of_returns,
 )
 from spcola.arrays import FloatArray
-from spcola.grids.statistics import independent_patches
+from spcola.grids.correlation import independent_patches
 from spcola.math import Affine
 
 

@@ -29,7 +29,7 @@ from fusion.registration.returns.returns_match import match_returns
 from fusion.surfacematch import MatchOptions
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
-from spcola.grids.statistics import independent_patches
+from spcola.grids.correlation import independent_patches
 from spcola.math import Affine
 from spcola.math.robust import mad
 

@@ -50,7 +50,7 @@ from fusion.workspace.settings import (
     Table,
 )
 from spcola.arrays import FloatArray
-from spcola.control.estimation import NetworkOptions, solve_network
+from spcola.control.bundle_adjustment import NetworkOptions, solve_network
 from spcola.errors import NotObservableError, SettingsError
 from spcola.shape import Mesh
 

@@ -18,7 +18,7 @@ _LEAST_PX = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Fixes:
+class MeasuredLandmarks:
     """Landmarks that determine the state of an image.
 
     Parameters
@@ -57,14 +57,14 @@ class Fixes:
         return np.sum((partials * np.nan_to_num(self.sigma)[:, None, :]) ** 2, axis=2)
 
 
-def measured_sigma(images: list[tuple[SpcImage, Fixes]]) -> float:
+def measured_sigma(images: list[tuple[SpcImage, MeasuredLandmarks]]) -> float:
     """Return one standard deviation of measured landmarks, pixels, without their own errors.
 
     From the median deviation of all residuals; a tenth of a pixel at least.
 
     Parameters
     ----------
-    images : list of (SpcImage, Fixes)
+    images : list of (SpcImage, MeasuredLandmarks)
         Images with their measured landmarks.
     """
     if not sum(len(fixes.points) for _, fixes in images):
@@ -76,7 +76,7 @@ def measured_sigma(images: list[tuple[SpcImage, Fixes]]) -> float:
 
 
 def state_covariance(
-    image: SpcImage, anchor: ArrayLike, fixes: Fixes, *, sigma_px: float
+    image: SpcImage, anchor: ArrayLike, fixes: MeasuredLandmarks, *, sigma_px: float
 ) -> FloatArray:
     """Return the covariance (6, 6) of (τ1, τ2, τ3, V0), radians and metres [13, 14].
 
@@ -91,7 +91,7 @@ def state_covariance(
         Its stated sigmas are used.
     anchor : (3,) array_like
         Ground in the middle of the image, body-fixed, metres.
-    fixes : Fixes
+    fixes : MeasuredLandmarks
         May be empty.
     sigma_px : float
         One standard deviation of a measured landmark, pixels.

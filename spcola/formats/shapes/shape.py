@@ -7,7 +7,7 @@ from typing import Literal
 
 from spcola.errors import FormatError
 from spcola.formats.shapes.icq import read_icq
-from spcola.formats.shapes.obj import FacesFrom, Unit, read_obj
+from spcola.formats.shapes.obj import FacesFrom, Unit, read_obj_mesh
 from spcola.formats.shapes.ply.mesh import read_ply_mesh
 from spcola.formats.text.fortran import is_number
 from spcola.formats.text.source import read_bytes
@@ -82,5 +82,5 @@ def read_shape(
     if form == "icq":
         return read_icq(path).mesh(edges=icq_edges)
     if form == "obj":
-        return read_obj(path, unit=unit, faces_from=faces_from)
+        return read_obj_mesh(path, unit=unit, faces_from=faces_from)
     return read_ply_mesh(path, unit=unit)

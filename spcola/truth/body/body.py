@@ -29,8 +29,6 @@ from spcola.truth.body.surface_points import SurfacePoints
 from spcola.truth.body.terrain import BOULDER, flag
 from spcola.truth.body.tracing import hits
 
-__all__ = ["BodySettings", "TruthBody"]
-
 _CHUNK = 16_384
 # Q of the directions of the fingerprint.
 _PROBES = 24

@@ -14,6 +14,8 @@ from spcola.navigation import NominalState, utc_from_et
 from spcola.truth.campaign.cameras import looking, turned_to
 from spcola.truth.campaign.stations import Station
 
+__all__ = ["SolvedState", "StateSettings", "make_state"]
+
 
 @dataclass(frozen=True)
 class StateSettings:

@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter
 from spcola.arrays import AnyArray, BoolArray, FloatArray, read_only
 from spcola.camera import SpcImage, ray
 from spcola.errors import SettingsError
-from spcola.photometry import photometric_function
+from spcola.photometry.functions import photometric_function
 from spcola.truth.body.body import TruthBody
 from spcola.truth.sampled.sampled_surface import SampledSurface
 
@@ -143,7 +143,7 @@ class _Scene(NamedTuple):
     settings: ImageSettings
 
 
-def render(
+def render_image(
     surface: SampledSurface,
     body: TruthBody,
     image: SpcImage,

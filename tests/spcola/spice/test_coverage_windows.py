@@ -11,8 +11,8 @@ import spiceypy
 
 from spcola.errors import KernelError
 from spcola.navigation import SPICE_LOCK
-from spcola.spice import Coverage, KernelSet, Track, body_fixed_states, coverage
-from spcola.spice.coverage_windows import Segment
+from spcola.spice import KernelCoverage, KernelSet, body_fixed_states, coverage
+from spcola.spice.coverage_windows import QuantityCoverage, Segment
 from spcola.spice.kernels import body_fixed_axes, state_times
 
 CRAFT, BENNU, FRAME = -999, 2101955, "CRAFT_BUS"
@@ -205,12 +205,12 @@ def test_a_time_beyond_the_end_takes_the_pointing_at_the_end(tmp_path: Path) -> 
 
 def test_what_covers_together() -> None:
     none = np.empty((0, 2))
-    first = Track((Segment(0.0, 10.0, np.array([[2.0, 4.0]])), Segment(8.0, 20.0, none)))
-    second = Track((Segment(3.0, 15.0, none), Segment(18.0, 18.0, none)))
-    both = Coverage((first, second))
+    first = QuantityCoverage((Segment(0.0, 10.0, np.array([[2.0, 4.0]])), Segment(8.0, 20.0, none)))
+    second = QuantityCoverage((Segment(3.0, 15.0, none), Segment(18.0, 18.0, none)))
+    both = KernelCoverage((first, second))
     np.testing.assert_array_equal(both.windows(), [[4.0, 15.0], [18.0, 18.0]])
     assert both.covers([3.0, 4.0, 15.0, 16.0, 18.0]).tolist() == [False, True, True, False, True]
-    assert not len(Coverage((first, Track(()))).windows())
+    assert not len(KernelCoverage((first, QuantityCoverage(()))).windows())
 
 
 @pytest.mark.parametrize("count", [1e18, 0.0, -3.0, np.nan, np.inf, 1e300])

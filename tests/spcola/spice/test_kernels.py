@@ -7,7 +7,7 @@ import pytest
 import spiceypy
 
 from spcola.errors import KernelError
-from spcola.formats.shapes import read_obj
+from spcola.formats.shapes import read_obj_mesh
 from spcola.navigation import SPICE_LOCK, et_from_utc, utc_from_et
 from spcola.shape import RayCaster
 from spcola.spice import KernelSet
@@ -221,7 +221,7 @@ def test_mapcam_boresight_meets_bennu(shared_data: Path) -> None:
     with kernels.load():
         position = body_fixed_trajectory("mapcam", -64, BENNU, [et]).position
         axes = body_fixed_axes("ORX_OCAMS_MAPCAM", BENNU, [et])[0]
-    shape = read_obj(shared_data / "bennu" / "g_12570mm_alt_obj_0000n00000_v014.obj")
+    shape = read_obj_mesh(shared_data / "bennu" / "g_12570mm_alt_obj_0000n00000_v014.obj")
     hit = RayCaster(shape).cast(position, axes[2:3])
     assert hit.hit[0]
     assert hit.distance[0] == pytest.approx(6351.6, abs=30.0)

@@ -7,6 +7,8 @@ from scipy.ndimage import maximum_filter, minimum_filter
 
 from spcola.arrays import FloatArray
 
+__all__ = ["BENDING_NOISE", "BENDING_RANGE_NOISE", "CELL_SHARE", "bending", "bending_range"]
+
 CELL_SHARE = 1.0 / 24.0
 """Factor from bending to the difference between a quadratic surface's mean over the cell around a
 grid point and its height there: ∫ ½ (h_xx x² + h_yy y²) over the unit square."""

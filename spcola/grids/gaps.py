@@ -13,6 +13,17 @@ from scipy.ndimage import binary_dilation, binary_erosion, distance_transform_ed
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.compilation import compiled
 
+__all__ = [
+    "bridged",
+    "bridged_mask",
+    "carried_on",
+    "closable",
+    "closed",
+    "filled",
+    "plane_of",
+    "trend_of",
+]
+
 # Gaussian, cells: in narrow gaps the smoothed share of known points exceeds this limit.
 _NEAR, _SHARE = 1.0, 0.2
 # Sweeps until narrow gaps bend least; in wide gaps more sweeps would hardly change the rim.

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from spcola.arrays import FloatArray
+
+__all__ = [
+    "HUBER",
+    "MAD_TO_SIGMA",
+    "TUKEY",
+    "biweight",
+    "cauchy_weight",
+    "huber_solution",
+    "huber_weight",
+    "mad",
+]
 
 MAD_TO_SIGMA = 1.482602218505602
 """1 / Φ⁻¹(3/4): makes the median absolute deviation of a normal sample its standard deviation."""
@@ -113,46 +122,6 @@ def biweight(z: ArrayLike, c: float = TUKEY) -> FloatArray:
     ratio = np.minimum(np.abs(np.asarray(z, dtype=np.float64)) / c, 1.0)
     weight: FloatArray = (1.0 - ratio * ratio) ** 2
     return np.where(np.isnan(ratio), 0.0, weight)
-
-
-class Scores(NamedTuple):
-    """Scores of residuals, ψ(e), and their derivatives, ψ′(e).
-
-    Parameters
-    ----------
-    pull : ndarray
-        ψ(e).
-    slope : ndarray
-        ψ′(e).
-    """
-
-    pull: FloatArray
-    slope: FloatArray
-
-
-def huber_scores(residual: ArrayLike, spread: float) -> Scores:
-    """Return Huber's ψ, the residual cut off at 1.345 `spread`; the residual itself if that is 0.
-
-    Any unit; NaN remains NaN.
-    """
-    array = np.asarray(residual, dtype=np.float64)
-    if not spread > 0:
-        return Scores(array, np.ones(array.shape))
-    bound = HUBER * spread
-    return Scores(np.clip(array, -bound, bound), (np.abs(array) < bound).astype(np.float64))
-
-
-def biweight_scores(residual: ArrayLike, spread: float) -> Scores:
-    """Return Tukey's ψ, 0 beyond 4.685 `spread`; the residual itself if that is 0.
-
-    Any unit; NaN remains NaN.
-    """
-    array = np.asarray(residual, dtype=np.float64)
-    if not spread > 0:
-        return Scores(array, np.ones(array.shape))
-    square = np.minimum((array / (TUKEY * spread)) ** 2, 1.0)
-    weighed = np.where(np.isnan(array), np.nan, array * biweight(array / spread))
-    return Scores(weighed, (1.0 - square) * (1.0 - 5.0 * square))
 
 
 def _median(array: FloatArray, axis: int) -> FloatArray:

@@ -13,6 +13,16 @@ from spcola.arrays import BoolArray, FloatArray, IntArray, check_finite, frozen
 from spcola.errors import InvalidValueError
 from spcola.shape.mesh import Mesh
 
+__all__ = [
+    "IcqEdges",
+    "IcqShape",
+    "as_icq",
+    "distinct_vertices",
+    "first_open_edge",
+    "icq_directions",
+    "label_name",
+]
+
 # Pairs of labels that name one vertex (Gaskell's ICQ format): each word gives I, J and the face of
 # one end, t running from 0 to Q and r from Q to 0.
 _SHARED_EDGES = (
@@ -81,8 +91,8 @@ class IcqShape:
         Body-fixed, metres, indexed ``[F − 1, J, I]``.
     layer : (6, Q+1, Q+1) array_like, optional
         The fourth column of a file: relative albedo, or sigma in metres.
-    Name of the body or file.
-        What it is a shape of.
+    name : str
+        Name of the body or file.
 
     Raises
     ------

@@ -20,6 +20,8 @@ from spcola.camera import SpcImage, partials_position, partials_rotation, projec
 from spcola.errors import InvalidValueError
 from spcola.math.robust import huber_weight, mad
 
+__all__ = ["Network", "NetworkOptions", "solve_network"]
+
 # Prior of camera pointing, radians: practically free. A solution turns its cameras until the
 # landmarks fit, so the stated sigma of pointing is not independent of that of position.
 _FREE_TURN = 0.1
