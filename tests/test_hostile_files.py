@@ -24,9 +24,9 @@ from lidar.formats import open_lidar, read_scan
 from lidar.formats.native import ScanFile, scan_summary, write_scan
 from lidar.scans import Scan
 from spcola.errors import FormatError, KernelError, SpcolaError
+from spcola.formats.hdf5 import reading_hdf5, replacing_hdf5, stored
 from spcola.formats.images import read_fits_image
 from spcola.formats.shapes import read_icq, read_obj_mesh, read_shape, write_icq, write_obj_mesh
-from spcola.formats.stores import reading_hdf5, replacing_hdf5, stored
 from spcola.shape.icq import IcqShape, icq_directions
 from spcola.spice import KernelSet, orientation_of, read_transfer
 from spcola.spice.kernels import state_times
