@@ -21,13 +21,16 @@ from scipy.sparse.linalg import splu
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.compilation import compiled
 
+Graph = tuple[IntArray, IntArray, FloatArray]
+"""A sparse matrix by rows: `indptr`, `indices` and `data` of a ``csr_array``."""
+
 _COARSEST_POINTS = 2000
 """Points of the level that is solved by sparse factors."""
 _SLOWEST = 0.8
 """Share of points that coarsening may leave; otherwise the factors solve the level."""
 _STRONG = 4.0
 """Smallest weight of a pair's edge, relative to the strongest edges of its two points."""
-_HELD = 1.0 / 3.0
+_CONSTRAINED = 1.0 / 3.0
 """Constraint of a point, over the sum of its edges, above which only the smoother moves it: that
 of Napov & Notay for a condition number of 8; by experiment a tenth is too little."""
 _SMALLER = 2.5
@@ -39,28 +42,27 @@ _ENOUGH = 0.25
 
 @dataclass(frozen=True, eq=False)
 class _Level:
-    """A matrix, the inverse of its diagonal, and the aggregate of each point (or −1)."""
+    """A matrix as a graph, the inverse of its diagonal, and the aggregate of each point (or −1)."""
 
-    matrix: csr_array
+    graph: Graph
     inverse: FloatArray
     aggregate: IntArray
     coarse: int
 
     def sweep(self, x: FloatArray, b: FloatArray, *, backward: bool) -> None:
         """Gauss–Seidel over all points, in place."""
-        m = self.matrix
-        _sweep(m.indptr, m.indices, m.data, self.inverse, x, b, backward)
+        _sweep(self.graph, self.inverse, x, b, backward)
 
     def restrict(self, x: FloatArray, b: FloatArray) -> FloatArray:
         """Return the sum of ``b − A x`` over each aggregate."""
-        m, rest = self.matrix, np.zeros(self.coarse)
-        _restrict(m.indptr, m.indices, m.data, x, b, self.aggregate, rest)
+        rest = np.zeros(self.coarse)
+        _restrict(self.graph, x, b, self.aggregate, rest)
         return rest
 
     def multiply(self, x: FloatArray) -> tuple[FloatArray, float]:
         """Return ``A x`` and ``xᵀ A x``."""
-        m, out = self.matrix, np.empty_like(x)
-        return out, _multiply(m.indptr, m.indices, m.data, x, out)
+        out = np.empty_like(x)
+        return out, _multiply(self.graph, x, out)
 
 
 class AggregationCycle:
@@ -81,10 +83,12 @@ class AggregationCycle:
         fine: csr_array = matrix.tocsr()
         last = fine.shape[0]
         while fine.shape[0] > _COARSEST_POINTS:
-            aggregate, count = _pairs(fine)
+            graph = (fine.indptr, fine.indices, fine.data)
+            aggregate = np.full(fine.shape[0], -1, dtype=np.int32)
+            count = _pair(graph, *_strengths(graph), aggregate)
             if count > _SLOWEST * fine.shape[0]:
                 break
-            self._levels.append(_Level(fine, 1.0 / fine.diagonal(), aggregate, count))
+            self._levels.append(_Level(graph, 1.0 / fine.diagonal(), aggregate, count))
             fine = _merged(fine, aggregate, count)
             self._twice.append(count * _SMALLER <= last)
             last = count if self._twice[-1] else last
@@ -146,19 +150,10 @@ def _merged(matrix: csr_array, aggregate: IntArray, count: int) -> csr_array:
     return merged
 
 
-def _pairs(matrix: csr_array) -> tuple[IntArray, int]:
-    """Return the aggregate of each point (−1: none) and the number of aggregates."""
-    aggregate = np.full(matrix.shape[0], -1, dtype=np.int32)
-    graph = (matrix.indptr, matrix.indices, matrix.data)
-    strength, strongest, alone = _strengths(*graph)
-    return aggregate, _pair(*graph, strength, strongest, alone, aggregate)
-
-
 @compiled
-def _strengths(
-    indptr: IntArray, indices: IntArray, data: FloatArray
-) -> tuple[FloatArray, IntArray, BoolArray]:
+def _strengths(graph: Graph) -> tuple[FloatArray, IntArray, BoolArray]:
     """Return for each point its strongest edge, the neighbour there, and whether it is unpaired."""
+    indptr, indices, data = graph
     points = len(indptr) - 1
     strength, strongest = np.zeros(points), np.arange(points)
     alone = np.zeros(points, dtype=np.bool_)
@@ -172,21 +167,20 @@ def _strengths(
             ground -= abs(data[n])
             if -data[n] > strength[i]:
                 strength[i], strongest[i] = -data[n], indices[n]
-        alone[i] = ground >= _HELD * edges
+        alone[i] = ground >= _CONSTRAINED * edges
     return strength, strongest, alone
 
 
 @compiled
 def _pair(
-    indptr: IntArray,
-    indices: IntArray,
-    data: FloatArray,
+    graph: Graph,
     strength: FloatArray,
     strongest: IntArray,
     alone: BoolArray,
     aggregate: IntArray,
 ) -> int:
     """Pair points by edges strong for both; the others join their strongest neighbour's pair."""
+    indptr, indices, data = graph
     points, count = len(aggregate), 0
     for i in range(points):
         if aggregate[i] >= 0 or alone[i]:
@@ -218,14 +212,13 @@ def _pair(
 
 @compiled
 def _restrict(
-    indptr: IntArray,
-    indices: IntArray,
-    data: FloatArray,
+    graph: Graph,
     x: FloatArray,
     b: FloatArray,
     aggregate: IntArray,
     out: FloatArray,
 ) -> None:
+    indptr, indices, data = graph
     for i in range(len(x)):
         if aggregate[i] < 0:
             continue
@@ -236,9 +229,8 @@ def _restrict(
 
 
 @compiled
-def _multiply(
-    indptr: IntArray, indices: IntArray, data: FloatArray, x: FloatArray, out: FloatArray
-) -> float:
+def _multiply(graph: Graph, x: FloatArray, out: FloatArray) -> float:
+    indptr, indices, data = graph
     total = 0.0
     for i in range(len(x)):
         here = 0.0
@@ -267,14 +259,13 @@ def _spread(coarse: FloatArray, aggregate: IntArray, x: FloatArray) -> None:
 
 @compiled
 def _sweep(
-    indptr: IntArray,
-    indices: IntArray,
-    data: FloatArray,
+    graph: Graph,
     inverse: FloatArray,
     x: FloatArray,
     b: FloatArray,
     backward: bool,
 ) -> None:
+    indptr, indices, data = graph
     points = len(x)
     for step in range(points):
         i = points - 1 - step if backward else step

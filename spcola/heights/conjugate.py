@@ -25,7 +25,7 @@ _TRIAL = 5
 for 2 × 2 aggregates. By experiment it falls either a hundredfold or by a third."""
 _PATIENCE = 40
 """The same for stiff means: aggregates then join all points of each mean, which costs more."""
-_HELD = 0.2
+_CONSTRAINED = 0.2
 """Weight of a part, relative to the rim of a square of its size, above which the cycle alone
 constrains it: by experiment, iterations grow below a tenth."""
 _SPAN = 1e-4
@@ -106,7 +106,7 @@ class LinearSystem:
         constraints are shifted as a whole, after the cycle and by its residual (adding both would
         count the shift twice, for a quarter more iterations).
         """
-        loose = ground < _HELD * self._unit * np.sqrt(self._components.size)
+        loose = ground < _CONSTRAINED * self._unit * np.sqrt(self._components.size)
         chosen = loose & (ground > 0) & (len(ground) > 1)
         return np.divide(self._unit, ground, out=np.zeros(len(ground)), where=chosen)
 
@@ -122,16 +122,16 @@ class LinearSystem:
 
     def residual(self, problem: HeightProblem, x: FloatArray, bands: Bands) -> FloatArray:
         """Return ``Dᵀ w_e (step − D x) + w_c (h_c − x)`` over the unit, padded (scratch memory)."""
-        steps = (problem.step_x, problem.step_y, problem.weight_x, problem.weight_y)
+        edges = (problem.step_x, problem.step_y, problem.weight_x, problem.weight_y)
         pulls = np.zeros((0, 0))
         if problem.means is not None:
             m = problem.means
             pulls = np.zeros(x.shape)
-            add_mean_pulls(m.start, m.points, m.share, m.height, m.weight, x, pulls)
+            add_mean_pulls(m.sets, m.height, m.weight, x, pulls)
         # One type of every layer, given or computed: one compiled form.
         weight, x = read_only(self._weight), read_only(x)
-        heights = (problem.height, weight, pulls, x, self._unit, self._r)
-        bands.run(x.shape, vectors.residual, *steps, *heights)
+        arrays = (edges, (problem.height, weight), pulls, x, self._unit, self._r)
+        bands.run(x.shape, vectors.residual, *arrays)
         return self._r
 
     def precondition(self, residual: FloatArray, bands: Bands) -> FloatArray:
@@ -162,7 +162,7 @@ class LinearSystem:
         labels, ground = self._components.labels, self._hierarchy.finest.ground
         shift = self._shifts(residual, bands)
         arrays = (labels, self._spans, shift, ground, x, residual)
-        bands.run(labels.shape, vectors.settle_parts, *arrays)
+        bands.run(labels.shape, vectors.balance_parts, *arrays)
 
     def _shifts(self, residual: FloatArray, bands: Bands) -> FloatArray:
         """Return the shift (K,) of each loose part for which ``residual − A z`` sums to zero.
@@ -258,10 +258,10 @@ class LinearSystem:
     def _multiply(self, p: FloatArray, out: FloatArray, bands: Bands) -> float:
         """Store ``A p`` in `out`; return ``pᵀ A p``."""
         level = self._hierarchy.finest
-        total = float(sum(bands.run(level.size, multiply, *level.coefficients, p, out)))
+        total = float(sum(bands.run(level.size, multiply, level.coefficients, p, out)))
         if self._problem.means is not None:
             m = self._problem.means
-            total += add_mean_products(m.start, m.points, m.share, m.weight, self._unit, p, out)
+            total += add_mean_products(m.sets, m.weight, self._unit, p, out)
         return total
 
     def _is_stuck(self, done: int, share: float) -> bool:

@@ -27,7 +27,12 @@ from spcola.arrays import FloatArray, IntArray
 from spcola.compilation import Bands, compiled
 from spcola.heights.isolated_points import IsolatedPoints
 from spcola.heights.problem import HeightProblem
-from spcola.heights.smoothing import correct_and_smooth, smooth_and_restrict, subtract_product
+from spcola.heights.smoothing import (
+    Coefficients,
+    correct_and_smooth,
+    smooth_and_restrict,
+    subtract_product,
+)
 
 _COARSEST_POINTS = 64
 """Levels up to this size are solved by their inverse: calls cost more than arithmetic there."""
@@ -35,7 +40,7 @@ _FREE = 1e-13
 """Pivots of that level, relative to its diagonal, that count as a rounded 0."""
 _SERIAL_POINTS = 100_000
 """Levels up to this size run in one thread and one call, unless they have isolated points."""
-_STRAY_LEVELS = 2
+_ISOLATED_LEVELS = 2
 """Levels whose isolated points are moved: by experiment, coarser levels do not need it."""
 
 
@@ -61,7 +66,7 @@ class Level:
         return (self.right.shape[0] - 2, self.right.shape[1] - 2)
 
     @property
-    def coefficients(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def coefficients(self) -> Coefficients:
         """Right, down and ground, as the kernels take them."""
         return (self.right, self.down, self.ground)
 
@@ -138,11 +143,11 @@ class Hierarchy:
         self._isolated = [IsolatedPoints.none()] * len(self.levels)
         for k, (above, below) in enumerate(itertools.pairwise(self.levels)):
             both = (above.coefficients, below.coefficients)
-            bands.run(below.size, _coarsen, *both[0], *both[1])
-            if k < min(_STRAY_LEVELS, len(self.levels) - 2):
+            bands.run(below.size, _coarsen, *both)
+            if k < min(_ISOLATED_LEVELS, len(self.levels) - 2):
                 self._isolated[k] = IsolatedPoints.reassign(*both, below.size, bands)
         last = self.levels[-1]
-        self._inverse = _invert(*last.coefficients)
+        self._inverse = _invert(last.coefficients)
         apart = [
             k
             for k, level in enumerate(self.levels[:-2])
@@ -157,16 +162,11 @@ class Hierarchy:
         level, isolated = self.levels[k], self._isolated[k]
         if k >= self._apart:
             first = self._start[k]
-            right, down, ground = self._coefficients[:, first:]
             _cycle(
-                self._sizes[k:],
-                self._start[k:],
+                (self._sizes[k:], self._start[k:]),
+                tuple(self._coefficients[:, first:]),
                 self._inverse,
-                right,
-                down,
-                ground,
-                self._value[first:],
-                self._source[first:],
+                (self._value[first:], self._source[first:]),
                 source,
                 answer,
                 add,
@@ -174,12 +174,12 @@ class Hierarchy:
             return
         below = self.levels[k + 1]
         value, residual = self._vectors(k + 1)
-        bands.run(below.size, smooth_and_restrict, *level.coefficients, source, residual)
+        bands.run(below.size, smooth_and_restrict, level.coefficients, source, residual)
         isolated.restrict(source, residual)
         self._cycle(k + 1, residual, value, False, bands)
-        bands.run(below.size, subtract_product, *below.coefficients, value, residual)
+        bands.run(below.size, subtract_product, below.coefficients, value, residual)
         self._cycle(k + 1, residual, value, True, bands)
-        bands.run(level.size, correct_and_smooth, *level.coefficients, source, value, add, answer)
+        bands.run(level.size, correct_and_smooth, level.coefficients, source, value, add, answer)
         isolated.correct(value, answer)
 
 
@@ -192,17 +192,10 @@ def _convert(values: FloatArray, factor: float, out: FloatArray, first: int, las
 
 
 @compiled
-def _coarsen(
-    right: FloatArray,
-    down: FloatArray,
-    ground: FloatArray,
-    coarse_right: FloatArray,
-    coarse_down: FloatArray,
-    coarse_ground: FloatArray,
-    first: int,
-    last: int,
-) -> None:
+def _coarsen(fine: Coefficients, coarse: Coefficients, first: int, last: int) -> None:
     """Rows `first` … `last` − 1 of a coarser level: edges summed and halved, constraints summed."""
+    right, down, ground = fine
+    coarse_right, coarse_down, coarse_ground = coarse
     columns = coarse_right.shape[1] - 2
     half = np.float32(0.5)
     for i in range(first + 1, last + 1):
@@ -215,12 +208,13 @@ def _coarsen(
 
 
 @compiled
-def _invert(right: FloatArray, down: FloatArray, ground: FloatArray) -> FloatArray:
-    """Return the inverse (n, n) of a small level (padded coefficients), by sweeping its points.
+def _invert(level: Coefficients) -> FloatArray:
+    """Return the inverse (n, n) of a small level, by sweeping its points.
 
     A point without weight left when all before it are swept (a floating part ends with one) is
     constrained, so that the inverse exists.
     """
+    right, down, ground = level
     rows, columns = right.shape[0] - 2, right.shape[1] - 2
     points = rows * columns
     matrix = np.zeros((points, points))
@@ -275,76 +269,62 @@ def _solve_coarsest(inverse: FloatArray, source: FloatArray, answer: FloatArray,
 
 
 @compiled
-def _grid(flat: FloatArray, sizes: IntArray, start: IntArray, level: int) -> FloatArray:
-    """Return one level (padded) of a flat array of several; its first element is `start[0]`."""
+def _grid(flat: FloatArray, layout: tuple[IntArray, IntArray], level: int) -> FloatArray:
+    """Return one level (padded) of a flat array of several; `layout` is their sizes and starts."""
+    sizes, start = layout
     span = slice(start[level] - start[0], start[level + 1] - start[0])
     return flat[span].reshape((sizes[level, 0] + 2, sizes[level, 1] + 2))
 
 
 @compiled
-def _cycle(  # noqa: PLR0913, PLR0917  flat arrays of all levels: numba knows no dataclasses
-    sizes: IntArray,
-    start: IntArray,
+def _level(flat: Coefficients, layout: tuple[IntArray, IntArray], level: int) -> Coefficients:
+    """Return the coefficients of one level of several."""
+    right, down = _grid(flat[0], layout, level), _grid(flat[1], layout, level)
+    return right, down, _grid(flat[2], layout, level)
+
+
+@compiled
+def _cycle(
+    layout: tuple[IntArray, IntArray],
+    coefficients: Coefficients,
     inverse: FloatArray,
-    right: FloatArray,
-    down: FloatArray,
-    ground: FloatArray,
-    values: FloatArray,
-    sources: FloatArray,
+    vectors: tuple[FloatArray, FloatArray],
     source: FloatArray,
     answer: FloatArray,
     add: bool,
 ) -> None:
     """One W-cycle over several levels in one call; the first has `source` and `answer`.
 
-    Not recursive, because Numba loads such a function from its cache in a state that crashes.
+    `vectors` are values and sources of the others. Not recursive, because Numba loads such a
+    function from its cache in a state that crashes.
     """
+    sizes, (values, sources) = layout[0], vectors
     last = len(sizes) - 1
     second = np.zeros(len(sizes), dtype=np.bool_)
     second[0] = add
     level = 0
     while True:
         while level < last:
-            b = source if level == 0 else _grid(sources, sizes, start, level)
-            smooth_and_restrict(
-                _grid(right, sizes, start, level),
-                _grid(down, sizes, start, level),
-                _grid(ground, sizes, start, level),
-                b,
-                _grid(sources, sizes, start, level + 1),
-                0,
-                sizes[level + 1, 0],
-            )
+            b = source if level == 0 else _grid(sources, layout, level)
+            below = _grid(sources, layout, level + 1)
+            here = _level(coefficients, layout, level)
+            smooth_and_restrict(here, b, below, 0, sizes[level + 1, 0])
             level += 1
             second[level] = False
-        b = source if last == 0 else _grid(sources, sizes, start, last)
-        x = answer if last == 0 else _grid(values, sizes, start, last)
+        b = source if last == 0 else _grid(sources, layout, last)
+        x = answer if last == 0 else _grid(values, layout, last)
         _solve_coarsest(inverse, b, x, second[last])
         second[last] = True  # it was exact
         while level > 0 and second[level]:
             level -= 1
-            b = source if level == 0 else _grid(sources, sizes, start, level)
-            x = answer if level == 0 else _grid(values, sizes, start, level)
-            correct_and_smooth(
-                _grid(right, sizes, start, level),
-                _grid(down, sizes, start, level),
-                _grid(ground, sizes, start, level),
-                b,
-                _grid(values, sizes, start, level + 1),
-                second[level],
-                x,
-                0,
-                sizes[level, 0],
-            )
+            b = source if level == 0 else _grid(sources, layout, level)
+            x = answer if level == 0 else _grid(values, layout, level)
+            below = _grid(values, layout, level + 1)
+            here = _level(coefficients, layout, level)
+            correct_and_smooth(here, b, below, second[level], x, 0, sizes[level, 0])
         if level == 0:
             return
-        subtract_product(
-            _grid(right, sizes, start, level),
-            _grid(down, sizes, start, level),
-            _grid(ground, sizes, start, level),
-            _grid(values, sizes, start, level),
-            _grid(sources, sizes, start, level),
-            0,
-            sizes[level, 0],
-        )
+        here = _level(coefficients, layout, level)
+        value, rest = _grid(values, layout, level), _grid(sources, layout, level)
+        subtract_product(here, value, rest, 0, sizes[level, 0])
         second[level] = True

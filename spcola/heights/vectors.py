@@ -14,13 +14,9 @@ from spcola.heights.smoothing import LANES, add_products
 
 
 @compiled
-def residual(  # noqa: PLR0913, PLR0917  flat arguments: numba knows no dataclasses
-    step_x: FloatArray,
-    step_y: FloatArray,
-    weight_x: FloatArray,
-    weight_y: FloatArray,
-    height: FloatArray,
-    weight: FloatArray,
+def residual(
+    edges: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    constraints: tuple[FloatArray, FloatArray],
     pulls: FloatArray,
     x: FloatArray,
     unit: float,
@@ -30,9 +26,12 @@ def residual(  # noqa: PLR0913, PLR0917  flat arguments: numba knows no dataclas
 ) -> None:
     """Residual of the normal equations over `unit` into the padded `out`.
 
-    Summed from misfits in double precision: exact also far from zero height. `pulls` is the
+    Summed from misfits in double precision: exact also far from zero height. `edges` are steps
+    along x and y and their weights, `constraints` heights and their weights; `pulls` is the
     contribution of the means: (R, C), or without elements if there are none.
     """
+    step_x, step_y, weight_x, weight_y = edges
+    height, weight = constraints
     rows, columns = x.shape
     along, forces = np.zeros(columns + 1), np.zeros(columns)
     above, below = np.zeros(columns), np.zeros(columns)
@@ -190,7 +189,7 @@ def lift_parts(
 
 
 @compiled
-def settle_parts(
+def balance_parts(
     labels: IntArray,
     spans: IntArray,
     shift: FloatArray,
