@@ -201,9 +201,9 @@ class HeightSystem:
             linear = self._linear.solve(
                 problem, guess, chosen.tolerance_m, chosen.max_iterations, bands
             )
-            weight, iterations, settled = problem.weight, linear.iterations, True
+            weight, iterations, converged = problem.weight, linear.iterations, True
             if chosen.loss != "l2":
-                linear, weight, settled = _reweight(problem, self._parts, linear, chosen, bands)
+                linear, weight, converged = _reweight(problem, self._parts, linear, chosen, bands)
                 iterations += linear.iterations
             height = linear.height
             _tie(height, self._parts, start, chosen.floating)
@@ -214,8 +214,8 @@ class HeightSystem:
             read_only(self._parts.labels),
             read_only(self._parts.floating),
             iterations,
-            linear.converged and settled,
-            _reason(linear, settled, chosen),
+            linear.converged and converged,
+            _reason(linear, converged, chosen),
             linear.error_bound_m,
         )
 
@@ -235,7 +235,7 @@ def _reweight(
     used = problem.weight > 0
     root = np.sqrt(problem.weight[used])
     loss_weight = huber_weight if options.loss == "huber" else cauchy_weight
-    iterations, settled, weight = 0, False, problem.weight
+    iterations, converged, weight = 0, False, problem.weight
     for _ in range(options.max_reweights):
         before = linear.height
         residual = (before[used] - problem.height[used]) * root
@@ -249,10 +249,10 @@ def _reweight(
         )
         iterations += linear.iterations
         change = np.abs(linear.height - before)[problem.mask].max(initial=0.0)
-        settled = bool(change <= 10 * options.tolerance_m)
-        if settled:
+        converged = bool(change <= 10 * options.tolerance_m)
+        if converged:
             break
-    return replace(linear, iterations=iterations), weight, settled
+    return replace(linear, iterations=iterations), weight, converged
 
 
 def _first_guess(
@@ -341,13 +341,13 @@ def _sums(values: FloatArray, labels: IntArray, where: BoolArray, count: int) ->
     return np.bincount(labels[where], weights=values[where], minlength=count).astype(np.float64)
 
 
-def _reason(linear: LinearSolution, settled: bool, options: SolverOptions) -> str:
+def _reason(linear: LinearSolution, converged: bool, options: SolverOptions) -> str:
     """Return in one clause why the solver stopped."""
     if not linear.converged:
         return (
             f"stopped after {linear.iterations} iterations with an estimated error of "
             f"{linear.error_bound_m:.2g} m, above the tolerance of {options.tolerance_m:.2g} m"
         )
-    if not settled:
+    if not converged:
         return f"the {options.loss} weights still changed after {options.max_reweights} rounds"
     return f"estimated error {linear.error_bound_m:.2g} m, below the tolerance"

@@ -12,6 +12,9 @@ from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.compilation import compiled, compiled_inline
 from spcola.heights.smoothing import LANES, add_products
 
+Parts = tuple[IntArray, IntArray]
+"""The part of each point (R, C), and the result of :func:`find_spans`."""
+
 
 @compiled
 def residual(
@@ -151,9 +154,8 @@ def find_spans(labels: IntArray, chosen: BoolArray) -> IntArray:
 
 @compiled
 def sum_parts(
-    labels: IntArray,
-    spans: IntArray,
-    parts: int,
+    parts: Parts,
+    count: int,
     r: FloatArray,
     ground: FloatArray,
     z: FloatArray,
@@ -161,7 +163,8 @@ def sum_parts(
     last: int,
 ) -> FloatArray:
     """Return the sum of ``r − ground z`` over each part (K,) within the spans of these rows."""
-    total = np.zeros(parts)
+    labels, spans = parts
+    total = np.zeros(count)
     for i in range(first, last):
         label, row, weight, answer = labels[i], r[i + 1], ground[i + 1], z[i + 1]
         before, run = -1, 0.0
@@ -177,10 +180,9 @@ def sum_parts(
 
 
 @compiled
-def lift_parts(
-    labels: IntArray, spans: IntArray, shift: FloatArray, z: FloatArray, first: int, last: int
-) -> None:
+def shift_parts(parts: Parts, shift: FloatArray, z: FloatArray, first: int, last: int) -> None:
     """Add the shift (K,) of each part to `z` within the spans of these rows."""
+    labels, spans = parts
     for i in range(first, last):
         label, row = labels[i], z[i + 1]
         for j in range(spans[i, 0], spans[i, 1]):
@@ -190,8 +192,7 @@ def lift_parts(
 
 @compiled
 def balance_parts(
-    labels: IntArray,
-    spans: IntArray,
+    parts: Parts,
     shift: FloatArray,
     ground: FloatArray,
     x: FloatArray,
@@ -200,6 +201,7 @@ def balance_parts(
     last: int,
 ) -> None:
     """Add the shift (K,) of each part to `x`, and its effect to the residual `r`."""
+    labels, spans = parts
     for i in range(first, last):
         label, height, weight, row = labels[i], x[i], ground[i + 1], r[i + 1]
         for j in range(spans[i, 0], spans[i, 1]):
