@@ -29,7 +29,7 @@ from spcola.formats.images import read_fits_image
 from spcola.formats.shapes import read_icq, read_obj_mesh, read_shape, write_icq, write_obj_mesh
 from spcola.shape.icq import IcqShape, icq_directions
 from spcola.spice import KernelSet, orientation_of, read_transfer
-from spcola.spice.kernels import state_times
+from spcola.spice.daf import check_daf, daf_segments, state_epochs
 from spcola.spice.text_kernel import expand_meta_kernels
 from spcola.spice.transfer import Daf, DafArray, encode_daf
 
@@ -367,12 +367,12 @@ def test_binary_kernels_are_checked_before_spice_follows_them(
     content = bytearray(encode_daf(Daf("DAF/SPK ", 2, 6, "x", (segment,))))
     path = tmp_path / "a.bsp"
     path.write_bytes(content)
-    np.testing.assert_array_equal(state_times(path), times)
+    np.testing.assert_array_equal(state_epochs(daf_segments(path)[0].values, path), times)
     with KernelSet(path).load():
         pass
     struct.pack_into(form, content, at, value)
     path.write_bytes(content)
-    for read in (state_times, lambda path: KernelSet(path).load().__enter__()):
+    for read in (check_daf, lambda path: KernelSet(path).load().__enter__()):
         with pytest.raises(KernelError, match=r"a\.bsp"):
             read(path)
 

@@ -61,8 +61,8 @@ from spcola.formats.solution import (
 )
 from spcola.grids import Maplet, MapletGrid
 from spcola.shape.icq import IcqShape, icq_directions
-from spcola.spice import KernelSet, read_transfer
-from spcola.spice.kernels import body_fixed_trajectory, state_times
+from spcola.spice import KernelSet, body_fixed_states, read_transfer
+from spcola.spice.daf import daf_segments, state_epochs
 from spcola.spice.transfer import Daf, DafArray, encode_daf
 
 Form = Literal["binary", "text", "hdf5", "json"]
@@ -350,9 +350,9 @@ def _read_kernels(path: Path) -> None:
 
 
 def _read_spk(path: Path) -> None:
-    times = state_times(path)
+    times = np.concatenate([state_epochs(one.values, path) for one in daf_segments(path)])
     with KernelSet([path, path.parent / "a.tpc"]).load():
-        body_fixed_trajectory("t", -64, 2101955, times[:4])
+        body_fixed_states(-64, 2101955, times[:4])
 
 
 def _read_transfer(path: Path) -> None:

@@ -11,6 +11,8 @@ __all__ = ["autocovariance", "independent_patches", "shift_correlations", "shift
 
 # Fewer points do not determine a variance.
 _LEAST_POINTS = 30
+# Largest lag of a correlation, cells.
+_LONGEST_LAG = 20
 
 
 def shift_variances(
@@ -144,19 +146,12 @@ def autocovariance(residual: FloatArray, reach: int) -> FloatArray:
     return raw * np.outer(taper, taper)
 
 
-def independent_patches(residual: FloatArray, *, reach: int = 20) -> float:
-    """Number of patches of a residual field whose errors are about independent.
+def independent_patches(residual: FloatArray) -> float:
+    """Number of patches of a `residual` field (N, N) whose errors are about independent.
 
     The number of known points over the area, in cells, that the autocorrelation covers.
-
-    Parameters
-    ----------
-    residual : (N, N) ndarray
-        NaN where there is none.
-    reach : int
-        Largest lag, cells; at most a quarter of the grid is used.
     """
-    covariance = autocovariance(residual, usable_reach(reach, residual))
+    covariance = autocovariance(residual, usable_reach(residual))
     return float(np.count_nonzero(np.isfinite(residual))) / correlated_cells(covariance)
 
 
@@ -166,6 +161,6 @@ def correlated_cells(covariance: FloatArray) -> float:
     return max(float(np.sum(covariance)) / variance, 1.0) if variance > 0 else 1.0
 
 
-def usable_reach(reach: int, residual: FloatArray) -> int:
-    """Largest lag that the size of a field allows."""
-    return max(1, min(reach, residual.shape[0] // 4))
+def usable_reach(residual: FloatArray) -> int:
+    """Largest lag, cells, of a field's correlation: at most a quarter of the field."""
+    return max(1, min(_LONGEST_LAG, residual.shape[0] // 4))

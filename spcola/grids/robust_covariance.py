@@ -77,11 +77,7 @@ class RobustCovariance(NamedTuple):
 
 
 def robust_covariance(
-    design: FloatArray,
-    scores: Scores,
-    *,
-    rise: FloatArray | None = None,
-    reach: int = 20,
+    design: FloatArray, scores: Scores, *, rise: FloatArray | None = None
 ) -> RobustCovariance:
     """Covariance of a robust least-squares estimate with correlated residuals.
 
@@ -100,8 +96,6 @@ def robust_covariance(
     rise : (P, N, N) ndarray, optional
         r: change of the residual with the estimate, where it is known better than by g, whose own
         noise would count as information; g by default.
-    reach : int
-        Largest lag, cells; at most a quarter of the grid is used.
 
     Returns
     -------
@@ -110,7 +104,7 @@ def robust_covariance(
         parameters. Source: Huber (1967); docs: derivations §13.
     """
     size = len(design)
-    covariance = autocovariance(scores.pull, usable_reach(reach, scores.pull))
+    covariance = autocovariance(scores.pull, usable_reach(scores.pull))
     compared = np.isfinite(scores.pull)
     patches = float(np.count_nonzero(compared) / correlated_cells(covariance))
     if patches <= size:

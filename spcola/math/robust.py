@@ -18,6 +18,10 @@ __all__ = [
     "mad",
 ]
 
+_ROUNDS = 4
+# Largest condition number of a normal matrix scaled to a unit diagonal.
+_LARGEST_CONDITION = 1e10
+
 MAD_TO_SIGMA = 1.482602218505602
 """1 / Φ⁻¹(3/4): makes the median absolute deviation of a normal sample its standard deviation."""
 
@@ -69,9 +73,7 @@ def cauchy_weight(z: ArrayLike, k: float = 2.385) -> FloatArray:
     return np.where(np.isnan(ratio), 0.0, weight)
 
 
-def huber_solution(
-    rows: FloatArray, values: FloatArray, *, rounds: int = 4, largest_condition: float = 1e10
-) -> tuple[FloatArray, FloatArray] | None:
+def huber_solution(rows: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray] | None:
     """Return the least-squares solution (P,) of ``rows · p = values`` and Huber's weights (N,).
 
     Weights are those of residuals over their median deviation, iterated for a few rounds.
@@ -80,9 +82,6 @@ def huber_solution(
     ----------
     rows : (N, P) ndarray
     values : (N,) ndarray
-    rounds : int
-    largest_condition : float
-        Largest condition number of the normal matrix scaled to a unit diagonal.
 
     Returns
     -------
@@ -95,10 +94,10 @@ def huber_solution(
     if not np.min(scale) > 1e-12 * np.max(scale):
         return None
     unit = rows / scale
-    for _ in range(rounds):
+    for _ in range(_ROUNDS):
         weighted = unit * weight[:, None]
         normal = weighted.T @ unit
-        if np.linalg.cond(normal) > largest_condition:
+        if np.linalg.cond(normal) > _LARGEST_CONDITION:
             return None
         solution = np.linalg.solve(normal, weighted.T @ values)
         rest = values - unit @ solution
@@ -113,13 +112,13 @@ TUKEY = 4.685
 """Standard deviations beyond which Tukey's estimate gives a residual no weight."""
 
 
-def biweight(z: ArrayLike, c: float = TUKEY) -> FloatArray:
-    """Return Tukey's weights (1 − (z/c)²)², 0 beyond c (95 % efficient with c = 4.685).
+def biweight(z: ArrayLike) -> FloatArray:
+    """Return Tukey's weights (1 − (z/c)²)², 0 beyond c = 4.685 (95 % efficient).
 
     `z` are residuals over their standard deviation; NaN gets weight 0. Outliers on one side have
     no influence at all, but the start must be good: begin with :func:`huber_weight`.
     """
-    ratio = np.minimum(np.abs(np.asarray(z, dtype=np.float64)) / c, 1.0)
+    ratio = np.minimum(np.abs(np.asarray(z, dtype=np.float64)) / TUKEY, 1.0)
     weight: FloatArray = (1.0 - ratio * ratio) ** 2
     return np.where(np.isnan(ratio), 0.0, weight)
 

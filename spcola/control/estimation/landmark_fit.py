@@ -29,22 +29,16 @@ CONDITION = 1e-12
 """Smallest eigenvalue of the normal matrix, scaled to a unit diagonal, above rounding."""
 
 
+_TOLERANCE = 1e-6
+"""Step, relative to its own formal sigma, at which an iteration ends."""
+_MOST_STEPS = 20
+
+
 class Prior(NamedTuple):
     """An a-priori value (n,) with one standard deviation each (n,); NaN sigma: not constrained."""
 
     value: FloatArray
     sigma: FloatArray
-
-
-@dataclass(frozen=True)
-class EstimationOptions:
-    """When to stop: the step relative to its own formal sigma, and the most steps."""
-
-    tolerance: float = 1e-6
-    max_iterations: int = 20
-
-
-DEFAULTS = EstimationOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +134,6 @@ def solve_landmark(
     *,
     state_covariance: ArrayLike | None = None,
     prior: Prior | None = None,
-    options: EstimationOptions = DEFAULTS,
 ) -> LandmarkSolution:
     """Return the landmark vector determined by its places in several images [9, 10].
 
@@ -159,8 +152,6 @@ def solve_landmark(
         of position and pointing hardly move the ground.
     prior : Prior, optional
         Prior of V, metres.
-    options : EstimationOptions
-        When to stop.
 
     Raises
     ------
@@ -189,7 +180,7 @@ def solve_landmark(
     begin = np.asarray(start, dtype=np.float64)
     check_shape(begin, (3,), "start")
     found = _iterate(
-        begin, linearise, add_prior, lambda point, step: point + step, LANDMARK_PARAMETERS, options
+        begin, linearise, add_prior, lambda point, step: point + step, LANDMARK_PARAMETERS
     )
     _, partials, variances = linearise(found.state)
     gain = np.einsum("ij,naj,nab->nib", found.covariance, partials, np.linalg.inv(variances))
@@ -220,7 +211,6 @@ def solve_state(
     *,
     landmark_sigma: ArrayLike | None = None,
     use_prior: bool = True,
-    options: EstimationOptions = DEFAULTS,
 ) -> StateSolution:
     """Return the spacecraft state determined by the landmarks in an image [11, 13, 14].
 
@@ -238,8 +228,6 @@ def solve_state(
         One standard deviation of each V, metres; adds to the observation's variance.
     use_prior : bool
         Whether the state of `image` is itself an observation, with its finite sigmas.
-    options : EstimationOptions
-        When to stop.
 
     Raises
     ------
@@ -269,7 +257,7 @@ def solve_state(
         missing = np.concatenate([turned, image.scobj - now.scobj])
         return _prior_terms(missing, np.concatenate([image.pointing_sigma, image.scobj_sigma]))
 
-    found = _iterate(image, linearise, add_prior, _moved, STATE_PARAMETERS, options)
+    found = _iterate(image, linearise, add_prior, _moved, STATE_PARAMETERS)
     deviation = np.sqrt(np.diag(found.covariance))
     solved = replace(found.state, pointing_sigma=deviation[:3], scobj_sigma=deviation[3:])
     return StateSolution(
@@ -295,7 +283,6 @@ def _iterate(
     add_prior: Callable[[S], tuple[FloatArray, FloatArray]],
     apply: Callable[[S, FloatArray], S],
     parameters: Sequence[str],
-    options: EstimationOptions,
 ) -> _Found[S]:
     """Repeat [4–7] until the step is far below its formal sigma.
 
@@ -306,7 +293,7 @@ def _iterate(
     residuals, partials, variances = linearise(state)
     if not (np.isfinite(residuals).all() and np.isfinite(partials).all()):
         raise InvalidValueError("a landmark lies behind a camera", "start", "give a better start")
-    for iteration in range(1, options.max_iterations + 1):
+    for iteration in range(1, _MOST_STEPS + 1):
         weights = np.linalg.inv(variances)
         diagonal, right = add_prior(state)
         matrix = np.einsum("nai,nab,nbj->ij", partials, weights, partials) + np.diag(diagonal)
@@ -319,11 +306,11 @@ def _iterate(
             return _Found(state, covariance, residuals, iteration - 1, False, reason)
         state, (residuals, partials, variances) = tried, ahead
         size = float(np.sqrt(max(step @ matrix @ step, 0.0)))
-        if size < options.tolerance:
+        if size < _TOLERANCE:
             reason = f"step of {size:.1e} sigma"
             return _Found(state, covariance, residuals, iteration, True, reason)
-    reason = f"still a step of {size:.1e} sigma after {options.max_iterations}"
-    return _Found(state, covariance, residuals, options.max_iterations, False, reason)
+    reason = f"still a step of {size:.1e} sigma after {_MOST_STEPS}"
+    return _Found(state, covariance, residuals, _MOST_STEPS, False, reason)
 
 
 def _moved(image: SpcImage, step: FloatArray) -> SpcImage:

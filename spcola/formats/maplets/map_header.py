@@ -46,9 +46,9 @@ class MapHeader:
         Bytes 1-6, unused by SPC (some writers sign here).
     version : int
         Signed version byte: 0 Gaskell, above 0 SPC, below 0 OLA.
-    Height quantum in units of the GSD; used again while it reproduces every height, otherwise
-    a new one is chosen. ``None`` chooses one.
-        height, otherwise a new one is chosen. ``None`` chooses one.
+    hscale : float, optional
+        Height quantum in units of the GSD; used again while it reproduces every height, otherwise
+        a new one is chosen.
     sigma_direction : bytes
         Direction of the position uncertainty, each byte / 255.
     sigma_size_km : float

@@ -36,7 +36,6 @@ class Smoothing:
     anchor : float
         Distance, cells, over which stereo constrains the heights integrated from slopes.
     expected : float
-        Factor of the sigma on the change of heights by one more smoothing.
         The sigma states this many times what one more smoothing takes from the heights.
     """
 
