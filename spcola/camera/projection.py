@@ -60,8 +60,7 @@ def ray(image: SpcImage, pixel: ArrayLike, line: ArrayLike) -> FloatArray:
     x, y = undistort(image.camera, *_focal_plane(image.camera, pixel, line))
     focal = np.full(np.shape(x), image.camera.focal_length_mm)
     seen = np.stack([x, y, focal], axis=-1) @ image.axes
-    directions: FloatArray = seen / np.linalg.norm(seen, axis=-1, keepdims=True)
-    return directions
+    return seen / np.linalg.norm(seen, axis=-1, keepdims=True)
 
 
 def partials_position(
@@ -137,8 +136,7 @@ def rotate_axes(axes: ArrayLike, turns: ArrayLike) -> FloatArray:
     t1, t2, t3 = np.asarray(turns, dtype=np.float64)
     linear = np.array([[1.0, t3, -t2], [-t3, 1.0, t1], [t2, -t1, 1.0]]) @ rows
     u, _, vt = np.linalg.svd(linear)
-    nearest: FloatArray = u @ vt
-    return nearest
+    return u @ vt
 
 
 def _gnomonic(
@@ -154,8 +152,7 @@ def _gnomonic(
 def _in_camera(axes: ArrayLike, scobj: ArrayLike, points: ArrayLike) -> FloatArray:
     """Return (W·Cx, W·Cy, W·Cz) (…, 3), metres, of W = V0 + V."""
     away = np.asarray(points, dtype=np.float64) + np.asarray(scobj, dtype=np.float64)
-    turned: FloatArray = away @ np.asarray(axes, dtype=np.float64).T
-    return turned
+    return away @ np.asarray(axes, dtype=np.float64).T
 
 
 def _per_focal_plane(

@@ -288,5 +288,4 @@ def _inverse_root(matrix: FloatArray) -> FloatArray:
     unit = 1.0 / np.sqrt(np.diag(matrix))
     lower = linalg.cholesky(matrix * np.outer(unit, unit), lower=True)
     inverse = linalg.solve_triangular(lower, np.eye(len(lower)), lower=True)
-    root: FloatArray = unit[:, None] * inverse.T
-    return root
+    return unit[:, None] * inverse.T

@@ -137,8 +137,7 @@ def read_layer(
     # A dataset without storage is one constant; its size is limited by the check of its shape.
     if None in shape and data.nbytes > data.id.get_storage_size():
         raise InvalidValueError(f"states {data.nbytes} bytes, more than are stored", name)
-    values: AnyArray = data[()]
-    return values
+    return data[()]
 
 
 def read_number(node: Any, name: str) -> float:

@@ -109,16 +109,14 @@ def padded_size(shape: tuple[int, ...], reach: int) -> tuple[int, int]:
 def _spectra(values: FloatArray, weight: AnyArray, size: tuple[int, int]) -> AnyArray:
     """Transforms (3, …) of weights, of weighted values, and of weighted squares of values."""
     first = values * weight
-    spectra: AnyArray = fft.rfft2(np.stack([weight, first, values * first]), size)
-    return spectra
+    return fft.rfft2(np.stack([weight, first, values * first]), size)
 
 
 def _lags(spectra: AnyArray, size: tuple[int, int], reach: int) -> FloatArray:
     """Lags −reach … reach on the last two axes of correlations given by their spectra (…)."""
     full = fft.irfft2(spectra, size)
     index = np.arange(-reach, reach + 1)
-    lags: FloatArray = full[..., index[:, None], index]
-    return lags
+    return full[..., index[:, None], index]
 
 
 def autocovariance(residual: FloatArray, reach: int) -> FloatArray:

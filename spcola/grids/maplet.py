@@ -136,8 +136,7 @@ class MapletGrid:
         steps = self.gsd * self.offsets
         plane = steps[:, None, None] * self.uy + steps[None, :, None] * self.ux
         lifted = np.asarray(height, dtype=np.float64)[..., None] * self.uz
-        points: FloatArray = self.center + plane + lifted
-        return points
+        return self.center + plane + lifted
 
     def project(self, points: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Project points (…, 3), metres, into the grid's frame [24].
@@ -225,8 +224,7 @@ class Maplet:
     @property
     def valid(self) -> BoolArray:
         """Mask (2q+1, 2q+1) of points whose height is known."""
-        mask: BoolArray = np.isfinite(self.height)
-        return mask
+        return np.isfinite(self.height)
 
     def points(self) -> FloatArray:
         """Body-fixed positions (2q+1, 2q+1, 3) of the surface, metres; NaN where unknown."""

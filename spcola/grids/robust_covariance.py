@@ -132,5 +132,4 @@ def _smeared(design: FloatArray, covariance: FloatArray) -> FloatArray:
     if size[1] % 2 == 0:
         twice[:, -1] = 1.0
     weighted = spectra * (power * twice).ravel()
-    middle: FloatArray = (weighted @ spectra.conj().T).real / (size[0] * size[1])
-    return middle
+    return (weighted @ spectra.conj().T).real / (size[0] * size[1])

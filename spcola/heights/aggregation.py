@@ -104,8 +104,7 @@ class AggregationCycle:
     def _answer(self, k: int, b: FloatArray) -> FloatArray:
         """One cycle from level `k` down; the last level is solved, or has no points."""
         if k == len(self._levels):
-            answer: FloatArray = b if self._factors is None else self._factors.solve(b)
-            return answer
+            return b if self._factors is None else self._factors.solve(b)
         level = self._levels[k]
         x = np.zeros_like(b)
         level.sweep(x, b, backward=False)
@@ -159,8 +158,7 @@ def _merged(matrix: csr_array, aggregate: IntArray, count: int) -> csr_array:
     start = np.concatenate([[0], np.cumsum(inside)])
     entries = (np.ones(start[-1]), aggregate[inside], start)
     prolongation = csr_array(entries, shape=(len(aggregate), count))
-    merged: csr_array = (prolongation.T @ matrix @ prolongation).tocsr()
-    return merged
+    return (prolongation.T @ matrix @ prolongation).tocsr()
 
 
 @compiled

@@ -36,16 +36,14 @@ class Components:
     @property
     def floating(self) -> IntArray:
         """Labels of the parts without any constraint: their mean height is free."""
-        free: IntArray = np.flatnonzero(self.weight == 0)
-        return free
+        return np.flatnonzero(self.weight == 0)
 
     @property
     def is_floating(self) -> BoolArray:
         """Mask (R, C) of the points of floating parts."""
         if len(self.floating) == 0:
             return np.zeros(self.labels.shape, dtype=bool)
-        inside: BoolArray = np.append(self.weight == 0, False)[self.labels]
-        return inside
+        return np.append(self.weight == 0, False)[self.labels]
 
     @property
     def points(self) -> int:

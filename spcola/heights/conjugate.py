@@ -95,8 +95,7 @@ class LinearSystem:
     @property
     def loose(self) -> BoolArray:
         """Parts (K,) that are shifted as a whole: residuals must sum to zero over each."""
-        chosen: BoolArray = self._compliance > 0
-        return chosen
+        return self._compliance > 0
 
     def _compliances(self, ground: FloatArray) -> FloatArray:
         """One over the stiffness of shifting a whole part (K,); 0 for parts that need no shift.
@@ -169,8 +168,7 @@ class LinearSystem:
         """
         arrays = (self._parts, len(self._compliance), residual, self._hierarchy.finest.ground)
         shares = bands.run(self._problem.shape, vectors.sum_parts, *arrays, self._z)
-        shift: FloatArray = self._compliance * np.sum(shares, axis=0)
-        return shift
+        return self._compliance * np.sum(shares, axis=0)
 
     def solve(
         self,

@@ -181,8 +181,7 @@ def _floats(values: ArrayLike) -> FloatArray:
     """Return `values` as float64, or as float32 if they are, in C order."""
     array = np.asarray(values)
     kind = np.float32 if array.dtype == np.float32 else np.float64
-    floats: FloatArray = np.require(array, dtype=kind, requirements="C")
-    return floats
+    return np.require(array, dtype=kind, requirements="C")
 
 
 def _weights(values: ArrayLike, shape: tuple[int, int], name: str) -> FloatArray:

@@ -98,5 +98,4 @@ def _information(grid: MapletGrid, image: SpcImage, options: ChoiceOptions) -> F
         return None
     # Pixels finer than the grid's cells add no information.
     finer = max(1.0, 1.0 / extent[-1])
-    information: FloatArray = share * partials.T @ partials / finer**2
-    return information
+    return share * partials.T @ partials / finer**2

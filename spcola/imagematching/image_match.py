@@ -133,10 +133,7 @@ def match_image(
 
 def _clear(mask: BoolArray) -> BoolArray:
     """Return `mask` (R, C) without the points next to one outside it."""
-    inside: BoolArray = ndimage.binary_erosion(
-        mask, np.ones((3, 3), dtype=np.bool_), border_value=1
-    )
-    return inside
+    return ndimage.binary_erosion(mask, np.ones((3, 3), dtype=np.bool_), border_value=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,8 +156,7 @@ def _flattened(layer: FloatArray, mask: BoolArray) -> FloatArray:
     rows, columns = np.indices(layer.shape)
     design = np.stack([np.ones(layer.shape), columns, rows], axis=-1) / layer.shape[0]
     plane = np.linalg.lstsq(design[mask], layer[mask], rcond=None)[0]
-    flat: FloatArray = layer - design @ plane
-    return flat
+    return layer - design @ plane
 
 
 def _best(

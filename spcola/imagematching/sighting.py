@@ -149,8 +149,7 @@ class Sighting:
     def spread_by(self, states: FloatArray, point: FloatArray) -> FloatArray:
         """Covariances (N, 2, 2), pixels², of a point's place due to `states` (N, 6, 6)."""
         rows = np.array([state_partials(image, point) for image in self.images])
-        spread: FloatArray = rows @ states @ np.swapaxes(rows, 1, 2)
-        return spread
+        return rows @ states @ np.swapaxes(rows, 1, 2)
 
 
 def find_ground(
@@ -239,8 +238,7 @@ def _off(sighting: Sighting, solution: LandmarkSolution) -> FloatArray:
     variance = sighting.covariance + sighting.spread_by(sighting.states, place)
     residual = sighting.observed - seen
     weighed = np.linalg.solve(variance, residual[..., None])[..., 0]
-    off: FloatArray = np.sqrt(np.sum(weighed * residual, axis=1) / 2.0)
-    return off
+    return np.sqrt(np.sum(weighed * residual, axis=1) / 2.0)
 
 
 def _match(

@@ -135,5 +135,4 @@ def _median(array: FloatArray, axis: int) -> FloatArray:
         return np.full(np.delete(array.shape, axis), np.nan)
     low = np.take_along_axis(ordered, np.maximum(count - 1, 0) // 2, axis)
     high = np.take_along_axis(ordered, np.minimum(count // 2, ordered.shape[axis] - 1), axis)
-    middle: FloatArray = np.squeeze((low + high) / 2.0, axis)
-    return middle
+    return np.squeeze((low + high) / 2.0, axis)

@@ -46,13 +46,11 @@ class Affine:
 
     def apply(self, points: ArrayLike) -> FloatArray:
         """Map points (…, 3), metres, from the source frame to the target frame."""
-        mapped: FloatArray = np.asarray(points, dtype=np.float64) @ self.matrix.T + self.translation
-        return mapped
+        return np.asarray(points, dtype=np.float64) @ self.matrix.T + self.translation
 
     def turn(self, vectors: ArrayLike) -> FloatArray:
         """Map difference vectors (…, 3): the linear part without the translation."""
-        mapped: FloatArray = np.asarray(vectors, dtype=np.float64) @ self.matrix.T
-        return mapped
+        return np.asarray(vectors, dtype=np.float64) @ self.matrix.T
 
     def inverse(self) -> Affine:
         """Return the map from target to source."""
@@ -150,8 +148,7 @@ class Similarity:
     @property
     def rotation_vector(self) -> FloatArray:
         """The rotation as axis times angle (3,), radians."""
-        vector: FloatArray = Rotation.from_matrix(self.rotation).as_rotvec()
-        return vector
+        return Rotation.from_matrix(self.rotation).as_rotvec()
 
     def apply(self, points: ArrayLike) -> FloatArray:
         """Map points (…, 3), metres, from the source frame to the target frame."""
@@ -160,8 +157,7 @@ class Similarity:
 
     def turn(self, directions: ArrayLike) -> FloatArray:
         """Rotate `directions` (…, 3): neither scaled nor translated."""
-        turned: FloatArray = np.asarray(directions, dtype=np.float64) @ self.rotation.T
-        return turned
+        return np.asarray(directions, dtype=np.float64) @ self.rotation.T
 
     def inverse(self) -> Similarity:
         """Return the map from target to source."""

@@ -92,8 +92,7 @@ class Spin:
             Ephemeris times, s.
         """
         matrices = corrected.axes(times) @ np.swapaxes(self.axes(times), 1, 2)
-        vectors: FloatArray = Rotation.from_matrix(matrices).as_rotvec()
-        return vectors
+        return Rotation.from_matrix(matrices).as_rotvec()
 
     def moved(self, points: FloatArray, corrected: Spin, times: ArrayLike) -> FloatArray:
         """Return body-fixed points (N, 3), located with this spin, as located with `corrected`.
@@ -102,5 +101,4 @@ class Spin:
         """
         change = Rotation.from_rotvec(self.change_to(corrected, times)).as_matrix()
         # Rotation.apply refuses read-only arrays, such as those of value objects.
-        result: FloatArray = np.einsum("nij,nj->ni", change, points)
-        return result
+        return np.einsum("nij,nj->ni", change, points)

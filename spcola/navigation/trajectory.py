@@ -109,8 +109,7 @@ class Trajectory:
         high = np.minimum(low + 1, len(self.time) - 1)
         inside = (wanted >= self.time[0]) & (wanted <= self.time[-1])
         short = self.time[high] - self.time[low] <= max_gap_s
-        covered: BoolArray = inside & (short | (share == 0) | (share == 1))
-        return covered
+        return inside & (short | (share == 0) | (share == 1))
 
     def at(self, times: ArrayLike, *, max_gap_s: float = np.inf) -> FloatArray:
         """Return positions (N, 3), metres, at times (N,); NaN where not covered.
@@ -201,8 +200,7 @@ class Offset:
         if len(self.differences) < 2:
             return np.full(3, np.nan)
         steps = np.diff(self.differences.position, axis=0)
-        rate: FloatArray = np.mean(steps**2 / np.diff(self.differences.time)[:, None], axis=0)
-        return rate
+        return np.mean(steps**2 / np.diff(self.differences.time)[:, None], axis=0)
 
 
 def bracket(time: FloatArray, wanted: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -217,5 +215,4 @@ def straight_lines(time: FloatArray, values: FloatArray, wanted: FloatArray) -> 
     """Interpolate values (N, 3) linearly at wanted times (M,): (M, 3)."""
     low, share = bracket(time, wanted)
     high = np.minimum(low + 1, len(time) - 1)
-    line: FloatArray = values[low] + share[:, None] * (values[high] - values[low])
-    return line
+    return values[low] + share[:, None] * (values[high] - values[low])

@@ -62,8 +62,7 @@ def lunar_weight(phase: FloatArray) -> FloatArray:
     """
     degrees = np.degrees(phase)
     a, b, c = _MCEWEN_PER_DEG
-    weight: FloatArray = np.clip(1.0 + degrees * (a + degrees * (b + degrees * c)), 0.0, 1.0)
-    return weight
+    return np.clip(1.0 + degrees * (a + degrees * (b + degrees * c)), 0.0, 1.0)
 
 
 PHOTOMETRIC_FUNCTIONS: dict[str, PhotometricFunction] = {

@@ -46,14 +46,12 @@ class Ground:
 
     def sun(self, image: SpcImage) -> FloatArray:
         """Direction of the Sun (3,)."""
-        direction: FloatArray = self.grid.axes @ image.sun
-        return direction
+        return self.grid.axes @ image.sun
 
     def eye(self, image: SpcImage) -> FloatArray:
         """Unit vectors (R, C, 3) to the camera."""
         away = (image.position - self.points) @ self.grid.axes.T
-        unit: FloatArray = away / np.linalg.norm(away, axis=-1, keepdims=True)
-        return unit
+        return away / np.linalg.norm(away, axis=-1, keepdims=True)
 
     def cosine(self, direction: FloatArray) -> FloatArray:
         """Cosine (R, C) between the normals and a direction (…, 3) [19]."""

@@ -230,8 +230,7 @@ def _differing(vertices: FloatArray, share: float) -> BoolArray:
     points = vertices.reshape(-1, 3)
     gaps = np.max(np.abs(points[one] - points[other]), axis=1)
     radius = float(np.sqrt(np.max(np.sum(points**2, axis=1))))
-    differing: BoolArray = gaps > share * radius
-    return differing
+    return gaps > share * radius
 
 
 def label_name(number: int, q: int) -> str:
@@ -302,8 +301,7 @@ def icq_directions(q: int) -> FloatArray:
     one = np.ones_like(a)
     faces = [(a, -b, one), (a, -one, -b), (-one, -a, -b), (-a, one, -b), (one, a, -b), (a, b, -one)]
     cube = np.array(faces).transpose(0, 2, 3, 1)
-    directions: FloatArray = cube / np.linalg.norm(cube, axis=-1, keepdims=True)
-    return directions
+    return cube / np.linalg.norm(cube, axis=-1, keepdims=True)
 
 
 def icq_q(count: int) -> int | None:

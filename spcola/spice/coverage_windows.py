@@ -51,8 +51,7 @@ class Segment:
         if not len(self.gaps):
             return np.zeros(len(times), dtype=bool)
         place = np.maximum(np.searchsorted(self.gaps[:, 0], times) - 1, 0)
-        within: BoolArray = (times > self.gaps[place, 0]) & (times < self.gaps[place, 1])
-        return within
+        return (times > self.gaps[place, 0]) & (times < self.gaps[place, 1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,11 +99,10 @@ class KernelCoverage:
     def covers(self, times: ArrayLike) -> BoolArray:
         """Return at which ephemeris times (N,), s, all of them are known."""
         wanted = np.asarray(times, dtype=np.float64)
-        known: BoolArray = np.all(
+        return np.all(
             [np.ones(len(wanted), dtype=bool), *(one.covers(wanted) for one in self.quantities)],
             axis=0,
         )
-        return known
 
     def windows(self) -> FloatArray:
         """Return the intervals (K, 2), s, over which all are known, in order; or single states."""

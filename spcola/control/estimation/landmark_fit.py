@@ -75,8 +75,7 @@ class LandmarkSolution:
     @property
     def sigma(self) -> FloatArray:
         """One standard deviation (3,), metres."""
-        deviation: FloatArray = np.sqrt(np.diag(self.covariance))
-        return deviation
+        return np.sqrt(np.diag(self.covariance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,8 +330,7 @@ def _spread(partials: FloatArray, sigma: FloatArray) -> FloatArray:
     NaN sigmas are unknown and add nothing: the weights are then those of the pixels alone.
     """
     scaled = partials * np.nan_to_num(sigma)[..., None, :]
-    variance: FloatArray = scaled @ np.swapaxes(scaled, -1, -2)
-    return variance
+    return scaled @ np.swapaxes(scaled, -1, -2)
 
 
 def _state_covariances(images: Sequence[SpcImage], given: ArrayLike | None) -> FloatArray:

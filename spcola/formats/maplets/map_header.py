@@ -153,8 +153,7 @@ def _center_sigma(direction: AnyArray, size_km: float) -> FloatArray:
     """Return sigma of V (3,), metres: NaN where the file gives none (magnitude 0)."""
     if size_km == 0.0:
         return np.full(3, np.nan)
-    sigma: FloatArray = direction / 255.0 * size_km * KM
-    return sigma
+    return direction / 255.0 * size_km * KM
 
 
 def encode_header(maplet: Maplet, header: MapHeader) -> AnyArray:

@@ -20,8 +20,7 @@ def covariance_root(covariance: FloatArray) -> FloatArray:
     """Return R (K, K) with R Rᵀ = `covariance`, of metres and radians."""
     unit = np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
-    root: FloatArray = unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    return root
+    return unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
 
 
 def patterns_of(correlation: FloatArray) -> FloatArray:
@@ -34,8 +33,7 @@ def patterns_of(correlation: FloatArray) -> FloatArray:
     """
     size, vectors = np.linalg.eigh(correlation)
     kept = size > SHARED
-    patterns: FloatArray = vectors[:, kept] * np.sqrt(size[kept])
-    return patterns
+    return vectors[:, kept] * np.sqrt(size[kept])
 
 
 def own_share(patterns: FloatArray) -> FloatArray:

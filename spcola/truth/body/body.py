@@ -188,8 +188,7 @@ class TruthBody:
         reach = 2.0 * self._bounds.ceiling + grid.radius
         nodes = grid.points(np.full(grid.shape, reach)).reshape(-1, 3)
         found = self.cast(nodes, np.broadcast_to(-grid.uz, nodes.shape))
-        height: FloatArray = ((found - grid.center) @ grid.uz).reshape(grid.shape)
-        return height
+        return ((found - grid.center) @ grid.uz).reshape(grid.shape)
 
     def icq(self, q: int) -> IcqShape:
         """Return the surface as an ICQ shape of Q = `q`: its vertices lie on it exactly."""

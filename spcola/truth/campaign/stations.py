@@ -126,8 +126,7 @@ def ground_toward(position: FloatArray, aim: FloatArray, radius: float) -> Float
     along = (aim - position) / np.linalg.norm(aim - position)
     foot = position - (position @ along) * along
     half_chord = np.sqrt(max(radius**2 - float(foot @ foot), 0.0))
-    ground: FloatArray = foot - half_chord * along
-    return ground
+    return foot - half_chord * along
 
 
 def _stations_of_leg(

@@ -120,8 +120,7 @@ class Rendered:
     @property
     def hit(self) -> BoolArray:
         """Where (NLN, NPX) the body is in the pixel's centre."""
-        found: BoolArray = np.isfinite(self.distance)
-        return found
+        return np.isfinite(self.distance)
 
 
 class _Frame(NamedTuple):
@@ -203,8 +202,7 @@ def expose(iof: FloatArray, settings: ImageSettings, generator: np.random.Genera
             iof.shape, dtype=np.float32
         )
     kind = np.uint8 if settings.bits == 8 else np.uint16
-    whole: AnyArray = np.clip(np.rint(numbers), 0, settings.largest).astype(kind)
-    return whole
+    return np.clip(np.rint(numbers), 0, settings.largest).astype(kind)
 
 
 def _render_block(scene: _Scene, frame: _Frame, block: tuple[slice, slice]) -> None:

@@ -25,8 +25,7 @@ def correlated_noise(
     impulse = np.zeros(2 * margin + 1)
     impulse[margin] = 1.0
     gain = np.sum(gaussian_filter(impulse, width) ** 2)
-    noise: FloatArray = gaussian_filter(white, width)[margin:-margin, margin:-margin] / gain
-    return noise
+    return gaussian_filter(white, width)[margin:-margin, margin:-margin] / gain
 
 
 def drift_noise(points: FloatArray, wavelength: float, seed: int) -> FloatArray:
@@ -50,5 +49,4 @@ def drift_noise(points: FloatArray, wavelength: float, seed: int) -> FloatArray:
     noise = np.zeros(places.shape[1])
     add_noise(places, octaves, seed, noise, len(noise))
     strength = np.sqrt(np.sum(0.25 ** np.arange(_OCTAVES)))
-    field: FloatArray = (noise / strength).reshape(points.shape[:-1])
-    return field
+    return (noise / strength).reshape(points.shape[:-1])

@@ -230,8 +230,7 @@ def _drift(
         return np.zeros(depth.shape)
     seed = int(stream(body.settings.seed, "drift").integers(2**32))
     wavelength = settings.darkness.wavelength * settings.gsd
-    drift: FloatArray = settings.darkness.drift * depth * drift_noise(places, wavelength, seed)
-    return drift
+    return settings.darkness.drift * depth * drift_noise(places, wavelength, seed)
 
 
 def _albedo(
@@ -244,8 +243,7 @@ def _albedo(
     """Return the relative albedo (R, C) of the solution: 1 where it cannot be determined."""
     truth = body.albedo(places.reshape(-1, 3)).reshape(dark.shape)
     noise = settings.albedo_noise * generator.normal(size=dark.shape)
-    albedo: FloatArray = 1.0 + (1.0 - dark) * (truth - 1.0) + noise
-    return albedo
+    return 1.0 + (1.0 - dark) * (truth - 1.0) + noise
 
 
 def spc_shape(

@@ -101,8 +101,7 @@ def _check_within(rows: NumberRows, at: IntArray, ends: IntArray, element: PlyEl
 def _spans(begins: IntArray, counts: IntArray) -> IntArray:
     """Return begin, begin + 1, … of every span, one after the other."""
     shift = np.repeat(begins - (np.cumsum(counts) - counts), counts)
-    spans: IntArray = shift + np.arange(len(shift))
-    return spans
+    return shift + np.arange(len(shift))
 
 
 def _read_binary(
