@@ -16,7 +16,8 @@ import numpy as np
 from scipy import linalg
 
 from spcola.arrays import FloatArray, IntArray, check_shape
-from spcola.camera import SpcImage, partials_position, partials_rotation, project_image
+from spcola.camera import SpcImage, project_image
+from spcola.control.estimation import state_partials
 from spcola.errors import InvalidValueError
 from spcola.math.robust import huber_weight, mad
 
@@ -181,17 +182,15 @@ def _sightings(
             continue
         landmark = np.array([number[point.name] for point in points])
         place = centers[landmark]
-        state = (image.camera, image.axes, image.scobj, place)
         observed = np.array([[point.pixel, point.line] for point in points])
         residual = observed - np.stack(project_image(image, place), axis=1)
         if not np.isfinite(residual).all():
             raise InvalidValueError("a landmark lies behind the camera that sees it", image.name)
-        by_place = partials_position(*state)
-        by_state = np.concatenate([partials_rotation(*state), by_place], axis=2)
+        by_state = state_partials(image, place)
         known = image.scobj_sigma > 0
         position = np.where(known, image.scobj_sigma, options.position_sigma)
         sigma = np.concatenate([np.full(3, _FREE_TURN), position])
-        found.append(_Sighting(landmark, residual, by_place, by_state, sigma))
+        found.append(_Sighting(landmark, residual, by_state[..., 3:], by_state, sigma))
     return found
 
 

@@ -14,7 +14,6 @@ from spcola.arrays import (
     FloatArray,
     check_axes,
     check_finite,
-    check_shape,
     frozen,
     read_only,
 )
@@ -243,25 +242,6 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Cross product (3,); for single vectors NumPy's takes ten times as long."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-
-
-def check_layer(values: AnyArray, grid: MapletGrid, name: str) -> None:
-    """Check that the shape of a layer is that of `grid`.
-
-    Parameters
-    ----------
-    values : ndarray
-        Layer with two dimensions.
-    grid : MapletGrid
-    name : str
-        Of the layer, for the message.
-
-    Raises
-    ------
-    InvalidValueError
-        If it is not.
-    """
-    check_shape(values, grid.shape, name)
 
 
 def overlaps(one: MapletGrid, other: MapletGrid) -> bool:

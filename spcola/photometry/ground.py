@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spcola.arrays import FloatArray
+from spcola.arrays import FloatArray, check_shape
 from spcola.camera import SpcImage
-from spcola.grids import MapletGrid, check_layer
+from spcola.grids import MapletGrid
 from spcola.heights.slopes import slopes_of
 
 
@@ -36,7 +36,7 @@ class Ground:
     @classmethod
     def of(cls, grid: MapletGrid, height: FloatArray) -> Ground:
         """Return the ground of heights (R, C), metres, on `grid`."""
-        check_layer(height, grid, "height")
+        check_shape(height, grid.shape, "height")
         return cls(grid, height, grid.points(height), *slopes_of(height, grid.gsd))
 
     def pixel(self, image: SpcImage) -> float:

@@ -135,7 +135,7 @@ def footprint_of(image: SpcImage, grid: MapletGrid) -> FloatArray:
     InvalidValueError
         If its centre is behind the camera.
     """
-    partials = partials_position(image.camera, image.axes, image.scobj, grid.center)
+    partials = partials_position(image, grid.center)
     footprint: FloatArray = grid.gsd * partials @ grid.axes[:2].T
     if not np.isfinite(footprint).all():
         raise InvalidValueError("lies behind the camera", f"grid in {image.name}")

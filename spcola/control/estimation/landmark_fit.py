@@ -198,8 +198,8 @@ def state_partials(image: SpcImage, points: ArrayLike) -> FloatArray:
     points : (…, 3) array_like
         Body-fixed, metres.
     """
-    state = (image.camera, image.axes, image.scobj, points)
-    return np.concatenate([partials_rotation(*state), partials_position(*state)], axis=-1)
+    parts = [partials_rotation(image, points), partials_position(image, points)]
+    return np.concatenate(parts, axis=-1)
 
 
 def solve_state(

@@ -53,7 +53,7 @@ class MeasuredLandmarks:
         image : SpcImage
             State at which the partials are taken.
         """
-        partials = partials_position(image.camera, image.axes, image.scobj, self.points)
+        partials = partials_position(image, self.points)
         return np.sum((partials * np.nan_to_num(self.sigma)[:, None, :]) ** 2, axis=2)
 
 
