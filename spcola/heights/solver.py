@@ -206,8 +206,8 @@ class HeightSystem:
                 linear, weight, converged = _reweight(problem, self._parts, linear, chosen, bands)
                 iterations += linear.iterations
             height = linear.height
-            _tie(height, self._parts, start, chosen.floating)
-            bands.run(problem.shape, _clear_outside, problem.mask, height)
+            _set_floating(height, self._parts, start, chosen.floating)
+            height[~problem.mask] = np.nan
         return HeightSolution(
             read_only(height),
             read_only(weight),
@@ -259,63 +259,39 @@ def _first_guess(
     problem: HeightProblem, parts: Components, start: FloatArray | None, bands: Bands
 ) -> FloatArray:
     """Fill gaps of `start` (or nothing) with the mean constraint of each part, in a new array."""
-    guess = np.empty(problem.shape)
-    total = np.zeros(len(parts.size))
-    _sum_constraints(parts.labels, problem.weight, problem.height, total)
+    used = problem.weight > 0
+    pulls = problem.weight[used] * problem.height[used]
+    # Without any constraint the counts are whole numbers.
+    total = np.bincount(parts.labels[used], pulls, len(parts.size)).astype(np.float64)
     if problem.means is not None:
         means = problem.means
         owner = parts.labels.ravel()[means.points[means.start[:-1]]]
         total += np.bincount(owner, means.weight * means.height, len(total))
     mean = np.divide(total, parts.weight, out=np.zeros(len(total)), where=parts.weight > 0)
-    if start is None:
-        bands.run(problem.shape, _fill_parts, parts.labels, mean, guess)
-        return guess
-    check_shape(start, problem.shape, "start")
-    if np.isinf(start).any():
-        raise InvalidValueError("contains an infinite height", "start")
-    guess[...] = start
-    _fill_gaps(parts.labels, mean, guess)
+    guess = np.full(problem.shape, np.nan)
+    if start is not None:
+        check_shape(start, problem.shape, "start")
+        if np.isinf(start).any():
+            raise InvalidValueError("contains an infinite height", "start")
+        guess[...] = start
+    bands.run(problem.shape, _fill_gaps, parts.labels, mean, guess)
     return guess
 
 
 @compiled
-def _sum_constraints(
-    labels: IntArray, weight: FloatArray, height: FloatArray, total: FloatArray
-) -> None:
-    rows, columns = labels.shape
-    for r in range(rows):
-        for c in range(columns):
-            if weight[r, c] > 0:
-                total[labels[r, c]] += weight[r, c] * height[r, c]
-
-
-@compiled
-def _fill_parts(labels: IntArray, mean: FloatArray, out: FloatArray, first: int, last: int) -> None:
+def _fill_gaps(labels: IntArray, mean: FloatArray, out: FloatArray, first: int, last: int) -> None:
+    """Put NaN at the mean of its part, and 0 outside of all parts."""
     for r in range(first, last):
         for c in range(labels.shape[1]):
-            out[r, c] = mean[labels[r, c]] if labels[r, c] >= 0 else 0.0
-
-
-@compiled
-def _clear_outside(mask: BoolArray, height: FloatArray, first: int, last: int) -> None:
-    for r in range(first, last):
-        for c in range(mask.shape[1]):
-            if not mask[r, c]:
-                height[r, c] = np.nan
-
-
-@compiled
-def _fill_gaps(labels: IntArray, mean: FloatArray, out: FloatArray) -> None:
-    rows, columns = labels.shape
-    for r in range(rows):
-        for c in range(columns):
             if labels[r, c] < 0:
                 out[r, c] = 0.0
             elif np.isnan(out[r, c]):
                 out[r, c] = mean[labels[r, c]]
 
 
-def _tie(tied: FloatArray, parts: Components, start: FloatArray | None, how: Floating) -> None:
+def _set_floating(
+    tied: FloatArray, parts: Components, start: FloatArray | None, how: Floating
+) -> None:
     """Give the floating parts of `tied` (R, C) the mean chosen by `how`."""
     if len(parts.floating) == 0:
         return
