@@ -84,16 +84,9 @@ def partials_rotation(image: SpcImage, points: ArrayLike) -> FloatArray:
 
 
 def rotate_axes(axes: ArrayLike, turns: ArrayLike) -> FloatArray:
-    """Return camera axes (3, 3) after small turns τ (3,), radians, about Cx, Cy, Cz [11].
+    """Return camera `axes` (3, 3) after small `turns` τ (3,), radians, about Cx, Cy, Cz [11].
 
     Orthonormalised to the nearest set of axes afterwards, since [11] is linear.
-
-    Parameters
-    ----------
-    axes : (3, 3) array_like
-        Rows Cx, Cy, Cz, body-fixed.
-    turns : (3,) array_like
-        τ, radians.
     """
     rows = np.asarray(axes, dtype=np.float64)
     t1, t2, t3 = np.asarray(turns, dtype=np.float64)

@@ -47,13 +47,10 @@ def bending(height: FloatArray) -> FloatArray:
 def bending_range(height: FloatArray) -> FloatArray:
     """Return the range of :func:`bending` within the 3 × 3 points around each point, metres.
 
+    `height` (R, C) is as there.
+
     At the edge of a boulder it shows bending that a single point misses. 0 where at most one of
     them is known.
-
-    Parameters
-    ----------
-    height : (R, C) ndarray
-        Metres; NaN where unknown.
     """
     bend = bending(height)
     known = np.isfinite(bend)

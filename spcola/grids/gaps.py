@@ -127,15 +127,10 @@ def filled(height: FloatArray) -> FloatArray:
 
 
 def bridged(height: FloatArray) -> FloatArray:
-    """Return heights (R, C), metres, with gaps interpolated: smoothly where they are narrow.
+    """Return `height` (R, C), metres, with gaps interpolated: smoothly where they are narrow.
 
     A wide gap, or one that is open to the edge, is filled with the surface's paraboloid: a level
     filling would have a kink that a filter carries far. 0 everywhere if nothing is known.
-
-    Parameters
-    ----------
-    height : (R, C) ndarray
-        Metres; NaN where unknown.
     """
     known = np.isfinite(height)
     if known.all():

@@ -245,12 +245,6 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def overlaps(one: MapletGrid, other: MapletGrid) -> bool:
-    """Whether two grids lie on the same side of the body and near enough to share points.
-
-    Parameters
-    ----------
-    one, other : MapletGrid
-        In one frame.
-    """
+    """Whether `one` grid and an `other` lie on the same side of the body and could share points."""
     apart = float(np.linalg.norm(one.center - other.center))
     return apart < one.radius + other.radius and float(one.uz @ other.uz) > 0.0

@@ -93,11 +93,9 @@ class Sighting:
         return len(self.images)
 
     def scaled(self, match: float, position: float, pointing: float) -> Sighting:
-        """Return a copy with sigmas of matches, positions and pointing times these factors.
+        """Return a copy with the sigmas of its matches and states multiplied by factors.
 
-        Parameters
-        ----------
-        match, position, pointing : float
+        They are `match` of the places in images, `position` and `pointing` of the states.
         """
         by_position, by_pointing = by_position_and_pointing(self.states)
         states = position**2 * by_position + pointing**2 * by_pointing
@@ -125,15 +123,7 @@ class Sighting:
         )
 
     def of(self, keep: Sequence[int], left_out: Mapping[str, str]) -> Sighting:
-        """Return a copy with some of its images; the others are added to `left_out`.
-
-        Parameters
-        ----------
-        keep : sequence of int
-            Places of the images in this one.
-        left_out : mapping of str to str
-            Image to reason.
-        """
+        """Return a copy with the images at places `keep`; `left_out` are others, and why."""
         chosen = list(keep)
         return replace(
             self,

@@ -74,14 +74,10 @@ def cauchy_weight(z: ArrayLike, k: float = 2.385) -> FloatArray:
 
 
 def huber_solution(rows: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """Return the least-squares solution (P,) of ``rows · p = values`` and Huber's weights (N,).
+    """Return the solution (P,) of `rows` (N, P) · p = `values` (N,), and Huber's weights (N,).
 
     Weights are those of residuals over their median deviation, iterated for a few rounds.
 
-    Parameters
-    ----------
-    rows : (N, P) ndarray
-    values : (N,) ndarray
 
     Returns
     -------

@@ -80,16 +80,12 @@ class Spin:
         return np.swapaxes(frames, 1, 2)
 
     def change_to(self, corrected: Spin, times: ArrayLike) -> FloatArray:
-        """Return rotation vectors (N, 3), radians: body-fixed coordinates by `self` to `corrected`.
+        """Return rotation vectors (N, 3), radians, from body-fixed coordinates to `corrected` ones.
+
+        They belong to ephemeris times (`times`, (N,), s).
 
         A corrected meridian turns about Z; a corrected pole about an axis in the equator that
         rotates with the spin, since the pole is corrected in inertial space.
-
-        Parameters
-        ----------
-        corrected : Spin
-        times : (N,) array_like
-            Ephemeris times, s.
         """
         matrices = corrected.axes(times) @ np.swapaxes(self.axes(times), 1, 2)
         return Rotation.from_matrix(matrices).as_rotvec()

@@ -63,13 +63,7 @@ class Trajectory:
 
     @classmethod
     def from_images(cls, images: Sequence[SpcImage], *, name: str = "spc") -> Trajectory:
-        """Build from the solved states of images, in any order.
-
-        Parameters
-        ----------
-        images : sequence of SpcImage
-        name : str
-            Of the trajectory.
+        """Build one with a `name` from the solved states of `images`, in any order.
 
         Raises
         ------

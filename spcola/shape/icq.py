@@ -234,14 +234,7 @@ def _differing(vertices: FloatArray, share: float) -> BoolArray:
 
 
 def label_name(number: int, q: int) -> str:
-    """Return a label number (from 0, in the order of the file) as ``(I, J, F)``.
-
-    Parameters
-    ----------
-    number : int
-    q : int
-        Q: facets along the side of a face.
-    """
+    """Return the label `number` (from 0, in the order of a file with Q = `q`) as ``(I, J, F)``."""
     face, rest = divmod(number, (q + 1) ** 2)
     return f"({rest % (q + 1)}, {rest // (q + 1)}, {face + 1})"
 
@@ -260,12 +253,7 @@ def shared_labels(q: int) -> tuple[IntArray, IntArray]:
 
 
 def distinct_vertices(q: int) -> tuple[IntArray, IntArray]:
-    """Return the vertex of each label, and the first label of each vertex.
-
-    Parameters
-    ----------
-    q : int
-        Q: facets along the side of a face.
+    """Return the vertex of each label of an ICQ (Q is `q`), and the first label of each vertex.
 
     Returns
     -------
@@ -286,15 +274,10 @@ def distinct_vertices(q: int) -> tuple[IntArray, IntArray]:
 
 
 def icq_directions(q: int) -> FloatArray:
-    """Return unit vectors (6, Q+1, Q+1, 3) of evenly spread ICQ labels: a unit sphere.
+    """Return unit vectors (6, Q+1, Q+1, 3) of evenly spread ICQ labels (Q is `q`): a unit sphere.
 
     Equal angles (not equal steps on the cube) between neighbours in the middle of a face, so
     that facets differ less in size.
-
-    Parameters
-    ----------
-    q : int
-        Q: facets along the side of a face.
     """
     steps = np.tan(np.pi / 4.0 * np.linspace(-1.0, 1.0, q + 1))
     b, a = np.meshgrid(steps, steps, indexing="ij")

@@ -87,11 +87,7 @@ class Orientation:
 
 
 def orientation_of(path: Path) -> Orientation:
-    """Return the orientations in a kernel; none for any other than a text kernel.
-
-    Parameters
-    ----------
-    path : Path
+    """Return the orientations in the kernel at `path`; none for any other than a text kernel.
 
     Raises
     ------
@@ -108,14 +104,9 @@ def orientation_of(path: Path) -> Orientation:
 
 
 def constant(body: int, item: str) -> str:
-    """Return SPICE's name of a constant; angles, frame and epoch belong to the barycentre.
+    """Return SPICE's name of an `item`, such as ``POLE_RA``, of a `body` (NAIF number).
 
-    Parameters
-    ----------
-    body : int
-        NAIF number.
-    item : str
-        Such as ``POLE_RA``.
+    Angles, frame and epoch belong to the barycentre.
     """
     number = barycenter(body) if item in _OF_BARYCENTER else body
     return f"BODY{number}_{item}"

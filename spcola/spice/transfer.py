@@ -82,11 +82,7 @@ def convert_transfer(source: str | Path, target: str | Path) -> None:
 
 
 def read_transfer(path: str | Path) -> Daf:
-    """Read a DAF transfer file.
-
-    Parameters
-    ----------
-    path : str or Path
+    """Read the DAF transfer file at `path`.
 
     Raises
     ------

@@ -190,14 +190,7 @@ def solve_landmark(
 
 
 def state_partials(image: SpcImage, points: ArrayLike) -> FloatArray:
-    """Return ∂(pixel, line)/∂(τ1, τ2, τ3, V0) (…, 2, 6) at points (…, 3) [8, 12].
-
-    Parameters
-    ----------
-    image : SpcImage
-    points : (…, 3) array_like
-        Body-fixed, metres.
-    """
+    """Return ∂(pixel, line)/∂(τ1, τ2, τ3, V0) (…, 2, 6) in an `image` at `points` [8, 12]."""
     parts = [partials_rotation(image, points), partials_position(image, points)]
     return np.concatenate(parts, axis=-1)
 

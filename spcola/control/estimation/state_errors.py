@@ -36,23 +36,11 @@ class MeasuredLandmarks:
     sigma: FloatArray
 
     def residuals(self, image: SpcImage) -> FloatArray:
-        """Observed less predicted pixel and line (N, 2).
-
-        Parameters
-        ----------
-        image : SpcImage
-            State by which pixel and line are predicted.
-        """
+        """Observed pixel and line (N, 2) less those predicted by the state of `image`."""
         return self.observed - np.stack(project_image(image, self.points), axis=1)
 
     def landmark_variance(self, image: SpcImage) -> FloatArray:
-        """Variance (N, 2) of pixel and line by the errors of the landmarks, pixels².
-
-        Parameters
-        ----------
-        image : SpcImage
-            State at which the partials are taken.
-        """
+        """Variance (N, 2), pixels², of pixel and line in `image` by the errors of the landmarks."""
         partials = partials_position(image, self.points)
         return np.sum((partials * np.nan_to_num(self.sigma)[:, None, :]) ** 2, axis=2)
 
@@ -60,12 +48,9 @@ class MeasuredLandmarks:
 def measured_sigma(images: list[tuple[SpcImage, MeasuredLandmarks]]) -> float:
     """Return one standard deviation of measured landmarks, pixels, without their own errors.
 
-    From the median deviation of all residuals; a tenth of a pixel at least.
+    `images` are pairs of an image and its measured landmarks.
 
-    Parameters
-    ----------
-    images : list of (SpcImage, MeasuredLandmarks)
-        Images with their measured landmarks.
+    From the median deviation of all residuals; a tenth of a pixel at least.
     """
     if not sum(len(fixes.points) for _, fixes in images):
         return _LEAST_PX

@@ -71,11 +71,7 @@ def write_fits_image(
 
 
 def read_fits_image(path: str | Path) -> SpcImage:
-    """Read an image that :func:`write_fits_image` wrote.
-
-    Parameters
-    ----------
-    path : str or Path
+    """Read an image from a `path` that :func:`write_fits_image` wrote.
 
     Raises
     ------
@@ -106,14 +102,11 @@ def read_fits_image(path: str | Path) -> SpcImage:
 
 @contextmanager
 def reading_fits(path: str | Path) -> Iterator[Any]:
-    """Yield the units of a FITS file, read completely into memory.
+    """Yield the units of the FITS file at `path`, read completely into memory.
 
     On damaged files astropy warns, or raises various errors. This is the one place that turns all
     of them into one line, so the block must contain nothing but reading.
 
-    Parameters
-    ----------
-    path : str or Path
 
     Raises
     ------

@@ -22,14 +22,11 @@ _OBJ_WORDS = frozenset({"v", "vn", "vt", "vp", "f", "o", "g", "s", "mtllib", "us
 
 
 def recognise_shape(path: str | Path) -> ShapeFormat:
-    """Return the format of a shape file, from its first lines.
+    """Return the format of the shape file at `path`, from its first lines.
 
     PLY begins with ``ply``; ICQ with one whole number alone on its line; OBJ with a statement,
     perhaps after comments.
 
-    Parameters
-    ----------
-    path : str or Path
 
     Raises
     ------

@@ -63,16 +63,9 @@ class LineCursor:
         return self.lines[self.number - 1]
 
     def fields(self, line: str, counts: Sequence[int], labels: Sequence[str]) -> FloatArray:
-        """Return the numbers at the start of a labelled `line`.
+        """Return the numbers at the start of a labelled `line`, the one that was read last.
 
-        Parameters
-        ----------
-        line : str
-            The line that was read last.
-        counts : sequence of int
-            Allowed numbers of numbers.
-        labels : sequence of str
-            Allowed labels after them, the usual one first.
+        There must be one of `counts` of them, and one of `labels` (the usual one first) after them.
 
         Raises
         ------

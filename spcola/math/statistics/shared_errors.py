@@ -26,10 +26,7 @@ def covariance_root(covariance: FloatArray) -> FloatArray:
 def patterns_of(correlation: FloatArray) -> FloatArray:
     """Return patterns (N, K) of standard deviation 1 that several of N observations share.
 
-    Parameters
-    ----------
-    correlation : (N, N) ndarray
-        Correlation of their errors.
+    `correlation` (N, N) is that of their errors.
     """
     size, vectors = np.linalg.eigh(correlation)
     kept = size > SHARED

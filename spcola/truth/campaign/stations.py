@@ -63,14 +63,7 @@ class Station:
 
 
 def plan_stations(campaign: CampaignSettings, passes: PassSettings) -> list[Station]:
-    """Return the stations of a campaign, leg by leg.
-
-    Parameters
-    ----------
-    campaign : CampaignSettings
-    passes : PassSettings
-        Only its rotation and Sun are used.
-    """
+    """Return the stations of a `campaign`, leg by leg, under the rotation and Sun of `passes`."""
     stations: list[Station] = []
     free: dict[int, float] = {}
     for number, leg in enumerate(campaign.legs, start=1):

@@ -93,16 +93,9 @@ class SampledSurface:
         return self._store.at(np.ascontiguousarray(directions, dtype=np.float64))
 
     def cast(self, origins: FloatArray, directions: FloatArray) -> SurfacePoints:
-        """Return the first hits of rays.
+        """Return the first hits of rays; a ray that begins below the ground hits nothing.
 
-        A ray that begins below the ground hits nothing.
-
-        Parameters
-        ----------
-        origins : (N, 3) or (3,) array_like
-            Body-fixed, metres.
-        directions : (N, 3) ndarray
-            Of any length.
+        Rays begin at `origins` (N, 3) or (3,), metres; `directions` (N, 3) have any length.
         """
         beams = _unit(directions)
         starts = np.ascontiguousarray(np.broadcast_to(origins, beams.shape), dtype=np.float64)

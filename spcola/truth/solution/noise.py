@@ -29,19 +29,10 @@ def correlated_noise(
 
 
 def drift_noise(points: FloatArray, wavelength: float, seed: int) -> FloatArray:
-    """Return noise (…) of rms 1 at body-fixed `points` (…, 3): fractal, of one body and seed.
+    """Return fractal noise (…) of rms 1 and a `seed` (32 bits) at body-fixed `points`, metres.
 
-    It is a field in space, so that maplets with common ground share it. The longest wavelength
-    has three quarters of its variance; two more follow by halves, each half as strong.
-
-    Parameters
-    ----------
-    points : (…, 3) ndarray
-        Metres.
-    wavelength : float
-        The longest, metres.
-    seed : int
-        Seed of the field, 32 bits.
+    It is a field in space, so that maplets with common ground share it. The longest `wavelength`,
+    metres, has three quarters of its variance; two more follow by halves, each half as strong.
     """
     shortest = wavelength / 2.0 ** (_OCTAVES - 1)
     octaves = fractal_octaves(1.0, wavelength, 1.0, wavelength, shortest)

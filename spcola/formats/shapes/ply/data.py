@@ -16,15 +16,7 @@ PlyValues = dict[str, AnyArray]
 
 
 def read_elements(content: bytes, header: PlyHeader, path: str | Path) -> dict[str, PlyValues]:
-    """Read all elements of a PLY file.
-
-    Parameters
-    ----------
-    content : bytes
-        Of the whole file.
-    header : PlyHeader
-    path : str or Path
-        For messages.
+    """Read all elements from the `content` of a PLY file with `header`; `path` is for messages.
 
     Raises
     ------

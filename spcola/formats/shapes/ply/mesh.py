@@ -66,13 +66,7 @@ def read_ply(path: str | Path, *, unit: Unit = "km") -> PlyMesh:
 
 
 def read_ply_mesh(path: str | Path, *, unit: Unit = "km") -> Mesh:
-    """Read a PLY mesh; see :func:`read_ply`.
-
-    Parameters
-    ----------
-    path : str or Path
-    unit : {"km", "m"}
-        Of its coordinates.
+    """Read a PLY mesh; `path` and `unit` are as in :func:`read_ply`.
 
     Raises
     ------
