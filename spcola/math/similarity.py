@@ -57,7 +57,7 @@ class Affine:
         inverse = np.linalg.inv(self.matrix)
         return Affine(inverse, -inverse @ self.translation, self.source, self.target)
 
-    def compose(self, first: Affine) -> Affine:
+    def __matmul__(self, first: Affine) -> Affine:
         """Return the map that applies `first` and then this one.
 
         Raises
@@ -72,9 +72,6 @@ class Affine:
             self.target,
             first.source,
         )
-
-    def __matmul__(self, first: Affine) -> Affine:
-        return self.compose(first)
 
     def nearest_similarity(self) -> Similarity:
         """Return the similarity whose rotation is the polar factor of the matrix.
@@ -170,7 +167,7 @@ class Similarity:
             self.target,
         )
 
-    def compose(self, first: Similarity) -> Similarity:
+    def __matmul__(self, first: Similarity) -> Similarity:
         """Return the map that applies `first` and then this one.
 
         Raises
@@ -186,9 +183,6 @@ class Similarity:
             self.target,
             first.source,
         )
-
-    def __matmul__(self, first: Similarity) -> Similarity:
-        return self.compose(first)
 
     def as_affine(self) -> Affine:
         """Return the same map as an :class:`Affine`."""

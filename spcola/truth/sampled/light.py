@@ -102,8 +102,8 @@ class LightMap:
 def _nodes(surface: ShadowedSurface, spacing: float) -> tuple[Tiling, FloatArray]:
     """Return a tiling of that spacing, and the surface at its nodes (6, S, S, 3), metres."""
     coarse = Tiling.of(1, 16, 0.0)
-    tiling = Tiling.of(1, _cells(_directions(coarse), surface, spacing), 0.0)
-    directions = _directions(tiling)
+    tiling = Tiling.of(1, _cells(tile_directions(coarse, _FACES), surface, spacing), 0.0)
+    directions = tile_directions(tiling, _FACES)
     points = surface.radius(directions)[:, None] * directions
     side = tiling.size + 3
     return tiling, points.reshape(6, side, side, 3)
@@ -112,13 +112,6 @@ def _nodes(surface: ShadowedSurface, spacing: float) -> tuple[Tiling, FloatArray
 def _cells(directions: FloatArray, surface: ShadowedSurface, spacing: float) -> int:
     """Return the number of cells across a face whose width is at most `spacing`, metres."""
     return max(16, int(np.ceil(2.0 * float(surface.radius(directions).max()) / spacing)))
-
-
-def _directions(tiling: Tiling) -> FloatArray:
-    """Return the unit vectors (N, 3) to all nodes, those beyond the edges included."""
-    directions = np.empty((len(_FACES) * tiling.nodes, 3))
-    tile_directions(tiling, _FACES, directions)
-    return directions
 
 
 def _normals(points: FloatArray) -> FloatArray:

@@ -178,8 +178,7 @@ def _unit(vectors: FloatArray) -> FloatArray:
 def _cube_nodes(cells: int) -> FloatArray:
     """Return unit vectors (6, cells + 1, cells + 1, 3) to the nodes of a cube's faces."""
     tiling = Tiling.of(1, cells, 0.0)
-    directions = np.empty((6 * tiling.nodes, 3))
-    tile_directions(tiling, np.arange(6), directions)
+    directions = tile_directions(tiling, np.arange(6))
     return directions.reshape(6, cells + 3, cells + 3, 3)[:, 1:-1, 1:-1]
 
 

@@ -164,8 +164,7 @@ class TileStore:
     def _fill(self, tiles: IntArray) -> None:
         """Evaluate the field on the nodes of the tiles and put them into their slots."""
         nodes = self.tiling.nodes
-        directions = np.empty((len(tiles) * nodes, 3))
-        tile_directions(self.tiling, tiles, directions)
+        directions = tile_directions(self.tiling, tiles)
         values: AnyArray = np.ascontiguousarray(self._field(directions), dtype=np.float64)
         for k, tile in enumerate(tiles.tolist()):
             slot = self._place[tile]

@@ -19,8 +19,7 @@ from spcola.formats.shapes import (
     write_obj_mesh,
 )
 from spcola.formats.shapes.obj import divided
-from spcola.formats.shapes.ply import read_ply_mesh, write_ply_mesh
-from spcola.formats.shapes.ply.mesh import read_ply
+from spcola.formats.shapes.ply import parse_header, read_elements, read_ply_mesh, write_ply_mesh
 from spcola.shape import Mesh
 from spcola.shape.icq import IcqShape, icq_directions
 
@@ -272,11 +271,18 @@ def test_written_meshes_are_read_bit_for_bit(tmp_path_factory, seed, scale):
 # PLY
 
 
+def read_ply(path, unit="km"):
+    """The mesh, and the further numbers of its vertices."""
+    mesh, content = read_ply_mesh(path, unit=unit), path.read_bytes()
+    vertices = read_elements(content, parse_header(content, path), path)["vertex"]
+    return mesh, {name: list(v) for name, v in vertices.items() if name not in ("x", "y", "z")}
+
+
 def test_ascii_ply_with_layers_and_quads(tmp_path):
-    file = read_ply(text_file(tmp_path, PLY, "X.ply"), unit="m")
-    np.testing.assert_array_equal(file.mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-    assert file.mesh.facets.tolist() == [[0, 2, 1], [0, 1, 3], [0, 3, 2], [0, 3, 2]]
-    np.testing.assert_array_equal(file.layers["red"], [10, 20, 30, 40])
+    mesh, layers = read_ply(text_file(tmp_path, PLY, "X.ply"), unit="m")
+    np.testing.assert_array_equal(mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    assert mesh.facets.tolist() == [[0, 2, 1], [0, 1, 3], [0, 3, 2], [0, 3, 2]]
+    np.testing.assert_array_equal(layers["red"], [10, 20, 30, 40])
 
 
 @pytest.mark.parametrize(("order", "word"), [("<", "little"), (">", "big")])
@@ -288,9 +294,9 @@ def test_binary_ply_built_field_by_field(tmp_path, order, word):
         body += struct.pack(f"{order}B{len(face)}i", len(face), *face)
     path = tmp_path / "X.ply"
     path.write_bytes(head.encode() + body)
-    file = read_ply(path, unit="m")
-    assert file.mesh.facets.tolist() == [[0, 2, 1], [0, 1, 3], [0, 3, 2], [0, 3, 2]]
-    np.testing.assert_array_equal(file.layers["red"], [10, 20, 30, 40])
+    mesh, layers = read_ply(path, unit="m")
+    assert mesh.facets.tolist() == [[0, 2, 1], [0, 1, 3], [0, 3, 2], [0, 3, 2]]
+    np.testing.assert_array_equal(layers["red"], [10, 20, 30, 40])
     for length in range(len(head) + len(body)):
         path.write_bytes((head.encode() + body)[:length])
         with pytest.raises(FormatError, match=r"X\.ply"):
@@ -302,7 +308,7 @@ def test_binary_ply_built_field_by_field(tmp_path, order, word):
 
 def test_every_corrupted_line_of_a_ply_is_seen(every_corruption_is_seen, tmp_path):
     def dump(file):
-        return mesh_dump(file.mesh), {name: list(v) for name, v in file.layers.items()}
+        return mesh_dump(file[0]), file[1]
 
     text = PLY.replace("comment a tetrahedron\n", "")
     every_corruption_is_seen(text, read_ply, dump, "X.ply")
@@ -341,9 +347,9 @@ def test_layers_come_back(tmp_path, encoding):
     sigma = np.linspace(0.01, 0.5, len(mesh.vertices))
     sigma[3] = 0.1 + 1e-17
     write_ply_mesh(tmp_path / "A.ply", mesh, encoding=encoding, layers={"sigma": sigma})
-    file = read_ply(tmp_path / "A.ply")
-    np.testing.assert_array_equal(file.layers["sigma"], sigma)
-    np.testing.assert_allclose(file.mesh.vertices, mesh.vertices, rtol=3e-16)
+    found, layers = read_ply(tmp_path / "A.ply")
+    np.testing.assert_array_equal(layers["sigma"], sigma)
+    np.testing.assert_allclose(found.vertices, mesh.vertices, rtol=3e-16)
 
 
 def test_layers_that_ply_cannot_hold_are_refused(tmp_path):
