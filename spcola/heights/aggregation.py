@@ -99,9 +99,9 @@ class AggregationCycle:
 
     def apply(self, right: FloatArray) -> FloatArray:
         """Return the cycle's response (n,) to `right` (n,)."""
-        return self._answer(0, right)
+        return self._response(0, right)
 
-    def _answer(self, k: int, b: FloatArray) -> FloatArray:
+    def _response(self, k: int, b: FloatArray) -> FloatArray:
         """One cycle from level `k` down; the last level is solved, or has no points."""
         if k == len(self._levels):
             return b if self._factors is None else self._factors.solve(b)
@@ -114,7 +114,7 @@ class AggregationCycle:
 
     def _correction(self, k: int, b: FloatArray) -> FloatArray:
         """Solve level `k` for `b` by at most two steps of flexible conjugate gradients."""
-        c = self._answer(k, b)
+        c = self._response(k, b)
         if k == len(self._levels):
             return c
         level = self._levels[k]
@@ -125,7 +125,7 @@ class AggregationCycle:
         rest = b - first * v
         if not self._twice[k - 1] or _dot(rest, rest) <= _ENOUGH**2 * _dot(b, b):
             return first * c
-        d = self._answer(k, rest)
+        d = self._response(k, rest)
         _, own = level.multiply(d)
         mixed = _dot(d, v)
         left = own - mixed**2 / energy

@@ -28,7 +28,7 @@ class BandedFactor:
     def __init__(self, problem: HeightProblem) -> None:
         self._shape = problem.shape
         parts = find_components(problem)
-        # Fixing the whole of a floating part makes the matrix regular; its answers are NaN.
+        # Fixing the whole of a floating part makes the matrix regular; its results are NaN.
         self._unknown = parts.is_floating | ~problem.mask
         self._factor = cholesky_banded(
             _band(problem, np.where(self._unknown, 1.0, problem.weight)),
@@ -45,8 +45,8 @@ class BandedFactor:
     def solve(self, right: FloatArray) -> FloatArray:
         """Return the heights (R, C, S) for right-hand sides (R, C, S)."""
         flat = right.reshape(-1, right.shape[-1])
-        answer: FloatArray = cho_solve_banded((self._factor, True), flat, check_finite=False)
-        return answer.reshape(right.shape)
+        solution: FloatArray = cho_solve_banded((self._factor, True), flat, check_finite=False)
+        return solution.reshape(right.shape)
 
 
 def _band(problem: HeightProblem, ground: FloatArray) -> FloatArray:

@@ -147,7 +147,7 @@ class LinearSystem:
         return self._z
 
     def _shift_parts(self, residual: FloatArray, bands: Bands) -> None:
-        """Shift the answer on each loose part so that ``residual − A z`` sums to zero over it."""
+        """Shift the response on each loose part so that ``residual − A z`` sums to zero over it."""
         shift = self._shifts(residual, bands).astype(self._z.dtype)
         bands.run(self._problem.shape, vectors.shift_parts, self._parts, shift, self._z)
 

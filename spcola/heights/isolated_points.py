@@ -72,9 +72,9 @@ class IsolatedPoints:
         """Move the residual that plain aggregates summed in `coarse` to the new aggregates."""
         _restrict(self.place, self.patch, source, coarse)
 
-    def correct(self, coarse: FloatArray, answer: FloatArray) -> None:
-        """Add to the smoothed `answer` the change due to the new aggregates."""
-        _correct(self.place, self.patch, coarse, answer)
+    def correct(self, coarse: FloatArray, response: FloatArray) -> None:
+        """Add to the smoothed `response` the change due to the new aggregates."""
+        _correct(self.place, self.patch, coarse, response)
 
 
 @compiled_inline
@@ -237,11 +237,11 @@ def _restrict(place: IntArray, patch: FloatArray, source: FloatArray, coarse: Fl
 
 
 @compiled
-def _correct(place: IntArray, patch: FloatArray, coarse: FloatArray, answer: FloatArray) -> None:
+def _correct(place: IntArray, patch: FloatArray, coarse: FloatArray, response: FloatArray) -> None:
     for k in range(len(place)):
         i, j = place[k, 0], place[k, 1]
         step = coarse[place[k, 2], place[k, 3]] - coarse[(i + 1) // 2, (j + 1) // 2]
         for a in range(5):
             for b in range(5):
                 if patch[k, a, b] > 0:
-                    answer[i + a - 2, j + b - 2] += patch[k, a, b] * step
+                    response[i + a - 2, j + b - 2] += patch[k, a, b] * step

@@ -117,9 +117,9 @@ class Hierarchy:
         """The level of the problem itself."""
         return self.levels[0]
 
-    def apply(self, residual: FloatArray, answer: FloatArray, bands: Bands) -> None:
+    def apply(self, residual: FloatArray, response: FloatArray, bands: Bands) -> None:
         """Store the cycle's response to `residual` (both padded, single precision)."""
-        self._cycle(0, residual, answer, False, bands)
+        self._cycle(0, residual, response, False, bands)
 
     def _level(self, k: int) -> Level:
         span, shape = slice(self._start[k], self._start[k + 1]), self._sizes[k] + 2
@@ -156,7 +156,7 @@ class Hierarchy:
         self._apart = apart[-1] + 1 if apart else 0
 
     def _cycle(
-        self, k: int, source: FloatArray, answer: FloatArray, add: bool, bands: Bands
+        self, k: int, source: FloatArray, response: FloatArray, add: bool, bands: Bands
     ) -> None:
         """One W-cycle from level `k` down, `source` of that level."""
         level, isolated = self.levels[k], self._isolated[k]
@@ -168,7 +168,7 @@ class Hierarchy:
                 self._inverse,
                 (self._value[first:], self._source[first:]),
                 source,
-                answer,
+                response,
                 add,
             )
             return
@@ -179,8 +179,8 @@ class Hierarchy:
         self._cycle(k + 1, residual, value, False, bands)
         bands.run(below.size, subtract_product, below.coefficients, value, residual)
         self._cycle(k + 1, residual, value, True, bands)
-        bands.run(level.size, correct_and_smooth, level.coefficients, source, value, add, answer)
-        isolated.correct(value, answer)
+        bands.run(level.size, correct_and_smooth, level.coefficients, source, value, add, response)
+        isolated.correct(value, response)
 
 
 @compiled
@@ -251,7 +251,9 @@ def _invert(level: Coefficients) -> FloatArray:
 
 
 @compiled
-def _solve_coarsest(inverse: FloatArray, source: FloatArray, answer: FloatArray, add: bool) -> None:
+def _solve_coarsest(
+    inverse: FloatArray, source: FloatArray, response: FloatArray, add: bool
+) -> None:
     rows, columns = source.shape[0] - 2, source.shape[1] - 2
     flat = np.zeros(rows * columns, dtype=source.dtype)
     for i in range(rows):
@@ -263,9 +265,9 @@ def _solve_coarsest(inverse: FloatArray, source: FloatArray, answer: FloatArray,
     for i in range(rows):
         for j in range(columns):
             if add:
-                answer[i + 1, j + 1] += flat[i * columns + j]
+                response[i + 1, j + 1] += flat[i * columns + j]
             else:
-                answer[i + 1, j + 1] = flat[i * columns + j]
+                response[i + 1, j + 1] = flat[i * columns + j]
 
 
 @compiled
@@ -290,10 +292,10 @@ def _cycle(
     inverse: FloatArray,
     vectors: tuple[FloatArray, FloatArray],
     source: FloatArray,
-    answer: FloatArray,
+    response: FloatArray,
     add: bool,
 ) -> None:
-    """One W-cycle over several levels in one call; the first has `source` and `answer`.
+    """One W-cycle over several levels in one call; the first has `source` and `response`.
 
     `vectors` are values and sources of the others. Not recursive, because Numba loads such a
     function from its cache in a state that crashes.
@@ -312,13 +314,13 @@ def _cycle(
             level += 1
             second[level] = False
         b = source if last == 0 else _grid(sources, layout, last)
-        x = answer if last == 0 else _grid(values, layout, last)
+        x = response if last == 0 else _grid(values, layout, last)
         _solve_coarsest(inverse, b, x, second[last])
         second[last] = True  # it was exact
         while level > 0 and second[level]:
             level -= 1
             b = source if level == 0 else _grid(sources, layout, level)
-            x = answer if level == 0 else _grid(values, layout, level)
+            x = response if level == 0 else _grid(values, layout, level)
             below = _grid(values, layout, level + 1)
             here = _level(coefficients, layout, level)
             correct_and_smooth(here, b, below, second[level], x, 0, sizes[level, 0])

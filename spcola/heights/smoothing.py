@@ -3,7 +3,7 @@
 A level is a grid with a frame of one point without edges around it (R + 2, C + 2), in single
 precision: the weights of the edges to the next column (`right`) and row (`down`), and of the
 constraints (`ground`), each over one unit. Red are the points with an even sum of indices. Both
-sweeps depend on the source only, so that a row of the answer depends on five rows of it: a few
+sweeps depend on the source only, so that a row of the response depends on five rows of it: a few
 lines of memory that fit the cache suffice, memory is read once, and threads can work on different
 bands of rows with the same result.
 
@@ -70,13 +70,13 @@ def correct_and_smooth(
     source: FloatArray,
     coarse: FloatArray,
     add: bool,
-    answer: FloatArray,
+    response: FloatArray,
     first: int,
     last: int,
 ) -> None:
-    """Rows `first` … `last` − 1 of the answer: the sweep of above, `coarse` added, black, red.
+    """Rows `first` … `last` − 1 of the response: the sweep of above, `coarse` added, black, red.
 
-    It is stored in `answer` or, if `add`, added to it.
+    It is stored in `response` or, if `add`, added to it.
     """
     right, down, ground = level
     rows, width = source.shape[0] - 2, source.shape[1]
@@ -99,7 +99,7 @@ def correct_and_smooth(
         if i >= low:
             k = i % _LINES
             _relax(right[i], down[i - 1], down[i], source[i], inverse[k], black, i, line)
-            _store(line, black[k], colour[i % 2], colour[1 - i % 2], add, answer[i])
+            _store(line, black[k], colour[i % 2], colour[1 - i % 2], add, response[i])
 
 
 @compiled

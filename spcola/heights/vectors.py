@@ -110,9 +110,9 @@ def step(
 def copy(p: FloatArray, z: FloatArray, first: int, last: int) -> None:
     """``p = z``: the first direction."""
     for i in range(first + 1, last + 1):
-        direction, answer = p[i], z[i]
+        direction, response = p[i], z[i]
         for j in range(len(direction)):
-            direction[j] = answer[j]
+            direction[j] = response[j]
 
 
 @compiled
@@ -120,9 +120,9 @@ def turn(p: FloatArray, z: FloatArray, beta: float, first: int, last: int) -> No
     """``p = z + β p``: the next direction."""
     factor = p.dtype.type(beta)
     for i in range(first + 1, last + 1):
-        direction, answer = p[i], z[i]
+        direction, response = p[i], z[i]
         for j in range(len(direction)):
-            direction[j] = answer[j] + factor * direction[j]
+            direction[j] = response[j] + factor * direction[j]
 
 
 @compiled
@@ -166,14 +166,14 @@ def sum_parts(
     labels, spans = parts
     total = np.zeros(count)
     for i in range(first, last):
-        label, row, weight, answer = labels[i], r[i + 1], ground[i + 1], z[i + 1]
+        label, row, weight, response = labels[i], r[i + 1], ground[i + 1], z[i + 1]
         before, run = -1, 0.0
         for j in range(spans[i, 0], spans[i, 1]):
             if label[j] != before:
                 if before >= 0:
                     total[before] += run
                 before, run = label[j], 0.0
-            run += row[j + 1] - weight[j + 1] * answer[j + 1]
+            run += row[j + 1] - weight[j + 1] * response[j + 1]
         if before >= 0:
             total[before] += run
     return total

@@ -174,9 +174,9 @@ def _best(
     filled = np.where(np.isfinite(correlation), correlation, -1.0)
     peaks = np.argwhere(ndimage.maximum_filter(filled, size=5, mode="nearest") == filled)
     away = np.hypot(peaks[:, 0] - row, peaks[:, 1] - column)
-    rivals = filled[tuple(peaks[away > _APART].T)]
-    # At sub-cell resolution the best peak is higher than at its whole cell: its rivals are too.
-    if rivals.size and 1.0 - max(rivals.max(), 0.0) ** 2 < options.ambiguity * (1.0 - best**2):
+    others = filled[tuple(peaks[away > _APART].T)]
+    # At sub-cell resolution the best peak is higher than at its whole cell: the others are too.
+    if others.size and 1.0 - max(others.max(), 0.0) ** 2 < options.ambiguity * (1.0 - best**2):
         return nowhere, "shows two places alike"
     return start, ""
 
