@@ -141,13 +141,7 @@ def read_layer(
 
 
 def read_number(node: Any, name: str) -> float:
-    """Return the attribute `name` of a group or file: one real number.
-
-    Raises
-    ------
-    InvalidValueError
-        If it is something else.
-    """
+    """Return the attribute `name` of a group or file; an InvalidValueError if it is no number."""
     value = node.attrs[name]
     if np.ndim(value) or np.asarray(value).dtype.kind not in _NUMBERS:
         raise InvalidValueError("is no number", name)
@@ -155,13 +149,7 @@ def read_number(node: Any, name: str) -> float:
 
 
 def read_text(node: Any, name: str) -> str:
-    """Return the attribute `name` of a group or file: a text.
-
-    Raises
-    ------
-    InvalidValueError
-        If it is something else.
-    """
+    """Return the attribute `name` of a group or file; an InvalidValueError if it is no text."""
     value = node.attrs[name]
     if isinstance(value, bytes):
         return value.decode("utf-8")
@@ -182,26 +170,14 @@ def stored(text: str | Iterable[str]) -> AnyArray:
 
 
 def read_names(group: Any, name: str, count: int) -> list[str]:
-    """Return the dataset `name` of `group`: `count` texts.
-
-    Raises
-    ------
-    InvalidValueError
-        If it is something else.
-    """
+    """Return the dataset `name` of `group`; an InvalidValueError unless it is `count` texts."""
     values = read_layer(group, name, (count,), kinds="SO")
     return [value.decode("utf-8") for value in values]
 
 
 @contextmanager
 def new_hdf5(path: str | Path) -> Iterator[Any]:
-    """Yield an empty HDF5 file.
-
-    Raises
-    ------
-    OSError
-        If it could not be written; at the end of the block.
-    """
+    """Yield an empty HDF5 file; an OSError at the end of the block if it was not written."""
     with _Patient(path, "w+") as raw:
         try:
             with h5py.File(raw, "w", libver=_WRITTEN) as file:

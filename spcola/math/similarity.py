@@ -190,13 +190,7 @@ class Similarity:
 
 
 def check_frames_meet(second: Affine | Similarity, first: Affine | Similarity) -> None:
-    """Check that `first` ends in the frame in which `second` begins.
-
-    Raises
-    ------
-    FrameMismatchError
-        If it is not.
-    """
+    """Raise a FrameMismatchError unless `first` ends in the frame in which `second` begins."""
     if first.target != second.source:
         raise FrameMismatchError(
             f"{first.source} → {first.target} cannot be followed by "

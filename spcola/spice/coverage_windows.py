@@ -245,13 +245,7 @@ def segments_of(handle: int) -> Iterator[_Found]:
 
 
 def _count(number: float, each: int, begin: int, end: int) -> int:
-    """Return the number of items that a segment states, of `each` numbers.
-
-    Raises
-    ------
-    KernelError
-        If they do not fit between its first and last address.
-    """
+    """Return the `number` of items in a segment; a KernelError if they do not fit in it."""
     if not 1 <= number * each <= end - begin + 1:
         raise KernelError(
             f"a segment of {end - begin + 1} numbers states {number:g} states or attitudes",

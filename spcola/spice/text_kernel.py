@@ -82,13 +82,7 @@ def kernels_of(path: Path) -> list[Path] | None:
 
 
 def assignments(path: Path) -> Iterator[tuple[str, str, str]]:
-    """Yield names, operators (``=`` or ``+=``) and right-hand sides of a text kernel, in order.
-
-    Raises
-    ------
-    KernelError
-        If the file cannot be read.
-    """
+    """Yield names, operators (``=`` or ``+=``) and right-hand sides of a text kernel, in order."""
     try:
         text = path.read_text(encoding="latin-1")
     except OSError as error:

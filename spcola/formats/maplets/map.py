@@ -150,13 +150,7 @@ def write_maplet(
 
 
 def map_content(maplet: Maplet, header: MapHeader | None = None) -> bytes:
-    """Return the content that :func:`write_maplet` writes.
-
-    Raises
-    ------
-    InvalidValueError
-        As there.
-    """
+    """Return the content that :func:`write_maplet` writes, or raise its InvalidValueError."""
     header = header or MapHeader()
     record = encode_header(maplet, header)
     heights = maplet.height.T.ravel() / (float(record["gsd"][0]) * KM)

@@ -159,10 +159,7 @@ def _center_sigma(direction: AnyArray, size_km: float) -> FloatArray:
 def encode_header(maplet: Maplet, header: MapHeader) -> AnyArray:
     """Return the header record (1,) of `maplet`, without its hscale.
 
-    Raises
-    ------
-    InvalidValueError
-        If the frame does not fit the format.
+    An InvalidValueError if the frame does not fit the format.
     """
     grid = maplet.grid
     if grid.half_size > 65535:

@@ -54,13 +54,7 @@ def read_sigma(path: str | Path, half_size: int) -> FloatArray:
 
 
 def write_sigma(path: str | Path, sigma: FloatArray) -> None:
-    """Write heights' sigma (2q+1, 2q+1), metres, as a big-endian companion in kilometres.
-
-    Raises
-    ------
-    WorkspaceError
-        If the file cannot be written.
-    """
+    """Write heights' sigma (2q+1, 2q+1), metres, as a big-endian companion in kilometres."""
     atomic.write_bytes(path, sigma_content(sigma))
 
 

@@ -57,13 +57,7 @@ class TileStore:
 
     @contextmanager
     def lease(self, tiles: IntArray) -> Iterator[None]:
-        """Keep the `tiles` (distinct numbers, at most `capacity`) in the pool; make missing ones.
-
-        Raises
-        ------
-        SettingsError
-            If there are more than fit.
-        """
+        """Keep `tiles` (distinct numbers, at most `capacity`) in the pool; make missing ones."""
         if len(tiles) > self.capacity:
             raise SettingsError(
                 f"{len(tiles)} tiles are needed at once, there is room for {self.capacity}",
