@@ -63,7 +63,7 @@ def write_bytes(path: str | Path, content: bytes) -> None:
 
 
 def write_text(path: str | Path, content: str) -> None:
-    """Write `content` (UTF-8, newlines as they stand) to `path` whole, or raise a WorkspaceError."""
+    """Write `content` (UTF-8, its newlines kept) to `path` whole, or raise a WorkspaceError."""
     write_bytes(path, content.encode("utf-8"))
 
 
