@@ -254,7 +254,7 @@ class LinearSystem:
     def _multiply(self, p: FloatArray, out: FloatArray, bands: Bands) -> float:
         """Store ``A p`` in `out`; return ``pᵀ A p``."""
         level = self._hierarchy.finest
-        total = float(sum(bands.run(level.size, multiply, level.coefficients, p, out)))
+        total = float(sum(bands.run(level.size, multiply, level, p, out)))
         if self._problem.means is not None:
             m = self._problem.means
             total += add_mean_products(m.sets, m.weight, self._unit, p, out)

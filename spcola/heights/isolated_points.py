@@ -25,7 +25,7 @@ import numpy as np
 
 from spcola.arrays import FloatArray, IntArray
 from spcola.compilation import Bands, compiled, compiled_inline
-from spcola.heights.smoothing import Coefficients
+from spcola.heights.smoothing import Level
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,21 +49,12 @@ class IsolatedPoints:
         return cls(np.zeros((0, 4), dtype=np.int64), np.zeros((0, 5, 5)))
 
     @classmethod
-    def reassign(
-        cls, fine: Coefficients, coarse: Coefficients, size: tuple[int, int], bands: Bands
-    ) -> Self:
-        """Return the isolated points of a level; adapt the coarser level in place.
+    def reassign(cls, fine: Level, coarse: Level, bands: Bands) -> Self:
+        """Return the isolated points of a level; adapt the `coarse` level in place.
 
-        Parameters
-        ----------
-        fine, coarse : tuple of ndarray
-            Right, down and ground of both levels; `coarse` is that of plain 2 × 2 aggregates.
-        size : tuple of int
-            Rows and columns of the coarser level.
-        bands : Bands
-            The threads to use.
+        That level must be the one of plain 2 × 2 aggregates.
         """
-        place = np.concatenate(bands.run(size, _find, fine)).reshape(-1, 4)
+        place = np.concatenate(bands.run(coarse.size, _find, fine)).reshape(-1, 4)
         _move_coefficients(fine, place, coarse)
         red = place[place[:, :2].sum(axis=1) % 2 == 0]
         return cls(red, _patches(fine, red))
@@ -78,21 +69,21 @@ class IsolatedPoints:
 
 
 @compiled_inline
-def _across(level: Coefficients, i: int, j: int) -> tuple[float, float]:
+def _across(level: Level, i: int, j: int) -> tuple[float, float]:
     """Weight of the edges of (i, j) along its row: inside its aggregate, and out of it."""
-    before, after = level[0][i, j - 1], level[0][i, j]
+    before, after = level.right[i, j - 1], level.right[i, j]
     return (after, before) if j % 2 == 1 else (before, after)
 
 
 @compiled_inline
-def _along(level: Coefficients, i: int, j: int) -> tuple[float, float]:
+def _along(level: Level, i: int, j: int) -> tuple[float, float]:
     """Weight of the edges of (i, j) along its column: inside its aggregate, and out of it."""
-    before, after = level[1][i - 1, j], level[1][i, j]
+    before, after = level.down[i - 1, j], level.down[i, j]
     return (after, before) if i % 2 == 1 else (before, after)
 
 
 @compiled_inline
-def _weight_inside(level: Coefficients, i: int, j: int) -> float:
+def _weight_inside(level: Level, i: int, j: int) -> float:
     """Return the weight of the edges of (i, j) inside its aggregate."""
     return _across(level, i, j)[0] + _along(level, i, j)[0]
 
@@ -104,7 +95,7 @@ def _out(i: int) -> int:
 
 
 @compiled
-def _find(level: Coefficients, first: int, last: int) -> IntArray:
+def _find(level: Level, first: int, last: int) -> IntArray:
     """Isolated points in rows `first` … `last` − 1 of aggregates: rows of `place`, flat."""
     right, down, _ = level
     found = [0 for _ in range(0)]
@@ -127,7 +118,7 @@ def _find(level: Coefficients, first: int, last: int) -> IntArray:
 
 
 @compiled
-def _is_reassigned(level: Coefficients, i: int, j: int) -> bool:
+def _is_reassigned(level: Level, i: int, j: int) -> bool:
     """Whether (i, j) moves out of its aggregate: not if it is alone or the last one there."""
     if not _can_move(level, i, j):
         return False
@@ -141,7 +132,7 @@ def _is_reassigned(level: Coefficients, i: int, j: int) -> bool:
 
 
 @compiled
-def _can_move(level: Coefficients, i: int, j: int) -> bool:
+def _can_move(level: Level, i: int, j: int) -> bool:
     """Whether (i, j) has no edge inside its aggregate, but edges to points that do not move.
 
     Two such points must be joined around the corner, no less strongly than by the edge that is
@@ -162,7 +153,7 @@ def _can_move(level: Coefficients, i: int, j: int) -> bool:
 
 
 @compiled
-def _remains(level: Coefficients, i: int, j: int) -> bool:
+def _remains(level: Level, i: int, j: int) -> bool:
     """Whether (i, j) certainly does not move: it has an edge inside its aggregate, or is alone."""
     m, n = i - _out(i), j - _out(j)
     others = _diagonal(level, m, j) + _diagonal(level, i, n)
@@ -171,16 +162,16 @@ def _remains(level: Coefficients, i: int, j: int) -> bool:
 
 
 @compiled_inline
-def _diagonal(level: Coefficients, i: int, j: int) -> float:
+def _diagonal(level: Level, i: int, j: int) -> float:
     """Diagonal of the matrix at (i, j)."""
     right, down, ground = level
     return (right[i, j] + right[i, j - 1]) + (down[i, j] + down[i - 1, j]) + ground[i, j]
 
 
 @compiled
-def _move_coefficients(fine: Coefficients, place: IntArray, coarse: Coefficients) -> None:
+def _move_coefficients(fine: Level, place: IntArray, coarse: Level) -> None:
     """Move the edges and constraints of isolated points to their new aggregates."""
-    ground = fine[2]
+    ground = fine.ground
     coarse_right, coarse_down, coarse_ground = coarse
     half = np.float32(0.5)
     for k in range(len(place)):
@@ -198,9 +189,9 @@ def _move_coefficients(fine: Coefficients, place: IntArray, coarse: Coefficients
 
 
 @compiled
-def _patches(level: Coefficients, place: IntArray) -> FloatArray:
+def _patches(level: Level, place: IntArray) -> FloatArray:
     """Black, then red smoothing of a unit at each of some red points (n, 5, 5)."""
-    patch = np.zeros((len(place), 5, 5), dtype=level[0].dtype)
+    patch = np.zeros((len(place), 5, 5), dtype=level.right.dtype)
     for k in range(len(place)):
         i, j = place[k, 0], place[k, 1]
         for a, b in ((-1, 0), (0, -1), (0, 1), (1, 0)):
@@ -214,7 +205,7 @@ def _patches(level: Coefficients, place: IntArray) -> FloatArray:
 
 
 @compiled_inline
-def _pull(level: Coefficients, i: int, j: int, m: int, n: int) -> float:
+def _pull(level: Level, i: int, j: int, m: int, n: int) -> float:
     """Return the change of the neighbour (m, n), when smoothed, for a unit at (i, j)."""
     right, down, _ = level
     weight = right[i, min(j, n)] if i == m else down[min(i, m), j]

@@ -19,7 +19,6 @@ memory traffic.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,7 +27,7 @@ from spcola.compilation import Bands, compiled
 from spcola.heights.isolated_points import IsolatedPoints
 from spcola.heights.problem import HeightProblem
 from spcola.heights.smoothing import (
-    Coefficients,
+    Level,
     correct_and_smooth,
     smooth_and_restrict,
     subtract_product,
@@ -42,33 +41,6 @@ _SERIAL_POINTS = 100_000
 """Levels up to this size run in one thread and one call, unless they have isolated points."""
 _ISOLATED_LEVELS = 2
 """Levels whose isolated points are moved: by experiment, coarser levels do not need it."""
-
-
-@dataclass(frozen=True, eq=False)
-class Level:
-    """Coefficients of one level, (R + 2, C + 2) with its frame, relative to `Hierarchy.unit`.
-
-    Parameters
-    ----------
-    right, down : ndarray
-        Weight of the edge to the next column and to the next row.
-    ground : ndarray
-        Weight of the constraint.
-    """
-
-    right: FloatArray
-    down: FloatArray
-    ground: FloatArray
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Rows and columns without the frame."""
-        return (self.right.shape[0] - 2, self.right.shape[1] - 2)
-
-    @property
-    def coefficients(self) -> Coefficients:
-        """Right, down and ground, as the kernels take them."""
-        return (self.right, self.down, self.ground)
 
 
 class Hierarchy:
@@ -123,8 +95,7 @@ class Hierarchy:
 
     def _level(self, k: int) -> Level:
         span, shape = slice(self._start[k], self._start[k + 1]), self._sizes[k] + 2
-        right, down, ground = (each[span].reshape(shape) for each in self._coefficients)
-        return Level(right, down, ground)
+        return Level(*(each[span].reshape(shape) for each in self._coefficients))
 
     def _vectors(self, k: int) -> tuple[FloatArray, FloatArray]:
         """Value and source of a level below the finest."""
@@ -142,12 +113,11 @@ class Hierarchy:
             bands.run(fine.size, _convert, values, 1.0 / unit, out)
         self._isolated = [IsolatedPoints.none()] * len(self.levels)
         for k, (above, below) in enumerate(itertools.pairwise(self.levels)):
-            both = (above.coefficients, below.coefficients)
-            bands.run(below.size, _coarsen, *both)
+            bands.run(below.size, _coarsen, above, below)
             if k < min(_ISOLATED_LEVELS, len(self.levels) - 2):
-                self._isolated[k] = IsolatedPoints.reassign(*both, below.size, bands)
+                self._isolated[k] = IsolatedPoints.reassign(above, below, bands)
         last = self.levels[-1]
-        self._inverse = _invert(last.coefficients)
+        self._inverse = _invert(last)
         apart = [
             k
             for k, level in enumerate(self.levels[:-2])
@@ -164,7 +134,7 @@ class Hierarchy:
             first = self._start[k]
             _cycle(
                 (self._sizes[k:], self._start[k:]),
-                tuple(self._coefficients[:, first:]),
+                Level(*self._coefficients[:, first:]),
                 self._inverse,
                 (self._value[first:], self._source[first:]),
                 source,
@@ -174,12 +144,12 @@ class Hierarchy:
             return
         below = self.levels[k + 1]
         value, residual = self._vectors(k + 1)
-        bands.run(below.size, smooth_and_restrict, level.coefficients, source, residual)
+        bands.run(below.size, smooth_and_restrict, level, source, residual)
         isolated.restrict(source, residual)
         self._cycle(k + 1, residual, value, False, bands)
-        bands.run(below.size, subtract_product, below.coefficients, value, residual)
+        bands.run(below.size, subtract_product, below, value, residual)
         self._cycle(k + 1, residual, value, True, bands)
-        bands.run(level.size, correct_and_smooth, level.coefficients, source, value, add, response)
+        bands.run(level.size, correct_and_smooth, level, source, value, add, response)
         isolated.correct(value, response)
 
 
@@ -192,7 +162,7 @@ def _convert(values: FloatArray, factor: float, out: FloatArray, first: int, las
 
 
 @compiled
-def _coarsen(fine: Coefficients, coarse: Coefficients, first: int, last: int) -> None:
+def _coarsen(fine: Level, coarse: Level, first: int, last: int) -> None:
     """Rows `first` … `last` − 1 of a coarser level: edges summed and halved, constraints summed."""
     right, down, ground = fine
     coarse_right, coarse_down, coarse_ground = coarse
@@ -208,7 +178,7 @@ def _coarsen(fine: Coefficients, coarse: Coefficients, first: int, last: int) ->
 
 
 @compiled
-def _invert(level: Coefficients) -> FloatArray:
+def _invert(level: Level) -> FloatArray:
     """Return the inverse (n, n) of a small level, by sweeping its points.
 
     A point without weight left when all before it are swept (a floating part ends with one) is
@@ -279,16 +249,16 @@ def _grid(flat: FloatArray, layout: tuple[IntArray, IntArray], level: int) -> Fl
 
 
 @compiled
-def _level(flat: Coefficients, layout: tuple[IntArray, IntArray], level: int) -> Coefficients:
+def _level(flat: Level, layout: tuple[IntArray, IntArray], level: int) -> Level:
     """Return the coefficients of one level of several."""
     right, down = _grid(flat[0], layout, level), _grid(flat[1], layout, level)
-    return right, down, _grid(flat[2], layout, level)
+    return Level(right, down, _grid(flat[2], layout, level))
 
 
 @compiled
 def _cycle(
     layout: tuple[IntArray, IntArray],
-    coefficients: Coefficients,
+    coefficients: Level,
     inverse: FloatArray,
     vectors: tuple[FloatArray, FloatArray],
     source: FloatArray,

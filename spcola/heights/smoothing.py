@@ -16,13 +16,12 @@ nine arrays: the compiler has to check that outputs do not overlap inputs.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from spcola.arrays import FloatArray
 from spcola.compilation import compiled, compiled_inline
-
-Coefficients = tuple[FloatArray, FloatArray, FloatArray]
-"""A level: `right`, `down` and `ground`."""
 
 _TINY = np.float32(1e-30)
 """Diagonal of points without edges; far below weights (1 at most)."""
@@ -32,9 +31,22 @@ LANES = 32
 """Parallel partial sums: a vectorised loop whose order does not depend on the threads."""
 
 
+class Level(NamedTuple):
+    """Weights of the edges to the next column and row, and of the constraints: (R + 2, C + 2)."""
+
+    right: FloatArray
+    down: FloatArray
+    ground: FloatArray
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Rows and columns without the frame."""
+        return (self.right.shape[0] - 2, self.right.shape[1] - 2)
+
+
 @compiled
 def smooth_and_restrict(
-    level: Coefficients, source: FloatArray, coarse: FloatArray, first: int, last: int
+    level: Level, source: FloatArray, coarse: FloatArray, first: int, last: int
 ) -> None:
     """Smooth from zero, red then black; sum the residual into rows `first` … `last` − 1.
 
@@ -66,7 +78,7 @@ def smooth_and_restrict(
 
 @compiled
 def correct_and_smooth(
-    level: Coefficients,
+    level: Level,
     source: FloatArray,
     coarse: FloatArray,
     add: bool,
@@ -104,7 +116,7 @@ def correct_and_smooth(
 
 @compiled
 def subtract_product(
-    level: Coefficients, value: FloatArray, source: FloatArray, first: int, last: int
+    level: Level, value: FloatArray, source: FloatArray, first: int, last: int
 ) -> None:
     """Rows `first` … `last` − 1 of ``source −= A value``."""
     line = np.zeros(value.shape[1], dtype=value.dtype)
@@ -116,9 +128,7 @@ def subtract_product(
 
 
 @compiled
-def multiply(
-    level: Coefficients, value: FloatArray, out: FloatArray, first: int, last: int
-) -> float:
+def multiply(level: Level, value: FloatArray, out: FloatArray, first: int, last: int) -> float:
     """Store rows `first` … `last` − 1 of ``A value``; return their share of ``valueᵀ A value``."""
     total = np.zeros(LANES)
     for i in range(first + 1, last + 1):
@@ -139,9 +149,9 @@ def add_products(one: FloatArray, other: FloatArray, total: FloatArray) -> None:
 
 
 @compiled_inline
-def _product(level: Coefficients, value: FloatArray, i: int, out: FloatArray) -> None:
+def _product(level: Level, value: FloatArray, i: int, out: FloatArray) -> None:
     """Row i of ``A value``, from differences: exact also where `ground` is weak."""
-    right, above, below, ground = level[0][i], level[1][i - 1], level[1][i], level[2][i]
+    right, above, below, ground = level.right[i], level.down[i - 1], level.down[i], level.ground[i]
     here, up, low = value[i], value[i - 1], value[i + 1]
     for j in range(1, len(out) - 1):
         out[j] = (

@@ -20,7 +20,7 @@ def test_made_up_surfaces_need_the_kernels_of_the_late_stages() -> None:
     compile_late()
     assert is_kept(gauss_newton) == is_kept(multiply) == KernelCache.usable
     # Both precisions of the heights' cycle: the late stages need both.
-    precisions = {signature[0].dtype.name for signature in multiply.signatures}
+    precisions = {signature[1].dtype.name for signature in multiply.signatures}
     assert precisions == {"float32", "float64"}
 
 
