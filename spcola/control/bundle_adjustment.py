@@ -133,17 +133,7 @@ def solve_network(
         own = np.einsum("ni,ij->nij", stated**2, np.eye(3))
         none = np.zeros((len(names), 3, 0))
         return Network(tuple(names), np.zeros(centers.shape), own, none, float("nan"), 0, 0)
-    residual = np.concatenate([one.residual for one in sightings])
-    spread, weight = options.pixel_sigma, huber_weight(np.zeros(len(residual)))
-    for _ in range(_ROUNDS):
-        normal = _Normal.of(sightings, weight / spread**2, stated)
-        left = residual - normal.predicted(sightings)
-        # Each camera absorbs at least three of its residuals, each landmark some.
-        free, least = normal.freedom(residual.size), _LEAST_FREE * residual.size
-        spread = float(mad(left)) * float(np.sqrt(residual.size / max(free, least)))
-        # Residuals without redundancy are 0 whatever the errors of the places.
-        spread = max(spread, options.pixel_sigma if free < least else _ROUNDED)
-        weight = huber_weight(np.linalg.norm(left, axis=1) / spread, k=2.5)
+    normal, spread = _adjusted(sightings, stated, options.pixel_sigma)
     return Network(
         names=tuple(names),
         offset=-normal.landmarks,
@@ -151,7 +141,7 @@ def solve_network(
         shared=normal.patterns(),
         pixel_sigma=spread,
         images=len(sightings),
-        seen=len(residual),
+        seen=sum(len(one.residual) for one in sightings),
     )
 
 
@@ -192,6 +182,27 @@ def _sightings(
         sigma = np.concatenate([np.full(3, _FREE_TURN), position])
         found.append(_Sighting(landmark, residual, by_state[..., 3:], by_state, sigma))
     return found
+
+
+def _adjusted(
+    sightings: list[_Sighting], sigma: FloatArray, pixel_sigma: float
+) -> tuple[_Normal, float]:
+    """Return the robust solution, and the standard deviation of the residuals, pixels.
+
+    `sigma` (N, 3), metres, and `pixel_sigma` are the priors of landmarks and of their places.
+    """
+    residual = np.concatenate([one.residual for one in sightings])
+    spread, weight = pixel_sigma, huber_weight(np.zeros(len(residual)))
+    for _ in range(_ROUNDS):
+        normal = _Normal.of(sightings, weight / spread**2, sigma)
+        left = residual - normal.predicted(sightings)
+        # Each camera absorbs at least three of its residuals, each landmark some.
+        free, least = normal.freedom(residual.size), _LEAST_FREE * residual.size
+        spread = float(mad(left)) * float(np.sqrt(residual.size / max(free, least)))
+        # Residuals without redundancy are 0 whatever the errors of the places.
+        spread = max(spread, pixel_sigma if free < least else _ROUNDED)
+        weight = huber_weight(np.linalg.norm(left, axis=1) / spread, k=2.5)
+    return normal, spread
 
 
 class _Tie(NamedTuple):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape
+from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape, frozen
 from spcola.camera import SpcImage, partials_position, partials_rotation, project_image, rotate_axes
 from spcola.errors import InvalidValueError, NotObservableError
 
@@ -176,11 +176,8 @@ def solve_landmark(
         none = np.zeros(3)
         return (none, none) if prior is None else _prior_terms(prior.value - point, prior.sigma)
 
-    begin = np.asarray(start, dtype=np.float64)
-    check_shape(begin, (3,), "start")
-    found = _iterate(
-        begin, linearise, add_prior, lambda point, step: point + step, LANDMARK_PARAMETERS
-    )
+    begin = frozen(start, (3,), "start")
+    found = _iterate(begin, linearise, add_prior, np.add, LANDMARK_PARAMETERS)
     _, partials, variances = linearise(found.state)
     gain = np.einsum("ij,naj,nab->nib", found.covariance, partials, np.linalg.inv(variances))
     return LandmarkSolution(
