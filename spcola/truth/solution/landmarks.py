@@ -149,8 +149,7 @@ def overlaps_of(maplets: Sequence[PlacedMaplet]) -> list[tuple[MapOverlap, ...]]
 def _in_frame(image: SpcImage, measured: FloatArray) -> BoolArray:
     """Return which measured pixels and lines (2, N) lie in the frame; NaN do not."""
     size = np.array([[image.camera.width], [image.camera.height]])
-    inside: BoolArray = np.all((measured > 1.0) & (measured < size), axis=0)
-    return inside
+    return np.all((measured > 1.0) & (measured < size), axis=0)
 
 
 def _facing(
@@ -163,8 +162,7 @@ def _facing(
     toward /= np.linalg.norm(toward, axis=1, keepdims=True)
     facing = np.sum(normals * toward, axis=1) > np.cos(np.radians(settings.most_emission_deg))
     lit = normals @ state.solved.sun > np.cos(np.radians(settings.most_incidence_deg))
-    both: BoolArray = facing & lit
-    return both
+    return facing & lit
 
 
 def _resolved(
@@ -176,5 +174,4 @@ def _resolved(
     """Return for which maplets (N,) the pixels are fine enough."""
     gsd = np.array([solved.maplet.grid.gsd for solved in solved_maplets])
     pixel = image.camera.pixel_angle * np.linalg.norm(image.position - centers, axis=1)
-    fine: BoolArray = pixel <= settings.coarsest * gsd
-    return fine
+    return pixel <= settings.coarsest * gsd

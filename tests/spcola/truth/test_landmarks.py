@@ -11,15 +11,9 @@ from spcola.camera import ImagePoint, project_image
 from spcola.grids import Maplet, MapletGrid
 from spcola.math import Similarity, lattice
 from spcola.truth.body import stream
-from spcola.truth.campaign import (
-    PassSettings,
-    SolvedState,
-    StateSettings,
-    make_state,
-    plan_passes,
-    stations_of_pass,
-)
+from spcola.truth.campaign import PassSettings, plan_passes, stations_of_pass
 from spcola.truth.campaign.cameras import framing_camera
+from spcola.truth.campaign.states import SolvedState, StateSettings, make_state
 from spcola.truth.campaign.stations import Station
 from spcola.truth.sampled import SampledSurface
 from spcola.truth.solution import landmarks_of, measure_landmarks
