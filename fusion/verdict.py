@@ -39,6 +39,7 @@ class Code(CodedText):
 
     CHANGED_INPUT = "changed-input", "a file differs from what the stage that wrote it recorded"
     NO_MATCH = "no-match", "no mapola matches the SPC surface"
+    NO_OVERLAP = "no-overlap", "the two clouds or surfaces do not overlap"
     NO_RELIEF = (
         "no-relief",
         "there is too little relief to verify that lidar and SPC show the same ground",

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from fusion.cli.output import JsonOption, show
-from fusion.cli.stages import AcceptOption
+from fusion.cli.options import AcceptOption, JsonOption
+from fusion.cli.output import show
 from spcola.errors import RejectedResultError
 
 if TYPE_CHECKING:
@@ -100,21 +101,26 @@ def _facts(source: PointSource) -> dict[str, Any]:
 
 def _lines(one: PointSource, two: PointSource, content: dict[str, Any]) -> list[str]:
     """Return what people read: the transform, where it moves the ground, the verdict."""
-    from fusion.report import number
+    from fusion.report.layout import number_text
     from fusion.verdict import verdict_lines
 
     def row(name: str, values: Any, sigmas: Any, factor: float = 1.0) -> str:
         parts = [
-            f"{number(factor * v, None if s is None else factor * s)} ± "
-            f"{'unknown' if s is None else number(factor * s, factor * s)}"
+            f"{number_text(factor * v, None if s is None else factor * s)} ± "
+            f"{'unknown' if s is None else number_text(factor * s, factor * s)}"
             for v, s in zip(values, sigmas or [None] * len(values), strict=True)
         ]
         return f"  {name}: {', '.join(parts)}"
 
-    shift, sigma = content["shift_m"], content["shift_sigma_m"]
-    lines = [
+    head = [
         f"{one.path} ({one.kind}, {one.count} points) → {two.path} ({two.kind}, {two.count})",
         *verdict_lines(content),
+    ]
+    if content["translation_m"] is None:
+        return head
+    shift, sigma = content["shift_m"], content["shift_sigma_m"]
+    lines = [
+        *head,
         row("ground moved by x, y, z, m", shift, sigma.tolist()),
         row("rotation x, y, z, °", content["rotation_deg"], _listed(content["rotation_sigma_deg"])),
     ]
@@ -126,7 +132,12 @@ def _lines(one: PointSource, two: PointSource, content: dict[str, Any]) -> list[
         row("translation x, y, z, m", content["translation_m"],
             _listed(content["translation_sigma_m"]))
     )  # fmt: skip
-    lines.append(f"  differences of height: {number(content['height_residual_std_m'])} m")
+    if isfinite(content["sigma_uncertainty"]):
+        lines.append(
+            f"  sigmas are known to {100 * content['sigma_uncertainty']:.0f} %: they come from "
+            f"{content['clusters']} independent parts of the ground"
+        )
+    lines.append(f"  differences of height: {content['height_residual_std_m']:.3g} m")
     for source in (one, two):
         lost = ", ".join(f"{count} {reason}" for reason, count in source.left_out.items() if count)
         lines += [f"  left out of {source.path}: {lost}"] if lost else []

@@ -58,7 +58,7 @@ def cloud(number: int, count: int = 12_000) -> Array:
 
 
 def shape(transform: Similarity | None = None) -> IcqShape:
-    directions = icq_directions(16)
+    directions = icq_directions(12)
     radius = 100.0 * (
         1.0
         + 0.03 * np.sin(5.0 * directions[..., 0] + 1.0) * np.cos(7.0 * directions[..., 1])
@@ -125,8 +125,12 @@ def test_what_is_refused_says_why_and_writes_nothing(tmp_path: Path) -> None:
     moving, fixed, out = (tmp_path / name for name in ("a.las", "b.las", "out.ply"))
     write_las(moving, [Scan.of_points("a", cloud(0) * [-1.0, 1.0, 1.0])], compressed=False)
     write_las(fixed, [Scan.of_points("b", cloud(1))], compressed=False)
-    error = run(moving, fixed, "-o", out, code=1).stderr
-    assert "refused" in error or "does not determine" in error
+    refused = run(moving, fixed, "-o", out, "--json", code=1)
+    content = json.loads(refused.stdout)
+    assert content["verdict"] == "refused"
+    assert {"relief-unrelated", "fits-otherwise"} <= {each["code"] for each in content["findings"]}
+    assert content["translation_m"] is content["out"] is None
+    assert "mirrored in X" in refused.stderr
     assert not out.exists()
     for target, why in (("out.obj", "can be written as .ply"), ("out.MAP", "can be written as")):
         assert why in run(moving, fixed, "-o", tmp_path / target, code=1).stderr
