@@ -22,7 +22,7 @@ MODULES = {
     for package in ALLOWED
 }
 MOST_BOXES = 17
-MOST_NAMES = 12
+MOST_NAMES = 9
 
 
 def text_of(path: Path) -> str:
