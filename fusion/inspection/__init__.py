@@ -8,6 +8,7 @@ from fusion.inspection.solution_difference import (
     difference_lines,
     solution_difference,
 )
+from fusion.inspection.terrain import read_terrain
 
 __all__ = [
     "SolutionDifference",
@@ -16,5 +17,6 @@ __all__ = [
     "difference_lines",
     "mapolas_forecast",
     "name_content",
+    "read_terrain",
     "solution_difference",
 ]

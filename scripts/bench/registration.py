@@ -234,9 +234,9 @@ def match_lines() -> Iterator[str]:
             lidar, spc = cases[number % CASES]
             return match_surfaces("M", grid, lidar, spc, blur_cells=blur_cells, spectrum=spectrum)
 
-        executor.map(one, range(4))
+        list(executor.stream(one, range(4)))
         start = time.perf_counter()
-        found = executor.map(one, range(MAPOLAS))
+        found = list(executor.stream(one, range(MAPOLAS)))
         return MAPOLAS / (time.perf_counter() - start), found
 
     rate, plain = matched(1.2, None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from spcola.formats.images import read_fits_image, read_image_data, reading_fits
 from spcola.formats.shapes import read_shape
 from spcola.formats.solution import read_landmark, read_summary
 from spcola.shape import RayCaster
-
-if TYPE_CHECKING:
-    pass
 
 # Residuals are drawn so many times as long, where that makes them visible.
 _MAGNIFIED = (1, 2, 5, 10, 20, 50, 100)

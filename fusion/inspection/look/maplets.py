@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fusion.fusing.maplets import FUSED_HDF5, FusedMaplet, Source, fused_names, read_fused
+from fusion.inspection.look.numbers import place_text
 from fusion.inspection.look.picture import Picture, set_title
 from fusion.inspection.look.shading import colour_bar, limits_of, note_gaps, shaded_colours
 from fusion.report.layout import styled_figure
@@ -156,10 +157,8 @@ def _kind(maplet: Maplet) -> str:
 def _caption(maplet: Maplet) -> str:
     """Say where a maplet lies, how large it is, and how its axes run."""
     grid = maplet.grid
-    longitude, latitude = lon_lat_deg(grid.center)
-    hemisphere = "N" if latitude >= 0 else "S"
     return (
-        f"Centre {abs(latitude):.2f}° {hemisphere} {longitude:.2f}° E, "
+        f"Centre {place_text(grid.center)}, "
         f"{np.linalg.norm(grid.center):.6g} m from the body's centre; {grid.size} × {grid.size} "
         f"points at {grid.gsd:.4g} m. Heights along Uz; right is along Uy, up along −Ux."
     )

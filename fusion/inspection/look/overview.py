@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fusion.inspection.describe import describe_workspace
-from fusion.inspection.look.numbers import measured
+from fusion.inspection.look.numbers import millionths
 from fusion.inspection.look.picture import Picture, set_title
 from fusion.pipeline.catalog import read_records
 from fusion.report import gather_coverage
@@ -16,7 +16,7 @@ from fusion.report.figures import draw_coverage, graticule
 from fusion.report.layout import Colour, styled_figure
 from fusion.report.maplets import hillshade
 from fusion.workspace import Workspace
-from lidar.archive import ScanStore
+from lidar.scan_store import ScanStore
 from spcola.arrays import FloatArray
 from spcola.errors import SpcolaError
 from spcola.math import lon_lat_deg
@@ -160,6 +160,5 @@ def _numbers(workspace: Workspace) -> list[str]:
         content = workspace.find_json(path) or {}
         value, sigma = content.get(key), content.get(f"{key}_sigma")
         if value is not None:
-            text = measured(1e6 * (value - offset), None if sigma is None else 1e6 * sigma)
-            found.append(f"{label} = ({text}) · 10⁻⁶")
+            found.append(f"{label} = {millionths(value - offset, sigma)}")
     return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,9 +11,6 @@ from fusion.inspection.look.shading import colour_bar, length_unit, limits_of, s
 from fusion.report.layout import styled_figure
 from spcola.arrays import FloatArray
 from spcola.shape import Hits, Mesh, RayCaster
-
-if TYPE_CHECKING:
-    pass
 
 _PIXELS = 420
 # From where one looks, and what is to the right and up in the picture.

@@ -13,7 +13,7 @@ from spcola.arrays import FloatArray
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PPM = 1e6
+_PPM = 1e6
 
 
 def scale_figure(scale: Mapping[str, Any]) -> Figure:
@@ -41,8 +41,8 @@ def _by_day(panel: Any, scale: Mapping[str, Any]) -> None:
         panel.text(0.5, 0.5, "no daily values", transform=panel.transAxes, ha="center")
         return
     place = np.arange(len(days))
-    epsilon = _numbers(days, "epsilon") * PPM
-    error = np.nan_to_num(_numbers(days, "epsilon_sigma")) * PPM
+    epsilon = _numbers(days, "epsilon") * _PPM
+    error = np.nan_to_num(_numbers(days, "epsilon_sigma")) * _PPM
     panel.errorbar(place, epsilon, error, fmt="o", color=Colour.FUSED, ms=5, capsize=3, zorder=3)
     every = max(1, -(-len(days) // 12))
     labels = [f"{day['day']}\nn = {day.get('n', '?')}" for day in days]
@@ -69,7 +69,7 @@ def _by_angle(
     if not shown:
         panel.text(0.5, 0.5, "not known", transform=panel.transAxes, ha="center")
         return
-    angle, epsilon = _numbers(shown, key), _numbers(shown, "epsilon") * PPM
+    angle, epsilon = _numbers(shown, key), _numbers(shown, "epsilon") * _PPM
     used = np.array([bool(pair.get("used", True)) for pair in shown])
     panel.plot(angle[used], epsilon[used], ".", color=Colour.SPC, ms=4, alpha=0.45, label="single")
     if (~used).any():
@@ -117,10 +117,10 @@ def _joint(panel: Any, scale: Mapping[str, Any], *, label: str = "") -> None:
     panel.axhline(0.0, color=Colour.GREY, lw=0.8)
     value, sigma = scale.get("epsilon"), scale.get("epsilon_sigma")
     if value is not None:
-        panel.axhline(value * PPM, color=Colour.TEXT, lw=1.2, label=label)
+        panel.axhline(value * _PPM, color=Colour.TEXT, lw=1.2, label=label)
         if sigma is not None:
             panel.axhspan(
-                (value - sigma) * PPM, (value + sigma) * PPM, color=Colour.TEXT, alpha=0.12, lw=0
+                (value - sigma) * _PPM, (value + sigma) * _PPM, color=Colour.TEXT, alpha=0.12, lw=0
             )
 
 

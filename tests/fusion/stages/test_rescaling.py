@@ -13,8 +13,8 @@ import pytest
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
-from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.stages.scale.rescaling import usable_epsilon
+from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import Workspace
 from fusion.workspace.solution_records import read_solution
 from spcola.errors import NotObservableError
