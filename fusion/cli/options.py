@@ -61,6 +61,21 @@ class RunOptions:
     workers: WorkersOption = None
     cluster: ClusterOption = ""
     accept: AcceptOption = None
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Make this item alone, a maplet, mapola, image, scan or site by its name; the "
+            "others stay as they are. Repeat it for several.",
+        ),
+    ] = None
+    within: Annotated[
+        str,
+        typer.Option(
+            metavar="LAT,LON,RADIUS_M",
+            help="Make only items whose centres lie within so many metres of a place, degrees.",
+        ),
+    ] = ""
     wait: Annotated[
         bool,
         typer.Option("--wait", help="Wait while another spcola works with the same solution."),

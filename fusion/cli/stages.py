@@ -182,6 +182,10 @@ def run(
     An interrupted run resumes; after a change of settings or files, the stages that depend on it
     run again.
     """
+    if options.only:
+        raise typer.BadParameter(
+            "names items of one stage: give it that command", param_hint="--only"
+        )
     pipeline = _pipeline(workspace, options)
     runs = pipeline.run(force=options.force)
     _print(pipeline, runs, options)
@@ -221,7 +225,7 @@ def _end(pipeline: Pipeline, runs: list[StageRun]) -> None:
 def _pipeline(workspace: Path, options: RunOptions, table: str = "", **changed: Any) -> Pipeline:
     """Return all stages over a workspace, with some settings of one table changed."""
     # Imported here and not above, so that --help is fast.
-    from fusion.pipeline import Pipeline
+    from fusion.pipeline import Pipeline, Subset
     from fusion.runtime import Progress
     from fusion.stages import load_stages
     from fusion.workspace import Workspace
@@ -238,7 +242,8 @@ def _pipeline(workspace: Path, options: RunOptions, table: str = "", **changed: 
             raise typer.BadParameter(error.what, param_hint="--accept") from error
     progress = Progress.fitting(silent=options.as_json)
     workforce = executor_of(options.workers, options.cluster)
-    return Pipeline(opened, settings, load_stages(), workforce, progress, options.wait)
+    subset = Subset.of(options.only or (), options.within)
+    return Pipeline(opened, settings, load_stages(), workforce, progress, options.wait, subset)
 
 
 def _changed(settings: Settings, table: str, given: dict[str, Any]) -> Settings:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,6 @@ import numpy as np
 from fusion.geolocation.kernels import coverage_text, span_text, utc_texts
 from fusion.geolocation.locating import Geolocator
 from fusion.verdict import Code, Finding, Severity
-from fusion.workspace import Workspace
 from lidar.formats.native import iter_scan, scan_summary
 from lidar.geolocation import KernelPlace, Unlocated
 from lidar.scans import Scan, join
@@ -138,17 +138,17 @@ class LocatedShots:
         return max(reasons, key=lambda reason: reason[0])[1]
 
 
-def located_shots(workspace: Workspace, locator: Geolocator, most: int) -> LocatedShots:
+def located_shots(paths: Sequence[Path], locator: Geolocator, most: int) -> LocatedShots:
     """Read and geolocate the shots of each scan, evenly thinned.
 
     Parameters
     ----------
-    workspace : Workspace
+    paths : sequence of Path
+        Of the scans.
     locator : Geolocator
     most : int
         About the number of shots in all.
     """
-    paths = workspace.scan_paths()
     total = sum(scan_summary(path).count for path in paths)
     step = max(1, -(-total // most))
     scans, count, within = [], 0, 0.0

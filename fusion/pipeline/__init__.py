@@ -2,5 +2,16 @@
 
 from fusion.pipeline.pipeline import Pipeline, StageRun, opened
 from fusion.pipeline.stage import Stage, StageContext, StageResult, find_table
+from fusion.pipeline.subset import Subset, with_kept
 
-__all__ = ["Pipeline", "Stage", "StageContext", "StageResult", "StageRun", "find_table", "opened"]
+__all__ = [
+    "Pipeline",
+    "Stage",
+    "StageContext",
+    "StageResult",
+    "StageRun",
+    "Subset",
+    "find_table",
+    "opened",
+    "with_kept",
+]

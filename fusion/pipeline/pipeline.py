@@ -24,6 +24,7 @@ from fusion.pipeline.changed_files import Changed, changed_since
 from fusion.pipeline.changes import Changes
 from fusion.pipeline.items import ItemStore
 from fusion.pipeline.stage import Stage, StageContext, StageResult, find_table
+from fusion.pipeline.subset import Subset
 from fusion.runtime import Executor, Progress, ThreadExecutor, json_value
 from fusion.runtime.folders import clear_leftovers, locked, make_folder, remove_folder
 from fusion.runtime.machine import one_blas_thread
@@ -83,6 +84,8 @@ class Pipeline:
         Where work is done, and where its progress is reported.
     wait : bool
         Whether to wait while another program works with the same solution.
+    subset : Subset
+        Which items of the stages are made. A stage of which some were left out remains due.
     """
 
     workspace: Workspace
@@ -91,6 +94,7 @@ class Pipeline:
     executor: Executor = field(default_factory=ThreadExecutor)
     progress: Progress = field(default_factory=Progress)
     wait: bool = False
+    subset: Subset = field(default_factory=Subset)
 
     @one_blas_thread()
     def run(self, *, force: bool = False) -> list[StageRun]:
@@ -224,9 +228,12 @@ class Pipeline:
             scratch,
             items,
             own,
+            self.subset,
         )
         self._note_shape(key.inputs)
         result = stage.run(context)
+        if self.subset:
+            result = replace(result, summary={**result.summary, "subset": self.subset.as_json()})
         findings = [changed.finding(Severity.NOTE) for changed in against]
         findings += [one.left_out() for one in bad]
         if unsound_matters(key.inputs) and self.workspace.registration_path.name in key.inputs:
@@ -234,7 +241,8 @@ class Pipeline:
         result = replace(result, summary=_with_findings(result.summary, findings))
         self._keep(stage, catalog, key, result)
         remove_folder(scratch.parent)
-        items.remove_unused(since=started)
+        if not self.subset:
+            items.remove_unused(since=started)
         took = time.monotonic() - begun
         run = StageRun(stage.name, "ran", took, json_value(result.summary))
         return self._judged(run, (*notes, *self._report(catalog, result.notes)))
@@ -309,19 +317,27 @@ class Pipeline:
         return ""
 
     def _keep(self, stage: Stage, catalog: Catalog, key: _Key, result: StageResult) -> None:
-        """Record the outputs of `stage`, and remove those of its last run that this one lacks."""
+        """Record the outputs of `stage`, and remove those of its last run that this one lacks.
+
+        Of a subset of items the outputs are kept that this run lacks.
+        """
         before = catalog.record(stage.name)
         outputs = catalog.digests(list(result.outputs))
         for path, digest in ({} if before is None else before.outputs).items():
             file = self.workspace.path_of(path)
+            if path in outputs or not file.is_file():
+                continue
+            if self.subset:
+                outputs[path] = digest
             # A file that was changed since by hand is not removed.
-            if path not in outputs and file.is_file() and catalog.digest(file) == digest:
+            elif catalog.digest(file) == digest:
                 file.unlink()
         finished = datetime.now(UTC).isoformat(timespec="seconds")
         catalog.store(
             StageRecord(
                 stage.name,
-                key.digest,
+                # A key that no run has: the items that were left out are still due.
+                f"subset of {key.digest}" if self.subset else key.digest,
                 key.version,
                 key.settings,
                 key.inputs,

@@ -11,9 +11,11 @@ from typing import Any, TypeVar
 
 from fusion.pipeline.changed_files import Changed
 from fusion.pipeline.items import ItemStore
+from fusion.pipeline.subset import Subset
 from fusion.runtime import AHEAD, Executor, Progress
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings, Table
+from spcola.arrays import FloatArray
 from spcola.errors import SettingsError
 
 Item = TypeVar("Item")
@@ -67,6 +69,8 @@ class StageContext:
         Where finished items are kept, and found again by what went into them.
     own : Changed, optional
         Which of its last results changed since.
+    subset : Subset
+        Which items are made; results of the others stay as they are.
     """
 
     workspace: Workspace
@@ -79,6 +83,7 @@ class StageContext:
     scratch: Path
     items: ItemStore
     own: Changed | None = None
+    subset: Subset = field(default_factory=Subset)
 
     def table(self, kind: type[AnyTable]) -> AnyTable:
         """Return the settings table of class `kind`.
@@ -91,6 +96,12 @@ class StageContext:
         if kind not in self.tables:
             raise SettingsError(f"the stage does not declare {kind.__name__}", "stage")
         return find_table(self.settings, kind)
+
+    def chosen(
+        self, items: Mapping[str, Item], centers: Mapping[str, FloatArray] | None = None
+    ) -> dict[str, Item]:
+        """Return the items that are to be made (:meth:`fusion.pipeline.Subset.chosen`)."""
+        return self.subset.chosen(items, centers) if self.subset else dict(items)
 
     def stream(
         self,

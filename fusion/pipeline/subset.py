@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import astuple, dataclass
 from difflib import get_close_matches
-from typing import TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -85,6 +85,24 @@ class Subset:
     names: frozenset[str] = frozenset()
     place: Place | None = None
 
+    @classmethod
+    def of(cls, names: Iterable[str] = (), within: str = "") -> Subset:
+        """Return the subset of names and of a place ``LAT,LON,RADIUS_M``; both may be empty.
+
+        Raises
+        ------
+        InvalidValueError
+            If the place is none.
+        """
+        return cls(frozenset(names), Place.parse(within) if within else None)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it in JSON types."""
+        return {
+            "only": sorted(self.names),
+            "within": None if self.place is None else list(astuple(self.place)),
+        }
+
     def __bool__(self) -> bool:
         """Return whether anything is left out."""
         return bool(self.names) or self.place is not None
@@ -124,3 +142,44 @@ class Subset:
             near = get_close_matches(name, names, 1)
             hint = f"did you mean {near[0]}?" if near else f"there are {len(names)} others"
             raise InvalidValueError(f"{name!r} is not there", "--only", hint)
+
+
+class Named(Protocol):
+    """A result that states its name."""
+
+    @property
+    def name(self) -> str:
+        """Name of the item."""
+        ...
+
+
+Result = TypeVar("Result", bound=Named)
+
+
+def with_kept(
+    names: Iterable[str],
+    chosen: Collection[str],
+    made: Iterator[Result],
+    kept: Callable[[str], Result | None],
+) -> Iterator[Result]:
+    """Yield the results of chosen items, and those of the others that an earlier run left.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Of all items, in order.
+    chosen : collection of str
+        Those that are made, in the same order.
+    made : iterator
+        Their results in this order; some may have none.
+    kept : callable
+        Reads the result of an item that is not made; None if there is none.
+    """
+    coming = next(made, None)
+    for name in names:
+        if name in chosen:
+            if coming is not None and coming.name == name:
+                yield coming
+                coming = next(made, None)
+        elif (before := kept(name)) is not None:
+            yield before

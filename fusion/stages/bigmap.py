@@ -83,7 +83,10 @@ class BigmapStage(Stage):
         builder = _Builder(workspace, store, table, RayCaster(shape), radius)
         for folder in ("bigmaps", "bigmaps/maplets", "bigmaps/returns"):
             make_folder(workspace.home / folder)
-        made = context.map("bigmaps", builder.write_site, table.sites)
+        sites = {site.name: site for site in table.sites}
+        places = {site.name: builder.grid(site).center for site in table.sites}
+        chosen = context.chosen(sites, places).values()
+        made = context.map("bigmaps", builder.write_site, chosen)
         return StageResult(
             tuple(path for paths, _ in made for path in paths),
             {"bigmaps": len(made), "sites": [summary for _, summary in made]},
@@ -114,7 +117,7 @@ class _Builder:
 
     def write_site(self, site: BigmapSite) -> tuple[list[Path], dict[str, Any]]:
         """Make and write the bigmaps of `site`; return the files and a summary."""
-        grid = self._grid(site)
+        grid = self.grid(site)
         spc = (self._workspace.maplet(name) for name in _over(grid, self._maplets))
         fused = (self._workspace.fused(name) for name in _over(grid, self._fused))
         root = self._workspace.home / "bigmaps"
@@ -132,7 +135,7 @@ class _Builder:
         summary = {"name": site.name, "gsd_m": grid.gsd, "size": grid.size}
         return files, {**summary, **dict(zip(keys, shares, strict=True))}
 
-    def _grid(self, site: BigmapSite) -> MapletGrid:
+    def grid(self, site: BigmapSite) -> MapletGrid:
         """Return the site's grid, centred where its latitude and longitude meet the shape."""
         latitude, longitude = np.radians([site.latitude_deg, site.longitude_deg])
         away = np.array(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 from fusion.fusing import FuseOptions, FuseResult, fuse_maplet
 from fusion.fusing.maplets import FusedMaplet, Source, write_fused
 from fusion.fusing.uncertainty import SlopeInformation
-from fusion.pipeline import Stage, StageContext, StageResult, find_table
+from fusion.pipeline import Stage, StageContext, StageResult, find_table, with_kept
 from fusion.runtime.folders import make_folder
 from fusion.scene import Scene
 from fusion.verdict import Code, Finding, Severity, Verdict
@@ -62,20 +62,28 @@ class FuseStage(Stage):
         tally = _Tally()
 
         def fused(name: str) -> FuseResult:
-            return context.items.result(
-                fuse_maplet, scene.parts(name), information, options=options
-            )
+            parts = scene.parts(name)
+            return context.items.result(fuse_maplet, parts, information, options=options)
 
-        sizes = [float(scene.grid_of(name).size ** 2) for name in scene.targets]
-        done = context.stream("fuse maplets", fused, scene.targets, sizes=sizes)
+        grids = {name: scene.grid_of(name) for name in scene.targets}
+        chosen = context.chosen(grids, {name: grid.center for name, grid in grids.items()})
+        sizes = [float(grid.size**2) for grid in chosen.values()]
+        done = tally.passed(context.stream("fuse maplets", fused, chosen, sizes=sizes))
         folder = workspace.home / "fused"
         make_folder(folder)
-        write_fused(folder, tally.passed(done))
+        write_fused(folder, with_kept(grids, chosen, done, _kept_in(workspace)))
         summary = {**tally.summary(information), **tally.verdict().as_json()}
         return StageResult(tuple(workspace.fused_paths()), summary)
 
 
 STAGE = FuseStage()
+
+
+def _kept_in(workspace: Workspace) -> Callable[[str], FusedMaplet | None]:
+    """Return a function that reads a fused maplet of an earlier run; None if there is none."""
+    there = set(workspace.fused_names())
+    return lambda name: workspace.fused(name) if name in there else None
+
 
 # Limit of the differences of lidar and SPC in one maplet relative to those of the solution; for
 # correct input they lie within 0.8 and 1.4.

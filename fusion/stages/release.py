@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -134,12 +134,13 @@ class ReleaseStage(Stage):
         shutil.rmtree(build, ignore_errors=True)
         make_folder(build)
         origins = Origins.of(context)
-        products = build_products(context, build, origins)
+        made = build_products(context, build, origins)
+        products = [*made, *_kept_products(context, {product.file for product in made})]
         inputs = self.inputs(context.workspace, context.settings)
         provenance = origins.provenance(origins.digests(inputs))
         text = manifest_text(products, provenance, origins.stages)
         folder = context.workspace.home / "release"
-        paths = publish(build, folder, [product.file for product in products], text)
+        paths = publish(build, folder, [product.file for product in made], text)
         kinds = sorted({product.kind for product in products})
         summary = {
             "maplets": len({product.maplet for product in products if product.maplet}),
@@ -174,10 +175,22 @@ def build_products(context: StageContext, build: Path, origins: Origins) -> list
             for kind, path in _write(build / stems[name], maplet, provenance, table)
         ]
 
-    products = [product for made in context.map("release", one, names) for product in made]
+    centers = {name: grid.center for name, grid in zip(names, grids, strict=True)}
+    chosen = context.chosen(dict.fromkeys(names), centers)
+    products = [product for made in context.map("release", one, chosen) for product in made]
     if "map" in table.products:
         products += _write_maps(workspace, build, names, origins)
     return products
+
+
+def _kept_products(context: StageContext, made: Collection[str]) -> list[Product]:
+    """Return the products of an earlier release that are kept as they are; none but of a subset."""
+    path = context.workspace.home / "release" / MANIFEST_FILE
+    if not context.subset or not path.is_file():
+        return []
+    before = context.workspace.read_json(path.relative_to(context.workspace.home))["products"]
+    products = [Product(**entry) for entry in before]
+    return [product for product in products if product.file not in made]
 
 
 def _write_maps(

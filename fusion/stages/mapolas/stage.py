@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fusion.geolocation import ReturnSource, advice_on_unplaced, return_paths
-from fusion.pipeline import Stage, StageContext, StageResult
+from fusion.pipeline import Stage, StageContext, StageResult, with_kept
 from fusion.runtime.machine import check_grid
 from fusion.stages.mapolas.adjusting import adjusted, adjustment_summary
 from fusion.workspace import SETTINGS_FILE, Workspace
@@ -81,17 +81,22 @@ class MapolasStage(Stage):
             around = source.around(grid).of_own_scans()
             return context.items.result(grid_returns, name, grid, around, options=source.options)
 
-        boxes = [source.options.box(grid) for grid in grids.values()]
+        chosen = context.chosen(grids, {name: grid.center for name, grid in grids.items()})
+        boxes = [source.options.box(grid) for grid in chosen.values()]
         sizes = [float(store.count_inside(box)) for box in boxes]
-        done = context.stream("mapolas", one, grids.items(), sizes=sizes, ahead=_AHEAD)
+        done = context.stream("mapolas", one, chosen.items(), sizes=sizes, ahead=_AHEAD)
         empty = WorkspaceError(
             f"none of {len(grids)} grids is covered to {table.min_coverage:.0%} by returns",
             workspace.home / "mapolas",
             _advice(context, store),
         )
-        kept = _some(counts.passed(done, table), empty)
-        names = write_mapolas(workspace.home / "mapolas", kept)
-        summary = counts.summary(len(grids), len(names))
+        there = set(workspace.mapola_names())
+        made = with_kept(
+            grids, chosen, _some(counts.passed(done, table), empty),
+            lambda name: workspace.mapola(name) if name in there else None,
+        )  # fmt: skip
+        write_mapolas(workspace.home / "mapolas", made)
+        summary = counts.summary(len(chosen))
         lost = {scan: count for scan, count in store.without_place.items() if count}
         if lost:
             summary["returns_without_place"] = lost
@@ -163,6 +168,7 @@ def _adapted(grid: MapletGrid, table: MapolaSettings) -> MapletGrid:
 class _Counts:
     """Counts used and rejected returns, and mapolas."""
 
+    made: int = 0
     used: int = 0
     rejected: int = 0
     not_settled: int = 0
@@ -180,19 +186,20 @@ class _Counts:
                 )
             if not mapola.valid.any() or mapola.coverage < table.min_coverage:
                 continue
+            self.made += 1
             self.used += report.used
             self.rejected += report.isolated + report.outlying
             self.not_settled += not report.converged
             self.coverage += mapola.coverage
             yield mapola
 
-    def summary(self, grids: int, made: int) -> dict[str, Any]:
+    def summary(self, grids: int) -> dict[str, Any]:
         """Return what the command prints."""
         return {
             "grids": grids,
-            "mapolas": made,
+            "mapolas": self.made,
             "returns_used": self.used,
             "returns_rejected": self.rejected,
-            "mean_coverage": self.coverage / made,
+            "mean_coverage": self.coverage / self.made,
             "not_settled": self.not_settled,
         }

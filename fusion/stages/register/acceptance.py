@@ -59,7 +59,7 @@ def evidence_of(
     """
     workspace, table = context.workspace, context.table(RegisterSettings)
     reference = surface_reference(workspace, table.against)
-    matcher = Matcher(workspace, table, reference, given, None)
+    matcher = Matcher(workspace, table, reference, given, None, context.items)
     shifts = _displacements(content) if content is not None else {}
     sample = matched.matches[:: -(-len(matched.matches) // _SAMPLE)]
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from fusion.geolocation import ReturnSource
 from fusion.pipeline import StageContext
+from fusion.pipeline.items import ItemStore
 from fusion.registration.results import GivenRegistration
 from fusion.registration.returns import CloudOfReturns, FixedSurface, match_returns
 from fusion.runtime.machine import check_grid
@@ -76,6 +77,8 @@ class Matcher:
     given : GivenRegistration or None
     source : ReturnSource or None
         Source of returns, if they are matched instead of the mapolas' heights.
+    items : ItemStore
+        Where finished matches are kept.
     """
 
     workspace: Workspace
@@ -83,6 +86,7 @@ class Matcher:
     reference: Reference
     given: GivenRegistration | None
     source: ReturnSource | None
+    items: ItemStore
 
     @property
     def options(self) -> MatchOptions:
@@ -110,8 +114,9 @@ class Matcher:
             around = self.source.around(grid, self.options.capture_m)
             fixed = FixedSurface(grid, self.reference(name, grid), blur)
             cloud = CloudOfReturns(around.points, around.sigma)
-            return match_returns(name, cloud, fixed, options=self.options)
-        return match_surfaces(
+            return self.items.result(match_returns, name, cloud, fixed, options=self.options)
+        return self.items.result(
+            match_surfaces,
             name,
             grid,
             Surface(mapola.height, mapola.sigma),
@@ -144,8 +149,10 @@ def match_mapolas(
     Possibly no match is usable.
     """
     workspace, table = context.workspace, context.table(RegisterSettings)
-    matcher = Matcher(workspace, table, surface_reference(workspace, table.against), given, source)
-    names = workspace.mapola_names()
+    reference = surface_reference(workspace, table.against)
+    matcher = Matcher(workspace, table, reference, given, source, context.items)
+    centers = {name: workspace.mapola(name).grid.center for name in workspace.mapola_names()}
+    names = list(context.chosen(centers, centers))
     sample = names[:: -(-len(names) // _SAMPLE)]
     aligned = [pair for pair in context.map("compare resolutions", matcher.aligned, sample) if pair]
     blurs = np.array([pair.blur for pair in aligned])

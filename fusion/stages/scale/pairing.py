@@ -98,7 +98,7 @@ def pair_images(context: StageContext, caster: RayCaster, radius: float) -> Pair
     table = context.table(ScaleSettings)
     solution = _Solution.of(context.workspace, table.maplet_sigma_m)
     options = _options(context.workspace, table, radius, solution)
-    frames, left_out = _frames(context.workspace, caster, options)
+    frames, left_out = _frames(context, caster, options)
     maker = _PairMaker(context, options, frames, solution)
     groups = maker.groups()
     sizes = [float(len(frames)) for frames in groups.values()]
@@ -115,7 +115,12 @@ def pair_images(context: StageContext, caster: RayCaster, radius: float) -> Pair
     sample = pairs[:: max(1, -(-len(pairs) // _BLUR_SAMPLE))]
     blurs = np.array(context.map("compare resolutions", Pair.relative_blur, sample))
     blur = float(np.nanmedian(blurs)) if np.isfinite(blurs).any() else 0.0
-    again = context.map("match pairs", lambda pair: rematch(pair, options, blur_cells=blur), pairs)
+    items = context.items
+    again = context.map(
+        "match pairs",
+        lambda pair: items.result(rematch, pair, options, blur_cells=blur),
+        pairs,
+    )
     left_out += [item for item in (*first, *again) if isinstance(item, UnpairedImage)]
     kept = [item for item in again if isinstance(item, Pair)]
     names = tuple(solution.grids)
@@ -181,12 +186,15 @@ def _options(
 
 
 def _frames(
-    workspace: Workspace, caster: RayCaster, options: PairOptions
+    context: StageContext, caster: RayCaster, options: PairOptions
 ) -> tuple[list[PairFrame], list[UnpairedImage]]:
-    """Return the frames of all images, without those that miss the body or look obliquely."""
-    found = [frame_of_image(image, caster, options) for image in workspace.images()]
-    frames = [item for item in found if isinstance(item, PairFrame)]
-    return frames, [item for item in found if isinstance(item, UnpairedImage)]
+    """Return the frames of chosen images; without those that miss the body or look obliquely."""
+    images = {image.name: image for image in context.workspace.images()}
+    found = {name: frame_of_image(image, caster, options) for name, image in images.items()}
+    centers = {k: item.grid.center for k, item in found.items() if isinstance(item, PairFrame)}
+    chosen = context.chosen(found, centers).values()
+    frames = [item for item in chosen if isinstance(item, PairFrame)]
+    return frames, [item for item in chosen if isinstance(item, UnpairedImage)]
 
 
 class _PairMaker:
@@ -200,6 +208,7 @@ class _PairMaker:
         solution: _Solution,
     ) -> None:
         workspace = context.workspace
+        self._items = context.items
         self._workspace, self._options, self._frames = workspace, options, frames
         self._grids = solution.grids
         self._table = context.table(ScaleSettings)
@@ -244,7 +253,7 @@ class _PairMaker:
 
     def _pair(self, frame: PairFrame, scan: Scan, offset: Offset | None) -> Pair | UnpairedImage:
         around = maplets_around(self._workspace, self._grids, frame.grid)
-        spc = make_bigmap(frame.image, frame.grid, around)
+        spc = self._items.result(make_bigmap, frame.image, frame.grid, around)
         x, y, height = frame.grid.project(scan.points)
         side = frame.grid.half_size + 0.5
         # Only returns on the grid: their times determine on which states the pair depends.
@@ -261,7 +270,8 @@ class _PairMaker:
         maplets[[place[maplet.name] for maplet in around]] = shares
         states, response = self._state_response(spc, chosen, offset)
         sources = PairSources(scan.name, states, response, maplets)
-        return make_pair(frame, spc, Returns.of_scans([chosen]), sources, self._options)
+        returns = Returns.of_scans([chosen])
+        return self._items.result(make_pair, frame, spc, returns, sources, self._options)
 
     def _state_response(
         self, spc: Maplet, scan: Scan, offset: Offset | None

@@ -118,7 +118,8 @@ class _Shots:
             context.table(SpiceSettings),
             max_gap_s=table.max_gap_s,
         )
-        taken = located_shots(workspace, locator, table.max_shots)
+        chosen = context.chosen({path.stem: path for path in workspace.scan_paths()}).values()
+        taken = located_shots(list(chosen), locator, table.max_shots)
         trajectory = table.trajectory if workspace.image_names() else "reference"
         spots = SpotOptions(table.footprint_mrad / 1e3, table.pointing_sigma_mrad / 1e3)
         placed: list[_PlacedScan] = [(scan, None) for scan in taken.scans]
