@@ -91,18 +91,6 @@ def remove_smear(pixels: PixelValues, transfer: FrameTransfer) -> PixelValues:
     return pixels.with_values(np.where(pixels.valid, clear, np.nan))
 
 
-def add_smear(brightness: FloatArray, transfer: FrameTransfer) -> FloatArray:
-    """Return what the detector gives for a `brightness` (lines, samples) without dark level."""
-    from_memory = slice(None, None, 1 if transfer.memory_side == "first line" else -1)
-    ordered = np.asarray(brightness, dtype=np.float64)[from_memory]
-    before = np.cumsum(ordered, axis=0) - ordered
-    after = ordered.sum(axis=0) - before - ordered
-    smear = transfer.line_transfer_s * before + transfer.clearing_s * after
-    smeared = np.empty_like(ordered)
-    smeared[from_memory] = ordered + smear / transfer.exposure_s
-    return smeared
-
-
 def _solve(observed: FloatArray, a: float, b: float) -> FloatArray:
     """Return S (lines, samples) of D, lines from the memory.
 

@@ -1,0 +1,203 @@
+"""FITS images: size, type and keywords, read from the headers alone."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spcola.errors import FormatError
+from spcola.formats.images.image_label import ImageLabel, first_text, kelvin, seconds, text_of
+from spcola.formats.images.special_values import SpecialValues
+from spcola.formats.text import regular_size
+
+_TYPES = {8: "u1", 16: "i2", 32: "i4", 64: "i8", -32: "f4", -64: "f8"}
+_BLOCK = 2880
+_MOST_UNITS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class FitsImage:
+    """The first image of a FITS file.
+
+    Parameters
+    ----------
+    unit : int
+        Its number, 0 for the primary array.
+    width, height : int
+    stored : numpy.dtype
+        Type in the file.
+    dtype : numpy.dtype
+        Type after BSCALE and BZERO.
+    offset : int
+        Bytes before its first pixel.
+    extra_axes : int
+        Axes of length 1 beyond two.
+    scaling : (2,) of float
+        BSCALE and BZERO.
+    special : SpecialValues
+        After scaling.
+    label : ImageLabel
+    """
+
+    unit: int
+    width: int
+    height: int
+    stored: np.dtype[np.generic]
+    dtype: np.dtype[np.generic]
+    offset: int
+    extra_axes: int
+    scaling: tuple[float, float]
+    special: SpecialValues
+    label: ImageLabel
+
+
+def read_fits_headers(path: Path) -> FitsImage:
+    """Return the first image of a FITS file without reading its pixels.
+
+    Raises
+    ------
+    FormatError
+        If a header cannot be read, there is no image, it has several planes, or the file is
+        shorter than the headers state.
+    """
+    from astropy.io import fits  # noqa: PLC0415  (a quarter of a second at start-up)
+
+    length = regular_size(path)
+    primary: dict[str, Any] = {}
+    try:
+        with path.open("rb") as stream, warnings.catch_warnings(action="error"):
+            for unit in range(_MOST_UNITS):
+                header = fits.Header.fromfile(stream)
+                offset = stream.tell()
+                found = _size(header, path, unit, length - offset)
+                if header.get("XTENSION", "IMAGE").strip() == "IMAGE" and header["NAXIS"] >= 2:
+                    keywords = {**primary, **_keywords(header)}
+                    return _image(path, unit, header, keywords, offset)
+                primary = primary or _keywords(header)
+                stream.seek(offset + -(-found // _BLOCK) * _BLOCK)
+    except EOFError:
+        pass
+    except FormatError:
+        raise
+    except Exception as error:
+        raise FormatError(f"cannot be read as FITS ({error})", path) from error
+    raise FormatError("has no image in it", path, "tables and compressed images are not read")
+
+
+def _size(header: Any, path: Path, unit: int, left: int) -> int:
+    """Return the bytes of a unit's data."""
+    axes = header.get("NAXIS")
+    if isinstance(axes, bool) or not isinstance(axes, int) or not 0 <= axes <= 9:
+        raise FormatError(f"cannot be read as FITS (NAXIS is {axes!r})", path)
+    lengths = [header.get(f"NAXIS{number + 1}") for number in range(axes)]
+    numbers = [header.get("BITPIX"), header.get("PCOUNT", 0), header.get("GCOUNT", 1), *lengths]
+    if not all(isinstance(n, int) and not isinstance(n, bool) for n in numbers):
+        raise FormatError(f"has no size of unit {unit} in its header", path)
+    bitpix, pcount, gcount = numbers[:3]
+    if bitpix not in _TYPES or min([pcount, gcount, *lengths], default=0) < 0:
+        raise FormatError(f"has an impossible size of unit {unit} (BITPIX {bitpix})", path)
+    count = int(np.prod([float(n) for n in lengths])) if lengths else 0
+    size = abs(bitpix) // 8 * gcount * (pcount + count)
+    if size > left:
+        raise FormatError(
+            f"has {left} bytes for unit {unit}, its header needs {size}",
+            path,
+            "the file is truncated; copy it again",
+        )
+    return int(size)
+
+
+def _image(path: Path, unit: int, header: Any, keywords: dict[str, Any], offset: int) -> FitsImage:
+    """Return the image of a header."""
+    axes = header["NAXIS"]
+    if any(header[f"NAXIS{number}"] != 1 for number in range(3, axes + 1)):
+        planes = " × ".join(str(header[f"NAXIS{number}"]) for number in range(1, axes + 1))
+        raise FormatError(f"has an image of {planes}, one plane is needed", path)
+    width, height = header["NAXIS1"], header["NAXIS2"]
+    if not (width > 0 and height > 0):
+        raise FormatError(f"has an image of {width} × {height} pixels", path)
+    stored = np.dtype(">" + _TYPES[header["BITPIX"]])
+    scale, zero = float(header.get("BSCALE", 1)), float(header.get("BZERO", 0))
+    dtype, special = _scaled(stored, scale, zero, header.get("BLANK"))
+    saturated = header.get("SATURATE")
+    if isinstance(saturated, int | float) and not isinstance(saturated, bool):
+        special = SpecialValues(special.missing, saturated=(float(saturated),))
+    label = fits_label(keywords, path.name)
+    return FitsImage(
+        unit, width, height, stored, dtype, offset, axes - 2, (scale, zero), special, label
+    )
+
+
+def _scaled(
+    stored: np.dtype[np.generic], scale: float, zero: float, blank: Any
+) -> tuple[np.dtype[np.generic], SpecialValues]:
+    """Return type and special values after scaling, as astropy delivers them."""
+    if stored.kind == "f" or scale != 1.0 or zero not in (0.0, 2.0 ** (8 * stored.itemsize - 1)):
+        plain = stored.kind == "f" and scale == 1.0 and zero == 0.0
+        wide = stored.itemsize > 2 and stored != np.dtype(">f4")
+        kind = stored.newbyteorder("=") if plain else np.dtype("f8" if wide else "f4")
+        return kind, SpecialValues()  # BLANK becomes NaN
+    dtype = stored.newbyteorder("=") if zero == 0.0 else np.dtype(f"u{stored.itemsize}")
+    missing = (blank + zero,) if isinstance(blank, int) and not isinstance(blank, bool) else ()
+    return dtype, SpecialValues(missing)
+
+
+def _keywords(header: Any) -> dict[str, Any]:
+    """Return the keywords; a unit in the comment's first brackets goes with its number."""
+    found: dict[str, Any] = {}
+    for card in header.cards:
+        if not card.keyword or card.keyword in ("COMMENT", "HISTORY", "END"):
+            continue
+        comment = card.comment or ""
+        unit = comment[1 : comment.find("]")] if comment.startswith("[") else None
+        number = isinstance(card.value, int | float) and not isinstance(card.value, bool)
+        found[card.keyword] = {"value": card.value, "unit": unit} if unit and number else card.value
+    return found
+
+
+def fits_label(keywords: Mapping[str, Any], file_name: str) -> ImageLabel:
+    """Return what FITS keywords state.
+
+    Of the standard: DATE-BEG, DATE-END, DATE-AVG (UTC of start, end and middle), DATE-OBS (start),
+    XPOSURE, EXPTIME (seconds), OBJECT, INSTRUME, FILTER; and this program's own IMGNAME and UTC
+    (middle of the exposure).
+    """
+    exposure = next(
+        (
+            value
+            for key in ("XPOSURE", "EXPTIME", "EXPOSURE")
+            if (value := seconds(keywords.get(key), without_unit=1.0)) is not None
+        ),
+        None,
+    )
+    temperatures = {
+        key: value
+        for key, raw in keywords.items()
+        if "TEMP" in key and (value := kelvin(raw)) is not None
+    }
+    return ImageLabel(
+        name=first_text(keywords, "IMGNAME", "PRODNAME", "FILENAME") or file_name,
+        target=first_text(keywords, "TARGET", "OBJECT"),
+        instrument=first_text(keywords, "INSTRUME"),
+        filter=first_text(keywords, "FILTER", "FILTNAME"),
+        start_utc=_utc(keywords, "DATE-BEG", "DATE-OBS"),
+        stop_utc=_utc(keywords, "DATE-END"),
+        mid_utc=first_text(keywords, "DATE-AVG", "UTC"),
+        exposure_s=exposure,
+        clock_start=first_text(keywords, "SCLK", "MET"),
+        temperatures_k=temperatures,
+        keywords=keywords,
+    )
+
+
+def _utc(keywords: Mapping[str, Any], *names: str) -> str | None:
+    """Return the first time; a date alone is none."""
+    return next(
+        (text for text in (text_of(keywords.get(name)) for name in names) if text and ":" in text),
+        None,
+    )

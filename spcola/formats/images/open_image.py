@@ -1,0 +1,273 @@
+"""Opening of image files: the format is found from the content, a detached label beside it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spcola.errors import FormatError, InvalidValueError
+from spcola.formats.images.fits_label import FitsImage, read_fits_headers
+from spcola.formats.images.image_file import ImageFile, ImageFormat
+from spcola.formats.images.image_label import ImageLabel, exposure_notes
+from spcola.formats.images.isis_cube import read_isis_cube
+from spcola.formats.images.pds3 import DescribedArray, read_pds3
+from spcola.formats.images.pds4 import read_pds4
+from spcola.formats.images.pixel_sources import DatFile, FitsUnit, RasterBand
+from spcola.formats.images.raster_image import read_raster_layout
+from spcola.formats.images.special_values import SpecialValues
+from spcola.formats.text import read_bytes
+
+_DRIVERS = {ImageFormat.TIFF: "GTiff", ImageFormat.PNG: "PNG"}
+_HEAD_BYTES = 4096
+_ISIS = re.compile(rb"\s*Object\s*=\s*IsisCube", re.IGNORECASE)
+_PDS3 = re.compile(rb"(?:^|\n)\s*(?:PDS|ODL)_VERSION_ID\s*=")
+_LABEL_ENDINGS = (".xml", ".lbl")
+
+
+def open_image(
+    path: str | Path, *, band: int | None = None, size: tuple[int, int] | None = None
+) -> ImageFile:
+    """Open an image file of any format; its pixels are read when they are asked for.
+
+    FITS, PDS3 (attached and detached labels), PDS4, ISIS cubes, TIFF, PNG, and SPC's .DAT. A FITS
+    or plain file with a detached label of the same name beside it (.xml, otherwise .lbl) is one
+    image with it: the label is read, pixels and byte order are compared with it, and what it does
+    not state comes from the FITS header.
+
+    Parameters
+    ----------
+    path : str or Path
+        The image or its detached label.
+    band : int, optional
+        Band of a file with several ones, from 1.
+    size : (2,) of int, optional
+        Width and height, for a .DAT file only: it has no header.
+
+    Returns
+    -------
+    ImageFile
+
+    Raises
+    ------
+    FormatError
+        If the format is unknown, or label and pixels contradict each other.
+    InvalidValueError
+        If a band does not exist.
+    """
+    path = Path(path)
+    kind = _kind_of(path)
+    if kind is None:
+        image = _open_plain(path, size)
+    elif size is not None:
+        raise InvalidValueError(f"is {kind} and states its own size", path, "give no size")
+    else:
+        image = _OPENERS[kind](path, band)
+    if image.width * image.height <= 0:
+        raise FormatError("has no pixels", path)
+    notes = (*image.notes, *image.label.notes, *exposure_notes(image.label))
+    return replace(image, notes=tuple(dict.fromkeys(notes)))
+
+
+def _kind_of(path: Path) -> ImageFormat | None:
+    """Return the format of a file from its first bytes; None for plain pixels."""
+    head = read_bytes(path, most=_HEAD_BYTES)
+    if head.startswith(b"SIMPLE  ="):
+        return ImageFormat.FITS
+    if head.startswith(b"\x89PNG"):
+        return ImageFormat.PNG
+    if head[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+        return ImageFormat.TIFF
+    if _ISIS.match(head):
+        return ImageFormat.ISIS
+    if _PDS3.search(head):
+        return ImageFormat.PDS3
+    if head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith((b"<?xml", b"<Product")):
+        return ImageFormat.PDS4
+    return None
+
+
+def _open_fits(path: Path, band: int | None) -> ImageFile:
+    """Open a FITS file with the label beside it."""
+    _only_one(path, band)
+    fits = read_fits_headers(path)
+    notes: tuple[str, ...] = ()
+    for label_path in _labels_beside(path):
+        described = _READERS[_kind_of(label_path) or ImageFormat.FITS](label_path)
+        if described.array.path.samefile(path):
+            return _fits_with_label(path, fits, label_path, described)
+        notes += (f"{label_path.name} lies beside {path.name}, but names another file",)
+    return ImageFile(
+        path, ImageFormat.FITS, path, path, fits.width, fits.height, fits.stored,
+        FitsUnit(path, fits.unit, fits.extra_axes), fits.special, 1.0, 0.0, fits.label, None, notes,
+    )  # fmt: skip
+
+
+def _open_pds(path: Path, band: int | None) -> ImageFile:
+    """Open a PDS3 or PDS4 label with its pixels."""
+    _only_one(path, band)
+    kind = _kind_of(path)
+    assert kind is not None
+    described = _READERS[kind](path)
+    array = described.array
+    if array.path != path and _kind_of(array.path) is ImageFormat.FITS:
+        return _fits_with_label(path, read_fits_headers(array.path), path, described)
+    return ImageFile(
+        path, kind, array.path, path, array.samples, array.lines, array.dtype,
+        array, described.special, described.scale, described.base, described.label,
+    )  # fmt: skip
+
+
+def _open_isis(path: Path, band: int | None) -> ImageFile:
+    """Open an ISIS cube."""
+    cube = read_isis_cube(path)
+    chosen = _chosen(path, band, tuple(range(1, cube.bands + 1)))
+    return ImageFile(
+        path, ImageFormat.ISIS, cube.pixel_path, path, cube.width, cube.height, cube.dtype,
+        RasterBand(path, "ISIS3", chosen), cube.special, cube.scale, cube.base, cube.label,
+    )  # fmt: skip
+
+
+def _open_raster(path: Path, band: int | None) -> ImageFile:
+    """Open a TIFF or PNG."""
+    kind = _kind_of(path)
+    assert kind is not None
+    driver = _DRIVERS[kind]
+    layout = read_raster_layout(path, driver)
+    colors = len(layout.grey) == 3 and band is None
+    chosen = layout.grey[0] if colors else _chosen(path, band, layout.grey)
+    equal = layout.grey[1:] if colors else ()
+    alpha = None if layout.alpha is None else RasterBand(path, driver, layout.alpha)
+    return ImageFile(
+        path, kind, path, None, layout.width, layout.height, layout.dtype,
+        RasterBand(path, driver, chosen, equal), layout.special, layout.scale, layout.base,
+        ImageLabel(name=path.name), alpha,
+    )  # fmt: skip
+
+
+def _open_plain(path: Path, size: tuple[int, int] | None) -> ImageFile:
+    """Open plain pixels: a .DAT file of known size, or the file of a detached label."""
+    if size is not None:
+        source = DatFile(path, *size)
+        return ImageFile(
+            path, ImageFormat.DAT, path, None, *size, source.dtype, source, SpecialValues(),
+            1.0, 0.0, ImageLabel(name=path.name),
+        )  # fmt: skip
+    labels = _labels_beside(path)
+    if not labels:
+        raise FormatError(
+            "is no FITS, PDS3, PDS4, ISIS, TIFF or PNG file",
+            path,
+            "put its detached label (.lbl or .xml) beside it; a .DAT file needs its size",
+        )
+    image = _open_pds(labels[0], None)
+    if not image.pixel_path.samefile(path):
+        raise FormatError(f"is not what the label beside it names ({image.pixel_path.name})", path)
+    return replace(image, path=path)
+
+
+_OPENERS: dict[ImageFormat, Callable[[Path, int | None], ImageFile]] = {
+    ImageFormat.FITS: _open_fits,
+    ImageFormat.PDS3: _open_pds,
+    ImageFormat.PDS4: _open_pds,
+    ImageFormat.ISIS: _open_isis,
+    ImageFormat.TIFF: _open_raster,
+    ImageFormat.PNG: _open_raster,
+}
+_READERS: dict[ImageFormat, Callable[[Path], DescribedArray]] = {
+    ImageFormat.PDS3: read_pds3,
+    ImageFormat.PDS4: read_pds4,
+}
+
+
+def _fits_with_label(
+    path: Path, fits: FitsImage, label_path: Path, described: DescribedArray
+) -> ImageFile:
+    """Return a FITS image with its detached label, after comparing both."""
+    array = described.array
+    _agree("size", (array.samples, array.lines), (fits.width, fits.height), array.path, label_path)
+    _agree("pixel type", array.dtype, fits.stored, array.path, label_path)
+    _agree("first byte of the pixels", array.offset + 1, fits.offset + 1, array.path, label_path)
+    if (described.scale, described.base) != (1.0, 0.0):
+        scaling = (described.scale, described.base)
+        _agree("scaling", scaling, fits.scaling, array.path, label_path)
+    scale, zero = fits.scaling
+    both = (described.special, fits.special)
+    label = _filled(described.label, fits.label)
+    kind = _kind_of(label_path)
+    assert kind is not None
+    others = [p.name for p in _labels_beside(array.path) if not p.samefile(label_path)]
+    return ImageFile(
+        path, kind, array.path, label_path, fits.width, fits.height, fits.stored,
+        FitsUnit(array.path, fits.unit, fits.extra_axes),
+        SpecialValues(
+            tuple(scale * v + zero for v in both[0].missing) + both[1].missing,
+            tuple(scale * v + zero for v in both[0].dark),
+            tuple(scale * v + zero for v in both[0].saturated) + both[1].saturated,
+        ),
+        1.0, 0.0, label, None,
+        tuple(f"{name} is not read: {label_path.name} is" for name in others),
+    )  # fmt: skip
+
+
+def _agree(what: str, label: Any, pixels: Any, path: Path, label_path: Path) -> None:
+    """Refuse a file whose header contradicts its detached label."""
+    if label != pixels:
+        label, pixels = (
+            v.str if isinstance(v, np.dtype) else " × ".join(map(str, v)) if isinstance(v, tuple)
+            else v
+            for v in (label, pixels)
+        )  # fmt: skip
+        raise FormatError(
+            f"has {what} {pixels}, its label {label_path.name} gives {label}",
+            path,
+            "the label is another image's",
+        )
+
+
+def _filled(label: ImageLabel, other: ImageLabel) -> ImageLabel:
+    """Return a label; what it does not state is taken from the other one.
+
+    The middle of the exposure is taken over only with its start: they belong to one clock.
+    """
+    missing = {
+        item.name: getattr(other, item.name)
+        for item in fields(label)
+        if getattr(label, item.name) in (None, {})
+    }
+    if label.start_utc is not None:
+        missing.pop("mid_utc", None)
+    keywords = {**label.keywords, "FITS": other.keywords}
+    return replace(label, **missing, keywords=keywords, notes=label.notes + other.notes)
+
+
+def _labels_beside(path: Path) -> list[Path]:
+    """Return the detached labels with the name of a file, .xml before .lbl."""
+    stem = path.name.removesuffix(path.suffix).lower()
+    found = {
+        other.suffix.lower(): other
+        for other in sorted(path.parent.glob("*.[xXlL]*"))
+        if other.suffix.lower() in _LABEL_ENDINGS and other.stem.lower() == stem and other != path
+    }
+    usable = [found[ending] for ending in _LABEL_ENDINGS if ending in found]
+    return [label for label in usable if _kind_of(label) in _READERS]
+
+
+def _chosen(path: Path, band: int | None, bands: tuple[int, ...]) -> int:
+    """Return the band to read."""
+    if band is None and len(bands) == 1:
+        return bands[0]
+    if band is None:
+        raise FormatError(f"has {len(bands)} bands", path, "give the number of one")
+    if band not in bands:
+        raise InvalidValueError(f"has no band {band} (it has {len(bands)})", path)
+    return band
+
+
+def _only_one(path: Path, band: int | None) -> None:
+    """Refuse another band than the first of a file with one."""
+    _chosen(path, band, (1,))

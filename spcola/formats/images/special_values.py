@@ -1,0 +1,66 @@
+"""Special values of pixels: which stored numbers are no measurements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spcola.arrays import AnyArray, BoolArray
+from spcola.camera.detector import PixelValues
+
+Dtype = np.dtype[np.generic]
+
+
+@dataclass(frozen=True)
+class SpecialValues:
+    """Stored numbers with a meaning, before scaling.
+
+    Parameters
+    ----------
+    missing, dark, saturated : tuple of float
+        No data; saturated at the low and at the high end.
+    lowest : float, optional
+        Smaller numbers that are in none of the groups are missing too.
+    """
+
+    missing: tuple[float, ...] = ()
+    dark: tuple[float, ...] = ()
+    saturated: tuple[float, ...] = ()
+    lowest: float | None = None
+
+
+def classified(stored: AnyArray, special: SpecialValues, scale: float, base: float) -> PixelValues:
+    """Return ``base + scale × stored`` with the special values as masks.
+
+    Integers with scale 1 and base 0 remain integers; other values become float32 where they fit
+    without loss (integers of 16 bits and fewer, float32), otherwise float64.
+    """
+    dark, saturated = (_among(stored, group) for group in (special.dark, special.saturated))
+    missing = _among(stored, special.missing)
+    if special.lowest is not None:
+        missing |= (stored < special.lowest) & ~dark & ~saturated
+    if stored.dtype.kind == "f":
+        missing |= ~np.isfinite(stored)
+    if scale == 1.0 and base == 0.0 and stored.dtype.kind in "ui":
+        return PixelValues(stored, missing, dark, saturated)
+    kind = np.float32 if stored.dtype.itemsize <= 2 or stored.dtype == np.float32 else np.float64
+    values = stored.astype(kind)
+    none = missing | dark | saturated
+    if none.any():
+        values[none] = np.nan
+    if scale != 1.0 or base != 0.0:
+        values = (values * scale + base).astype(kind)
+    return PixelValues(values, missing, dark, saturated)
+
+
+def _among(stored: AnyArray, numbers: tuple[float, ...]) -> BoolArray:
+    """Return which pixels have one of `numbers`, compared in the pixels' own type."""
+    found = np.zeros(stored.shape, dtype=bool)
+    for number in numbers:
+        if stored.dtype.kind in "ui":
+            limits = np.iinfo(stored.dtype)
+            if number != int(number) or not limits.min <= number <= limits.max:
+                continue
+        found |= stored == stored.dtype.type(number)
+    return found
