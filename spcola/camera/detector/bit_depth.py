@@ -132,5 +132,5 @@ def to_unsigned(pixels: PixelValues, depth: BitDepth) -> StoredPixels:
         dn = np.clip(rounded, 0, depth.largest).astype(kind)
     dn[pixels.missing | pixels.dark] = 0
     dn[pixels.saturated] = depth.largest
-    counts = (int(np.count_nonzero(mask)) for mask in (pixels.missing, pixels.saturated))
-    return StoredPixels(dn, depth, *counts, below, above)
+    missing, saturated = (int(np.count_nonzero(m)) for m in (pixels.missing, pixels.saturated))
+    return StoredPixels(dn, depth, missing, saturated, below, above)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from spcola.camera.detector import Orientation
+from spcola.camera.detector import Direction, Orientation
 from spcola.errors import FormatError, InvalidValueError
 from spcola.formats.images.image_label import (
     ImageLabel,
@@ -107,7 +107,7 @@ def read_pds3(path: Path) -> DescribedArray:
 
 
 def pds3_label(keywords: Mapping[str, Any], file_name: str) -> ImageLabel:
-    """Return what PDS3 keywords state; an exposure without a unit is in ms, as the dictionary has."""
+    """Return what PDS3 keywords state; the dictionary's unit of an exposure is the millisecond."""
     orientation, notes = display_directions(
         first_text(keywords, "LINE_DISPLAY_DIRECTION")
         or first_text(group(keywords, "IMAGE"), "LINE_DISPLAY_DIRECTION"),
@@ -147,11 +147,10 @@ def display_directions(
     if line is None and sample is None:
         return None, ()
     try:
-        return Orientation(  # type: ignore[arg-type]  # refuses other texts
-            (line or "down").lower(), (sample or "right").lower()
-        ), ()
-    except InvalidValueError as error:
-        return None, (f"display directions are not used: {error}",)
+        down, right = (Direction(text.lower()) for text in (line or "down", sample or "right"))
+        return Orientation(down, right), ()
+    except (ValueError, InvalidValueError) as error:
+        return None, (f"display directions are not used ({error})",)
 
 
 def _place(path: Path, pointer: Any, keywords: Mapping[str, Any]) -> tuple[Path, int]:
@@ -208,11 +207,11 @@ def _sample_type(entry: Mapping[str, Any], path: Path) -> np.dtype[np.generic]:
 def _special(entry: Mapping[str, Any]) -> SpecialValues:
     """Return the special values; ``16#FF7FFFFB#`` is the pattern of a floating-point number."""
     real = "REAL" in str(entry.get("SAMPLE_TYPE")).upper()
-    groups = [
-        tuple(value for name in names if (value := _constant(entry.get(name), real)) is not None)
+    missing, dark, saturated = (
+        tuple(found for name in names if (found := _constant(entry.get(name), real)) is not None)
         for names in (_MISSING, _DARK, _SATURATED)
-    ]
-    return SpecialValues(*groups)
+    )
+    return SpecialValues(missing, dark, saturated)
 
 
 def _constant(value: Any, real: bool) -> float | None:

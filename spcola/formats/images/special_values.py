@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spcola.arrays import AnyArray, BoolArray
+from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.camera.detector import PixelValues
 
 Dtype = np.dtype[np.generic]
@@ -44,13 +44,13 @@ def classified(stored: AnyArray, special: SpecialValues, scale: float, base: flo
         missing |= ~np.isfinite(stored)
     if scale == 1.0 and base == 0.0 and stored.dtype.kind in "ui":
         return PixelValues(stored, missing, dark, saturated)
-    kind = np.float32 if stored.dtype.itemsize <= 2 or stored.dtype == np.float32 else np.float64
-    values = stored.astype(kind)
+    short = stored.dtype.itemsize <= 2 or stored.dtype == np.float32
+    values: FloatArray = stored.astype(np.float32 if short else np.float64)
     none = missing | dark | saturated
     if none.any():
         values[none] = np.nan
     if scale != 1.0 or base != 0.0:
-        values = (values * scale + base).astype(kind)
+        values = (values * scale + base).astype(values.dtype)
     return PixelValues(values, missing, dark, saturated)
 
 
