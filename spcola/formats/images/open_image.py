@@ -23,6 +23,11 @@ from spcola.formats.images.special_values import SpecialValues
 from spcola.formats.text import read_bytes
 
 _DRIVERS = {ImageFormat.TIFF: "GTiff", ImageFormat.PNG: "PNG"}
+_STARTS = {
+    b"SIMPLE  =": ImageFormat.FITS,
+    b"\x89PNG": ImageFormat.PNG,
+    **dict.fromkeys((b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), ImageFormat.TIFF),
+}
 _HEAD_BYTES = 4096
 _ISIS = re.compile(rb"\s*Object\s*=\s*IsisCube", re.IGNORECASE)
 _PDS3 = re.compile(rb"(?:^|\n)\s*(?:PDS|ODL)_VERSION_ID\s*=")
@@ -76,19 +81,15 @@ def open_image(
 def _kind_of(path: Path) -> ImageFormat | None:
     """Return the format of a file from its first bytes; None for plain pixels."""
     head = read_bytes(path, most=_HEAD_BYTES)
-    if head.startswith(b"SIMPLE  ="):
-        return ImageFormat.FITS
-    if head.startswith(b"\x89PNG"):
-        return ImageFormat.PNG
-    if head[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
-        return ImageFormat.TIFF
+    for start, kind in _STARTS.items():
+        if head.startswith(start):
+            return kind
     if _ISIS.match(head):
         return ImageFormat.ISIS
     if _PDS3.search(head):
         return ImageFormat.PDS3
-    if head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith((b"<?xml", b"<Product")):
-        return ImageFormat.PDS4
-    return None
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    return ImageFormat.PDS4 if text.startswith((b"<?xml", b"<Product")) else None
 
 
 def _open_fits(path: Path, band: int | None) -> ImageFile:

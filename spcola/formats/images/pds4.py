@@ -72,12 +72,11 @@ def read_pds4(path: Path) -> DescribedArray:
         for key, default in (("scaling_factor", 1.0), ("value_offset", 0.0))
     )
     constants = _at(entry, "Special_Constants")
-    special = SpecialValues(
-        *(
-            tuple(found[0] for key in names if (found := quantity(_at(constants, key))))
-            for names in (_MISSING, _DARK, _SATURATED)
-        )
+    missing, dark, saturated = (
+        tuple(found[0] for key in names if (found := quantity(_at(constants, key))))
+        for names in (_MISSING, _DARK, _SATURATED)
     )
+    special = SpecialValues(missing, dark, saturated)
     return DescribedArray(array, scale, base, special, pds4_label(keywords, path.name))
 
 
@@ -126,7 +125,7 @@ def pds4_label(keywords: Mapping[str, Any], file_name: str) -> ImageLabel:
 
 
 def _orientation(discipline: Mapping[str, Any]) -> tuple[Orientation | None, tuple[str, ...]]:
-    """Return the display directions; those of Display_Settings precede those of the geometry."""
+    """Return the display directions of display and geometry; none if they differ."""
     found: list[tuple[str, str]] = []
     for item in _anywhere(discipline, "Display_Direction"):
         shown = {
@@ -139,13 +138,11 @@ def _orientation(discipline: Mapping[str, Any]) -> tuple[Orientation | None, tup
             found.append((shown["line"], shown["sample"]))
     if not found:
         return None, ()
-    orientation, notes = display_directions(*found[0])
-    if any(other != found[0] for other in found[1:]):
-        both = " and ".join(
-            f"line {line}, sample {sample}" for line, sample in dict.fromkeys(found)
-        )
-        notes += (f"the label's display directions contradict each other ({both})",)
-    return orientation, notes
+    different = dict.fromkeys(found)
+    if len(different) > 1:
+        stated = " and ".join(f"line {line}, sample {sample}" for line, sample in different)
+        return None, (f"the label's display directions contradict each other ({stated})",)
+    return display_directions(*found[0])
 
 
 def _array(entry: Mapping[str, Any], target: Path, path: Path) -> PlainArray:

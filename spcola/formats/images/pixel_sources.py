@@ -73,8 +73,8 @@ class PlainArray:
         needed = self.offset + self.lines * self._line_bytes
         if length < needed:
             raise FormatError(
-                f"has {length} bytes, its label needs {needed} ({self.lines} lines of "
-                f"{self.samples} pixels of {self.dtype.itemsize} bytes from byte {self.offset + 1})",
+                f"has {length} bytes, its label needs {needed} ({self.lines} × {self.samples} "
+                f"pixels of {self.dtype.itemsize} bytes from byte {self.offset + 1})",
                 self.path,
                 "the file is truncated, or the label is another image's",
             )
