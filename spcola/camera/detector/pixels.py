@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from spcola.arrays import AnyArray, BoolArray, FloatArray, check_shape
 from spcola.errors import InvalidValueError
 
@@ -56,10 +54,3 @@ class PixelValues:
     def with_values(self, values: FloatArray) -> PixelValues:
         """Return other values with the same masks."""
         return PixelValues(values, self.missing, self.dark, self.saturated)
-
-
-def all_valid(values: AnyArray) -> PixelValues:
-    """Return pixels (lines, samples) without special values; NaN and infinities are missing."""
-    none = np.zeros(values.shape, dtype=bool)
-    missing = ~np.isfinite(values) if values.dtype.kind == "f" else none
-    return PixelValues(values, missing, none, none)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 from spcola.errors import FormatError
 from spcola.formats.images.image_label import ImageLabel, first_text, kelvin, seconds, text_of
 from spcola.formats.images.special_values import SpecialValues
+from spcola.formats.images.warning_filters import warnings_as
 from spcola.formats.text import regular_size
 
 _TYPES = {8: "u1", 16: "i2", 32: "i4", 64: "i8", -32: "f4", -64: "f8"}
@@ -70,7 +70,7 @@ def read_fits_headers(path: Path) -> FitsImage:
     length = regular_size(path)
     primary: dict[str, Any] = {}
     try:
-        with path.open("rb") as stream, warnings.catch_warnings(action="error"):
+        with path.open("rb") as stream, warnings_as("error"):
             for unit in range(_MOST_UNITS):
                 header = fits.Header.fromfile(stream)
                 offset = stream.tell()

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
 from spcola.errors import FormatError, SpcolaError
+from spcola.formats.images.warning_filters import warnings_as
 from spcola.formats.text import regular_size
 
 LabelFormat = Literal["ISIS3", "PDS"]
@@ -38,15 +38,15 @@ def reading_raster(path: str | Path, driver: str) -> Iterator[Any]:
         If the file cannot be read, or the block fails.
     """
     import rasterio  # noqa: PLC0415  (an eighth of a second at start-up)
-    from rasterio.errors import RasterioError  # noqa: PLC0415
+    from rasterio.errors import NotGeoreferencedWarning, RasterioError  # noqa: PLC0415
 
     _check_regular(path)
     try:
-        with warnings.catch_warnings():
-            # Images of a camera have no map projection; rasterio warns of each.
-            warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
-            with rasterio.open(path, driver=driver) as dataset:
-                yield dataset
+        # Images of a camera have no map projection; rasterio warns of each.
+        with warnings_as("ignore", NotGeoreferencedWarning):
+            opened = rasterio.open(path, driver=driver)
+        with opened as dataset:
+            yield dataset
     except SpcolaError:
         raise
     except (RasterioError, OSError, ValueError) as error:
