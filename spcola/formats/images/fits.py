@@ -105,7 +105,7 @@ def read_fits_image(path: str | Path) -> SpcImage:
 
 
 @contextmanager
-def reading_fits(path: str | Path) -> Iterator[Any]:
+def reading_fits(path: str | Path, *, scaled: bool = True) -> Iterator[Any]:
     """Yield the units of a FITS file, read completely into memory.
 
     On damaged files astropy warns, or raises various errors. This is the one place that turns all
@@ -114,6 +114,8 @@ def reading_fits(path: str | Path) -> Iterator[Any]:
     Parameters
     ----------
     path : str or Path
+    scaled : bool
+        Whether BSCALE, BZERO and BLANK are applied to images.
 
     Raises
     ------
@@ -126,7 +128,10 @@ def reading_fits(path: str | Path) -> Iterator[Any]:
     _check_counts(content.getvalue(), path)
     try:
         # astropy only warns of a file that is cut off.
-        with warnings_as("error"), fits.open(content) as units:
+        with (
+            warnings_as("error"),
+            fits.open(content, do_not_scale_image_data=not scaled) as units,
+        ):
             yield units
     except SpcolaError:
         raise

@@ -31,16 +31,16 @@ class FitsImage:
     width, height : int
     stored : numpy.dtype
         Type in the file.
-    dtype : numpy.dtype
-        Type after BSCALE and BZERO.
     offset : int
         Bytes before its first pixel.
     extra_axes : int
         Axes of length 1 beyond two.
+    unsigned : bool
+        Whether BZERO only makes integers without sign.
     scaling : (2,) of float
         BSCALE and BZERO.
     special : SpecialValues
-        After scaling.
+        Of the numbers that :class:`FitsUnit` returns.
     label : ImageLabel
     """
 
@@ -48,9 +48,9 @@ class FitsImage:
     width: int
     height: int
     stored: np.dtype[np.generic]
-    dtype: np.dtype[np.generic]
     offset: int
     extra_axes: int
+    unsigned: bool
     scaling: tuple[float, float]
     special: SpecialValues
     label: ImageLabel
@@ -122,29 +122,24 @@ def _image(path: Path, unit: int, header: Any, keywords: dict[str, Any], offset:
     if not (width > 0 and height > 0):
         raise FormatError(f"has an image of {width} × {height} pixels", path)
     stored = np.dtype(">" + _TYPES[header["BITPIX"]])
-    scale, zero = float(header.get("BSCALE", 1)), float(header.get("BZERO", 0))
-    dtype, special = _scaled(stored, scale, zero, header.get("BLANK"))
-    saturated = header.get("SATURATE")
-    if isinstance(saturated, int | float) and not isinstance(saturated, bool):
-        special = SpecialValues(special.missing, saturated=(float(saturated),))
+    scaling = float(header.get("BSCALE", 1)), float(header.get("BZERO", 0))
+    half = 2.0 ** (8 * stored.itemsize - 1)
+    unsigned = stored.kind == "i" and scaling == (1.0, half)
+    shift = half if unsigned else 0.0
+    blank, saturated = _number(header, "BLANK"), _number(header, "SATURATE")
+    special = SpecialValues(
+        () if blank is None or stored.kind == "f" else (blank + shift,),
+        highest=None if saturated is None else (saturated - scaling[1]) / scaling[0] + shift,
+    )
     label = fits_label(keywords, path.name)
     return FitsImage(
-        unit, width, height, stored, dtype, offset, axes - 2, (scale, zero), special, label
+        unit, width, height, stored, offset, axes - 2, unsigned, scaling, special, label
     )
 
 
-def _scaled(
-    stored: np.dtype[np.generic], scale: float, zero: float, blank: Any
-) -> tuple[np.dtype[np.generic], SpecialValues]:
-    """Return type and special values after scaling, as astropy delivers them."""
-    if stored.kind == "f" or scale != 1.0 or zero not in (0.0, 2.0 ** (8 * stored.itemsize - 1)):
-        plain = stored.kind == "f" and scale == 1.0 and zero == 0.0
-        wide = stored.itemsize > 2 and stored != np.dtype(">f4")
-        kind = stored.newbyteorder("=") if plain else np.dtype("f8" if wide else "f4")
-        return kind, SpecialValues()  # BLANK becomes NaN
-    dtype = stored.newbyteorder("=") if zero == 0.0 else np.dtype(f"u{stored.itemsize}")
-    missing = (blank + zero,) if isinstance(blank, int) and not isinstance(blank, bool) else ()
-    return dtype, SpecialValues(missing)
+def _number(header: Any, key: str) -> float | None:
+    value = header.get(key)
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
 def _keywords(header: Any) -> dict[str, Any]:

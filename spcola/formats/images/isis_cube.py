@@ -22,18 +22,12 @@ from spcola.formats.images.isis_label import group, read_gdal_label
 from spcola.formats.images.special_values import SpecialValues
 from spcola.formats.text import regular_size
 
-_TYPES = {
-    "UnsignedByte": "u1", "SignedWord": "i2", "UnsignedWord": "u2",
-    "SignedInteger": "i4", "UnsignedInteger": "u4", "Real": "f4", "Double": "f8",
-}  # fmt: skip
+# The types that GDAL reads; ISIS's rare ones of 4 and 8 bytes are refused by it.
+_TYPES = {"UnsignedByte": "u1", "SignedWord": "i2", "UnsignedWord": "u2", "Real": "f4"}
 
 
 def _real(*patterns: int) -> tuple[float, ...]:
     return tuple(float(v) for v in np.array(patterns, np.uint32).view(np.float32))
-
-
-def _double(*patterns: int) -> tuple[float, ...]:
-    return tuple(float(v) for v in np.array(patterns, np.uint64).view(np.float64))
 
 
 # ISIS's SpecialPixel.h: Null; LRS and LIS; HIS and HRS; least valid number.
@@ -41,15 +35,9 @@ _SPECIAL = {
     "UnsignedByte": SpecialValues((0,), (), (255,)),
     "SignedWord": SpecialValues((-32768,), (-32767, -32766), (-32765, -32764), -32752),
     "UnsignedWord": SpecialValues((0,), (1, 2), (65534, 65535)),
-    "UnsignedInteger": SpecialValues((0,), (1, 2), (4294967294, 4294967295)),
-    "SignedInteger": SpecialValues(),
     "Real": SpecialValues(
         _real(0xFF7FFFFB), _real(0xFF7FFFFC, 0xFF7FFFFD), _real(0xFF7FFFFE, 0xFF7FFFFF),
         _real(0xFF7FFFFA)[0],
-    ),
-    "Double": SpecialValues(
-        _double(0xFFEFFFFFFFFFFFFB), _double(0xFFEFFFFFFFFFFFFC, 0xFFEFFFFFFFFFFFFD),
-        _double(0xFFEFFFFFFFFFFFFE, 0xFFEFFFFFFFFFFFFF), _double(0xFFEFFFFFFFFFFFFA)[0],
     ),
 }  # fmt: skip
 

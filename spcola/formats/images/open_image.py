@@ -104,7 +104,7 @@ def _open_fits(path: Path, band: int | None) -> ImageFile:
         notes += (f"{label_path.name} lies beside {path.name}, but names another file",)
     return ImageFile(
         path, ImageFormat.FITS, path, path, fits.width, fits.height, fits.stored,
-        FitsUnit(path, fits.unit, fits.extra_axes), fits.special, 1.0, 0.0, fits.label, None, notes,
+        _fits_source(path, fits), fits.special, *_fits_scaling(fits), fits.label, None, notes,
     )  # fmt: skip
 
 
@@ -196,23 +196,36 @@ def _fits_with_label(
     if (described.scale, described.base) != (1.0, 0.0):
         scaling = (described.scale, described.base)
         _agree("scaling", scaling, fits.scaling, array.path, label_path)
-    scale, zero = fits.scaling
-    both = (described.special, fits.special)
+    # The label's special values are those in the file, with sign.
+    shift = fits.scaling[1] if fits.unsigned else 0.0
+    missing, dark, saturated = (
+        tuple(value + shift for value in group)
+        for group in (
+            described.special.missing, described.special.dark, described.special.saturated,
+        )
+    )  # fmt: skip
+    special = SpecialValues(
+        missing + fits.special.missing, dark, saturated, highest=fits.special.highest
+    )
     label = _filled(described.label, fits.label)
     kind = _kind_of(label_path)
     assert kind is not None
     others = [p.name for p in _labels_beside(array.path) if not p.samefile(label_path)]
     return ImageFile(
         path, kind, array.path, label_path, fits.width, fits.height, fits.stored,
-        FitsUnit(array.path, fits.unit, fits.extra_axes),
-        SpecialValues(
-            tuple(scale * v + zero for v in both[0].missing) + both[1].missing,
-            tuple(scale * v + zero for v in both[0].dark),
-            tuple(scale * v + zero for v in both[0].saturated) + both[1].saturated,
-        ),
-        1.0, 0.0, label, None,
+        _fits_source(array.path, fits), special, *_fits_scaling(fits), label, None,
         tuple(f"{name} is not read: {label_path.name} is" for name in others),
     )  # fmt: skip
+
+
+def _fits_source(path: Path, fits: FitsImage) -> FitsUnit:
+    """Return the source of a FITS image's pixels."""
+    return FitsUnit(path, fits.unit, fits.extra_axes, fits.unsigned)
+
+
+def _fits_scaling(fits: FitsImage) -> tuple[float, float]:
+    """Return scale and base of what the source returns."""
+    return (1.0, 0.0) if fits.unsigned else fits.scaling
 
 
 def _agree(what: str, label: Any, pixels: Any, path: Path, label_path: Path) -> None:
@@ -248,14 +261,15 @@ def _filled(label: ImageLabel, other: ImageLabel) -> ImageLabel:
 
 def _labels_beside(path: Path) -> list[Path]:
     """Return the detached labels with the name of a file, .xml before .lbl."""
-    stem = path.name.removesuffix(path.suffix).lower()
-    found = {
-        other.suffix.lower(): other
-        for other in sorted(path.parent.glob("*.[xXlL]*"))
-        if other.suffix.lower() in _LABEL_ENDINGS and other.stem.lower() == stem and other != path
-    }
-    usable = [found[ending] for ending in _LABEL_ENDINGS if ending in found]
-    return [label for label in usable if _kind_of(label) in _READERS]
+    # A folder of thousands of images is not searched for each: these spellings are tried.
+    found = []
+    for ending in _LABEL_ENDINGS:
+        names = (path.with_suffix(e) for e in (ending, ending.upper()))
+        spellings = [p.with_name(n) for p in names for n in (p.name, p.name.lower())]
+        label = next((p for p in spellings if p != path and p.is_file()), None)
+        if label is not None and _kind_of(label) in _READERS:
+            found.append(label)
+    return found
 
 
 def _chosen(path: Path, band: int | None, bands: tuple[int, ...]) -> int:

@@ -39,7 +39,7 @@ _DARK = (
     "LOW_REPR_SATURATION", "LOW_INSTR_SATURATION",
 )  # fmt: skip
 _SATURATED = (
-    "PIXEL_SATURATION_VALUE", "CORE_HIGH_INSTR_SATURATION", "CORE_HIGH_REPR_SATURATION",
+    "CORE_HIGH_INSTR_SATURATION", "CORE_HIGH_REPR_SATURATION",
     "HIGH_INSTR_SATURATION", "HIGH_REPR_SATURATION",
 )  # fmt: skip
 
@@ -182,9 +182,9 @@ def beside(label: Path, name: str) -> Path:
     """
     if Path(name).name != name or "\\" in name:
         raise FormatError(f"names {name!r}, which is no file of its folder", label)
-    exact = label.parent / name
-    if exact.is_file():
-        return exact
+    for spelling in (name, name.lower(), name.upper()):
+        if (label.parent / spelling).is_file():
+            return label.parent / spelling
     for other in label.parent.iterdir():
         if other.name.lower() == name.lower() and other.is_file():
             return other
@@ -211,7 +211,8 @@ def _special(entry: Mapping[str, Any]) -> SpecialValues:
         tuple(found for name in names if (found := _constant(entry.get(name), real)) is not None)
         for names in (_MISSING, _DARK, _SATURATED)
     )
-    return SpecialValues(missing, dark, saturated)
+    level = quantity(entry.get("PIXEL_SATURATION_VALUE"))
+    return SpecialValues(missing, dark, saturated, highest=level[0] if level else None)
 
 
 def _constant(value: Any, real: bool) -> float | None:

@@ -145,7 +145,7 @@ class RasterBand:
 
 @dataclass(frozen=True)
 class FitsUnit:
-    """An image in a FITS file; astropy applies BSCALE and BZERO.
+    """An image in a FITS file, before BSCALE and BZERO.
 
     Parameters
     ----------
@@ -154,11 +154,15 @@ class FitsUnit:
         0 for the primary array.
     extra_axes : int
         Axes of length 1 beyond two.
+    unsigned : bool
+        Whether integers are stored less half their range (BZERO of 32768, for 16 bits); they are
+        returned without sign.
     """
 
     path: Path
     unit: int = 0
     extra_axes: int = 0
+    unsigned: bool = False
 
     def read(self, window: Window) -> AnyArray:
         """Return numbers of a window.
@@ -168,9 +172,13 @@ class FitsUnit:
         FormatError
             If the file cannot be read.
         """
-        with reading_fits(self.path) as units:
+        with reading_fits(self.path, scaled=False) as units:
             values = np.asarray(units[self.unit].section[(0,) * self.extra_axes + window])
-        return values.astype(values.dtype.newbyteorder("="))
+        values = values.astype(values.dtype.newbyteorder("="))
+        if not self.unsigned:
+            return values
+        kind = np.dtype(f"u{values.dtype.itemsize}")
+        return values.view(kind) ^ kind.type(1 << (8 * kind.itemsize - 1))
 
 
 @dataclass(frozen=True)

@@ -22,12 +22,15 @@ class SpecialValues:
         No data; saturated at the low and at the high end.
     lowest : float, optional
         Smaller numbers that are in none of the groups are missing too.
+    highest : float, optional
+        Level of saturation: numbers from there on are saturated.
     """
 
     missing: tuple[float, ...] = ()
     dark: tuple[float, ...] = ()
     saturated: tuple[float, ...] = ()
     lowest: float | None = None
+    highest: float | None = None
 
 
 def classified(stored: AnyArray, special: SpecialValues, scale: float, base: float) -> PixelValues:
@@ -38,6 +41,8 @@ def classified(stored: AnyArray, special: SpecialValues, scale: float, base: flo
     """
     dark, saturated = (_among(stored, group) for group in (special.dark, special.saturated))
     missing = _among(stored, special.missing)
+    if special.highest is not None:
+        saturated |= stored >= special.highest
     if special.lowest is not None:
         missing |= (stored < special.lowest) & ~dark & ~saturated
     if stored.dtype.kind == "f":
