@@ -79,10 +79,11 @@ def read_pds3(path: Path) -> DescribedArray:
         or too short.
     """
     keywords = read_gdal_label(path, "PDS")
-    entry = group(keywords, "IMAGE")
-    pointer = keywords.get("^IMAGE")
-    if not entry or pointer is None:
+    # Labels of several files have the object and its pointer in one that describes the file.
+    part = next((p for p in (keywords, *keywords.values()) if _has_image(p)), None)
+    if part is None:
         raise FormatError("has no IMAGE object with its ^IMAGE pointer", path)
+    entry, pointer = group(part, "IMAGE"), part["^IMAGE"]
     encoding = text_of(entry.get("ENCODING_TYPE"))
     if encoding:
         raise FormatError(
@@ -92,7 +93,7 @@ def read_pds3(path: Path) -> DescribedArray:
         )
     if _whole(entry, "BANDS", path, 1) != 1:
         raise FormatError(f"has {entry['BANDS']} bands, one is needed", path)
-    target, offset = _place(path, pointer, keywords)
+    target, offset = _place(path, pointer, {**keywords, **part})
     array = PlainArray(
         target,
         offset,
@@ -151,6 +152,11 @@ def display_directions(
         return Orientation(down, right), ()
     except (ValueError, InvalidValueError) as error:
         return None, (f"display directions are not used ({error})",)
+
+
+def _has_image(part: Any) -> bool:
+    """Return whether a part of a label has an image and its place."""
+    return isinstance(part, Mapping) and {"IMAGE", "^IMAGE"} <= set(part)
 
 
 def _place(path: Path, pointer: Any, keywords: Mapping[str, Any]) -> tuple[Path, int]:
