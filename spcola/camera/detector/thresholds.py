@@ -17,6 +17,7 @@ _SIGMAS = 5.0
 _FLOOR = 0.02
 # A valley is at most half as high as the peaks that it separates.
 _VALLEY = 0.5
+_NOISE = 3.0
 _FEWEST = 0.001
 
 
@@ -24,11 +25,12 @@ def shadow_threshold(stored: StoredPixels) -> int:
     """Return the lowest DN of lit ground, from the histogram.
 
     The dark pixels are those below a quarter of the 99th percentile. If their histogram has a peak
-    (at least 0.1 % of all pixels) followed by a valley half as high, or they are empty above it,
-    the threshold is the peak plus five standard deviations, but at most that quarter; the standard
-    deviation is that of the pixels below the peak, mirrored: nothing but noise is darker than
-    the dark. Otherwise the body fills the frame without shadows, and the threshold is 2 % of the
-    99th percentile. It is at least 1: DN 0 stands for missing pixels.
+    (at least 0.1 % of all pixels) and above it a valley half as high, beyond the noise of both
+    counts (three standard deviations), the threshold is the peak plus five standard deviations,
+    at most that quarter; the standard deviation is that of the pixels below the peak, mirrored:
+    nothing but noise is darker than the dark. Otherwise the body fills the frame without
+    shadows, and the threshold is 2 % of the 99th percentile. It is at least 1: DN 0 stands for
+    missing pixels.
 
     Raises
     ------
@@ -42,7 +44,7 @@ def shadow_threshold(stored: StoredPixels) -> int:
     smooth = _smoothed(counts, cap)
     peak = int(np.argmax(smooth[:cap])) if cap > 1 else 0
     few = counts[:cap].sum() < _FEWEST * counts.sum()
-    if few or smooth[peak:cap].min() > _VALLEY * smooth[peak]:
+    if few or not _is_valley(smooth[peak:cap].min(), smooth[peak]):
         return min(floor, cap)
     levels = np.arange(peak + 1)
     below = counts[: peak + 1]
@@ -76,7 +78,7 @@ def bright_threshold(stored: StoredPixels, lowest: int) -> int:
     low_peak = int(np.argmax(smooth[: split + 1]))
     high_peak = split + 1 + int(np.argmax(smooth[split + 1 :]))
     valley = low_peak + int(np.argmin(smooth[low_peak : high_peak + 1]))
-    if smooth[valley] > _VALLEY * min(smooth[low_peak], smooth[high_peak]):
+    if not _is_valley(smooth[valley], min(smooth[low_peak], smooth[high_peak])):
         raise NotObservableError(
             "cannot be told from the body: the histogram has no valley",
             where="bright background",
@@ -118,11 +120,19 @@ def _percentile(counts: AnyArray, percent: float) -> int:
 
 
 def _smoothed(counts: FloatArray, scale: int) -> FloatArray:
-    """Return a histogram averaged over 1/64 of `scale`: gaps between scaled integers close."""
-    width = max(scale // 64, 1)
-    if width == 1:
-        return counts
-    return np.convolve(counts, np.full(width, 1.0 / width), mode="same")
+    """Return counts in windows of 1/64 of `scale`: gaps between scaled integers close."""
+    half = scale // 128
+    total = np.concatenate([[0.0], np.cumsum(counts)])
+    levels = np.arange(len(counts))
+    last = np.minimum(levels + half + 1, len(counts))
+    smooth: FloatArray = total[last] - total[np.maximum(levels - half, 0)]
+    return smooth
+
+
+def _is_valley(valley: float, peak: float) -> bool:
+    """Return whether a count is less than half of another one, beyond the noise of both."""
+    highest, lowest = (n + sign * _NOISE * np.sqrt(n) for n, sign in ((valley, 1), (peak, -1)))
+    return bool(highest < _VALLEY * lowest)
 
 
 def _otsu(counts: FloatArray) -> int:

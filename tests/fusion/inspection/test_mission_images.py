@@ -22,7 +22,7 @@ FILE_RECORDS = 30
 ^IMAGE = "frame.img"
 TARGET_NAME = EROS
 START_TIME = 2000-02-19T08:54:59.913
-EXPOSURE_DURATION = 999.0 <ms>
+EXPOSURE_DURATION = 998.0 <ms>
 LINE_DISPLAY_DIRECTION = UP
 SAMPLE_DISPLAY_DIRECTION = RIGHT
 OBJECT = IMAGE
@@ -59,7 +59,7 @@ def test_info_of_an_image_with_a_detached_label(here: Path, name: str) -> None:
     assert found["kind"] == "image (PDS3, without a .SUM file)"
     assert (found["pixels"], found["lines"], found["bits"]) == (40, 30, 16)
     assert (found["pixel_file"], found["label_file"]) == ("frame.img", "frame.lbl")
-    assert (found["target"], found["exposure_s"]) == ("EROS", pytest.approx(0.999))
+    assert (found["target"], found["exposure_s"]) == ("EROS", pytest.approx(0.998))
     assert found["mid_utc"] == "2000 FEB 19 08:55:00.412"
     assert found["mid_from"] == "start_and_exposure"
     assert (found["first_pixel_shown"], found["stored_mirrored"]) == ("lower left", True)

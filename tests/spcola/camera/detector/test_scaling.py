@@ -115,6 +115,13 @@ def test_ground_that_fills_the_frame_is_not_cut() -> None:
     assert shadow_threshold(stored_of(sloping)) <= 6
 
 
+def test_dark_slopes_of_a_lit_frame_are_not_cut() -> None:
+    # 0.4 % of the ground is darker than a quarter of its brightest part, without a peak.
+    ground = RNG.normal(26000, 6000, (400, 400))
+    assert np.mean(ground < 0.25 * np.percentile(ground, 99)) > 0.001
+    assert shadow_threshold(stored_of(ground)) < 1000
+
+
 def test_a_bright_background_is_separated_from_the_body() -> None:
     values = body_and_sky(20.0, 2.0, gain=4.0)
     values[:, 200:] = RNG.normal(3000, 40, (256, 56))
