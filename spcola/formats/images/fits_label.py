@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 
 from spcola.errors import FormatError
-from spcola.formats.images.image_label import ImageLabel, first_text, kelvin, seconds, text_of
+from spcola.formats.images.image_label import (
+    ImageLabel,
+    first_text,
+    kelvin,
+    quantity,
+    seconds,
+    text_of,
+)
 from spcola.formats.images.special_values import SpecialValues
 from spcola.formats.images.warning_filters import warnings_as
 from spcola.formats.text import regular_size
@@ -159,17 +166,17 @@ def fits_label(keywords: Mapping[str, Any], file_name: str) -> ImageLabel:
     """Return what FITS keywords state.
 
     Of the standard: DATE-BEG, DATE-END, DATE-AVG (UTC of start, end and middle), DATE-OBS (start),
-    XPOSURE, EXPTIME (seconds), OBJECT, INSTRUME, FILTER; and this program's own IMGNAME and UTC
-    (middle of the exposure).
+    XPOSURE, EXPTIME (seconds), OBJECT, INSTRUME, FILTER. Of missions: MIDOBS and New Horizons'
+    SPCUTCID (middle). This program's own: IMGNAME, and UTC (middle). EXPOSURE is used with a unit
+    only: some missions have seconds, others (LORRI) milliseconds.
     """
-    exposure = next(
-        (
-            value
-            for key in ("XPOSURE", "EXPTIME", "EXPOSURE")
-            if (value := seconds(keywords.get(key), without_unit=1.0)) is not None
-        ),
-        None,
-    )
+    own = "IMGNAME" in keywords
+    notes: tuple[str, ...] = ()
+    exposures = [seconds(keywords.get(key), without_unit=1.0) for key in ("XPOSURE", "EXPTIME")]
+    exposures.append(seconds(keywords.get("EXPOSURE"), without_unit=None))
+    exposure = next((value for value in exposures if value is not None), None)
+    if exposure is None and quantity(keywords.get("EXPOSURE")) is not None:
+        notes = ("EXPOSURE has no unit and is not used",)
     temperatures = {
         key: value
         for key, raw in keywords.items()
@@ -182,11 +189,12 @@ def fits_label(keywords: Mapping[str, Any], file_name: str) -> ImageLabel:
         filter=first_text(keywords, "FILTER", "FILTNAME"),
         start_utc=_utc(keywords, "DATE-BEG", "DATE-OBS"),
         stop_utc=_utc(keywords, "DATE-END"),
-        mid_utc=first_text(keywords, "DATE-AVG", "UTC"),
+        mid_utc=_utc(keywords, "DATE-AVG", "MIDOBS", "SPCUTCID", *(["UTC"] if own else [])),
         exposure_s=exposure,
         clock_start=first_text(keywords, "SCLK", "MET"),
         temperatures_k=temperatures,
         keywords=keywords,
+        notes=notes,
     )
 
 

@@ -173,7 +173,7 @@ def _tree(path: Path) -> dict[str, Any]:
     content = read_bytes(path, most=_MOST_BYTES)
     try:
         root = ElementTree.fromstring(content)
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, LookupError, ValueError) as error:  # Lookup: its encoding
         raise FormatError(f"cannot be read as XML ({error})", path) from error
     if "pds.nasa.gov/pds4" not in root.tag:
         raise FormatError(f"is XML ({_local(root.tag)}), but no PDS4 label", path)

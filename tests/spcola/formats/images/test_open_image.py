@@ -87,6 +87,17 @@ def test_fits_keywords(samples, tmp_path, ramp) -> None:
     assert mid.source == "start_and_exposure"
 
 
+def test_fits_exposure_without_unit(samples, tmp_path, ramp) -> None:
+    # New Horizons' LORRI gives milliseconds in EXPOSURE, other missions seconds.
+    cards = [("SPCUTCID", "2007-02-28T01:23:45.678"), ("EXPOSURE", 4.0), ("UTC", "not the middle")]
+    image = open_image(put(tmp_path / "a.fits", samples.fits_bytes(ramp.astype(">i2"), cards)))
+    assert image.label.exposure_s is None
+    assert image.notes == ("EXPOSURE has no unit and is not used",)
+    mid = image.label.mid_exposure()
+    assert mid is not None
+    assert mid.source == "stated"
+
+
 def test_fits_with_one_plane_and_with_an_extension(samples, tmp_path, ramp) -> None:
     plane = ramp.astype(">i2")
     check(open_image(put(tmp_path / "a.fits", samples.fits_bytes(plane[None]))), ramp)
@@ -465,6 +476,12 @@ def test_an_end_before_the_start_is_refused(samples, tmp_path, ramp) -> None:
     label = open_image(put(tmp_path / "a.lbl", text)).label
     with pytest.raises(FormatError, match="before it starts"):
         label.mid_exposure()
+
+
+def test_an_unknown_encoding_is_refused(samples, tmp_path, ramp) -> None:
+    text = samples.pds4_text("a.dat", 2400, "UnsignedLSB2").replace("UTF-8", "UTF-9")
+    with pytest.raises(FormatError, match="cannot be read as XML .unknown encoding"):
+        open_image(put(tmp_path / "a.xml", text))
 
 
 def test_contradicting_display_directions_give_none(samples, tmp_path, ramp) -> None:
