@@ -198,18 +198,24 @@ def temperatures(keywords: Mapping[str, Any]) -> dict[str, float]:
 
 def exposure_notes(label: ImageLabel) -> tuple[str, ...]:
     """Return a note where start, stop and exposure time contradict each other."""
+    apart, exposure = elapsed(label.start_utc, label.stop_utc), label.exposure_s
+    if apart is None or exposure is None or fits_times(exposure, apart):
+        return ()
+    return (f"start and stop are {apart:.6g} s apart, the exposure time is {exposure:.6g} s",)
+
+
+def elapsed(start: str | None, stop: str | None) -> float | None:
+    """Return seconds from start to stop; None if one is not known, or both are the same."""
     try:
-        start, stop = _et(label.start_utc), _et(label.stop_utc)
+        first, last = _et(start), _et(stop)
     except FormatError:
-        return ()
-    exposure = label.exposure_s
-    if start is None or stop is None or exposure is None or stop == start:
-        return ()
-    if abs(stop - start - exposure) <= max(_ROUNDING_S, 0.01 * exposure):
-        return ()
-    return (
-        f"start and stop are {stop - start:.6g} s apart, the exposure time is {exposure:.6g} s",
-    )
+        return None
+    return None if first is None or last is None or first == last else last - first
+
+
+def fits_times(exposure: float, apart: float) -> bool:
+    """Return whether an exposure time is that from start to stop, to 1 % or rounding, seconds."""
+    return abs(apart - exposure) <= max(_ROUNDING_S, 0.01 * exposure)
 
 
 def _temperatures(keywords: Mapping[str, Any]) -> Iterator[tuple[str, float]]:

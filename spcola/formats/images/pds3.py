@@ -14,7 +14,9 @@ from spcola.camera.detector import Direction, Orientation
 from spcola.errors import FormatError, InvalidValueError
 from spcola.formats.images.image_label import (
     ImageLabel,
+    elapsed,
     first_text,
+    fits_times,
     quantity,
     seconds,
     temperatures,
@@ -115,27 +117,46 @@ def pds3_label(keywords: Mapping[str, Any], file_name: str) -> ImageLabel:
         first_text(keywords, "SAMPLE_DISPLAY_DIRECTION")
         or first_text(group(keywords, "IMAGE"), "SAMPLE_DISPLAY_DIRECTION"),
     )
-    raw = keywords.get("EXPOSURE_DURATION")
-    found = quantity(raw)
-    if found is not None and found[1] is None:
-        notes += ("EXPOSURE_DURATION has no unit: read as milliseconds",)
+    start, stop = first_text(keywords, "START_TIME"), first_text(keywords, "STOP_TIME")
+    exposure, doubt = _exposure(keywords.get("EXPOSURE_DURATION"), start, stop)
     return ImageLabel(
         name=first_text(keywords, "PRODUCT_ID", "IMAGE_ID", "FILE_NAME") or file_name,
         target=first_text(keywords, "TARGET_NAME"),
         instrument=first_text(keywords, "INSTRUMENT_ID", "INSTRUMENT_NAME"),
         filter=first_text(keywords, "FILTER_NAME", "FILTER_NUMBER", "FILTER_ID"),
-        start_utc=first_text(keywords, "START_TIME"),
-        stop_utc=first_text(keywords, "STOP_TIME"),
+        start_utc=start,
+        stop_utc=stop,
         mid_utc=first_text(keywords, "IMAGE_MID_TIME", "MID_OBSERVATION_TIME"),
-        exposure_s=seconds(raw, without_unit=1e-3),
+        exposure_s=exposure,
         line_exposure_s=seconds(keywords.get("LINE_EXPOSURE_DURATION"), without_unit=1e-3),
         clock_start=first_text(keywords, "SPACECRAFT_CLOCK_START_COUNT"),
         clock_stop=first_text(keywords, "SPACECRAFT_CLOCK_STOP_COUNT"),
         temperatures_k=temperatures(keywords),
         orientation=orientation,
         keywords=keywords,
-        notes=notes,
+        notes=notes + doubt,
     )
+
+
+def _exposure(
+    raw: Any, start: str | None, stop: str | None
+) -> tuple[float | None, tuple[str, ...]]:
+    """Return the exposure time, seconds, and a note if its unit is not stated.
+
+    Labels have milliseconds, as the dictionary wants, or seconds: what fits start and stop. Without
+    these it is milliseconds.
+    """
+    found = quantity(raw)
+    if found is None or found[1] is not None:
+        return seconds(raw, without_unit=None), ()
+    apart = elapsed(start, stop)
+    values = {name: found[0] * unit for name, unit in (("milliseconds", 1e-3), ("seconds", 1.0))}
+    name = "milliseconds"
+    if apart is not None:
+        name = min(values, key=lambda name: abs(values[name] - apart))
+    if values[name] > 0 and (apart is None or fits_times(values[name], apart)):
+        return values[name], (f"EXPOSURE_DURATION has no unit: read as {name}",)
+    return None, ("EXPOSURE_DURATION has no unit, and does not fit start and stop: not used",)
 
 
 def display_directions(
