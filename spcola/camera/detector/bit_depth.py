@@ -81,7 +81,7 @@ class StoredPixels:
 
 
 def scaling_for(pixels: PixelValues, bits: Bits = 16) -> BitDepth:
-    """Return a scaling for pixels of any type.
+    """Return a scaling to `bits` (8 or 16) for pixels of any type.
 
     Integers that fit are kept (gain 1, offset 0). Other values keep their ratios (offset 0): the
     largest becomes one less than the largest DN. If it is more than four times the 99.9th

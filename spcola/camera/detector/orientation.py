@@ -89,7 +89,7 @@ class Orientation:
         return shown[_step(vertical is Direction.UP), _step(horizontal is Direction.LEFT)]
 
     def undo(self, shown: AnyArray) -> AnyArray:
-        """Return the pixels (lines, samples) of a display (rows, columns): `apply` reversed."""
+        """Return the pixels (lines, samples) of a display `shown` (rows, columns)."""
         vertical, horizontal = self._axes()
         pixels = shown[_step(vertical is Direction.UP), _step(horizontal is Direction.LEFT)]
         return pixels.T if self.transposed else pixels

@@ -63,6 +63,12 @@ def spc_name(camera: str, image: NamedImage) -> str:
 def spc_names(camera: str, images: Iterable[NamedImage]) -> dict[str, str]:
     """Return original name by SPC's name, in the order given.
 
+    Parameters
+    ----------
+    camera : str
+        One letter or digit.
+    images : iterable of NamedImage
+
     Raises
     ------
     InvalidValueError
