@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from spcola.errors import FormatError
+from spcola.errors import FormatError, SpcolaError
 from spcola.formats.images.image_label import (
     ImageLabel,
     first_text,
@@ -18,6 +19,7 @@ from spcola.formats.images.image_label import (
     seconds,
     text_of,
 )
+from spcola.formats.images.pixel_sources import chosen_band
 from spcola.formats.images.special_values import SpecialValues
 from spcola.formats.images.warning_filters import warnings_as
 from spcola.formats.text import regular_size
@@ -40,8 +42,8 @@ class FitsImage:
         Type in the file.
     offset : int
         Bytes before its first pixel.
-    extra_axes : int
-        Axes of length 1 beyond two.
+    plane : tuple of int
+        Place of the image along the axes beyond two, slowest first, from 0.
     unsigned : bool
         Whether BZERO only makes integers without sign.
     scaling : (2,) of float
@@ -56,21 +58,29 @@ class FitsImage:
     height: int
     stored: np.dtype[np.generic]
     offset: int
-    extra_axes: int
+    plane: tuple[int, ...]
     unsigned: bool
     scaling: tuple[float, float]
     special: SpecialValues
     label: ImageLabel
 
 
-def read_fits_headers(path: Path) -> FitsImage:
+def read_fits_headers(path: Path, band: int | None = None) -> FitsImage:
     """Return the first image of a FITS file without reading its pixels.
+
+    Parameters
+    ----------
+    path : Path
+    band : int, optional
+        Plane of a cube, from 1.
 
     Raises
     ------
     FormatError
-        If a header cannot be read, there is no image, it has several planes, or the file is
-        shorter than the headers state.
+        If a header cannot be read, there is no image, it has several planes of which none is
+        asked for, or the file is shorter than the headers state.
+    InvalidValueError
+        If it has no such plane.
     """
     from astropy.io import fits  # noqa: PLC0415  (a quarter of a second at start-up)
 
@@ -84,12 +94,12 @@ def read_fits_headers(path: Path) -> FitsImage:
                 found = _size(header, path, unit, length - offset)
                 if header.get("XTENSION", "IMAGE").strip() == "IMAGE" and header["NAXIS"] >= 2:
                     keywords = {**primary, **_keywords(header)}
-                    return _image(path, unit, header, keywords, offset)
+                    return _image(path, (unit, band), header, keywords, offset)
                 primary = primary or _keywords(header)
                 stream.seek(offset + -(-found // _BLOCK) * _BLOCK)
     except EOFError:
         pass
-    except FormatError:
+    except SpcolaError:
         raise
     except Exception as error:
         raise FormatError(f"cannot be read as FITS ({error})", path) from error
@@ -119,12 +129,14 @@ def _size(header: Any, path: Path, unit: int, left: int) -> int:
     return int(size)
 
 
-def _image(path: Path, unit: int, header: Any, keywords: dict[str, Any], offset: int) -> FitsImage:
-    """Return the image of a header."""
-    axes = header["NAXIS"]
-    if any(header[f"NAXIS{number}"] != 1 for number in range(3, axes + 1)):
-        planes = " × ".join(str(header[f"NAXIS{number}"]) for number in range(1, axes + 1))
-        raise FormatError(f"has an image of {planes}, one plane is needed", path)
+def _image(
+    path: Path, place: tuple[int, int | None], header: Any, keywords: dict[str, Any], offset: int
+) -> FitsImage:
+    """Return the image of a header; `place` is its unit, and the plane that is asked for."""
+    unit, band = place
+    beyond = [header[f"NAXIS{number}"] for number in range(header["NAXIS"], 2, -1)]
+    number = chosen_band(path, band, prod(beyond)) - 1
+    plane = tuple(int(part) for part in np.unravel_index(number, beyond)) if beyond else ()
     width, height = header["NAXIS1"], header["NAXIS2"]
     if not (width > 0 and height > 0):
         raise FormatError(f"has an image of {width} × {height} pixels", path)
@@ -139,9 +151,8 @@ def _image(path: Path, unit: int, header: Any, keywords: dict[str, Any], offset:
         highest=None if saturated is None else (saturated - scaling[1]) / scaling[0] + shift,
     )
     label = fits_label(keywords, path.name)
-    return FitsImage(
-        unit, width, height, stored, offset, axes - 2, unsigned, scaling, special, label
-    )
+    offset += number * width * height * stored.itemsize
+    return FitsImage(unit, width, height, stored, offset, plane, unsigned, scaling, special, label)
 
 
 def _number(header: Any, key: str) -> float | None:

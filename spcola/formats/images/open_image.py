@@ -17,7 +17,7 @@ from spcola.formats.images.image_label import ImageLabel, exposure_notes
 from spcola.formats.images.isis_cube import read_isis_cube
 from spcola.formats.images.pds3 import DescribedArray, read_pds3
 from spcola.formats.images.pds4 import read_pds4
-from spcola.formats.images.pixel_sources import DatFile, FitsUnit, RasterBand
+from spcola.formats.images.pixel_sources import DatFile, FitsUnit, RasterBand, chosen_band
 from spcola.formats.images.raster_image import read_raster_layout
 from spcola.formats.images.special_values import SpecialValues
 from spcola.formats.text import read_bytes
@@ -67,7 +67,7 @@ def open_image(
     path = Path(path)
     kind = _kind_of(path)
     if kind is None:
-        image = _open_plain(path, size)
+        image = _open_plain(path, band, size)
     elif size is not None:
         raise InvalidValueError(f"is {kind} and states its own size", path, "give no size")
     else:
@@ -94,11 +94,10 @@ def _kind_of(path: Path) -> ImageFormat | None:
 
 def _open_fits(path: Path, band: int | None) -> ImageFile:
     """Open a FITS file with the label beside it."""
-    _only_one(path, band)
-    fits = read_fits_headers(path)
+    fits = read_fits_headers(path, band)
     notes: tuple[str, ...] = ()
     for label_path in _labels_beside(path):
-        described = _READERS[_kind_of(label_path) or ImageFormat.FITS](label_path)
+        described = _read_label(label_path, band)
         if described.array.path.samefile(path):
             return _fits_with_label(path, fits, label_path, described)
         notes += (f"{label_path.name} lies beside {path.name}, but names another file",)
@@ -110,13 +109,12 @@ def _open_fits(path: Path, band: int | None) -> ImageFile:
 
 def _open_pds(path: Path, band: int | None) -> ImageFile:
     """Open a PDS3 or PDS4 label with its pixels."""
-    _only_one(path, band)
     kind = _kind_of(path)
     assert kind is not None
-    described = _READERS[kind](path)
+    described = _read_label(path, band)
     array = described.array
     if array.path != path and _kind_of(array.path) is ImageFormat.FITS:
-        return _fits_with_label(path, read_fits_headers(array.path), path, described)
+        return _fits_with_label(path, read_fits_headers(array.path, band), path, described)
     return ImageFile(
         path, kind, array.path, path, array.samples, array.lines, array.dtype,
         array, described.special, described.scale, described.base, described.label,
@@ -126,7 +124,7 @@ def _open_pds(path: Path, band: int | None) -> ImageFile:
 def _open_isis(path: Path, band: int | None) -> ImageFile:
     """Open an ISIS cube."""
     cube = read_isis_cube(path)
-    chosen = _chosen(path, band, tuple(range(1, cube.bands + 1)))
+    chosen = chosen_band(path, band, cube.bands)
     return ImageFile(
         path, ImageFormat.ISIS, cube.pixel_path, path, cube.width, cube.height, cube.dtype,
         RasterBand(path, "ISIS3", chosen), cube.special, cube.scale, cube.base, cube.label,
@@ -140,17 +138,17 @@ def _open_raster(path: Path, band: int | None) -> ImageFile:
     driver = _DRIVERS[kind]
     layout = read_raster_layout(path, driver)
     colors = len(layout.grey) == 3 and band is None
-    chosen = layout.grey[0] if colors else _chosen(path, band, layout.grey)
+    number = 1 if colors else chosen_band(path, band, len(layout.grey))
     equal = layout.grey[1:] if colors else ()
     alpha = None if layout.alpha is None else RasterBand(path, driver, layout.alpha)
     return ImageFile(
         path, kind, path, None, layout.width, layout.height, layout.dtype,
-        RasterBand(path, driver, chosen, equal), layout.special, layout.scale, layout.base,
+        RasterBand(path, driver, layout.grey[number - 1], equal), layout.special, layout.scale, layout.base,
         ImageLabel(name=path.name), alpha,
     )  # fmt: skip
 
 
-def _open_plain(path: Path, size: tuple[int, int] | None) -> ImageFile:
+def _open_plain(path: Path, band: int | None, size: tuple[int, int] | None) -> ImageFile:
     """Open plain pixels: a .DAT file of known size, or the file of a detached label."""
     if size is not None:
         source = DatFile(path, *size)
@@ -165,7 +163,7 @@ def _open_plain(path: Path, size: tuple[int, int] | None) -> ImageFile:
             path,
             "put its detached label (.lbl or .xml) beside it; a .DAT file needs its size",
         )
-    image = _open_pds(labels[0], None)
+    image = _open_pds(labels[0], band)
     if not image.pixel_path.samefile(path):
         raise FormatError(f"is not what the label beside it names ({image.pixel_path.name})", path)
     return replace(image, path=path)
@@ -179,10 +177,15 @@ _OPENERS: dict[ImageFormat, Callable[[Path, int | None], ImageFile]] = {
     ImageFormat.TIFF: _open_raster,
     ImageFormat.PNG: _open_raster,
 }
-_READERS: dict[ImageFormat, Callable[[Path], DescribedArray]] = {
+_READERS: dict[ImageFormat | None, Callable[[Path, int | None], DescribedArray]] = {
     ImageFormat.PDS3: read_pds3,
     ImageFormat.PDS4: read_pds4,
 }
+
+
+def _read_label(path: Path, band: int | None) -> DescribedArray:
+    """Return the image of a PDS label."""
+    return _READERS[_kind_of(path)](path, band)
 
 
 def _fits_with_label(
@@ -220,7 +223,7 @@ def _fits_with_label(
 
 def _fits_source(path: Path, fits: FitsImage) -> FitsUnit:
     """Return the source of a FITS image's pixels."""
-    return FitsUnit(path, fits.unit, fits.extra_axes, fits.unsigned)
+    return FitsUnit(path, fits.unit, fits.plane, fits.unsigned)
 
 
 def _fits_scaling(fits: FitsImage) -> tuple[float, float]:
@@ -270,19 +273,3 @@ def _labels_beside(path: Path) -> list[Path]:
         if label is not None and _kind_of(label) in _READERS:
             found.append(label)
     return found
-
-
-def _chosen(path: Path, band: int | None, bands: tuple[int, ...]) -> int:
-    """Return the band to read."""
-    if band is None and len(bands) == 1:
-        return bands[0]
-    if band is None:
-        raise FormatError(f"has {len(bands)} bands", path, "give the number of one")
-    if band not in bands:
-        raise InvalidValueError(f"has no band {band} (it has {len(bands)})", path)
-    return band
-
-
-def _only_one(path: Path, band: int | None) -> None:
-    """Refuse another band than the first of a file with one."""
-    _chosen(path, band, (1,))

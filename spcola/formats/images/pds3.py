@@ -23,7 +23,7 @@ from spcola.formats.images.image_label import (
     text_of,
 )
 from spcola.formats.images.isis_label import group, read_gdal_label
-from spcola.formats.images.pixel_sources import PlainArray
+from spcola.formats.images.pixel_sources import PlainArray, chosen_band
 from spcola.formats.images.special_values import SpecialValues
 
 # SAMPLE_TYPE of the PDS3 standard, appendix C: the first part states the byte order.
@@ -66,19 +66,22 @@ class DescribedArray:
     label: ImageLabel
 
 
-def read_pds3(path: Path) -> DescribedArray:
+def read_pds3(path: Path, band: int | None = None) -> DescribedArray:
     """Return the image of a PDS3 label.
 
     Parameters
     ----------
     path : Path
         The image with its label, or the detached label.
+    band : int, optional
+        Of an image with several ones stored one after the other, from 1.
 
     Raises
     ------
     FormatError
-        If the label cannot be read, has no uncompressed image of one band, or its file is absent
-        or too short.
+        If the label cannot be read, has no uncompressed image, or its file is absent or too short.
+    InvalidValueError
+        If it has no such band.
     """
     keywords = read_gdal_label(path, "PDS")
     # Labels of several files have the object and its pointer in one that describes the file.
@@ -93,8 +96,11 @@ def read_pds3(path: Path) -> DescribedArray:
             path,
             "decompress it with PDS tools first",
         )
-    if _whole(entry, "BANDS", path, 1) != 1:
-        raise FormatError(f"has {entry['BANDS']} bands, one is needed", path)
+    bands = _whole(entry, "BANDS", path, 1)
+    storage = text_of(entry.get("BAND_STORAGE_TYPE"))
+    if bands > 1 and storage != "BAND_SEQUENTIAL":
+        raise FormatError(f"has {bands} bands stored as {storage}, one is needed", path)
+    number = chosen_band(path, band, bands) - 1
     target, offset = _place(path, pointer, {**keywords, **part})
     array = PlainArray(
         target,
@@ -104,7 +110,7 @@ def read_pds3(path: Path) -> DescribedArray:
         _whole(entry, "LINE_SAMPLES", path),
         _whole(entry, "LINE_PREFIX_BYTES", path, 0),
         _whole(entry, "LINE_SUFFIX_BYTES", path, 0),
-    )
+    ).following(number)
     scale, base = (_number(entry, *key) for key in (("SCALING_FACTOR", 1.0), ("OFFSET", 0.0)))
     return DescribedArray(array, scale, base, _special(entry), pds3_label(keywords, path.name))
 

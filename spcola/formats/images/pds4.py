@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import prod
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -13,7 +14,7 @@ from spcola.camera.detector import Orientation
 from spcola.errors import FormatError
 from spcola.formats.images.image_label import ImageLabel, kelvin, quantity, seconds, text_of
 from spcola.formats.images.pds3 import DescribedArray, beside, display_directions
-from spcola.formats.images.pixel_sources import PlainArray
+from spcola.formats.images.pixel_sources import PlainArray, chosen_band
 from spcola.formats.images.special_values import SpecialValues
 from spcola.formats.text import read_bytes, regular_size
 
@@ -24,6 +25,7 @@ _TYPES = {
     "IEEE754MSBSingle": ">f4", "IEEE754LSBSingle": "<f4",
     "IEEE754MSBDouble": ">f8", "IEEE754LSBDouble": "<f8",
 }  # fmt: skip
+_IMAGES = ("Array_2D_Image", "Array_3D_Image")
 _DIRECTIONS = {
     "left to right": "right", "right to left": "left",
     "top to bottom": "down", "bottom to top": "up",
@@ -37,23 +39,27 @@ _MOST_BYTES = 1 << 24
 _DEEPEST = 60
 
 
-def read_pds4(path: Path) -> DescribedArray:
-    """Return the first Array_2D_Image of a PDS4 label.
+def read_pds4(path: Path, band: int | None = None) -> DescribedArray:
+    """Return the first Array_2D_Image or Array_3D_Image of a PDS4 label.
 
     Parameters
     ----------
     path : Path
         The label (XML).
+    band : int, optional
+        Of an Array_3D_Image, from 1.
 
     Raises
     ------
     FormatError
         If it is no PDS4 label, has no image, or its file is absent or has another size.
+    InvalidValueError
+        If it has no such band.
     """
     keywords = _tree(path)
-    area = next(
-        (a for a in _all(keywords, "File_Area_Observational") if _all(a, "Array_2D_Image")), None
-    )
+    areas = _all(keywords, "File_Area_Observational")
+    images = ((area, image) for area in areas for name in _IMAGES for image in _all(area, name))
+    area, entry = next(images, (None, None))
     if area is None:
         raise FormatError("has no File_Area_Observational with an Array_2D_Image", path)
     target = beside(path, text_of(_at(area, "File", "file_name")) or "")
@@ -64,8 +70,7 @@ def read_pds4(path: Path) -> DescribedArray:
             target,
             "the file is truncated, or the label is another image's",
         )
-    entry = _all(area, "Array_2D_Image")[0]
-    array = _array(entry, target, path)
+    array = _array(entry, target, path, band)
     element = _at(entry, "Element_Array")
     scale, base = (
         found[0] if (found := quantity(_at(element, key))) else default
@@ -145,15 +150,15 @@ def _orientation(discipline: Mapping[str, Any]) -> tuple[Orientation | None, tup
     return display_directions(*found[0])
 
 
-def _array(entry: Mapping[str, Any], target: Path, path: Path) -> PlainArray:
-    """Return place, type and size of an Array_2D_Image."""
+def _array(entry: Any, target: Path, path: Path, band: int | None) -> PlainArray:
+    """Return place, type and size of an image."""
     kind = text_of(_at(entry, "Element_Array", "data_type"))
     if kind not in _TYPES:
         raise FormatError(f"has pixels of type {kind}, which are not read", path)
     order = text_of(_at(entry, "axis_index_order"))
     axes = sorted(_all(entry, "Axis_Array"), key=lambda axis: str(_at(axis, "sequence_number")))
     names = [str(text_of(_at(axis, "axis_name"))).lower() for axis in axes]
-    if order != "Last Index Fastest" or names != ["line", "sample"]:
+    if order != "Last Index Fastest" or names[-2:] != ["line", "sample"]:
         raise FormatError(
             f"has an array with axes {names} and order {order!r}; line, sample and last index "
             "fastest are needed",
@@ -162,10 +167,11 @@ def _array(entry: Mapping[str, Any], target: Path, path: Path) -> PlainArray:
     counts = [quantity(_at(axis, "elements")) for axis in axes]
     offset = quantity(_at(entry, "offset"))
     numbers = [n[0] if n else -1.0 for n in (*counts, offset)]
-    if not (min(numbers[:2]) >= 1 and numbers[2] >= 0 and max(numbers) < 1 << 40):
+    if not (min(numbers[:-1]) >= 1 and numbers[-1] >= 0 and max(numbers) < 1 << 40):
         raise FormatError("has no usable size or offset of its image", path)
-    lines, samples, start = (int(n) for n in numbers)
-    return PlainArray(target, start, np.dtype(_TYPES[kind]), lines, samples)
+    *planes, lines, samples, start = (int(n) for n in numbers)
+    number = chosen_band(path, band, prod(planes)) - 1
+    return PlainArray(target, start, np.dtype(_TYPES[kind]), lines, samples).following(number)
 
 
 def _tree(path: Path) -> dict[str, Any]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from spcola.arrays import AnyArray
-from spcola.errors import FormatError
+from spcola.errors import FormatError, InvalidValueError
 from spcola.formats.images.dat import bytes_per_pixel, read_image_data, smoother_when_swapped
 from spcola.formats.images.fits import reading_fits
 from spcola.formats.images.isis_label import reading_raster
@@ -21,6 +21,23 @@ Window = tuple[slice, slice]
 _LEAST, _MOST = 1e-30, 1e30
 _CONTRADICTION = 0.1
 _FEWEST_TO_JUDGE = 256
+
+
+def chosen_band(path: Path, band: int | None, count: int) -> int:
+    """Return the band to read, from 1: the one asked for, or the only one.
+
+    Raises
+    ------
+    FormatError
+        If there are several, and none was asked for.
+    InvalidValueError
+        If it does not exist.
+    """
+    if band is None and count != 1:
+        raise FormatError(f"has {count} bands", path, "give the number of one")
+    if band is not None and not 1 <= band <= count:
+        raise InvalidValueError(f"has no band {band} (it has {count})", path)
+    return band or 1
 
 
 class PixelSource(Protocol):
@@ -78,6 +95,11 @@ class PlainArray:
                 self.path,
                 "the file is truncated, or the label is another image's",
             )
+
+    def following(self, number: int) -> PlainArray:
+        """Return the array that lies `number` arrays of this size further on."""
+        offset = self.offset + number * self.lines * self._line_bytes
+        return replace(self, offset=offset) if number else self
 
     @property
     def _line_bytes(self) -> int:
@@ -152,8 +174,8 @@ class FitsUnit:
     path : Path
     unit : int
         0 for the primary array.
-    extra_axes : int
-        Axes of length 1 beyond two.
+    plane : tuple of int
+        Place along the axes beyond two, from 0.
     unsigned : bool
         Whether integers are stored less half their range (BZERO of 32768, for 16 bits); they are
         returned without sign.
@@ -161,7 +183,7 @@ class FitsUnit:
 
     path: Path
     unit: int = 0
-    extra_axes: int = 0
+    plane: tuple[int, ...] = ()
     unsigned: bool = False
 
     def read(self, window: Window) -> AnyArray:
@@ -173,7 +195,7 @@ class FitsUnit:
             If the file cannot be read.
         """
         with reading_fits(self.path, scaled=False) as units:
-            values = np.asarray(units[self.unit].section[(0,) * self.extra_axes + window])
+            values = np.asarray(units[self.unit].section[self.plane + window])
         values = values.astype(values.dtype.newbyteorder("="))
         if not self.unsigned:
             return values

@@ -106,8 +106,28 @@ def test_fits_with_one_plane_and_with_an_extension(samples, tmp_path, ramp) -> N
         b"SIMPLE  =                    T", b"XTENSION= 'IMAGE   '          ", 1
     )
     check(open_image(put(tmp_path / "b.fits", empty + extension)), ramp)
-    with pytest.raises(FormatError, match="one plane is needed"):
-        open_image(put(tmp_path / "c.fits", samples.fits_bytes(np.stack([plane, plane]))))
+    path = put(tmp_path / "c.fits", samples.fits_bytes(np.stack([plane, plane + 1]).astype(">i2")))
+    check(open_image(path, band=2), ramp + 1)
+    with pytest.raises(FormatError, match="has 2 bands; give the number of one"):
+        open_image(path)
+
+
+def test_bands_of_pds_images(samples, tmp_path, ramp) -> None:
+    planes = np.stack([ramp, ramp + 1, ramp + 2])
+    put(tmp_path / "a.img", planes.astype(">u2").tobytes())
+    more = " BANDS = 3\r\n BAND_STORAGE_TYPE = BAND_SEQUENTIAL\r\n"
+    text = samples.pds3_text(16, "MSB_UNSIGNED_INTEGER", '"a.img"', more=more)
+    check(open_image(put(tmp_path / "a.lbl", text), band=3), ramp + 2)
+    axis = "<Axis_Array><axis_name>Band</axis_name><elements>3</elements>"
+    axis += "<sequence_number>0</sequence_number></Axis_Array><Axis_Array><axis_name>Line<"
+    text = samples.pds4_text("a.img", planes.nbytes, "UnsignedMSB2").replace("2D_I", "3D_I")
+    text = text.replace("<Axis_Array><axis_name>Line<", axis)
+    path = put(tmp_path / "b.xml", text)
+    check(open_image(path, band=2), ramp + 1)
+    with pytest.raises(InvalidValueError, match="has no band 4"):
+        open_image(path, band=4)
+    with pytest.raises(FormatError, match="has 3 bands; give the number of one"):
+        open_image(path)
 
 
 def test_own_fits_is_read_with_its_name_and_time(tmp_path, ramp) -> None:
@@ -464,7 +484,7 @@ def test_eight_bits_moved_up_are_no_contradiction(samples, tmp_path, ramp) -> No
         ({"pointer": '"other.img"'}, "names other.img, which is not beside it|cannot be read"),
         ({"pointer": '"../a.img"'}, "names|cannot be read"),
         ({"kind": "VAX_REAL", "bits": 32}, "which are not read|cannot be read"),
-        ({"more": " BANDS = 3\r\n"}, "has 3 bands, one is needed|cannot be read"),
+        ({"more": " BANDS = 3\r\n"}, "has 3 bands stored as None, one is needed|cannot be read"),
         ({"more": ' ENCODING_TYPE = "HUFFMAN"\r\n'}, "is compressed|cannot be read"),
         ({"lines": 400}, "has 2400 bytes, its label needs 24000"),
     ],
