@@ -20,7 +20,7 @@ from spcola.formats.images.image_label import (
     text_of,
 )
 from spcola.formats.images.pixel_sources import chosen_band
-from spcola.formats.images.special_values import SpecialValues
+from spcola.formats.images.special_values import SpecialValues, check_scaling
 from spcola.formats.images.warning_filters import warnings_as
 from spcola.formats.text import regular_size
 
@@ -142,6 +142,7 @@ def _image(
         raise FormatError(f"has an image of {width} × {height} pixels", path)
     stored = np.dtype(">" + _TYPES[header["BITPIX"]])
     scaling = float(header.get("BSCALE", 1)), float(header.get("BZERO", 0))
+    check_scaling(*scaling, path)
     half = 2.0 ** (8 * stored.itemsize - 1)
     unsigned = stored.kind == "i" and scaling == (1.0, half)
     shift = half if unsigned else 0.0

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from math import isfinite
 from typing import Any
 
 from spcola.camera.detector import Orientation
@@ -160,6 +161,8 @@ def quantity(value: Any) -> tuple[float, str | None] | None:
     try:
         number = float(value)
     except (TypeError, ValueError):
+        return None
+    if not isfinite(number):
         return None
     return (number, None if unit is None else str(unit).strip().lower())
 

@@ -11,9 +11,12 @@ from typing import Any, Literal
 
 from spcola.errors import FormatError, SpcolaError
 from spcola.formats.images.warning_filters import warnings_as
-from spcola.formats.text import regular_size
+from spcola.formats.text import read_bytes, regular_size
 
 LabelFormat = Literal["ISIS3", "PDS"]
+
+_END = re.compile(rb"^[ \t]*END[ \t]*(?:\r|\n|\0|$)", re.IGNORECASE | re.MULTILINE)
+_LONGEST_LABEL = 1 << 18
 
 # A quoted text that goes on in the next line holds the line ends and the indentation.
 _LINE_END = re.compile(r"(?:\\r|\\n|\s)+")
@@ -74,6 +77,7 @@ def read_gdal_label(path: str | Path, driver: LabelFormat) -> dict[str, Any]:
     FormatError
         If GDAL cannot read the label.
     """
+    _check_text(path)
     with reading_raster(path, driver) as dataset:
         tags = dataset.tags(ns=f"json:{driver}")
     if not tags:
@@ -104,6 +108,19 @@ def _check_regular(path: str | Path) -> None:
     except OSError as error:
         raise FormatError(
             f"cannot be read ({error.strerror or error})", path, "check its name and permissions"
+        ) from error
+
+
+def _check_text(path: str | Path) -> None:
+    """Refuse a label with bytes that are no text: GDAL's messages would quote them."""
+    head = read_bytes(path, most=_LONGEST_LABEL)
+    end = _END.search(head)
+    try:
+        head[: end.start() if end else 0].decode()
+    except UnicodeDecodeError as error:
+        raise FormatError(
+            f"has a label with bytes that are no text (UTF-8), the first is byte {error.start + 1}",
+            path,
         ) from error
 
 

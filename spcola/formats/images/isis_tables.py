@@ -16,6 +16,7 @@ from spcola.formats.text import regular_size
 
 # ISIS's types of fields (Text: so many bytes as Size gives).
 _TYPES = {"Integer": "i4", "Double": "f8", "Real": "f4", "Text": "S"}
+_LARGEST_FIELD = 1 << 20
 _ORDERS = {"Lsb": "<", "Msb": ">"}
 _LAYOUT = ("Name", "StartByte", "Bytes", "Records", "ByteOrder")
 
@@ -105,7 +106,7 @@ def _row_type(fields: list[Any], order: str | None, where: str) -> np.dtype[np.v
         kind = _TYPES.get(str(field.get("Type")))
         size = _count(field, "Size", where)
         name = str(field.get("Name"))
-        if kind is None or size < 1 or name in [part[0] for part in parts]:
+        if kind is None or not 1 <= size <= _LARGEST_FIELD or name in [part[0] for part in parts]:
             raise FormatError(f"its field {name!r} has no usable name, type and size", where)
         if kind == "S":
             parts.append((name, f"S{size}"))

@@ -19,7 +19,7 @@ from spcola.formats.images.pds3 import DescribedArray, read_pds3
 from spcola.formats.images.pds4 import read_pds4
 from spcola.formats.images.pixel_sources import DatFile, FitsUnit, RasterBand, chosen_band
 from spcola.formats.images.raster_image import read_raster_layout
-from spcola.formats.images.special_values import SpecialValues
+from spcola.formats.images.special_values import SpecialValues, check_scaling
 from spcola.formats.text import read_bytes
 
 _DRIVERS = {ImageFormat.TIFF: "GTiff", ImageFormat.PNG: "PNG"}
@@ -74,6 +74,7 @@ def open_image(
         image = _OPENERS[kind](path, band)
     if image.width * image.height <= 0:
         raise FormatError("has no pixels", path)
+    check_scaling(image.scale, image.base, path)
     notes = (*image.notes, *image.label.notes, *exposure_notes(image.label))
     return replace(image, notes=tuple(dict.fromkeys(notes)))
 
@@ -143,8 +144,8 @@ def _open_raster(path: Path, band: int | None) -> ImageFile:
     alpha = None if layout.alpha is None else RasterBand(path, driver, layout.alpha)
     return ImageFile(
         path, kind, path, None, layout.width, layout.height, layout.dtype,
-        RasterBand(path, driver, layout.grey[number - 1], equal), layout.special, layout.scale, layout.base,
-        ImageLabel(name=path.name), alpha,
+        RasterBand(path, driver, layout.grey[number - 1], equal), layout.special,
+        layout.scale, layout.base, ImageLabel(name=path.name), alpha,
     )  # fmt: skip
 
 

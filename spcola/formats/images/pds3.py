@@ -33,6 +33,8 @@ _SAMPLE_TYPE = re.compile(
     r"(?:(MSB|LSB|IEEE|SUN|MAC|PC|VAX)_)?(UNSIGNED_INTEGER|INTEGER|REAL|FLOAT)"
 )
 _LETTERS = {"UNSIGNED_INTEGER": "u", "INTEGER": "i", "REAL": "f", "FLOAT": "f"}
+# File systems have no longer names, bytes.
+_LONGEST_NAME = 255
 _BYTES_UNIT = re.compile(r"\s*(\d+)\s*<\s*BYTES\s*>\s*", re.IGNORECASE)
 
 _MISSING = ("MISSING_CONSTANT", "MISSING", "INVALID_CONSTANT", "INVALID", "NULL", "CORE_NULL")
@@ -213,7 +215,8 @@ def beside(label: Path, name: str) -> Path:
     FormatError
         If it is absent, or `name` is no plain file name.
     """
-    if Path(name).name != name or "\\" in name:
+    plain = Path(name).name == name and "\\" not in name
+    if not plain or not 0 < len(name.encode()) <= _LONGEST_NAME:
         raise FormatError(f"names {name!r}, which is no file of its folder", label)
     for spelling in (name, name.lower(), name.upper()):
         if (label.parent / spelling).is_file():

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.camera.detector import PixelValues
+from spcola.errors import FormatError
 
-Dtype = np.dtype[np.generic]
+_LARGEST = 1e30
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,18 @@ class SpecialValues:
     saturated: tuple[float, ...] = ()
     lowest: float | None = None
     highest: float | None = None
+
+
+def check_scaling(scale: float, base: float, path: Path) -> None:
+    """Refuse a scaling that no brightness has.
+
+    Raises
+    ------
+    FormatError
+        If `scale` is 0, or a number is not finite or beyond 1e30.
+    """
+    if not (0 < abs(scale) < _LARGEST and abs(base) < _LARGEST):
+        raise FormatError(f"has an impossible scaling (× {scale:g}, + {base:g})", path)
 
 
 def classified(stored: AnyArray, special: SpecialValues, scale: float, base: float) -> PixelValues:
@@ -55,7 +69,9 @@ def classified(stored: AnyArray, special: SpecialValues, scale: float, base: flo
     if none.any():
         values[none] = np.nan
     if scale != 1.0 or base != 0.0:
-        values = (values * scale + base).astype(values.dtype)
+        with np.errstate(over="ignore"):
+            values = (values * scale + base).astype(values.dtype)
+        missing |= ~np.isfinite(values) & ~dark & ~saturated
     return PixelValues(values, missing, dark, saturated)
 
 

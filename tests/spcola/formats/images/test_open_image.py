@@ -496,6 +496,13 @@ def test_pds3_labels_that_cannot_be_used(samples, tmp_path, ramp, change, messag
         open_image(put(tmp_path / "a.lbl", samples.pds3_text(**entries)))
 
 
+@pytest.mark.parametrize("cards", [[("BSCALE", 0.0)], [("BZERO", "1E300")]])
+def test_impossible_scalings_are_refused(samples, tmp_path, ramp, cards) -> None:
+    content = samples.fits_bytes(ramp.astype(">i2"), cards).replace(b"'1E300   '", b"1E300     ")
+    with pytest.raises(FormatError, match="has an impossible scaling"):
+        open_image(put(tmp_path / "a.fits", content))
+
+
 def test_an_end_before_the_start_is_refused(samples, tmp_path, ramp) -> None:
     put(tmp_path / "a.img", ramp.astype(">u2").tobytes())
     text = samples.pds3_text(16, "MSB_UNSIGNED_INTEGER", '"a.img"').replace(
