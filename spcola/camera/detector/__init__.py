@@ -1,6 +1,6 @@
 """Detectors: pixels of image files, their correction, scaling, thresholds and orientation."""
 
-from spcola.camera.detector.bit_depth import BitDepth, StoredPixels, scaling_for, to_unsigned
+from spcola.camera.detector.bit_depth import BitDepth, StoredPixels
 from spcola.camera.detector.orientation import Direction, Orientation
 from spcola.camera.detector.pixels import PixelValues
 from spcola.camera.detector.preparation import Preparation, PreparedPixels, prepare_pixels
@@ -16,6 +16,4 @@ __all__ = [
     "PreparedPixels",
     "StoredPixels",
     "prepare_pixels",
-    "scaling_for",
-    "to_unsigned",
 ]

@@ -12,9 +12,8 @@ from spcola.camera.detector import (
     PixelValues,
     Preparation,
     prepare_pixels,
-    scaling_for,
-    to_unsigned,
 )
+from spcola.camera.detector.bit_depth import scaling_for, to_unsigned
 from spcola.camera.detector.thresholds import bright_threshold, shadow_threshold
 from spcola.errors import InvalidValueError, NotObservableError
 

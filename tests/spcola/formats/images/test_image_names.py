@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spcola.errors import InvalidValueError
-from spcola.formats.images import NamedImage, spc_names
-from spcola.formats.images.image_names import spc_name
+from spcola.formats.images.names import NamedImage, spc_name, spc_names
 
 
 @pytest.mark.parametrize(

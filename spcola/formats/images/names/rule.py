@@ -1,4 +1,4 @@
-"""SPC's names of images: at most twelve characters."""
+"""How SPC names images: camera, time and filter in twelve characters."""
 
 from __future__ import annotations
 
