@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -100,8 +101,8 @@ def _facts(source: PointSource) -> dict[str, Any]:
 
 def _lines(one: PointSource, two: PointSource, content: dict[str, Any]) -> list[str]:
     """Return what people read: the transform, where it moves the ground, the verdict."""
-    from fusion.estimation.verdict import verdict_lines
     from fusion.report.layout import number_text
+    from fusion.verdict import verdict_lines
 
     def row(name: str, values: Any, sigmas: Any, factor: float = 1.0) -> str:
         parts = [
@@ -111,10 +112,15 @@ def _lines(one: PointSource, two: PointSource, content: dict[str, Any]) -> list[
         ]
         return f"  {name}: {', '.join(parts)}"
 
-    shift, sigma = content["shift_m"], content["shift_sigma_m"]
-    lines = [
+    head = [
         f"{one.path} ({one.kind}, {one.count} points) → {two.path} ({two.kind}, {two.count})",
         *verdict_lines(content),
+    ]
+    if content["translation_m"] is None:
+        return head
+    shift, sigma = content["shift_m"], content["shift_sigma_m"]
+    lines = [
+        *head,
         row("ground moved by x, y, z, m", shift, sigma.tolist()),
         row("rotation x, y, z, °", content["rotation_deg"], _listed(content["rotation_sigma_deg"])),
     ]
@@ -126,7 +132,12 @@ def _lines(one: PointSource, two: PointSource, content: dict[str, Any]) -> list[
         row("translation x, y, z, m", content["translation_m"],
             _listed(content["translation_sigma_m"]))
     )  # fmt: skip
-    lines.append(f"  differences of height: {number_text(content['height_residual_std_m'])} m")
+    if isfinite(content["sigma_uncertainty"]):
+        lines.append(
+            f"  sigmas are known to {100 * content['sigma_uncertainty']:.0f} %: they come from "
+            f"{content['clusters']} independent parts of the ground"
+        )
+    lines.append(f"  differences of height: {content['height_residual_std_m']:.3g} m")
     for source in (one, two):
         lost = ", ".join(f"{count} {reason}" for reason, count in source.left_out.items() if count)
         lines += [f"  left out of {source.path}: {lost}"] if lost else []

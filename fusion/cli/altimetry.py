@@ -67,7 +67,7 @@ def import_(
     # Imported here and not above, so that --help is fast.
     from fusion.runtime import Progress
     from fusion.stages import import_scans
-    from fusion.stages.ingest import Source
+    from fusion.stages.ingest import LidarFile
     from fusion.workspace import Workspace
 
     isolation.apply(workspace)
@@ -77,7 +77,8 @@ def import_(
     settings = there.settings()
     wanted = _columns(columns or [])
     sources = [
-        Source(shared_path(file, cluster), name, format, wanted, unit, gps_time) for file in files
+        LidarFile(shared_path(file, cluster), name, format, wanted, unit, gps_time)
+        for file in files
     ]
     workforce, progress = executor_of(workers, cluster), Progress.fitting(silent=as_json)
     done = import_scans(there, sources, settings=settings, executor=workforce, progress=progress)

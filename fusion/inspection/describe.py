@@ -17,7 +17,7 @@ from fusion.products.formats import read_fits_dtm, read_geotiff
 from fusion.runtime import usable_cores
 from fusion.runtime.machine import PROGRAM_BYTES
 from fusion.stages import load_stages
-from fusion.stages.ingest import doubles, scan_facts, utc_or_none, whole_scans
+from fusion.stages.ingest import duplicate_scans, readable_scans, scan_facts, span_facts
 from fusion.workspace import Workspace
 from fusion.workspace.settings import load_settings
 from lidar.formats import open_lidar
@@ -30,7 +30,7 @@ from spcola.formats.shapes import FacesFrom, read_icq, read_shape, recognise_sha
 from spcola.formats.solution import read_landmark, read_list, read_nominal, read_summary
 from spcola.grids import Maplet
 from spcola.shape.icq import IcqShape, as_icq
-from spcola.spice import constant, orientation_of, read_transfer
+from spcola.spice import orientation_of, read_transfer
 
 
 def describe_workspace(workspace: Workspace) -> dict[str, Any]:
@@ -42,7 +42,7 @@ def describe_workspace(workspace: Workspace) -> dict[str, Any]:
         If its settings are wrong, or a folder of it cannot be read.
     """
     settings = workspace.settings()
-    scans = list(whole_scans(workspace).values())
+    scans = list(readable_scans(workspace).values())
     per_worker = settings.ingest.chunk * BYTES_PER_RETURN
     shapes = sorted((workspace.root / "SHAPEFILES").glob("[!.]*"))
     return {
@@ -72,7 +72,7 @@ def _problems(workspace: Workspace) -> list[str]:
             scan_summary(path)
         except FormatError as error:
             found.append(str(error))
-    for one, other in doubles(whole_scans(workspace)):
+    for one, other in duplicate_scans(readable_scans(workspace)):
         first, second = workspace.scan_path(one), workspace.scan_path(other)
         found.append(f"{first} and {second} hold the same scan")
     try:
@@ -112,7 +112,7 @@ def _describe_kernel(path: Path) -> dict[str, Any]:
     if word.startswith("DAF/"):
         return {"kind": "SPICE kernel (binary)", "form": word[:8].rstrip("\0")}
     stated = orientation_of(path)
-    meridians = {body: stated.constants.get(constant(body, "PM")) for body in stated.bodies}
+    meridians = {body: stated.get(body, "PM") for body in stated.bodies}
     beyond = {str(body): list(stated.beyond_spin(body)) for body in stated.bodies}
     return {
         "kind": "SPICE kernel (text)",
@@ -240,10 +240,7 @@ def _describe_lidar(path: Path) -> dict[str, Any]:
         **(_las_facts(path) if format == "las" else {}),
         "returns": count,
         "rejected": rejected,
-        "first_et_s": span[0],
-        "last_et_s": span[1],
-        "first_utc": utc_or_none(span[0]),
-        "last_utc": utc_or_none(span[1]),
+        **span_facts(span),
         "lowest_m": lowest.tolist(),
         "highest_m": highest.tolist(),
         **clock.forecast(path),

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from fusion.geolocation import ReturnSource, gridding_options, located_store
 from fusion.runtime import ThreadExecutor, usable_cores
 from fusion.runtime.machine import PROGRAM_BYTES
-from fusion.stages.geolocation import ReturnSource, gridding_options, located_store
 from fusion.stages.mapolas import STAGE, compared_grids, mapola_grids
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings

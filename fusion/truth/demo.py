@@ -15,7 +15,7 @@ from fusion.report.planted import RecoveredParameter, SurfaceErrors, write_plant
 from fusion.runtime import Executor, Progress
 from fusion.runtime.folders import make_folder
 from fusion.stages import compiling_ahead, load_stages
-from fusion.stages.ingest import Source, Workers, import_files
+from fusion.stages.ingest import LidarFile, import_files
 from fusion.truth.causes import LARGE_PULL, explained
 from fusion.truth.generation import LIDAR_FOLDER, SPC_FOLDER
 from fusion.truth.mission import make_mission
@@ -87,9 +87,9 @@ def demonstrate(
     planted = _mission(folder, settings or MissionSettings.demo(), executor, progress)
     workspace = _workspace(folder / WORKSPACE_FOLDER, mission)
     chosen = workspace.settings()
-    sources = [Source(path) for path in sorted((mission / LIDAR_FOLDER).iterdir())]
+    sources = [LidarFile(path) for path in sorted((mission / LIDAR_FOLDER).iterdir())]
     with opened(workspace) as catalog:
-        import_files(workspace, chosen, sources, Workers(executor, progress, catalog.digesting))
+        import_files(workspace, chosen, sources, catalog, executor=executor, progress=progress)
     stages = load_stages()
     whole = Pipeline(workspace, chosen, stages, executor, progress)
     # The report comes last: it shows the recovered values.

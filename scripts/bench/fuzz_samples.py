@@ -42,15 +42,16 @@ from fuzz_rows import (
 from fusion.fusing.maplets import FusedMaplet, Source, read_fused, write_fused
 from fusion.products import Provenance
 from fusion.products.formats import read_fits_dtm, write_fits_dtm
-from fusion.registration.results import ScanEffects, given_registration, placements_of
-from fusion.stages.ingest.sources import recorded_source
+from fusion.registration.fit import ScanErrorPatterns
+from fusion.registration.results import given_registration, mapola_registrations
+from fusion.stages.ingest.lidar_files import recorded_source
 from fusion.truth import read_truth
 from fusion.truth.planted import PlacedCenter, Planted, TrueState, write_truth
 from fusion.truth.presets import MissionSettings
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings, load_settings
 from fusion.workspace.settings.settings import settings_text
-from lidar.adjustment import ErrorSizes, Nodes, ScanAdjustment
+from lidar.adjustment import RigidArcs, ScanAdjustment, ScanErrorSizes
 from lidar.formats import open_lidar, recognise
 from lidar.formats.mapolas import (
     mapola_names,
@@ -72,7 +73,7 @@ from spcola.formats.images import (
     write_image_data,
 )
 from spcola.formats.maplets import read_maplet, write_maplet
-from spcola.formats.shapes import read_shape, recognise_shape, write_icq, write_obj
+from spcola.formats.shapes import read_shape, recognise_shape, write_icq, write_obj_mesh
 from spcola.formats.shapes.ply import write_ply_mesh
 from spcola.formats.solution import (
     read_landmark,
@@ -212,15 +213,15 @@ def _fused(folder: Path) -> Path:
 def _adjustment(path: Path) -> None:
     count = 4
     half = RNG.normal(size=(6 * count, 6 * count))
-    nodes = Nodes(POINTS[:count], np.arange(count), np.full(count, -1))
+    arcs = RigidArcs(POINTS[:count], np.arange(count), np.full(count, -1))
     write_adjustment(
         path,
         ScanAdjustment(
             tuple("abcd"),
-            nodes,
+            arcs,
             np.zeros((count, 6)),
             half @ half.T * 1e-4,
-            ErrorSizes(0.05, 0.05, 5e-5, 5e-4, 0.02),
+            ScanErrorSizes(0.05, 0.05, 5e-5, 5e-4, 0.02),
             np.ones(count),
             np.full(count, 99.0),
             1e-4,
@@ -278,7 +279,7 @@ def _read_fused(path: Path) -> None:
 def _read_adjustment(path: Path) -> None:
     found = read_adjustment(path)
     shares = np.full((3, len(found)), 0.5)
-    ScanEffects.of_adjustment(found, shares, POINTS[:3])
+    ScanErrorPatterns.of_adjustment(found, shares, POINTS[:3])
     str(found.suspects), found.sigma.sum()
 
 
@@ -295,7 +296,7 @@ def _read_shape(path: Path) -> None:
 
 def _read_registration(path: Path) -> None:
     content = Workspace(path.parent).read_json(path.name)
-    placements_of(content, str(path))
+    mapola_registrations(content, str(path))
     given_registration(content, str(path))
     given_registration(content, str(path), inverse=True)
 
@@ -353,7 +354,7 @@ KINDS: dict[str, Sample] = {
         _bytes("MAPLIST.TXT", lambda: b"AA0001\nAA0002\nAA0003\nEND\n"), read_list, "text"
     ),
     "icq": Sample(_written("a.txt", lambda p: write_icq(p, _icq())), _read_shape, "text"),
-    "obj": Sample(_written("a.obj", lambda p: write_obj(p, MESH)), _read_shape, "text"),
+    "obj": Sample(_written("a.obj", lambda p: write_obj_mesh(p, MESH)), _read_shape, "text"),
     "ply mesh": Sample(
         _written("a.ply", lambda p: write_ply_mesh(p, MESH, encoding="ascii")), _read_shape, "text"
     ),

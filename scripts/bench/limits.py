@@ -23,9 +23,15 @@ from pathlib import Path
 import numpy as np
 from limit_tables import Part, Row, print_cases
 
-from fusion.registration.fit import FitOptions, LandmarkErrors, Registration, similarity_numbers
-from fusion.registration.observations import fit_mapolas
-from fusion.registration.results import MatchedMapolas, ScanEffects, share_matrix
+from fusion.registration.fit import (
+    FitOptions,
+    LandmarkErrors,
+    MatchedMapolas,
+    Registration,
+    ScanErrorPatterns,
+    fit_mapolas,
+    share_matrix,
+)
 from fusion.runtime import ThreadExecutor, usable_cores
 from fusion.scene import Reference, surface_reference
 from fusion.surfacematch import Match, Surface, match_surfaces
@@ -34,7 +40,7 @@ from fusion.truth import read_truth
 from fusion.truth.planted import Planted
 from fusion.workspace import Workspace
 from lidar.gridding import Mapola
-from spcola.control.estimation import Network, NetworkOptions, solve_network
+from spcola.control.bundle_adjustment import Network, NetworkOptions, solve_network
 
 PARTS = {
     "translation": Part(slice(0, 3), "mm", 2.0),
@@ -113,17 +119,12 @@ class Case:
         adjustment = self.workspace.adjustment()
         if scans and adjustment is not None:
             matrix = share_matrix(shares, adjustment.names)
-            effects = ScanEffects.of_adjustment(adjustment, matrix, centers)
+            effects = ScanErrorPatterns.of_adjustment(adjustment, matrix, centers)
         else:
             names = sorted({name for share in shares for name in share})
             matrix = share_matrix(shares, names)
-            effects = ScanEffects.independent(names, 0.0)
-        return MatchedMapolas(
-            matches,
-            effects,
-            effects.at(matrix, centers),
-            effects.residual_covariance(matrix, centers),
-        )
+            effects = ScanErrorPatterns.independent(names, 0.0)
+        return MatchedMapolas.of(matches, effects, matrix)
 
     def landmarks(self) -> LandmarkErrors:
         return LandmarkErrors.of_mapolas(self.network, self.names, 0.05)
@@ -141,7 +142,7 @@ class Case:
     def row(self, registration: Registration) -> Row:
         """Return errors and sigmas of a registration."""
         planted = self.planted.similarity
-        scale, scale_sigma, rotation, rotation_sigma = similarity_numbers(registration)
+        scale, scale_sigma, rotation, rotation_sigma = registration.similarity_numbers()
         sigma = np.sqrt(np.diag(registration.covariance))[:3]
         shift = registration.transform.translation - planted.translation
         error = [

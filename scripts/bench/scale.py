@@ -19,7 +19,6 @@ With `--by images` or `both` the missions have images, and are registered by the
 from __future__ import annotations
 
 import tempfile
-from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -28,12 +27,10 @@ import numpy as np
 from pulls import PRESETS, missions, parser_of
 
 from fusion.pipeline import Pipeline
-from fusion.pipeline.catalog import Catalog
 from fusion.report.planted import RecoveredParameter
 from fusion.runtime import Progress, ThreadExecutor, usable_cores
 from fusion.scaling.fit import ScaleOptions
-from fusion.stages import load_stages
-from fusion.stages.ingest import Source, Workers, import_files
+from fusion.stages import import_scans, load_stages
 from fusion.truth import make_mission
 from fusion.truth.generation import LIDAR_FOLDER, SPC_FOLDER
 from fusion.truth.presets import MissionSettings
@@ -72,9 +69,8 @@ def recovered(kind: Kind, seed: int) -> list[RecoveredParameter]:
         workspace = new_workspace(Path(folder) / "ws", body="Truth", spc=mission / SPC_FOLDER)
         chosen = workspace.settings().with_table("scale", method=kind.method)
         chosen = chosen.with_table("register", by=kind.by)
-        sources = [Source(path) for path in sorted((mission / LIDAR_FOLDER).iterdir())]
-        with closing(Catalog(workspace)) as catalog:
-            import_files(workspace, chosen, sources, Workers(executor, progress, catalog.digesting))
+        files = sorted((mission / LIDAR_FOLDER).iterdir())
+        import_scans(workspace, files, settings=chosen, executor=executor)
         pipeline = Pipeline(workspace, chosen, load_stages(), executor, progress)
         for stage in ("mapolas", "register", "scale") if kind.registration else ("scale",):
             pipeline.run_stage(stage)

@@ -13,11 +13,11 @@ from fusion.inspection.look.picture import Picture, set_title
 from fusion.inspection.look.shading import limits_of
 from fusion.report.figures import graticule
 from fusion.report.layout import Colour, styled_figure
-from fusion.stages.ingest import utc_or_none
 from lidar.formats import ScanSample, read_sample
 from lidar.formats.clouds import read_las_system
 from lidar.scans import Scan
 from spcola.arrays import FloatArray
+from spcola.navigation import utc_from_et
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -126,7 +126,7 @@ def _against_time(figure: Any, scan: Scan, view: GroundView) -> None:
         panels[0].set_ylabel("range, m")
     _line(panels[-1], since, view.height, style)
     panels[-1].set_ylabel(view.labels[3])
-    panels[-1].set_xlabel(f"{unit} since {utc_or_none(first) or f'ET {first:.3f} s'} UTC")
+    panels[-1].set_xlabel(f"{unit} since {utc_from_et(first)} UTC")
     figure.align_ylabels(panels)
 
 
@@ -179,6 +179,6 @@ def _facts(sample: ScanSample, view: GroundView, format: str) -> dict[str, Any]:
         "layout": view.kind,
         "lowest_m": scan.points.min(axis=0),
         "highest_m": scan.points.max(axis=0),
-        "first_utc": utc_or_none(float(times.min())) if len(times) else None,
-        "last_utc": utc_or_none(float(times.max())) if len(times) else None,
+        "first_utc": utc_from_et(float(times.min())) if len(times) else None,
+        "last_utc": utc_from_et(float(times.max())) if len(times) else None,
     }

@@ -7,15 +7,17 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.registration.clouds.bodies import align_bodies
 from fusion.registration.clouds.clouds import CloudOptions, register_clouds
 from fusion.registration.clouds.composed import composed
-from fusion.registration.fit import KnownTransform, Model
-from fusion.registration.returns import DirectRegistration
+from fusion.registration.clouds.flat_frames import flat_frame
+from fusion.registration.clouds.not_aligned import NotAlignedError, refusal
+from fusion.registration.direct import DirectRegistration
 from fusion.registration.search import UNITS
+from fusion.registration.transform import PARAMETERS, KnownTransform, Model
+from fusion.verdict import Code, Finding, Severity, Verdict
 from spcola.arrays import FloatArray, check_shape
-from spcola.errors import InvalidValueError, NotObservableError
+from spcola.errors import InvalidValueError, NotObservableError, RejectedResultError
 from spcola.math import Affine
 
 LEAST_POINTS = 100
@@ -57,22 +59,38 @@ class AlignOptions:
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """The transform that takes a moving cloud to a fixed one.
+    """The transform that takes a moving cloud to a fixed one, or why there is none.
 
     Attributes
     ----------
-    registration : DirectRegistration
+    model : {"rigid", "similarity", "affine"}
+    fit : DirectRegistration or None
         ``V_fixed = translation + matrix · V_moving``; its covariance is about the origin of the
-        moving cloud's coordinates, in the order of its ``parameters``.
+        moving cloud's coordinates, in the order of its ``parameters``. None if there is no
+        transform: the findings give the reason.
     verdict : Verdict
         Whether it may be used.
-    ground : {"plane", "body"}
+    ground : {"plane", "body"} or None
         Whether the clouds were compared over one plane or in patches around a body.
     """
 
-    registration: DirectRegistration
+    model: Model
+    fit: DirectRegistration | None
     verdict: Verdict
-    ground: Ground
+    ground: Ground | None
+
+    @property
+    def registration(self) -> DirectRegistration:
+        """The fitted transform.
+
+        Raises
+        ------
+        RejectedResultError
+            If there is none.
+        """
+        if self.fit is None:
+            raise RejectedResultError(f"the alignment is {self.verdict.obstacle(())}")
+        return self.fit
 
     @property
     def transform(self) -> Affine:
@@ -89,12 +107,34 @@ class Alignment:
         moved = self.transform.apply(center) - center
         if not np.isfinite(self.registration.covariance).all():
             return moved, np.full((3, 3), np.nan)
-        return moved, self._known().position_covariance(center[None])[0]
+        return moved, _known(self.registration).position_covariance(center[None])[0]
+
+    @property
+    def sigma_uncertainty(self) -> float:
+        """Relative standard deviation of the sigmas, which come from K parts of the ground.
+
+        A variance that is estimated from K independent parts less P parameters has the relative
+        standard deviation √(2 / (K − P)), its root half of that. NaN where there are no sigmas.
+        """
+        freedom = self.registration.clusters - len(self.registration.parameters)
+        return float(1.0 / np.sqrt(2.0 * freedom)) if freedom > 0 else float("nan")
 
     def as_json(self) -> dict[str, Any]:
-        """Return it with the keys of ``registration.json``, as far as they have a meaning here."""
-        found = self.registration
-        known = self._known()
+        """Return it with the keys of ``registration.json``, as far as they have a meaning here.
+
+        Without a transform the keys are the same, their values null.
+        """
+        if self.fit is None:
+            identity = Affine(np.eye(3), np.zeros(3), "fixed", "moving")
+            size = len(PARAMETERS[self.model])
+            nothing = DirectRegistration(
+                self.model, identity, np.full((size, size), np.nan),
+                np.zeros(3), 0.0, 0.0, 0, 0, 0, 0, False,
+            )  # fmt: skip
+            keys = replace(self, fit=nothing).as_json()
+            return {**dict.fromkeys(keys), "model": self.model, **self.verdict.as_json()}
+        found = self.fit
+        known = _known(found)
         numbers = known.numbers()
         inverse = known.inverse().numbers()
         if not np.isfinite(found.covariance).all():
@@ -107,6 +147,7 @@ class Alignment:
             "center_m": found.center,
             "shift_m": moved,
             "shift_sigma_m": np.sqrt(np.diag(covariance)),
+            "sigma_uncertainty": self.sigma_uncertainty,
             "height_residual_std_m": found.residual_std_m,
             "ground": self.ground,
             "points_used": found.points,
@@ -119,12 +160,12 @@ class Alignment:
             **self.verdict.as_json(),
         }
 
-    def _known(self) -> KnownTransform:
-        """The transform with its covariance; with none of it where it is not known."""
-        found = self.registration
-        known = np.isfinite(found.covariance).all()
-        covariance = found.covariance if known else np.zeros_like(found.covariance)
-        return KnownTransform(found.model, found.transform, covariance)
+
+def _known(found: DirectRegistration) -> KnownTransform:
+    """A transform with its covariance; with none of it where it is not known."""
+    known = np.isfinite(found.covariance).all()
+    covariance = found.covariance if known else np.zeros_like(found.covariance)
+    return KnownTransform(found.model, found.transform, covariance)
 
 
 def align_clouds(
@@ -146,14 +187,14 @@ def align_clouds(
     Returns
     -------
     Alignment
-        With a verdict: refused where the two show no relief in common at the place that was found.
+        With a verdict. It is refused where the two show no relief in common at the place that was
+        found, and without a transform where they do not overlap, lie in different units, or leave a
+        parameter free (a plane, a sphere).
 
     Raises
     ------
     InvalidValueError
-        If a cloud has too few points, points that are not finite, or another unit than the other.
-    NotObservableError
-        If the clouds do not overlap, or the ground leaves a parameter free (a plane, a sphere).
+        If a cloud has fewer than 100 points, points that are not finite, or no extent.
 
     Examples
     --------
@@ -171,26 +212,53 @@ def align_clouds(
     options = options or AlignOptions()
     for name, points in (("moving cloud", moving), ("fixed cloud", fixed)):
         _check_cloud(points, name)
-    size = _size(fixed)
+    size, hint = _size(fixed), unit_hint(moving, fixed)
     if not 1.0 / _SIZES_APART < _size(moving) / size < _SIZES_APART:
-        raise InvalidValueError(
-            f"has a size of {_size(moving):.3g} m, the fixed one of {size:.3g} m",
-            "moving cloud",
-            f"check the units{unit_hint(moving, fixed)}",
+        text = (
+            f"the moving cloud has a size of {_size(moving):.3g} m, the fixed one of "
+            f"{size:.3g} m: check the units{hint}"
         )
+        return _refused(options.model, Finding(Code.LARGE_SCALE, Severity.REFUSED, text))
     capture = options.capture_m or _CAPTURE * min(size, _size(moving))
+    options = replace(options, capture_m=capture)
     center = np.mean(fixed, axis=0)
     there = Affine(np.eye(3), -center, "centred", "moving")
     one, two = moving - center, fixed - center
     try:
-        found, ground = _aligned(one, two, -center, replace(options, capture_m=capture))
+        found, ground = _aligned(one, two, -center, options)
     except NotObservableError as error:
-        searched = f"displacements up to {capture:.3g} m were searched"
-        do = searched if error.do is None else f"{error.do} ({searched})"
-        what = error.what + unit_hint(moving, fixed)
-        raise NotObservableError(what, error.parameters, error.where, do) from error
+        findings = [refusal(error), *_other_frame(one, two, -center, options)]
+        if error.do is not None and "capture" in error.do:
+            searched = f"displacements up to {capture:.3g} m were searched"
+            findings.append(Finding(Code.NO_OVERLAP, Severity.NOTE, searched))
+        if hint:
+            findings.append(_sizes_differ(hint))
+        return _refused(options.model, *findings)
     registration = composed(found, there, center)
-    return Alignment(registration, _judged(registration, unit_hint(moving, fixed)), ground)
+    verdict = _judged(registration, hint)
+    if verdict.judgement == "refused" and ground == "plane":
+        frame = _other_frame(one, two, -center, options)
+        verdict = Verdict((*verdict.findings, *frame))
+    return Alignment(options.model, registration, verdict, ground)
+
+
+def _refused(model: Model, *findings: Finding) -> Alignment:
+    return Alignment(model, None, Verdict(findings), None)
+
+
+def _sizes_differ(hint: str) -> Finding:
+    return Finding(Code.FITS_OTHERWISE, Severity.NOTE, f"sizes differ{hint}")
+
+
+def _other_frame(
+    moving: FloatArray, fixed: FloatArray, origin: FloatArray, options: AlignOptions
+) -> list[Finding]:
+    """Return a note if a flat cloud fits with axes exchanged or reversed; nothing otherwise."""
+    if not (_is_flat(moving) and _is_flat(fixed)):
+        return []
+    text = flat_frame(moving, fixed, origin, _cloud_options(options))
+    found = f"the moving cloud {text}"
+    return [Finding(Code.FITS_OTHERWISE, Severity.NOTE, found)] if text else []
 
 
 def unit_hint(moving: FloatArray, fixed: FloatArray) -> str:
@@ -243,8 +311,11 @@ def _aligned(
             moving, fixed, options.model, origin=origin, gsd_m=options.gsd_m
         ), "body"
     near = _near(moving, fixed, options.capture_m, "moving")
-    chosen = CloudOptions(model=options.model, gsd_m=options.gsd_m, capture_m=options.capture_m)
-    return register_clouds(near, fixed, options=chosen), "plane"
+    return register_clouds(near, fixed, options=_cloud_options(options)), "plane"
+
+
+def _cloud_options(options: AlignOptions) -> CloudOptions:
+    return CloudOptions(model=options.model, gsd_m=options.gsd_m, capture_m=options.capture_m)
 
 
 def _near(points: FloatArray, other: FloatArray, capture: float, name: str) -> FloatArray:
@@ -252,7 +323,7 @@ def _near(points: FloatArray, other: FloatArray, capture: float, name: str) -> F
 
     Raises
     ------
-    NotObservableError
+    NotAlignedError
         If hardly any is there.
     """
     middle = other.mean(axis=0)
@@ -262,10 +333,11 @@ def _near(points: FloatArray, other: FloatArray, capture: float, name: str) -> F
     along = points @ axes.T
     near = points[np.all((along > low - margin) & (along < high + margin), axis=1)]
     if len(near) < LEAST_POINTS:
-        raise NotObservableError(
+        raise NotAlignedError(
+            Code.NO_OVERLAP,
             f"the clouds do not overlap: {len(near)} of {len(points)} points of the {name} one lie "
             f"within {capture:.3g} m of the other",
-            do="check frames and units, or raise the capture range",
+            "check frames and units, or raise the capture range",
         )
     return np.ascontiguousarray(near)
 
@@ -281,5 +353,5 @@ def _judged(found: DirectRegistration, hint: str) -> Verdict:
         text = "the ground has too few independent parts for the transform to have sigmas"
         findings.append(Finding(Code.NOT_DETERMINED, Severity.DOUBTFUL, text))
     if hint and Verdict(tuple(findings)).judgement != "accepted":
-        findings.append(Finding(Code.FITS_OTHERWISE, Severity.NOTE, f"sizes differ{hint}"))
+        findings.append(_sizes_differ(hint))
     return Verdict(tuple(findings))

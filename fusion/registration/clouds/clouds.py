@@ -9,25 +9,35 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import ConvexHull
 
-from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.registration.clouds.blur import relative_blur, significant_blur
 from fusion.registration.clouds.cloud_grid import CloudGrid, grid_cloud
-from fusion.registration.fit.fit import (
+from fusion.registration.clouds.not_aligned import NotAlignedError
+from fusion.registration.direct import (
+    Clusters,
+    DirectRegistration,
+    NormalEquations,
+    SurfacePair,
+    pair_equations,
+)
+from fusion.registration.judging.common_ground import (
+    CommonRelief,
+    ReliefPair,
+    common_relief,
+)
+from fusion.registration.judging.judging import judge_relief
+from fusion.registration.transform.parameters import (
     PARAMETERS,
     Model,
     about_origin,
     natural_sizes,
     updated_transform,
 )
-from fusion.registration.judging.common_ground import Placed, common_relief
-from fusion.registration.judging.judging import judge_relief
-from fusion.registration.returns.direct import DirectRegistration
-from fusion.registration.returns.equations import Clusters, Equations, SurfacePair, pair_equations
+from fusion.verdict import Code, Finding, Severity, Verdict
 from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.grids import MapletGrid
+from spcola.grids.correlation import independent_patches, shift_variances
 from spcola.grids.gaps import filled
-from spcola.grids.statistics import independent_patches, shift_variances
 from spcola.math import Affine
 from spcola.math.robust import huber_weight, mad
 
@@ -118,15 +128,15 @@ def register_clouds(
         check_finite(points, name)
         if len(points) < 100:
             raise InvalidValueError(f"has {len(points)} points, 100 are needed", name)
-    grid = _grid_over(fixed, len(moving), options.gsd_m)
-    transform = _searched(moving, fixed, grid, options)
+    grid = grid_over(fixed, len(moving), options.gsd_m)
+    transform = searched(moving, fixed, grid, options)
     for coarser in _COARSER:
         if coarser > _COARSER[-1] and grid.half_size < coarser * _LEAST_HALF:
             continue
         # A cell of a coarser grid holds more points than it takes to come nearer.
         some, others = (np.ascontiguousarray(each[:: int(coarser)]) for each in (moving, fixed))
         level = _Level(some, others, grid.with_gsd(coarser * grid.gsd), options, transform)
-        state = level.settled(transform, finest=coarser == _COARSER[-1])
+        state = level.fitted(transform, finest=coarser == _COARSER[-1])
         transform = state.transform
     found = level.result(state)
     return replace(found, verdict=_judged(moving, fixed, grid, found))
@@ -136,24 +146,33 @@ def _judged(
     moving: FloatArray, fixed: FloatArray, grid: MapletGrid, found: DirectRegistration
 ) -> Verdict:
     """Judge the registration of two clouds by the relief that they show on a grid over both."""
-    step = max(1.0, grid.size / _JUDGED_SIZE)
-    wide = grid.with_gsd(step * grid.gsd)
-    here = Affine(np.eye(3), np.zeros(3), "fixed", "fixed")
-    flat, thinned = np.zeros(wide.shape), max(1, int(step))
-    one, two = (
-        grid_cloud(points[::thinned], wide, frame).surface(flat, flat, _HALF_SMOOTH)[0]
-        for points, frame in ((moving, found.transform), (fixed, here))
-    )
-    relief = common_relief([Placed(one, two, np.zeros(2), _JUDGED_REACH)])
-    findings = list(judge_relief(relief))
+    findings = list(judge_relief(relief_of(moving, fixed, grid, found.transform)))
     if not found.converged:
         text = f"the transform still moved after {found.iterations} steps"
         findings.append(Finding(Code.NOT_CONVERGED, Severity.DOUBTFUL, text))
     return Verdict(tuple(findings))
 
 
-def _grid_over(points: FloatArray, others: int, gsd: float) -> MapletGrid:
-    """Return a square grid along the mean plane of `points`, its Uz away from the origin.
+def relief_of(
+    moving: FloatArray, fixed: FloatArray, grid: MapletGrid, transform: Affine
+) -> CommonRelief:
+    """Compare the relief of two clouds (N, 3), (M, 3), metres, where a transform places the first.
+
+    The grid lies over both; it is made coarser for the comparison if it is large.
+    """
+    step = max(1.0, grid.size / _JUDGED_SIZE)
+    wide = grid.with_gsd(step * grid.gsd)
+    here = Affine(np.eye(3), np.zeros(3), "fixed", "fixed")
+    flat, thinned = np.zeros(wide.shape), max(1, int(step))
+    one, two = (
+        grid_cloud(points[::thinned], wide, frame).surface(flat, flat, _HALF_SMOOTH)[0]
+        for points, frame in ((moving, transform), (fixed, here))
+    )
+    return common_relief([ReliefPair(one, two, np.zeros(2), _JUDGED_REACH)])
+
+
+def grid_over(points: FloatArray, others: int, gsd: float) -> MapletGrid:
+    """Return a square grid along the mean plane of `points` (N, 3), its Uz away from the origin.
 
     Its sides lie along those of the smallest rectangle around the points: their spectra are taken.
     """
@@ -180,10 +199,16 @@ def _grid_over(points: FloatArray, others: int, gsd: float) -> MapletGrid:
     return MapletGrid(middle, axes, gsd, max(2, int(np.ceil(np.max(high - low) / 2.0 / gsd))))
 
 
-def _searched(
+def searched(
     moving: FloatArray, fixed: FloatArray, grid: MapletGrid, options: CloudOptions
 ) -> Affine:
-    """Return the best translation by whole steps within the capture range."""
+    """Return the best translation by whole steps within the capture range.
+
+    Raises
+    ------
+    NotAlignedError
+        If the clouds hardly overlap.
+    """
     none = Affine(np.eye(3), np.zeros(3), "fixed", "moving")
     wide = grid.with_gsd(max(options.capture_m / _SEARCH, grid.gsd))
     reach = int(np.ceil(options.capture_m / wide.gsd))
@@ -195,7 +220,9 @@ def _searched(
         filled(one), held[0], filled(two), held[1].astype(np.float64), reach=reach
     )
     if not np.isfinite(variance).any():
-        raise NotObservableError("the clouds hardly overlap", do="raise the capture range")
+        raise NotAlignedError(
+            Code.NO_OVERLAP, "the clouds hardly overlap", "raise the capture range"
+        )
     row, column = np.unravel_index(int(np.nanargmin(variance)), variance.shape)
     steps = int(row) - reach, int(column) - reach
     across = np.array(steps[::-1]) * wide.gsd
@@ -207,13 +234,13 @@ def _searched(
 class _State(NamedTuple):
     transform: Affine
     center: FloatArray  # the point of the moving frame about which the parameters act
-    equations: Equations
+    equations: NormalEquations
     difference: FloatArray
     blur: float
     clusters: Clusters
     points: int
     iterations: int
-    settled: bool
+    converged: bool
 
 
 class _Level:
@@ -227,7 +254,7 @@ class _Level:
         options: CloudOptions,
         start: Affine,
     ) -> None:
-        self.moving, self.still, self.grid, self.options = moving, fixed, grid, options
+        self.moving, self.fixed_points, self.grid, self.options = moving, fixed, grid, options
         self.names = PARAMETERS[options.model]
         self.here = Affine(np.eye(3), np.zeros(3), "fixed", "fixed")
         self.slopes = np.zeros((2, *grid.shape))
@@ -241,9 +268,9 @@ class _Level:
         self.fixed = self._gridded(fixed, self.here)
         self._slopes_of(self._surface(self.fixed, 0.0)[0])
 
-    def settled(self, transform: Affine, *, finest: bool) -> _State:
+    def fitted(self, transform: Affine, *, finest: bool) -> _State:
         """Step until the transform stands still."""
-        blur, iterations, settled = self.options.blur_cells or 0.0, 0, False
+        blur, iterations, converged = self.options.blur_cells or 0.0, 0, False
         clusters = Clusters(self.grid.size)
         if finest and self.options.blur_cells is None:
             blur = self._blur(transform)
@@ -253,31 +280,64 @@ class _Level:
         natural = natural_sizes(self.names, reach)
         last: FloatArray = np.zeros(len(self.names))
         damping = 1.0
-        while not settled and iterations < self.options.max_iterations:
+        while not converged and iterations < self.options.max_iterations:
             iterations += 1
             cloud = self._gridded(self.moving, transform)
             pair, difference = self._pair(cloud, blur if finest else 0.0)
             found = pair_equations(
                 pair, self.grid, transform, center, size=len(self.names), block=clusters.block
             )
-            step = found.solve(self.names, natural)
+            try:
+                step = found.solve(self.names, natural)
+            except NotObservableError:
+                self._check_unrelated(transform, center, natural)
+                raise
             # Noise in the slopes makes steps too long: those that turn back are made shorter.
             damping *= 0.5 if (step / natural) @ (last / natural) < 0.0 else 1.0
             last = step
             transform = updated_transform(transform, damping * step, self.options.model, center)
             moved = float(np.max(np.abs(step) / natural)) / self.grid.gsd
-            settled = moved < (_STILL if finest else 0.1)
+            converged = moved < (_STILL if finest else 0.1)
             if finest and clusters.inside < 1.0:
                 # Points that pass from cell to cell may keep a transform in motion for ever.
                 spread = np.sqrt(np.diag(found.covariance(clusters.inside)))
-                settled |= bool(np.all(np.abs(step) < _SMALL * spread))
+                converged |= bool(np.all(np.abs(step) < _SMALL * spread))
             if finest and clusters.inside == 1.0:
                 area = np.isfinite(difference).sum() / independent_patches(difference)
                 clusters = Clusters.of(area, self.grid.size, len(self.names))
-                settled = False
+                converged = False
         return _State(
-            transform, center, found, difference, blur, clusters, cloud.points, iterations, settled
+            transform,
+            center,
+            found,
+            difference,
+            blur,
+            clusters,
+            cloud.points,
+            iterations,
+            converged,
         )
+
+    def _check_unrelated(self, transform: Affine, center: FloatArray, natural: FloatArray) -> None:
+        """Refuse two clouds of which each determines the parameters by the relief of its own.
+
+        Relief that both halves of one cloud have is no noise: then the clouds show other ground.
+        """
+        for points, frame in ((self.moving, transform), (self.fixed_points, self.here)):
+            one, two = self._halves(points, frame)
+            known = np.isfinite(one - two).astype(np.float64)
+            pair = SurfacePair(one, two, known, known)
+            own = pair_equations(
+                pair, self.grid, transform, center, size=len(self.names), block=self.grid.size
+            )
+            try:
+                own.solve(self.names, natural)
+            except NotObservableError:
+                return
+        raise NotAlignedError(
+            Code.RELIEF_UNRELATED, "both clouds have relief, but none in common",
+            "check that they show the same ground in the same frame",
+        )  # fmt: skip
 
     def result(self, state: _State) -> DirectRegistration:
         """Return what other programs need of the last state."""
@@ -286,7 +346,6 @@ class _Level:
         return DirectRegistration(
             transform=state.transform,
             model=model,
-            parameters=self.names,
             covariance=about_origin(spread, model, state.transform, state.center),
             center=state.center,
             blur_cells=state.blur,
@@ -295,15 +354,15 @@ class _Level:
             cells=int(equations.cells.sum()),
             clusters=int(np.count_nonzero(equations.cells)),
             iterations=state.iterations,
-            converged=state.settled,
+            converged=state.converged,
         )
 
     def _gridded(self, points: FloatArray, frame: Affine) -> CloudGrid:
-        """Grid points, strays left out."""
+        """Grid points, outliers left out."""
         return grid_cloud(points, self.grid, frame, expected=self.expected, limit_m=self.limit)
 
     def _surface(self, cloud: CloudGrid, blur: float) -> tuple[FloatArray, FloatArray]:
-        """Heights and what they rest on, `blur` steps softer than the other cloud's are."""
+        """Heights and their weights, `blur` steps softer than the other cloud's are."""
         soft = float(np.hypot(self.options.smooth_cells, max(blur, 0.0)))
         return cloud.surface(self.slopes[0], self.slopes[1], soft)
 
@@ -313,10 +372,10 @@ class _Level:
 
     def _pair(self, cloud: CloudGrid, blur: float) -> tuple[SurfacePair, FloatArray]:
         """Both surfaces, weighed by their points and robustly; and their difference."""
-        fixed, rests = self._surface(self.fixed, -blur)
-        moving, carries = self._surface(cloud, blur)
+        fixed, weights = self._surface(self.fixed, -blur)
+        moving, others = self._surface(cloud, blur)
         self._slopes_of(np.where(np.isfinite(moving), 0.5 * (fixed + moving), fixed))
-        weight = rests * carries / np.maximum(rests + carries, 1e-12)
+        weight = weights * others / np.maximum(weights + others, 1e-12)
         difference = fixed - moving
         standard = difference * np.sqrt(weight)
         if blur:
@@ -332,7 +391,7 @@ class _Level:
     def _blur(self, transform: Affine) -> float:
         """Blur of the fixed cloud's ground against the moving one's, steps."""
         moving = self._halves(self.moving, transform)
-        return significant_blur(*relative_blur(moving, self._halves(self.still, self.here)))
+        return significant_blur(*relative_blur(moving, self._halves(self.fixed_points, self.here)))
 
     def _halves(self, points: FloatArray, frame: Affine) -> tuple[FloatArray, FloatArray]:
         """Surfaces of every other point, and of the rest; nothing in one is from the other."""

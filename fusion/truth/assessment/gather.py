@@ -10,7 +10,7 @@ import numpy as np
 
 from fusion.fusing.maplets import FUSED_HDF5, fused_names, read_fused
 from fusion.inspection import read_terrain
-from fusion.registration.results import placements_of, transform_of
+from fusion.registration.results import mapola_registrations, transform_of
 from fusion.truth.assessment.model import Frame, MapletModel, MeshModel, Model
 from fusion.workspace import Workspace
 from spcola.errors import WorkspaceError
@@ -84,7 +84,7 @@ def _registered_mapolas(workspace: Workspace) -> Model:
     """Return the registered mapolas."""
     where = str(workspace.registration_path)
     content = workspace.read_json(workspace.registration_path.name)
-    transform, placements = transform_of(content, where), placements_of(content, where)
+    transform, placements = transform_of(content, where), mapola_registrations(content, where)
 
     def load(name: str) -> Maplet:
         mapola = workspace.mapola(name)

@@ -20,7 +20,7 @@ from lidar.formats.clouds import write_las
 from lidar.scans import Scan
 from spcola.errors import InvalidValueError
 from spcola.formats.maplets import read_maplet, write_maplet
-from spcola.formats.shapes import read_shape, write_icq, write_obj
+from spcola.formats.shapes import read_shape, write_icq, write_obj_mesh
 from spcola.grids import Maplet, MapletGrid
 from spcola.math import Affine, Similarity
 from spcola.shape.icq import IcqShape, icq_directions
@@ -110,7 +110,7 @@ def test_maplets_and_their_moved_copies(tmp_path: Path) -> None:
 def test_shapes_in_their_formats_and_units(tmp_path: Path) -> None:
     write_icq(tmp_path / "B.TXT", shape(), digits=8)
     write_icq(tmp_path / "A.TXT", shape(PLANTED.inverse()), digits=8)
-    write_obj(tmp_path / "A.obj", shape(PLANTED.inverse()).mesh())
+    write_obj_mesh(tmp_path / "A.obj", shape(PLANTED.inverse()).mesh())
     for name in ("A.TXT", "A.obj"):
         out = tmp_path / f"moved-{name}"
         found = aligned(tmp_path / name, tmp_path / "B.TXT", "-o", out)
@@ -125,8 +125,12 @@ def test_what_is_refused_says_why_and_writes_nothing(tmp_path: Path) -> None:
     moving, fixed, out = (tmp_path / name for name in ("a.las", "b.las", "out.ply"))
     write_las(moving, [Scan.of_points("a", cloud(0) * [-1.0, 1.0, 1.0])], compressed=False)
     write_las(fixed, [Scan.of_points("b", cloud(1))], compressed=False)
-    error = run(moving, fixed, "-o", out, code=1).stderr
-    assert "refused" in error or "does not determine" in error
+    refused = run(moving, fixed, "-o", out, "--json", code=1)
+    content = json.loads(refused.stdout)
+    assert content["verdict"] == "refused"
+    assert {"relief-unrelated", "fits-otherwise"} <= {each["code"] for each in content["findings"]}
+    assert content["translation_m"] is content["out"] is None
+    assert "mirrored in X" in refused.stderr
     assert not out.exists()
     for target, why in (("out.obj", "can be written as .ply"), ("out.MAP", "can be written as")):
         assert why in run(moving, fixed, "-o", tmp_path / target, code=1).stderr

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.estimation.verdict import Code
-from fusion.registration.clouds import AlignOptions, align_clouds
+from fusion.registration.clouds import Alignment, AlignOptions, align_clouds
 from fusion.registration.clouds.composed import composed
-from fusion.registration.fit import PARAMETERS, KnownTransform, Model
-from fusion.registration.returns import DirectRegistration
-from spcola.errors import InvalidValueError, NotObservableError
+from fusion.registration.direct import DirectRegistration
+from fusion.registration.transform import PARAMETERS, KnownTransform, Model
+from fusion.verdict import Code
+from spcola.errors import InvalidValueError, RejectedResultError
 from spcola.math import Affine, Similarity
 
 Array = NDArray[np.float64]
@@ -96,8 +96,8 @@ def test_a_cloud_that_was_moved_before_has_the_same_errors_on_the_ground(model: 
     root = draw.normal(size=(len(PARAMETERS[model]),) * 2) * 1e-3
     matrix = PLANTED.rotation if model == "rigid" else PLANTED.scale * PLANTED.rotation
     found = DirectRegistration(
-        Affine(matrix, [1.0, 2.0, 3.0], "fixed", "moving"), model, PARAMETERS[model],
-        root @ root.T, np.zeros(3), 0.0, 0.1, 1, 1, 1, 1, True,
+        model, Affine(matrix, [1.0, 2.0, 3.0], "fixed", "moving"), root @ root.T,
+        np.zeros(3), 0.0, 0.1, 1, 1, 1, 1, True,
     )  # fmt: skip
     turn = Similarity.from_rotation_vector([0.7, -0.2, 0.4]).rotation
     scale = 1.0 if model == "rigid" else 3.0
@@ -134,37 +134,66 @@ def test_ground_with_a_large_scale_is_doubtful_and_names_the_unit() -> None:
     assert "feet" in codes[Code.LARGE_SCALE].text
 
 
-@pytest.mark.parametrize("wrong", ["other ground", "mirrored", "turned"])
-def test_what_does_not_fit_is_not_accepted(wrong: str) -> None:
-    moving, fixed = site(1, 0), site(1, 1)
-    if wrong == "other ground":
-        moving = site(2, 0)
-    elif wrong == "mirrored":
-        moving = moving * [-1.0, 1.0, 1.0]
-    else:
-        moving = moving[:, [1, 0, 2]] * [-1.0, 1.0, 1.0]
-    try:
-        verdict = align_clouds(moving, fixed).verdict
-    except NotObservableError:
-        return
-    assert verdict.judgement == "refused"
-    assert Code.RELIEF_UNRELATED in {finding.code for finding in verdict.findings}
+def codes(found: Alignment) -> set[Code]:
+    return {finding.code for finding in found.verdict.findings}
+
+
+def text(found: Alignment) -> str:
+    return "; ".join(finding.text for finding in found.verdict.findings)
+
+
+def test_other_ground_is_refused_as_unrelated() -> None:
+    for seed in (2, 3):
+        found = align_clouds(site(seed, 0), site(1, 1))
+        assert found.verdict.judgement == "refused"
+        assert codes(found) == {Code.RELIEF_UNRELATED}
+
+
+@pytest.mark.parametrize(
+    ("matrix", "away", "named"),
+    [
+        (np.diag([-1.0, 1.0, 1.0]), 0.0, "mirrored in X"),
+        (np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), 0.0, "90.0° about Z"),
+        (np.diag([1.0, 1.0, -1.0]), 900.0, "mirrored in Z"),
+    ],
+)
+def test_flat_ground_in_another_frame_is_refused_and_the_frame_named(
+    matrix: Array, away: float, named: str
+) -> None:
+    """Axes may be exchanged about the middle of the ground or about a far origin."""
+    found = align_clouds((site(1, 0) + away) @ matrix.T, site(1, 1) + away)
+    assert found.verdict.judgement == "refused"
+    assert Code.FITS_OTHERWISE in codes(found), found.verdict
+    assert named in text(found)
 
 
 def test_a_mirrored_body_is_refused_and_the_mirror_named() -> None:
-    try:
-        verdict = align_clouds(body(1, 0) * [1.0, 1.0, -1.0], body(1, 1)).verdict
-    except NotObservableError as error:
-        assert "mirrored" in str(error)  # noqa: PT017
-        return
-    assert verdict.judgement == "refused"
-    assert any("mirrored" in finding.text for finding in verdict.findings)
+    found = align_clouds(body(1, 0) * [1.0, 1.0, -1.0], body(1, 1))
+    assert found.verdict.judgement == "refused"
+    assert Code.FITS_OTHERWISE in codes(found)
+    assert "mirrored" in text(found)
 
 
-def test_a_random_cloud_is_refused() -> None:
+def test_what_cannot_be_aligned_is_refused_with_a_code_and_has_no_transform() -> None:
+    fixed = site(1, 1, 6000)
+    plane = np.random.default_rng(0).uniform(-20, 20, (2, 8000, 3)) * [1.0, 1.0, 1e-3]
     cloud = 60.0 * np.random.default_rng(0).normal(size=(15_000, 3))
-    with pytest.raises(NotObservableError):
-        align_clouds(cloud, body(1, 1))
+    for moving, ground, code, why in (
+        (fixed / 1000.0, fixed, Code.LARGE_SCALE, "kilometres for metres"),
+        (fixed + np.array([500.0, 0.0, 0.0]), fixed, Code.NO_OVERLAP, "do not overlap"),
+        (plane[0], plane[1], Code.NOT_DETERMINED, "does not determine"),
+        (cloud, body(1, 1), Code.NOT_DETERMINED, "does not determine"),
+    ):
+        found = align_clouds(moving, ground)
+        assert found.verdict.judgement == "refused"
+        assert code in codes(found), found.verdict
+        assert why in text(found)
+        with pytest.raises(RejectedResultError, match=why):
+            found.transform  # noqa: B018
+        content = found.as_json()
+        assert content["verdict"] == "refused"
+        assert content["translation_m"] is None
+        assert content.keys() == align_clouds(fixed, fixed).as_json().keys()
 
 
 def test_input_that_is_no_two_clouds_of_one_ground() -> None:
@@ -174,16 +203,10 @@ def test_input_that_is_no_two_clouds_of_one_ground() -> None:
     for moving, why in (
         (fixed[:50], "50 points, 100 are needed"),
         (spoilt, "1 points that are not finite"),
-        (fixed / 1000.0, "kilometres for metres"),
         (np.ones((200, 3)), "all its points at one place"),
     ):
         with pytest.raises(InvalidValueError, match=why):
             align_clouds(moving, fixed)
-    with pytest.raises(NotObservableError, match="do not overlap"):
-        align_clouds(fixed + np.array([500.0, 0.0, 0.0]), fixed)
-    plane = np.random.default_rng(0).uniform(-20, 20, (2, 8000, 3)) * [1.0, 1.0, 1e-3]
-    with pytest.raises(NotObservableError, match="does not determine"):
-        align_clouds(plane[0], plane[1])
 
 
 def test_partly_overlapping_clouds_are_aligned_by_what_they_share() -> None:

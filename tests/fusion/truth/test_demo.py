@@ -16,8 +16,9 @@ from distributed import LocalCluster
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
-from fusion.fusing import DEFAULT_INFORMATION, Illumination, estimate_information, fuse_maplet
+from fusion.fusing import fuse_maplet
 from fusion.fusing.maplets import Source
+from fusion.fusing.uncertainty import DEFAULT_INFORMATION, ImageSlopes, estimate_information
 from fusion.pipeline import Pipeline
 from fusion.runtime import ClusterExecutor, Progress, ThreadExecutor
 from fusion.scene import Scene, read_registration
@@ -67,7 +68,7 @@ def test_ground_that_no_image_shows_lit_is_given_to_the_lidar(shown: Demonstrati
         [0.5 * np.cos(azimuth), 0.5 * np.sin(azimuth), np.full_like(azimuth, 0.75**0.5)], 1
     )
     images = tuple(replace(state, sun=sun) for state, sun in zip(states, suns, strict=True))
-    polar = replace(scene, illumination=Illumination(images, "sun"))
+    polar = replace(scene, illumination=ImageSlopes(images, "sun"))
     south, north = (
         pick(scene.grids, key=lambda name: scene.grids[name].uz[2]) for pick in (min, max)
     )
