@@ -16,7 +16,7 @@ from spcola.formats.text import read_bytes, regular_size
 LabelFormat = Literal["ISIS3", "PDS"]
 
 _END = re.compile(rb"^[ \t]*END[ \t]*(?:\r|\n|\0|$)", re.IGNORECASE | re.MULTILINE)
-_LONGEST_LABEL = 1 << 18
+LONGEST_LABEL = 1 << 18
 
 # A quoted text that goes on in the next line holds the line ends and the indentation.
 _LINE_END = re.compile(r"(?:\\r|\\n|\s)+")
@@ -113,7 +113,7 @@ def _check_regular(path: str | Path) -> None:
 
 def _check_text(path: str | Path) -> None:
     """Refuse a label with bytes that are no text: GDAL's messages would quote them."""
-    head = read_bytes(path, most=_LONGEST_LABEL)
+    head = read_bytes(path, most=LONGEST_LABEL)
     end = _END.search(head)
     try:
         head[: end.start() if end else 0].decode()

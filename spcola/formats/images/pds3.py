@@ -22,9 +22,10 @@ from spcola.formats.images.image_label import (
     temperatures,
     text_of,
 )
-from spcola.formats.images.isis_label import group, read_gdal_label
+from spcola.formats.images.isis_label import LONGEST_LABEL, group, read_gdal_label
 from spcola.formats.images.pixel_sources import PlainArray, chosen_band
 from spcola.formats.images.special_values import SpecialValues
+from spcola.formats.text import read_bytes
 
 # SAMPLE_TYPE of the PDS3 standard, appendix C: the first part states the byte order.
 _BIG = {"MSB", "IEEE", "SUN", "MAC", ""}
@@ -85,6 +86,11 @@ def read_pds3(path: Path, band: int | None = None) -> DescribedArray:
     InvalidValueError
         If it has no such band.
     """
+    # GDAL reads labels of images alone, and does not say that of other ones.
+    if b"^IMAGE" not in read_bytes(path, most=LONGEST_LABEL):
+        raise FormatError(
+            "is a PDS3 label without an image", path, "name the data file that it describes"
+        )
     keywords = read_gdal_label(path, "PDS")
     # Labels of several files have the object and its pointer in one that describes the file.
     part = next((p for p in (keywords, *keywords.values()) if _has_image(p)), None)

@@ -61,7 +61,9 @@ def read_pds4(path: Path, band: int | None = None) -> DescribedArray:
     images = ((area, image) for area in areas for name in _IMAGES for image in _all(area, name))
     area, entry = next(images, (None, None))
     if area is None:
-        raise FormatError("has no File_Area_Observational with an Array_2D_Image", path)
+        raise FormatError(
+            "is a PDS4 label without an image", path, "name the data file that it describes"
+        )
     target = beside(path, text_of(_at(area, "File", "file_name")) or "")
     size = quantity(_at(area, "File", "file_size"))
     if size is not None and size[1] in (None, "byte") and size[0] != regular_size(target):

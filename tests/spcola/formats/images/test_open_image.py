@@ -513,6 +513,19 @@ def test_an_end_before_the_start_is_refused(samples, tmp_path, ramp) -> None:
         label.mid_exposure()
 
 
+def test_labels_of_tables_are_refused(samples, tmp_path, ramp) -> None:
+    put(tmp_path / "a.img", ramp.tobytes())
+    texts = {
+        "a.lbl": samples.pds3_text(16, "MSB_INTEGER", '"a.img"').replace("IMAGE", "TABLE"),
+        "b.xml": samples.pds4_text("a.img", 2400, "UnsignedLSB2").replace(
+            "Array_2D_I", "Array_2D_T"
+        ),
+    }
+    for name, text in texts.items():
+        with pytest.raises(FormatError, match="without an image; name the data file"):
+            open_image(put(tmp_path / name, text))
+
+
 def test_an_unknown_encoding_is_refused(samples, tmp_path, ramp) -> None:
     text = samples.pds4_text("a.dat", 2400, "UnsignedLSB2").replace("UTF-8", "UTF-9")
     with pytest.raises(FormatError, match="cannot be read as XML"):
