@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from spcola.arrays import FloatArray, check_finite, frozen
 from spcola.errors import InvalidValueError
 
-DistortionModel = Literal["owen", "brown", "bicubic"]
+DistortionModel = Literal[
+    "owen", "brown", "bicubic", "hasselblad", "radial", "transverse", "rosetta", "hayabusa2",
+    "ocams", "lronac",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,15 +30,15 @@ class Camera:
         Pixel/line per millimetre, applied to (x, y, x·y).
     width, height : int
         NPX and NLN.
-    distortion_model : {"owen", "brown", "bicubic"}
-        How `distortion` is to be read; see :mod:`spcola.camera.distortion`.
+    distortion_model : str
+        How `distortion` is to be read; the names are those of :mod:`spcola.camera.distortion`.
     distortion : array_like
         Coefficients; empty or all zero for none.
 
     Raises
     ------
     InvalidValueError
-        If a value is not finite, the focal length not positive, or K singular.
+        If a value is not finite, the focal length not positive, K singular, or the model unknown.
     """
 
     focal_length_mm: float
@@ -56,6 +59,11 @@ class Camera:
             raise InvalidValueError(f"must be positive, not {self.focal_length_mm}", "focal length")
         if abs(np.linalg.det(self.k_matrix[:, :2])) < 1e-12:
             raise InvalidValueError("is singular: no pixel can be traced back", "K-matrix")
+        if self.distortion_model not in get_args(DistortionModel):
+            known = ", ".join(get_args(DistortionModel))
+            raise InvalidValueError(
+                f"{self.distortion_model!r} is no model of distortion; known are {known}", "camera"
+            )
         if self.width < 1 or self.height < 1:
             raise InvalidValueError(f"has no pixels ({self.width} × {self.height})", "camera")
 
