@@ -33,11 +33,31 @@ def project(
     points : (…, 3) array_like
         Body-fixed, metres.
     """
-    x, y = distort(camera, *_gnomonic(camera, axes, scobj, points))
+    return project_vectors(camera, _in_camera(axes, scobj, points))
+
+
+def project_vectors(camera: Camera, vectors: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return pixel and line (…) of vectors (…, 3) in the camera's axes, of any length [1–3].
+
+    NaN for a vector at or behind the pupil plane, and where the distortion folds the plane over.
+    """
+    x, y = distort(camera, *_gnomonic(camera, np.asarray(vectors, dtype=np.float64)))
     (kxx, kxy, kxm), (kyx, kyy, kym) = camera.k_matrix
     pixel: FloatArray = camera.center[0] + kxx * x + kxy * y + kxm * x * y
     line: FloatArray = camera.center[1] + kyx * x + kyy * y + kym * x * y
     return pixel, line
+
+
+def view_vectors(camera: Camera, pixel: ArrayLike, line: ArrayLike) -> FloatArray:
+    """Return the unit vectors (…, 3), in the camera's axes, through pixel and line (…).
+
+    The inverse of `project_vectors`; NaN where the distortion cannot be inverted.
+    """
+    x, y = undistort(camera, *_focal_plane(camera, pixel, line))
+    focal = np.full(np.shape(x), camera.focal_length_mm)
+    seen = np.stack([x, y, focal], axis=-1)
+    directions: FloatArray = seen / np.linalg.norm(seen, axis=-1, keepdims=True)
+    return directions
 
 
 def project_image(image: SpcImage, points: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -57,10 +77,7 @@ def ray(image: SpcImage, pixel: ArrayLike, line: ArrayLike) -> FloatArray:
     pixel, line : (…) array_like
         From (1, 1) in the centre of the first pixel.
     """
-    x, y = undistort(image.camera, *_focal_plane(image.camera, pixel, line))
-    focal = np.full(np.shape(x), image.camera.focal_length_mm)
-    seen = np.stack([x, y, focal], axis=-1) @ image.axes
-    directions: FloatArray = seen / np.linalg.norm(seen, axis=-1, keepdims=True)
+    directions: FloatArray = view_vectors(image.camera, pixel, line) @ image.axes
     return directions
 
 
@@ -141,11 +158,11 @@ def rotate_axes(axes: ArrayLike, turns: ArrayLike) -> FloatArray:
     return nearest
 
 
-def _gnomonic(
-    camera: Camera, axes: ArrayLike, scobj: ArrayLike, points: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
-    """Return focal-plane coordinates (mm) of points without distortion [1]; NaN if behind."""
-    turned = _in_camera(axes, scobj, points)
+def _gnomonic(camera: Camera, turned: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return focal-plane coordinates (mm) of vectors (…, 3) in the camera's axes [1].
+
+    Without distortion; NaN if behind.
+    """
     depth = np.where(turned[..., 2] > 0, turned[..., 2], np.nan)
     scale = camera.focal_length_mm / depth
     return turned[..., 0] * scale, turned[..., 1] * scale
@@ -162,10 +179,11 @@ def _per_focal_plane(
     camera: Camera, axes: ArrayLike, scobj: ArrayLike, points: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
     """Return W in camera axes (…, 3) and ∂(pixel, line)/∂(xp, yp) (…, 2, 2), per mm."""
-    xp, yp = _gnomonic(camera, axes, scobj, points)
+    turned = _in_camera(axes, scobj, points)
+    xp, yp = _gnomonic(camera, turned)
     x, y = distort(camera, xp, yp)
     bend = distortion_jacobian(camera, xp, yp)
-    return _in_camera(axes, scobj, points), _detector_jacobian(camera, x, y) @ bend
+    return turned, _detector_jacobian(camera, x, y) @ bend
 
 
 def _detector_jacobian(camera: Camera, x: FloatArray, y: FloatArray) -> FloatArray:

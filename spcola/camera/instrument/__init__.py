@@ -1,0 +1,5 @@
+"""A camera as an instrument: its pupil in the spacecraft, its focal length as it varies."""
+
+from spcola.camera.instrument.pupil import Pupil
+
+__all__ = ["Pupil"]
