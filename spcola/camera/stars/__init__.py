@@ -3,11 +3,11 @@
 from spcola.camera.stars.calibration import StarCalibration, StarFrame, calibrate
 from spcola.camera.stars.catalogue import StarCatalogue, apparent_directions
 from spcola.camera.stars.centroids import StarPositions, find_stars
-from spcola.camera.stars.identification import Identified, identify
+from spcola.camera.stars.field import identified_frame
+from spcola.camera.stars.identification import identify
 from spcola.camera.stars.parameters import SolvedParameters, solved_parameters, with_model
 
 __all__ = [
-    "Identified",
     "SolvedParameters",
     "StarCalibration",
     "StarCatalogue",
@@ -16,6 +16,7 @@ __all__ = [
     "apparent_directions",
     "calibrate",
     "find_stars",
+    "identified_frame",
     "identify",
     "solved_parameters",
     "with_model",
