@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fusion.cli.output import JsonOption, show
+from fusion.cli.options import JsonOption
+from fusion.cli.output import show
 from fusion.cli.program import guarded
 from spcola.errors import NotObservableError, RejectedResultError, SettingsError
 
@@ -176,7 +177,7 @@ def _frames(
     sky, nominal = read_star_catalogue(catalogue), read_attitudes(attitudes)
     measured = _measured(nominal, stars)
     frames: list[StarFrame] = []
-    left_out = {name: "has no attitude" for name in measured if name not in nominal}
+    left_out: dict[str, str] = {}
     for name, attitude in nominal.items():
         if name not in measured:
             left_out[name] = "has no measured stars"
@@ -187,6 +188,7 @@ def _frames(
             frames.append(frame)
         except NotObservableError as error:
             left_out[name] = error.what
+    left_out |= {name: "has no attitude" for name in measured if name not in nominal}
     if not frames:
         first = next(iter(left_out.items()), ("", "there is none"))
         raise NotObservableError(
