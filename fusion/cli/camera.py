@@ -1,4 +1,4 @@
-"""``spcola camera``: calibrate a camera from stars."""
+"""``spcola camera``: calibrate a camera from stars, and convert camera files."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fusion.cli.camera_files import convert
 from fusion.cli.options import JsonOption
 from fusion.cli.output import show
 from fusion.cli.program import guarded
@@ -21,15 +22,10 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="camera",
-    help="Calibrate cameras.",
+    help="Calibrate cameras; convert camera files.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
-
-
-@app.callback()
-def _camera() -> None:
-    """Calibrate cameras."""
 
 
 def calibrate(
@@ -283,3 +279,8 @@ app.command(
     epilog="Example: spcola camera calibrate nac.toml --catalogue tycho.csv --attitudes "
     "cruise.csv --stars stars.csv -o nac_calibrated.toml",
 )(guarded(calibrate))
+app.command(
+    "convert",
+    epilog="Example: spcola camera convert orx_ocams_v07.ti orex_ocams_addendum_v10.ti "
+    "--number -64360 --filter PAN --range 750 -o polycam.toml",
+)(guarded(convert))

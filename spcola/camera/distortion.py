@@ -41,6 +41,7 @@ points are NaN in both directions.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -119,13 +120,39 @@ def solve_2x2(matrix: FloatArray, right: FloatArray) -> FloatArray:
     return np.stack([d * u - b * v, a * v - c * u], axis=-1) / (a * d - b * c)[..., None]
 
 
-@lru_cache(maxsize=256)
 def unfolded_radius(camera: Camera) -> float:
     """Return the radius (mm) up to which the camera's model does not fold the plane over.
 
     About the optical axis, on the side on which the model is defined; searched in 32 directions.
     Infinity if nothing folds within eight radii of the detector.
     """
+    values = (camera.center, camera.k_matrix, camera.distortion)
+    numbers = b"".join(array.tobytes() for array in values)
+    return _unfolded_radius(
+        _Alike(
+            camera,
+            (camera.distortion_model, camera.focal_length_mm, camera.width, camera.height, numbers),
+        )
+    )
+
+
+class _Alike(NamedTuple):
+    """A camera that equals others with the same numbers: many images share one result."""
+
+    camera: Camera
+    key: tuple[object, ...]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Alike) and self.key == other.key
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+
+@lru_cache(maxsize=256)
+def _unfolded_radius(alike: _Alike) -> float:
+    """Search for the first ring about the axis on which the model is folded."""
+    camera = alike.camera
     corners = np.linalg.solve(
         camera.k_matrix[:, :2],
         (np.array([[0.5, 0.5], [camera.width + 0.5, camera.height + 0.5]]) - camera.center).T,

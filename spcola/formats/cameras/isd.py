@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -62,6 +63,7 @@ def read_isd(
     *,
     optical_axis: tuple[float, float] | None = None,
     summing: float | None = None,
+    pointing: Literal["slerp", "cubic"] = "slerp",
 ) -> IsdSensor:
     """Read an ISD of a frame camera or a line scanner.
 
@@ -78,6 +80,8 @@ def read_isd(
     summing : float, optional
         Detector pixels in a pixel of the image, where the file is wrong (scans of Apollo's film
         that were reduced after scanning).
+    pointing : {"slerp", "cubic"}
+        Between two attitudes: a turn at a constant rate, as ISIS has it, or a smooth spline.
 
     Raises
     ------
@@ -94,7 +98,7 @@ def read_isd(
     scanner = model == _LINES
     camera, mirrored = _camera(fields, scanner, optical_axis, summing)
     times = _line_times(fields) if scanner else np.array([fields.number("center_ephemeris_time")])
-    positions, axes = _states(fields, times)
+    positions, axes = _states(fields, times, pointing)
     if mirrored:
         axes = np.diag([1.0, -1.0, -1.0]) @ axes
     return IsdSensor(camera, times, positions, axes)
@@ -217,10 +221,12 @@ def _line_times(fields: Fields) -> FloatArray:
     return found
 
 
-def _states(fields: Fields, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _states(
+    fields: Fields, times: FloatArray, pointing: Literal["slerp", "cubic"]
+) -> tuple[FloatArray, FloatArray]:
     """Return positions (N, 3), m, and ISIS's axes (N, 3, 3), body-fixed, at times (N,)."""
-    body = _rotations(fields, "body_rotation", times)
-    instrument = _rotations(fields, "instrument_pointing", times)
+    body = _rotations(fields, "body_rotation", times, "slerp")
+    instrument = _rotations(fields, "instrument_pointing", times, pointing)
     name = "instrument_position"
     known = fields.vector(f"{name}.ephemeris_times")
     places = _of_each(fields, f"{name}.positions", known, 3)
@@ -231,7 +237,9 @@ def _states(fields: Fields, times: FloatArray) -> tuple[FloatArray, FloatArray]:
     return positions, instrument @ np.swapaxes(body, -1, -2)
 
 
-def _rotations(fields: Fields, name: str, times: FloatArray) -> FloatArray:
+def _rotations(
+    fields: Fields, name: str, times: FloatArray, method: Literal["slerp", "cubic"]
+) -> FloatArray:
     """Return the rotations (N, 3, 3) from J2000 to a frame at times (N,).
 
     Raises
@@ -244,7 +252,7 @@ def _rotations(fields: Fields, name: str, times: FloatArray) -> FloatArray:
     known = fields.vector(f"{name}.ephemeris_times")
     quaternions = _of_each(fields, f"{name}.quaternions", known, 4)
     turn = Rotation.from_quat(quaternions[:, [1, 2, 3, 0]]).as_matrix()
-    found = interpolate_axes(known, turn, times)
+    found = interpolate_axes(known, turn, times, method=method)
     if fields.get(f"{name}.constant_rotation") is not None:
         found = fields.vector(f"{name}.constant_rotation", 9).reshape(3, 3) @ found
     return found

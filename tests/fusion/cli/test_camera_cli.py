@@ -178,3 +178,58 @@ def test_refusals_are_one_line_and_write_nothing(cruise: Cruise) -> None:
 
 def test_help_has_an_example() -> None:
     assert "Example: spcola camera calibrate" in call("--help").stdout
+
+
+def converted(*arguments: object, code: int = 0) -> Result:
+    result = CliRunner().invoke(app, ["camera", "convert", *map(str, arguments)])
+    assert result.exit_code == code, result.output
+    return result
+
+
+@pytest.mark.real_data
+def test_convert_polycam_at_a_range(shared_data: Path, tmp_path: Path) -> None:
+    folder = shared_data / "bennu" / "kernels_mapcam_20190303"
+    kernels = [folder / "orx_ocams_v07.ti", folder / "orex_ocams_addendum_v10.ti"]
+    out = tmp_path / "polycam.toml"
+    common = [*kernels, "--number", -64360, "--filter", "PAN", "-o", out]
+    converted(*common, "--name", "POLYCAM")
+    whole = read_cameras(out)["POLYCAM"]
+    assert whole.focus is not None
+    assert len(whole.focus.motor) == 94
+    content = json.loads(converted(*common, "--range", 200, "--json").stdout)
+    (one,) = content["cameras"]
+    assert one["focal_length_mm"] == pytest.approx(615.0, abs=0.2)
+    assert one["assumed"] == []
+    assert read_cameras(out)["ORX_OCAMS_POLYCAM"].camera.focal_length_mm == one["focal_length_mm"]
+    near = converted(*common, "--range", 50)
+    assert "beyond the table" in near.stdout
+    mapcam = converted(*kernels, "--number", -64361, "--variant", -64364, "--range", 9, "-o", out)
+    assert "temperature unknown" in mapcam.stdout
+
+
+@pytest.mark.real_data
+def test_convert_isd_and_colmap(shared_data: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.toml"
+    converted(shared_data / "moon_lola" / "lidarObservationImage1.isd", "-o", out)
+    nac = read_cameras(out)["lidarObservationImage1"].camera
+    assert (nac.width, nac.height, nac.distortion_model) == (5064, 1, "lronac")
+    converted(shared_data / "vesta" / "cameras.bin", "--pixel-mm", 0.014, "-o", out)
+    assert read_cameras(out)["0"].camera.focal_length_mm == pytest.approx(150.0, rel=1e-3)
+    apollo = shared_data / "isis_apollo_network" / "apolloImage2.isd"
+    refused = converted(apollo, "-o", out, code=1)
+    assert "detector_center.sample: is not stated; give the optical axis" in refused.stderr
+    converted(apollo, "--optical-axis", 2862.875, 2862.875, "--summing", 4, "-o", out)
+    assert read_cameras(out)["apolloImage2"].camera.distortion_model == "hasselblad"
+
+
+def test_convert_refusals_are_one_line(tmp_path: Path) -> None:
+    out = tmp_path / "out.toml"
+    for files, message in (
+        (["x.ti"], "give --number"),
+        (["x.txt"], "is none of .ti"),
+        (["x.toml"], "x.toml: cannot be"),
+    ):
+        result = converted(*files, "-o", out, code=1)
+        assert message in result.stderr
+        assert result.stderr.count("\n") == 1
+    assert not out.exists()

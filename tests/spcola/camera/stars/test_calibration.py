@@ -8,15 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from spcola.camera import Camera, rotate_axes
 from spcola.camera.distortion import COEFFICIENTS
-from spcola.camera.stars import (
-    SolvedParameters,
-    StarFrame,
-    apparent_directions,
-    calibrate,
-    identify,
-    solved_parameters,
-    with_model,
-)
+from spcola.camera.stars import StarFrame, calibrate, solved_parameters, with_model
+from spcola.camera.stars.catalogue import apparent_directions
+from spcola.camera.stars.identification import identify
+from spcola.camera.stars.parameters import SolvedParameters
 from spcola.errors import InvalidValueError, NotObservableError
 
 

@@ -163,6 +163,15 @@ def test_the_nac_sees_the_control_points(
 
 
 @pytest.mark.real_data
+def test_a_smooth_pointing_differs_by_the_jitter_between_attitudes(shared_data: Path) -> None:
+    # Attitudes of 5 Hz leave 0.05 pixel open between them.
+    path = shared_data / "moon_lola" / "lidarObservationImage1.isd"
+    slerp, cubic = (read_isd(path, pointing=method).axes for method in ("slerp", "cubic"))
+    pixels = np.linalg.norm(slerp[:, 2] - cubic[:, 2], axis=1) / 1.0006e-5
+    assert 0.0 < np.max(pixels) < 0.06
+
+
+@pytest.mark.real_data
 def test_two_nac_images_meet_on_the_ground(shared_data: Path) -> None:
     folder = shared_data / "moon_lola"
     both = [read_isd(folder / f"lidarObservationImage{n}.isd").line_scan() for n in (1, 2)]
