@@ -40,7 +40,7 @@ class ThermalFocus:
             )
 
     def factor(self, temperature_c: float) -> float:
-        """Return f(T) / f at a temperature, °C."""
+        """Return f(T) / f at `temperature_c`, °C."""
         return 1.0 + self.per_kelvin * (temperature_c - self.reference_c)
 
 
@@ -88,18 +88,18 @@ class FocusTable:
             raise InvalidValueError("has a range or focal length that is not positive", "focus")
 
     def motor_at(self, range_m: float) -> float:
-        """Return the motor's position that focuses at a range, metres; infinity is allowed.
+        """Return the motor's position that focuses at `range_m`, metres; infinity is allowed.
 
         Linear in one over the range; the end of the table beyond it.
         """
         return float(np.interp(1.0 / range_m, self.inverse_range[::-1], self.motor[::-1]))
 
     def covers(self, motor: float) -> bool:
-        """Return whether a position lies in the table."""
+        """Return whether the position `motor` lies in the table."""
         return bool(self.motor[0] <= motor <= self.motor[-1])
 
     def at(self, motor: float) -> tuple[float, FloatArray]:
-        """Return focal length, mm, and distortion (K,) at a position: linear between rows."""
+        """Return focal length, mm, and distortion (K,) at `motor`: linear between rows."""
         focal = float(np.interp(motor, self.motor, self.focal_length_mm))
         columns = [np.interp(motor, self.motor, column) for column in self.distortion.T]
         return focal, np.array(columns, dtype=np.float64)

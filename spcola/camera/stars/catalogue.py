@@ -49,7 +49,14 @@ class StarCatalogue:
     def from_angles(
         cls, right_ascension: ArrayLike, declination: ArrayLike, magnitudes: ArrayLike
     ) -> StarCatalogue:
-        """Build from right ascensions and declinations (N,), radians, and magnitudes (N,)."""
+        """Build from angles.
+
+        Parameters
+        ----------
+        right_ascension, declination : (N,) array_like
+            Radians.
+        magnitudes : (N,) array_like
+        """
         ra, dec = np.asarray(right_ascension, float), np.asarray(declination, float)
         directions = [np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)]
         return cls(np.stack(directions, axis=-1), np.asarray(magnitudes, float))

@@ -43,6 +43,10 @@ _NAMES = {
 def read_cameras(path: str | Path) -> dict[str, Instrument]:
     """Read a camera file: instruments by their names.
 
+    Parameters
+    ----------
+    path : str or Path
+
     Raises
     ------
     FormatError

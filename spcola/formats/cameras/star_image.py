@@ -14,6 +14,10 @@ from spcola.formats.images import reading_fits
 def read_star_image(path: str | Path) -> FloatArray:
     """Return the pixels (H, W) of the first image in a FITS file; its first row is line 1.
 
+    Parameters
+    ----------
+    path : str or Path
+
     Raises
     ------
     FormatError

@@ -58,6 +58,10 @@ class NominalAttitude:
 def read_star_catalogue(path: str | Path) -> StarCatalogue:
     """Read a catalogue: right ascensions, declinations, magnitudes.
 
+    Parameters
+    ----------
+    path : str or Path
+
     Raises
     ------
     FormatError
@@ -72,6 +76,10 @@ def read_star_positions(path: str | Path) -> dict[str, StarPositions]:
     """Read measured positions, by image.
 
     Without a sigma each coordinate has 0.1 pixel.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
@@ -97,6 +105,10 @@ def read_star_positions(path: str | Path) -> dict[str, StarPositions]:
 
 def read_attitudes(path: str | Path) -> dict[str, NominalAttitude]:
     """Read approximate attitudes, by image.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
