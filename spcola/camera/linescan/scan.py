@@ -175,7 +175,11 @@ def scan_rays(scan: LineScan, pixel: ArrayLike, line: ArrayLike) -> tuple[FloatA
 def _seen(scan: LineScan, points: FloatArray, line: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the pixel of points (…, 3) at lines (…), and how far they are from the line's."""
     places, axes = scan.state_at(line)
-    vectors = np.einsum("...ij,...j->...i", axes, points - places)
+    return _missed(scan, np.einsum("...ij,...j->...i", axes, points - places), line)
+
+
+def _missed(scan: LineScan, vectors: FloatArray, line: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return pixel and miss, in lines, of vectors (…, 3) in the camera's axes at lines (…)."""
     pixel, on_detector = project_vectors(scan.camera, vectors)
     return pixel, on_detector - (line if scan.shutter == "rolling" else 1.0)
 
@@ -183,7 +187,9 @@ def _seen(scan: LineScan, points: FloatArray, line: FloatArray) -> tuple[FloatAr
 def _lines_of(scan: LineScan, points: FloatArray) -> tuple[FloatArray, IntArray]:
     """Return the first line (N,) at which each point is on the detector's line, and how many."""
     nodes = np.linspace(0.5, scan.height + 0.5, min(_NODES, 2 * scan.height + 1))
-    _, miss = _seen(scan, points[:, None], np.broadcast_to(nodes, (len(points), len(nodes))))
+    places, axes = scan.state_at(nodes)
+    vectors = np.einsum("kij,nkj->nki", axes, points[:, None] - places, optimize=True)
+    _, miss = _missed(scan, vectors, nodes)
     with np.errstate(invalid="ignore"):
         # A node that is hit exactly belongs to the interval after it.
         cross = (miss[:, :-1] * miss[:, 1:] < 0) | (miss[:, :-1] == 0)
