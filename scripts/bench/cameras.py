@@ -97,7 +97,7 @@ def control_points(data: Path) -> None:
 
 
 def star_field(seed: int) -> tuple[list[FloatArray], list[tuple[float, float]], FloatArray]:
-    """Return pulls, (unit variance, reduced chi² of the errors), and how many stars were right, wrong, missed."""
+    """Return pulls, (unit variance, chi² of the errors), and stars: right, wrong, missed."""
     random = np.random.default_rng(seed)
     tangent = random.uniform(-0.06, 0.06, (400, 2))
     sky = np.column_stack([tangent, np.ones(400)])
@@ -153,7 +153,8 @@ def stars(seeds: int) -> None:
     unit, square = np.mean(units, axis=0)
     spread = np.sqrt(2.0 / (len(names) * len(units)))
     print(
-        f"  all: {np.std(pulls):.3f}; chi² of the errors / {len(names)} (1): {square:.3f} ± {spread:.3f}"
+        f"  all: {np.std(pulls):.3f}; chi² of the errors / {len(names)} (1): "
+        f"{square:.3f} ± {spread:.3f}"
     )
     print(f"  unit variance (1): {unit:.4f}")
     right, wrong, missed = tally

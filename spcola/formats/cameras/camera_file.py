@@ -95,15 +95,17 @@ def write_cameras(
 
 def _instrument(fields: Fields, name: str) -> Instrument:
     """Return one camera of its table."""
-    width, height = fields.vector("size", 2)
+    size = [int(side) for side in fields.vector("size", 2)]
+    if size != fields.get("size"):
+        raise InvalidValueError(f"is {fields.get('size')}, no whole numbers of pixels", "size")
     model = fields.text("distortion_model", "owen")
     distortion = np.zeros(4) if fields.get("distortion") is None else fields.vector("distortion")
     camera = Camera(
         fields.number("focal_length_mm"),
         fields.vector("center", 2),
         fields.table("k_matrix", 3),
-        int(width),
-        int(height),
+        size[0],
+        size[1],
         model,  # type: ignore[arg-type]  # the camera checks it
         distortion,
     )

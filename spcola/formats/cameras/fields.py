@@ -15,6 +15,9 @@ from spcola.arrays import FloatArray
 from spcola.errors import FormatError
 from spcola.formats.text import LARGEST_NUMBER, read_bytes
 
+# More lines than any image has; tables of states for them fit into memory.
+_LARGEST_SIDE = 1 << 22
+
 
 @dataclass(frozen=True)
 class Fields:
@@ -85,6 +88,19 @@ class Fields:
         if value is None and default is not None:
             return default
         return float(self._numbers(name, value)[0])
+
+    def whole(self, name: str) -> int:
+        """Return a number of pixels: whole, from 1 to 2²².
+
+        Raises
+        ------
+        FormatError
+            If it is missing, or another number.
+        """
+        value = self.number(name)
+        if value != int(value) or not 1 <= value <= _LARGEST_SIDE:
+            raise FormatError(f"is {value:g}, no number of pixels", self.where(name))
+        return int(value)
 
     def vector(self, name: str, *counts: int) -> FloatArray:
         """Return a list of numbers (N,); N is one of `counts` where they are given.

@@ -126,7 +126,7 @@ def _camera(
     model, coefficients, mirrored = _distortion(fields)
     if mirrored:
         k_matrix[:, 1] *= -1.0
-    size = [int(fields.number(name)) for name in ("image_samples", "image_lines")]
+    size = [fields.whole(name) for name in ("image_samples", "image_lines")]
     camera = Camera(
         fields.number("focal_length_model.focal_length"),
         np.array(axis),
@@ -210,7 +210,7 @@ def _line_times(fields: Fields) -> FloatArray:
     Each row of ``line_scan_rate`` states a line (the first begins at 0.5), its time from the
     centre, and the time of a line.
     """
-    count = int(fields.number("image_lines"))
+    count = fields.whole("image_lines")
     rates = fields.table("line_scan_rate", 3)
     line = np.arange(1, count + 1)
     part = np.clip(np.searchsorted(rates[:, 0], line, side="right") - 1, 0, None)

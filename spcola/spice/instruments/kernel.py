@@ -93,7 +93,7 @@ def _camera(keywords: Keywords, size: tuple[int, int] | None, first_pixel: int) 
     else:
         model, values = _distortion(keywords, k_linear, origin)
     if size is None:
-        size = int(keywords.number("PIXEL_SAMPLES")), int(keywords.number("PIXEL_LINES"))
+        size = keywords.pixels("PIXEL_SAMPLES"), keywords.pixels("PIXEL_LINES")
     k_matrix = np.column_stack([k_linear, np.zeros(2)])
     return Camera(focal, origin, k_matrix, *size, model, values)
 

@@ -113,6 +113,20 @@ class Keywords:
         """
         return float(self.vector(name, 1)[0])
 
+    def pixels(self, name: str) -> int:
+        """Return a number of pixels.
+
+        Raises
+        ------
+        FormatError
+            If the keyword is missing or is no whole number above 0.
+        """
+        value = self.number(name)
+        if value != int(value) or value < 1:
+            place = f"{self.where}: INS{self.numbers[-1]}_{name}"
+            raise FormatError(f"is {value:g}, no number of pixels", place)
+        return int(value)
+
     def text(self, name: str) -> str:
         """Return a text in capitals, or an empty one if there is none."""
         value = self.get(name)

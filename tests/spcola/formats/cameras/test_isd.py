@@ -98,6 +98,7 @@ def test_lines_begin_at_a_half_and_have_their_times(tmp_path: Path) -> None:
         ({"optical_distortion": {"cahvor": {}}}, "'cahvor' is not read"),
         ({"focal2pixel_lines": [0.0, 1.0]}, "focal2pixel_lines: has 2 numbers, not 3"),
         ({"focal_length_model": {}}, "focal_length: is missing"),
+        ({"image_lines": 1e12}, "image_lines: is 1e\\+12, no number of pixels"),
         ({"image_lines": "many"}, "image_lines: is no usable number"),
         ({"instrument_pointing": FRAME["instrument_pointing"] | {"reference_frame": 17}}, "J2000"),
         (

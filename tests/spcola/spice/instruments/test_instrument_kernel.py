@@ -102,6 +102,7 @@ def test_a_filter_comes_first(tmp_path: Path) -> None:
         (TRANSFORM + "INS-99_OD_K = 1\n", "LROC's NAC"),
         (TRANSFORM + "INS-99_DISTORTION_MODEL = 'CAHVOR'\n", "CAHVOR is no distortion"),
         (TRANSFORM + "INS-99_DISTORTION_MODEL = 'OCAMS'\n", "OD_CENTER: is missing"),
+        (TRANSFORM + "INS-99_PIXEL_LINES = 99.5\n", r"is 99\.5, no number of pixels"),
         (TRANSFORM + "INS-99_FOCAL_LENGTH = 'long'\n", "1 numbers are needed"),
     ],
 )
