@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from spcola.camera import Camera
     from spcola.camera.instrument import Instrument
     from spcola.camera.stars import StarCalibration, StarFrame, StarPositions
-    from spcola.formats.cameras import NominalAttitude
+    from spcola.formats.cameras.stars import NominalAttitude
 
 app = typer.Typer(
     name="camera",
@@ -143,14 +143,13 @@ def _started(camera: Camera, model: str) -> Camera:
     SettingsError
         If the model is not known.
     """
-    from spcola.camera import COEFFICIENTS
+    from spcola.camera import DistortionModel
     from spcola.camera.stars import with_model
 
-    if model and model not in COEFFICIENTS:
-        raise SettingsError(
-            f"{model!r} is no model", "--model", f"one of {', '.join(COEFFICIENTS)}"
-        )
-    return with_model(camera, model or None)  # type: ignore[arg-type]  # is one of COEFFICIENTS
+    known = get_args(DistortionModel)
+    if model and model not in known:
+        raise SettingsError(f"{model!r} is no model", "--model", f"one of {', '.join(known)}")
+    return with_model(camera, model or None)  # type: ignore[arg-type]  # is known
 
 
 def _frames(
@@ -168,7 +167,7 @@ def _frames(
         If no image is left.
     """
     from spcola.camera.stars import StarFrame, identified_frame
-    from spcola.formats.cameras import read_attitudes, read_star_catalogue
+    from spcola.formats.cameras.stars import read_attitudes, read_star_catalogue
 
     sky, nominal = read_star_catalogue(catalogue), read_attitudes(attitudes)
     measured = _measured(nominal, stars)
@@ -200,7 +199,7 @@ def _measured(
 ) -> dict[str, StarPositions]:
     """Return measured positions by image: of a table, or found in the images."""
     from spcola.camera.stars import find_stars
-    from spcola.formats.cameras import read_star_image, read_star_positions
+    from spcola.formats.cameras.stars import read_star_image, read_star_positions
 
     if stars is not None:
         return read_star_positions(stars)

@@ -62,7 +62,7 @@ class Camera:
         if self.distortion_model not in get_args(DistortionModel):
             known = ", ".join(get_args(DistortionModel))
             raise InvalidValueError(
-                f"{self.distortion_model!r} is no model of distortion; known are {known}", "camera"
+                f"{self.distortion_model!r} is no distortion; known are {known}", "camera"
             )
         if self.width < 1 or self.height < 1:
             raise InvalidValueError(f"has no pixels ({self.width} × {self.height})", "camera")

@@ -9,7 +9,7 @@ import numpy as np
 
 from spcola.arrays import BoolArray, FloatArray
 from spcola.camera.camera import Camera
-from spcola.camera.projection import partials_rotation, project_vectors, rotate_axes
+from spcola.camera.projection import project_vectors, rotate_axes, turn_partials
 from spcola.camera.stars.centroids import StarPositions
 from spcola.camera.stars.parameters import SolvedParameters
 from spcola.errors import NotObservableError
@@ -257,7 +257,7 @@ def _system(
     by_camera = _camera_partials(camera, parameters, np.concatenate(seen))
     parts = np.split(by_camera, np.cumsum([len(one) for one in seen])[:-1])
     for index, frame in enumerate(frames):
-        by_turn = partials_rotation(camera, axes[index], np.zeros(3), frame.directions)
+        by_turn = turn_partials(camera, seen[index])
         miss = _miss(frame, camera, axes[index])
         system.add(index, frame, (parts[index], by_turn), miss, weights[index])
         if np.isfinite(frame.attitude_sigma):

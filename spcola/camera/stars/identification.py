@@ -10,7 +10,7 @@ from scipy.stats import poisson
 
 from spcola.arrays import FloatArray, IntArray
 from spcola.camera.camera import Camera
-from spcola.camera.projection import partials_rotation, project_vectors, rotate_axes
+from spcola.camera.projection import project_vectors, rotate_axes, turn_partials
 from spcola.camera.stars.centroids import StarPositions
 from spcola.errors import NotObservableError
 
@@ -137,8 +137,7 @@ def _shifted(
     friends = tree.query_ball_point(shift, 2.0 * match, return_length=True)
     center = shift[int(np.argmax(friends))]
     best = shift[np.linalg.norm(shift - center, axis=1) <= 2.0 * match].mean(axis=0)
-    boresight = axes[2][None]
-    slope = partials_rotation(camera, axes, np.zeros(3), boresight)[0][:, :2]
+    slope = turn_partials(camera, np.array([0.0, 0.0, 1.0]))[:, :2]
     return rotate_axes(axes, [*np.linalg.solve(slope, best), 0.0])
 
 
@@ -154,11 +153,12 @@ def _turned(
     camera: Camera, axes: FloatArray, measured: FloatArray, directions: FloatArray
 ) -> FloatArray:
     """Return axes (3, 3) after one step of least squares on matched stars, weighted by misses."""
-    predicted = np.column_stack(project_vectors(camera, directions @ axes.T))
+    seen = directions @ axes.T
+    predicted = np.column_stack(project_vectors(camera, seen))
     miss = measured - predicted
     size = np.linalg.norm(miss - np.median(miss, axis=0), axis=1)
     weight = 1.0 / (1.0 + (size / max(float(np.median(size)), 1e-3)) ** 2)
-    slopes = partials_rotation(camera, axes, np.zeros(3), directions)
+    slopes = turn_partials(camera, seen)
     normal = np.einsum("n,nki,nkj->ij", weight, slopes, slopes)
     right = np.einsum("n,nki,nk->i", weight, slopes, miss)
     return rotate_axes(axes, np.linalg.lstsq(normal, right, rcond=1e-12)[0])

@@ -18,7 +18,7 @@ from spcola.camera import Camera
 from spcola.camera.instrument import Instrument
 from spcola.camera.projection import project_vectors
 from spcola.formats.cameras import read_cameras, write_cameras
-from spcola.formats.cameras.star_tables import _axes
+from spcola.formats.cameras.stars.tables import _axes
 
 TRUE = Camera(
     125.2, [256.5, 256.5], [[60.0, 0.01, 0], [0, -60.05, 0]], 512, 512, "owen", [2e-5, 0, 0, 0]

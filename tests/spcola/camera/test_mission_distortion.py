@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 
 from spcola.arrays import FloatArray
-from spcola.camera import COEFFICIENTS, Camera
+from spcola.camera import Camera
 from spcola.camera.camera import DistortionModel
-from spcola.camera.distortion import distort, distortion_jacobian, undistort, unfolded_radius
+from spcola.camera.distortion import (
+    COEFFICIENTS,
+    distort,
+    distortion_jacobian,
+    undistort,
+    unfolded_radius,
+)
 from spcola.errors import InvalidValueError
 
 # INS-915240 of the ISIS labels: Apollo 15's metric camera, 114 mm of film in 5 µm pixels.
@@ -159,5 +165,5 @@ def test_every_name_has_a_model() -> None:
 
 
 def test_refuses_an_unknown_model() -> None:
-    with pytest.raises(InvalidValueError, match="no model of distortion"):
+    with pytest.raises(InvalidValueError, match="is no distortion"):
         Camera(1.0, [0, 0], np.eye(2, 3), 1, 1, "fisheye")  # type: ignore[arg-type]

@@ -68,7 +68,7 @@ def test_a_short_table_is_a_pinhole(tmp_path: Path) -> None:
         ("[30, 20]", "[30.5, 20]", "no whole numbers of pixels"),
         ("100", "inf", "focal_length_mm: is no usable number"),
         ("[NAC]", 'distortion_model = "x"', "is no table of a camera"),
-        ("size", 'distortion_model = "fisheye"\nsize', "no model of distortion"),
+        ("size", 'distortion_model = "fisheye"\nsize', "is no distortion"),
         ("[NAC]", "[NAC", "is not TOML"),
     ],
 )

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from spcola.camera.linescan import project_scan, scan_rays
-from spcola.camera.projection import project, view_vectors
+from spcola.camera.projection import project_vectors, view_vectors
 from spcola.errors import FormatError
 from spcola.formats.cameras import read_isd
 
@@ -210,7 +210,7 @@ def test_apollo_rays_meet_as_well_as_the_labels_poses_allow(
             sum(away), sum(a @ o for a, (_, o, _) in zip(away, rays, strict=True))
         )
         for sensor, place in zip((r[0] for r in rays), tie.values(), strict=True):
-            seen = project(sensor.camera, sensor.axes[0], -sensor.positions[0], point)
+            seen = project_vectors(sensor.camera, sensor.axes[0] @ (point - sensor.positions[0]))
             residual.append([float(seen[0]) - place[0], float(seen[1]) - place[1]])
     assert len(residual) == 969
     rms = np.sqrt(np.mean(np.square(residual), axis=0))

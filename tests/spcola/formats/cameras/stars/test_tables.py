@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spcola.errors import FormatError
-from spcola.formats.cameras import read_attitudes, read_star_catalogue, read_star_positions
+from spcola.formats.cameras.stars import read_attitudes, read_star_catalogue, read_star_positions
 
 
 def written(tmp_path: Path, text: str) -> Path:

@@ -23,7 +23,7 @@ import numpy as np
 from spcola.arrays import FloatArray
 from spcola.camera.stars import StarCatalogue, StarPositions
 from spcola.errors import FormatError, InvalidValueError
-from spcola.formats.cameras.columns import NamedColumns, by_value, read_columns
+from spcola.formats.cameras.stars.columns import NamedColumns, by_value, read_columns
 from spcola.formats.text import KM
 
 _RA = ("ra", "radeg", "raj2000", "rightascension", "rightascensiondeg")
