@@ -57,7 +57,9 @@ class Camera:
             check_finite(getattr(self, name), name)
         if not (np.isfinite(self.focal_length_mm) and self.focal_length_mm > 0):
             raise InvalidValueError(f"must be positive, not {self.focal_length_mm}", "focal length")
-        if abs(np.linalg.det(self.k_matrix[:, :2])) < 1e-12:
+        with np.errstate(over="ignore", invalid="ignore"):
+            determinant = float(np.linalg.det(self.k_matrix[:, :2]))
+        if not 1e-12 <= abs(determinant) < np.inf:
             raise InvalidValueError("is singular: no pixel can be traced back", "K-matrix")
         if self.distortion_model not in get_args(DistortionModel):
             known = ", ".join(get_args(DistortionModel))

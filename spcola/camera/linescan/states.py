@@ -31,14 +31,14 @@ def interpolate_positions(
     positions : (N, 3) ndarray
         In a frame in which they are smooth.
     wanted : (M,) ndarray
-        Between the first time and the last (to a microsecond).
+        Between the first time and the last (to a microsecond); any times if there is one state.
     velocities : (N, 3) ndarray, optional
         m/s.
 
     Raises
     ------
     InvalidValueError
-        If a wanted time is outside, or there is one state and it is not wanted alone.
+        If a wanted time is outside, or the states' times do not increase.
     """
     inside = _inside(times, wanted)
     if len(times) == 1:
@@ -69,7 +69,7 @@ def interpolate_axes(
     axes : (N, 3, 3) ndarray
         Rows are unit vectors, right-handed.
     wanted : (M,) ndarray
-        Between the first time and the last (to a microsecond).
+        Between the first time and the last (to a microsecond); any times if there is one state.
     method : {"slerp", "cubic"}
         Turns at a constant rate between two states; or a cubic spline of rotation vectors with
         continuous rate and acceleration.
@@ -77,7 +77,7 @@ def interpolate_axes(
     Raises
     ------
     InvalidValueError
-        If a wanted time is outside, or there is one state and it is not wanted alone.
+        If a wanted time is outside, or the states' times do not increase.
     """
     inside = _inside(times, wanted)
     if len(times) == 1:
@@ -94,8 +94,10 @@ def _inside(times: FloatArray, wanted: FloatArray) -> FloatArray:
     Raises
     ------
     InvalidValueError
-        If one is further outside.
+        If one is further outside, or the states' times do not increase.
     """
+    if np.any(np.diff(times) <= 0):
+        raise InvalidValueError("have times that do not increase", "states")
     slack = 1e-6 if len(times) > 1 else np.inf
     if np.any((wanted < times[0] - slack) | (wanted > times[-1] + slack)):
         raise InvalidValueError(

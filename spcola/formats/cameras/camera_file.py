@@ -33,6 +33,7 @@ from spcola.camera import Camera
 from spcola.camera.instrument import FocusTable, Instrument, Pupil, ThermalFocus
 from spcola.errors import FormatError, InvalidValueError
 from spcola.formats.cameras.fields import Fields
+from spcola.formats.text.source import as_format_error
 
 _NAMES = {
     "focal_length_mm", "center", "k_matrix", "size", "distortion_model", "distortion",
@@ -61,10 +62,8 @@ def read_cameras(path: str | Path) -> dict[str, Instrument]:
         if unknown:
             raise FormatError(f"is no field of a camera; known are {_listed(_NAMES)}",
                               fields.where(f"{name}.{unknown[0]}"))  # fmt: skip
-        try:
+        with as_format_error(fields.where(name)):
             found[name] = _instrument(Fields(fields.path, table), name)
-        except InvalidValueError as error:
-            raise FormatError(str(error), fields.where(name)) from error
     if not found:
         raise FormatError("has no camera", path)
     return found

@@ -15,7 +15,7 @@ import numpy as np
 
 from spcola.camera import Camera
 from spcola.errors import FormatError
-from spcola.formats.text import read_bytes
+from spcola.formats.text import LARGEST_NUMBER, read_bytes
 
 
 class _Model(NamedTuple):
@@ -81,6 +81,8 @@ def read_colmap_cameras(
         if number in cameras or not 0 < max(width, height) < _LARGEST_SIDE:
             raise FormatError(f"has number {number} again, or {width} × {height} pixels", where)
         size = (int(width), int(height))
+        if not np.max(np.abs(values)) < LARGEST_NUMBER or min(values[: model.focal]) <= 0:
+            raise FormatError("has a parameter that is no usable number", where)
         cameras[number] = _camera(model, values, size, pixel_mm, 1.0 - first_pixel)
     if place != len(content):
         raise FormatError(f"goes on for {len(content) - place} bytes after its cameras", path)

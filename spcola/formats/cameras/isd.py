@@ -21,6 +21,7 @@ from spcola.camera.linescan import LineScan, interpolate_axes, interpolate_posit
 from spcola.errors import FormatError
 from spcola.formats.cameras.fields import Fields
 from spcola.formats.text import KM
+from spcola.formats.text.source import as_format_error
 
 _FRAME = "USGS_ASTRO_FRAME_SENSOR_MODEL"
 _LINES = "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL"
@@ -96,9 +97,11 @@ def read_isd(
             f"is of a {model}", fields.where("name_model"), "frames and line scanners are read"
         )
     scanner = model == _LINES
-    camera, mirrored = _camera(fields, scanner, optical_axis, summing)
+    with as_format_error(str(path)):
+        camera, mirrored = _camera(fields, scanner, optical_axis, summing)
     times = _line_times(fields) if scanner else np.array([fields.number("center_ephemeris_time")])
-    positions, axes = _states(fields, times, pointing)
+    with as_format_error(str(path)):
+        positions, axes = _states(fields, times, pointing)
     if mirrored:
         axes = np.diag([1.0, -1.0, -1.0]) @ axes
     return IsdSensor(camera, times, positions, axes)

@@ -141,6 +141,9 @@ def _focal_mm(keywords: Keywords, stated: float, pitch: float) -> float:
     FormatError
         If the two contradict one another.
     """
+    place = f"{keywords.where}: INS{keywords.numbers[-1]}_FOCAL_LENGTH"
+    if not stated > 0:
+        raise FormatError(f"is {stated:g}, not above 0", place)
     ratio = float(np.mean(keywords.vector("OPENCV_OD_F", 2))) * pitch / stated
     if abs(ratio - 1.0) < 0.05:
         return stated
@@ -148,7 +151,7 @@ def _focal_mm(keywords: Keywords, stated: float, pitch: float) -> float:
         return stated * _MM_PER_METRE
     raise FormatError(
         f"is {stated:g}, and OPENCV_OD_F with a pixel of {pitch:g} mm is {ratio * stated:g} mm",
-        f"{keywords.where}: INS{keywords.numbers[-1]}_FOCAL_LENGTH",
+        place,
     )
 
 

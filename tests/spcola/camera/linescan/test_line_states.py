@@ -71,6 +71,11 @@ def test_nothing_is_extrapolated() -> None:
         interpolate_positions(TIMES, orbit(TIMES), np.array([100.1]))
 
 
+def test_times_must_increase() -> None:
+    with pytest.raises(InvalidValueError, match="do not increase"):
+        interpolate_positions(np.array([0.0, 2.0, 2.0]), np.zeros((3, 3)), np.array([1.0]))
+
+
 def test_a_pupil_turns_with_its_spacecraft() -> None:
     pupil = Pupil("NAC", [0.0, 2.0, 0.5])
     about_z = Rotation.from_rotvec([0, 0, np.pi / 2]).as_matrix().T  # rows: spacecraft's x is +y

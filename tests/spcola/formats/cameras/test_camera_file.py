@@ -64,7 +64,7 @@ def test_a_short_table_is_a_pinhole(tmp_path: Path) -> None:
         ("[1, 2]", "[1, 2, 3]", "center: has 3 numbers, not 2"),
         ("[0, -50, 0]", "[0, -50]", "k_matrix: has a row that is not of 3"),
         ("size", "sizes", "sizes: is no field of a camera"),
-        ("100", "-100", "focal length: must be positive"),
+        ("100", "-100", "focal length must be positive"),
         ("[30, 20]", "[30.5, 20]", "no whole numbers of pixels"),
         ("100", "inf", "focal_length_mm: is no usable number"),
         ("[NAC]", 'distortion_model = "x"', "is no table of a camera"),

@@ -67,6 +67,7 @@ def test_a_file_has_several_cameras(tmp_path: Path) -> None:
         (content(1, 4)[:-1], "camera 2 of 2: the file ends in its parameters"),
         (content(1, 4)[:70], "camera 2 of 2: the file ends before it"),
         (content(1) + b"\0", "goes on for 1 bytes"),
+        (content(1).replace(struct.pack("<d", 510.0), bytes(8)), "no usable number"),
         (content(5), "has model 5; SIMPLE_PINHOLE"),
         (b"\xff" * 8, "the file ends before it"),
     ],
