@@ -38,7 +38,7 @@ POINTING_TOLERANCE_S = 1e-3
 
 # Accuracy of the end of a CK's coverage, seconds.
 _NEAREST_S = 1e-6
-_NOT_COVERED = (
+NOT_COVERED = (
     spiceypy.utils.exceptions.SpiceSPKINSUFFDATA,
     spiceypy.utils.exceptions.SpiceNOFRAMECONNECT,
     spiceypy.utils.exceptions.SpiceCKINSUFFDATA,
@@ -95,7 +95,7 @@ class KernelSet:
                     ready = _ready(path, Path(folder) / str(index))
                     # SPICE stores the name of a kernel that it refused, and reads it again later.
                     loaded.append(str(ready))
-                    with _kernel_errors(path):
+                    with kernel_errors(path):
                         spiceypy.furnsh(str(ready))
                 for name in self._dropped:
                     spiceypy.dvpool(name)
@@ -119,7 +119,7 @@ def body_fixed_trajectory(
     """
     wanted = np.asarray(times, dtype=np.float64)
     positions = np.empty((len(wanted), 3))
-    with SPICE_LOCK, _kernel_errors(f"position of {spacecraft} at {body}"):
+    with SPICE_LOCK, kernel_errors(f"position of {spacecraft} at {body}"):
         for index, et in enumerate(wanted):
             inertial, _ = spiceypy.spkpos(str(spacecraft), et, "J2000", "NONE", str(body))
             positions[index] = spiceypy.tipbod("J2000", body, et) @ inertial
@@ -144,9 +144,9 @@ def body_fixed_axes(
     """
     wanted = np.asarray(times, dtype=np.float64)
     axes = np.empty((len(wanted), 3, 3))
-    with SPICE_LOCK, _kernel_errors(f"pointing of {frame}"):
+    with SPICE_LOCK, kernel_errors(f"pointing of {frame}"):
         for index, et in enumerate(wanted):
-            to_inertial = _rotation_near(frame, et, tolerance_s)
+            to_inertial = rotation_near(frame, et, tolerance_s)
             axes[index] = (spiceypy.tipbod("J2000", body, et) @ to_inertial).T
     return axes
 
@@ -186,15 +186,15 @@ def body_fixed_states(
     wanted = np.asarray(times, dtype=np.float64)
     positions = np.full((len(wanted), 3), np.nan)
     axes = np.full((len(wanted), 3, 3), np.nan)
-    with SPICE_LOCK, _kernel_errors(f"{spacecraft} at {body} in {frame or 'the body frame'}"):
+    with SPICE_LOCK, kernel_errors(f"{spacecraft} at {body} in {frame or 'the body frame'}"):
         for index, et in enumerate(wanted):
             turn = spiceypy.tipbod("J2000", body, et)
             try:
                 inertial = np.full(3, np.nan)
                 if spacecraft:
                     inertial, _ = spiceypy.spkpos(str(spacecraft), et, "J2000", "NONE", str(body))
-                to_inertial = _rotation_near(frame, et, tolerance_s) if frame else turn.T
-            except _NOT_COVERED:
+                to_inertial = rotation_near(frame, et, tolerance_s) if frame else turn.T
+            except NOT_COVERED:
                 continue
             positions[index], axes[index] = M_PER_KM * (turn @ inertial), (turn @ to_inertial).T
     return positions, axes
@@ -228,7 +228,7 @@ def coverage(
     """
     tracks: tuple[Track, ...] = ()
     where = f"coverage of {spacecraft or frame}"
-    with SPICE_LOCK, _kernel_errors(where):
+    with SPICE_LOCK, kernel_errors(where):
         if spacecraft:
             try:
                 target = spiceypy.bods2c(str(spacecraft))
@@ -242,7 +242,7 @@ def coverage(
     return Coverage(tracks)
 
 
-def _rotation_near(frame: str, et: float, tolerance_s: float) -> FloatArray:
+def rotation_near(frame: str, et: float, tolerance_s: float) -> FloatArray:
     """Return the rotation (3, 3) from a frame to J2000 at a time, or at the nearest known one.
 
     It is searched within a tolerance, and found to a microsecond.
@@ -288,7 +288,7 @@ def state_times(path: str | Path) -> FloatArray:
     times: list[FloatArray] = []
     # CSPICE trusts the addresses in a damaged file, and crashes.
     check_daf(Path(path))
-    with SPICE_LOCK, _kernel_errors(path):
+    with SPICE_LOCK, kernel_errors(path):
         handle = spiceypy.dafopr(str(path))
         try:
             times = [segment_epochs(handle, integers) for _, _, integers in segments_of(handle)]
@@ -331,7 +331,7 @@ def _give_back(loaded: Sequence[str], before: Sequence[str]) -> None:
 
 
 @contextmanager
-def _kernel_errors(where: str | Path) -> Iterator[None]:
+def kernel_errors(where: str | Path) -> Iterator[None]:
     """Turn SPICE's errors into one line."""
     try:
         yield
