@@ -13,6 +13,7 @@ from pathlib import Path
 
 from spcola.errors import FormatError
 from spcola.formats.states.columns import Row, image_rows
+from spcola.formats.text.source import as_format_error, check_name
 
 _UTC = ("utc", "time")
 _EXPOSURES = {"exposure_s": 1.0, "exposure_ms": 1e-3}
@@ -52,7 +53,8 @@ def read_exposures(path: str | Path, *, columns: Mapping[str, str] | None = None
     Raises
     ------
     FormatError
-        If an image has no time, a time cannot be read, or an image appears twice.
+        If an image has no time, a time cannot be read, an image appears twice, or its name does
+        not fit SPC.
     """
     return [_exposure(name, row) for name, row in image_rows(path, columns or {}).items()]
 
@@ -69,4 +71,5 @@ def _exposure(name: str, row: Row) -> Exposure:
             if length[0] < 0.0:
                 raise FormatError(f"{column} is negative", row.place)
             delay = unit * float(length[0]) / 2.0
-    return Exposure(name, time, clock, delay)
+    with as_format_error(row.place):
+        return Exposure(check_name(name, "image", row.place), time, clock, delay)

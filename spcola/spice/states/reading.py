@@ -99,6 +99,20 @@ def spice_states(
         return [_state(camera, name, float(time)) for name, time in zip(names, times, strict=True)]
 
 
+def clock_time(spacecraft: str, count: str) -> float:
+    """Return the ephemeris time, s, of a count of a spacecraft's clock, ``3/0604882742.23115``.
+
+    To be called inside ``KernelSet.load()``.
+
+    Raises
+    ------
+    KernelError
+        If the spacecraft is unknown, has no clock kernel, or the count is none.
+    """
+    with SPICE_LOCK, kernel_errors(f"clock of {spacecraft}, {count}"):
+        return float(spiceypy.scs2e(spiceypy.bods2c(spacecraft), count))
+
+
 def body_rate(body: int, time: float) -> FloatArray:
     """Return the angular velocity (3,), rad/s, body-fixed, of a body at an ephemeris time, s.
 

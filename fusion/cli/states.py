@@ -1,0 +1,267 @@
+"""``spcola sumfiles`` and ``spcola kernels``."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from fusion.cli.output import JsonOption, show
+
+if TYPE_CHECKING:
+    from fusion.stages.states import SourceOptions
+    from spcola.navigation.states import ImageState, StateDifference
+    from spcola.spice.states import StateKernels
+
+WorkspaceArgument = Annotated[Path, typer.Argument(metavar="WS", help="The workspace.")]
+KernelOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        metavar="FILE",
+        help="A kernel or meta-kernel; repeat it. If not given: [spice] kernels.",
+    ),
+]
+MeridianOption = Annotated[
+    str,
+    typer.Option(
+        metavar="FILE", help="Which kernel gives the body's rotation, if several state it."
+    ),
+]
+CraftOption = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME|NUMBER", help="The spacecraft; if not given, that of [spice] spacecraft."
+    ),
+]
+BodyOption = Annotated[
+    int, typer.Option(metavar="NUMBER", help="NAIF number of the body; else [spice] body.")
+]
+_CORRECTIONS = Literal["none", "light-time", "light-time+aberration"]
+
+
+def sumfiles(
+    workspace: WorkspaceArgument,
+    table: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="TABLE",
+            help="Names and times of the images (CSV): columns image and utc, et or clock; with "
+            "exposure_s or exposure_ms the time is the start, without the middle.",
+        ),
+    ] = None,
+    frame: Annotated[
+        str, typer.Option(metavar="FRAME", help="Frame of the camera in the kernels.")
+    ] = "",
+    like: Annotated[
+        Path | None,
+        typer.Option(metavar="SUM", help="A .SUM file with the camera and the thresholds."),
+    ] = None,
+    compare: Annotated[
+        bool,
+        typer.Option(
+            "--compare", help="Write nothing: compare the kernels with the states in SUMFILES."
+        ),
+    ] = False,
+    correction: Annotated[
+        _CORRECTIONS, typer.Option(help="What is applied to the direction of the body.")
+    ] = "light-time+aberration",
+    pupil_m: Annotated[
+        tuple[float, float, float],
+        typer.Option(
+            metavar="X Y Z",
+            help="From the spacecraft's centre of mass to the pupil, metres, along the axes of "
+            "the camera's frame.",
+        ),
+    ] = (0.0, 0.0, 0.0),
+    sigma_m: Annotated[
+        float | None,
+        typer.Option("--sigma-m", metavar="M", min=1e-6, help="Sigma of V0; unknown if not given."),
+    ] = None,
+    sigma_mrad: Annotated[
+        float | None,
+        typer.Option(
+            "--sigma-mrad", metavar="MRAD", min=1e-9, help="Sigma of the pointing, each axis."
+        ),
+    ] = None,
+    kernel: KernelOption = None,
+    prime_meridian: MeridianOption = "",
+    spacecraft: CraftOption = "",
+    body: BodyOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Write .SUM and .NOM files of images from SPICE kernels.
+
+    The camera is that of an existing .SUM file. Files that are there already are not replaced.
+    With --compare the states by the kernels are compared with those of the solution: along the
+    track, across it and radially, in degrees and pixels.
+    """
+    # The machinery is imported here and not above, so that help comes at once.
+    import numpy as np
+
+    from fusion.stages.states import (
+        NominalOptions,
+        compare_with_kernels,
+        make_sumfiles,
+        spice_source,
+    )
+    from fusion.workspace import Workspace
+    from spcola.formats.states import read_exposures
+    from spcola.spice.states import Correction, SpiceCamera
+
+    if not frame:
+        raise typer.BadParameter("is needed", param_hint="--frame")
+    if not compare and (table is None or like is None):
+        raise typer.BadParameter("give both, or --compare", param_hint="TABLE and --like")
+    there = Workspace.open(workspace)
+    options = _options(kernel, prime_meridian, spacecraft, body)
+    camera = SpiceCamera("", 0, frame, Correction(correction), np.array(pupil_m))
+    source = spice_source(there, there.settings(), options, camera)
+    if table is None or like is None or compare:
+        found = compare_with_kernels(there, source)
+        show(_comparison(found, correction), _comparison_lines(found), as_json=as_json)
+        return
+    nominal = NominalOptions(
+        like,
+        math.nan if sigma_m is None else sigma_m,
+        math.nan if sigma_mrad is None else 1e-3 * sigma_mrad,
+    )
+    states = make_sumfiles(there, read_exposures(table), source, nominal)
+    content = {
+        "workspace": there.root,
+        "correction": correction,
+        "images": [_state_facts(state) for state in states],
+    }
+    ranges = [float(np.linalg.norm(state.scobj)) for state in states]
+    line = (
+        f"Wrote .SUM and .NOM of {len(states)} images, {min(ranges):.6g} to {max(ranges):.6g} m "
+        f"from the body's centre ({correction})"
+    )
+    show(content, [line], as_json=as_json)
+
+
+def kernels(
+    workspace: WorkspaceArgument,
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="A new folder for the kernels.")],
+    pck: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="PCK with the rotation of the solution; else that of [spin] with its shifts, else "
+            "that of [spice] kernels.",
+        ),
+    ] = None,
+    max_gap_s: Annotated[
+        float,
+        typer.Option(
+            "--max-gap",
+            metavar="S",
+            min=2.0,
+            max=1e7,
+            help="Positions further apart, seconds, are not interpolated between.",
+        ),
+    ] = 600.0,
+    camera: Annotated[
+        int,
+        typer.Option(
+            metavar="NUMBER",
+            max=0,
+            help="NAIF number of the first camera; if not given, the spacecraft's × 1000 − 990.",
+        ),
+    ] = 0,
+    spacecraft: CraftOption = "",
+    body: BodyOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Write SPICE kernels from the solved states of the images (.SUM files).
+
+    An SPK and a CK with comments that state where they come from, PCK, FK, IK, a clock, a
+    meta-kernel, and a table of the images. They are read back: each state must come back to 1 mm
+    and 1 µrad.
+    """
+    from fusion.stages.states import export_kernels
+    from fusion.workspace import Workspace
+
+    there = Workspace.open(workspace)
+    made = export_kernels(
+        there,
+        there.settings(),
+        out,
+        options=_options(None, "", spacecraft, body),
+        pck=pck,
+        camera=camera,
+        max_gap_s=max_gap_s,
+    )
+    show(_kernel_facts(out, made), _kernel_lines(out, made), as_json=as_json)
+
+
+def _options(
+    kernel: list[Path] | None, prime_meridian: str, spacecraft: str, body: int
+) -> SourceOptions:
+    from fusion.stages.states import SourceOptions
+
+    return SourceOptions(tuple(kernel or ()), prime_meridian, spacecraft, body)
+
+
+def _state_facts(state: ImageState) -> dict[str, Any]:
+    """Return a state for ``--json``."""
+    return {
+        "image": state.name,
+        "et": state.time,
+        "source": state.source,
+        "scobj_m": state.scobj.tolist(),
+        "axes": state.axes.tolist(),
+        "sun": state.sun.tolist(),
+    }
+
+
+def _comparison(found: list[StateDifference], correction: str) -> dict[str, Any]:
+    return {"correction": correction, "images": [one.as_json() for one in found]}
+
+
+def _comparison_lines(found: list[StateDifference]) -> list[str]:
+    """Return the largest and the middle difference of all images."""
+    import numpy as np
+
+    def row(name: str, values: Any, unit: str) -> str:
+        size = np.abs(np.array(values))
+        known = size[np.isfinite(size).all(axis=1)]
+        if not len(known):
+            return f"  {name}: unknown"
+        median, most = np.median(known, axis=0), known.max(axis=0)
+        parts = [f"{a:.4g} ({b:.4g})" for a, b in zip(median, most, strict=True)]
+        return f"  {name}, {unit}: {', '.join(parts)}"
+
+    return [
+        f"Kernels less solution, {len(found)} images: median (largest) of the absolute values",
+        row("along the track, across, radial", [one.track_m for one in found], "m"),
+        row("along Cx, Cy, Cz", [one.camera_m for one in found], "m"),
+        row("pointing about Cx, Cy, Cz", [np.degrees(one.pointing) for one in found], "°"),
+        row("at the boresight, pixel and line", [one.pixels for one in found], "px"),
+    ]
+
+
+def _kernel_facts(out: Path, made: StateKernels) -> dict[str, Any]:
+    return {
+        "folder": out,
+        "files": list(made.files),
+        "images": made.images,
+        "cameras": made.cameras,
+        "segments": made.segments,
+        "span_et": list(made.span),
+        "read_back_position_m": made.position_m,
+        "read_back_pointing_rad": made.pointing,
+    }
+
+
+def _kernel_lines(out: Path, made: StateKernels) -> list[str]:
+    from spcola.navigation import utc_from_et
+
+    first, last = (utc_from_et(time) for time in made.span)
+    return [
+        f"{out}: {', '.join(made.files)}",
+        f"  {made.images} images of {made.cameras} cameras, {first} to {last} UTC, in "
+        f"{made.segments} arcs",
+        f"  read back: within {made.position_m:.2g} m and {made.pointing:.2g} rad",
+    ]

@@ -1,0 +1,229 @@
+"""``spcola kernels`` and ``spcola sumfiles``: from .SUM files to kernels and back."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import spiceypy
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from fusion.cli.app import app
+from fusion.workspace import SETTINGS_FILE, new_workspace
+from fusion.workspace.settings import Settings, write_settings
+from spcola.camera import Camera, SpcImage
+from spcola.formats.solution import read_nominal, read_summary, write_list, write_summary
+from spcola.navigation import SPICE_LOCK, Spin, et_from_utc, utc_from_et
+
+SPIN = Spin(85.45, -60.37, 140.69, 2011.15)
+CAMERA = Camera(125.2, [512.5, 512.5], [[117.6, 0, 0], [0, -117.6, 0]], 1024, 1024)
+START = et_from_utc("2019-03-03T10:59:40.279")
+SUN = np.array([1.2e11, -8.0e10, 3.0e10])
+DRIFT = np.array([0.05, 0.08, -0.02])
+TABLE = {"spacecraft": "-64", "body": 2101955}
+
+
+def call(*arguments, code=0):
+    result = CliRunner().invoke(app, list(map(str, arguments)))
+    assert result.exit_code == code, result.output + result.stderr
+    return result
+
+
+def content(*arguments):
+    return json.loads(call(*arguments, "--json").stdout)
+
+
+def refusal(*arguments):
+    (line,) = call(*arguments, code=1).stderr.splitlines()
+    return line
+
+
+def image_at(number, seconds):
+    utc = utc_from_et(START + seconds)
+    turn = SPIN.axes([et_from_utc(utc)])[0]
+    place = turn @ (np.array([4000.0, -3000.0, 500.0]) + seconds * DRIFT)
+    looking = Rotation.align_vectors([[0, 0, 1.0]], [-place])[0]
+    axes = (Rotation.from_rotvec([0.01, 0.02, number]) * looking).as_matrix()
+    sun = turn @ (SUN / np.linalg.norm(SUN))
+    return SpcImage(f"P{number:04d}", utc, CAMERA, -place, axes, sun, thresholds=(200, 16000))
+
+
+def workspace_at(folder, **tables):
+    made = new_workspace(folder, body="Bennu")
+    settings = Settings().with_table("body", name="Bennu")
+    for table, values in tables.items():
+        settings = settings.with_table(table, **values)
+    write_settings(folder / SETTINGS_FILE, settings)
+    return made
+
+
+ROTATION = {
+    "pole_ra_deg": 85.45,
+    "pole_dec_deg": -60.37,
+    "meridian_deg": 140.0,
+    "shift_meridian_deg": 0.69,
+    "rate_deg_per_day": 2011.15,
+}
+
+
+@pytest.fixture(scope="module")
+def solved(tmp_path_factory):
+    """A workspace with states of six images."""
+    root = tmp_path_factory.mktemp("solved") / "ws"
+    made = workspace_at(root, spice=TABLE, spin=ROTATION)
+    for number, seconds in enumerate((0.0, 60.0, 200.0, 400.5, 5000.0, 5060.0)):
+        image = image_at(number, seconds)
+        write_summary(made.image_path(image.name), image)
+    return made
+
+
+@pytest.fixture(scope="module")
+def exported(solved, tmp_path_factory):
+    """Its kernels, and an SPK of the Sun next to them."""
+    folder = tmp_path_factory.mktemp("exported")
+    found = content("kernels", solved.root, folder / "kernels")
+    path = folder / "sun.bsp"
+    ends = np.array([START - 1e5, START + 1e5])
+    states = np.tile(np.concatenate([SUN, np.zeros(3)]) / 1000.0, (2, 1))
+    with SPICE_LOCK:
+        handle = spiceypy.spkopn(str(path), "SUN", 0)
+        spiceypy.spkw09(handle, 10, 2101955, "J2000", *ends, "S", 1, 2, states, ends)
+        spiceypy.spkcls(handle)
+    return folder, found
+
+
+def test_kernels_are_written_and_read_back(solved, exported):
+    folder, found = exported
+    assert (found["images"], found["cameras"], found["segments"]) == (6, 1, 2)
+    assert found["read_back_position_m"] < 1e-3
+    assert found["read_back_pointing_rad"] < 1e-6
+    assert sorted(found["files"]) == sorted(path.name for path in (folder / "kernels").iterdir())
+    assert "is there already" in refusal("kernels", solved.root, folder / "kernels")
+    text = call("kernels", solved.root, folder / "again").stdout
+    assert "6 images of 1 cameras, 2019 MAR 03 10:59:40.279" in text
+
+
+def table_of(path, images, column="utc"):
+    lines = [f"image,{column}", *(f"{image.name},{image.utc}" for image in images)]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def sumfiles(exported, root, *more):
+    folder, _ = exported
+    kernels = ["--kernel", folder / "kernels" / "spc_states.tm", "--kernel", folder / "sun.bsp"]
+    frame = ["--frame", "SC64_SPC_1", "--correction", "none"]
+    return ("sumfiles", root, *more, *frame, *kernels)
+
+
+def test_the_states_come_back_as_sum_and_nom(solved, exported, tmp_path):
+    images = solved.images()
+    made = workspace_at(tmp_path / "ws", spice=TABLE)
+    write_list(made.root / "PICTLIST.TXT", ["OLD"])
+    table = table_of(tmp_path / "images.csv", images)
+    like = solved.image_path("P0000")
+    command = sumfiles(
+        exported, made.root, table, "--like", like, "--sigma-m", 5, "--sigma-mrad", 2
+    )
+    found = content(*command)
+    assert [row["image"] for row in found["images"]] == [image.name for image in images]
+    for number, image in enumerate(images):
+        again = read_summary(made.image_path(image.name))
+        np.testing.assert_allclose(again.scobj, image.scobj, atol=1e-3)
+        np.testing.assert_allclose(again.axes, image.axes, atol=1e-8)
+        np.testing.assert_allclose(again.sun, image.sun, atol=1e-8)
+        assert (again.utc, again.thresholds) == (image.utc, (200, 16000))
+        np.testing.assert_array_equal(again.camera.k_matrix, CAMERA.k_matrix)
+        np.testing.assert_allclose(again.scobj_sigma, 5.0)
+        np.testing.assert_allclose(again.pointing_sigma, 2e-3)
+        nominal = read_nominal(made.root / "NOMINALS" / f"{image.name}.NOM")
+        np.testing.assert_allclose(nominal.scobj, image.scobj, atol=1e-3)
+        # The rate of the body-fixed position of a spacecraft that drifts.
+        if number < 4:
+            time = et_from_utc(image.utc)
+            turns = SPIN.axes([time - 1.0, time + 1.0])
+            drift = np.array([4000.0, -3000.0, 500.0]) + (time - START) * DRIFT
+            ends = [
+                turn @ (drift + step * DRIFT) for turn, step in zip(turns, (-1, 1), strict=True)
+            ]
+            np.testing.assert_allclose(nominal.velocity, (ends[1] - ends[0]) / 2.0, atol=1e-4)
+    assert (made.root / "PICTLIST.TXT").read_text().split() == [
+        "OLD", *(image.name for image in images), "END",
+    ]  # fmt: skip
+    assert "is there already" in refusal(*command)
+
+
+def test_comparison_finds_a_moved_state(solved, exported, tmp_path):
+    made = workspace_at(tmp_path / "ws", spice=TABLE)
+    for image in solved.images():
+        moved = replace(image, scobj=image.scobj + 3.0 * image.axes[0])
+        write_summary(made.image_path(image.name), moved)
+    found = content(*sumfiles(exported, made.root, "--compare"))
+    assert len(found["images"]) == 6
+    for row in found["images"]:
+        assert row["sources"] == ["spice", "sum"]
+        np.testing.assert_allclose(row["camera_m"], [3.0, 0.0, 0.0], atol=1e-3)
+        np.testing.assert_allclose(row["pointing_deg"], 0.0, atol=1e-6)
+        np.testing.assert_allclose(row["pixels"], [-3.0 / 5025 * 125.2 * 117.6, 0.0], atol=0.1)
+    text = call(*sumfiles(exported, made.root, "--compare")).stdout
+    assert "along Cx, Cy, Cz, m: 3 (3)" in text
+
+
+def test_a_start_and_an_exposure_give_the_middle(solved, exported, tmp_path):
+    made = workspace_at(tmp_path / "ws", spice=TABLE)
+    image = solved.image("P0001")
+    start = utc_from_et(et_from_utc(image.utc) - 0.1)
+    (tmp_path / "images.csv").write_text(f"name,utc,exposure_ms\nP0001,{start},200\n")
+    like = solved.image_path("P0000")
+    call(*sumfiles(exported, made.root, tmp_path / "images.csv", "--like", like))
+    assert made.image("P0001").utc == image.utc
+
+
+def test_what_is_missing_is_named(solved, exported, tmp_path):
+    made = workspace_at(tmp_path / "ws")
+    like = solved.image_path("P0000")
+    table = table_of(tmp_path / "images.csv", solved.images())
+    command = sumfiles(exported, made.root, table, "--like", like)
+    assert "[spice] spacecraft: must be given" in refusal(*command)
+    named = (*command, "--spacecraft", "-64", "--body", 2101955)
+    late = tmp_path / "late.csv"
+    late.write_text("image,utc\nP9,2019-03-03T14:00:00\n")
+    gap = refusal(*["sumfiles", made.root, late, *named[3:]])
+    assert "P9" in gap
+    assert "pointing ends" in gap
+    assert not list((made.root / "SUMFILES").iterdir())
+    # Without the Sun, and with a name that SPC cannot have.
+    place = named.index(exported[0] / "sun.bsp")
+    dark = (*named[: place - 1], *named[place + 1 :])
+    assert "position of the Sun" in refusal(*dark)
+    table.write_text("image,utc\nMUCHTOOLONGNAME,2019-03-03T10:59:40.279\n")
+    assert "line 2" in refusal(*named)
+    table.write_text("image\nP1\n")
+    assert "states no time" in refusal(*named)
+    assert "[spice] kernels: holds no kernel" in refusal(
+        "sumfiles", made.root, "--compare", "--frame", "X"
+    )
+    assert call("sumfiles", made.root, table, code=2)
+    assert call("sumfiles", made.root, table, "--frame", "X", code=2)
+
+
+def test_kernels_need_a_rotation_and_images(solved, tmp_path):
+    made = workspace_at(tmp_path / "ws", spice=TABLE)
+    assert "the rotation of the body" in refusal("kernels", made.root, tmp_path / "out")
+    pck = tmp_path / "body.tpc"
+    pck.write_text(
+        "KPL/PCK\n\\begindata\nBODY2101955_POLE_RA = ( 85.45 )\nBODY2101955_POLE_DEC = ( -60.37 )\n"
+        "BODY2101955_PM = ( 140.69 2011.15 )\n\\begintext\n"
+    )
+    assert "there is no image" in refusal("kernels", made.root, tmp_path / "out", "--pck", pck)
+    image = image_at(0, 0.0)
+    write_summary(made.image_path(image.name), image)
+    found = content("kernels", made.root, tmp_path / "out", "--pck", pck)
+    assert found["images"] == 1
+    assert "unknown to SPICE" in refusal(
+        "kernels", made.root, tmp_path / "other", "--pck", pck, "--spacecraft", "NO SUCH CRAFT"
+    )
+    assert not (tmp_path / "other").exists()
