@@ -34,7 +34,7 @@ LONG = (
     "fusion/cli/test_cli.py",
     "fusion/registration/test_direct.py",
     "fusion/registration/test_search.py",
-    "fusion/stages/test_locating.py",
+    "fusion/geolocation/test_locating.py",
     "spcola/imagematching/test_image_match.py",
 )
 

@@ -23,8 +23,7 @@ MODULES = {
 }
 MOST_BOXES = 17
 MOST_NAMES = 12
-# One class for each table of spcola.toml.
-MORE_NAMES = {"fusion.workspace.settings", "lidar.truth"}
+MORE_NAMES = {"lidar.truth"}
 
 
 def text_of(path: Path) -> str:

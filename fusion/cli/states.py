@@ -3,42 +3,82 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from fusion.cli.output import JsonOption, show
+from fusion.cli.options import JsonOption, WorkspaceArgument
+from fusion.cli.output import show
 
 if TYPE_CHECKING:
-    from fusion.stages.states import SourceOptions
+    from fusion.stages.states import SpiceSource
+    from fusion.workspace import Workspace
     from spcola.navigation.states import ImageState, StateDifference
     from spcola.spice.states import StateKernels
 
-WorkspaceArgument = Annotated[Path, typer.Argument(metavar="WS", help="The workspace.")]
-KernelOption = Annotated[
-    list[Path] | None,
-    typer.Option(
-        metavar="FILE",
-        help="A kernel or meta-kernel; repeat it. If not given: [spice] kernels.",
-    ),
-]
-MeridianOption = Annotated[
-    str,
-    typer.Option(
-        metavar="FILE", help="Which kernel gives the body's rotation, if several state it."
-    ),
-]
-CraftOption = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME|NUMBER", help="The spacecraft; if not given, that of [spice] spacecraft."
-    ),
-]
-BodyOption = Annotated[
-    int, typer.Option(metavar="NUMBER", help="NAIF number of the body; else [spice] body.")
-]
-_CORRECTIONS = Literal["none", "light-time", "light-time+aberration"]
+
+@dataclass(frozen=True)
+class BodyOptions:
+    """Options that name spacecraft and body."""
+
+    spacecraft: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME|NUMBER", help="The spacecraft; if not given, that of [spice] spacecraft."
+        ),
+    ] = ""
+    body: Annotated[
+        int, typer.Option(metavar="NUMBER", help="NAIF number of the body; else [spice] body.")
+    ] = 0
+
+
+@dataclass(frozen=True)
+class StateOptions:
+    """Options that choose kernels and a camera in them."""
+
+    frame: Annotated[
+        str, typer.Option(metavar="FRAME", help="Frame of the camera in the kernels.")
+    ] = ""
+    correction: Annotated[
+        Literal["none", "light-time", "light-time+aberration"],
+        typer.Option(help="What is applied to the direction of the body."),
+    ] = "light-time+aberration"
+    pupil_m: Annotated[
+        tuple[float, float, float],
+        typer.Option(
+            metavar="X Y Z",
+            help="From the spacecraft's centre of mass to the pupil, metres, along the axes of "
+            "the camera's frame.",
+        ),
+    ] = (0.0, 0.0, 0.0)
+    kernel: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="A kernel or meta-kernel; repeat it. If not given: [spice] kernels.",
+        ),
+    ] = None
+    prime_meridian: Annotated[
+        str,
+        typer.Option(
+            metavar="FILE", help="Which kernel gives the body's rotation, if several state it."
+        ),
+    ] = ""
+
+    def source(self, workspace: Workspace, body: BodyOptions) -> SpiceSource:
+        """Return the kernels and the camera."""
+        from numpy import array
+
+        from fusion.stages.states import SourceOptions, spice_source
+        from spcola.spice.states import Correction, SpiceCamera
+
+        chosen = SourceOptions(
+            tuple(self.kernel or ()), self.prime_meridian, body.spacecraft, body.body
+        )
+        camera = SpiceCamera("", 0, self.frame, Correction(self.correction), array(self.pupil_m))
+        return spice_source(workspace, workspace.settings(), chosen, camera)
 
 
 def sumfiles(
@@ -51,9 +91,6 @@ def sumfiles(
             "exposure_s or exposure_ms the time is the start, without the middle.",
         ),
     ] = None,
-    frame: Annotated[
-        str, typer.Option(metavar="FRAME", help="Frame of the camera in the kernels.")
-    ] = "",
     like: Annotated[
         Path | None,
         typer.Option(metavar="SUM", help="A .SUM file with the camera and the thresholds."),
@@ -64,17 +101,6 @@ def sumfiles(
             "--compare", help="Write nothing: compare the kernels with the states in SUMFILES."
         ),
     ] = False,
-    correction: Annotated[
-        _CORRECTIONS, typer.Option(help="What is applied to the direction of the body.")
-    ] = "light-time+aberration",
-    pupil_m: Annotated[
-        tuple[float, float, float],
-        typer.Option(
-            metavar="X Y Z",
-            help="From the spacecraft's centre of mass to the pupil, metres, along the axes of "
-            "the camera's frame.",
-        ),
-    ] = (0.0, 0.0, 0.0),
     sigma_m: Annotated[
         float | None,
         typer.Option("--sigma-m", metavar="M", min=1e-6, help="Sigma of V0; unknown if not given."),
@@ -85,10 +111,8 @@ def sumfiles(
             "--sigma-mrad", metavar="MRAD", min=1e-9, help="Sigma of the pointing, each axis."
         ),
     ] = None,
-    kernel: KernelOption = None,
-    prime_meridian: MeridianOption = "",
-    spacecraft: CraftOption = "",
-    body: BodyOption = 0,
+    states: StateOptions = StateOptions(),
+    names: BodyOptions = BodyOptions(),
     as_json: JsonOption = False,
 ) -> None:
     """Write .SUM and .NOM files of images from SPICE kernels.
@@ -98,45 +122,39 @@ def sumfiles(
     track, across it and radially, in degrees and pixels.
     """
     # The machinery is imported here and not above, so that help comes at once.
-    import numpy as np
-
-    from fusion.stages.states import (
-        NominalOptions,
-        compare_with_kernels,
-        make_sumfiles,
-        spice_source,
-    )
+    from fusion.stages.states import NominalOptions, compare_with_kernels, make_sumfiles
     from fusion.workspace import Workspace
     from spcola.formats.states import read_exposures
-    from spcola.spice.states import Correction, SpiceCamera
 
-    if not frame:
+    if not states.frame:
         raise typer.BadParameter("is needed", param_hint="--frame")
     if not compare and (table is None or like is None):
         raise typer.BadParameter("give both, or --compare", param_hint="TABLE and --like")
     there = Workspace.open(workspace)
-    options = _options(kernel, prime_meridian, spacecraft, body)
-    camera = SpiceCamera("", 0, frame, Correction(correction), np.array(pupil_m))
-    source = spice_source(there, there.settings(), options, camera)
+    source = states.source(there, names)
     if table is None or like is None or compare:
         found = compare_with_kernels(there, source)
-        show(_comparison(found, correction), _comparison_lines(found), as_json=as_json)
+        content: dict[str, Any] = {
+            "correction": states.correction,
+            "images": [one.as_json() for one in found],
+        }
+        show(content, _comparison_lines(found), as_json=as_json)
         return
     nominal = NominalOptions(
         like,
         math.nan if sigma_m is None else sigma_m,
         math.nan if sigma_mrad is None else 1e-3 * sigma_mrad,
     )
-    states = make_sumfiles(there, read_exposures(table), source, nominal)
+    made = make_sumfiles(there, read_exposures(table), source, nominal)
     content = {
         "workspace": there.root,
-        "correction": correction,
-        "images": [_state_facts(state) for state in states],
+        "correction": states.correction,
+        "images": [_state_facts(state) for state in made],
     }
-    ranges = [float(np.linalg.norm(state.scobj)) for state in states]
+    ranges = [math.hypot(*state.scobj) for state in made]
     line = (
-        f"Wrote .SUM and .NOM of {len(states)} images, {min(ranges):.6g} to {max(ranges):.6g} m "
-        f"from the body's centre ({correction})"
+        f"Wrote .SUM and .NOM of {len(made)} images, {min(ranges):.6g} to {max(ranges):.6g} m "
+        f"from the body's centre ({states.correction})"
     )
     show(content, [line], as_json=as_json)
 
@@ -170,8 +188,7 @@ def kernels(
             help="NAIF number of the first camera; if not given, the spacecraft's × 1000 − 990.",
         ),
     ] = 0,
-    spacecraft: CraftOption = "",
-    body: BodyOption = 0,
+    names: BodyOptions = BodyOptions(),
     as_json: JsonOption = False,
 ) -> None:
     """Write SPICE kernels from the solved states of the images (.SUM files).
@@ -180,7 +197,7 @@ def kernels(
     meta-kernel, and a table of the images. They are read back: each state must come back to 1 mm
     and 1 µrad.
     """
-    from fusion.stages.states import export_kernels
+    from fusion.stages.states import SourceOptions, export_kernels
     from fusion.workspace import Workspace
 
     there = Workspace.open(workspace)
@@ -188,20 +205,12 @@ def kernels(
         there,
         there.settings(),
         out,
-        options=_options(None, "", spacecraft, body),
+        options=SourceOptions(spacecraft=names.spacecraft, body=names.body),
         pck=pck,
         camera=camera,
         max_gap_s=max_gap_s,
     )
     show(_kernel_facts(out, made), _kernel_lines(out, made), as_json=as_json)
-
-
-def _options(
-    kernel: list[Path] | None, prime_meridian: str, spacecraft: str, body: int
-) -> SourceOptions:
-    from fusion.stages.states import SourceOptions
-
-    return SourceOptions(tuple(kernel or ()), prime_meridian, spacecraft, body)
 
 
 def _state_facts(state: ImageState) -> dict[str, Any]:
@@ -214,10 +223,6 @@ def _state_facts(state: ImageState) -> dict[str, Any]:
         "axes": state.axes.tolist(),
         "sun": state.sun.tolist(),
     }
-
-
-def _comparison(found: list[StateDifference], correction: str) -> dict[str, Any]:
-    return {"correction": correction, "images": [one.as_json() for one in found]}
 
 
 def _comparison_lines(found: list[StateDifference]) -> list[str]:

@@ -16,7 +16,8 @@ from contextlib import contextmanager
 import numpy as np
 from scipy import ndimage
 
-from fusion.fusing import DEFAULT_INFORMATION, Constraints, FuseInput, fuse_maplet
+from fusion.fusing import Constraints, FuseInput, fuse_maplet
+from fusion.fusing.uncertainty import DEFAULT_INFORMATION
 from fusion.surfacematch import Surface, gauss_newton, match_surfaces
 from spcola.arrays import FloatArray
 from spcola.compilation import KernelCache, is_kept

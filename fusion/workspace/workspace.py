@@ -12,6 +12,7 @@ import numpy as np
 
 from fusion.fusing.maplets import FusedMaplet, read_fused
 from fusion.runtime import json_text
+from fusion.runtime.folders import make_folder
 from fusion.workspace.settings.settings import Settings, load_settings, write_settings
 from lidar.adjustment import ScanAdjustment
 from lidar.formats.mapolas import ADJUSTMENT_HDF5, read_adjustment, read_mapola
@@ -304,7 +305,11 @@ class Workspace:
         atomic.write_text(path, json_text(content))
         return path
 
-    def read_json(self, name: str) -> dict[str, Any]:
+    def find_json(self, name: str | Path) -> dict[str, Any] | None:
+        """Read the file `name` as :meth:`read_json` does; None if it is not there."""
+        return self.read_json(name) if (self.root / name).is_file() else None
+
+    def read_json(self, name: str | Path) -> dict[str, Any]:
         """Read the file `name`; null becomes None.
 
         Raises
@@ -376,23 +381,3 @@ class Workspace:
 def _is_there(path: Path) -> bool:
     """Return whether this path exists, even as a link that leads nowhere."""
     return path.exists() or path.is_symlink()
-
-
-def make_folder(path: Path) -> None:
-    """Create a folder and those above it.
-
-    Parameters
-    ----------
-    path : Path
-
-    Raises
-    ------
-    WorkspaceError
-        If it cannot be created.
-    """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WorkspaceError(
-            f"cannot be created ({error.strerror})", path, "check the folder above it"
-        ) from error

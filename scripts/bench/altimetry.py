@@ -12,7 +12,7 @@ return falls into several mapolas) and per second of the mission; the ratio of a
 against returns over two decades; whether mapolas of the store equal those of raw points, and
 whether they are unchanged after the second change of the pole; the median kernel and its peers.
 
-    python scripts/bench/lidar [--scans 64] [--work DIR] [--parts store kernel]
+    python scripts/bench/altimetry.py [--scans 64] [--work DIR] [--parts store kernel]
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ import numpy as np
 from scipy.stats import binned_statistic_2d
 from truth import timed
 
+from fusion.geolocation import ReturnSource, gridding_options
 from fusion.runtime import Progress, ThreadExecutor
-from fusion.stages.geolocation import ReturnSource, gridding_options
 from fusion.stages.mapolas import mapola_grids
 from fusion.truth.generation import Site
 from fusion.truth.presets import MissionSettings

@@ -68,5 +68,5 @@ class FusedMaplet(Maplet):
         object.__setattr__(self, "source", read_only(source))
 
     def share(self, source: Source) -> float:
-        """Share of all grid points that rest on `source`, 0 … 1."""
+        """Share of all grid points whose height has this `source`, 0 … 1."""
         return float(np.mean(self.source == source))

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fusion.estimation.verdict import Cause
-from fusion.registration.fit.landmarks import LandmarkErrors
+from fusion.registration.fit import LandmarkErrors, MatchedMapolas
 from fusion.registration.observations.by_images import ImagedMapolas
-from fusion.registration.results.summary import MatchedMapolas
 from fusion.surfacematch import Match
 from spcola.arrays import FloatArray
 

@@ -48,7 +48,7 @@ REGISTRATION_KEYS: Mapping[str, str] = {
     "per_scan_fit": "by `returns`: of each scan (or arc) alone the transform with its covariance "
     "about the origin; `offset_m` is where it puts the middle of the scan, less where the "
     "transform of the mission puts it; its sigma includes errors of maplets' centres; `reason` "
-    "says why there is no fit",
+    "states why there is no fit",
     "blur_cells": "blur of SPC against lidar that was applied before matching, grid steps; "
     "negative: the lidar is the smoother one",
     "transfer": "what SPC keeps of the lidar's relief before the blur is applied: "

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fusion.registration.returns.equations import SurfacePair
+from fusion.registration.direct import SurfacePair
 from fusion.surfacematch import BEST_SHARE, BORDER, Surface, spline_of
 from fusion.surfacematch.resolution import blur
 from spcola.arrays import BoolArray, FloatArray

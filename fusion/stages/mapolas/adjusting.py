@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from fusion.geolocation import ReturnSource
 from fusion.pipeline import StageContext
-from fusion.stages.geolocation.return_source import ReturnSource
-from fusion.workspace.settings import MapolaSettings
+from fusion.workspace.settings.processing import MapolaSettings
 from lidar.adjustment import (
     AdjustmentOptions,
     OverlapEquations,

@@ -11,7 +11,7 @@ from fusion.pipeline import StageContext
 from fusion.registration.observations import ImagedMapolas, place_mapolas
 from fusion.scene import Exposures
 from fusion.workspace import Workspace
-from fusion.workspace.settings import RegisterSettings
+from fusion.workspace.settings.processing import RegisterSettings
 from spcola.arrays import FloatArray
 from spcola.camera import SpcImage, project_image
 from spcola.control import Landmark

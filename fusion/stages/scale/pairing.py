@@ -9,7 +9,9 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from fusion.estimation.verdict import Cause
+from fusion.geolocation import geolocator
 from fusion.pipeline import StageContext
+from fusion.runtime.folders import make_folder
 from fusion.runtime.machine import check_grid
 from fusion.scaling.geometry import (
     LeftOut,
@@ -30,10 +32,10 @@ from fusion.scaling.pairs import (
     rematched,
 )
 from fusion.scene import maplets_around
-from fusion.stages.geolocation.locating import geolocator
 from fusion.surfacematch import MatchOptions
-from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
-from fusion.workspace.settings import ScaleSettings, SpiceSettings, SpinSettings
+from fusion.workspace import SETTINGS_FILE, Workspace
+from fusion.workspace.settings.inputs import SpiceSettings, SpinSettings
+from fusion.workspace.settings.processing import ScaleSettings
 from lidar.formats.native import iter_scan, scan_summary
 from lidar.geolocation import geolocated_by
 from lidar.scans import Returns, Scan, join

@@ -11,16 +11,16 @@ from typing import Any
 
 from fusion.estimation.verdict import Code, Verdict
 from fusion.runtime import Progress, json_text
-from fusion.runtime.processes import clear_abandoned_folders
+from fusion.runtime.folders import clear_abandoned_folders, make_folder
 from fusion.workspace import (
     OWN_FOLDERS,
     SETTINGS_FILE,
     SPC_FOLDERS,
     SPC_LISTS,
     Workspace,
-    make_folder,
 )
-from fusion.workspace.settings import BodySettings, Settings, write_settings
+from fusion.workspace.settings import Settings, write_settings
+from fusion.workspace.settings.inputs import BodySettings
 from spcola import atomic
 from spcola.control import (
     scaled_image,
@@ -242,16 +242,11 @@ def _scale_maplet(source: Path, target: Path, factor: float) -> None:
     )
 
 
-def _scale_landmark(source: Path, target: Path, factor: float) -> None:
-    write_landmark(target, scaled_landmark(read_landmark(source), factor), like=source)
-
-
-def _scale_image(source: Path, target: Path, factor: float) -> None:
-    write_summary(target, scaled_image(read_summary(source), factor), like=source)
-
-
-def _scale_nominal(source: Path, target: Path, factor: float) -> None:
-    write_nominal(target, scaled_nominal(read_nominal(source), factor), like=source)
+def _text_writer(
+    read: Callable[[Path], Any], scaled: Callable[[Any, float], Any], write: Callable[..., None]
+) -> Write:
+    """Return the function that scales a text file and keeps the form of its lines."""
+    return lambda source, target, factor: write(target, scaled(read(source), factor), like=source)
 
 
 def _scale_shape(source: Path, target: Path, factor: float, body: BodySettings) -> None:
@@ -267,9 +262,9 @@ def _scale_shape(source: Path, target: Path, factor: float, body: BodySettings) 
 
 _WRITERS: dict[tuple[str, str], Write] = {
     ("MAPFILES", ".MAP"): _scale_maplet,
-    ("LMKFILES", ".LMK"): _scale_landmark,
-    ("SUMFILES", ".SUM"): _scale_image,
-    ("NOMINALS", ".NOM"): _scale_nominal,
+    ("LMKFILES", ".LMK"): _text_writer(read_landmark, scaled_landmark, write_landmark),
+    ("SUMFILES", ".SUM"): _text_writer(read_summary, scaled_image, write_summary),
+    ("NOMINALS", ".NOM"): _text_writer(read_nominal, scaled_nominal, write_nominal),
 }
 
 

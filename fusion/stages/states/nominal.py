@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from fusion.runtime.folders import make_folder
 from fusion.stages.states.source import SpiceSource
-from fusion.workspace import Workspace, make_folder
+from fusion.workspace import Workspace
 from spcola.camera import SpcImage
 from spcola.errors import KernelError, WorkspaceError
 from spcola.formats.solution import (

@@ -10,7 +10,8 @@ import numpy as np
 import spiceypy
 
 from fusion.workspace import SETTINGS_FILE, Workspace
-from fusion.workspace.settings import Settings, SpinSettings
+from fusion.workspace.settings import Settings
+from fusion.workspace.settings.inputs import SpinSettings
 from spcola.errors import KernelError, SettingsError
 from spcola.navigation import SPICE_LOCK, Spin
 from spcola.spice import KernelSet, KernelUse, orientation_of

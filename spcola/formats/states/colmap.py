@@ -1,18 +1,16 @@
-"""Poses of COLMAP models: images.bin or images.txt, and cameras.bin or cameras.txt.
+"""Poses of COLMAP models: images.bin or images.txt.
 
 COLMAP gives the rotation (quaternion, scalar first) and translation from the world to the camera,
 ``X_camera = R X + t``, with x to the right, y down and z forward in the image. SPC's axes are the
 rows of R: Cx = right, Cy = down, Cz = forward, so that K has positive diagonal terms; V0, from the
-pupil to the origin, is ``Rᵀ t``. The first pixel has its centre at (0.5, 0.5) in COLMAP and at
-(1, 1) in SPC: 0.5 is added to principal points.
+pupil to the origin, is ``Rᵀ t``.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -23,74 +21,32 @@ from spcola.errors import FormatError
 from spcola.formats.text.source import KM, as_format_error, read_bytes
 from spcola.navigation.states import ImageState, StateSource
 
-_MODELS = (
-    ("SIMPLE_PINHOLE", 3),
-    ("PINHOLE", 4),
-    ("SIMPLE_RADIAL", 4),
-    ("RADIAL", 5),
-    ("OPENCV", 8),
-    ("OPENCV_FISHEYE", 8),
-    ("FULL_OPENCV", 12),
-    ("FOV", 5),
-    ("SIMPLE_RADIAL_FISHEYE", 4),
-    ("RADIAL_FISHEYE", 5),
-    ("THIN_PRISM_FISHEYE", 12),
-)
 _POINT_BYTES = 24
 _UNIT = 1e-6
 
 
-@dataclass(frozen=True)
-class ColmapCamera:
-    """A camera of a COLMAP model, as in its file.
-
-    Parameters
-    ----------
-    model : str
-        COLMAP's name of the camera model, such as ``PINHOLE``.
-    width, height : int
-    parameters : tuple of float
-        Focal lengths and principal point, pixels, and coefficients of distortion in the order of
-        the model; the centre of the first pixel is (0.5, 0.5).
-    """
-
-    model: str
-    width: int
-    height: int
-    parameters: tuple[float, ...]
-
-
-def read_colmap(
-    folder: str | Path, *, unit: Literal["km", "m"]
-) -> list[tuple[ImageState, ColmapCamera]]:
-    """Read a model: the state of each image, by name, and its camera.
+def read_colmap(folder: str | Path, *, unit: Literal["km", "m"]) -> list[tuple[ImageState, int]]:
+    """Read the state of each image of a model, by name, and the number of its camera.
 
     Times and the direction to the Sun are unknown (NaN): COLMAP has none.
 
     Parameters
     ----------
     folder : str or Path
-        With ``images`` and ``cameras``, both ``.bin`` or ``.txt``.
+        With ``images.bin`` or ``images.txt``.
     unit : {"km", "m"}
         Of the model's coordinates; its frame is taken as the body-fixed one.
 
     Raises
     ------
     FormatError
-        If a file is missing or damaged, or an image has no camera.
+        If the file is missing or damaged.
     """
-    root = Path(folder)
-    binary = (root / "images.bin").is_file()
-    suffix = ".bin" if binary else ".txt"
-    images, cameras = root / f"images{suffix}", root / f"cameras{suffix}"
-    known = dict(_binary_cameras(cameras) if binary else _text_cameras(cameras))
-    found = _binary_images(images) if binary else _text_images(images)
-    pairs = []
-    for name, pose, camera in sorted(found):
-        if camera not in known:
-            raise FormatError(f"{name} has the camera {camera}, which is not there", cameras)
-        pairs.append((_state(name, pose, KM if unit == "km" else 1.0, images), known[camera]))
-    return pairs
+    binary = Path(folder) / "images.bin"
+    path = binary if binary.is_file() else binary.with_suffix(".txt")
+    found = _binary_images(path) if path == binary else _text_images(path)
+    metres = KM if unit == "km" else 1.0
+    return [(_state(name, pose, metres, path), camera) for name, pose, camera in sorted(found)]
 
 
 def _state(name: str, pose: tuple[float, ...], metres: float, path: Path) -> ImageState:
@@ -146,17 +102,6 @@ def _binary_images(path: Path) -> Iterator[tuple[str, tuple[float, ...], int]]:
         yield name, tuple(pose), int(camera)
 
 
-def _binary_cameras(path: Path) -> Iterator[tuple[int, ColmapCamera]]:
-    """Yield number and camera of each camera of a binary file."""
-    content = _Bytes(path)
-    for _ in range(int(content.take("Q")[0])):
-        number, code, width, height = (int(value) for value in content.take("IiQQ"))
-        if not 0 <= code < len(_MODELS):
-            raise FormatError(f"camera {number} has the unknown model {code}", path)
-        model, count = _MODELS[code]
-        yield number, ColmapCamera(model, width, height, tuple(content.take(f"{count}d")))
-
-
 def _text_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Yield number and words of each line that is no comment."""
     text = read_bytes(path).decode("utf-8", "backslashreplace")
@@ -173,19 +118,6 @@ def _text_images(path: Path) -> Iterator[tuple[str, tuple[float, ...], int]]:
         with _line(path, number):
             pose = tuple(float(word) for word in words[1:8])
             yield " ".join(words[9:]), pose, int(words[8])
-
-
-def _text_cameras(path: Path) -> Iterator[tuple[int, ColmapCamera]]:
-    """Yield number and camera of each camera of a text file."""
-    counts: Mapping[str, int] = dict(_MODELS)
-    for number, words in _text_lines(path):
-        if not words:
-            continue
-        with _line(path, number):
-            parameters = tuple(float(word) for word in words[4:])
-            if counts.get(words[1]) != len(parameters):
-                raise ValueError(f"{words[1]} with {len(parameters)} parameters")
-            yield int(words[0]), ColmapCamera(words[1], int(words[2]), int(words[3]), parameters)
 
 
 @contextmanager

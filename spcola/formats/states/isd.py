@@ -18,7 +18,7 @@ _J2000 = 1
 _TABLES = ("instrument_pointing", "instrument_position", "body_rotation")
 
 
-def read_isd(path: str | Path) -> StateTables:
+def read_isd_states(path: str | Path) -> StateTables:
     """Read pointing, position, rotation of the body and Sun from an ISD file.
 
     Quaternions are scalar first, from J2000; positions km relative to the body, along J2000, as in

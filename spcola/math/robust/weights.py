@@ -162,6 +162,10 @@ def _median(array: FloatArray, axis: int) -> FloatArray:
     cell without returns), and its warning filter is not safe in threads.
     """
     ordered = np.sort(array, axis=axis)  # NaN last
+    if array.ndim == 1 and array.size:
+        # Many times as fast as the indices of the general case.
+        known = int(np.sum(~np.isnan(array)))
+        return np.asarray((ordered[max(known - 1, 0) // 2] + ordered[known // 2]) / 2.0)
     count = np.expand_dims(np.sum(~np.isnan(array), axis=axis), axis)
     if ordered.shape[axis] == 0:
         return np.full(np.delete(array.shape, axis), np.nan)

@@ -58,7 +58,7 @@ def cloud(number: int, count: int = 12_000) -> Array:
 
 
 def shape(transform: Similarity | None = None) -> IcqShape:
-    directions = icq_directions(16)
+    directions = icq_directions(12)
     radius = 100.0 * (
         1.0
         + 0.03 * np.sin(5.0 * directions[..., 0] + 1.0) * np.cos(7.0 * directions[..., 1])

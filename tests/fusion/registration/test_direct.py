@@ -14,15 +14,14 @@ from fusion.estimation.verdict import Code, Verdict
 from fusion.registration.clouds.blur import relative_blur, significant_blur
 from fusion.registration.clouds.clouds import CloudOptions, register_clouds
 from fusion.registration.clouds.not_aligned import NotAlignedError
-from fusion.registration.fit.fit import LIDAR_FRAME, PARAMETERS, SPC_FRAME
+from fusion.registration.direct import DirectRegistration
 from fusion.registration.returns import (
     CloudOfReturns,
     FixedSurface,
     SurfaceNormalEquations,
     match_returns,
-    surface_equations,
 )
-from fusion.registration.returns.direct import DirectRegistration
+from fusion.registration.transform.parameters import LIDAR_FRAME, SPC_FRAME
 from fusion.stages.register.scan_fits import ScanFit
 from fusion.surfacematch import Match, Surface
 from spcola.errors import InvalidValueError, NotObservableError
@@ -256,14 +255,11 @@ def fitted(
     """The transform of the returns on some surfaces, as that of a scan is found."""
     begin = Affine(np.eye(3), np.zeros(3), SPC_FRAME, LIDAR_FRAME)
     center = np.mean([fixed.grid.center for _, fixed in parts], axis=0)
-    fit = ScanFit(begin, "similarity", np.full((7, 7), np.inf), center)
+    fit = ScanFit("similarity", begin, np.full((7, 7), np.inf), center)
     for _ in range(4):
-        found = [
-            surface_equations(cloud, fixed, fit.transform, center, size=7, min_coverage=0.0)
-            for cloud, fixed in parts
-        ]
+        found = [fit.equations(cloud, fixed) for cloud, fixed in parts]
         known: list[SurfaceNormalEquations] = [each for each in found if each is not None]
-        fit = fit.stepped(known, PARAMETERS["similarity"], maplet_sigma_m)
+        fit = fit.stepped(known, maplet_sigma_m)
     return fit
 
 

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from fusion.estimation.verdict import Code, Finding, Severity, Verdict
-from fusion.report import SurfaceErrors, make_report
+from fusion.report import make_report
 from fusion.report.data import ReportData
+from fusion.report.planted import SurfaceErrors
 
 VOID = {"meta", "img", "br", "link"}
 

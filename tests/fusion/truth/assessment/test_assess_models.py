@@ -67,7 +67,7 @@ def test_what_is_no_model_is_refused(tmp_path) -> None:
     with pytest.raises(WorkspaceError, match=r"fused\.h5"):
         file_model(tmp_path)
     (tmp_path / "letter.txt").write_text("Dear reader")
-    with pytest.raises(FormatError, match="no shape"):
+    with pytest.raises(FormatError, match="in no format that is read"):
         file_model(tmp_path / "letter.txt")
 
 

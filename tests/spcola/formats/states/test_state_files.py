@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from spcola.errors import FormatError
-from spcola.formats.states import isis_states, read_colmap, read_isd, read_poses
+from spcola.formats.states import isis_states, read_colmap, read_isd_states, read_poses
 from spcola.navigation import Spin, et_from_utc
 from spcola.navigation.states import StateSource
 
@@ -165,7 +165,7 @@ def make_isd():
 def test_an_isd_gives_the_state(tmp_path):
     path = tmp_path / "image.isd"
     path.write_text(json.dumps(make_isd()))
-    state = read_isd(path).state("P1")
+    state = read_isd_states(path).state("P1")
     assert state.source is StateSource.ISD
     np.testing.assert_allclose(state.scobj, V0, atol=1e-6)
     np.testing.assert_allclose(state.axes, AXES, atol=1e-9)
@@ -197,7 +197,7 @@ def test_a_wrong_isd_is_refused(tmp_path, case):
     path = tmp_path / "image.isd"
     path.write_text(json.dumps(content))
     with pytest.raises(FormatError, match=text) as caught:
-        read_isd(path)
+        read_isd_states(path)
     assert "image.isd" in str(caught.value)
 
 
@@ -205,7 +205,7 @@ def test_an_isd_that_is_cut_off_is_refused(tmp_path):
     path = tmp_path / "image.isd"
     path.write_text(json.dumps(make_isd())[:100])
     with pytest.raises(FormatError, match="is not JSON"):
-        read_isd(path)
+        read_isd_states(path)
 
 
 @dataclass
@@ -257,24 +257,18 @@ def test_cubes_without_tables_or_with_polynomials_are_refused():
 
 
 def write_model(folder, names, *, text=False):
-    translation = AXES @ V0 / 1e3
-    pose = [*quaternion(AXES), *translation]
-    camera = [7000.0, 7000.0, 512.0, 512.0]
+    pose = [*quaternion(AXES), *(AXES @ V0 / 1e3)]
     if text:
         lines = ["# comment"]
         for number, name in enumerate(names):
-            lines += [f"{number} {' '.join(map(repr, map(float, pose)))} 1 {name}", "1.0 2.0 -1"]
+            lines += [f"{number} {' '.join(map(repr, map(float, pose)))} 7 {name}", "1.0 2.0 -1"]
         (folder / "images.txt").write_text("\n".join(lines) + "\n")
-        (folder / "cameras.txt").write_text(
-            "# comment\n1 PINHOLE 1024 1024 " + " ".join(map(str, camera)) + "\n"
-        )
         return
     content = struct.pack("<Q", len(names))
     for number, name in enumerate(names):
-        content += struct.pack("<I7dI", number, *pose, 1) + name.encode() + b"\0"
+        content += struct.pack("<I7dI", number, *pose, 7) + name.encode() + b"\0"
         content += struct.pack("<Q", 1) + struct.pack("<2dq", 1.0, 2.0, -1)
     (folder / "images.bin").write_bytes(content)
-    (folder / "cameras.bin").write_bytes(struct.pack("<QIiQQ4d", 1, 1, 1, 1024, 1024, *camera))
 
 
 @pytest.mark.parametrize("text", [False, True])
@@ -285,8 +279,7 @@ def test_a_colmap_model_gives_the_states(tmp_path, text):
     np.testing.assert_allclose(state.scobj, V0, atol=1e-8)
     np.testing.assert_allclose(state.axes, AXES, atol=1e-12)
     assert np.isnan(state.time)
-    assert camera.model == "PINHOLE"
-    assert camera.parameters == (7000.0, 7000.0, 512.0, 512.0)
+    assert camera == 7
 
 
 def test_damaged_colmap_models_are_refused(tmp_path):
@@ -299,17 +292,10 @@ def test_damaged_colmap_models_are_refused(tmp_path):
     (tmp_path / "images.bin").write_bytes(whole[:12] + struct.pack("<d", 3.0) + whole[20:])
     with pytest.raises(FormatError, match="the length"):
         read_colmap(tmp_path, unit="km")
-    (tmp_path / "images.bin").write_bytes(whole)
-    (tmp_path / "cameras.bin").write_bytes(struct.pack("<QIiQQ", 1, 1, 99, 10, 10))
-    with pytest.raises(FormatError, match="unknown model 99"):
-        read_colmap(tmp_path, unit="km")
-    (tmp_path / "cameras.bin").write_bytes(struct.pack("<Q", 0))
-    with pytest.raises(FormatError, match=r"has the camera 1, which is not there|is empty"):
-        read_colmap(tmp_path, unit="km")
 
 
 def test_a_line_of_colmap_text_that_is_none_is_named(tmp_path):
     write_model(tmp_path, ["a.png"], text=True)
-    (tmp_path / "cameras.txt").write_text("1 PINHOLE 1024 1024 7000\n")
+    (tmp_path / "images.txt").write_text("1 0.5 0.5 0.5 0.5 1 2 far 7 a.png\n\n")
     with pytest.raises(FormatError, match="line 1: is no line of COLMAP"):
         read_colmap(tmp_path, unit="m")
