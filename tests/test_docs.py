@@ -88,13 +88,14 @@ MACHINERY = (
 
 
 def public_names() -> Iterator[tuple[str, Any, bool]]:
-    """Functions and classes in ``__all__`` of any package, and the public methods of classes.
+    """Functions and classes in ``__all__`` of any room, and the public methods of classes.
 
     The third is whether a notebook may call it: its docstring states all parameters.
     """
     for top in ("spcola", "lidar", "fusion"):
         package = import_module(top)
-        inner = [m.name for m in walk_packages(package.__path__, f"{top}.") if m.ispkg]
+        walked = walk_packages(package.__path__, f"{top}.")
+        inner = [m.name for m in walked if m.ispkg or m.name.count(".") == 1]
         for name in [top, *inner]:
             module = import_module(name)
             for public in getattr(module, "__all__", ()):

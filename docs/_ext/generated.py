@@ -1,7 +1,7 @@
 """Writes the reference from the code: settings, JSON keys, codes, commands, equations, API.
 
-A page asks for one of these by a line ``% generated: NAME``. The API has one page for each package
-that states its public names (``__all__``).
+A page asks for one of these by a line ``% generated: NAME``. The API has one page for each package,
+and each module at a package's top, that states its public names (``__all__``).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from fusion.workspace.settings.ranges import range_text
 from fusion.registration.results.keys import REGISTRATION_KEYS
 from fusion.scaling.results.keys import SCALE_KEYS
 from fusion.workspace.settings.settings import Settings, table_models
-from fusion.estimation.verdict import Cause, Code
+from fusion.verdict import Cause, Code
 
 MARKER = re.compile(r"^% generated: (\w+)$", re.MULTILINE)
 API = "reference/api"
@@ -155,11 +155,12 @@ def api_index(_app: Sphinx) -> str:
 
 
 def public_packages() -> list[ModuleType]:
-    """Packages with ``__all__``."""
+    """Packages, and modules at the top of one, with ``__all__``."""
     found = []
     for top in PACKAGES:
         package = import_module(top)
-        names = [top, *(m.name for m in walk_packages(package.__path__, f"{top}.") if m.ispkg)]
+        inner = walk_packages(package.__path__, f"{top}.")
+        names = [top, *(m.name for m in inner if m.ispkg or m.name.count(".") == 1)]
         found += [module for module in map(import_module, names) if getattr(module, "__all__", ())]
     return found
 

@@ -11,7 +11,7 @@ from fusion.report.layout import styled_figure
 from fusion.report.maplets import hillshade
 from fusion.workspace import Workspace
 from lidar.scans.cubes import Box
-from lidar.archive import ScanStore
+from lidar.scan_store import ScanStore
 from spcola.arrays import FloatArray
 from spcola.grids import MapletGrid
 

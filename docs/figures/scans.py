@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from spcola.math import lon_lat_deg
 from fusion.report.layout import Colour, styled_figure
 from fusion.workspace import Workspace
-from lidar.archive import ScanStore
+from lidar.scan_store import ScanStore
 
 SHOWN = 20_000
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from fusion.estimation.verdict import verdict_lines
+from fusion.verdict import verdict_lines
 from spcola.errors import SpcolaError
 
 if TYPE_CHECKING:

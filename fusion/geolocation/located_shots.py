@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from fusion.estimation.verdict import Code, Finding, Severity
 from fusion.geolocation.kernels import coverage_text, span_text, utc_texts
 from fusion.geolocation.locating import Geolocator
+from fusion.verdict import Code, Finding, Severity
 from fusion.workspace import Workspace
 from lidar.formats.native import iter_scan, scan_summary
-from lidar.geolocation import NO_TIME, OUTSIDE, OUTSIDE_KERNELS, KernelPlace
+from lidar.geolocation import KernelPlace, Unlocated
 from lidar.scans import Scan, join
 
 KEYS: Mapping[str, str] = {
-    OUTSIDE_KERNELS: "outside_kernels",
-    OUTSIDE: "outside_trajectory",
-    NO_TIME: "no_time",
+    Unlocated.OUTSIDE_KERNELS: "outside_kernels",
+    Unlocated.OUTSIDE_TRAJECTORY: "outside_trajectory",
+    Unlocated.NO_TIME: "no_time",
 }
 """Reason why shots have no place → its key in JSON."""
 
@@ -54,7 +54,7 @@ class LocatedShots:
     @property
     def outside(self) -> int:
         """Shots at times that the kernels do not cover."""
-        return self.lost.get(OUTSIDE_KERNELS, 0)
+        return self.lost.get(Unlocated.OUTSIDE_KERNELS, 0)
 
     def moved(self, scans: tuple[Scan, ...], within_m: float) -> LocatedShots:
         """Return the shots geolocated by another trajectory; those left out are outside it.
@@ -67,7 +67,10 @@ class LocatedShots:
             Error of their places by interpolation, metres.
         """
         fewer = sum(map(len, self.scans)) - sum(map(len, scans))
-        lost = {**self.lost, OUTSIDE: self.lost.get(OUTSIDE, 0) + fewer}
+        lost = {
+            **self.lost,
+            Unlocated.OUTSIDE_TRAJECTORY: self.lost.get(Unlocated.OUTSIDE_TRAJECTORY, 0) + fewer,
+        }
         return replace(self, scans=scans, lost=lost, within_m=max(self.within_m, within_m))
 
     def as_json(self) -> dict[str, Any]:
@@ -109,7 +112,10 @@ class LocatedShots:
             The trajectory that geolocates them.
         """
         of_all = f"of {self.count} shots"
-        left_out, timeless = self.lost.get(OUTSIDE, 0), self.lost.get(NO_TIME, 0)
+        left_out, timeless = (
+            self.lost.get(Unlocated.OUTSIDE_TRAJECTORY, 0),
+            self.lost.get(Unlocated.NO_TIME, 0),
+        )
         outside = (
             "lie outside the states of the images, or between two further apart than [scale] "
             "max_gap_s; use shots taken with the images"

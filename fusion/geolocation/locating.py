@@ -13,17 +13,15 @@ from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import SpiceSettings, SpinSettings
 from fusion.workspace.settings.processing import MapolaSettings
-from lidar.archive import ScanStore
 from lidar.formats.native import ScanFile, times_of
 from lidar.geolocation import (
     Geolocation,
     KernelPlace,
     RangeShift,
     find_geolocation,
-    geolocated,
     scan_trajectory,
-    turn_of,
 )
+from lidar.scan_store import ScanStore
 from lidar.scans import Scan, ScanSummary
 from spcola.arrays import FloatArray
 from spcola.errors import InvalidValueError, SettingsError
@@ -138,7 +136,7 @@ class Geolocator:
             return scan, 0.0
         radius = float(np.linalg.norm(scan.points, axis=1).max(initial=0.0))
         move = self._find(lambda: scan_trajectory(scan), radius, lambda: [scan.time])
-        return geolocated(scan, move), move.error_m
+        return move.apply_to_scan(scan), move.error_m
 
     def _find(
         self,
@@ -162,7 +160,8 @@ class Geolocator:
                 known = _known(times())
                 if not len(known):
                     return Geolocation(moves=True)
-                move = turn_of((float(known[0]), float(known[-1])), radius, *self.change)
+                span = (float(known[0]), float(known[-1]))
+                move = Geolocation.by_rotation(span, radius, *self.change)
             else:
                 move = Geolocation()
             if self.range_m:

@@ -12,9 +12,10 @@ from fusion.workspace import Workspace
 from fusion.workspace.settings.inputs import SpiceSettings, SpinSettings
 from fusion.workspace.settings.processing import MapolaSettings
 from lidar.adjustment import ScanAdjustment
-from lidar.archive import ScanStore
 from lidar.formats.native import scan_summary
-from lidar.gridding import Gridding, GriddingOptions, RejectionOptions, grid_returns
+from lidar.gridding import Gridding, GriddingOptions, grid_returns
+from lidar.gridding.rejection import RejectionOptions
+from lidar.scan_store import ScanStore
 from lidar.scans import Arcs, Returns
 from spcola.grids import MapletGrid
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import spcola
-from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.pipeline.catalog.catalog import Catalog
 from fusion.pipeline.catalog.records import RECORD_FOLDER, StageRecord, content_digest
 from fusion.pipeline.catalog.soundness import Unsound, rejected_maplets, unsound
@@ -23,6 +22,7 @@ from fusion.runtime import Executor, Progress, ThreadExecutor, json_value
 from fusion.runtime.folders import clear_leftovers, locked, make_folder, remove_folder
 from fusion.runtime.machine import one_blas_thread
 from fusion.runtime.processes import check_interrupts
+from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import OWN_FOLDERS, Workspace
 from fusion.workspace.settings import Settings
 from spcola.errors import SpcolaError, WorkspaceError

@@ -17,8 +17,8 @@ from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import BodySettings, SpiceSettings, SpinSettings
 from fusion.workspace.settings.processing import BigmapSettings, BigmapSite, MapolaSettings
-from lidar.archive import ScanStore
 from lidar.gridding import LidarBigmapOptions, bigmap_from_returns
+from lidar.scan_store import ScanStore
 from lidar.scans import Returns
 from spcola.bigmap import BigmapOptions, make_bigmap
 from spcola.errors import WorkspaceError

@@ -18,7 +18,7 @@ from scipy import ndimage
 
 from fusion.fusing import Constraints, FuseInput, fuse_maplet
 from fusion.fusing.uncertainty import DEFAULT_INFORMATION
-from fusion.surfacematch import Surface, gauss_newton, match_surfaces
+from fusion.surfacematch import MATCH_KERNEL, Surface, match_surfaces
 from spcola.arrays import FloatArray
 from spcola.compilation import KernelCache, is_kept
 from spcola.grids import Maplet, MapletGrid
@@ -36,7 +36,7 @@ compile_late()
 @contextmanager
 def compiling_ahead() -> Iterator[None]:
     """Compile the kernels of registration and fusion in another process, unless that was done."""
-    if not KernelCache.usable or (is_kept(gauss_newton) and is_kept(multiply)):
+    if not KernelCache.usable or (is_kept(MATCH_KERNEL) and is_kept(multiply)):
         yield
         return
     quiet = subprocess.DEVNULL

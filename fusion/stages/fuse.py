@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.fusing import FuseOptions, FuseResult
 from fusion.fusing.maplets import FusedMaplet, Source, write_fused
 from fusion.fusing.uncertainty import SlopeInformation
 from fusion.pipeline import Stage, StageContext, StageResult, find_table
 from fusion.runtime.folders import make_folder
 from fusion.scene import Scene
+from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import BodySettings

@@ -8,7 +8,7 @@ from functools import cached_property, partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lidar.geolocation.geolocation import OUTSIDE_KERNELS, Geolocation
+from lidar.geolocation.geolocation import Geolocation, Unlocated
 from lidar.geolocation.knots import knots
 from lidar.geolocation.mirror import MirrorAngles, MirrorMotion
 from spcola.arrays import FloatArray
@@ -92,9 +92,9 @@ class KernelPlace:
     ) -> Geolocation:
         """Return the motion of the returns of a scan.
 
-        A return p was located as the position s(t) of the spacecraft plus the beam v. The beam in
-        the frame of the lidar is rotated by its mounting B (after the mirror's correction), and
-        the frame's axes (rows) A(t) become A'(t):
+        A return p was located as the position s(t) of the spacecraft plus a beam. In the frame of
+        the lidar this is rotated by its mounting B (after the mirror's correction), and the
+        frame's axes (rows) A(t) become A'(t):
 
             p' = s' + A'ᵀ o + Q (p − s),    Q = A'ᵀ B A
 
@@ -146,7 +146,7 @@ class KernelPlace:
             moves=True,
             error_m=error,
             mirror=mirror,
-            outside=OUTSIDE_KERNELS,
+            outside=Unlocated.OUTSIDE_KERNELS,
         )
 
     def _departure(self, old: Trajectory, radius: float, off: FloatArray) -> FloatArray:

@@ -15,8 +15,9 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from lidar.gridding.cells.cells import CellReturns, CorrectedMedians, sort_into_cells
-from lidar.gridding.gridding import GriddingOptions, GriddingReport, grid_returns
+from lidar.gridding.gridding import GriddingReport, grid_returns
 from lidar.gridding.mapola import LidarBigmap, Mapola
+from lidar.gridding.options import GriddingOptions
 from lidar.gridding.point_heights import at_grid_points
 from lidar.scans import Returns
 from spcola.arrays import BoolArray, FloatArray
@@ -110,16 +111,7 @@ class BigmapGridding:
 def bigmap_from_returns(
     name: str, grid: MapletGrid, returns: Returns, *, options: LidarBigmapOptions | None = None
 ) -> LidarBigmap:
-    """Integrate `returns` to a bigmap on `grid`; see :func:`integrate_returns`.
-
-    Parameters
-    ----------
-    name : str
-    grid : MapletGrid
-    returns : Returns
-        Body-fixed, metres.
-    options : LidarBigmapOptions, optional
-    """
+    """Return the bigmap `name` on `grid` of :func:`integrate_returns` with `returns`, `options`."""
     return integrate_returns(name, grid, returns, options=options).bigmap
 
 

@@ -51,7 +51,7 @@ from fusion.truth.presets import MissionSettings
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings, load_settings
 from fusion.workspace.settings.settings import settings_text
-from lidar.adjustment import ErrorSizes, Nodes, ScanAdjustment
+from lidar.adjustment import RigidArcs, ScanAdjustment, ScanErrorSizes
 from lidar.formats import open_lidar, recognise
 from lidar.formats.mapolas import (
     mapola_names,
@@ -213,15 +213,15 @@ def _fused(folder: Path) -> Path:
 def _adjustment(path: Path) -> None:
     count = 4
     half = RNG.normal(size=(6 * count, 6 * count))
-    nodes = Nodes(POINTS[:count], np.arange(count), np.full(count, -1))
+    arcs = RigidArcs(POINTS[:count], np.arange(count), np.full(count, -1))
     write_adjustment(
         path,
         ScanAdjustment(
             tuple("abcd"),
-            nodes,
+            arcs,
             np.zeros((count, 6)),
             half @ half.T * 1e-4,
-            ErrorSizes(0.05, 0.05, 5e-5, 5e-4, 0.02),
+            ScanErrorSizes(0.05, 0.05, 5e-5, 5e-4, 0.02),
             np.ones(count),
             np.full(count, 99.0),
             1e-4,

@@ -31,7 +31,7 @@ from fusion.pipeline import StageContext
 from fusion.runtime import Progress, ThreadExecutor, usable_cores
 from fusion.scaling.fit import ScaleEstimate, ScaleOptions, estimate_scale
 from fusion.scaling.fit.observation import ScaleObservations
-from fusion.scaling.pairs import Pair, blur_of, pair_observations, rematched
+from fusion.scaling.pairs import Pair, pair_observations, rematch
 from fusion.stages.scale.pairing import Pairing, pair_images
 from fusion.stages.scale.stage import STAGE
 from fusion.truth import read_truth
@@ -114,12 +114,15 @@ class Case:
 
         pairs = [true(pair) for pair in made.pairs]
         first = self.executor.stream(
-            lambda pair: rematched(pair, made.options, blur_cells=0.0), pairs
+            lambda pair: rematch(pair, made.options, blur_cells=0.0), pairs
         )
-        blur = float(np.nanmedian([blur_of(pair) for pair in first if isinstance(pair, Pair)]))
+        blur = float(
+            np.nanmedian([pair.relative_blur() for pair in first if isinstance(pair, Pair)])
+        )
         again = self.executor.stream(
-            lambda pair: rematched(pair, made.options, blur_cells=blur), pairs
+            lambda pair: rematch(pair, made.options, blur_cells=blur), pairs
         )
+        again = self.executor.map(lambda pair: rematch(pair, made.options, blur_cells=blur), pairs)
         return [pair for pair in again if isinstance(pair, Pair)]
 
     def without_bias(self, observations: ScaleObservations) -> ScaleObservations:

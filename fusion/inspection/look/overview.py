@@ -16,7 +16,7 @@ from fusion.report.figures import draw_coverage, graticule
 from fusion.report.layout import Colour, styled_figure
 from fusion.report.maplets import hillshade
 from fusion.workspace import Workspace
-from lidar.archive import ScanStore
+from lidar.scan_store import ScanStore
 from spcola.arrays import FloatArray
 from spcola.errors import SpcolaError
 from spcola.math import lon_lat_deg

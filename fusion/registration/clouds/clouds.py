@@ -9,7 +9,6 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import ConvexHull
 
-from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.registration.clouds.blur import relative_blur, significant_blur
 from fusion.registration.clouds.cloud_grid import CloudGrid, grid_cloud
 from fusion.registration.clouds.not_aligned import NotAlignedError
@@ -20,7 +19,11 @@ from fusion.registration.direct import (
     SurfacePair,
     pair_equations,
 )
-from fusion.registration.judging.common_ground import CommonRelief, ReliefPair, common_relief
+from fusion.registration.judging.common_ground import (
+    CommonRelief,
+    ReliefPair,
+    common_relief,
+)
 from fusion.registration.judging.judging import judge_relief
 from fusion.registration.transform.parameters import (
     PARAMETERS,
@@ -29,6 +32,7 @@ from fusion.registration.transform.parameters import (
     natural_sizes,
     updated_transform,
 )
+from fusion.verdict import Code, Finding, Severity, Verdict
 from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.grids import MapletGrid

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidar.adjustment import ScanAdjustment, displacement_rows
+from lidar.adjustment import ScanAdjustment, displacement_partials
 from spcola.arrays import FloatArray
 from spcola.math.statistics import covariance_root
 
@@ -146,7 +146,7 @@ def _displaced(center: FloatArray, shares: FloatArray, points: FloatArray) -> It
     """Yield partials (n, 3, 6S) of some mapolas' positions by the displacements of scans."""
     for first in range(0, len(points), _CHUNK):
         some = slice(first, first + _CHUNK)
-        rows = shares[some, :, None, None] * displacement_rows(points[some, None], center)
+        rows = shares[some, :, None, None] * displacement_partials(points[some, None], center)
         yield rows.transpose(0, 2, 1, 3).reshape(len(rows), 3, -1)
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fusion.estimation.verdict import Cause
-from fusion.surfacematch import Match, unmatched
+from fusion.surfacematch import Match
+from fusion.verdict import Cause
 from spcola.arrays import FloatArray
 from spcola.control.estimation import LandmarkSolution, state_partials
 from spcola.errors import NotObservableError
@@ -154,7 +154,7 @@ def _match(
 ) -> Match:
     """Convert a solved centre to a match like that by topography."""
     coverage = float(np.max(sighting.share)) if len(sighting) else 0.0
-    match = unmatched(sighting.name, grid, coverage, Cause.NOT_IN_IMAGES, _why(sighting))
+    match = Match.failed(sighting.name, grid, coverage, Cause.NOT_IN_IMAGES, _why(sighting))
     if len(sighting):
         match = replace(match, correlation=float(np.median(sighting.correlation)))
     if solution is None:

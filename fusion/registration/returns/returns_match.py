@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from fusion.estimation.verdict import Cause
 from fusion.registration.direct import SurfacePair
 from fusion.registration.direct.equations import both_slopes
 from fusion.registration.returns.return_heights import (
@@ -17,7 +16,8 @@ from fusion.registration.returns.return_heights import (
     height_of_returns,
     relative_weight,
 )
-from fusion.surfacematch import Match, MatchOptions, judged_match, unmatched
+from fusion.surfacematch import Match, MatchOptions
+from fusion.verdict import Cause
 from spcola.arrays import BoolArray, FloatArray
 from spcola.grids.gaps import filled
 from spcola.grids.statistics import independent_patches, robust_covariance, shift_variances
@@ -63,19 +63,19 @@ def match_returns(
     both = float(np.mean(np.isfinite(here.height)))
     if both < options.min_coverage:
         few = f"the returns cover only {both:.0%} of the surface"
-        return unmatched(name, fixed.grid, both, Cause.NOT_COVERED, few)
+        return Match.failed(name, fixed.grid, both, Cause.NOT_COVERED, few)
     starts = _searched(here.height, fixed, relative_weight(here, fixed.surface), options)
     if not starts:
         edge = f"the best match lies at the edge of the capture range ({options.capture_m:g} m)"
-        return unmatched(name, fixed.grid, both, Cause.CAPTURE_RANGE, edge)
+        return Match.failed(name, fixed.grid, both, Cause.CAPTURE_RANGE, edge)
     found = [_refined(returns, fixed, start, options) for start in starts]
     best = found[0]
     if best is None:
-        return unmatched(name, fixed.grid, both, Cause.NO_RELIEF, Cause.NO_RELIEF.meaning)
+        return Match.failed(name, fixed.grid, both, Cause.NO_RELIEF, Cause.NO_RELIEF.meaning)
     for other in found[1:]:
         if other is not None and _is_alternative(other, best, fixed.grid.gsd, options):
             flat = f"{Cause.AMBIGUOUS.meaning} (flat or periodic terrain)"
-            return unmatched(name, fixed.grid, both, Cause.AMBIGUOUS, flat)
+            return Match.failed(name, fixed.grid, both, Cause.AMBIGUOUS, flat)
     return _judged(name, fixed, best, options)
 
 
@@ -231,7 +231,7 @@ def _judged(name: str, fixed: FixedSurface, fine: _Fine, options: MatchOptions) 
         reason="",
     )
     patches = independent_patches(fine.standardised)
-    return judged_match(match, options, converged=fine.converged, patches=patches)
+    return match.judged(options, converged=fine.converged, patches=patches)
 
 
 def _correlation(pair: SurfacePair, known: BoolArray) -> float:

@@ -17,9 +17,9 @@ from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import BodySettings, SpiceSettings, SpinSettings
 from fusion.workspace.settings.processing import MapolaSettings
-from lidar.archive import ScanStore
 from lidar.formats.mapolas import write_adjustment, write_mapolas
 from lidar.gridding import Gridding, Mapola
+from lidar.scan_store import ScanStore
 from spcola.errors import SettingsError, WorkspaceError
 from spcola.grids import MapletGrid
 from spcola.shape import covering

@@ -58,7 +58,7 @@ class ScanRegistration:
         unknown = np.full(self.whole.covariance.shape, np.inf)
         fits = {
             name: ScanFit(self.whole.model, self.whole.transform, unknown, center)
-            for name, center in zip(store.scan_names, store.nodes.center, strict=True)
+            for name, center in zip(store.scan_names, store.arcs.center, strict=True)
         }
         maplet_sigma = self.whole.fit.sizes.independent
         for number in range(_PASSES):

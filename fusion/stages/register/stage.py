@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fusion.estimation.verdict import Verdict
 from fusion.geolocation import ReturnSource, return_paths
 from fusion.pipeline import Stage, StageContext, StageResult
 from fusion.registration.fit import (
@@ -40,6 +39,7 @@ from fusion.stages.register.imaging import imaged_mapolas, landmark_files
 from fusion.stages.register.matching import Matched, check_usable, match_mapolas
 from fusion.stages.register.scan_fits import ScanRegistration
 from fusion.surfacematch import Match
+from fusion.verdict import Verdict
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import BodySettings, SpiceSettings, SpinSettings

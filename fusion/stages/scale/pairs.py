@@ -10,8 +10,8 @@ import numpy as np
 from fusion.estimation import influence
 from fusion.pipeline import StageContext
 from fusion.scaling.fit import ScaleEstimate, estimate_scale
-from fusion.scaling.judging import scale_findings, shared_by_maplets, unmatched_findings
-from fusion.scaling.pairs import maplets_under, pair_observations
+from fusion.scaling.judging import covariance_by_maplets, lost_findings, scale_findings
+from fusion.scaling.pairs import pair_maplet_shares, pair_observations
 from fusion.scaling.results import per_pair, scale_json, unused_pairs
 from fusion.stages.scale.pairing import Pairing, pair_images, write_pairs
 from fusion.stages.scale.result import ScaleResult, scale_options, unobserved
@@ -66,7 +66,7 @@ def scale_by_pairs(context: StageContext, caster: RayCaster, radius: float) -> S
     }
     unmatched = sum(item.unmatched for item in left_out)
     findings = scale_findings(observations, estimate, options)
-    findings += unmatched_findings(unmatched, unmatched + len(pairs))
+    findings += lost_findings("pairs", unmatched, unmatched + len(pairs))
     shared = None
     if workspace.registration_path.is_file() and table.trajectory == "spc":
         shared = _shared_with_registration(workspace, made, estimate)
@@ -102,5 +102,5 @@ def _shared_with_registration(
         return None
     of_scale = np.array([moved.get(name, np.zeros(3)) for name in made.maplets]).reshape(-1, 3)
     # A displaced maplet displaces SPC against the lidar in a pair, and its mapola.
-    of_epsilon = -maplets_under(made.pairs).T @ influence(estimate.equations, estimate.fit)[0]
-    return shared_by_maplets(of_epsilon, of_scale, made.center_sigma)
+    of_epsilon = -pair_maplet_shares(made.pairs).T @ influence(estimate.equations, estimate.fit)[0]
+    return covariance_by_maplets(of_epsilon, of_scale, made.center_sigma)

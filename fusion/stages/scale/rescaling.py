@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fusion.estimation.verdict import Code, Verdict
 from fusion.runtime import Progress, json_text
 from fusion.runtime.folders import clear_abandoned_folders, make_folder
+from fusion.verdict import Code, Verdict
 from fusion.workspace import (
     OWN_FOLDERS,
     SETTINGS_FILE,

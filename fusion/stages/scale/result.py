@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fusion.estimation.verdict import Finding
 from fusion.scaling.fit import ScaleOptions
-from fusion.scaling.judging import unobserved_findings
 from fusion.scaling.results import unobserved_json
+from fusion.verdict import Code, Finding, Severity
 from fusion.workspace.settings.processing import ScaleSettings
 
 
@@ -35,7 +34,7 @@ class ScaleResult:
 def unobserved(method: str, trajectory: str, reason: str, **content: Any) -> ScaleResult:
     """Return the result if nothing is observed for a `reason`, with further `content`."""
     found = unobserved_json(method, trajectory, reason) | content
-    return ScaleResult(found, unobserved_findings(reason))
+    return ScaleResult(found, [Finding(Code.SCALE_NOT_OBSERVED, Severity.REFUSED, reason)])
 
 
 def scale_options(table: ScaleSettings) -> ScaleOptions:

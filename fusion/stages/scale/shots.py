@@ -8,22 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from fusion.estimation.verdict import Finding, Severity
 from fusion.geolocation import LocatedShots, geolocator, located_shots
 from fusion.pipeline import StageContext
-from fusion.scaling.fit import ScaleEstimate, ScaleOptions
-from fusion.scaling.fit import Trajectory as Located
+from fusion.scaling.fit import ScaleEstimate, ScaleOptions, TrajectorySource
 from fusion.scaling.geometry import LidarPlacement
 from fusion.scaling.judging import (
     expected_scatter,
-    missed_findings,
+    lost_findings,
     place_findings,
     scale_findings,
     scan_findings,
 )
-from fusion.scaling.places import (
+from fusion.scaling.misplacement import (
     PlaceCheck,
-    ScanPlaces,
+    ScanChecks,
     check_place,
     check_scans,
     compare_crossings,
@@ -38,6 +36,7 @@ from fusion.scaling.shots import (
 )
 from fusion.stages.scale.pairing import state_shares
 from fusion.stages.scale.result import ScaleResult, scale_options, unobserved
+from fusion.verdict import Finding, Severity
 from fusion.workspace import Workspace
 from fusion.workspace.settings.inputs import SpiceSettings, SpinSettings
 from fusion.workspace.settings.processing import ScaleSettings
@@ -94,7 +93,7 @@ def scale_by_shots(context: StageContext, caster: RayCaster, radius: float) -> S
         content["located_within_m"] = shots.taken.within_m
     content["per_shot"] = per_shot(compared, estimate)
     findings = scale_findings(compared.observations, estimate, options)
-    findings += missed_findings(compared.missed, len(compared.met))
+    findings += lost_findings("shots", compared.missed, len(compared.hits))
     return ScaleResult(content, [*findings, *at_place, *shots.taken.findings()])
 
 
@@ -106,7 +105,7 @@ class _Shots:
     caster: RayCaster
     taken: LocatedShots
     placed: list[_PlacedScan]
-    trajectory: Located
+    trajectory: TrajectorySource
     spots: SpotOptions
 
     @classmethod
@@ -171,7 +170,7 @@ def _compared(
     placed: _PlacedScan,
     *,
     caster: RayCaster,
-    trajectory: Located,
+    trajectory: TrajectorySource,
     spots: SpotOptions,
     known: LidarPlacement,
 ) -> ShotComparison:
@@ -188,14 +187,14 @@ def _places(
     *,
     options: ScaleOptions,
     known: LidarPlacement,
-    trajectory: Located,
-) -> tuple[PlaceCheck, ScanPlaces]:
+    trajectory: TrajectorySource,
+) -> tuple[PlaceCheck, ScanChecks]:
     """Search where all shots fit the shape and, if that is not elsewhere, where single scans do."""
     check = check_place(
         join("shots", scans), caster, prior=options.prior, known=known, trajectory=trajectory
     )
     if check.misfit:
-        return check, ScanPlaces()
+        return check, ScanChecks()
     return check, check_scans(
         scans, caster, prior=options.prior, known=known, trajectory=trajectory
     )

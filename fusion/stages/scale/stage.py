@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fusion.estimation.verdict import Verdict
 from fusion.geolocation import return_paths
 from fusion.pipeline import Stage, StageContext, StageResult
-from fusion.scaling.judging import consistency, consistency_findings
+from fusion.scaling.judging import (
+    consistency,
+    consistency_findings,
+)
 from fusion.stages.ingest import readable_scans
 from fusion.stages.ingest.lidar_files import check_duplicates
 from fusion.stages.scale.pairs import scale_by_pairs
 from fusion.stages.scale.shots import scale_by_shots
+from fusion.verdict import Verdict
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import BodySettings, SpiceSettings, SpinSettings

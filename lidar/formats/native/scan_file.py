@@ -90,11 +90,7 @@ def write_scan(
 
 
 def scan_summary(path: str | Path) -> ScanSummary:
-    """Read the summary of a native scan.
-
-    Parameters
-    ----------
-    path : str or Path
+    """Read the summary of the native scan at `path`.
 
     Raises
     ------
@@ -106,11 +102,7 @@ def scan_summary(path: str | Path) -> ScanSummary:
 
 
 class ScanFile:
-    """A native scan whose returns are mapped into memory; usable from several threads.
-
-    Parameters
-    ----------
-    path : str or Path
+    """The native scan at `path`, mapped into memory; usable from several threads.
 
     Attributes
     ----------
@@ -186,16 +178,11 @@ class ScanFile:
 
 
 def iter_scan(path: str | Path, *, chunk: int = 1_000_000) -> Iterator[Scan]:
-    """Yield a native scan in chunks of at most `chunk` returns.
+    """Yield the native scan at `path` in chunks of at most `chunk` returns.
 
     Returns come block by block, sorted by place, not by time. The first chunk carries the
     rejection counts, so that joined chunks have them once. A scan without returns yields one
     empty chunk.
-
-    Parameters
-    ----------
-    path : str or Path
-    chunk : int
 
     Raises
     ------

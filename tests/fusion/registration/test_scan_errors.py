@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from fusion.registration.fit import ScanErrorPatterns
-from lidar.adjustment import AdjustmentOptions, Nodes, ScanAdjustment, displacement_rows, unadjusted
+from lidar.adjustment import (
+    AdjustmentOptions,
+    RigidArcs,
+    ScanAdjustment,
+    displacement_partials,
+)
 from spcola.arrays import FloatArray
 
 NAMES = ("a", "b", "c")
@@ -20,7 +25,9 @@ def adjustment() -> ScanAdjustment:
     sizes = np.repeat([1.0, 2e-3, 1e-4], 6) * np.tile([1, 1, 1, 5e-3, 5e-3, 5e-3], 3)
     mixing = np.eye(18) + 0.2 * rng.normal(size=(18, 18))
     root = sizes[:, None] * mixing
-    before = unadjusted(NAMES, Nodes.whole(CENTERS), AdjustmentOptions(wander_sigma_m=7e-4))
+    before = ScanAdjustment.unadjusted(
+        NAMES, RigidArcs.whole(CENTERS), AdjustmentOptions(wander_sigma_m=7e-4)
+    )
     return ScanAdjustment(**{**vars(before), "covariance": root @ root.T})
 
 
@@ -37,7 +44,7 @@ def test_patterns_and_residual_covariance_add_up_to_the_covariance(
     shares, points = placed(7)
     scans = ScanErrorPatterns.of_adjustment(adjustment, shares, points)
     effects, rest = scans.at(shares, points), scans.residual_covariance(shares, points)
-    rows = displacement_rows(points[:, None], CENTERS)
+    rows = displacement_partials(points[:, None], CENTERS)
     displaced = np.einsum("ns,nsij->nisj", shares, rows).reshape(7, 3, 18)
     whole = np.einsum("nip,pq,njq->nij", displaced, adjustment.covariance, displaced)
     whole += 7e-4**2 * np.sum(shares**2, axis=1)[:, None, None] * np.eye(3)

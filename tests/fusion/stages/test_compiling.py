@@ -10,14 +10,14 @@ import pytest
 
 from fusion.stages import compiling, compiling_ahead
 from fusion.stages.compiling import compile_late
-from fusion.surfacematch import gauss_newton
+from fusion.surfacematch import MATCH_KERNEL
 from spcola.compilation import KernelCache, is_kept
 from spcola.heights import multiply
 
 
 def test_made_up_surfaces_need_the_kernels_of_the_late_stages() -> None:
     compile_late()
-    assert is_kept(gauss_newton) == is_kept(multiply) == KernelCache.usable
+    assert is_kept(MATCH_KERNEL) == is_kept(multiply) == KernelCache.usable
     # Both precisions of the heights' cycle: the late stages need both.
     precisions = {signature[0].dtype.name for signature in multiply.signatures}
     assert precisions == {"float32", "float64"}

@@ -8,13 +8,13 @@ import pytest
 from lidar.gridding import (
     GriddingOptions,
     LidarBigmapOptions,
-    RejectionOptions,
     at_grid_points,
     bigmap_from_returns,
     make_mapola,
 )
 from lidar.gridding.bigmap import integrate_returns
 from lidar.gridding.mapola import LidarBigmap
+from lidar.gridding.rejection import RejectionOptions
 from lidar.scans import Returns
 from spcola.errors import InvalidValueError, SettingsError
 from spcola.grids import MapletGrid

@@ -7,8 +7,9 @@ import pytest
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from lidar.formats.reader import read_scan
-from lidar.gridding import GriddingOptions, RejectionOptions, grid_returns
+from lidar.gridding import GriddingOptions, grid_returns
 from lidar.gridding.cells import sort_into_cells
+from lidar.gridding.rejection import RejectionOptions
 from lidar.scans import Returns
 from spcola.formats.maplets import read_map
 from spcola.formats.shapes import read_obj

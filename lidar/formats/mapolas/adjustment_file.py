@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lidar.adjustment import DEGREES, ErrorSizes, Nodes, ScanAdjustment
+from lidar.adjustment import RigidArcs, ScanAdjustment, ScanErrorSizes
 from spcola.arrays import AnyArray
 from spcola.errors import InvalidValueError
 from spcola.formats.stores import (
@@ -24,22 +24,17 @@ ADJUSTMENT_HDF5 = "adjustment.h5"
 """Name of the file in a folder of mapolas."""
 
 _FORMAT = "spcola scan adjustment 2"
-_NODES = ("center", "scan", "day")
+_ARCS = ("center", "scan", "day")
 _LAYERS = ("displacement", "covariance", "misfit", "cells")
 # Largest numbers, metres and radians or their squares: no adjustment of a small body comes near.
 _LARGEST = 1e12
 _ROUNDING = 1e-6
 _WHOLE = {"scan", "day"}
-_SIZES = tuple(field.name for field in fields(ErrorSizes))
+_SIZES = tuple(field.name for field in fields(ScanErrorSizes))
 
 
 def write_adjustment(path: str | Path, adjustment: ScanAdjustment) -> None:
-    """Write an adjustment: metres and radians, one row a scan.
-
-    Parameters
-    ----------
-    path : str or Path
-    adjustment : ScanAdjustment
+    """Write an `adjustment` to `path`: metres and radians, one row a scan.
 
     Raises
     ------
@@ -49,8 +44,8 @@ def write_adjustment(path: str | Path, adjustment: ScanAdjustment) -> None:
     with replacing_hdf5(path) as file:
         file.attrs["format"] = stored(_FORMAT)
         file["names"] = stored_names(adjustment.names)
-        for layer in _NODES:
-            file[layer] = getattr(adjustment.nodes, layer)
+        for layer in _ARCS:
+            file[layer] = getattr(adjustment.arcs, layer)
         for layer in _LAYERS:
             file[layer] = getattr(adjustment, layer)
         file.attrs["step_m"] = adjustment.step_m
@@ -59,11 +54,7 @@ def write_adjustment(path: str | Path, adjustment: ScanAdjustment) -> None:
 
 
 def read_adjustment(path: str | Path) -> ScanAdjustment:
-    """Read an adjustment.
-
-    Parameters
-    ----------
-    path : str or Path
+    """Read the adjustment at `path`.
 
     Raises
     ------
@@ -81,8 +72,8 @@ def read_adjustment(path: str | Path) -> ScanAdjustment:
                 raise InvalidValueError(f"is {value:g}", size)
         return ScanAdjustment(
             names=tuple(read_names(file, "names", count)),
-            nodes=Nodes(*(layers.pop(layer) for layer in _NODES)),
-            sizes=ErrorSizes(**sizes),
+            arcs=RigidArcs(*(layers.pop(layer) for layer in _ARCS)),
+            sizes=ScanErrorSizes(**sizes),
             step_m=read_number(file, "step_m"),
             **layers,
         )
@@ -95,8 +86,8 @@ def _shapes(count: int) -> dict[str, tuple[int, ...]]:
         "center": (count, 3),
         "scan": one,
         "day": one,
-        "displacement": (count, DEGREES),
-        "covariance": (DEGREES * count, DEGREES * count),
+        "displacement": (count, 6),
+        "covariance": (6 * count, 6 * count),
         "misfit": one,
         "cells": one,
     }

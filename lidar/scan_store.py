@@ -9,19 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lidar.adjustment import Nodes
+from lidar.adjustment import RigidArcs
 from lidar.formats.native import Block, ScanFile, times_of
 from lidar.geolocation import Geolocation
 from lidar.scans import Arcs, Returns
-from lidar.scans.cubes import Box, CubedPoints, keep_inside, touching, unpack_inside
+from lidar.scans.cubes import Box, CubedPoints, keep_inside, touching_cubes, unpack_inside
 from spcola.arrays import FloatArray, IntArray
 from spcola.errors import InvalidValueError
+
+__all__ = ["ScanStore"]
 
 _DAY_S = 86400.0
 # Reading one cube maps the pages around it too: so many bytes of a file.
@@ -47,8 +49,8 @@ class ScanStore:
     ----------
     scan_names : tuple of str
         Names of the scans, or of their arcs (:meth:`lidar.scans.Arcs.names`).
-    nodes : Nodes
-        Their nodes: the middle of the box of a scan as first located, or the mean of the
+    arcs : RigidArcs
+        Their centres: the middle of the box of a scan as first located, or the mean of the
         returns of an arc, metres, 0 for one without returns; the scan; and its day.
     without_place : mapping of str to int
         By scan, number of returns without a place after relocation.
@@ -85,7 +87,7 @@ class ScanStore:
         self._files, self._mapped = files, 0
         self.without_place: dict[str, int] = {}
         self.scan_names: tuple[str, ...] = ()
-        self.nodes = Nodes.whole(np.empty((0, 3)))
+        self.arcs = RigidArcs.whole(np.empty((0, 3)))
         for file in files:
             self._add(file, locate(file) if locate else None)
             file.release()
@@ -97,11 +99,12 @@ class ScanStore:
         """Append the blocks of a scan, and its arcs."""
         arcs, first = Arcs.of_span(file.summary.time_span, self._arc_s), len(self.scan_names)
         parts = [_Part(first, block, block.cubes, move, arcs) for block in file.blocks]
-        middles = _middle(file.summary.bounds)[None] if arcs.count == 1 else _means(parts, arcs)
+        middle = np.nan_to_num(file.summary.bounds.mean(axis=0))
+        middles = middle[None] if arcs.count == 1 else _means(parts, arcs)
         self._blocks += parts
         self.scan_names += tuple(arcs.names(file.summary.name))
-        number, before = len(self.without_place), self.nodes
-        self.nodes = Nodes(
+        number, before = len(self.without_place), self.arcs
+        self.arcs = RigidArcs(
             np.vstack([before.center, middles]),
             np.append(before.scan, np.full(arcs.count, number)),
             np.append(before.day, np.full(arcs.count, _day(file.summary.time_span))),
@@ -110,7 +113,7 @@ class ScanStore:
 
     def __reduce__(self) -> tuple[Callable[..., ScanStore], tuple[Any, ...]]:
         # Another process maps the files itself.
-        return _opened, (self._paths, self._locate, self._arc_s)
+        return partial(ScanStore, locate=self._locate, arc_s=self._arc_s), (self._paths,)
 
     def __len__(self) -> int:
         return sum(len(part.cubes.place) for part in self._blocks)
@@ -172,12 +175,6 @@ class ScanStore:
         return [self._blocks[k] for k in np.flatnonzero(box.touches(self._middle, self._radius))]
 
 
-def _opened(
-    paths: Sequence[str | Path], locate: Callable[[ScanFile], Geolocation] | None, arc_s: float
-) -> ScanStore:
-    return ScanStore(paths, locate=locate, arc_s=arc_s)
-
-
 @dataclass(frozen=True, eq=False)
 class _Part:
     """A block of a scan as used by gridding; `scan` is the number of its first arc."""
@@ -206,7 +203,7 @@ class _Part:
 
     def touching(self, box: Box) -> tuple[IntArray, int]:
         """Cubes (numbers) that may have relocated returns inside `box`, and the returns in them."""
-        return touching(self.cubes, box, self.reach)
+        return touching_cubes(self.cubes, box, self.reach)
 
     def unpack(self, chosen: IntArray, box: Box, points: FloatArray, rows: IntArray) -> int:
         """Write relocated returns in `box` to the front of `points` and `rows`; return how many.
@@ -253,11 +250,6 @@ def _day(span: tuple[float, float]) -> int:
     middle = (span[0] + span[1]) / 2.0
     # Ephemeris time begins at noon.
     return int((middle + _DAY_S / 2.0) // _DAY_S) if np.isfinite(middle) else -1
-
-
-def _middle(bounds: FloatArray) -> FloatArray:
-    middle: FloatArray = np.nan_to_num(bounds.mean(axis=0))
-    return middle
 
 
 def _means(parts: Sequence[_Part], arcs: Arcs) -> FloatArray:

@@ -42,13 +42,7 @@ class LidarPlacement:
         return np.concatenate([[0.0], self.center, self.turn, [0.0]])
 
     def displaced(self, arm: FloatArray) -> FloatArray:
-        """Displacement (N, 3) of the lidar surface from SPC at arms (N, 3), metres.
-
-        Parameters
-        ----------
-        arm : (N, 3) ndarray
-            From the centre of the transform, metres.
-        """
+        """Displacement (N, 3), metres, of the lidar surface from SPC at points `arm` (N, 3)."""
         away: FloatArray = self.center - np.cross(self.turn, arm)
         return away
 

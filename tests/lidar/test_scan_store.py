@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidar.archive import ScanStore
 from lidar.formats.native import ScanFile, write_scan
 from lidar.geolocation import find_geolocation
 from lidar.gridding import GriddingOptions, grid_returns
+from lidar.scan_store import ScanStore
 from lidar.scans import Returns, Scan
 from lidar.scans.cubes import QUANTUM_M, Box
 from spcola.errors import FormatError, InvalidValueError
@@ -80,7 +80,7 @@ def test_memory_of_files_is_given_back_and_mapped_again(
     box, given_back = cube_at([50.0, 0.0, 0.0], 12.0), []
     store = ScanStore(paths)
     first = store.returns_inside(box)
-    monkeypatch.setattr("lidar.archive.store._MOST_MAPPED_BYTES", 0)
+    monkeypatch.setattr("lidar.scan_store._MOST_MAPPED_BYTES", 0)
     monkeypatch.setattr(
         ScanFile,
         "release",
@@ -143,7 +143,7 @@ def test_a_scan_is_replaced_and_the_others_are_not_touched(
 
 
 def test_middles_are_those_of_the_scans(paths: list[Path], scans: list[Scan]) -> None:
-    middles = ScanStore(paths).nodes.center
+    middles = ScanStore(paths).arcs.center
     for middle, scan in zip(middles, scans, strict=True):
         box = (scan.points.min(axis=0) + scan.points.max(axis=0)) / 2 if len(scan) else [0, 0, 0]
         np.testing.assert_allclose(middle, box, atol=1e-12)

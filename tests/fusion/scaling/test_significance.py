@@ -5,8 +5,8 @@ import pytest
 from scipy.fft import dct
 from scipy.ndimage import gaussian_filter1d
 
-from fusion.scaling.places.chance import chance_of_fit, chance_of_larger, drawn
-from fusion.scaling.places.fits import PlaceFit
+from fusion.scaling.misplacement.fit import PlaceFit
+from fusion.scaling.misplacement.significance import chance_of_fit, chance_of_larger, drawn
 
 PRIOR = np.array([0.01, 10.0, 10.0, 10.0, 0.002, 0.002, 0.02, 0.03])
 PLACES = 300

@@ -7,6 +7,8 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any, Literal, Self
 
+__all__ = ["JUDGEMENTS", "Cause", "Code", "Finding", "Severity", "Verdict", "verdict_lines"]
+
 Judgement = Literal["accepted", "doubtful", "refused"]
 JUDGEMENTS: tuple[Judgement, ...] = ("accepted", "doubtful", "refused")
 """From the best to the worst."""

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import compress
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fusion.runtime.machine import one_blas_thread
-from fusion.scaling.fit.observation import Trajectory
-from fusion.scaling.geometry.placing import LidarPlacement
-from fusion.scaling.places.chance import (
+from fusion.scaling.fit.observation import TrajectorySource
+from fusion.scaling.geometry.placement import LidarPlacement
+from fusion.scaling.misplacement.fit import PlaceFit, clipped, scatter
+from fusion.scaling.misplacement.places import Place, Z, trial_places
+from fusion.scaling.misplacement.significance import (
     FEWEST_INDEPENDENT,
     FEWEST_SHOTS,
     LARGER,
@@ -20,7 +21,6 @@ from fusion.scaling.places.chance import (
     chance_of_larger,
     independent,
 )
-from fusion.scaling.places.fits import PlaceFit, clipped, scatter
 from fusion.scaling.shots.shots import compare_shots
 from lidar.scans import Scan
 from spcola.arrays import FloatArray
@@ -30,78 +30,17 @@ from spcola.shape import RayCaster
 _SAMPLE = 400
 # Rays cast at once.
 _RAYS = 100_000
-# Steps of rotations about Z, mirrored ones, and about axes in the equator, degrees.
-_STEP_DEG, _MIRRORED_DEG, _COARSE_DEG = 2.0, 3.0, 4.0
 # The best place is refined with these steps; its fit has no rotation.
 _FINER_DEG = (1.0, 0.5, 0.25)
 _LOOSE = np.array([0.0, 0.0, 0.0, 0.0, *np.radians([2.0, 2.0, 2.0]), 0.0])
 _FIRM = np.array([1.0, 1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3, 1.0])
-# Smallest rotation from the stated position of a wrong place.
-_ELSEWHERE_DEG = 20.0
+_CLAIMED = LidarPlacement()
 FALSE_ALARM = 1e-3
 """Probability over all places that correct shots seem to fit better elsewhere.
 
 It is exact for white errors. For errors as large as the relief that are correlated along a short
 track it is somewhat larger (docs: truth, "Wrong input").
 """
-
-
-@dataclass(frozen=True, eq=False)
-class Place:
-    """Another place for the shots: a rotation about an axis, after mirroring.
-
-    Parameters
-    ----------
-    axis : (3,) ndarray
-        Unit vector, body-fixed.
-    turn_deg : float
-        Right-handed rotation about it.
-    mirrored : str
-        Name of the mirroring applied before; empty for none.
-    """
-
-    axis: FloatArray
-    turn_deg: float
-    mirrored: str = ""
-
-    @property
-    def matrix(self) -> FloatArray:
-        """Matrix (3, 3) that takes the shots there."""
-        turn = Rotation.from_rotvec(np.radians(self.turn_deg) * self.axis).as_matrix()
-        matrix: FloatArray = turn @ np.diag(_MIRRORS[self.mirrored])
-        return matrix
-
-    @property
-    def signed_deg(self) -> float:
-        """The rotation in [−180, 180), degrees."""
-        return (self.turn_deg + 180.0) % 360.0 - 180.0
-
-    @property
-    def is_elsewhere(self) -> bool:
-        """Whether it is far enough from the stated position to be a wrong place."""
-        return bool(self.mirrored) or abs(self.signed_deg) > _ELSEWHERE_DEG
-
-    @property
-    def about_z(self) -> bool:
-        """Whether it is only a rotation about the body's Z axis."""
-        return not self.mirrored and bool(self.axis[2] == 1.0)
-
-    def __str__(self) -> str:
-        turn = self.signed_deg
-        axis = "Z" if self.axis[2] == 1.0 else f"({', '.join(f'{x:.2f}' for x in self.axis)})"
-        parts = [f"mirrored ({self.mirrored})"] if self.mirrored else []
-        parts += [f"turned by {turn:+.1f} deg about {axis}"] if turn or not parts else []
-        return " and ".join(parts)
-
-
-_Z = np.array([0.0, 0.0, 1.0])
-_CLAIMED = LidarPlacement()
-_MIRRORS = {
-    "": (1.0, 1.0, 1.0),
-    "longitude of the other sign": (1.0, -1.0, 1.0),
-    "north for south": (1.0, 1.0, -1.0),
-    "through the centre": (-1.0, -1.0, -1.0),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,17 +60,16 @@ class PlaceCheck:
     best : Place
     paired : float
         p-value, over all places tried, of the scatter here exceeding that at the best other place
-        (:func:`fusion.scaling.places.chance.chance_of_larger`, Bonferroni's bound).
+        (:func:`fusion.scaling.misplacement.significance.chance_of_larger`, Bonferroni's bound).
     tried : int
         Number of places.
     usual_m : float
         Median scatter at the wrong places: rotated by more than 20°, or mirrored.
-    wrong, rivals : int
+    wrong, as_good : int
         Number of these, and number of these at which the shots fit as well as here.
     noise : float
-        p-value for errors that are correlated as the residuals are
-        (:func:`fusion.scaling.places.chance.chance_of_fit`); 0, not computed, where `paired` is not
-        below :data:`FALSE_ALARM`.
+        p-value for errors that are correlated as the residuals are (:func:`chance_of_fit`); 0, not
+        computed, where `paired` is not below :data:`FALSE_ALARM`.
     independent : float
         Effective number of independent shots, from the residuals at the best other place.
     """
@@ -139,12 +77,12 @@ class PlaceCheck:
     count: int = 0
     here_m: float = float("nan")
     best_m: float = float("nan")
-    best: Place = field(default_factory=lambda: Place(_Z, 0.0))
+    best: Place = field(default_factory=lambda: Place(Z, 0.0))
     paired: float = 1.0
     tried: int = 0
     usual_m: float = float("nan")
     wrong: int = 0
-    rivals: int = 0
+    as_good: int = 0
     noise: float = 0.0
     independent: float = 0.0
 
@@ -162,7 +100,7 @@ class PlaceCheck:
     @property
     def by_chance(self) -> bool:
         """Whether the fit may be due to chance: it is as good at a wrong place."""
-        return self.rivals > 0
+        return self.as_good > 0
 
 
 @one_blas_thread()
@@ -172,7 +110,7 @@ def check_place(
     *,
     prior: FloatArray,
     known: LidarPlacement = _CLAIMED,
-    trajectory: Trajectory = "reference",
+    trajectory: TrajectorySource = "reference",
     sample: int = _SAMPLE,
 ) -> PlaceCheck:
     """Compare the fit of the shots at their stated positions with that elsewhere.
@@ -205,36 +143,42 @@ def check_place(
         return PlaceCheck(len(shots))
     compared = _Compared(shots, caster, trajectory)
     center = known.parameters
-    claimed = compared.at(Place(_Z, 0.0), known)
+    claimed = compared.at(Place(Z, 0.0), known)
     here = replace(claimed, value=claimed.value - claimed.design @ center).rest(prior)
-    places = list(_places(shots))
+    places = list(trial_places(shots.points))
     fits = compared.at_each(places)
     # At other places the fit may rotate between the steps; here only within its prior.
     loose = np.maximum(prior, _LOOSE)
     best = _finer(_best(places, [fit.rest(loose) for fit in fits]), compared, prior * _FIRM)
     there = compared.at(best).rest(loose)
     paired = min(1.0, len(places) * chance_of_larger(here, there))
-    noise = 0.0
-    count = _independent(there)
+    noise, count = 0.0, _independent(there)
     if paired < FALSE_ALARM and count >= FEWEST_INDEPENDENT:
         noise = chance_of_fit(claimed, fits, prior=prior, loose=loose, center=center)
-    elsewhere = [place.is_elsewhere for place in places]
-    wrong = np.array([scatter(fit.rest(prior)) for fit in compress(fits, elsewhere)])
-    wrong = wrong[np.isfinite(wrong)]
+    wrong = _scatter_elsewhere(places, fits, prior)
     size = scatter(here)
     return PlaceCheck(
-        len(shots),
-        size,
-        scatter(there),
-        best,
-        paired,
-        len(places),
-        float(np.median(wrong)) if wrong.size else float("nan"),
-        len(wrong),
-        int(np.count_nonzero(wrong <= size)),
-        noise,
-        count,
+        count=len(shots),
+        here_m=size,
+        best_m=scatter(there),
+        best=best,
+        paired=paired,
+        tried=len(places),
+        usual_m=float(np.median(wrong)) if wrong.size else float("nan"),
+        wrong=len(wrong),
+        as_good=int(np.count_nonzero(wrong <= size)),
+        noise=noise,
+        independent=count,
     )
+
+
+def _scatter_elsewhere(
+    places: Sequence[Place], fits: Sequence[PlaceFit], prior: FloatArray
+) -> FloatArray:
+    """Scatter (W,) of fits with priors (8,) at the wrong places at which enough shots hit."""
+    elsewhere = [place.is_elsewhere for place in places]
+    wrong = np.array([scatter(fit.rest(prior)) for fit in compress(fits, elsewhere)])
+    return wrong[np.isfinite(wrong)]
 
 
 def _independent(rest: FloatArray) -> float:
@@ -244,23 +188,6 @@ def _independent(rest: FloatArray) -> float:
         return 0.0
     known = clipped(known)
     return independent(known - known.mean(), known - known.mean())
-
-
-def _places(scan: Scan) -> Iterator[Place]:
-    """Rotations about Z, also of mirrored shots, and about axes in the equator."""
-    for mirrored in _MIRRORS:
-        for turn in np.arange(0.0, 360.0, _MIRRORED_DEG if mirrored else _STEP_DEG):
-            if turn or mirrored:
-                yield Place(_Z, float(turn), mirrored)
-    middle = scan.points.mean(axis=0)
-    toward = np.arctan2(middle[1], middle[0])
-    # Rotations about the fifth axis move the shots north and south.
-    for number in range(8):
-        angle = toward + np.pi / 8.0 * number
-        axis = np.array([np.cos(angle), np.sin(angle), 0.0])
-        step = _STEP_DEG if number == 4 else _COARSE_DEG
-        for turn in np.arange(step, 360.0, step):
-            yield Place(axis, float(turn))
 
 
 def _best(places: Sequence[Place], rests: Sequence[FloatArray]) -> Place:
@@ -284,7 +211,7 @@ class _Compared:
 
     scan: Scan
     caster: RayCaster
-    trajectory: Trajectory
+    trajectory: TrajectorySource
 
     def at(self, place: Place, known: LidarPlacement = _CLAIMED) -> PlaceFit:
         """Values and partials at a place; of no shots if most miss."""
@@ -307,10 +234,10 @@ class _Compared:
         compared = compare_shots(scan, self.caster, trajectory=self.trajectory, known=known)
         value, design = compared.observations.value[:, 0], compared.observations.design()[:, 0]
         fits, first = [], 0
-        for met in compared.met.reshape(-1, count):
-            hits = int(np.count_nonzero(met))
-            enough = hits >= max(FEWEST_SHOTS, count / 2)
-            part = slice(first, first + hits if enough else first)
-            fits.append(PlaceFit(met & enough, value[part], design[part]))
-            first += hits
+        for hits in compared.hits.reshape(-1, count):
+            number = int(np.count_nonzero(hits))
+            enough = number >= max(FEWEST_SHOTS, count / 2)
+            part = slice(first, first + number if enough else first)
+            fits.append(PlaceFit(hits & enough, value[part], design[part]))
+            first += number
         return fits

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fusion.scaling.fit.observation import Trajectory
-from fusion.scaling.geometry.placing import LidarPlacement
-from fusion.scaling.places.places import FALSE_ALARM, PlaceCheck, check_place
+from fusion.scaling.fit.observation import TrajectorySource
+from fusion.scaling.geometry.placement import LidarPlacement
+from fusion.scaling.misplacement.check import FALSE_ALARM, PlaceCheck, check_place
 from lidar.scans import Scan, join
 from spcola.arrays import FloatArray
 from spcola.shape import RayCaster
@@ -19,7 +19,7 @@ _GROUPS, _SHOTS = 24, 1200
 
 
 @dataclass(frozen=True, eq=False)
-class ScanPlaces:
+class ScanChecks:
     """Fit of each scan at its stated position, and elsewhere.
 
     Attributes
@@ -50,28 +50,28 @@ def check_scans(
     *,
     prior: FloatArray,
     known: LidarPlacement,
-    trajectory: Trajectory = "reference",
-) -> ScanPlaces:
+    trajectory: TrajectorySource = "reference",
+) -> ScanChecks:
     """Compare the fit of each scan at its stated position with that elsewhere.
 
     Scans that are rotated about different axes have no common better place, which
-    :func:`fusion.scaling.places.check_place` searches for.
+    :func:`fusion.scaling.misplacement.check_place` searches for.
 
     Parameters
     ----------
     scans : sequence of Scan
         With spacecraft positions and beams, in the frame of the shape, in order of time.
     caster, prior, known, trajectory
-        As in :func:`fusion.scaling.places.check_place`.
+        As in :func:`fusion.scaling.misplacement.check_place`.
 
     Returns
     -------
-    ScanPlaces
+    ScanChecks
         Empty if there are fewer than two groups of 60 shots.
     """
     groups = _grouped(scans)
     if len(groups) < 2:
-        return ScanPlaces()
+        return ScanChecks()
     sample = max(_FEWEST, _SHOTS // len(groups))
     checks = [
         check_place(
@@ -85,7 +85,7 @@ def check_scans(
         for group in groups
     ]
     names = tuple(tuple(scan.name for scan in group) for group in groups)
-    return ScanPlaces(names, tuple(checks))
+    return ScanChecks(names, tuple(checks))
 
 
 def _grouped(scans: Sequence[Scan]) -> list[list[Scan]]:

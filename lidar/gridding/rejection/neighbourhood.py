@@ -48,7 +48,7 @@ def expect(
         networks = (middle_network(width * (width - 1) - 2), middle_network(width**2 - 1))
         _expect_in_whole(place_x, place_y, height, radius, networks, whole, layers)
     _expect(place_x, place_y, height, radius, least_cells, whole, layers)
-    return Expectation(layers[0], layers[1], layers[2], layers[3])
+    return Expectation(*layers)
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""The best whole-cell shift of one surface against another, and its rivals."""
+"""The best whole-cell shift of one surface against another, and its alternatives."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class CoarseShift(NamedTuple):
     """The best whole-cell shift (2,), x and y, cells, and other minima about as good."""
 
     start: FloatArray
-    rivals: list[FloatArray]
+    alternatives: list[FloatArray]
 
 
 def coarse_shift(fields: Fields, *, reach: int, ambiguity: float) -> CoarseShift:
@@ -33,8 +33,8 @@ def coarse_shift(fields: Fields, *, reach: int, ambiguity: float) -> CoarseShift
     reach : int
         Largest shift along either axis, cells.
     ambiguity : float
-        A rival is another local minimum of the difference's variance, at most this factor above
-        the best one, or at most a quarter of the median over all shifts.
+        An alternative is another local minimum of the difference's variance, at most this factor
+        above the best one, or at most a quarter of the median over all shifts.
     """
     weight = np.where(fields.fixed_known, fields.sigma**-2, 0.0)
     variance = shift_variances(
@@ -53,8 +53,8 @@ def coarse_shift(fields: Fields, *, reach: int, ambiguity: float) -> CoarseShift
         for row, column in valleys.tolist()
         if np.hypot(row - best[0], column - best[1]) > APART
     ]
-    rivals = sorted(rival for rival in found if rival[0] < depth)[:3]
-    return CoarseShift(start, [np.array(rival[1:], dtype=np.float64) for rival in rivals])
+    alternatives = sorted(other for other in found if other[0] < depth)[:3]
+    return CoarseShift(start, [np.array(other[1:], dtype=np.float64) for other in alternatives])
 
 
 def _likeliest(variance: FloatArray, count: float) -> tuple[int, int]:

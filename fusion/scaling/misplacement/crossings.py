@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fusion.scaling.geometry.placing import LidarPlacement
-from fusion.scaling.places.fits import PlaceFit
+from fusion.scaling.geometry.placement import LidarPlacement
+from fusion.scaling.misplacement.fit import PlaceFit
 from fusion.scaling.shots.shots import ShotComparison
 from spcola.arrays import FloatArray
 from spcola.math.robust import mad
@@ -57,19 +57,15 @@ def compare_crossings(
         Prior sigmas of the fits, which remove the error of each scan's position.
     known : LidarPlacement
         Placement at which the shots were compared, the centre of the priors.
-
-    Returns
-    -------
-    Crossings
     """
     points, rests, numbers = [], [], []
     for number, one in enumerate(compared):
         shots = one.observations
         if len(shots) >= _FEWEST_SHOTS:
             value = shots.value[:, 0] - shots.design()[:, 0] @ known.parameters
-            fit = PlaceFit(one.met, value, shots.design()[:, 0])
+            fit = PlaceFit(one.hits, value, shots.design()[:, 0])
             points.append(shots.point)
-            rests.append(fit.rest(prior)[one.met])
+            rests.append(fit.rest(prior)[one.hits])
             numbers.append(np.full(len(shots), number))
     if len(points) < 2:
         return Crossings()

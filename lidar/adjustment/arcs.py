@@ -1,4 +1,4 @@
-"""Nodes of the adjustment: scans, arcs of scans and days, and the sizes of their errors."""
+"""Arcs of scans, which are displaced as a whole, and the sizes of their errors."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from functools import cached_property
 
 import numpy as np
 
-from lidar.adjustment.overlaps import DEGREES
+from lidar.adjustment.overlaps import COMPONENTS
 from spcola.arrays import FloatArray, IntArray
 
 # Index of the size of each of a scan's six numbers.
 SIZE_OF_NUMBER = np.array([0, 1, 1, 2, 2, 2])
 # Share of the variance common to the arcs of one scan: a trajectory has errors over minutes and
 # over days.
-_ALIKE = 0.5
+_COMMON = 0.5
 
 
 @dataclass(frozen=True)
-class ErrorSizes:
+class ScanErrorSizes:
     """Standard deviations of the errors.
 
     Parameters
@@ -53,8 +53,8 @@ class ErrorSizes:
 
 
 @dataclass(frozen=True, eq=False)
-class Nodes:
-    """S scans, or arcs of scans, that can be displaced.
+class RigidArcs:
+    """S arcs of scans, each displaced and rotated as a whole; a short scan is one arc.
 
     Parameters
     ----------
@@ -75,14 +75,8 @@ class Nodes:
         return len(self.center)
 
     @classmethod
-    def whole(cls, center: FloatArray) -> Nodes:
-        """Return whole scans, of unknown days.
-
-        Parameters
-        ----------
-        center : (S, 3) ndarray
-            Middle of each scan, body-fixed, metres.
-        """
+    def whole(cls, center: FloatArray) -> RigidArcs:
+        """Return whole scans of unknown days, their middles at `center` (S, 3), metres."""
         return cls(center, np.arange(len(center)), np.full(len(center), -1))
 
     @cached_property
@@ -103,44 +97,44 @@ class Nodes:
                 frame[:] = np.sign(rows[0] @ center) * rows
         return frames
 
-    def prior(self, sizes: ErrorSizes) -> FloatArray:
+    def prior(self, sizes: ScanErrorSizes) -> FloatArray:
         """Covariance (6S, 6S), body-fixed, of displacements of the stated sizes."""
         local = sizes.local(len(self))
-        alike = self._alike(lambda _: (1.0 - _ALIKE, _ALIKE)) * np.outer(local, local)
-        alike += sizes.day_m**2 * self.lifted @ self.lifted.T
-        return turned(alike, self.frames.transpose(0, 2, 1))
+        covariance = self._correlations(lambda _: (1.0 - _COMMON, _COMMON)) * np.outer(local, local)
+        covariance += sizes.day_m**2 * self.day_partials @ self.day_partials.T
+        return rotated(covariance, self.frames.transpose(0, 2, 1))
 
     @cached_property
-    def lifted(self) -> FloatArray:
+    def day_partials(self) -> FloatArray:
         """Displacements (6S, G) due to each of the G days, in the frames."""
         days = np.unique(self.day[self.day >= 0])
-        lifted = np.zeros((len(self), DEGREES, len(days)))
-        lifted[:, 0] = self.day[:, None] == days
-        return lifted.reshape(DEGREES * len(self), len(days))
+        day_partials = np.zeros((len(self), COMPONENTS, len(days)))
+        day_partials[:, 0] = self.day[:, None] == days
+        return day_partials.reshape(COMPONENTS * len(self), len(days))
 
     @cached_property
     def precision(self) -> FloatArray:
         """Inverse (6S, 6S) of the correlations of displacements, in the frames."""
-        return self._alike(
+        return self._correlations(
             lambda count: (
-                1.0 / (1.0 - _ALIKE),
-                -_ALIKE / ((1.0 - _ALIKE) * (1.0 - _ALIKE + _ALIKE * count)),
+                1.0 / (1.0 - _COMMON),
+                -_COMMON / ((1.0 - _COMMON) * (1.0 - _COMMON + _COMMON * count)),
             )
         )
 
-    def _alike(self, shares: Callable[[int], tuple[float, float]]) -> FloatArray:
+    def _correlations(self, shares: Callable[[int], tuple[float, float]]) -> FloatArray:
         """Matrix (6S, 6S), in the frames, of the independent and the common part of arcs.
 
         `shares` returns the weights of the two for the number of a scan's arcs. The common part is
         the same vector in the body-fixed frame.
         """
-        matrix = np.eye(DEGREES * len(self))
+        matrix = np.eye(COMPONENTS * len(self))
         for scan in np.unique(self.scan[self.share < 1.0]):
             arcs = np.flatnonzero(self.scan == scan)
             own, together = shares(len(arcs))
             at = columns(arcs)
-            shared = np.tile(np.eye(DEGREES), (len(arcs), len(arcs)))
-            matrix[np.ix_(at, at)] = own * np.eye(len(at)) + together * turned(
+            shared = np.tile(np.eye(COMPONENTS), (len(arcs), len(arcs)))
+            matrix[np.ix_(at, at)] = own * np.eye(len(at)) + together * rotated(
                 shared, self.frames[arcs]
             )
         return matrix
@@ -148,21 +142,21 @@ class Nodes:
 
 def columns(scan: IntArray) -> IntArray:
     """Positions of the unknowns of the scans (K,) among those of all."""
-    found: IntArray = (DEGREES * scan[:, None] + np.arange(DEGREES)).ravel()
+    found: IntArray = (COMPONENTS * scan[:, None] + np.arange(COMPONENTS)).ravel()
     return found
 
 
-def turned(matrix: FloatArray, frames: FloatArray) -> FloatArray:
-    """Turn the metres of K scans in a matrix (6K, 6K) by `frames` (K, 3, 3)."""
+def rotated(matrix: FloatArray, frames: FloatArray) -> FloatArray:
+    """Rotate the translations of K scans in a matrix (6K, 6K) by `frames` (K, 3, 3)."""
     count = len(frames)
-    found = matrix.reshape(count, DEGREES, count, DEGREES).copy()
+    found = matrix.reshape(count, COMPONENTS, count, COMPONENTS).copy()
     found[:, :3] = np.einsum("kij,kjlm->kilm", frames, found[:, :3])
     found[..., :3] = np.einsum("lij,kmlj->kmli", frames, found[..., :3])
     return found.reshape(matrix.shape)
 
 
-def turned_vector(vector: FloatArray, frames: FloatArray) -> FloatArray:
-    """Turn the metres of K scans in a vector (6K,)."""
-    found = vector.reshape(-1, DEGREES).copy()
+def rotated_vector(vector: FloatArray, frames: FloatArray) -> FloatArray:
+    """Rotate the translations of K scans in a vector (6K,) by `frames` (K, 3, 3)."""
+    found = vector.reshape(-1, COMPONENTS).copy()
     found[:, :3] = np.einsum("kij,kj->ki", frames, found[:, :3])
     return found.ravel()

@@ -1,10 +1,10 @@
-"""Compiled loops of the displacement of one surface against another: spline, Gauss–Newton."""
+"""Compiled loops of the displacement of one surface against another: Gauss–Newton."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
 
+from fusion.surfacematch.spline import BORDER
 from spcola.arrays import BoolArray, FloatArray
 from spcola.compilation import compiled, compiled_sums
 from spcola.math.robust import HUBER, MAD_TO_SIGMA, TUKEY
@@ -19,27 +19,6 @@ _ROUNDS_OF_HUBER, _ROUNDS_OF_SPREAD = 2, 5
 _SPREAD_STEP = 4
 # Tolerance, cells, after _ROUNDS_OF_SPREAD steps.
 _OSCILLATION = 5e-3
-BORDER = 2
-"""Coefficients of a spline beyond each edge of its grid."""
-# Cells over which an edge affects spline coefficients.
-_EDGE_REACH = 14
-
-
-def spline_of(height: FloatArray) -> FloatArray:
-    """Coefficients (R + 4, C + 4) of the cubic spline through heights (R, C), for `displaced`.
-
-    Beyond its edges a surface is continued by point reflection in the edge. Mirror reflection would
-    make it level there, whereas a round body is steepest at the edges of its maplets: this would
-    bias a displacement by up to a tenth of a cell.
-
-    Parameters
-    ----------
-    height : (R, C) ndarray
-        Metres, without gaps.
-    """
-    wide = np.pad(height, _EDGE_REACH, mode="reflect", reflect_type="odd")
-    cut = _EDGE_REACH - BORDER
-    return np.ascontiguousarray(ndimage.spline_filter(wide, order=3)[cut:-cut, cut:-cut])
 
 
 @compiled
@@ -237,10 +216,10 @@ def displaced(
 ) -> tuple[FloatArray, BoolArray]:
     """Cubic spline at ``(x − shift_x, y − shift_y)``, and where it is known.
 
-    `coefficients` are those of :func:`spline_of`. `known` are two masks (R, C): points that are
-    known, and points that are known or next to known ones. A value is known if its nearest point is
-    in the first mask and all points around it are in the second. As the displacement is the same
-    everywhere, one set of spline weights suffices.
+    `coefficients` are those of ``spline_coefficients``. `known` are two masks (R, C): points that
+    are known, and points that are known or next to known ones. A value is known if its nearest
+    point is in the first mask and all points around it are in the second. As the displacement is
+    the same everywhere, one set of spline weights suffices.
     """
     rows, columns = known[0].shape
     i, j = int(np.floor(-shift_y)), int(np.floor(-shift_x))

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidar.gridding.cells.cells import CellReturns
-from lidar.gridding.density import filled_around, needs_support
-from lidar.gridding.neighbourhood import count_support, expect
+from lidar.gridding.rejection.density import filled_around, needs_support
+from lidar.gridding.rejection.neighbourhood import count_support, expect
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.compilation import compiled
 from spcola.errors import SettingsError
@@ -48,8 +48,8 @@ class RejectionOptions:
         Half-width, in cells, of the neighbourhood.
     least_cells : int
         Least number of neighbours with a height for this test. In a scan that samples its ground
-        densely (:mod:`lidar.gridding.density`) a return with fewer neighbours, beyond the edge of a
-        raster, is isolated unless a cell next to it lies near its height.
+        densely (:mod:`~lidar.gridding.rejection.density`) a return with fewer neighbours, beyond
+        the edge of a raster, is isolated unless a cell next to it lies near its height.
     max_rounds : int
         Most repetitions of either test.
 
@@ -85,8 +85,9 @@ def find_isolated(
     """Return which returns (K,) no neighbouring cell supports, or lie on another sheet.
 
     The heights of the cells are plain medians here, since isolated returns must be removed
-    before slopes are fitted. `scan` (K,) are the numbers of the returns' scans: where a scan is
-    dense (:mod:`lidar.gridding.density`) a return without a neighbourhood is isolated too.
+    before slopes are fitted. `scan` (K,) are the numbers of the scans of the returns in `cells`:
+    where a scan is dense (see the module `density`) a return without a neighbourhood is isolated
+    too. `gsd` is in metres; `options` are the criteria.
     """
     radius, least_cells = options.neighbourhood, options.least_cells
     place_x, place_y = cells.place
@@ -185,11 +186,11 @@ def find_outliers(
     gsd: float,
     options: RejectionOptions,
 ) -> BoolArray:
-    """Mask (K,) of returns far from the surface `height` of their cell.
+    """Return which returns (K,) of `cells` lie far from the surface `height` (R, C), by `options`.
 
-    `corrected` (K,) are the slope-corrected heights. The robust standard deviation of a cell,
-    `spread`, is taken no smaller than the median of all cells: five returns may agree by
-    chance.
+    `corrected` (K,) are their slope-corrected heights, `gsd` the grid's step, metres. The robust
+    standard deviation of a cell, `spread` (R, C), is taken no smaller than the median of all cells:
+    five returns may agree by chance.
     """
     many = cells.count > options.few
     floor = float(np.median(spread[many])) if many.any() else 0.0

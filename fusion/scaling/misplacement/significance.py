@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 from scipy.fft import dct, idct
 
-from fusion.scaling.places.fits import PlaceFit, clipped
+from fusion.scaling.misplacement.fit import PlaceFit, clipped
 from spcola.arrays import FloatArray
 
 FEWEST_SHOTS = 10
@@ -106,17 +106,17 @@ def chance_of_fit(
         p-value for all places together, at least 1/2001. 0 if no shot hits the shape here, 1 if
         none does elsewhere.
     """
-    if np.count_nonzero(here.met) < FEWEST_SHOTS:
+    if np.count_nonzero(here.hits) < FEWEST_SHOTS:
         return 0.0
-    about = PlaceFit(here.met, here.value - here.design @ center, here.design).trimmed(prior)
+    about = PlaceFit(here.hits, here.value - here.design @ center, here.design).trimmed(prior)
     rest = about.rest(prior)
-    known = rest[about.met]
+    known = rest[about.hits]
     # The first series is the data.
     noise = np.zeros((len(rest), 1 + _DRAWS))
-    noise[about.met] = np.column_stack([known, drawn(known, _DRAWS)])
+    noise[about.hits] = np.column_stack([known, drawn(known, _DRAWS)])
     least = np.full(1 + _DRAWS, np.inf)
     for other in others:
-        if np.count_nonzero(other.met & about.met) >= FEWEST_SHOTS:
+        if np.count_nonzero(other.hits & about.hits) >= FEWEST_SHOTS:
             least = np.minimum(least, other.trimmed(loose).squares(loose, noise, rest))
     if not np.isfinite(least[0]):
         return 1.0

@@ -8,20 +8,20 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-from fusion.estimation.verdict import Code, Severity, Verdict
 from fusion.scaling.fit import ScaleOptions
 from fusion.scaling.geometry import LidarPlacement
 from fusion.scaling.judging import (
     expected_scatter,
-    missed_findings,
+    lost_findings,
     place_findings,
     scale_findings,
     scan_findings,
 )
 from fusion.scaling.judging.findings import CROSSING, TOO_LARGE
-from fusion.scaling.places import check_place, check_scans, compare_crossings
-from fusion.scaling.places.chance import FEWEST_SHOTS, chance_of_larger, independent
+from fusion.scaling.misplacement import check_place, check_scans, compare_crossings
+from fusion.scaling.misplacement.significance import FEWEST_SHOTS, chance_of_larger, independent
 from fusion.scaling.shots import compare_shots, iterate_shots
+from fusion.verdict import Code, Severity, Verdict
 from lidar.formats.reader import read_scan
 from lidar.scans import Scan, join
 from spcola.errors import NotObservableError
@@ -107,7 +107,7 @@ def verdict_of(scan, caster, options=None):
     known = LidarPlacement.of(estimate.fit.estimate)
     check = check_place(scan, caster, prior=options.prior, known=known)
     findings = scale_findings(compared.observations, estimate, options)
-    findings += missed_findings(compared.missed, len(scan))
+    findings += lost_findings("shots", compared.missed, len(scan))
     findings += place_findings(check, expected_scatter(compared.observations, options))
     return Verdict(tuple(findings))
 

@@ -21,7 +21,7 @@ class PlaceFit:
 
     Parameters
     ----------
-    met : (N,) ndarray
+    hits : (N,) ndarray
         Mask of the shots that hit the shape.
     value : (M,) ndarray
         Measured minus predicted range, metres.
@@ -29,7 +29,7 @@ class PlaceFit:
         Partial derivatives with respect to the parameters of the estimate.
     """
 
-    met: BoolArray
+    hits: BoolArray
     value: FloatArray
     design: FloatArray
 
@@ -40,23 +40,23 @@ class PlaceFit:
 
     def rest(self, prior: FloatArray) -> FloatArray:
         """Residuals (N,) of the fit with priors (8,), metres; NaN for shots that miss."""
-        rest = np.full(len(self.met), np.nan)
-        if not self.met.any():
+        rest = np.full(len(self.hits), np.nan)
+        if not self.hits.any():
             return rest
         rows = np.concatenate([self.design, np.diag(self.error / prior)])
         values = np.concatenate([clipped(self.value), np.zeros(len(prior))])
         # In units of the priors, columns in metres, radians and ratios have similar sizes.
         estimate = prior * np.linalg.lstsq(rows * prior, values, rcond=None)[0]
-        rest[self.met] = self.value - self.design @ estimate
+        rest[self.hits] = self.value - self.design @ estimate
         return rest
 
     def trimmed(self, prior: FloatArray) -> PlaceFit:
         """Return it without the outliers of a fit with priors (8,)."""
-        rest = self.rest(prior)[self.met]
+        rest = self.rest(prior)[self.hits]
         good = clipped(rest) == rest
-        met = self.met.copy()
-        met[self.met] = good
-        return PlaceFit(met, self.value[good], self.design[good])
+        hits = self.hits.copy()
+        hits[self.hits] = good
+        return PlaceFit(hits, self.value[good], self.design[good])
 
     def squares(self, prior: FloatArray, noise: FloatArray, here: FloatArray) -> FloatArray:
         """Mean squared residuals of the fit if the residuals `here` are replaced by noise.
@@ -75,7 +75,7 @@ class PlaceFit:
         (S,) ndarray
             Square metres.
         """
-        known, both = np.isfinite(here[self.met]), self.met & np.isfinite(here)
+        known, both = np.isfinite(here[self.hits]), self.hits & np.isfinite(here)
         fixed = np.zeros(len(here))
         fixed[both] = self.value[known] - here[both]
         columns = np.zeros((len(here), len(prior)))
