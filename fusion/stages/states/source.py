@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import spiceypy
 
+from fusion.geolocation import rotations
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import Settings
-from fusion.workspace.settings.inputs import SpinSettings
 from spcola.errors import KernelError, SettingsError
 from spcola.navigation import SPICE_LOCK, Spin
 from spcola.spice import KernelSet, KernelUse, orientation_of
 from spcola.spice.states import SpiceCamera, spin_of
 
 _NO_TIMES = np.empty(0)
-_SPIN = tuple(field.name for field in fields(Spin))
 
 
 @dataclass(frozen=True)
@@ -136,7 +135,7 @@ def solution_spin(
     if pck is not None:
         return spin_of(pck, chosen.body)
     if settings.spin.rate_deg_per_day != 0.0:
-        return _corrected(settings.spin)
+        return rotations(settings.spin)[1]
     found = [path for path in _expanded(chosen) if chosen.body in orientation_of(path).bodies]
     if not found:
         raise SettingsError(
@@ -163,11 +162,6 @@ def number_of(spacecraft: str) -> int:
     if number >= 0:
         raise KernelError("is not the number of a spacecraft", spacecraft, "it is negative")
     return number
-
-
-def _corrected(table: SpinSettings) -> Spin:
-    """Return the rotation of [spin] with its shifts."""
-    return Spin(**{name: getattr(table, name) + getattr(table, f"shift_{name}") for name in _SPIN})
 
 
 def _expanded(chosen: SourceOptions) -> Sequence[Path]:
