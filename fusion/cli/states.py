@@ -266,7 +266,7 @@ def _kernel_lines(out: Path, made: StateKernels) -> list[str]:
     first, last = (utc_from_et(time) for time in made.span)
     return [
         f"{out}: {', '.join(made.files)}",
-        f"  {made.images} images of {made.cameras} cameras, {first} to {last} UTC, in "
+        f"  images: {made.images}, cameras: {made.cameras}, {first} to {last} UTC, in "
         f"{made.segments} arcs",
         f"  read back: within {made.position_m:.2g} m and {made.pointing:.2g} rad",
     ]

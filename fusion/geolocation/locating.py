@@ -222,7 +222,12 @@ def spin_change(workspace: Workspace, table: SpinSettings) -> tuple[Spin, Spin] 
 
 
 def rotations(table: SpinSettings) -> tuple[Spin, Spin]:
-    """Return the rotation that [spin] states, and the corrected one."""
+    """Return the rotation that [spin] states, and the corrected one.
+
+    Parameters
+    ----------
+    table : SpinSettings
+    """
     before = {name: getattr(table, name) for name in _SPIN}
     after = {name: value + getattr(table, f"shift_{name}") for name, value in before.items()}
     return Spin(**before), Spin(**after)

@@ -112,6 +112,12 @@ class ImageState:
     def as_image(self, camera: Camera, *, thresholds: tuple[int, int] = (0, 65535)) -> SpcImage:
         """Return the image with this state and a camera, without pixels and landmarks.
 
+        Parameters
+        ----------
+        camera : Camera
+        thresholds : (int, int)
+            Lowest and highest brightness that is used.
+
         Raises
         ------
         InvalidValueError

@@ -45,7 +45,13 @@ class Numbers:
         return self.camera + 1
 
     def frame(self, index: int) -> str:
-        """Return the name of the frame of a camera, from 0."""
+        """Return the name of the frame of a camera.
+
+        Parameters
+        ----------
+        index : int
+            From 0.
+        """
         return f"{self.spacecraft_name[:14]}_SPC_{index + 1}"
 
 

@@ -103,7 +103,7 @@ def test_kernels_are_written_and_read_back(solved, exported):
     assert sorted(found["files"]) == sorted(path.name for path in (folder / "kernels").iterdir())
     assert "is there already" in refusal("kernels", solved.root, folder / "kernels")
     text = call("kernels", solved.root, folder / "again").stdout
-    assert "6 images of 1 cameras, 2019 MAR 03 10:59:40.279" in text
+    assert "images: 6, cameras: 1, 2019 MAR 03 10:59:40.279" in text
 
 
 def table_of(path, images, column="utc"):
