@@ -13,9 +13,10 @@ from fusion.fusing.fuse_input import FuseInput, FuseOptions
 from fusion.fusing.uncertainty import ShapeErrors, SlopeInformation
 from fusion.fusing.uncertainty.spc_errors import along_edges, light_along_edges
 from spcola.arrays import BoolArray, FloatArray
+from spcola.grids.bending import bending
 from spcola.grids.gaps import carried_on, filled, plane_of
-from spcola.grids.statistics import bending
-from spcola.heights import STEPS_ALIKE, HeightProblem
+from spcola.heights import HeightProblem
+from spcola.heights.slopes import STEP_SIGMA_FACTOR
 from spcola.math.robust import cauchy_weight
 
 
@@ -64,7 +65,7 @@ def height_problem(
         contradicted = np.where(imaged | measured, (ground_step - step) / spread, 0.0)
         trust = cauchy_weight(contradicted, options.step_loss_scale)
         # SPC rounds what the lidar resolves.
-        trust = np.where(imaged & measured, trust / STEPS_ALIKE**2, trust)
+        trust = np.where(imaged & measured, trust / STEP_SIGMA_FACTOR**2, trust)
         steps.append(step)
         weights.append(np.where(_both(mask, axis), trust / sigma**2, 0.0))
     height, weight = _heights(parts, lidar, information, shape)

@@ -10,8 +10,8 @@ from fusion.fusing.fuse_input import FuseInput
 from fusion.fusing.uncertainty import ShapeErrors, SlopeInformation
 from spcola.arrays import BoolArray, FloatArray
 from spcola.grids import MapletGrid
-from spcola.grids.statistics import bending
-from spcola.heights import slopes_of
+from spcola.grids.bending import bending
+from spcola.heights.slopes import slopes_of
 
 
 def fused_sigma(

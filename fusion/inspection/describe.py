@@ -30,7 +30,7 @@ from spcola.formats.shapes import FacesFrom, read_icq, read_shape, recognise_sha
 from spcola.formats.solution import read_landmark, read_list, read_nominal, read_summary
 from spcola.grids import Maplet
 from spcola.shape.icq import IcqShape, as_icq
-from spcola.spice import constant, orientation_of, read_transfer
+from spcola.spice import orientation_of, read_transfer
 
 
 def describe_workspace(workspace: Workspace) -> dict[str, Any]:
@@ -112,7 +112,7 @@ def _describe_kernel(path: Path) -> dict[str, Any]:
     if word.startswith("DAF/"):
         return {"kind": "SPICE kernel (binary)", "form": word[:8].rstrip("\0")}
     stated = orientation_of(path)
-    meridians = {body: stated.constants.get(constant(body, "PM")) for body in stated.bodies}
+    meridians = {body: stated.get(body, "PM") for body in stated.bodies}
     beyond = {str(body): list(stated.beyond_spin(body)) for body in stated.bodies}
     return {
         "kind": "SPICE kernel (text)",

@@ -22,7 +22,7 @@ from fusion.surfacematch import MATCH_KERNEL, Surface, match_surfaces
 from spcola.arrays import FloatArray
 from spcola.compilation import KernelCache, is_kept
 from spcola.grids import Maplet, MapletGrid
-from spcola.heights import multiply
+from spcola.heights import HeightSystem
 
 _HALF_SIZE = 40
 _COMMAND = """
@@ -36,7 +36,7 @@ compile_late()
 @contextmanager
 def compiling_ahead() -> Iterator[None]:
     """Compile the kernels of registration and fusion in another process, unless that was done."""
-    if not KernelCache.usable or (is_kept(MATCH_KERNEL) and is_kept(multiply)):
+    if not KernelCache.usable or (is_kept(MATCH_KERNEL) and HeightSystem.is_compiled()):
         yield
         return
     quiet = subprocess.DEVNULL

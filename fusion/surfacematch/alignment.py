@@ -18,8 +18,7 @@ from fusion.surfacematch.displacement_kernels import (
 )
 from fusion.surfacematch.spline import spline_coefficients
 from spcola.arrays import BoolArray, FloatArray
-from spcola.grids.statistics import RobustCovariance, robust_covariance
-from spcola.math.robust import biweight_scores
+from spcola.grids.robust_covariance import RobustCovariance, biweight_scores, robust_covariance
 
 # Surfaces whose slopes correlate by less have no relief in common; ten thousand random slopes
 # correlate by a few hundredths.

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from fusion.surfacematch.alignment import Fields
 from spcola.arrays import FloatArray
-from spcola.grids.statistics import shift_variances
+from spcola.grids.correlation import shift_variances
 
 APART = 3.0
 """Displacements further apart than this, cells, count as different solutions."""

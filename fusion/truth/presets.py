@@ -13,7 +13,8 @@ from lidar.truth import SCAN_FORMATS, LidarSettings, TrackSettings
 from spcola.errors import SettingsError
 from spcola.math import Similarity
 from spcola.truth.body import BodySettings
-from spcola.truth.campaign import CampaignSettings, PassSettings, StateSettings
+from spcola.truth.campaign import CampaignSettings, PassSettings
+from spcola.truth.campaign.states import StateSettings
 from spcola.truth.imaging import IMAGE_FORMATS, ImageSettings
 from spcola.truth.solution import SolutionSettings
 

@@ -18,7 +18,8 @@ from spcola.camera import SpcImage
 from spcola.formats.maplets import write_maplet
 from spcola.formats.shapes import write_icq
 from spcola.formats.solution import write_landmark, write_list, write_nominal, write_summary
-from spcola.truth.campaign import Pass, SolvedState, make_state, plan_stations, stations_of_pass
+from spcola.truth.campaign import Pass, plan_stations, stations_of_pass
+from spcola.truth.campaign.states import SolvedState, make_state
 from spcola.truth.sampled import LightMap, SampledSurface
 from spcola.truth.solution import (
     landmarks_of,

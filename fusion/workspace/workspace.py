@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from spcola.errors import WorkspaceError
 from spcola.formats.images import read_image_data
 from spcola.formats.maplets import read_maplet, sigma_path
 from spcola.formats.shapes import read_shape
-from spcola.formats.solution import ListKind, read_landmark, read_list, read_summary
+from spcola.formats.solution import read_landmark, read_list, read_summary
 from spcola.grids import Maplet
 from spcola.shape import Mesh
 
@@ -330,7 +330,9 @@ class Workspace:
             raise WorkspaceError("holds no JSON object", path, "remove it and run again")
         return content
 
-    def _listed(self, listing: str, kind: ListKind, folder: str, suffix: str) -> list[str]:
+    def _listed(
+        self, listing: str, kind: Literal["image", "landmark"], folder: str, suffix: str
+    ) -> list[str]:
         """Return the names in `listing`; an empty list next to a full folder is refused."""
         names = read_list(self.root / listing, kind=kind)
         if not names and (there := len(self._stems(folder, suffix))):

@@ -24,7 +24,7 @@ from lidar.scans import Scan
 from lidar.scans.cubes import QUANTUM_M
 from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import InvalidValueError
-from spcola.navigation import Offset, Spin, Trajectory, turned
+from spcola.navigation import Offset, Spin, Trajectory
 
 MAX_GAP_S = 3600.0
 """Default for the longest time between two states over which their offset is interpolated."""
@@ -145,8 +145,8 @@ class Geolocation:
         shift = np.fmax.reduce(np.linalg.norm(self.shift, axis=1), initial=0.0)
         along = 0.0 if self.ranges is None else abs(self.ranges.shift_m)
         mirror = 0.0 if self.mirror is None else self.mirror.reach(radius + along)
-        turned = 2.0 * np.sin(min(angle, np.pi) / 2.0) * (radius + along)
-        return float(turned + shift + mirror + along)
+        rotated = 2.0 * np.sin(min(angle, np.pi) / 2.0) * (radius + along)
+        return float(rotated + shift + mirror + along)
 
 
 def find_geolocation(
@@ -183,7 +183,7 @@ def find_geolocation(
     times = trajectory.time[old.covers(trajectory.time)]
     reference = old
     if spin is not None and len(times):
-        there = turned(spin[0].change_to(spin[1], times), old.at(times))
+        there = spin[0].moved(old.at(times), spin[1], times)
         reference = Trajectory(old.name, times, there)
     return _shifted(turns, trajectory.offset_from(reference), max_gap_s)
 

@@ -15,9 +15,8 @@ from spcola.arrays import FloatArray
 from spcola.navigation import Trajectory
 from spcola.spice import (
     POINTING_TOLERANCE_S,
-    Coverage,
+    KernelCoverage,
     KernelSet,
-    Track,
     body_fixed_states,
     coverage,
 )
@@ -67,7 +66,7 @@ class KernelPlace:
     tolerance_s: float = POINTING_TOLERANCE_S
 
     @cached_property
-    def coverage(self) -> Coverage:
+    def coverage(self) -> KernelCoverage:
         """Times at which all kernel data for the location of returns exist.
 
         Raises
@@ -76,16 +75,16 @@ class KernelPlace:
             If a kernel is refused, or a name in it unknown.
         """
         with self.kernels.load():
-            tracks = self._tracks(self.spacecraft)
+            known = self._coverage(self.spacecraft)
         if self.reference is not None:
             with self.reference.load():
-                tracks += self._tracks("")
-        return Coverage(tracks)
+                known &= self._coverage("")
+        return known
 
-    def _tracks(self, spacecraft: str) -> tuple[Track, ...]:
+    def _coverage(self, spacecraft: str) -> KernelCoverage:
         return coverage(
             spacecraft, frame=self.frame, max_gap_s=self.max_gap_s, tolerance_s=self.tolerance_s
-        ).tracks
+        )
 
     def geolocation(
         self, old: Trajectory, radius: float, times: FloatArray | None = None

@@ -24,14 +24,8 @@ from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import SettingsError
 from spcola.grids import MapletGrid
 from spcola.grids.gaps import bridged_mask
-from spcola.heights import (
-    STEPS_ALIKE,
-    HeightProblem,
-    HeightSystem,
-    SolverOptions,
-    slopes_of,
-    steps_from_slopes,
-)
+from spcola.heights import HeightProblem, HeightSystem, SolverOptions
+from spcola.heights.slopes import STEP_SIGMA_FACTOR, slopes_of, steps_from_slopes
 from spcola.math.robust import mad
 
 # Noise variance of a step less the mean of the central slopes at its ends, in units of the
@@ -212,7 +206,7 @@ def _step_sigma(mapola: Mapola) -> float:
     noise = float(np.median(known)) if known.size else mapola.grid.gsd
     seen = float(np.nan_to_num(mad(departure)))
     rough = np.sqrt(max(seen**2 - _STEP_NOISE * noise**2, 0.0))
-    return float(max(STEPS_ALIKE * rough, _STIFFEST * noise))
+    return float(max(STEP_SIGMA_FACTOR * rough, _STIFFEST * noise))
 
 
 def _sigma(mapola: Mapola, mask: BoolArray, step_sigma: float) -> FloatArray:

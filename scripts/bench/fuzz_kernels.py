@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from fuzz_rows import CRAFT, TIMES
 
-from spcola.spice import KernelSet, read_transfer
-from spcola.spice.kernels import body_fixed_trajectory, state_times
+from spcola.spice import KernelSet, body_fixed_states, read_transfer
+from spcola.spice.daf import daf_segments, state_epochs
 from spcola.spice.transfer import Daf, DafArray, encode_daf
 
 KERNEL = r"""KPL/PCK
@@ -84,9 +84,9 @@ def read_kernels(path: Path) -> None:
 
 
 def read_spk(path: Path) -> None:
-    times = state_times(path)
+    times = np.concatenate([state_epochs(one.values, path) for one in daf_segments(path)])
     with KernelSet([path, path.parent / "a.tpc"]).load():
-        body_fixed_trajectory("t", -64, 2101955, times[:4])
+        body_fixed_states(-64, 2101955, times[:4])
 
 
 def read_transfer_file(path: Path) -> None:

@@ -73,7 +73,7 @@ from spcola.formats.images import (
     write_image_data,
 )
 from spcola.formats.maplets import read_maplet, write_maplet
-from spcola.formats.shapes import read_shape, recognise_shape, write_icq, write_obj
+from spcola.formats.shapes import read_shape, recognise_shape, write_icq, write_obj_mesh
 from spcola.formats.shapes.ply import write_ply_mesh
 from spcola.formats.solution import (
     read_landmark,
@@ -354,7 +354,7 @@ KINDS: dict[str, Sample] = {
         _bytes("MAPLIST.TXT", lambda: b"AA0001\nAA0002\nAA0003\nEND\n"), read_list, "text"
     ),
     "icq": Sample(_written("a.txt", lambda p: write_icq(p, _icq())), _read_shape, "text"),
-    "obj": Sample(_written("a.obj", lambda p: write_obj(p, MESH)), _read_shape, "text"),
+    "obj": Sample(_written("a.obj", lambda p: write_obj_mesh(p, MESH)), _read_shape, "text"),
     "ply mesh": Sample(
         _written("a.ply", lambda p: write_ply_mesh(p, MESH, encoding="ascii")), _read_shape, "text"
     ),

@@ -40,7 +40,7 @@ from fusion.truth import read_truth
 from fusion.truth.planted import Planted
 from fusion.workspace import Workspace
 from lidar.gridding import Mapola
-from spcola.control.estimation import Network, NetworkOptions, solve_network
+from spcola.control.bundle_adjustment import Network, NetworkOptions, solve_network
 
 PARTS = {
     "translation": Part(slice(0, 3), "mm", 2.0),

@@ -26,7 +26,7 @@ from fusion.truth.assessment.patches import patch_errors
 from fusion.truth.assessment.regions import REGIONS, Ground
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
-from spcola.heights import slopes_of
+from spcola.heights.slopes import slopes_of
 
 # Errors beyond so many robust standard deviations are not used to fit a movement.
 FAR = 3.0

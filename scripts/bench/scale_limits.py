@@ -122,7 +122,6 @@ class Case:
         again = self.executor.stream(
             lambda pair: rematch(pair, made.options, blur_cells=blur), pairs
         )
-        again = self.executor.map(lambda pair: rematch(pair, made.options, blur_cells=blur), pairs)
         return [pair for pair in again if isinstance(pair, Pair)]
 
     def without_bias(self, observations: ScaleObservations) -> ScaleObservations:

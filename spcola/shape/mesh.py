@@ -58,8 +58,7 @@ class Mesh:
     def area_vectors(self) -> FloatArray:
         """Outward normals of the facets times their areas (F, 3), square metres."""
         a, b, c = self.corners.transpose(1, 0, 2)
-        vectors: FloatArray = np.cross(b - a, c - a) / 2.0
-        return vectors
+        return np.cross(b - a, c - a) / 2.0
 
     @cached_property
     def normals(self) -> FloatArray:

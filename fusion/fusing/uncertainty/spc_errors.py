@@ -10,7 +10,7 @@ from scipy.optimize import nnls
 from fusion.fusing.uncertainty.shape_errors import ShapeErrors, estimate_shape_errors
 from fusion.fusing.uncertainty.variogram import correlated_cells, ends, walk_sigma
 from spcola.arrays import FloatArray, IntArray
-from spcola.grids.statistics import bending
+from spcola.grids.bending import bending
 from spcola.math.robust import mad
 from spcola.photometry import SlopeVariance
 
@@ -41,7 +41,7 @@ class SlopeInformation:
         Addition (in quadrature) per unit of slope: SPC smooths where the surface is steep.
         Dimensionless; times the GSD it is metres.
     bend_sigma : float
-        Addition per metre of bending (:mod:`spcola.grids.statistics.bending_errors`): SPC rounds
+        Addition per metre of bending (:mod:`spcola.grids.bending`): SPC rounds
         edges and flattens boulders. Dimensionless.
     height_sigma_m : float
         Standard deviation of the SPC heights about the lidar's after registration, metres.

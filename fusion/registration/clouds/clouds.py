@@ -36,8 +36,8 @@ from fusion.verdict import Code, Finding, Severity, Verdict
 from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.grids import MapletGrid
+from spcola.grids.correlation import independent_patches, shift_variances
 from spcola.grids.gaps import filled
-from spcola.grids.statistics import independent_patches, shift_variances
 from spcola.math import Affine
 from spcola.math.robust import huber_weight, mad
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from spcola.arrays import FloatArray
-from spcola.control.estimation import Network
+from spcola.control.bundle_adjustment import Network
 from spcola.math.statistics import strongest
 
 # A pattern that displaces the mapolas by less (root of the sum of squares, metres) is smaller than

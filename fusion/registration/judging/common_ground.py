@@ -18,8 +18,8 @@ import numpy as np
 from scipy import ndimage
 
 from spcola.arrays import BoolArray, FloatArray
+from spcola.grids.correlation import shift_correlations
 from spcola.grids.gaps import bridged, trend_of
-from spcola.grids.statistics import shift_correlations
 
 SHOWN = 4.0
 """Standard deviations of unrelated ground by which a significant correlation exceeds its mean."""

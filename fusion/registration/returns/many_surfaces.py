@@ -27,7 +27,7 @@ from fusion.registration.transform.parameters import LIDAR_FRAME, SPC_FRAME
 from fusion.surfacematch import MatchOptions
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
-from spcola.grids.statistics import independent_patches
+from spcola.grids.correlation import independent_patches
 from spcola.math import Affine
 from spcola.math.robust import mad
 

@@ -13,12 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from fusion.registration.direct import SurfacePair
-from fusion.surfacematch import (
-    Surface,
-    accurate_variance,
-    spline_at,
-    spline_coefficients,
-)
+from fusion.surfacematch import Surface, accurate_variance, spline_at, spline_coefficients
 from fusion.surfacematch.resolution import blur
 from spcola.arrays import BoolArray, FloatArray
 from spcola.compilation import compiled

@@ -19,10 +19,11 @@ from fusion.registration.returns.return_heights import (
 from fusion.surfacematch import Match, MatchOptions
 from fusion.verdict import Cause
 from spcola.arrays import BoolArray, FloatArray
+from spcola.grids.correlation import independent_patches, shift_variances
 from spcola.grids.gaps import filled
-from spcola.grids.statistics import independent_patches, robust_covariance, shift_variances
+from spcola.grids.robust_covariance import huber_scores, robust_covariance
 from spcola.math import Affine
-from spcola.math.robust import huber_scores, huber_weight, mad
+from spcola.math.robust import huber_weight, mad
 
 # Displacements further apart than this, cells, count as different solutions.
 _APART = 3.0

@@ -23,7 +23,7 @@ from fusion.registration.transform import (
 )
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
-from spcola.grids.statistics import independent_patches
+from spcola.grids.correlation import independent_patches
 from spcola.math import Affine
 
 # Surfaces with fewer returns of a scan are not used for it.

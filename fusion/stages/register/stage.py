@@ -45,7 +45,7 @@ from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import BodySettings, SpiceSettings, SpinSettings
 from fusion.workspace.settings.processing import MapolaSettings, RegisterSettings
 from spcola.arrays import FloatArray
-from spcola.control.estimation import NetworkOptions, solve_network
+from spcola.control.bundle_adjustment import NetworkOptions, solve_network
 from spcola.errors import NotObservableError, SettingsError
 from spcola.shape import Mesh
 

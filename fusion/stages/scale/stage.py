@@ -6,10 +6,7 @@ from pathlib import Path
 
 from fusion.geolocation import return_paths
 from fusion.pipeline import Stage, StageContext, StageResult
-from fusion.scaling.judging import (
-    consistency,
-    consistency_findings,
-)
+from fusion.scaling.judging import consistency, consistency_findings
 from fusion.stages.ingest import readable_scans
 from fusion.stages.ingest.lidar_files import check_duplicates
 from fusion.stages.scale.pairs import scale_by_pairs

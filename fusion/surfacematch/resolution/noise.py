@@ -17,8 +17,8 @@ from scipy import fft, ndimage
 
 from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape, frozen
 from spcola.errors import InvalidValueError
+from spcola.grids.correlation import autocovariance
 from spcola.grids.gaps import closable, trend_of
-from spcola.grids.statistics import autocovariance
 from spcola.math.robust import mad
 
 # Below this share of the largest power a residual shows deficiencies of the model rather than

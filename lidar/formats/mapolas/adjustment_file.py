@@ -10,14 +10,13 @@ import numpy as np
 from lidar.adjustment import RigidArcs, ScanAdjustment, ScanErrorSizes
 from spcola.arrays import AnyArray
 from spcola.errors import InvalidValueError
-from spcola.formats.stores import (
+from spcola.formats.hdf5 import (
     read_layer,
     read_names,
     read_number,
     reading_hdf5,
     replacing_hdf5,
     stored,
-    stored_names,
 )
 
 ADJUSTMENT_HDF5 = "adjustment.h5"
@@ -43,7 +42,7 @@ def write_adjustment(path: str | Path, adjustment: ScanAdjustment) -> None:
     """
     with replacing_hdf5(path) as file:
         file.attrs["format"] = stored(_FORMAT)
-        file["names"] = stored_names(adjustment.names)
+        file["names"] = stored(adjustment.names)
         for layer in _ARCS:
             file[layer] = getattr(adjustment.arcs, layer)
         for layer in _LAYERS:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from lidar.gridding import Mapola
-from spcola.formats.stores import MapStore
+from spcola.formats.map_store import MapStore
 
 MAPOLAS_HDF5 = "mapolas.h5"
 """Name of the HDF5 file in a folder of mapolas."""

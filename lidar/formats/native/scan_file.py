@@ -21,13 +21,11 @@ from lidar.scans import Scan, ScanSummary
 from lidar.scans.cubes import MOST_BITS
 from spcola.arrays import AnyArray
 from spcola.errors import FormatError, InvalidValueError
-from spcola.formats.stores import (
-    NUMBERS,
+from spcola.formats.hdf5 import (
     read_number,
     read_text,
     reading_hdf5,
     replacing_hdf5,
-    seal,
     sealed,
     stored,
 )
@@ -73,7 +71,7 @@ def write_scan(
     WorkspaceError
         If the file cannot be written.
     """
-    with replacing_hdf5(path) as file:
+    with replacing_hdf5(path, seal=True) as file:
         summary: ScanSummary | None = None
         blocks = 0
         for scan in chunks:
@@ -85,7 +83,6 @@ def write_scan(
             raise InvalidValueError("has no chunk to write", path)
         summary = replace(summary, digest=digest, parameters=dict(parameters or {}))
         _write_attributes(file, summary, blocks)
-        seal(file)
     return summary
 
 
@@ -228,8 +225,6 @@ def _place(data: Any) -> _Place:
     offset = data.id.get_offset()
     if offset is None:
         raise InvalidValueError("is packed or has no data, so that it cannot be mapped", data.name)
-    if data.dtype.kind not in NUMBERS:
-        raise InvalidValueError(f"is of type {data.dtype}", data.name)
     return _Place(int(offset), data.dtype, data.shape, int(data.attrs["crc32"]))
 
 

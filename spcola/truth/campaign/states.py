@@ -14,6 +14,8 @@ from spcola.navigation import NominalState, utc_from_et
 from spcola.truth.campaign.cameras import looking, turned_to
 from spcola.truth.campaign.stations import Station
 
+__all__ = ["SolvedState", "StateSettings", "make_state"]
+
 
 @dataclass(frozen=True)
 class StateSettings:
@@ -105,17 +107,7 @@ def make_state(
     bits : int
         Depth of the image: its thresholds lie above the noise and below saturation.
     """
-    truth = SpcImage(
-        name=station.name,
-        utc=utc_from_et(station.time),
-        camera=replace(station.camera, distortion=np.array(settings.distortion)),
-        scobj=-station.position,
-        axes=looking(station.position, station.target),
-        sun=sun,
-        thresholds=(2**bits // 256, 2**bits - 2),
-        scobj_sigma=np.zeros(3),
-        pointing_sigma=np.zeros(3),
-    )
+    truth = _true_image(station, sun, settings, bits)
     position = to_spc.apply(station.position)
     wrong = position + settings.position_sigma * generator.normal(size=3)
     axes = to_spc.turn(truth.axes)
@@ -139,6 +131,21 @@ def make_state(
         pointing_sigma=np.full(3, settings.nominal_pointing_sigma),
     )
     return SolvedState(truth, solved, nominal)
+
+
+def _true_image(station: Station, sun: FloatArray, settings: StateSettings, bits: int) -> SpcImage:
+    """Return the true state of an image, without pixels."""
+    return SpcImage(
+        name=station.name,
+        utc=utc_from_et(station.time),
+        camera=replace(station.camera, distortion=np.array(settings.distortion)),
+        scobj=-station.position,
+        axes=looking(station.position, station.target),
+        sun=sun,
+        thresholds=(2**bits // 256, 2**bits - 2),
+        scobj_sigma=np.zeros(3),
+        pointing_sigma=np.zeros(3),
+    )
 
 
 def _capped_deviation(generator: np.random.Generator) -> FloatArray:

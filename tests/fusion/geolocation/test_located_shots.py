@@ -24,7 +24,7 @@ from lidar.scans import Scan
 from spcola.camera import Camera, SpcImage
 from spcola.errors import KernelError
 from spcola.formats.maplets import write_maplet
-from spcola.formats.shapes import write_obj
+from spcola.formats.shapes import write_obj_mesh
 from spcola.formats.solution import write_summary
 from spcola.grids import Maplet, MapletGrid
 from spcola.navigation import SPICE_LOCK, utc_from_et
@@ -89,7 +89,7 @@ def shots(times: np.ndarray, files: list[Path], mesh: Mesh) -> Scan:
 def located(folder: Path, times: np.ndarray, **tables: dict[str, Any]) -> Workspace:
     """A workspace with shots at these times, to be located by the kernels that made them."""
     mesh, files = body(), kernels(folder)
-    write_obj(folder / "ball.obj", mesh)
+    write_obj_mesh(folder / "ball.obj", mesh)
     workspace = new_workspace(folder / "ws", body="Ball", shape=folder / "ball.obj")
     scan = shots(times, files, mesh)
     write_scan(workspace.root / "scans" / "shots.h5", [scan])

@@ -32,7 +32,7 @@ from spcola.errors import SettingsError
 from spcola.formats.maplets import write_maplet
 from spcola.formats.solution import write_summary
 from spcola.grids import Maplet, MapletGrid
-from spcola.navigation import SPICE_LOCK, Spin, turned, utc_from_et
+from spcola.navigation import SPICE_LOCK, Spin, utc_from_et
 from spcola.spice import KernelSet
 
 STATED = Spin(85.45, -60.37, 140.69, 2011.15)
@@ -75,8 +75,7 @@ def scans() -> list[Scan]:
 
 def rotated(scan: Scan, old: Spin, new: Spin) -> Scan:
     """The scan as its file would be by another rotation."""
-    change = old.change_to(new, scan.time)
-    points, station = turned(change, scan.points), turned(change, scan.spacecraft)
+    points, station = (old.moved(v, new, scan.time) for v in (scan.points, scan.spacecraft))
     return Scan.of_points(
         scan.name, points, time=scan.time, spacecraft=station, body="Ball", range=scan.range
     )

@@ -16,12 +16,12 @@ from fusion.registration.observations import ImagedMapolas, place_mapolas
 from fusion.registration.observations.combine import ObservationTypeSizes, joint_matches
 from fusion.surfacematch import Match
 from spcola.camera import Camera, SpcImage, project_image
-from spcola.control.estimation import Fixes, state_covariance
+from spcola.control.estimation import MeasuredLandmarks, state_covariance
 from spcola.grids import MapletGrid
 from spcola.imagematching import Sighting, SizeFactors
 
 CAMERA = Camera(100.0, [128.5, 128.5], [[40.0, 0.0, 0.0], [0.0, 40.0, 0.0]], 256, 256)
-NO_FIXES = Fixes(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 3)))
+NO_FIXES = MeasuredLandmarks(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 3)))
 
 
 def looking(name, position):

@@ -154,7 +154,7 @@ def test_clouds_may_lie_anywhere_and_a_metre_apart() -> None:
     frame = Similarity.from_rotation_vector([0.7, -0.4, 1.1], [100.0, -200.0, 60.0])
     planted = Similarity.from_rotation_vector([0.0, 1e-3, 0.0], [0.6, 0.5, -0.4], 1.0)
     fixed, moving = Terrain(4).cloud(1, POINTS, NOISE_M), Terrain(4).cloud(0, POINTS, NOISE_M)
-    there = frame.compose(planted.inverse()).apply(moving)
+    there = (frame @ planted.inverse()).apply(moving)
     found = register_clouds(there, frame.apply(fixed))
     expected = frame.apply(moving)
     assert np.abs(found.transform.apply(there) - expected).max() < 0.005

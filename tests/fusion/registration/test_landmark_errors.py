@@ -13,7 +13,7 @@ from fusion.registration.fit import (
     fit_mapolas,
 )
 from fusion.surfacematch import Match
-from spcola.control.estimation import Network
+from spcola.control.bundle_adjustment import Network
 from spcola.math import lattice
 
 COUNT, RADIUS, OWN, SHARED = 120, 200.0, 0.01, 0.04

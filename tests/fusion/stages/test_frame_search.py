@@ -29,7 +29,7 @@ from lidar.formats.records import LidarOptions
 from lidar.scans import Scan
 from spcola.arrays import FloatArray
 from spcola.formats.maplets import write_maplet
-from spcola.formats.shapes import write_obj
+from spcola.formats.shapes import write_obj_mesh
 from spcola.grids import Maplet, MapletGrid
 from spcola.math import lattice
 from spcola.shape import Mesh
@@ -64,7 +64,7 @@ def workspace(tmp_path: Path) -> Workspace:
     a, b, c = units[facets].transpose(1, 0, 2)
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0.0
     facets[inward] = facets[inward][:, ::-1]
-    write_obj(tmp_path / "body.obj", Mesh(ground(units), facets), unit="m")
+    write_obj_mesh(tmp_path / "body.obj", Mesh(ground(units), facets), unit="m")
     workspace = new_workspace(tmp_path / "WS", shape=tmp_path / "body.obj", shape_unit="m")
     turn = np.array([[-0.5, -np.sqrt(0.75), 0.0], [np.sqrt(0.75), -0.5, 0.0], [0.0, 0.0, 1.0]])
     seen = ground(lattice(20_001)) @ turn.T

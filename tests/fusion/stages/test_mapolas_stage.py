@@ -21,7 +21,7 @@ from lidar.formats.native import scan_summary, write_scan
 from lidar.scans import Scan
 from spcola.errors import SettingsError, WorkspaceError
 from spcola.formats.maplets import write_maplet
-from spcola.formats.shapes import write_obj
+from spcola.formats.shapes import write_obj_mesh
 from spcola.grids import Maplet, MapletGrid
 from spcola.shape import Mesh
 
@@ -138,13 +138,13 @@ def test_a_covering_needs_a_shape_and_a_spacing(workspace: Workspace) -> None:
     settings = Settings().with_table("mapolas", source="cover")
     with pytest.raises(WorkspaceError, match="needs a shape"):
         pipeline(workspace, settings).run_stage("mapolas")
-    write_obj(workspace.root / "SHAPEFILES" / "ball.obj", ball())
+    write_obj_mesh(workspace.root / "SHAPEFILES" / "ball.obj", ball())
     with pytest.raises(SettingsError, match=r"\[mapolas\] gsd_m"):
         pipeline(workspace, settings).run_stage("mapolas")
 
 
 def test_a_covering_makes_mapolas_where_the_returns_are(workspace: Workspace) -> None:
-    write_obj(workspace.root / "SHAPEFILES" / "ball.obj", ball())
+    write_obj_mesh(workspace.root / "SHAPEFILES" / "ball.obj", ball())
     settings = Settings().with_table("mapolas", source="cover", gsd_m=1.0, half_size=6)
     run = pipeline(workspace, settings).run_stage("mapolas")
     assert 0 < run.summary["mapolas"] < run.summary["grids"]

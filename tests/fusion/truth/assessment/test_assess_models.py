@@ -13,7 +13,7 @@ from fusion.truth.assessment.model import MapletModel, MeshModel, evenly, square
 from spcola.errors import FormatError, WorkspaceError
 from spcola.formats.maplets import write_maplet
 from spcola.formats.shapes import write_icq
-from spcola.formats.shapes import write_obj as write_mesh
+from spcola.formats.shapes import write_obj_mesh as write_mesh
 from spcola.grids import Maplet, MapletGrid
 from spcola.shape.icq import IcqShape, icq_directions
 

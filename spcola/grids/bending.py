@@ -7,6 +7,8 @@ from scipy.ndimage import maximum_filter, minimum_filter
 
 from spcola.arrays import FloatArray
 
+__all__ = ["BENDING_NOISE", "BENDING_RANGE_NOISE", "CELL_SHARE", "bending", "bending_range"]
+
 CELL_SHARE = 1.0 / 24.0
 """Factor from bending to the difference between a quadratic surface's mean over the cell around a
 grid point and its height there: ∫ ½ (h_xx x² + h_yy y²) over the unit square."""
@@ -45,13 +47,10 @@ def bending(height: FloatArray) -> FloatArray:
 def bending_range(height: FloatArray) -> FloatArray:
     """Return the range of :func:`bending` within the 3 × 3 points around each point, metres.
 
+    `height` (R, C) is as there.
+
     At the edge of a boulder it shows bending that a single point misses. 0 where at most one of
     them is known.
-
-    Parameters
-    ----------
-    height : (R, C) ndarray
-        Metres; NaN where unknown.
     """
     bend = bending(height)
     known = np.isfinite(bend)

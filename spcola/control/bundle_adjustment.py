@@ -16,9 +16,12 @@ import numpy as np
 from scipy import linalg
 
 from spcola.arrays import FloatArray, IntArray, check_shape
-from spcola.camera import SpcImage, partials_position, partials_rotation, project_image
+from spcola.camera import SpcImage, project_image
+from spcola.control.estimation import state_partials
 from spcola.errors import InvalidValueError
 from spcola.math.robust import huber_weight, mad
+
+__all__ = ["Network", "NetworkOptions", "solve_network"]
 
 # Prior of camera pointing, radians: practically free. A solution turns its cameras until the
 # landmarks fit, so the stated sigma of pointing is not independent of that of position.
@@ -130,17 +133,7 @@ def solve_network(
         own = np.einsum("ni,ij->nij", stated**2, np.eye(3))
         none = np.zeros((len(names), 3, 0))
         return Network(tuple(names), np.zeros(centers.shape), own, none, float("nan"), 0, 0)
-    residual = np.concatenate([one.residual for one in sightings])
-    spread, weight = options.pixel_sigma, huber_weight(np.zeros(len(residual)))
-    for _ in range(_ROUNDS):
-        normal = _Normal.of(sightings, weight / spread**2, stated)
-        left = residual - normal.predicted(sightings)
-        # Each camera absorbs at least three of its residuals, each landmark some.
-        free, least = normal.freedom(residual.size), _LEAST_FREE * residual.size
-        spread = float(mad(left)) * float(np.sqrt(residual.size / max(free, least)))
-        # Residuals without redundancy are 0 whatever the errors of the places.
-        spread = max(spread, options.pixel_sigma if free < least else _ROUNDED)
-        weight = huber_weight(np.linalg.norm(left, axis=1) / spread, k=2.5)
+    normal, spread = _adjusted(sightings, stated, options.pixel_sigma)
     return Network(
         names=tuple(names),
         offset=-normal.landmarks,
@@ -148,7 +141,7 @@ def solve_network(
         shared=normal.patterns(),
         pixel_sigma=spread,
         images=len(sightings),
-        seen=len(residual),
+        seen=sum(len(one.residual) for one in sightings),
     )
 
 
@@ -179,18 +172,37 @@ def _sightings(
             continue
         landmark = np.array([number[point.name] for point in points])
         place = centers[landmark]
-        state = (image.camera, image.axes, image.scobj, place)
         observed = np.array([[point.pixel, point.line] for point in points])
         residual = observed - np.stack(project_image(image, place), axis=1)
         if not np.isfinite(residual).all():
             raise InvalidValueError("a landmark lies behind the camera that sees it", image.name)
-        by_place = partials_position(*state)
-        by_state = np.concatenate([partials_rotation(*state), by_place], axis=2)
+        by_state = state_partials(image, place)
         known = image.scobj_sigma > 0
         position = np.where(known, image.scobj_sigma, options.position_sigma)
         sigma = np.concatenate([np.full(3, _FREE_TURN), position])
-        found.append(_Sighting(landmark, residual, by_place, by_state, sigma))
+        found.append(_Sighting(landmark, residual, by_state[..., 3:], by_state, sigma))
     return found
+
+
+def _adjusted(
+    sightings: list[_Sighting], sigma: FloatArray, pixel_sigma: float
+) -> tuple[_Normal, float]:
+    """Return the robust solution, and the standard deviation of the residuals, pixels.
+
+    `sigma` (N, 3), metres, and `pixel_sigma` are the priors of landmarks and of their places.
+    """
+    residual = np.concatenate([one.residual for one in sightings])
+    spread, weight = pixel_sigma, huber_weight(np.zeros(len(residual)))
+    for _ in range(_ROUNDS):
+        normal = _Normal.of(sightings, weight / spread**2, sigma)
+        left = residual - normal.predicted(sightings)
+        # Each camera absorbs at least three of its residuals, each landmark some.
+        free, least = normal.freedom(residual.size), _LEAST_FREE * residual.size
+        spread = float(mad(left)) * float(np.sqrt(residual.size / max(free, least)))
+        # Residuals without redundancy are 0 whatever the errors of the places.
+        spread = max(spread, pixel_sigma if free < least else _ROUNDED)
+        weight = huber_weight(np.linalg.norm(left, axis=1) / spread, k=2.5)
+    return normal, spread
 
 
 class _Tie(NamedTuple):
@@ -286,5 +298,4 @@ def _inverse_root(matrix: FloatArray) -> FloatArray:
     unit = 1.0 / np.sqrt(np.diag(matrix))
     lower = linalg.cholesky(matrix * np.outer(unit, unit), lower=True)
     inverse = linalg.solve_triangular(lower, np.eye(len(lower)), lower=True)
-    root: FloatArray = unit[:, None] * inverse.T
-    return root
+    return unit[:, None] * inverse.T

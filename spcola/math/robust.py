@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from spcola.arrays import FloatArray
+
+__all__ = [
+    "HUBER",
+    "MAD_TO_SIGMA",
+    "TUKEY",
+    "biweight",
+    "cauchy_weight",
+    "huber_solution",
+    "huber_weight",
+    "mad",
+]
+
+_ROUNDS = 4
+# Largest condition number of a normal matrix scaled to a unit diagonal.
+_LARGEST_CONDITION = 1e10
 
 MAD_TO_SIGMA = 1.482602218505602
 """1 / Φ⁻¹(3/4): makes the median absolute deviation of a normal sample its standard deviation."""
@@ -60,20 +73,11 @@ def cauchy_weight(z: ArrayLike, k: float = 2.385) -> FloatArray:
     return np.where(np.isnan(ratio), 0.0, weight)
 
 
-def huber_solution(
-    rows: FloatArray, values: FloatArray, *, rounds: int = 4, largest_condition: float = 1e10
-) -> tuple[FloatArray, FloatArray] | None:
-    """Return the least-squares solution (P,) of ``rows · p = values`` and Huber's weights (N,).
+def huber_solution(rows: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """Return the solution (P,) of `rows` (N, P) · p = `values` (N,), and Huber's weights (N,).
 
     Weights are those of residuals over their median deviation, iterated for a few rounds.
 
-    Parameters
-    ----------
-    rows : (N, P) ndarray
-    values : (N,) ndarray
-    rounds : int
-    largest_condition : float
-        Largest condition number of the normal matrix scaled to a unit diagonal.
 
     Returns
     -------
@@ -86,10 +90,10 @@ def huber_solution(
     if not np.min(scale) > 1e-12 * np.max(scale):
         return None
     unit = rows / scale
-    for _ in range(rounds):
+    for _ in range(_ROUNDS):
         weighted = unit * weight[:, None]
         normal = weighted.T @ unit
-        if np.linalg.cond(normal) > largest_condition:
+        if np.linalg.cond(normal) > _LARGEST_CONDITION:
             return None
         solution = np.linalg.solve(normal, weighted.T @ values)
         rest = values - unit @ solution
@@ -104,55 +108,15 @@ TUKEY = 4.685
 """Standard deviations beyond which Tukey's estimate gives a residual no weight."""
 
 
-def biweight(z: ArrayLike, c: float = TUKEY) -> FloatArray:
-    """Return Tukey's weights (1 − (z/c)²)², 0 beyond c (95 % efficient with c = 4.685).
+def biweight(z: ArrayLike) -> FloatArray:
+    """Return Tukey's weights (1 − (z/c)²)², 0 beyond c = 4.685 (95 % efficient).
 
     `z` are residuals over their standard deviation; NaN gets weight 0. Outliers on one side have
     no influence at all, but the start must be good: begin with :func:`huber_weight`.
     """
-    ratio = np.minimum(np.abs(np.asarray(z, dtype=np.float64)) / c, 1.0)
+    ratio = np.minimum(np.abs(np.asarray(z, dtype=np.float64)) / TUKEY, 1.0)
     weight: FloatArray = (1.0 - ratio * ratio) ** 2
     return np.where(np.isnan(ratio), 0.0, weight)
-
-
-class Scores(NamedTuple):
-    """Scores of residuals, ψ(e), and their derivatives, ψ′(e).
-
-    Parameters
-    ----------
-    pull : ndarray
-        ψ(e).
-    slope : ndarray
-        ψ′(e).
-    """
-
-    pull: FloatArray
-    slope: FloatArray
-
-
-def huber_scores(residual: ArrayLike, spread: float) -> Scores:
-    """Return Huber's ψ, the residual cut off at 1.345 `spread`; the residual itself if that is 0.
-
-    Any unit; NaN remains NaN.
-    """
-    array = np.asarray(residual, dtype=np.float64)
-    if not spread > 0:
-        return Scores(array, np.ones(array.shape))
-    bound = HUBER * spread
-    return Scores(np.clip(array, -bound, bound), (np.abs(array) < bound).astype(np.float64))
-
-
-def biweight_scores(residual: ArrayLike, spread: float) -> Scores:
-    """Return Tukey's ψ, 0 beyond 4.685 `spread`; the residual itself if that is 0.
-
-    Any unit; NaN remains NaN.
-    """
-    array = np.asarray(residual, dtype=np.float64)
-    if not spread > 0:
-        return Scores(array, np.ones(array.shape))
-    square = np.minimum((array / (TUKEY * spread)) ** 2, 1.0)
-    weighed = np.where(np.isnan(array), np.nan, array * biweight(array / spread))
-    return Scores(weighed, (1.0 - square) * (1.0 - 5.0 * square))
 
 
 def _median(array: FloatArray, axis: int) -> FloatArray:
@@ -171,5 +135,4 @@ def _median(array: FloatArray, axis: int) -> FloatArray:
         return np.full(np.delete(array.shape, axis), np.nan)
     low = np.take_along_axis(ordered, np.maximum(count - 1, 0) // 2, axis)
     high = np.take_along_axis(ordered, np.minimum(count // 2, ordered.shape[axis] - 1), axis)
-    middle: FloatArray = np.squeeze((low + high) / 2.0, axis)
-    return middle
+    return np.squeeze((low + high) / 2.0, axis)

@@ -13,6 +13,17 @@ from scipy.ndimage import binary_dilation, binary_erosion, distance_transform_ed
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.compilation import compiled
 
+__all__ = [
+    "bridged",
+    "bridged_mask",
+    "carried_on",
+    "closable",
+    "closed",
+    "filled",
+    "plane_of",
+    "trend_of",
+]
+
 # Gaussian, cells: in narrow gaps the smoothed share of known points exceeds this limit.
 _NEAR, _SHARE = 1.0, 0.2
 # Sweeps until narrow gaps bend least; in wide gaps more sweeps would hardly change the rim.
@@ -28,8 +39,7 @@ def carried_on(layer: FloatArray) -> FloatArray:
     if not unknown.any() or unknown.all():
         return layer
     nearest = distance_transform_edt(unknown, return_distances=False, return_indices=True)
-    whole: FloatArray = layer[tuple(nearest)]
-    return whole
+    return layer[tuple(nearest)]
 
 
 def bridged_mask(known: BoolArray, max_gap: int) -> BoolArray:
@@ -49,8 +59,7 @@ def closable(known: BoolArray) -> BoolArray:
     """Mask (R, C) of points that are known or lie in a gap narrow enough to be closed."""
     if known.all():
         return known
-    near: BoolArray = known | (gaussian_filter(known.astype(np.float64), _NEAR) > _SHARE)
-    return near
+    return known | (gaussian_filter(known.astype(np.float64), _NEAR) > _SHARE)
 
 
 def closed(layer: FloatArray) -> FloatArray:
@@ -93,8 +102,7 @@ def _fitted(height: FloatArray, terms: int) -> FloatArray:
     weighted = design * known.ravel()
     right = weighted @ np.where(known, height, 0.0).ravel()
     solution = np.linalg.lstsq(weighted @ design.T, right, rcond=1e-12)[0]
-    fitted: FloatArray = (solution @ design).reshape(height.shape)
-    return fitted
+    return (solution @ design).reshape(height.shape)
 
 
 @lru_cache(4)
@@ -115,20 +123,14 @@ def filled(height: FloatArray) -> FloatArray:
     if known.all() or not known.any():
         return np.where(known, height, 0.0)
     trend = trend_of(height)
-    result: FloatArray = np.where(known, height, carried_on(height - trend) + trend)
-    return result
+    return np.where(known, height, carried_on(height - trend) + trend)
 
 
 def bridged(height: FloatArray) -> FloatArray:
-    """Return heights (R, C), metres, with gaps interpolated: smoothly where they are narrow.
+    """Return `height` (R, C), metres, with gaps interpolated: smoothly where they are narrow.
 
     A wide gap, or one that is open to the edge, is filled with the surface's paraboloid: a level
     filling would have a kink that a filter carries far. 0 everywhere if nothing is known.
-
-    Parameters
-    ----------
-    height : (R, C) ndarray
-        Metres; NaN where unknown.
     """
     known = np.isfinite(height)
     if known.all():

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from scipy import fft
 
 from spcola.arrays import AnyArray, BoolArray, FloatArray
-from spcola.math.robust import Scores
+
+__all__ = ["autocovariance", "independent_patches", "shift_correlations", "shift_variances"]
 
 # Fewer points do not determine a variance.
 _LEAST_POINTS = 30
+# Largest lag of a correlation, cells.
+_LONGEST_LAG = 20
 
 
 def shift_variances(
@@ -46,7 +47,7 @@ def shift_variances(
     """
     base = float(np.mean(fixed[fixed_weight > 0]))
     a, b = moving - base, fixed - base
-    size = _padded(fixed.shape, reach)
+    size = padded_size(fixed.shape, reach)
     one, first, second = _spectra(a, moving_mask, size).conj()
     two, third, fourth = _spectra(b, fixed_weight, size)
     square = one * fourth + second * two - 2.0 * first * third
@@ -84,7 +85,7 @@ def shift_correlations(
         Index ``[dy + reach, dx + reach]``, −1 … 1; NaN where fewer than 30 points overlap, or one
         side has no texture there.
     """
-    size = _padded(fixed.shape, reach)
+    size = padded_size(fixed.shape, reach)
     one = _spectra(moving, moving_mask, size).conj()
     two = _spectra(fixed, fixed_mask, size)
     total = _lags(one[0] * two[0], size, reach)
@@ -99,7 +100,7 @@ def shift_correlations(
     return correlation
 
 
-def _padded(shape: tuple[int, ...], reach: int) -> tuple[int, int]:
+def padded_size(shape: tuple[int, ...], reach: int) -> tuple[int, int]:
     """Size of a transform in which lags up to `reach` do not wrap around."""
     rows, columns = (fft.next_fast_len(n + reach, real=True) for n in shape)
     return rows, columns
@@ -108,16 +109,14 @@ def _padded(shape: tuple[int, ...], reach: int) -> tuple[int, int]:
 def _spectra(values: FloatArray, weight: AnyArray, size: tuple[int, int]) -> AnyArray:
     """Transforms (3, …) of weights, of weighted values, and of weighted squares of values."""
     first = values * weight
-    spectra: AnyArray = fft.rfft2(np.stack([weight, first, values * first]), size)
-    return spectra
+    return fft.rfft2(np.stack([weight, first, values * first]), size)
 
 
 def _lags(spectra: AnyArray, size: tuple[int, int], reach: int) -> FloatArray:
     """Lags −reach … reach on the last two axes of correlations given by their spectra (…)."""
     full = fft.irfft2(spectra, size)
     index = np.arange(-reach, reach + 1)
-    lags: FloatArray = full[..., index[:, None], index]
-    return lags
+    return full[..., index[:, None], index]
 
 
 def autocovariance(residual: FloatArray, reach: int) -> FloatArray:
@@ -137,7 +136,7 @@ def autocovariance(residual: FloatArray, reach: int) -> FloatArray:
         edge and hardly changes the short lags.
     """
     known = np.isfinite(residual)
-    size = _padded(residual.shape, reach)
+    size = padded_size(residual.shape, reach)
     spectra = fft.rfft2(np.stack([known, np.where(known, residual, 0.0)]), size)
     count, product = _lags(spectra.real**2 + spectra.imag**2, size, reach)
     raw = product / np.maximum(count, 1.0)
@@ -145,109 +144,21 @@ def autocovariance(residual: FloatArray, reach: int) -> FloatArray:
     return raw * np.outer(taper, taper)
 
 
-def independent_patches(residual: FloatArray, *, reach: int = 20) -> float:
-    """Number of patches of a residual field whose errors are about independent.
+def independent_patches(residual: FloatArray) -> float:
+    """Number of patches of a `residual` field (N, N) whose errors are about independent.
 
     The number of known points over the area, in cells, that the autocorrelation covers.
-
-    Parameters
-    ----------
-    residual : (N, N) ndarray
-        NaN where there is none.
-    reach : int
-        Largest lag, cells; at most a quarter of the grid is used.
     """
-    covariance = autocovariance(residual, _usable(reach, residual))
-    return float(np.count_nonzero(np.isfinite(residual))) / _area(covariance)
+    covariance = autocovariance(residual, usable_reach(residual))
+    return float(np.count_nonzero(np.isfinite(residual))) / correlated_cells(covariance)
 
 
-def _area(covariance: FloatArray) -> float:
+def correlated_cells(covariance: FloatArray) -> float:
     """Area of the correlation, cells, at least one."""
     variance = float(covariance[covariance.shape[0] // 2, covariance.shape[1] // 2])
     return max(float(np.sum(covariance)) / variance, 1.0) if variance > 0 else 1.0
 
 
-def _usable(reach: int, residual: FloatArray) -> int:
-    """Largest lag that the size of a field allows."""
-    return max(1, min(reach, residual.shape[0] // 4))
-
-
-class RobustCovariance(NamedTuple):
-    """Covariance (P, P) of an estimate, and the number of independent patches of its residual.
-
-    Parameters
-    ----------
-    matrix : (P, P) ndarray
-        In the squared units of the parameters.
-    patches : float
-        Number of independent patches.
-    """
-
-    matrix: FloatArray
-    patches: float
-
-
-def robust_covariance(
-    design: FloatArray,
-    scores: Scores,
-    *,
-    rise: FloatArray | None = None,
-    reach: int = 20,
-) -> RobustCovariance:
-    """Covariance of a robust least-squares estimate with correlated residuals.
-
-    A robust estimate solves ``Σ ψ(e_i) g_i = 0``. With C the autocovariance of ψ(e) and
-    ``H = Σ ψ′(e_i) g_i r_iᵀ`` its covariance is ``H⁻¹ (Σ_ij g_i C(i − j) g_jᵀ) H⁻ᵀ``: correlated
-    errors of neighbours are included (the "sandwich" estimate). The loss of P degrees of freedom
-    is compensated by n / (n − P), n the independent patches.
-
-    Parameters
-    ----------
-    design : (P, N, N) ndarray
-        Partial derivatives g at each grid point; 0 where nothing was compared.
-    scores : Scores
-        Scores of residuals (N, N) of uniform standard deviation (metres, or over the points' own
-        sigma, as the design is then too); NaN where nothing was compared.
-    rise : (P, N, N) ndarray, optional
-        r: change of the residual with the estimate, where it is known better than by g, whose own
-        noise would count as information; g by default.
-    reach : int
-        Largest lag, cells; at most a quarter of the grid is used.
-
-    Returns
-    -------
-    RobustCovariance
-        In the units of the estimate squared; infinite where there are no more patches than
-        parameters. Source: Huber (1967); docs: derivations §13.
-    """
-    size = len(design)
-    covariance = autocovariance(scores.pull, _usable(reach, scores.pull))
-    compared = np.isfinite(scores.pull)
-    patches = float(np.count_nonzero(compared) / _area(covariance))
-    if patches <= size:
-        return RobustCovariance(np.full((size, size), np.inf), patches)
-    covariance *= patches / (patches - size)
-    slope = np.where(compared, scores.slope, 0.0)
-    rise = design if rise is None else rise
-    inverse = np.linalg.inv((design * slope).reshape(size, -1) @ rise.reshape(size, -1).T)
-    sandwich: FloatArray = inverse @ _smeared(design, covariance) @ inverse.T
-    return RobustCovariance((sandwich + sandwich.T) / 2.0, patches)
-
-
-def _smeared(design: FloatArray, covariance: FloatArray) -> FloatArray:
-    """``Σ_ij g_i C(i − j) g_jᵀ`` (P, P) over a grid, by FFT; the spectrum of C is kept positive."""
-    reach = covariance.shape[0] // 2
-    size = _padded(design.shape[1:], reach)
-    kernel = np.zeros(size)
-    index = np.arange(-reach, reach + 1)
-    kernel[np.ix_(index, index)] = covariance
-    power = np.maximum(fft.rfft2(kernel).real, 0.0)
-    spectra = fft.rfft2(design, size).reshape(len(design), -1)
-    # Columns of a real transform that also represent their mirror images.
-    twice = np.full(power.shape, 2.0)
-    twice[:, 0] = 1.0
-    if size[1] % 2 == 0:
-        twice[:, -1] = 1.0
-    weighted = spectra * (power * twice).ravel()
-    middle: FloatArray = (weighted @ spectra.conj().T).real / (size[0] * size[1])
-    return middle
+def usable_reach(residual: FloatArray) -> int:
+    """Largest lag, cells, of a field's correlation: at most a quarter of the field."""
+    return max(1, min(_LONGEST_LAG, residual.shape[0] // 4))

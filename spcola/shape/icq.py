@@ -13,6 +13,16 @@ from spcola.arrays import BoolArray, FloatArray, IntArray, check_finite, frozen
 from spcola.errors import InvalidValueError
 from spcola.shape.mesh import Mesh
 
+__all__ = [
+    "IcqEdges",
+    "IcqShape",
+    "as_icq",
+    "distinct_vertices",
+    "first_open_edge",
+    "icq_directions",
+    "label_name",
+]
+
 # Pairs of labels that name one vertex (Gaskell's ICQ format): each word gives I, J and the face of
 # one end, t running from 0 to Q and r from Q to 0.
 _SHARED_EDGES = (
@@ -81,8 +91,8 @@ class IcqShape:
         Body-fixed, metres, indexed ``[F − 1, J, I]``.
     layer : (6, Q+1, Q+1) array_like, optional
         The fourth column of a file: relative albedo, or sigma in metres.
-    Name of the body or file.
-        What it is a shape of.
+    name : str
+        Name of the body or file.
 
     Raises
     ------
@@ -220,19 +230,11 @@ def _differing(vertices: FloatArray, share: float) -> BoolArray:
     points = vertices.reshape(-1, 3)
     gaps = np.max(np.abs(points[one] - points[other]), axis=1)
     radius = float(np.sqrt(np.max(np.sum(points**2, axis=1))))
-    differing: BoolArray = gaps > share * radius
-    return differing
+    return gaps > share * radius
 
 
 def label_name(number: int, q: int) -> str:
-    """Return a label number (from 0, in the order of the file) as ``(I, J, F)``.
-
-    Parameters
-    ----------
-    number : int
-    q : int
-        Q: facets along the side of a face.
-    """
+    """Return the label `number` (from 0, in the order of a file with Q = `q`) as ``(I, J, F)``."""
     face, rest = divmod(number, (q + 1) ** 2)
     return f"({rest % (q + 1)}, {rest // (q + 1)}, {face + 1})"
 
@@ -251,12 +253,7 @@ def shared_labels(q: int) -> tuple[IntArray, IntArray]:
 
 
 def distinct_vertices(q: int) -> tuple[IntArray, IntArray]:
-    """Return the vertex of each label, and the first label of each vertex.
-
-    Parameters
-    ----------
-    q : int
-        Q: facets along the side of a face.
+    """Return the vertex of each label of an ICQ (Q is `q`), and the first label of each vertex.
 
     Returns
     -------
@@ -277,23 +274,17 @@ def distinct_vertices(q: int) -> tuple[IntArray, IntArray]:
 
 
 def icq_directions(q: int) -> FloatArray:
-    """Return unit vectors (6, Q+1, Q+1, 3) of evenly spread ICQ labels: a unit sphere.
+    """Return unit vectors (6, Q+1, Q+1, 3) of evenly spread ICQ labels (Q is `q`): a unit sphere.
 
     Equal angles (not equal steps on the cube) between neighbours in the middle of a face, so
     that facets differ less in size.
-
-    Parameters
-    ----------
-    q : int
-        Q: facets along the side of a face.
     """
     steps = np.tan(np.pi / 4.0 * np.linspace(-1.0, 1.0, q + 1))
     b, a = np.meshgrid(steps, steps, indexing="ij")
     one = np.ones_like(a)
     faces = [(a, -b, one), (a, -one, -b), (-one, -a, -b), (-a, one, -b), (one, a, -b), (a, b, -one)]
     cube = np.array(faces).transpose(0, 2, 3, 1)
-    directions: FloatArray = cube / np.linalg.norm(cube, axis=-1, keepdims=True)
-    return directions
+    return cube / np.linalg.norm(cube, axis=-1, keepdims=True)
 
 
 def icq_q(count: int) -> int | None:

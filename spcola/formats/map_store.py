@@ -22,11 +22,7 @@ import numpy as np
 from spcola.arrays import AnyArray
 from spcola.atomic import flush, replacing, write_error
 from spcola.errors import FormatError, InvalidValueError, WorkspaceError
-from spcola.formats.maplets import sigma_path
-from spcola.formats.maplets.map import map_content
-from spcola.formats.maplets.map_header import map_length
-from spcola.formats.maplets.sigma import sigma_content
-from spcola.formats.stores.hdf5 import (
+from spcola.formats.hdf5 import (
     new_hdf5,
     read_layer,
     read_names,
@@ -34,9 +30,14 @@ from spcola.formats.stores.hdf5 import (
     read_text,
     reading_hdf5,
     stored,
-    stored_names,
 )
+from spcola.formats.maplets import sigma_path
+from spcola.formats.maplets.map import map_content
+from spcola.formats.maplets.map_header import map_length
+from spcola.formats.maplets.sigma import sigma_content
 from spcola.grids import Maplet, MapletGrid
+
+__all__ = ["MapStore"]
 
 M = TypeVar("M", bound=Maplet)
 
@@ -233,7 +234,7 @@ def _store_layer(group: Any, name: str, values: AnyArray) -> None:
 
 def _store_mapping(group: Any, mapping: Mapping[str, float]) -> None:
     """Write a mapping into its group, as two arrays: attributes end at 64 KiB."""
-    group["keys"] = stored_names(mapping)
+    group["keys"] = stored(mapping)
     group["values"] = np.array(list(mapping.values()), dtype=np.float64)
 
 

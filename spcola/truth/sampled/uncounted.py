@@ -9,12 +9,12 @@ from numba.extending import intrinsic
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def borrowed(_context: Any, array: Any) -> Any:
-    """Return ``borrowed(array)``, inside a kernel: the array, valid as long as its owner keeps it.
+def uncounted(_context: Any, array: Any) -> Any:
+    """Return ``uncounted(array)``, inside a kernel: the array, valid as long as its owner keeps it.
 
     Numba counts the references to an array with atomic instructions, wherever one is passed to a
     function that the compiler does not inline: some twenty times for a ray, on counters shared by
-    all threads. A borrowed array is not counted.
+    all threads. This one is not counted.
     """
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:

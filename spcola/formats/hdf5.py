@@ -18,11 +18,22 @@ from spcola.atomic import replacing
 from spcola.errors import FormatError, InvalidValueError, SpcolaError
 from spcola.formats.text.source import regular_size
 
+__all__ = [
+    "read_layer",
+    "read_names",
+    "read_number",
+    "read_text",
+    "reading_hdf5",
+    "replacing_hdf5",
+    "sealed",
+    "stored",
+]
+
 # From this version on HDF5 verifies checksums of its own structures, attributes included, before it
 # follows them: a flipped bit is an error and no endless loop. Texts of variable length lie in heaps
 # without a checksum, and are not written (:func:`stored`).
 _WRITTEN = ("v110", "v110")
-NUMBERS = "iuf"
+_NUMBERS = "iuf"
 """Kinds of NumPy dtypes that are real numbers."""
 
 _SEAL = "seal"
@@ -96,7 +107,7 @@ def reading_hdf5(path: str | Path, form: str, what: str, do: str) -> Iterator[An
 
 
 def read_layer(
-    group: Any, name: str, shape: tuple[int | None, ...], kinds: str = NUMBERS
+    group: Any, name: str, shape: tuple[int | None, ...], kinds: str = _NUMBERS
 ) -> AnyArray:
     """Return the dataset `name` of `group`, checked before it is read into memory.
 
@@ -126,32 +137,19 @@ def read_layer(
     # A dataset without storage is one constant; its size is limited by the check of its shape.
     if None in shape and data.nbytes > data.id.get_storage_size():
         raise InvalidValueError(f"states {data.nbytes} bytes, more than are stored", name)
-    values: AnyArray = data[()]
-    return values
+    return data[()]
 
 
 def read_number(node: Any, name: str) -> float:
-    """Return the attribute `name` of a group or file: one real number.
-
-    Raises
-    ------
-    InvalidValueError
-        If it is something else.
-    """
+    """Return the attribute `name` of a group or file; an InvalidValueError if it is no number."""
     value = node.attrs[name]
-    if np.ndim(value) or np.asarray(value).dtype.kind not in NUMBERS:
+    if np.ndim(value) or np.asarray(value).dtype.kind not in _NUMBERS:
         raise InvalidValueError("is no number", name)
     return float(value)
 
 
 def read_text(node: Any, name: str) -> str:
-    """Return the attribute `name` of a group or file: a text.
-
-    Raises
-    ------
-    InvalidValueError
-        If it is something else.
-    """
+    """Return the attribute `name` of a group or file; an InvalidValueError if it is no text."""
     value = node.attrs[name]
     if isinstance(value, bytes):
         return value.decode("utf-8")
@@ -160,39 +158,26 @@ def read_text(node: Any, name: str) -> str:
     return value
 
 
-def stored(text: str) -> AnyArray:
-    """Return a text as attribute: UTF-8 of fixed length; :func:`read_text` reads it."""
-    content = text.encode("utf-8")
-    return np.array(content, dtype=f"S{max(len(content), 1)}")
+def stored(text: str | Iterable[str]) -> AnyArray:
+    """Return a text as attribute, or texts (N,) as dataset: UTF-8 of fixed length.
 
-
-def stored_names(names: Iterable[str]) -> AnyArray:
-    """Return texts (N,) as a dataset; :func:`read_names` reads it."""
-    content = [name.encode("utf-8") for name in names]
+    :func:`read_text` and :func:`read_names` read them.
+    """
+    if isinstance(text, str):
+        return stored([text]).reshape(())
+    content = [name.encode("utf-8") for name in text]
     return np.array(content, dtype=f"S{max([1, *map(len, content)])}")
 
 
 def read_names(group: Any, name: str, count: int) -> list[str]:
-    """Return the dataset `name` of `group`: `count` texts.
-
-    Raises
-    ------
-    InvalidValueError
-        If it is something else.
-    """
+    """Return the dataset `name` of `group`; an InvalidValueError unless it is `count` texts."""
     values = read_layer(group, name, (count,), kinds="SO")
     return [value.decode("utf-8") for value in values]
 
 
 @contextmanager
 def new_hdf5(path: str | Path) -> Iterator[Any]:
-    """Yield an empty HDF5 file.
-
-    Raises
-    ------
-    OSError
-        If it could not be written; at the end of the block.
-    """
+    """Yield an empty HDF5 file; an OSError at the end of the block if it was not written."""
     with _Patient(path, "w+") as raw:
         try:
             with h5py.File(raw, "w", libver=_WRITTEN) as file:
@@ -206,8 +191,10 @@ def new_hdf5(path: str | Path) -> Iterator[Any]:
 
 
 @contextmanager
-def replacing_hdf5(path: str | Path) -> Iterator[Any]:
+def replacing_hdf5(path: str | Path, *, seal: bool = False) -> Iterator[Any]:
     """Yield an empty HDF5 file that replaces `path` when the block ends without an error.
+
+    If `seal`, a checksum is added of all but the values of its datasets: see :func:`sealed`.
 
     Raises
     ------
@@ -216,15 +203,12 @@ def replacing_hdf5(path: str | Path) -> Iterator[Any]:
     """
     with replacing(path) as temporary, new_hdf5(temporary) as file:
         yield file
-
-
-def seal(file: Any) -> None:
-    """Add a checksum of the file without the values of its datasets, as attribute `sealed`."""
-    file.attrs[_SEAL] = stored(_digest(file))
+        if seal:
+            file.attrs[_SEAL] = stored(_digest(file))
 
 
 def sealed(file: Any) -> bool | None:
-    """Return whether a file is unchanged since `seal`; None if it has no such checksum.
+    """Return whether a file is as it was sealed; None if it has no such checksum.
 
     It covers the names of all groups and datasets, their attributes, and types and shapes of
     datasets; not their values, which need checksums among the attributes.
