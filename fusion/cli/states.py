@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fusion.stages.states import SpiceSource
     from fusion.workspace import Workspace
     from spcola.navigation.states import ImageState, StateDifference
-    from spcola.spice.states import StateKernels
+    from spcola.spice.state_kernels import StateKernels
 
 
 @dataclass(frozen=True)

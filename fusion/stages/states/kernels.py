@@ -8,7 +8,7 @@ from fusion.stages.states.source import SourceOptions, number_of, solution_spin
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
 from spcola.errors import KernelError
-from spcola.spice.states import Numbers, StateKernels, write_state_kernels
+from spcola.spice.state_kernels import KernelNumbers, StateKernels, write_state_kernels
 
 _FIRST_CAMERA = 990
 
@@ -67,7 +67,7 @@ def export_kernels(
     return write_state_kernels(
         out,
         workspace.images(),
-        Numbers(spacecraft, chosen.body, _name(craft, f"SC{-spacecraft}"), body, first),
+        KernelNumbers(spacecraft, chosen.body, _name(craft, f"SC{-spacecraft}"), body, first),
         spin,
         max_gap_s=max_gap_s,
         radius_m=workspace.shape().mean_radius if workspace.has_shape() else 0.0,

@@ -20,7 +20,7 @@ _ITEMS_A_LINE = 3
 
 
 @dataclass(frozen=True)
-class Numbers:
+class KernelNumbers:
     """NAIF numbers and names of what the kernels are about.
 
     Parameters
@@ -55,7 +55,7 @@ class Numbers:
         return f"{self.spacecraft_name[:14]}_SPC_{index + 1}"
 
 
-def rotation_text(numbers: Numbers, spin: Spin, radius_m: float) -> str:
+def rotation_text(numbers: KernelNumbers, spin: Spin, radius_m: float) -> str:
     """Return the PCK: pole, prime meridian and radii of the body."""
     values = {
         "POLE_RA": (spin.pole_ra_deg, spin.pole_ra_rate_deg_per_century, 0.0),
@@ -75,7 +75,7 @@ def rotation_text(numbers: Numbers, spin: Spin, radius_m: float) -> str:
     )
 
 
-def clock_text(numbers: Numbers, start: float) -> str:
+def clock_text(numbers: KernelNumbers, start: float) -> str:
     """Return the SCLK: a clock that counts seconds of TDB evenly from an ephemeris time, s."""
     key = -numbers.clock
     ticks = _SECONDS * CLOCK_TICKS_PER_S
@@ -100,7 +100,7 @@ def clock_text(numbers: Numbers, start: float) -> str:
     )
 
 
-def frames_text(numbers: Numbers, count: int) -> str:
+def frames_text(numbers: KernelNumbers, count: int) -> str:
     """Return the FK: the names, and a frame for each of some cameras, with attitudes in the CK."""
     names = {numbers.spacecraft: numbers.spacecraft_name, numbers.body: numbers.body_name}
     items: dict[str, object] = {}
@@ -123,7 +123,7 @@ def frames_text(numbers: Numbers, count: int) -> str:
     )
 
 
-def cameras_text(numbers: Numbers, examples: Sequence[SpcImage]) -> str:
+def cameras_text(numbers: KernelNumbers, examples: Sequence[SpcImage]) -> str:
     """Return the IK: an example of the images of each camera gives its interior orientation."""
     items: dict[str, object] = {}
     for index, image in enumerate(examples):

@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from spcola.camera import Camera, SpcImage
 from spcola.navigation import SPICE_LOCK, et_from_utcs, utc_from_et
 from spcola.spice import KernelSet
-from spcola.spice.states import META_KERNEL, Numbers, spin_of, write_state_kernels
+from spcola.spice.state_kernels import META_KERNEL, KernelNumbers, write_state_kernels
+from spcola.spice.states import spin_of
 
 pytestmark = pytest.mark.real_data
 BENNU, CRAFT = 2101955, -64
@@ -122,7 +123,7 @@ def test_the_same_kernels_made_again(tmp_path, folder, states, attitudes):
     made = write_state_kernels(
         tmp_path / "kernels",
         images,
-        Numbers(CRAFT, BENNU, "ORX", "BENNU", -64990),
+        KernelNumbers(CRAFT, BENNU, "ORX", "BENNU", -64990),
         spin,
         max_gap_s=600.0,
     )

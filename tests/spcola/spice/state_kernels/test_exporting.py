@@ -15,17 +15,10 @@ from spcola.errors import InvalidValueError, KernelError
 from spcola.formats.solution import read_summary, write_summary
 from spcola.navigation import Spin, et_from_utc, utc_from_et
 from spcola.spice import KernelSet, coverage
-from spcola.spice.states import (
-    META_KERNEL,
-    Correction,
-    Numbers,
-    SpiceCamera,
-    spice_states,
-    spin_of,
-    write_state_kernels,
-)
+from spcola.spice.state_kernels import META_KERNEL, KernelNumbers, write_state_kernels
+from spcola.spice.states import Correction, SpiceCamera, spice_states, spin_of
 
-NUMBERS = Numbers(-64, 2101955, "ORX", "BENNU", -64990)
+NUMBERS = KernelNumbers(-64, 2101955, "ORX", "BENNU", -64990)
 SPIN = Spin(85.45549522840111, -60.36394381230676, 138.8220994, 2011.146011769066, 1.815e-6)
 CAMERA = Camera(628.9, [512.5, 512.5], [[117.6, 0, 0], [0, -117.6, 0]], 1024, 1024)
 OTHER = replace(CAMERA, focal_length_mm=125.2)

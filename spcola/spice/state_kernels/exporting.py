@@ -20,10 +20,9 @@ from spcola.camera import SpcImage
 from spcola.errors import InvalidValueError, KernelError
 from spcola.navigation import Spin, et_from_utcs
 from spcola.spice.kernels import KernelSet
-from spcola.spice.states.binary import PAD_S, write_ck, write_spk
-from spcola.spice.states.reading import Correction, SpiceCamera, spice_states
-from spcola.spice.states.text import (
-    Numbers,
+from spcola.spice.state_kernels.binary import PAD_S, write_ck, write_spk
+from spcola.spice.state_kernels.text import (
+    KernelNumbers,
     cameras_text,
     clock_text,
     frames_text,
@@ -31,6 +30,7 @@ from spcola.spice.states.text import (
     rotation_text,
     same_camera,
 )
+from spcola.spice.states.reading import Correction, SpiceCamera, spice_states
 
 POSITION_LIMIT_M = 1e-3
 POINTING_LIMIT = 1e-6
@@ -71,7 +71,7 @@ class StateKernels:
 def write_state_kernels(
     folder: str | Path,
     images: Sequence[SpcImage],
-    numbers: Numbers,
+    numbers: KernelNumbers,
     spin: Spin,
     *,
     max_gap_s: float,
@@ -88,7 +88,7 @@ def write_state_kernels(
     folder : str or Path
         Made whole or not at all; it must not exist, or be empty.
     images : sequence of SpcImage
-    numbers : Numbers
+    numbers : KernelNumbers
     spin : Spin
         Rotation of the body with which the solution was made.
     max_gap_s : float
@@ -198,7 +198,7 @@ def _by_camera(images: Sequence[SpcImage]) -> list[list[int]]:
 
 def _write_texts(
     folder: Path,
-    numbers: Numbers,
+    numbers: KernelNumbers,
     spin: Spin,
     radius_m: float,
     examples: Sequence[SpcImage],
@@ -218,7 +218,7 @@ def _write_texts(
 
 
 def _comments(
-    numbers: Numbers, count: int, max_gap_s: float, about: Sequence[str]
+    numbers: KernelNumbers, count: int, max_gap_s: float, about: Sequence[str]
 ) -> tuple[str, ...]:
     """Return the lines of the comment areas."""
     return (
@@ -242,7 +242,7 @@ def _comments(
 
 def _write_table(
     path: Path,
-    numbers: Numbers,
+    numbers: KernelNumbers,
     images: Sequence[SpcImage],
     times: FloatArray,
     groups: Sequence[Sequence[int]],
@@ -261,7 +261,7 @@ def _write_table(
 
 def _read_back(
     folder: Path,
-    numbers: Numbers,
+    numbers: KernelNumbers,
     images: Sequence[SpcImage],
     times: FloatArray,
     groups: Sequence[Sequence[int]],

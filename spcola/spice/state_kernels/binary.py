@@ -12,7 +12,7 @@ import spiceypy
 from spcola.arrays import FloatArray
 from spcola.navigation import SPICE_LOCK
 from spcola.spice.kernels import M_PER_KM, kernel_errors
-from spcola.spice.states.arcs import arcs, half_widths, padded, rates
+from spcola.spice.state_kernels.arcs import arcs, half_widths, padded, rates
 
 PAD_S = 0.5
 """States are covered this long before and after the middle of an exposure, seconds."""
