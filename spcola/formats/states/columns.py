@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -95,7 +96,7 @@ def _read(
     lines = read_bytes(path).decode("utf-8-sig", "backslashreplace").splitlines()
     delimiter = max(",;\t", key=lines[0].count)
     reader = csv.reader(lines, delimiter=delimiter)
-    given = [name.strip() for name in next(reader)]
+    given = [name.strip() for name in next(_words(reader, path))]
     for wanted, name in columns.items():
         if name not in given:
             raise FormatError(
@@ -106,7 +107,7 @@ def _read(
     if len(set(header)) < len(header):
         raise FormatError("has two columns of one name", path, "rename one")
     rows: list[tuple[int, Sequence[str]]] = []
-    for words in reader:
+    for words in _words(reader, path):
         if not any(word.strip() for word in words):
             continue
         if len(words) != len(header):
@@ -116,3 +117,11 @@ def _read(
             )
         rows.append((reader.line_num, words))
     return header, rows
+
+
+def _words(reader: Any, path: Path) -> Iterator[list[str]]:
+    """Yield the words of each line of a reader of the module `csv`."""
+    try:
+        yield from reader
+    except csv.Error as error:
+        raise FormatError(f"is no table ({error})", f"{path}, line {reader.line_num}") from error

@@ -100,5 +100,5 @@ def _numbers(where: str) -> Iterator[None]:
             yield
     except KeyError as error:
         raise FormatError(f"has no {error.args[0]}", where, "write it with ALE again") from error
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise FormatError(f"holds no table of numbers ({error})", where) from error

@@ -147,6 +147,20 @@ def test_an_image_twice_and_ragged_lines(tmp_path):
         read_poses(table_of(tmp_path / "c.csv", columns, [[""] * len(row)]))
 
 
+def test_files_that_are_no_tables(tmp_path):
+    path = tmp_path / "poses.csv"
+    for content in (
+        b"\n\n",
+        b"\0\1\2",
+        b"image\n" + b"x" * 200_000,
+        b"a,a\n1,2\n",
+        b"\xff\xfe,x\n1,2",
+    ):
+        path.write_bytes(content)
+        with pytest.raises(FormatError, match=r"poses\.csv"):
+            read_poses(path)
+
+
 def make_isd():
     rotated = {"ephemeris_times": [TIME], "reference_frame": 1}
     return {
@@ -184,6 +198,7 @@ WRONG_ISD = {
     "a list": ([1, 2], "no JSON object"),
     "a frame": (change_isd("instrument_position", reference_frame=31001), "reference frame 31001"),
     "metres": (change_isd("instrument_position", unit="m"), "is in m, not in km"),
+    "too large": (change_isd("instrument_position", positions=[[10**400, 0, 0]]), "no table"),
     "a word": (change_isd("body_rotation", quaternions="none"), "no table of numbers"),
     "length": (change_isd("body_rotation", quaternions=[[2, 0, 0, 0]]), "unit length"),
     "rows": (change_isd("instrument_position", ephemeris_times=[1.0, 2.0]), "shape"),

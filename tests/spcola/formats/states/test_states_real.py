@@ -9,10 +9,12 @@ import re
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
 
 from spcola.formats.images import read_isis_tables
 from spcola.formats.states import isis_states, read_colmap, read_isd_states, read_poses
-from spcola.navigation import et_from_utc
+from spcola.navigation import Spin, et_from_utc
+from spcola.navigation.states import compare_states
 
 pytestmark = pytest.mark.real_data
 MOON = 1_737_400.0
@@ -191,3 +193,44 @@ def test_vesta_poses_have_the_phase_of_the_archive(shared_data):
         # 0.38 km a pixel of 1/10715 of the focal length.
         assert camera == 0
         assert np.linalg.norm(state.scobj) / 10715.0 == pytest.approx(378.0, abs=2.0)
+
+
+def test_attitudes_in_a_label_of_near_agree(shared_data, tmp_path):
+    # The label has the boresight's right ascension, declination and north clock angle, and the
+    # spacecraft's quaternion; the header has the positions of both, along J2000.
+    folder = shared_data / "eros"
+    label = (folder / "m0126360726f4_2p_cif_gbl.lbl").read_text()
+    header = (folder / "m0126360726f4_2p_cif_gbl.fit").read_bytes()[:11520].decode("ascii")
+    number = r"= *'?([-\d.]+)"
+    sky = [
+        float(re.search(rf"{name} +{number}", label)[1])
+        for name in ("RIGHT_ASCENSION", "DECLINATION", "CELESTIAL_NORTH_CLOCK_ANGLE")
+    ]
+    words = re.search(r"EMECL_SC_QUATERNION = \((.*?)\)", label, re.DOTALL)[1].split(",")
+    item = {n: float(re.search(rf"NEAR-0{n}{number}", header)[1]) for n in range(23, 31)}
+    craft, target = (np.array([item[k] for k in range(a, a + 3)]) for a in (23, 27))
+    turn = Rotation.from_quat([float(word) for word in [*words[1:], words[0]]]).as_matrix()
+    # The boresight is the spacecraft's X; lines run along Y, samples against Z.
+    rows = np.array([-turn[2], turn[1], turn[0]])
+    quaternion = Rotation.from_matrix(rows).as_quat()[[3, 0, 1, 2]]
+    common = dict(
+        zip(("scx_km_j2000", "scy_km_j2000", "scz_km_j2000"), craft - target, strict=True)
+    )
+    common |= dict(zip(("sunx_j2000", "suny_j2000", "sunz_j2000"), -target, strict=True))
+    common |= {"image": "MSI", "utc": "2000-02-19T08:55:00.4125"}
+    states = []
+    for attitude in (
+        dict(zip(("ra_deg", "dec_deg", "twist_deg"), sky, strict=True)),
+        dict(zip(("qw_j2000", "qx_j2000", "qy_j2000", "qz_j2000"), quaternion, strict=True)),
+    ):
+        columns = common | attitude
+        path = tmp_path / "poses.csv"
+        path.write_text(",".join(columns) + "\n" + ",".join(map(str, columns.values())) + "\n")
+        # The rotation of Eros by the IAU's working group.
+        states += read_poses(path, spin=Spin(11.35, 17.22, 326.07, 1639.38864745))
+    # They differ by the alignment of the camera.
+    found = compare_states(*states)
+    assert 0.05 < np.degrees(np.linalg.norm(found.pointing)) < 0.12
+    assert np.linalg.norm(found.camera_m) < 1e-6
+    assert np.linalg.norm(states[0].scobj) == pytest.approx(1000.0 * item[30], abs=50.0)
+    assert states[0].axes[2] @ states[0].scobj / np.linalg.norm(states[0].scobj) > 0.998
