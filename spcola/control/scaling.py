@@ -29,7 +29,8 @@ _LENGTHS: dict[type[Any], tuple[str, ...]] = {
 
 def scaled(part: Part, factor: float) -> Part:
     """Return a part of a solution with all its lengths multiplied by `factor`."""
-    lengths: dict[str, Any] = {name: factor * getattr(part, name) for name in _LENGTHS[type(part)]}
+    names = next(names for kind, names in _LENGTHS.items() if isinstance(part, kind))
+    lengths: dict[str, Any] = {name: factor * getattr(part, name) for name in names}
     if isinstance(part, (Maplet, Landmark)):
         lengths["grid"] = scaled(part.grid, factor)
     return replace(part, **lengths)
