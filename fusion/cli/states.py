@@ -13,7 +13,7 @@ from fusion.cli.options import JsonOption, WorkspaceArgument
 from fusion.cli.output import show
 
 if TYPE_CHECKING:
-    from fusion.stages.states import SpiceSource
+    from fusion.stages.states import FoundStates
     from fusion.workspace import Workspace
     from spcola.navigation.states import ImageState, StateDifference
     from spcola.spice.state_kernels import StateKernels
@@ -67,18 +67,64 @@ class StateOptions:
         ),
     ] = ""
 
-    def source(self, workspace: Workspace, body: BodyOptions) -> SpiceSource:
-        """Return the kernels and the camera."""
+    def states(self, workspace: Workspace, table: Path | None, body: BodyOptions) -> FoundStates:
+        """Return the states of the exposures in a table, or of the workspace, by the kernels."""
         from numpy import array
 
-        from fusion.stages.states import SourceOptions, spice_source
+        from fusion.stages.states import SourceOptions, states_by_kernels
+        from spcola.formats.states import read_exposures
         from spcola.spice.states import Correction, SpiceCamera
 
+        if not self.frame:
+            raise typer.BadParameter("is needed", param_hint="--frame")
         chosen = SourceOptions(
             tuple(self.kernel or ()), self.prime_meridian, body.spacecraft, body.body
         )
         camera = SpiceCamera("", 0, self.frame, Correction(self.correction), array(self.pupil_m))
-        return spice_source(workspace, workspace.settings(), chosen, camera)
+        exposures = None if table is None else read_exposures(table)
+        return states_by_kernels(workspace, exposures, chosen, camera)
+
+
+@dataclass(frozen=True)
+class PoseOptions:
+    """Options that name a table of poses."""
+
+    poses: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Take the states from this table (CSV) instead of kernels: columns image, utc, "
+            "v0x_km, ... or scx_km, ..., cxx, ... or qw, ... or ra_deg, dec_deg, twist_deg, and "
+            "sunx, ...; names ending in _j2000 are inertial.",
+        ),
+    ] = None
+    columns: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=COLUMN",
+            help="The table's column of such a name, as in 'scx_m=X [m]'; repeat it.",
+        ),
+    ] = None
+    pck: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="PCK with the rotation for inertial columns; else that of [spin].",
+        ),
+    ] = None
+
+    def states(self, workspace: Workspace, body: BodyOptions) -> FoundStates:
+        """Return the states in the table."""
+        from fusion.stages.states import states_by_poses
+
+        assert self.poses is not None
+        columns = {}
+        for text in self.columns or ():
+            name, sign, column = text.partition("=")
+            if not (name and sign and column):
+                raise typer.BadParameter(f"{text!r} is not NAME=COLUMN", param_hint="--columns")
+            columns[name.strip()] = column.strip()
+        return states_by_poses(workspace, self.poses, columns=columns, pck=self.pck, body=body.body)
 
 
 def sumfiles(
@@ -111,50 +157,46 @@ def sumfiles(
             "--sigma-mrad", metavar="MRAD", min=1e-9, help="Sigma of the pointing, each axis."
         ),
     ] = None,
-    states: StateOptions = StateOptions(),
+    kernels: StateOptions = StateOptions(),
+    table_of_poses: PoseOptions = PoseOptions(),
     names: BodyOptions = BodyOptions(),
     as_json: JsonOption = False,
 ) -> None:
-    """Write .SUM and .NOM files of images from SPICE kernels.
+    """Write .SUM and .NOM files of images from SPICE kernels, or .SUM files from a table of poses.
 
     The camera is that of an existing .SUM file. Files that are there already are not replaced.
-    With --compare the states by the kernels are compared with those of the solution: along the
-    track, across it and radially, in degrees and pixels.
+    With --compare the states are compared with those of the solution: along the track, across it
+    and radially, in degrees and pixels.
     """
     # The machinery is imported here and not above, so that help comes at once.
-    from fusion.stages.states import NominalOptions, compare_with_kernels, make_sumfiles
-    from fusion.workspace import Workspace
-    from spcola.formats.states import read_exposures
-
-    if not states.frame:
-        raise typer.BadParameter("is needed", param_hint="--frame")
-    if not compare and (table is None or like is None):
-        raise typer.BadParameter("give both, or --compare", param_hint="TABLE and --like")
-    there = Workspace.open(workspace)
-    source = states.source(there, names)
-    if table is None or like is None or compare:
-        found = compare_with_kernels(there, source)
-        content: dict[str, Any] = {
-            "correction": states.correction,
-            "images": [one.as_json() for one in found],
-        }
-        show(content, _comparison_lines(found), as_json=as_json)
-        return
-    nominal = NominalOptions(
-        like,
-        math.nan if sigma_m is None else sigma_m,
-        math.nan if sigma_mrad is None else 1e-3 * sigma_mrad,
+    from fusion.stages.states import (
+        NominalOptions,
+        compare_with_solution,
+        make_sumfiles,
     )
-    made = make_sumfiles(there, read_exposures(table), source, nominal)
-    content = {
-        "workspace": there.root,
-        "correction": states.correction,
-        "images": [_state_facts(state) for state in made],
-    }
+    from fusion.workspace import Workspace
+
+    if not compare and (like is None or (table is None) == (table_of_poses.poses is None)):
+        raise typer.BadParameter(
+            "give TABLE or --poses, and --like; or --compare", param_hint="TABLE"
+        )
+    there = Workspace.open(workspace)
+    if table_of_poses.poses is not None:
+        found = table_of_poses.states(there, names)
+    else:
+        found = kernels.states(there, table, names)
+    if like is None or compare:
+        differences = compare_with_solution(there, found)
+        compared = {"images": [one.as_json() for one in differences]}
+        show(compared, _comparison_lines(differences), as_json=as_json)
+        return
+    nominal = NominalOptions(like, sigma_m, None if sigma_mrad is None else 1e-3 * sigma_mrad)
+    made = make_sumfiles(there, found, nominal)
+    content = {"workspace": there.root, "images": [_state_facts(state) for state in made]}
     ranges = [math.hypot(*state.scobj) for state in made]
     line = (
-        f"Wrote .SUM and .NOM of {len(made)} images, {min(ranges):.6g} to {max(ranges):.6g} m "
-        f"from the body's centre ({states.correction})"
+        f"Wrote {'.SUM' if found.body_rates is None else '.SUM and .NOM'} of {len(made)} images, "
+        f"{min(ranges):.6g} to {max(ranges):.6g} m from the body's centre"
     )
     show(content, [line], as_json=as_json)
 
@@ -239,7 +281,7 @@ def _comparison_lines(found: list[StateDifference]) -> list[str]:
         return f"  {name}, {unit}: {', '.join(parts)}"
 
     return [
-        f"Kernels less solution, {len(found)} images: median (largest) of the absolute values",
+        f"Differences from the solution, {len(found)} images: median (largest) of their sizes",
         row("along the track, across, radial", [one.track_m for one in found], "m"),
         row("along Cx, Cy, Cz", [one.camera_m for one in found], "m"),
         row("pointing about Cx, Cy, Cz", [np.degrees(one.pointing) for one in found], "°"),

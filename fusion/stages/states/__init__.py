@@ -1,15 +1,23 @@
-"""States of images in and out: .SUM and .NOM from SPICE kernels, kernels from .SUM."""
+"""States of images in and out: .SUM and .NOM from kernels or a table, kernels from .SUM."""
 
 from fusion.stages.states.kernels import export_kernels
-from fusion.stages.states.nominal import NominalOptions, compare_with_kernels, make_sumfiles
-from fusion.stages.states.source import SourceOptions, SpiceSource, spice_source
+from fusion.stages.states.nominal import (
+    FoundStates,
+    NominalOptions,
+    compare_with_solution,
+    make_sumfiles,
+    states_by_kernels,
+    states_by_poses,
+)
+from fusion.stages.states.source import SourceOptions
 
 __all__ = [
+    "FoundStates",
     "NominalOptions",
     "SourceOptions",
-    "SpiceSource",
-    "compare_with_kernels",
+    "compare_with_solution",
     "export_kernels",
     "make_sumfiles",
-    "spice_source",
+    "states_by_kernels",
+    "states_by_poses",
 ]

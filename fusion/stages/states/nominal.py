@@ -1,19 +1,25 @@
-""".SUM and .NOM of images from SPICE kernels, and the difference of kernels and solution."""
+""".SUM and .NOM of images from kernels or a table, and their difference from the solution."""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from fusion.runtime.folders import make_folder
-from fusion.stages.states.source import SpiceSource
+from fusion.stages.states.source import (
+    SourceOptions,
+    SpiceSource,
+    solution_spin,
+    spice_source,
+)
 from fusion.workspace import Workspace
+from spcola.arrays import FloatArray
 from spcola.camera import SpcImage
-from spcola.errors import KernelError, WorkspaceError
+from spcola.errors import InvalidValueError, WorkspaceError
 from spcola.formats.solution import (
     read_list,
     read_summary,
@@ -21,14 +27,15 @@ from spcola.formats.solution import (
     write_nominal,
     write_summary,
 )
-from spcola.formats.states import Exposure
-from spcola.navigation import NominalState
+from spcola.formats.states import Exposure, read_poses
+from spcola.navigation import NominalState, et_from_utc
 from spcola.navigation.states import (
     ImageState,
     StateDifference,
+    StateSource,
     compare_states,
 )
-from spcola.spice.states import body_rate, clock_time, spice_states
+from spcola.spice.states import SpiceCamera, body_rate, clock_time, spice_states
 
 _PICTURES = "PICTLIST.TXT"
 
@@ -41,30 +48,127 @@ class NominalOptions:
     ----------
     like : Path
         A .SUM file with the camera and the thresholds of the images.
-    position_sigma_m : float
-        Of V0, each axis, metres; NaN: unknown.
-    pointing_sigma : float
-        Of each rotation, radians; NaN: unknown.
+    position_sigma_m : float, optional
+        Of V0, each axis, metres; that of the state if not given.
+    pointing_sigma : float, optional
+        Of each rotation, radians; that of the state if not given.
     """
 
     like: Path
-    position_sigma_m: float = float("nan")
-    pointing_sigma: float = float("nan")
+    position_sigma_m: float | None = None
+    pointing_sigma: float | None = None
+
+    def applied(self, state: ImageState) -> ImageState:
+        """Return a state with these uncertainties."""
+        one, two = self.position_sigma_m, self.pointing_sigma
+        return replace(
+            state,
+            scobj_sigma=state.scobj_sigma if one is None else np.full(3, one),
+            pointing_sigma=state.pointing_sigma if two is None else np.full(3, two),
+        )
 
 
-def make_sumfiles(
+@dataclass(frozen=True, eq=False)
+class FoundStates:
+    """States of images from one source.
+
+    Parameters
+    ----------
+    states : tuple of ImageState
+    body_rates : (N, 3) ndarray, optional
+        Angular velocity of the body at each, body-fixed, rad/s; with it the nominal velocity is
+        known.
+    """
+
+    states: tuple[ImageState, ...]
+    body_rates: FloatArray | None = None
+
+
+def states_by_kernels(
     workspace: Workspace,
-    exposures: Sequence[Exposure],
-    source: SpiceSource,
-    options: NominalOptions,
-) -> list[ImageState]:
-    """Write .SUM and .NOM files of new images; existing ones are never replaced.
+    exposures: Sequence[Exposure] | None,
+    options: SourceOptions,
+    camera: SpiceCamera,
+) -> FoundStates:
+    """Return the states of exposures by kernels.
 
     Parameters
     ----------
     workspace : Workspace
-    exposures : sequence of Exposure
-    source : SpiceSource
+        Its [spice] states what the options do not.
+    exposures : sequence of Exposure, optional
+        Those of the images of the workspace if not given.
+    options : SourceOptions
+    camera : SpiceCamera
+        Its spacecraft and body are replaced by those of options and settings.
+
+    Raises
+    ------
+    SettingsError
+        If there are no kernels, or spacecraft or body are not stated.
+    KernelError
+        If the kernels do not cover an exposure, or disagree about the rotation.
+    WorkspaceError
+        If there is no image.
+    """
+    wanted = _solved(workspace) if exposures is None else exposures
+    source = spice_source(workspace, workspace.settings(), options, camera)
+    with source.kernels.load():
+        names = [exposure.name for exposure in wanted]
+        times = [_middle(exposure, source) for exposure in wanted]
+        rates = [body_rate(source.camera.body, time) for time in times]
+        return FoundStates(
+            tuple(spice_states(source.camera, names, times)), np.array(rates).reshape(-1, 3)
+        )
+
+
+def states_by_poses(
+    workspace: Workspace,
+    path: Path,
+    *,
+    columns: Mapping[str, str],
+    pck: Path | None = None,
+    body: int = 0,
+) -> FoundStates:
+    """Return the states in a table of poses.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    path : Path
+    columns : mapping of str to str
+        As of :func:`spcola.formats.states.read_poses`.
+    pck : Path, optional
+        PCK with the rotation for vectors along J2000; else it is that of [spin].
+    body : int
+        NAIF number of the body in it; 0: that of [spice].
+
+    Raises
+    ------
+    FormatError
+        If the table cannot be read, or is along J2000 and no rotation is stated.
+    KernelError
+        If the PCK does not state the rotation.
+    """
+    settings = workspace.settings()
+    spin = None
+    if pck is not None or settings.spin.rate_deg_per_day != 0.0:
+        chosen = SourceOptions(body=body or settings.spice.body)
+        spin = solution_spin(workspace, settings, chosen, pck)
+    return FoundStates(tuple(read_poses(path, columns=columns, spin=spin)))
+
+
+def make_sumfiles(
+    workspace: Workspace, found: FoundStates, options: NominalOptions
+) -> list[ImageState]:
+    """Write the .SUM files of new images, and .NOM files where the velocity is known.
+
+    Existing files are never replaced; a list of images is continued.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    found : FoundStates
     options : NominalOptions
 
     Returns
@@ -73,62 +177,48 @@ def make_sumfiles(
 
     Raises
     ------
-    KernelError
-        If the kernels do not cover an exposure.
     WorkspaceError
         If there is a file of one of the images, or a file cannot be written.
     InvalidValueError
-        If a name is too long for SPC, or the kernels do not give the Sun.
+        If a name is too long for SPC, or a state has no time or no direction to the Sun.
     """
-    for exposure in exposures:
-        for path in _paths(workspace, exposure.name):
-            if path.exists():
-                raise WorkspaceError(
-                    "is there already", path, "leave its image out of the table, or move the file"
-                )
+    states = [options.applied(state) for state in found.states]
+    for state in states:
+        _check_new(workspace, state)
     example = read_summary(options.like)
-    with source.kernels.load():
-        names = [exposure.name for exposure in exposures]
-        times = [_middle(exposure, source) for exposure in exposures]
-        states = [
-            replace(
-                state,
-                scobj_sigma=np.full(3, options.position_sigma_m),
-                pointing_sigma=np.full(3, options.pointing_sigma),
-            )
-            for state in spice_states(source.camera, names, times)
-        ]
-        rates = [body_rate(source.camera.body, time) for time in times]
-    _check_sun(states)
     images = [state.as_image(example.camera, thresholds=example.thresholds) for state in states]
-    nominal = [state.as_nominal(rate) for state, rate in zip(states, rates, strict=True)]
+    nominal: list[NominalState] = []
+    if found.body_rates is not None:
+        pairs = zip(states, found.body_rates, strict=True)
+        nominal = [state.as_nominal(rate) for state, rate in pairs]
     _write(workspace, images, nominal)
-    _list(workspace, names)
+    path = workspace.root / _PICTURES
+    if path.is_file():
+        names = [state.name for state in states]
+        write_list(path, dict.fromkeys([*read_list(path), *names]))
     return states
 
 
-def compare_with_kernels(workspace: Workspace, source: SpiceSource) -> list[StateDifference]:
-    """Return the states of a workspace's images by kernels less those in their .SUM files.
+def compare_with_solution(workspace: Workspace, found: FoundStates) -> list[StateDifference]:
+    """Return states less those in the .SUM files of the images.
 
     Raises
     ------
-    KernelError
-        If the kernels do not cover an image.
     WorkspaceError
-        If there is no image.
+        If an image has no .SUM file.
     """
+    pairs = [(state, workspace.image(state.name)) for state in found.states]
+    return [
+        compare_states(state, ImageState.of_image(image), image.camera) for state, image in pairs
+    ]
+
+
+def _solved(workspace: Workspace) -> list[Exposure]:
+    """Return the exposures of a workspace's images."""
     images = workspace.images()
     if not images:
         raise WorkspaceError("holds no image", workspace.root / "SUMFILES", "import a solution")
-    solved = [ImageState.of_image(image) for image in images]
-    with source.kernels.load():
-        found = spice_states(
-            source.camera, [state.name for state in solved], [state.time for state in solved]
-        )
-    return [
-        compare_states(one, two, image.camera)
-        for one, two, image in zip(found, solved, images, strict=True)
-    ]
+    return [Exposure(image.name, et_from_utc(image.utc), "", 0.0) for image in images]
 
 
 def _middle(exposure: Exposure, source: SpiceSource) -> float:
@@ -139,13 +229,18 @@ def _middle(exposure: Exposure, source: SpiceSource) -> float:
     return start + exposure.delay_s
 
 
-def _check_sun(states: Sequence[ImageState]) -> None:
-    """Refuse states without the direction to the Sun, which a .SUM file needs."""
-    for state in states:
-        if not np.isfinite(state.sun).all():
-            raise KernelError(
-                "the kernels do not give the position of the Sun", state.name, "add an SPK with it"
+def _check_new(workspace: Workspace, state: ImageState) -> None:
+    """Refuse a state whose files are there, or without the Sun, which a .SUM file needs."""
+    for path in _paths(workspace, state.name):
+        if path.exists():
+            raise WorkspaceError(
+                "is there already", path, "leave its image out of the table, or move the file"
             )
+    if not np.isfinite(state.sun).all():
+        what, do = {
+            StateSource.SPICE: ("the kernels do not give the Sun", "add an SPK with it"),
+        }.get(state.source, ("has no direction to the Sun", "add columns sunx, suny, sunz"))
+        raise InvalidValueError(what, state.name, do)
 
 
 def _write(
@@ -154,12 +249,14 @@ def _write(
     """Write the files of all images; none, if one of them cannot be written."""
     with tempfile.TemporaryDirectory(prefix=".sumfiles-", dir=workspace.root) as folder:
         made = []
-        for image, before in zip(images, nominal, strict=True):
-            targets = _paths(workspace, image.name)
-            summary, other = (Path(folder) / path.name for path in targets)
-            write_nominal(other, before)
-            write_summary(summary, image)
-            made += list(zip((summary, other), targets, strict=True))
+        for image in images:
+            target = _paths(workspace, image.name)[0]
+            made.append((Path(folder) / target.name, target))
+            write_summary(made[-1][0], image)
+        for state in nominal:
+            target = _paths(workspace, state.name)[1]
+            made.append((Path(folder) / target.name, target))
+            write_nominal(made[-1][0], state)
         for path, target in made:
             make_folder(target.parent)
             path.replace(target)
@@ -168,10 +265,3 @@ def _write(
 def _paths(workspace: Workspace, name: str) -> tuple[Path, Path]:
     """Return where the .SUM and the .NOM file of an image lie."""
     return workspace.image_path(name), workspace.root / "NOMINALS" / f"{name}.NOM"
-
-
-def _list(workspace: Workspace, names: Sequence[str]) -> None:
-    """Append images to the list of images, where there is one."""
-    path = workspace.root / _PICTURES
-    if path.is_file():
-        write_list(path, dict.fromkeys([*read_list(path), *names]))

@@ -172,6 +172,45 @@ def test_comparison_finds_a_moved_state(solved, exported, tmp_path):
     assert "along Cx, Cy, Cz, m: 3 (3)" in text
 
 
+def poses_of(path, images):
+    """A table of poses along J2000."""
+    names = ["name", "et", *(f"sc{a}_m_j2000" for a in "xyz"), *(f"q{a}_j2000" for a in "wxyz")]
+    lines = [",".join([*names, "S x", "S y", "S z"])]
+    for image in images:
+        time = et_from_utc(image.utc)
+        turn = SPIN.axes([time])[0]
+        turned = Rotation.from_matrix(image.axes @ turn).as_quat()[[3, 0, 1, 2]]
+        values = [time, *(turn.T @ image.position), *turned, *image.sun]
+        lines.append(",".join([image.name, *(repr(float(value)) for value in values)]))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_a_table_of_poses_becomes_sum_files(solved, tmp_path):
+    images = solved.images()
+    table = poses_of(tmp_path / "poses.csv", images)
+    made = workspace_at(tmp_path / "ws", spice=TABLE, spin=ROTATION)
+    like = solved.image_path("P0000")
+    sun = [word for a in "xyz" for word in ("--columns", f"sun{a}=S {a}")]
+    command = ("sumfiles", made.root, "--poses", table, "--like", like)
+    assert "no direction to the Sun" in refusal(*command)
+    assert call(*command, *sun).stdout.startswith("Wrote .SUM of 6 images")
+    for image in images:
+        again = made.image(image.name)
+        np.testing.assert_allclose(again.scobj, image.scobj, atol=1e-3)
+        np.testing.assert_allclose(again.axes, image.axes, atol=1e-8)
+        np.testing.assert_allclose(again.sun, image.sun, atol=1e-8)
+    assert not list((made.root / "NOMINALS").iterdir())
+    compared = content("sumfiles", solved.root, "--compare", "--poses", table, *sun)
+    assert all(np.abs(row["camera_m"]).max() < 1e-3 for row in compared["images"])
+    call(*command, "--columns", "nonsense", code=2)
+    # Without a rotation an inertial table cannot be used.
+    other = workspace_at(tmp_path / "other")
+    assert "rotation of the body is not stated" in refusal(
+        "sumfiles", other.root, "--poses", table, "--like", like, *sun
+    )
+
+
 def test_a_start_and_an_exposure_give_the_middle(solved, exported, tmp_path):
     made = workspace_at(tmp_path / "ws", spice=TABLE)
     image = solved.image("P0001")
@@ -198,15 +237,17 @@ def test_what_is_missing_is_named(solved, exported, tmp_path):
     # Without the Sun, and with a name that SPC cannot have.
     place = named.index(exported[0] / "sun.bsp")
     dark = (*named[: place - 1], *named[place + 1 :])
-    assert "position of the Sun" in refusal(*dark)
+    assert "do not give the Sun" in refusal(*dark)
     table.write_text("image,utc\nMUCHTOOLONGNAME,2019-03-03T10:59:40.279\n")
     assert "line 2" in refusal(*named)
     table.write_text("image\nP1\n")
     assert "states no time" in refusal(*named)
+    assert "holds no image" in refusal("sumfiles", made.root, "--compare", "--frame", "X")
     assert "[spice] kernels: holds no kernel" in refusal(
-        "sumfiles", made.root, "--compare", "--frame", "X"
+        "sumfiles", made.root, late, "--like", like, "--frame", "X"
     )
     assert call("sumfiles", made.root, table, code=2)
+    assert call("sumfiles", made.root, table, "--like", like, code=2)
     assert call("sumfiles", made.root, table, "--frame", "X", code=2)
 
 
