@@ -84,7 +84,9 @@ def read_kernels(path: Path) -> None:
 
 
 def read_spk(path: Path) -> None:
-    times = np.concatenate([state_epochs(one.values, path) for one in daf_segments(path)])
+    # A damaged file may have no segment.
+    states = [state_epochs(one.values, path) for one in daf_segments(path)]
+    times = np.concatenate([np.empty(0), *states])
     with KernelSet([path, path.parent / "a.tpc"]).load():
         body_fixed_states(-64, 2101955, times[:4])
 
