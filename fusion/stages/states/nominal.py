@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -252,14 +253,25 @@ def _write(
         for image in images:
             target = _paths(workspace, image.name)[0]
             made.append((Path(folder) / target.name, target))
-            write_summary(made[-1][0], image)
+            with _at(target):
+                write_summary(made[-1][0], image)
         for state in nominal:
             target = _paths(workspace, state.name)[1]
             made.append((Path(folder) / target.name, target))
-            write_nominal(made[-1][0], state)
+            with _at(target):
+                write_nominal(made[-1][0], state)
         for path, target in made:
             make_folder(target.parent)
             path.replace(target)
+
+
+@contextmanager
+def _at(target: Path) -> Iterator[None]:
+    """Name the file to be written in errors, not its temporary place."""
+    try:
+        yield
+    except InvalidValueError as error:
+        raise InvalidValueError(error.what, target, error.do) from error
 
 
 def _paths(workspace: Workspace, name: str) -> tuple[Path, Path]:

@@ -204,6 +204,12 @@ def test_a_table_of_poses_becomes_sum_files(solved, tmp_path):
     compared = content("sumfiles", solved.root, "--compare", "--poses", table, *sun)
     assert all(np.abs(row["camera_m"]).max() < 1e-3 for row in compared["images"])
     call(*command, "--columns", "nonsense", code=2)
+    long = tmp_path / "long.csv"
+    long.write_text(table.read_text().replace("P0003", "MUCHTOOLONGNAME"))
+    line = refusal("sumfiles", workspace_at(tmp_path / "new", spin=ROTATION).root, "--poses", long,
+                   "--like", like, *sun)  # fmt: skip
+    assert "SUMFILES/MUCHTOOLONGNAME.SUM: image name" in line
+    assert not list((tmp_path / "new" / "SUMFILES").iterdir())
     # Without a rotation an inertial table cannot be used.
     other = workspace_at(tmp_path / "other")
     assert "rotation of the body is not stated" in refusal(
