@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from fusion.inspection.file_kinds import FileKind, file_kind, first_word, lidar_format, summary_path
+from fusion.inspection.image_facts import image_facts
 from fusion.inspection.import_forecast import BYTES_PER_RETURN, ImportClock
 from fusion.pipeline import Pipeline
 from fusion.pipeline.catalog import Catalog, read_records, unsound
@@ -24,7 +25,6 @@ from lidar.formats import open_lidar
 from lidar.formats.clouds import read_las_system
 from lidar.formats.native import scan_summary
 from spcola.errors import FormatError, SpcolaError
-from spcola.formats.images import reading_fits
 from spcola.formats.maplets import read_map, read_maplet
 from spcola.formats.shapes import FacesFrom, read_icq, read_shape, recognise_shape
 from spcola.formats.solution import read_landmark, read_list, read_nominal, read_summary
@@ -208,13 +208,11 @@ def _icq_facts(shape: IcqShape) -> dict[str, Any]:
 
 
 def _describe_image(path: Path) -> dict[str, Any]:
-    """Describe an image by its .SUM file, and one in FITS without by its header alone."""
+    """Describe an image by its .SUM file, and one without by its label."""
     summary = summary_path(path)
     if summary is not None:
         return {**_describe_summary(summary), "kind": "image", "summary": str(summary)}
-    with reading_fits(path) as units:
-        lines, pixels = units[0].shape
-    return {"kind": "image (FITS, without a .SUM file)", "pixels": pixels, "lines": lines}
+    return image_facts(path)
 
 
 def _describe_lidar(path: Path) -> dict[str, Any]:

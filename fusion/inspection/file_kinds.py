@@ -49,6 +49,7 @@ _SUFFIXES = {
     ".toml": FileKind.SETTINGS,
     ".json": FileKind.JSON,
     ".tif": FileKind.GEOTIFF,
+    **dict.fromkeys((".cub", ".img", ".lbl", ".xml", ".png"), FileKind.IMAGE),
 }
 
 

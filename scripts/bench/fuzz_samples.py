@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 import laspy
 import numpy as np
+from fuzz_images import isis, pds3, read_cube, read_image, write_pds4, write_raster
 from fuzz_kernels import (
     KERNEL,
     read_kernels,
@@ -402,6 +403,14 @@ KINDS: dict[str, Sample] = {
     "fits image": Sample(
         _written("a.fits", lambda p: write_fits_image(p, _image())), read_fits_image, "binary"
     ),
+    "mission fits": Sample(
+        _written("a.fits", lambda p: write_fits_image(p, _image())), read_image, "binary"
+    ),
+    "pds3": Sample(_bytes("a.img", pds3), read_image, "binary"),
+    "pds4": Sample(write_pds4, read_image, "text"),
+    "isis": Sample(_bytes("a.cub", isis), read_cube, "binary"),
+    "tiff": Sample(_written("a.tif", write_raster), read_image, "binary"),
+    "png": Sample(_written("a.png", write_raster), read_image, "binary"),
     "fits dtm": Sample(_written("a.fits", _dtm), read_fits_dtm, "binary"),
     "text kernel": Sample(_bytes("a.tpc", KERNEL.encode), read_kernels, "text"),
     "meta-kernel": Sample(write_meta_kernel, read_kernels, "text"),

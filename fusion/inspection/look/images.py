@@ -15,7 +15,7 @@ from fusion.report.layout import Colour, styled_figure
 from spcola.arrays import AnyArray, FloatArray
 from spcola.camera import ImagePoint, SpcImage, project_image, ray
 from spcola.errors import FormatError
-from spcola.formats.images import read_fits_image, read_image_data, reading_fits
+from spcola.formats.images import open_image, read_fits_image, read_image_data
 from spcola.formats.shapes import read_shape
 from spcola.formats.solution import read_landmark, read_summary
 from spcola.shape import RayCaster
@@ -83,17 +83,17 @@ def _read(path: Path) -> SpcImage | None:
 def _pixels(path: Path, image: SpcImage) -> AnyArray:
     if path.suffix.lower() == ".dat":
         return read_image_data(path, image.camera.width, image.camera.height)
-    return _fits_pixels(path)
+    return _pixels_of(path)
 
 
-def _fits_pixels(path: Path) -> AnyArray:
-    with reading_fits(path) as units:
-        return np.array(units[0].data, dtype=np.float64)
+def _pixels_of(path: Path) -> AnyArray:
+    pixels = open_image(path).read()
+    return np.where(pixels.missing, np.nan, pixels.values.astype(np.float64))
 
 
 def _bare_picture(path: Path) -> Picture:
-    """Draw the pixels of a FITS image of which nothing else is known."""
-    pixels = _fits_pixels(path)
+    """Draw the pixels of an image of which nothing else is known."""
+    pixels = _pixels_of(path)
     height, width = pixels.shape
     with styled_figure(9.6, 9.2 * min(max(height / width, 0.4), 1.4) + 0.9) as figure:
         panel = figure.subplots()

@@ -44,7 +44,7 @@ def read_image_data(
         If the length fits neither one nor two bytes a pixel.
     """
     content = read_bytes(path)
-    width_bytes = _bytes_per_pixel(content, width, height, path)
+    width_bytes = bytes_per_pixel(len(content), width, height, path)
     if width_bytes == 1:
         return np.frombuffer(content, np.uint8).reshape(height, width).copy()
     order = byte_order or _order_of(content, width, height)
@@ -80,16 +80,25 @@ def write_image_data(path: str | Path, pixels: AnyArray, *, byte_order: ByteOrde
     atomic.write_bytes(path, pixels.astype(pixels.dtype.newbyteorder(byte_order)).tobytes())
 
 
-def _bytes_per_pixel(content: bytes, width: int, height: int, path: str | Path) -> int:
-    """Return 1 or 2, or refuse the file's length."""
+def bytes_per_pixel(length: int, width: int, height: int, path: str | Path) -> int:
+    """Return 1 or 2, or refuse the file's length in bytes."""
     for count in (1, 2):
-        if len(content) == count * width * height:
+        if length == count * width * height:
             return count
     raise FormatError(
-        f"has {len(content)} bytes, {width} × {height} pixels need {width * height} or twice that",
+        f"has {length} bytes, {width} × {height} pixels need {width * height} or twice that",
         path,
         "it is truncated, or NPX and NLN are another image's",
     )
+
+
+def smoother_when_swapped(pixels: AnyArray) -> bool:
+    """Return whether 16-bit pixels (R, C) have much more similar neighbours with bytes exchanged.
+
+    More similar: their differences sum up to less than half.
+    """
+    kept, swapped = _roughness(pixels)
+    return bool(swapped < 0.5 * kept)
 
 
 def _order_of(content: bytes, width: int, height: int) -> ByteOrder:

@@ -7,7 +7,6 @@ characters for a number, so that directions are accurate to about 1e-14.
 from __future__ import annotations
 
 import io
-import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +18,7 @@ from spcola import atomic
 from spcola.arrays import AnyArray, FloatArray
 from spcola.camera import Camera, SpcImage
 from spcola.errors import FormatError, InvalidValueError, SpcolaError
+from spcola.formats.images.warning_filters import warnings_as
 from spcola.formats.text.fortran import LARGEST_NUMBER
 from spcola.formats.text.source import as_format_error, read_bytes
 
@@ -101,12 +101,13 @@ def read_fits_image(path: str | Path) -> SpcImage:
 
 
 @contextmanager
-def reading_fits(path: str | Path) -> Iterator[Any]:
+def reading_fits(path: str | Path, *, scaled: bool = True) -> Iterator[Any]:
     """Yield the units of the FITS file at `path`, read completely into memory.
+
+    BSCALE, BZERO and BLANK are applied to images if `scaled`.
 
     On damaged files astropy warns, or raises various errors. This is the one place that turns all
     of them into one line, so the block must contain nothing but reading.
-
 
     Raises
     ------
@@ -119,7 +120,10 @@ def reading_fits(path: str | Path) -> Iterator[Any]:
     _check_counts(content.getvalue(), path)
     try:
         # astropy only warns of a file that is cut off.
-        with warnings.catch_warnings(action="error"), fits.open(content) as units:
+        with (
+            warnings_as("error"),
+            fits.open(content, do_not_scale_image_data=not scaled) as units,
+        ):
             yield units
     except SpcolaError:
         raise

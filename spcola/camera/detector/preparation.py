@@ -1,0 +1,101 @@
+"""From the pixels of an image file to those of SPC, in the order of the calibration equation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from spcola.arrays import FloatArray
+from spcola.camera.detector.bit_depth import BitDepth, Bits, StoredPixels, scaling_for, to_unsigned
+from spcola.camera.detector.frames import divide_flat, subtract_dark
+from spcola.camera.detector.pixels import PixelValues
+from spcola.camera.detector.smear import FrameTransfer, remove_smear
+from spcola.camera.detector.thresholds import bright_threshold, check_thresholds, shadow_threshold
+
+
+@dataclass(frozen=True, eq=False)
+class Preparation:
+    """What is done to the pixels of one camera.
+
+    Parameters
+    ----------
+    dark, flat : (lines, samples) ndarray, optional
+        Dark frame and flat field.
+    dark_scale : float
+        Ratio of the exposure times of image and dark frame.
+    smear : FrameTransfer, optional
+        Times of the frame transfer.
+    depth : BitDepth, optional
+        Scaling; if not given, by :func:`scaling_for` with `bits`.
+    bits : {8, 16}, optional
+        Of a stored pixel; if not given, 8 for a file of 8 bits without sign, otherwise 16.
+    low, high : int, optional
+        Thresholds in DN; if not given, `low` by :func:`shadow_threshold`, and `high` the largest
+        DN, less 1 if pixels are saturated.
+    bright_background : bool
+        Whether `high`, if not given, is that of :func:`bright_threshold`.
+    """
+
+    dark: FloatArray | None = None
+    flat: FloatArray | None = None
+    dark_scale: float = 1.0
+    smear: FrameTransfer | None = None
+    depth: BitDepth | None = None
+    bits: Bits | None = None
+    low: int | None = None
+    high: int | None = None
+    bright_background: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedPixels:
+    """Pixels of an SPC image and its thresholds.
+
+    Parameters
+    ----------
+    stored : StoredPixels
+    thresholds : (2,) of int
+        Lowest and highest DN that is used.
+    """
+
+    stored: StoredPixels
+    thresholds: tuple[int, int]
+
+
+def prepare_pixels(pixels: PixelValues, preparation: Preparation) -> PreparedPixels:
+    """Subtract the dark frame, remove smear, divide by the flat field, scale, find thresholds.
+
+    Parameters
+    ----------
+    pixels : PixelValues
+        Of the whole image, in the file's order.
+    preparation : Preparation
+
+    Raises
+    ------
+    InvalidValueError
+        If a frame has another shape, or nothing can be scaled.
+    NotObservableError
+        If a threshold cannot be found.
+    """
+    raw = pixels.values.dtype
+    if preparation.dark is not None:
+        pixels = subtract_dark(pixels, preparation.dark, scale=preparation.dark_scale)
+    if preparation.smear is not None:
+        pixels = remove_smear(pixels, preparation.smear)
+    if preparation.flat is not None:
+        pixels = divide_flat(pixels, preparation.flat)
+    bits: Bits = preparation.bits or (8 if raw.kind == "u" and raw.itemsize == 1 else 16)
+    stored = to_unsigned(pixels, preparation.depth or scaling_for(pixels, bits))
+    return PreparedPixels(stored, _thresholds(stored, preparation))
+
+
+def _thresholds(stored: StoredPixels, preparation: Preparation) -> tuple[int, int]:
+    """Return the thresholds that are given or found."""
+    largest = stored.depth.largest
+    low = shadow_threshold(stored) if preparation.low is None else preparation.low
+    high = preparation.high
+    if high is None and preparation.bright_background:
+        high = bright_threshold(stored, low)
+    if high is None:
+        high = largest - 1 if stored.saturated or stored.above else largest
+    return check_thresholds(low, high, largest)
