@@ -15,6 +15,7 @@ from fusion.cli.output import show
 if TYPE_CHECKING:
     from fusion.stages.states import FoundStates
     from fusion.workspace import Workspace
+    from spcola.formats.states import Exposure
     from spcola.navigation.states import ImageState, StateDifference
     from spcola.spice.state_kernels import StateKernels
 
@@ -67,21 +68,19 @@ class StateOptions:
         ),
     ] = ""
 
-    def states(self, workspace: Workspace, table: Path | None, body: BodyOptions) -> FoundStates:
-        """Return the states of the exposures in a table, or of the workspace, by the kernels."""
+    def states(
+        self, workspace: Workspace, exposures: list[Exposure] | None, body: BodyOptions
+    ) -> FoundStates:
+        """Return the states of exposures, or of the images of the workspace, by the kernels."""
         from numpy import array
 
         from fusion.stages.states import SourceOptions, states_by_kernels
-        from spcola.formats.states import read_exposures
         from spcola.spice.states import Correction, SpiceCamera
 
-        if not self.frame:
-            raise typer.BadParameter("is needed", param_hint="--frame")
         chosen = SourceOptions(
             tuple(self.kernel or ()), self.prime_meridian, body.spacecraft, body.body
         )
         camera = SpiceCamera("", 0, self.frame, Correction(self.correction), array(self.pupil_m))
-        exposures = None if table is None else read_exposures(table)
         return states_by_kernels(workspace, exposures, chosen, camera)
 
 
@@ -137,6 +136,21 @@ def sumfiles(
             "exposure_s or exposure_ms the time is the start, without the middle.",
         ),
     ] = None,
+    image: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="Take name and time from the label of this image instead; repeat it.",
+        ),
+    ] = None,
+    letter: Annotated[
+        str,
+        typer.Option(
+            metavar="C",
+            help="Name the images by SPC's rule: this character, the time, the filter. If not "
+            "given, names are as stated, and have up to 12 characters.",
+        ),
+    ] = "",
     like: Annotated[
         Path | None,
         typer.Option(metavar="SUM", help="A .SUM file with the camera and the thresholds."),
@@ -175,16 +189,23 @@ def sumfiles(
         make_sumfiles,
     )
     from fusion.workspace import Workspace
+    from spcola.formats.states import exposure_of, read_exposures
 
-    if not compare and (like is None or (table is None) == (table_of_poses.poses is None)):
+    given = sum(source is not None for source in (table, image, table_of_poses.poses))
+    if given > 1 or (not compare and (given == 0 or like is None)):
         raise typer.BadParameter(
-            "give TABLE or --poses, and --like; or --compare", param_hint="TABLE"
+            "give TABLE, --image or --poses, and --like; or --compare", param_hint="TABLE"
         )
+    if table_of_poses.poses is None and not kernels.frame:
+        raise typer.BadParameter("is needed with kernels", param_hint="--frame")
     there = Workspace.open(workspace)
     if table_of_poses.poses is not None:
         found = table_of_poses.states(there, names)
     else:
-        found = kernels.states(there, table, names)
+        exposures = None if table is None else read_exposures(table)
+        exposures = [exposure_of(path) for path in image] if image else exposures
+        found = kernels.states(there, exposures, names)
+    found = found.named(letter) if letter else found
     if like is None or compare:
         differences = compare_with_solution(there, found)
         compared = {"images": [one.as_json() for one in differences]}
@@ -192,7 +213,14 @@ def sumfiles(
         return
     nominal = NominalOptions(like, sigma_m, None if sigma_mrad is None else 1e-3 * sigma_mrad)
     made = make_sumfiles(there, found, nominal)
-    content = {"workspace": there.root, "images": [_state_facts(state) for state in made]}
+    originals = found.originals or [state.name for state in made]
+    content = {
+        "workspace": there.root,
+        "images": [
+            {**_state_facts(state), "original": original}
+            for state, original in zip(made, originals, strict=True)
+        ],
+    }
     ranges = [math.hypot(*state.scobj) for state in made]
     line = (
         f"Wrote {'.SUM' if found.body_rates is None else '.SUM and .NOM'} of {len(made)} images, "

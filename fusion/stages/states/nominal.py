@@ -21,6 +21,7 @@ from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.camera import SpcImage
 from spcola.errors import InvalidValueError, WorkspaceError
+from spcola.formats.images.names import NamedImage, spc_names
 from spcola.formats.solution import (
     read_list,
     read_summary,
@@ -79,10 +80,40 @@ class FoundStates:
     body_rates : (N, 3) ndarray, optional
         Angular velocity of the body at each, body-fixed, rad/s; with it the nominal velocity is
         known.
+    filters : tuple of str or None
+        Filter of each; empty if unknown.
+    originals : tuple of str
+        Names before SPC's rule gave others; empty if it did not.
     """
 
     states: tuple[ImageState, ...]
     body_rates: FloatArray | None = None
+    filters: tuple[str | None, ...] = ()
+    originals: tuple[str, ...] = ()
+
+    def named(self, camera: str) -> FoundStates:
+        """Return the states with SPC's names of twelve characters.
+
+        Parameters
+        ----------
+        camera : str
+            The first character.
+
+        Raises
+        ------
+        InvalidValueError
+            If a state has no time, or two images get one name.
+        """
+        filters = self.filters or (None,) * len(self.states)
+        images = [
+            NamedImage(state.name, state.time, kind)
+            for state, kind in zip(self.states, filters, strict=True)
+        ]
+        names = spc_names(camera, images)
+        renamed = [
+            replace(state, name=name) for state, name in zip(self.states, names, strict=True)
+        ]
+        return replace(self, states=tuple(renamed), originals=tuple(names.values()))
 
 
 def states_by_kernels(
@@ -118,9 +149,9 @@ def states_by_kernels(
         names = [exposure.name for exposure in wanted]
         times = [_middle(exposure, source) for exposure in wanted]
         rates = [body_rate(source.camera.body, time) for time in times]
-        return FoundStates(
-            tuple(spice_states(source.camera, names, times)), np.array(rates).reshape(-1, 3)
-        )
+        states = tuple(spice_states(source.camera, names, times))
+    filters = tuple(exposure.filter for exposure in wanted)
+    return FoundStates(states, np.array(rates).reshape(-1, 3), filters)
 
 
 def states_by_poses(
@@ -219,7 +250,7 @@ def _solved(workspace: Workspace) -> list[Exposure]:
     images = workspace.images()
     if not images:
         raise WorkspaceError("holds no image", workspace.root / "SUMFILES", "import a solution")
-    return [Exposure(image.name, et_from_utc(image.utc), "", 0.0) for image in images]
+    return [Exposure(image.name, et_from_utc(image.utc)) for image in images]
 
 
 def _middle(exposure: Exposure, source: SpiceSource) -> float:

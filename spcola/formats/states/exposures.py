@@ -3,6 +3,7 @@
 Columns are ``image`` (or ``name``, ``file``, ``picture``), and ``et``, ``utc`` (or ``time``) or
 ``clock`` (a count of the spacecraft's clock). With ``exposure_s`` or ``exposure_ms`` the time is
 the start of the exposure, without them its middle.
+``filter`` is its name or number.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spcola.errors import FormatError
+from spcola.formats.images.open_image import open_image
 from spcola.formats.states.columns import Row, image_rows
-from spcola.formats.text.source import as_format_error, check_name
 
 _UTC = ("utc", "time")
 _EXPOSURES = {"exposure_s": 1.0, "exposure_ms": 1e-3}
@@ -33,12 +34,15 @@ class Exposure:
         Count of the spacecraft's clock; empty where the time is known.
     delay_s : float
         From that time to the middle of the exposure, seconds.
+    filter : str, optional
+        Name or number of the filter.
     """
 
     name: str
     time: float | None
-    clock: str
-    delay_s: float
+    clock: str = ""
+    delay_s: float = 0.0
+    filter: str | None = None
 
 
 def read_exposures(path: str | Path, *, columns: Mapping[str, str] | None = None) -> list[Exposure]:
@@ -53,8 +57,7 @@ def read_exposures(path: str | Path, *, columns: Mapping[str, str] | None = None
     Raises
     ------
     FormatError
-        If an image has no time, a time cannot be read, an image appears twice, or its name does
-        not fit SPC.
+        If an image has no time, a time cannot be read, or an image appears twice.
     """
     return [_exposure(name, row) for name, row in image_rows(path, columns or {}).items()]
 
@@ -71,5 +74,26 @@ def _exposure(name: str, row: Row) -> Exposure:
             if length[0] < 0.0:
                 raise FormatError(f"{column} is negative", row.place)
             delay = unit * float(length[0]) / 2.0
-    with as_format_error(row.place):
-        return Exposure(check_name(name, "image", row.place), time, clock, delay)
+    return Exposure(name, time, clock, delay, row.text(("filter",)))
+
+
+def exposure_of(path: str | Path) -> Exposure:
+    """Return the exposure that the label of an image states.
+
+    Parameters
+    ----------
+    path : str or Path
+        FITS, PDS3, PDS4, ISIS cube.
+
+    Raises
+    ------
+    FormatError
+        If it is no image, or its label does not determine the middle of the exposure.
+    """
+    label = open_image(path).label
+    middle = label.mid_exposure()
+    if middle is None:
+        raise FormatError(
+            "the label does not state when it was exposed", path, "give a table of the times"
+        )
+    return Exposure(Path(path).stem, middle.et, filter=label.filter)

@@ -8,12 +8,13 @@ km relative to the centre of the body, along J2000; light time and aberration ar
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Protocol
+from pathlib import Path
 
 import numpy as np
 
-from spcola.arrays import AnyArray, FloatArray
+from spcola.arrays import FloatArray
 from spcola.errors import FormatError
+from spcola.formats.images.isis_tables import IsisTable, read_isis_tables
 from spcola.formats.text.source import KM, as_format_error
 from spcola.navigation.states import PositionTable, RotationTable, StateSource, StateTables
 
@@ -22,24 +23,27 @@ _POSITION = ("J2000X", "J2000Y", "J2000Z")
 _VELOCITY = ("J2000XV", "J2000YV", "J2000ZV")
 
 
-class CubeTable(Protocol):
-    """A binary table of a cube: its label's keywords, and its columns."""
+def read_isis_states(path: str | Path) -> StateTables:
+    """Read the states in the tables of a cube.
 
-    @property
-    def keywords(self) -> Mapping[str, Any]:
-        """Return the keywords of the table's label."""
+    Parameters
+    ----------
+    path : str or Path
 
-    @property
-    def columns(self) -> Mapping[str, AnyArray]:
-        """Return the columns (N, …) by name."""
+    Raises
+    ------
+    FormatError
+        If it is no cube, or as :func:`isis_states`.
+    """
+    return isis_states(read_isis_tables(path), str(path))
 
 
-def isis_states(tables: Mapping[str, CubeTable], where: str) -> StateTables:
+def isis_states(tables: Mapping[str, IsisTable], where: str) -> StateTables:
     """Return the states in the tables of a cube.
 
     Parameters
     ----------
-    tables : mapping of str to CubeTable
+    tables : mapping of str to IsisTable
         By name.
     where : str
         The cube, for messages.
@@ -63,7 +67,7 @@ def isis_states(tables: Mapping[str, CubeTable], where: str) -> StateTables:
     )
 
 
-def _rotation(table: CubeTable, where: str) -> RotationTable:
+def _rotation(table: IsisTable, where: str) -> RotationTable:
     """Return a table of rotations."""
     constant = table.keywords.get("ConstantRotation")
     with as_format_error(where):
@@ -78,7 +82,7 @@ def _rotation(table: CubeTable, where: str) -> RotationTable:
         )
 
 
-def _position(table: CubeTable, where: str) -> PositionTable:
+def _position(table: IsisTable, where: str) -> PositionTable:
     """Return a table of positions."""
     known = all(name in table.columns for name in _VELOCITY)
     with as_format_error(where):
@@ -90,7 +94,7 @@ def _position(table: CubeTable, where: str) -> PositionTable:
         )
 
 
-def _columns(table: CubeTable, names: tuple[str, ...], where: str) -> FloatArray:
+def _columns(table: IsisTable, names: tuple[str, ...], where: str) -> FloatArray:
     """Return columns (N, len(names))."""
     for name in names:
         if name not in table.columns:

@@ -227,6 +227,33 @@ def test_a_start_and_an_exposure_give_the_middle(solved, exported, tmp_path):
     assert made.image("P0001").utc == image.utc
 
 
+def test_images_are_named_by_the_rule(solved, exported, tmp_path):
+    made = workspace_at(tmp_path / "ws", spice=TABLE)
+    image = solved.image("P0001")
+    (tmp_path / "images.csv").write_text(f"file,utc,filter\nlong_name_1.fits,{image.utc},PAN\n")
+    like = solved.image_path("P0000")
+    command = sumfiles(exported, made.root, tmp_path / "images.csv", "--like", like)
+    found = content(*command, "--letter", "M")
+    seconds = int(et_from_utc(image.utc))
+    (row,) = found["images"]
+    assert (row["image"], row["original"]) == (f"M{seconds}PA", "long_name_1.fits")
+    np.testing.assert_allclose(made.image(row["image"]).scobj, image.scobj, atol=1e-3)
+
+
+@pytest.mark.real_data
+def test_the_label_of_an_image_gives_its_time(shared_data, solved, exported, tmp_path):
+    made = workspace_at(tmp_path / "ws", spice=TABLE)
+    cube = shared_data / "isis_cubes" / "20200303T213031S138_ncm_L0-reduced.cub"
+    like = solved.image_path("P0000")
+    line = refusal(*sumfiles(exported, made.root, "--image", cube, "--like", like))
+    # The kernels are of another year.
+    assert "20200303T213031S138_ncm_L0-reduced, 2020 MAR 03 21:30:31" in line
+    plain = shared_data / "vesta" / "images" / "00000000.png"
+    assert "does not state when" in refusal(
+        *sumfiles(exported, made.root, "--image", plain, "--like", like)
+    )
+
+
 def test_what_is_missing_is_named(solved, exported, tmp_path):
     made = workspace_at(tmp_path / "ws")
     like = solved.image_path("P0000")
@@ -245,7 +272,7 @@ def test_what_is_missing_is_named(solved, exported, tmp_path):
     dark = (*named[: place - 1], *named[place + 1 :])
     assert "do not give the Sun" in refusal(*dark)
     table.write_text("image,utc\nMUCHTOOLONGNAME,2019-03-03T10:59:40.279\n")
-    assert "line 2" in refusal(*named)
+    assert "image name 'MUCHTOOLONGNAME' has 15" in refusal(*named)
     table.write_text("image\nP1\n")
     assert "states no time" in refusal(*named)
     assert "holds no image" in refusal("sumfiles", made.root, "--compare", "--frame", "X")

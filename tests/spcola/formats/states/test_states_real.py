@@ -11,8 +11,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from spcola.formats.images import read_isis_tables
-from spcola.formats.states import isis_states, read_colmap, read_isd_states, read_poses
+from spcola.formats.states import read_colmap, read_isd_states, read_isis_states, read_poses
 from spcola.navigation import Spin, et_from_utc
 from spcola.navigation.states import compare_states
 
@@ -69,7 +68,7 @@ def corners_of(path):
 @pytest.mark.parametrize("number", [297, 298, 299])
 def test_corners_of_apollo_footprints_fall_on_the_corners_of_the_image(shared_data, number):
     path = shared_data / "apollo15" / f"AS15-M-0{number}_crop.cub"
-    tables = isis_states(read_isis_tables(path), str(path))
+    tables = read_isis_states(path)
     assert tables.backward
     state = tables.state("crop")
     label = cube_text(path)
@@ -102,7 +101,7 @@ def test_corners_of_apollo_footprints_fall_on_the_corners_of_the_image(shared_da
 )
 def test_other_cubes_have_their_state(shared_data, name, start, low, high, off_deg):
     path = shared_data / "isis_cubes" / name
-    state = isis_states(read_isis_tables(path), str(path)).state("cube")
+    state = read_isis_states(path).state("cube")
     assert state.time == pytest.approx(et_from_utc(start), abs=1e-3)
     distance = np.linalg.norm(state.scobj)
     assert low < distance < high
