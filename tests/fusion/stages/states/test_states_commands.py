@@ -301,3 +301,19 @@ def test_kernels_need_a_rotation_and_images(solved, tmp_path):
         "kernels", made.root, tmp_path / "other", "--pck", pck, "--spacecraft", "NO SUCH CRAFT"
     )
     assert not (tmp_path / "other").exists()
+
+
+@pytest.mark.real_data
+def test_seventy_poses_of_a_comet_become_sum_files(shared_data, tmp_path):
+    folder = shared_data / "rosetta_67p"
+    made = workspace_at(tmp_path / "ws")
+    found = content(
+        *("sumfiles", made.root, "--poses", folder / "navcam" / "poses.csv"),
+        *("--like", folder / "W48230079013.SUM", "--letter", "N"),
+    )
+    assert len(made.image_names()) == len(found["images"]) == 70
+    row = next(row for row in found["images"] if row["original"] == "20140805T200719")
+    assert row["image"] == "N460541306"
+    image = made.image(row["image"])
+    np.testing.assert_allclose(image.scobj, [67871.148108, -105289.270599, -36719.898695])
+    assert et_from_utc(image.utc) == pytest.approx(et_from_utc("2014-08-05T20:07:19.020"), abs=1e-3)
