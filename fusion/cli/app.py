@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 import spcola
-from fusion.cli import align, altimetry, demo, folder, look, stages, states, truth
+from fusion.cli import align, altimetry, camera, demo, folder, look, stages, states, truth
 from fusion.cli.options import with_shared_options
 from fusion.cli.program import guarded
 
@@ -50,6 +50,7 @@ COMMANDS: tuple[tuple[str, Callable[..., Any], str], ...] = (
 for _name, _function, _example in COMMANDS:
     app.command(_name, epilog=f"Example: {_example}")(guarded(with_shared_options(_function)))
 app.add_typer(truth.app)
+app.add_typer(camera.app)
 
 
 def _print_version(wanted: bool) -> None:

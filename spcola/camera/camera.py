@@ -10,7 +10,10 @@ import numpy as np
 from spcola.arrays import FloatArray, check_finite, frozen
 from spcola.errors import InvalidValueError
 
-DistortionModel = Literal["owen", "brown", "bicubic"]
+DistortionModel = Literal[
+    "owen", "brown", "bicubic", "hasselblad", "radial", "transverse", "rosetta", "hayabusa2",
+    "ocams", "lronac",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +30,8 @@ class Camera:
         Pixel/line per millimetre, applied to (x, y, x·y).
     width, height : int
         NPX and NLN.
-    distortion_model : {"owen", "brown", "bicubic"}
-        How `distortion` is to be read; see :mod:`spcola.camera.distortion`.
+    distortion_model : str
+        How `distortion` is to be read; the names are those of :mod:`spcola.camera.distortion`.
     distortion : array_like
         Coefficients; empty or all zero for none.
 
@@ -57,7 +60,10 @@ class Camera:
         if abs(np.linalg.det(self.k_matrix[:, :2])) < 1e-12:
             raise InvalidValueError("is singular: no pixel can be traced back", "K-matrix")
         if self.distortion_model not in get_args(DistortionModel):
-            raise InvalidValueError(f"{self.distortion_model!r} is no distortion", "camera")
+            known = ", ".join(get_args(DistortionModel))
+            raise InvalidValueError(
+                f"{self.distortion_model!r} is no distortion; known are {known}", "camera"
+            )
         if self.width < 1 or self.height < 1:
             raise InvalidValueError(f"has no pixels ({self.width} × {self.height})", "camera")
 
