@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicHermiteSpline
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from spcola.arrays import FloatArray, check_axes, check_finite, frozen
+from spcola.camera.linescan import interpolate_axes, interpolate_positions
 from spcola.errors import InvalidValueError
 from spcola.navigation.states.image_state import ImageState, StateSource
 from spcola.navigation.time import utc_from_et
@@ -72,12 +72,8 @@ class RotationTable:
         """
         wanted = _within(self.time, times, self.name)
         # SciPy's matrix of a quaternion turns vectors as SPICE's does.
-        rows = Rotation.from_quat(self.quaternion[:, [1, 2, 3, 0]])
-        if len(self.time) == 1:
-            matrices = np.broadcast_to(rows.as_matrix(), (len(wanted), 3, 3))
-        else:
-            matrices = Slerp(self.time, rows)(wanted).as_matrix()
-        turned: FloatArray = self.constant @ matrices
+        rows = Rotation.from_quat(self.quaternion[:, [1, 2, 3, 0]]).as_matrix()
+        turned: FloatArray = self.constant @ interpolate_axes(self.time, rows, wanted)
         return turned
 
 
@@ -118,8 +114,8 @@ class PositionTable:
     def at(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return positions (M, 3), m, and velocities (M, 3), m/s, at ephemeris times (M,), s.
 
-        Cubic Hermite interpolation with velocities, straight lines without (their velocity is
-        unknown: NaN); a single row holds for all times near it.
+        Cubic Hermite interpolation with velocities; without, they are unknown (NaN). A single row
+        holds for all times near it.
 
         Raises
         ------
@@ -127,10 +123,10 @@ class PositionTable:
             If a time lies outside the table.
         """
         wanted = _within(self.time, times, self.name)
-        if len(self.time) > 1 and np.isfinite(self.velocity).all():
-            spline = CubicHermiteSpline(self.time, self.position, self.velocity)
-            return spline(wanted), spline(wanted, 1)
-        positions = straight_lines(self.time, self.position, wanted)
+        known = bool(np.isfinite(self.velocity).all())
+        positions = interpolate_positions(
+            self.time, self.position, wanted, velocities=self.velocity if known else None
+        )
         return positions, straight_lines(self.time, self.velocity, wanted)
 
 

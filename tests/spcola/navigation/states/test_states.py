@@ -136,7 +136,7 @@ def test_tables_that_are_none_are_refused():
         PositionTable([], np.empty((0, 3)))
 
 
-def test_positions_without_velocity_are_joined_by_straight_lines():
+def test_two_positions_without_velocity_are_joined_by_a_straight_line():
     table = PositionTable([0.0, 2.0], [[0.0, 0.0, 0.0], [2.0, 4.0, 6.0]])
     place, velocity = table.at([0.5])
     np.testing.assert_allclose(place, [[0.5, 1.0, 1.5]])
