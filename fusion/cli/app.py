@@ -41,7 +41,7 @@ COMMANDS: tuple[tuple[str, Callable[..., Any], str], ...] = (
     (
         "sumfiles",
         states.sumfiles,
-        "spcola sumfiles bennu images.csv --frame ORX_OCAMS_MAPCAM --like M.SUM",
+        "spcola sumfiles bennu images.csv --frame ORX_OCAMS_MAPCAM --camera map.toml",
     ),
     ("kernels", states.kernels, "spcola kernels bennu kernels --pck bennu.tpc"),
     ("demo", demo.demo, "spcola demo /tmp/demo"),

@@ -151,9 +151,13 @@ def sumfiles(
             "given, names are as stated, and have up to 12 characters.",
         ),
     ] = "",
-    like: Annotated[
+    camera: Annotated[
         Path | None,
-        typer.Option(metavar="SUM", help="A .SUM file with the camera and the thresholds."),
+        typer.Option(
+            metavar="FILE",
+            help="The camera: a camera file (spcola camera convert), or a .SUM file, whose "
+            "thresholds are used too.",
+        ),
     ] = None,
     compare: Annotated[
         bool,
@@ -178,7 +182,7 @@ def sumfiles(
 ) -> None:
     """Write .SUM and .NOM files of images from SPICE kernels, or .SUM files from a table of poses.
 
-    The camera is that of an existing .SUM file. Files that are there already are not replaced.
+    Files that are there already are not replaced.
     With --compare the states are compared with those of the solution: along the track, across it
     and radially, in degrees and pixels.
     """
@@ -192,9 +196,9 @@ def sumfiles(
     from spcola.formats.states import exposure_of, read_exposures
 
     given = sum(source is not None for source in (table, image, table_of_poses.poses))
-    if given > 1 or (not compare and (given == 0 or like is None)):
+    if given > 1 or (not compare and (given == 0 or camera is None)):
         raise typer.BadParameter(
-            "give TABLE, --image or --poses, and --like; or --compare", param_hint="TABLE"
+            "give TABLE, --image or --poses, and --camera; or --compare", param_hint="TABLE"
         )
     if table_of_poses.poses is None and not kernels.frame:
         raise typer.BadParameter("is needed with kernels", param_hint="--frame")
@@ -206,12 +210,12 @@ def sumfiles(
         exposures = [exposure_of(path) for path in image] if image else exposures
         found = kernels.states(there, exposures, names)
     found = found.named(letter) if letter else found
-    if like is None or compare:
+    if camera is None or compare:
         differences = compare_with_solution(there, found)
         compared = {"images": [one.as_json() for one in differences]}
         show(compared, _comparison_lines(differences), as_json=as_json)
         return
-    nominal = NominalOptions(like, sigma_m, None if sigma_mrad is None else 1e-3 * sigma_mrad)
+    nominal = NominalOptions(camera, sigma_m, None if sigma_mrad is None else 1e-3 * sigma_mrad)
     made = make_sumfiles(there, found, nominal)
     originals = found.originals or [state.name for state in made]
     content = {

@@ -19,8 +19,9 @@ from fusion.stages.states.source import (
 )
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
-from spcola.camera import SpcImage
+from spcola.camera import Camera, SpcImage
 from spcola.errors import InvalidValueError, WorkspaceError
+from spcola.formats.cameras import read_cameras
 from spcola.formats.images.names import NamedImage, spc_names
 from spcola.formats.solution import (
     read_list,
@@ -40,6 +41,8 @@ from spcola.navigation.states import (
 from spcola.spice.states import SpiceCamera, body_rate, clock_time, spice_states
 
 _PICTURES = "PICTLIST.TXT"
+# Without a .SUM file all brightnesses of 16 bits are used.
+_BRIGHTEST = 65535
 
 
 @dataclass(frozen=True)
@@ -48,15 +51,15 @@ class NominalOptions:
 
     Parameters
     ----------
-    like : Path
-        A .SUM file with the camera and the thresholds of the images.
+    camera : Path
+        A .SUM file, whose thresholds are used too, or a camera file with one camera.
     position_sigma_m : float, optional
         Of V0, each axis, metres; that of the state if not given.
     pointing_sigma : float, optional
         Of each rotation, radians; that of the state if not given.
     """
 
-    like: Path
+    camera: Path
     position_sigma_m: float | None = None
     pointing_sigma: float | None = None
 
@@ -217,8 +220,8 @@ def make_sumfiles(
     states = [options.applied(state) for state in found.states]
     for state in states:
         _check_new(workspace, state)
-    example = read_summary(options.like)
-    images = [state.as_image(example.camera, thresholds=example.thresholds) for state in states]
+    camera, thresholds = _camera(options.camera)
+    images = [state.as_image(camera, thresholds=thresholds) for state in states]
     nominal: list[NominalState] = []
     if found.body_rates is not None:
         pairs = zip(states, found.body_rates, strict=True)
@@ -259,6 +262,18 @@ def _middle(exposure: Exposure, source: SpiceSource) -> float:
     if start is None:
         start = clock_time(source.camera.spacecraft, exposure.clock)
     return start + exposure.delay_s
+
+
+def _camera(path: Path) -> tuple[Camera, tuple[int, int]]:
+    """Return the camera in a .SUM file or a camera file, and the thresholds."""
+    if path.suffix.lower() != ".toml":
+        image = read_summary(path)
+        return image.camera, image.thresholds
+    cameras = read_cameras(path)
+    if len(cameras) > 1:
+        raise InvalidValueError(f"has the cameras {', '.join(cameras)}", path, "keep one of them")
+    (instrument,) = cameras.values()
+    return instrument.camera, (0, _BRIGHTEST)
 
 
 def _check_new(workspace: Workspace, state: ImageState) -> None:

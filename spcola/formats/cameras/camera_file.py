@@ -32,7 +32,7 @@ from spcola.arrays import FloatArray
 from spcola.camera import Camera
 from spcola.camera.instrument import FocusTable, Instrument, Pupil, ThermalFocus
 from spcola.errors import FormatError, InvalidValueError
-from spcola.formats.cameras.fields import Fields
+from spcola.formats.text.fields import Fields
 
 _NAMES = {
     "focal_length_mm", "center", "k_matrix", "size", "distortion_model", "distortion",

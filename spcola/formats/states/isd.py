@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from spcola.arrays import FloatArray
 from spcola.errors import FormatError
-from spcola.formats.text.source import KM, as_format_error, read_bytes
+from spcola.formats.text.fields import Fields
+from spcola.formats.text.source import KM, as_format_error
 from spcola.navigation.states import PositionTable, RotationTable, StateSource, StateTables
 
 _J2000 = 1
-_TABLES = ("instrument_pointing", "instrument_position", "body_rotation")
+_SUN = "sun_position"
 
 
 def read_isd_states(path: str | Path) -> StateTables:
     """Read pointing, position, rotation of the body and Sun from an ISD file.
-
-    Quaternions are scalar first, from J2000; positions km relative to the body, along J2000, as in
-    the tables of ISIS cubes.
 
     Parameters
     ----------
@@ -31,74 +26,79 @@ def read_isd_states(path: str | Path) -> StateTables:
     Raises
     ------
     FormatError
-        If it is not JSON, a table is missing or has other units, or another reference frame.
+        If it is not JSON, or as :func:`isd_states`.
     """
-    try:
-        content = json.loads(read_bytes(path).decode("utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise FormatError(f"is not JSON ({error})", path, "give an ISD file of ALE") from error
-    if not isinstance(content, dict):
-        raise FormatError("holds no JSON object", path, "give an ISD file of ALE")
-    for name in _TABLES:
-        if not isinstance(content.get(name), dict):
-            raise FormatError(
-                f"has no table {name}", path, "write the ISD with ALE in the form of ISIS"
-            )
-    sun = content.get("sun_position")
+    return isd_states(Fields.read_json(path))
+
+
+def isd_states(fields: Fields) -> StateTables:
+    """Return the states in the content of an ISD file.
+
+    Quaternions are scalar first, from J2000; positions km relative to the body, along J2000, as in
+    the tables of ISIS cubes.
+
+    Parameters
+    ----------
+    fields : Fields
+
+    Raises
+    ------
+    FormatError
+        If a table is missing or has other units, or another reference frame.
+    """
     return StateTables(
-        _rotation(content, "instrument_pointing", path),
-        _position(content, "instrument_position", path),
-        _rotation(content, "body_rotation", path),
-        _position(content, "sun_position", path) if isinstance(sun, dict) else None,
+        _rotation(fields, "instrument_pointing"),
+        _position(fields, "instrument_position"),
+        _rotation(fields, "body_rotation"),
+        None if fields.get(_SUN) is None else _position(fields, _SUN),
         StateSource.ISD,
     )
 
 
-def _rotation(content: Mapping[str, Any], name: str, path: str | Path) -> RotationTable:
+def _rotation(fields: Fields, name: str) -> RotationTable:
     """Return a table of rotations."""
-    table, where = content[name], f"{path}, {name}"
-    _check_frame(table, where)
-    with _numbers(where):
-        constant = table.get("constant_rotation")
-        return RotationTable(
-            table["ephemeris_times"],
-            table["quaternions"],
-            np.eye(3) if constant is None else np.array(constant, dtype=float).reshape(3, 3),
-            where,
-        )
+    times = _times(fields, name)
+    constant: FloatArray = np.eye(3)
+    if fields.get(f"{name}.constant_rotation") is not None:
+        constant = fields.vector(f"{name}.constant_rotation", 9).reshape(3, 3)
+    where = fields.where(name)
+    with as_format_error():
+        return RotationTable(times, _rows(fields, f"{name}.quaternions", times, 4), constant, where)
 
 
-def _position(content: Mapping[str, Any], name: str, path: str | Path) -> PositionTable:
+def _position(fields: Fields, name: str) -> PositionTable:
     """Return a table of positions."""
-    table, where = content[name], f"{path}, {name}"
-    _check_frame(table, where)
-    if table.get("unit", "km") != "km":
-        raise FormatError(f"is in {table['unit']}, not in km", where, "write it with ALE again")
-    with _numbers(where):
-        velocity = table.get("velocities")
-        return PositionTable(
-            table["ephemeris_times"],
-            KM * np.array(table["positions"], dtype=float),
-            None if velocity is None else KM * np.array(velocity, dtype=float),  # type: ignore[arg-type]
-            where,
-        )
+    times = _times(fields, name)
+    unit = fields.text(f"{name}.unit", "km")
+    if unit != "km":
+        raise FormatError(f"is in {unit}, not in km", fields.where(name), "write it with ALE again")
+    positions = KM * _rows(fields, f"{name}.positions", times, 3)
+    rates = f"{name}.velocities"
+    velocity = np.full_like(positions, np.nan)
+    if fields.get(rates) is not None:
+        velocity = KM * _rows(fields, rates, times, 3)
+    where = fields.where(name)
+    with as_format_error():
+        return PositionTable(times, positions, velocity, where)
 
 
-def _check_frame(table: Mapping[str, Any], where: str) -> None:
-    """Refuse a table that is not relative to J2000."""
-    if table.get("reference_frame", _J2000) != _J2000:
+def _times(fields: Fields, name: str) -> FloatArray:
+    """Return the times of a table, which must be relative to J2000."""
+    if fields.get(name) is None:
         raise FormatError(
-            f"has the reference frame {table['reference_frame']}, not J2000 ({_J2000})", where
+            "is missing", fields.where(name), "write the ISD with ALE in the form of ISIS"
         )
+    frame = fields.number(f"{name}.reference_frame", _J2000)
+    if frame != _J2000:
+        raise FormatError(
+            f"is {frame:g}, not J2000 ({_J2000})", fields.where(f"{name}.reference_frame")
+        )
+    return fields.vector(f"{name}.ephemeris_times")
 
 
-@contextmanager
-def _numbers(where: str) -> Iterator[None]:
-    """Turn errors of missing or wrong numbers into one line."""
-    try:
-        with as_format_error(where):
-            yield
-    except KeyError as error:
-        raise FormatError(f"has no {error.args[0]}", where, "write it with ALE again") from error
-    except (TypeError, ValueError, OverflowError) as error:
-        raise FormatError(f"holds no table of numbers ({error})", where) from error
+def _rows(fields: Fields, name: str, times: FloatArray, width: int) -> FloatArray:
+    """Return rows (N, width), one for each time."""
+    rows = fields.table(name, width)
+    if len(rows) != len(times):
+        raise FormatError(f"has {len(rows)} rows for {len(times)} times", fields.where(name))
+    return rows

@@ -70,7 +70,7 @@ def isis_states(tables: Mapping[str, IsisTable], where: str) -> StateTables:
 def _rotation(table: IsisTable, where: str) -> RotationTable:
     """Return a table of rotations."""
     constant = table.keywords.get("ConstantRotation")
-    with as_format_error(where):
+    with as_format_error():
         matrix = np.eye(3) if constant is None else np.array(constant, dtype=float)
         if matrix.size != 9:
             raise FormatError(f"ConstantRotation has {matrix.size} numbers, not 9", where)
@@ -85,7 +85,7 @@ def _rotation(table: IsisTable, where: str) -> RotationTable:
 def _position(table: IsisTable, where: str) -> PositionTable:
     """Return a table of positions."""
     known = all(name in table.columns for name in _VELOCITY)
-    with as_format_error(where):
+    with as_format_error():
         return PositionTable(
             _columns(table, ("ET",), where)[:, 0],
             KM * _columns(table, _POSITION, where),

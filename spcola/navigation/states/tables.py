@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,9 +16,8 @@ from spcola.navigation.states.image_state import ImageState, StateSource
 from spcola.navigation.time import utc_from_et
 from spcola.navigation.trajectory import straight_lines
 
-TOLERANCE_S = 0.5
-"""A time this far outside a table takes its first or last row."""
-
+# A single row holds for this time before and after it; several end with their first and last.
+_ALONE_S, _ENDS_S = 0.5, 1e-6
 _UNIT = 1e-6
 
 
@@ -59,11 +59,16 @@ class RotationTable:
         if not np.all(np.abs(length - 1.0) < _UNIT):
             raise InvalidValueError("is not of unit length", f"{self.name}.quaternion")
 
-    def at(self, times: ArrayLike) -> FloatArray:
+    def at(self, times: ArrayLike, *, method: Literal["slerp", "cubic"] = "slerp") -> FloatArray:
         """Return matrices (M, 3, 3) from J2000 to the frame at ephemeris times (M,), s.
 
-        Between two rows the rotation has a fixed axis and a constant rate; a single row holds for
-        all times near it.
+        Between two rows the rotation has a fixed axis and a constant rate ("slerp"), or a smooth
+        rate ("cubic"); a single row holds for all times near it.
+
+        Parameters
+        ----------
+        times : (M,) array_like
+        method : {"slerp", "cubic"}
 
         Raises
         ------
@@ -73,7 +78,9 @@ class RotationTable:
         wanted = _within(self.time, times, self.name)
         # SciPy's matrix of a quaternion turns vectors as SPICE's does.
         rows = Rotation.from_quat(self.quaternion[:, [1, 2, 3, 0]]).as_matrix()
-        turned: FloatArray = self.constant @ interpolate_axes(self.time, rows, wanted)
+        turned: FloatArray = self.constant @ interpolate_axes(
+            self.time, rows, wanted, method=method
+        )
         return turned
 
 
@@ -224,7 +231,7 @@ def _within(known: FloatArray, times: ArrayLike, name: str) -> FloatArray:
     """Return times (M,), those just outside a table moved to its ends."""
     wanted = np.asarray(times, dtype=np.float64)
     outside = np.maximum(known[0] - wanted, wanted - known[-1])
-    if not np.all(outside <= TOLERANCE_S):
+    if not np.all(outside <= (_ALONE_S if len(known) == 1 else _ENDS_S)):
         worst = int(np.argmax(outside))
         raise InvalidValueError(
             f"does not cover {utc_from_et(float(wanted[worst]))}, {outside[worst]:.3f} s outside",

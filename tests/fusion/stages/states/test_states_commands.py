@@ -15,6 +15,8 @@ from fusion.cli.app import app
 from fusion.workspace import SETTINGS_FILE, new_workspace
 from fusion.workspace.settings import Settings, write_settings
 from spcola.camera import Camera, SpcImage
+from spcola.camera.instrument import Instrument
+from spcola.formats.cameras import write_cameras
 from spcola.formats.solution import read_nominal, read_summary, write_list, write_summary
 from spcola.navigation import SPICE_LOCK, Spin, et_from_utc, utc_from_et
 
@@ -126,7 +128,7 @@ def test_the_states_come_back_as_sum_and_nom(solved, exported, tmp_path):
     table = table_of(tmp_path / "images.csv", images)
     like = solved.image_path("P0000")
     command = sumfiles(
-        exported, made.root, table, "--like", like, "--sigma-m", 5, "--sigma-mrad", 2
+        exported, made.root, table, "--camera", like, "--sigma-m", 5, "--sigma-mrad", 2
     )
     found = content(*command)
     assert [row["image"] for row in found["images"]] == [image.name for image in images]
@@ -192,7 +194,7 @@ def test_a_table_of_poses_becomes_sum_files(solved, tmp_path):
     made = workspace_at(tmp_path / "ws", spice=TABLE, spin=ROTATION)
     like = solved.image_path("P0000")
     sun = [word for a in "xyz" for word in ("--columns", f"sun{a}=S {a}")]
-    command = ("sumfiles", made.root, "--poses", table, "--like", like)
+    command = ("sumfiles", made.root, "--poses", table, "--camera", like)
     assert "no direction to the Sun" in refusal(*command)
     assert call(*command, *sun).stdout.startswith("Wrote .SUM of 6 images")
     for image in images:
@@ -207,13 +209,13 @@ def test_a_table_of_poses_becomes_sum_files(solved, tmp_path):
     long = tmp_path / "long.csv"
     long.write_text(table.read_text().replace("P0003", "MUCHTOOLONGNAME"))
     line = refusal("sumfiles", workspace_at(tmp_path / "new", spin=ROTATION).root, "--poses", long,
-                   "--like", like, *sun)  # fmt: skip
+                   "--camera", like, *sun)  # fmt: skip
     assert "SUMFILES/MUCHTOOLONGNAME.SUM: image name" in line
     assert not list((tmp_path / "new" / "SUMFILES").iterdir())
     # Without a rotation an inertial table cannot be used.
     other = workspace_at(tmp_path / "other")
     assert "rotation of the body is not stated" in refusal(
-        "sumfiles", other.root, "--poses", table, "--like", like, *sun
+        "sumfiles", other.root, "--poses", table, "--camera", like, *sun
     )
 
 
@@ -223,8 +225,25 @@ def test_a_start_and_an_exposure_give_the_middle(solved, exported, tmp_path):
     start = utc_from_et(et_from_utc(image.utc) - 0.1)
     (tmp_path / "images.csv").write_text(f"name,utc,exposure_ms\nP0001,{start},200\n")
     like = solved.image_path("P0000")
-    call(*sumfiles(exported, made.root, tmp_path / "images.csv", "--like", like))
+    call(*sumfiles(exported, made.root, tmp_path / "images.csv", "--camera", like))
     assert made.image("P0001").utc == image.utc
+
+
+def test_the_camera_may_come_from_a_camera_file(solved, exported, tmp_path):
+    made = workspace_at(tmp_path / "ws", spice=TABLE)
+    table = table_of(tmp_path / "images.csv", solved.images()[:1])
+    path = tmp_path / "camera.toml"
+    write_cameras(path, [Instrument("MAP", CAMERA)])
+    call(*sumfiles(exported, made.root, table, "--camera", path))
+    again = made.image("P0000")
+    assert again.camera.focal_length_mm == CAMERA.focal_length_mm
+    np.testing.assert_array_equal(again.camera.k_matrix, CAMERA.k_matrix)
+    assert again.thresholds == (0, 65535)
+    write_cameras(path, [Instrument("MAP", CAMERA), Instrument("POLY", CAMERA)])
+    other = workspace_at(tmp_path / "other", spice=TABLE)
+    assert "has the cameras MAP, POLY" in refusal(
+        *sumfiles(exported, other.root, table, "--camera", path)
+    )
 
 
 def test_images_are_named_by_the_rule(solved, exported, tmp_path):
@@ -232,7 +251,7 @@ def test_images_are_named_by_the_rule(solved, exported, tmp_path):
     image = solved.image("P0001")
     (tmp_path / "images.csv").write_text(f"file,utc,filter\nlong_name_1.fits,{image.utc},PAN\n")
     like = solved.image_path("P0000")
-    command = sumfiles(exported, made.root, tmp_path / "images.csv", "--like", like)
+    command = sumfiles(exported, made.root, tmp_path / "images.csv", "--camera", like)
     found = content(*command, "--letter", "M")
     seconds = int(et_from_utc(image.utc))
     (row,) = found["images"]
@@ -245,12 +264,12 @@ def test_the_label_of_an_image_gives_its_time(shared_data, solved, exported, tmp
     made = workspace_at(tmp_path / "ws", spice=TABLE)
     cube = shared_data / "isis_cubes" / "20200303T213031S138_ncm_L0-reduced.cub"
     like = solved.image_path("P0000")
-    line = refusal(*sumfiles(exported, made.root, "--image", cube, "--like", like))
+    line = refusal(*sumfiles(exported, made.root, "--image", cube, "--camera", like))
     # The kernels are of another year.
     assert "20200303T213031S138_ncm_L0-reduced, 2020 MAR 03 21:30:31" in line
     plain = shared_data / "vesta" / "images" / "00000000.png"
     assert "does not state when" in refusal(
-        *sumfiles(exported, made.root, "--image", plain, "--like", like)
+        *sumfiles(exported, made.root, "--image", plain, "--camera", like)
     )
 
 
@@ -258,7 +277,7 @@ def test_what_is_missing_is_named(solved, exported, tmp_path):
     made = workspace_at(tmp_path / "ws")
     like = solved.image_path("P0000")
     table = table_of(tmp_path / "images.csv", solved.images())
-    command = sumfiles(exported, made.root, table, "--like", like)
+    command = sumfiles(exported, made.root, table, "--camera", like)
     assert "[spice] spacecraft: must be given" in refusal(*command)
     named = (*command, "--spacecraft", "-64", "--body", 2101955)
     late = tmp_path / "late.csv"
@@ -277,10 +296,10 @@ def test_what_is_missing_is_named(solved, exported, tmp_path):
     assert "states no time" in refusal(*named)
     assert "holds no image" in refusal("sumfiles", made.root, "--compare", "--frame", "X")
     assert "[spice] kernels: holds no kernel" in refusal(
-        "sumfiles", made.root, late, "--like", like, "--frame", "X"
+        "sumfiles", made.root, late, "--camera", like, "--frame", "X"
     )
     assert call("sumfiles", made.root, table, code=2)
-    assert call("sumfiles", made.root, table, "--like", like, code=2)
+    assert call("sumfiles", made.root, table, "--camera", like, code=2)
     assert call("sumfiles", made.root, table, "--frame", "X", code=2)
 
 
@@ -309,7 +328,7 @@ def test_seventy_poses_of_a_comet_become_sum_files(shared_data, tmp_path):
     made = workspace_at(tmp_path / "ws")
     found = content(
         *("sumfiles", made.root, "--poses", folder / "navcam" / "poses.csv"),
-        *("--like", folder / "W48230079013.SUM", "--letter", "N"),
+        *("--camera", folder / "W48230079013.SUM", "--letter", "N"),
     )
     assert len(made.image_names()) == len(found["images"]) == 70
     row = next(row for row in found["images"] if row["original"] == "20140805T200719")
@@ -317,3 +336,34 @@ def test_seventy_poses_of_a_comet_become_sum_files(shared_data, tmp_path):
     image = made.image(row["image"])
     np.testing.assert_allclose(image.scobj, [67871.148108, -105289.270599, -36719.898695])
     assert et_from_utc(image.utc) == pytest.approx(et_from_utc("2014-08-05T20:07:19.020"), abs=1e-3)
+
+
+@pytest.mark.real_data
+def test_mapcam_by_its_clock(shared_data, tmp_path):
+    folder = shared_data / "bennu" / "kernels_mapcam_20190303"
+    texts = (
+        "naif0012.tls",
+        "pck00010.tpc",
+        "bennu_v16.tpc",
+        "orx_v14.tf",
+        "orx_sclkscet_00065.tsc",
+    )
+    kernels = [*(folder / name for name in texts), *sorted(folder.glob("*.x*"))]
+    made = workspace_at(tmp_path / "ws", spice=TABLE)
+    (tmp_path / "images.csv").write_text(
+        "image,clock,exposure_ms,filter\nmap_iofL2pan,3/0604882742.23115,5.285275,PAN\n"
+    )
+    write_cameras(tmp_path / "map.toml", [Instrument("MAPCAM", CAMERA)])
+    found = content(
+        *("sumfiles", made.root, tmp_path / "images.csv", "--letter", "M"),
+        *("--camera", tmp_path / "map.toml", "--frame", "ORX_OCAMS_MAPCAM"),
+        *(word for kernel in kernels for word in ("--kernel", kernel)),
+    )
+    (row,) = found["images"]
+    assert (row["image"], row["original"]) == ("M604882849PA", "map_iofL2pan")
+    image = made.image(row["image"])
+    assert image.utc == "2019 MAR 03 10:59:40.247"
+    assert np.linalg.norm(image.scobj) == pytest.approx(6593.743, abs=1e-3)
+    nominal = read_nominal(made.root / "NOMINALS" / f"{row['image']}.NOM")
+    # The body turns under the spacecraft.
+    assert 2.0 < np.linalg.norm(nominal.velocity) < 3.0

@@ -194,14 +194,20 @@ def change_isd(table, **changed):
 
 
 WRONG_ISD = {
-    "no table": ({"sensor_position": {}}, "has no table instrument_pointing"),
+    "no table": ({"sensor_position": {}}, "instrument_pointing: is missing"),
     "a list": ([1, 2], "no JSON object"),
-    "a frame": (change_isd("instrument_position", reference_frame=31001), "reference frame 31001"),
+    "a frame": (
+        change_isd("instrument_position", reference_frame=31001),
+        "is 31001, not J2000",
+    ),
     "metres": (change_isd("instrument_position", unit="m"), "is in m, not in km"),
-    "too large": (change_isd("instrument_position", positions=[[10**400, 0, 0]]), "no table"),
-    "a word": (change_isd("body_rotation", quaternions="none"), "no table of numbers"),
+    "too large": (
+        change_isd("instrument_position", positions=[[10**400, 0, 0]]),
+        "no usable number",
+    ),
+    "a word": (change_isd("body_rotation", quaternions="none"), "missing or no list"),
     "length": (change_isd("body_rotation", quaternions=[[2, 0, 0, 0]]), "unit length"),
-    "rows": (change_isd("instrument_position", ephemeris_times=[1.0, 2.0]), "shape"),
+    "rows": (change_isd("instrument_position", ephemeris_times=[1.0, 2.0]), "1 rows for 2 times"),
     "no mirror": (change_isd("body_rotation", constant_rotation=(-TURN).ravel().tolist()), "left"),
 }
 
