@@ -32,7 +32,7 @@ from spcola.arrays import FloatArray
 from spcola.camera import Camera
 from spcola.camera.instrument import FocusTable, Instrument, Pupil, ThermalFocus
 from spcola.errors import FormatError, InvalidValueError
-from spcola.formats.cameras.fields import Fields
+from spcola.formats.text.fields import Fields
 from spcola.formats.text.source import as_format_error
 
 _NAMES = {

@@ -13,14 +13,13 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from spcola.arrays import FloatArray
 from spcola.camera import Camera, DistortionModel
-from spcola.camera.linescan import LineScan, interpolate_axes, interpolate_positions
+from spcola.camera.linescan import LineScan
 from spcola.errors import FormatError
-from spcola.formats.cameras.fields import Fields
-from spcola.formats.text import KM
+from spcola.formats.states.isd import isd_states
+from spcola.formats.text.fields import Fields
 from spcola.formats.text.source import as_format_error
 
 _FRAME = "USGS_ASTRO_FRAME_SENSOR_MODEL"
@@ -228,48 +227,9 @@ def _states(
     fields: Fields, times: FloatArray, pointing: Literal["slerp", "cubic"]
 ) -> tuple[FloatArray, FloatArray]:
     """Return positions (N, 3), m, and ISIS's axes (N, 3, 3), body-fixed, at times (N,)."""
-    body = _rotations(fields, "body_rotation", times, "slerp")
-    instrument = _rotations(fields, "instrument_pointing", times, pointing)
-    name = "instrument_position"
-    known = fields.vector(f"{name}.ephemeris_times")
-    places = _of_each(fields, f"{name}.positions", known, 3)
-    rates = f"{name}.velocities"
-    velocities = None if fields.get(rates) is None else KM * _of_each(fields, rates, known, 3)
-    inertial = interpolate_positions(known, KM * places, times, velocities=velocities)
-    positions = np.einsum("nij,nj->ni", body, inertial)
+    tables = isd_states(fields)
+    with as_format_error():
+        body = tables.body.at(times)
+        instrument = tables.pointing.at(times, method=pointing)
+        positions = np.einsum("nij,nj->ni", body, tables.position.at(times)[0])
     return positions, instrument @ np.swapaxes(body, -1, -2)
-
-
-def _rotations(
-    fields: Fields, name: str, times: FloatArray, method: Literal["slerp", "cubic"]
-) -> FloatArray:
-    """Return the rotations (N, 3, 3) from J2000 to a frame at times (N,).
-
-    Raises
-    ------
-    FormatError
-        If they start from another frame.
-    """
-    if fields.number(f"{name}.reference_frame") != 1:
-        raise FormatError("is not J2000 (1)", fields.where(f"{name}.reference_frame"))
-    known = fields.vector(f"{name}.ephemeris_times")
-    quaternions = _of_each(fields, f"{name}.quaternions", known, 4)
-    turn = Rotation.from_quat(quaternions[:, [1, 2, 3, 0]]).as_matrix()
-    found = interpolate_axes(known, turn, times, method=method)
-    if fields.get(f"{name}.constant_rotation") is not None:
-        found = fields.vector(f"{name}.constant_rotation", 9).reshape(3, 3) @ found
-    return found
-
-
-def _of_each(fields: Fields, name: str, times: FloatArray, width: int) -> FloatArray:
-    """Return a table (N, width) with a row for each of the times (N,).
-
-    Raises
-    ------
-    FormatError
-        If it has another number of rows.
-    """
-    rows = fields.table(name, width)
-    if len(rows) != len(times):
-        raise FormatError(f"has {len(rows)} rows for {len(times)} times", fields.where(name))
-    return rows

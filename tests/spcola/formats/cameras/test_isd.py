@@ -78,6 +78,11 @@ def scanner(tmp_path: Path) -> Path:
             "positions": [[0.0, -1010.0, 0.1 * (t - 50.0)] for t in times],
             "velocities": [[0.0, 0.0, 0.1]] * 3,
         },
+        **{
+            name: FRAME[name]
+            | {"ephemeris_times": times, "quaternions": 3 * FRAME[name]["quaternions"]}
+            for name in ("body_rotation", "instrument_pointing")
+        },
     )
 
 

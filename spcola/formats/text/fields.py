@@ -13,7 +13,8 @@ import numpy as np
 
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError
-from spcola.formats.text import LARGEST_NUMBER, read_bytes
+from spcola.formats.text.fortran import LARGEST_NUMBER
+from spcola.formats.text.source import read_bytes
 
 # More lines than any image has; tables of states for them fit into memory.
 _LARGEST_SIDE = 1 << 22
