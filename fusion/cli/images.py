@@ -20,7 +20,9 @@ from fusion.cli.output import MANY_LINES, show
 from fusion.cli.states import BodyOptions, PoseOptions, StateOptions
 
 if TYPE_CHECKING:
-    from fusion.stages.images import Imported, ImportOptions, Recipe, StateChoice
+    from fusion.stages.images import ImportOptions, Recipe, StateChoice, TriageReport
+    from fusion.stages.images.importing import Imported
+    from fusion.stages.images.triage import Triage
     from fusion.workspace import Workspace
 
 _Orientation = Literal[
@@ -162,6 +164,18 @@ def images(
     kernels: StateOptions = StateOptions(),
     names: BodyOptions = BodyOptions(),
     pixels: PixelOptions = PixelOptions(),
+    report: Annotated[
+        bool,
+        typer.Option(
+            "--report",
+            help="Look at all images of the workspace: what they show, range, resolution, phase, "
+            "emission, and whether they fit the shape at their states, in which orientation and "
+            "with which offset. Writes images.html.",
+        ),
+    ] = False,
+    thumbnails: Annotated[
+        bool, typer.Option("--thumbnails", help="With --report: small pictures on the page.")
+    ] = False,
     workers: WorkersOption = None,
     solution: SolutionOption = "",
     wait: Annotated[
@@ -177,32 +191,113 @@ def images(
     recognised by its content. An interrupted import goes on where it was.
     """
     # Imported here and not above, so that --help is fast.
-    from fusion.runtime import Progress
-    from fusion.stages.images import ImportOptions, import_images
     from fusion.workspace import Workspace
 
-    if not files:
-        raise typer.BadParameter("give image files", param_hint="FILE")
-    choice = states.choice(table_of_poses, kernels, names)
-    options = ImportOptions(pixels.recipe(), choice, letter, tuple(filter or ()), pixels.size)
+    if not files and not report:
+        raise typer.BadParameter("give image files, or --report", param_hint="FILE")
     there = Workspace.open(workspace, solution)
+    content: dict[str, Any] = {"workspace": there.root, "solution": there.solution}
+    lines: list[str] = []
+    if files:
+        from fusion.stages.images import ImportOptions
+
+        choice = states.choice(table_of_poses, kernels, names)
+        options = ImportOptions(pixels.recipe(), choice, letter, tuple(filter or ()), pixels.size)
+        lines += _bring_in(there, files, options, content, (workers, wait, as_json))
+    if report:
+        lines += _look_at(there, content, thumbnails=thumbnails, workers=workers, silent=as_json)
+    show(content, lines, as_json=as_json)
+
+
+def _bring_in(
+    workspace: Workspace,
+    files: list[Path],
+    options: ImportOptions,
+    content: dict[str, Any],
+    how: tuple[int | None, bool, bool],
+) -> Iterator[str]:
+    """Import images; fill `content`, yield lines."""
+    from fusion.runtime import Progress
+    from fusion.stages.images import import_images
+
+    workers, wait, silent = how
     done = import_images(
-        there,
-        files or [],
+        workspace,
+        files,
         options,
         executor=executor_of(workers, ""),
-        progress=Progress.fitting(silent=as_json),
+        progress=Progress.fitting(silent=silent),
         wait=wait,
     )
-    content = {
-        "workspace": there.root,
-        "solution": there.solution,
+    content |= {
         "new": [record.as_json() for record in done.new],
         "known": [record.name for record in done.known],
         "filtered": done.filtered,
         "remarks": list(done.remarks),
     }
-    show(content, _import_lines(there, done), as_json=as_json)
+    yield from _import_lines(workspace, done)
+
+
+def _look_at(
+    workspace: Workspace,
+    content: dict[str, Any],
+    *,
+    thumbnails: bool,
+    workers: int | None,
+    silent: bool,
+) -> Iterator[str]:
+    """Triage all images; write the page, fill `content`, yield lines."""
+    import spcola
+    from fusion.report.images import image_page, thumbnail
+    from fusion.runtime import Progress
+    from fusion.stages.images import triage_images
+    from spcola import atomic
+    from spcola.formats.images import read_image_data
+
+    found = triage_images(
+        workspace, executor=executor_of(workers, ""), progress=Progress.fitting(silent=silent)
+    )
+    remarks = [f"{one.name} ({one.original}) {one.remark}" for one in found.images if one.flags]
+    pictures = {}
+    if thumbnails:
+        pictures = {
+            one.name: thumbnail(read_image_data(workspace.exposure_path(one.name), *one.size))
+            for one in found.images
+        }
+    page = workspace.home / "images.html"
+    report = found.as_json()
+    body = workspace.settings().body.name
+    versions = {"spcola": spcola.__version__}
+    atomic.write_text(page, image_page(body, report, remarks, pictures, versions))
+    content |= {**report, "page": page, "doubtful": remarks}
+    yield from _report_lines(found, remarks, page)
+
+
+def _report_lines(found: TriageReport, remarks: list[str], page: Path) -> Iterator[str]:
+    """Yield the table of the images, short where there are many, and what is doubtful."""
+    rows = [
+        f"  {one.name:12s} {one.scene:8s} {one.range_m:12.1f} m {one.resolution_m:9.4g} m/px "
+        f"phase {one.phase_deg:6.1f} em {one.emission_deg:5.1f}{_fit_words(one)}"
+        for one in found.images
+    ]
+    yield from _some(rows)
+    counted = ", ".join(f"{number} {what}" for what, number in found.counts.items() if number)
+    yield f"{len(found.images)} images: {counted}"
+    if found.found_orientation:
+        turns = ", ".join(f"{number} {turn}" for turn, number in found.found_orientation.items())
+        right, down = found.offset_rms_px
+        yield f"They fit the shape: {turns}; offsets {right:.1f} pixels, {down:.1f} lines rms"
+    yield from _some([f"  {remark}" for remark in remarks])
+    yield f"Page: {page}"
+
+
+def _fit_words(one: Triage) -> str:
+    """Return orientation, correlation and offset of an image."""
+    if one.fit is None:
+        return ""
+    right, down = one.fit.offset_px
+    where = one.fit.turn or "no clear orientation"
+    return f"  {where} {one.fit.correlation:.2f}, {right:+.1f} {down:+.1f} px"
 
 
 def _import_lines(workspace: Workspace, done: Imported) -> Iterator[str]:

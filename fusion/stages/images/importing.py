@@ -23,8 +23,8 @@ from spcola.camera.detector import Preparation
 from spcola.errors import InvalidValueError, WorkspaceError
 
 _LOCK = ".images.lock"
-_ITEMS = Path(".items") / "images"
-_VERSION = f"{spcola.__version__} images 1"
+ITEM_PLACE = Path(".items") / "images"
+ITEM_VERSION = f"{spcola.__version__} images 1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,7 +234,7 @@ def _all_pixels(
     if not planned:
         return {}
     make_folder(workspace.root / "IMAGEFILES")
-    store = ItemStore(workspace.root / _ITEMS, _VERSION)
+    store = ItemStore(workspace.root / ITEM_PLACE, ITEM_VERSION)
     begun = time.time()
     bring = _Bringing(options.recipe.preparation(), options, store, workspace)
     facts = {}

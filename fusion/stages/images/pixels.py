@@ -26,6 +26,12 @@ from spcola.formats.text import read_bytes
 _CHUNK = 1 << 20
 # Edge lines and columns that show brightness going through the whole frame.
 _RIM = 16
+# Smear is darker than this share of bright ground.
+_BELOW_GROUND = 0.7
+# In a picture with fewer levels many pixels have the largest one.
+_FEW_LEVELS = 64
+# Enough for a percentile, and for a correlation.
+_SAMPLES, _LINES = 1 << 16, 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,41 +153,46 @@ def _prepared(pixels: PixelValues, preparation: Preparation, path: Path) -> Prep
         raise InvalidValueError(f"{error.where}: {error.what}", path, error.do) from error
 
 
-def _contents(dn: AnyArray, low: int) -> tuple[float, float, float, float, float]:
-    """Return the shares of lit, brightest and edge pixels, and the brightness of edges."""
+def _contents(dn: AnyArray, low: int) -> tuple[float, float, float, float, float, float]:
+    """Return what :class:`PixelFacts` states of the picture, from `lit` to `lines`."""
     lit = dn >= low
     count = int(np.count_nonzero(lit))
     if not count:
-        return 0.0, 0.0, 0.0, 0.0, 0.0
-    brightest = float(np.count_nonzero(dn == dn.max()) / count)
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    largest = int(dn.max())
+    brightest = np.count_nonzero(dn == largest) / count if largest >= _FEW_LEVELS else 0.0
     rim = np.concatenate([lit[0], lit[-1], lit[1:-1, 0], lit[1:-1, -1]])
-    ground = float(np.median(dn[lit]))
+    ground = float(np.percentile(dn[lit][:: max(count // _SAMPLES, 1)], 90.0))
     edges = [_through(turned, ground) for turned in (dn, dn.T)]
-    return count / dn.size, brightest, float(rim.mean()), edges[0], edges[1]
+    return count / dn.size, brightest, float(rim.mean()), _likeness(dn), edges[0], edges[1]
+
+
+def _likeness(dn: AnyArray) -> float:
+    """Return the correlation of neighbours along lines, from some lines; 0 in uniform frames."""
+    lines = dn[:: max(len(dn) // _LINES, 1)].astype(np.float64)
+    lines = lines - lines.mean()
+    power = float(np.mean(lines * lines))
+    return float(np.mean(lines[:, 1:] * lines[:, :-1])) / power if power > 0.0 else 0.0
 
 
 def _through(dn: AnyArray, ground: float) -> float:
     """Return how much of the brightness of lit ground runs along columns from edge to edge.
 
     The profile across the frame is the same at its first and its last lines where charge was
-    moved through the frame; of ground or sky it is not.
+    moved through the frame, and darker than ground. 0 for other profiles.
     """
     width = dn.shape[1] // _RIM * _RIM
     if width < 8 * _RIM or len(dn) < 4 * _RIM:
         return 0.0
-    first, last = (_profile(part[:, :width]) for part in (dn[:_RIM], dn[-_RIM:]))
-    covariance = float(np.mean(first * last))
-    spread = float(np.std(first) * np.std(last))
-    if covariance <= 0.9 * spread or spread == 0.0:
+    profiles = [
+        part[:, :width].mean(axis=0).reshape(-1, _RIM).mean(axis=1)
+        for part in (dn[:_RIM], dn[-_RIM:])
+    ]
+    if max(float(one.max()) for one in profiles) > _BELOW_GROUND * ground:
         return 0.0
-    return float(np.sqrt(covariance) / ground)
-
-
-def _profile(part: AnyArray) -> FloatArray:
-    """Return the mean brightness of columns in groups, less its mean."""
-    columns = part.mean(axis=0).reshape(-1, _RIM).mean(axis=1)
-    profile: FloatArray = columns - columns.mean()
-    return profile
+    first, last = (one - one.mean() for one in profiles)
+    covariance, spread = float(np.mean(first * last)), float(np.std(first) * np.std(last))
+    return float(np.sqrt(covariance) / ground) if covariance > 0.9 * spread > 0.0 else 0.0
 
 
 def _frame(path: Path) -> FloatArray:

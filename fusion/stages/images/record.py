@@ -28,11 +28,13 @@ class PixelFacts:
     lit : float
         Share of pixels at or above the lower threshold.
     brightest : float
-        Share of the lit pixels that have the largest DN of the image.
+        Share of the lit pixels that have the largest DN of the image; 0 if that is below 64.
     edges : float
         Share of the frame's outermost pixels that are lit.
+    likeness : float
+        Correlation of neighbours along the lines: near 0 for noise.
     columns, lines : float
-        Brightness that goes along whole columns (lines) from edge to edge, over that of lit ground.
+        Brightness that runs along whole columns (lines) from edge to edge, over that of lit ground.
     """
 
     sha256: str
@@ -47,6 +49,7 @@ class PixelFacts:
     lit: float
     brightest: float
     edges: float
+    likeness: float
     columns: float
     lines: float
 
