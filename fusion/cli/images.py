@@ -97,9 +97,7 @@ class ImageStateOptions:
             "beside the images.",
         ),
     ] = None  # fmt: skip
-    model_unit: Annotated[
-        Literal["km", "m"], typer.Option(help="Unit of the COLMAP model.")
-    ] = "km"
+    model_unit: Annotated[Literal["km", "m"], typer.Option(help="Unit of the COLMAP model.")] = "km"
     first_pixel: Annotated[
         float,
         typer.Option(min=0.0, max=1.0, help="COLMAP: coordinate of the first pixel's centre."),
@@ -113,9 +111,7 @@ class ImageStateOptions:
         ),
     ] = None
 
-    def choice(
-        self, poses: PoseOptions, kernels: StateOptions, body: BodyOptions
-    ) -> StateChoice:
+    def choice(self, poses: PoseOptions, kernels: StateOptions, body: BodyOptions) -> StateChoice:
         """Return the source of states."""
         from fusion.stages.images import StateChoice, StateKind
 
@@ -310,11 +306,7 @@ def _import_lines(workspace: Workspace, done: Imported) -> Iterator[str]:
     if done.filtered:
         yield f"  {done.filtered} of other filters were left out"
     yield from _some([f"  {remark}" for remark in done.remarks])
-    notes = [
-        f"  {record.name}: {note}"
-        for record in done.new
-        for note in record.notes
-    ]
+    notes = [f"  {record.name}: {note}" for record in done.new for note in record.notes]
     yield from _some(notes)
 
 

@@ -77,7 +77,7 @@ def thumbnail(pixels: AnyArray) -> str:
     small = pixels[::step, ::step].astype(np.float64)
     stream = io.BytesIO()
     top = max(float(np.percentile(small, 99.5)), 1.0)
-    imsave(stream, small, cmap="gray", vmin=0.0, vmax=top, format="png", metadata={"Software": None})
+    imsave(stream, small, cmap="gray", vmin=0.0, vmax=top, format="png")
     return f"data:image/png;base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
 
 

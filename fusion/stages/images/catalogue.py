@@ -47,9 +47,7 @@ def read_catalogue(workspace: Workspace) -> dict[str, ImageRecord]:
         try:
             content = json.loads(line)
         except (ValueError, RecursionError) as error:
-            raise FormatError(
-                f"is not JSON ({error})", where, "import the images again"
-            ) from error
+            raise FormatError(f"is not JSON ({error})", where, "import the images again") from error
         record = ImageRecord.from_json(content, where)
         found[record.name] = record
     return found
@@ -74,7 +72,9 @@ def write_catalogue(workspace: Workspace, records: Iterable[ImageRecord]) -> Non
     """
     ordered = sorted(records, key=lambda record: record.name)
     lines = [
-        json.dumps(json_value(record.as_json()), sort_keys=True, ensure_ascii=False, allow_nan=False)
+        json.dumps(
+            json_value(record.as_json()), sort_keys=True, ensure_ascii=False, allow_nan=False
+        )
         for record in ordered
     ]
     text = "".join(f"{line}\n" for line in lines)

@@ -268,7 +268,7 @@ class _Bringing:
         target = self.workspace.exposure_path(one.name)
         work = PixelWork(one.image.path, self.options.size, target)
 
-        def written(digest: str, recipe: str, place: Path) -> PixelFacts:
+        def written(_digest: str, _recipe: str, _place: Path) -> PixelFacts:
             return write_pixels(work, self.preparation, self.options.recipe.turn)
 
         facts = self.store.result(written, one.image.digest, self.options.recipe.digest, target)

@@ -10,9 +10,10 @@ from typing import Any
 
 from fusion.runtime import Executor
 from fusion.stages.images.pixels import file_digest
-from spcola.errors import FormatError, InvalidValueError
+from spcola.errors import FormatError, InvalidValueError, SpcolaError
 from spcola.formats.images import ImageFile, open_image
 from spcola.formats.images.names import NamedImage, check_name, spc_name
+from spcola.formats.states import read_isis_states
 from spcola.navigation import utc_from_et
 
 
@@ -24,7 +25,7 @@ class OpenedImage:
     ----------
     path : Path
     digest : str
-        SHA-256 of file, pixels and label.
+        SHA-256 of the file with the pixels.
     original : str
         Name of the product or file.
     keys : tuple of str
@@ -83,14 +84,24 @@ def _opened(path: Path, size: tuple[int, int] | None) -> OpenedImage:
         mid = image.label.mid_exposure()
     except FormatError as error:
         raise FormatError(f"{error.where}: {error.what}", path, error.do) from error
-    parts = {p.resolve(): p for p in (image.pixel_path, image.label_path) if p is not None}
     original = image.label.name or path.name
     keys = (path.name, path.stem, original, Path(original).stem)
+    time = _table_time(image) if mid is None else mid.et
     return OpenedImage(
-        path, file_digest(*(parts[key] for key in sorted(parts))), original,
-        tuple(dict.fromkeys(keys)), None if mid is None else mid.et, (image.width, image.height),
+        path, file_digest(image.pixel_path), original,
+        tuple(dict.fromkeys(keys)), time, (image.width, image.height),
         image.label.line_exposure_s is not None, image.label.filter, _facts(image), image.notes,
     )  # fmt: skip
+
+
+def _table_time(image: ImageFile) -> float | None:
+    """Return the middle of the tables of states in an ISIS cube, ephemeris time, s."""
+    if image.format != "isis":
+        return None
+    try:
+        return sum(read_isis_states(image.path).span) / 2.0
+    except SpcolaError:
+        return None
 
 
 def _facts(image: ImageFile) -> dict[str, Any]:
@@ -112,9 +123,7 @@ def _facts(image: ImageFile) -> dict[str, Any]:
     }
 
 
-def names_of(
-    images: Iterable[OpenedImage], times: dict[str, float], letter: str
-) -> dict[str, str]:
+def names_of(images: Iterable[OpenedImage], times: dict[str, float], letter: str) -> dict[str, str]:
     """Return the name in SPC of each image, by digest.
 
     With a letter the names follow SPC's rule. Without, the file's name without its ending is the

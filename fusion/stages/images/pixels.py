@@ -148,7 +148,9 @@ def _prepared(pixels: PixelValues, preparation: Preparation, path: Path) -> Prep
     except InvalidValueError as error:
         # What cannot be scaled is kept as numbers from 0: triage names empty frames.
         if not (pixels.valid.any() and pixels.values[pixels.valid].max() > 0):
-            bits: Literal[8, 16] = preparation.bits or (8 if pixels.values.dtype.itemsize == 1 else 16)
+            bits: Literal[8, 16] = preparation.bits or (
+                8 if pixels.values.dtype.itemsize == 1 else 16
+            )
             return prepare_pixels(pixels, replace(preparation, depth=BitDepth(bits), low=1))
         raise InvalidValueError(f"{error.where}: {error.what}", path, error.do) from error
 

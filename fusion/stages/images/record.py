@@ -67,7 +67,7 @@ class ImageRecord:
     source : str
         The file that was given.
     digest : str
-        SHA-256 of its content, and of its label's if that is another file.
+        SHA-256 of the file with the pixels.
     recipe : str
         What was done to the pixels: equal files with equal recipes give equal .DAT files.
     orientation : str

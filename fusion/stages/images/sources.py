@@ -28,6 +28,8 @@ from spcola.navigation import utc_from_et
 from spcola.navigation.states import ImageState, compare_states
 from spcola.spice.states import SpiceCamera
 
+__all__ = ["StateChoice", "StateKind", "find_sightings"]
+
 # Differences of a table's and a label's time that rounding explains, seconds.
 _SAME_TIME_S = 1.0
 _ISD_ENDINGS = (".isd", ".json", ".ISD", ".JSON")
@@ -157,7 +159,9 @@ def find_sightings(
     for image in images:
         candidate = candidates.get(image.digest)
         if candidate is None:
-            remarks.append(f"{image.path}: has no state in {_named(choice)}; only its pixels come in")
+            remarks.append(
+                f"{image.path}: has no state in {_named(choice)}; only its pixels come in"
+            )
             continue
         state, notes = _completed(candidate.state, image, times)
         used = camera or candidate.camera
@@ -167,7 +171,7 @@ def find_sightings(
             )
         origin = str(choice.camera) if camera is not None else candidate.camera_origin
         found[image.digest] = Sighting(
-            state, used, thresholds, str(candidate.origin), origin, candidate.rate,
+            state, _as_owen(used), thresholds, str(candidate.origin), origin, candidate.rate,
             (*notes, *_other_source(image, state, used, choice.kind)),
         )  # fmt: skip
     return FoundSightings(found, tuple(remarks))
@@ -237,9 +241,7 @@ def _matched(
 _Found = tuple[dict[str, _Candidate], list[str]]
 
 
-def _by_poses(
-    workspace: Workspace, images: Sequence[OpenedImage], choice: StateChoice
-) -> _Found:
+def _by_poses(workspace: Workspace, images: Sequence[OpenedImage], choice: StateChoice) -> _Found:
     """Return states of a table of poses."""
     assert choice.path is not None
     found = states_by_poses(
@@ -249,9 +251,7 @@ def _by_poses(
     return _matched(images, candidates, choice.path)
 
 
-def _by_kernels(
-    workspace: Workspace, images: Sequence[OpenedImage], choice: StateChoice
-) -> _Found:
+def _by_kernels(workspace: Workspace, images: Sequence[OpenedImage], choice: StateChoice) -> _Found:
     """Return states by SPICE at the labels' times."""
     assert choice.frame is not None
     exposures = []
@@ -270,9 +270,7 @@ def _by_kernels(
     }, []
 
 
-def _by_labels(
-    workspace: Workspace, images: Sequence[OpenedImage], choice: StateChoice
-) -> _Found:
+def _by_labels(workspace: Workspace, images: Sequence[OpenedImage], choice: StateChoice) -> _Found:
     """Return the states in the tables of ISIS cubes."""
     del workspace, choice
     return {image.digest: _Candidate(_label_state(image), image.path) for image in images}, []
@@ -308,9 +306,7 @@ def _by_isd(workspace: Workspace, images: Sequence[OpenedImage], choice: StateCh
     return found, []
 
 
-def _by_colmap(
-    workspace: Workspace, images: Sequence[OpenedImage], choice: StateChoice
-) -> _Found:
+def _by_colmap(workspace: Workspace, images: Sequence[OpenedImage], choice: StateChoice) -> _Found:
     """Return states and cameras of a COLMAP model."""
     del workspace
     assert choice.path is not None
@@ -324,9 +320,7 @@ def _by_colmap(
     return _matched(images, candidates, choice.path)
 
 
-_FINDERS: dict[
-    StateKind, Callable[[Workspace, Sequence[OpenedImage], StateChoice], _Found]
-] = {
+_FINDERS: dict[StateKind, Callable[[Workspace, Sequence[OpenedImage], StateChoice], _Found]] = {
     StateKind.POSES: _by_poses,
     StateKind.SPICE: _by_kernels,
     StateKind.LABEL: _by_labels,
@@ -345,6 +339,13 @@ def _camera(path: Path) -> tuple[Camera, tuple[int, int] | None]:
         raise InvalidValueError(f"has the cameras {', '.join(cameras)}", path, "keep one of them")
     (instrument,) = cameras.values()
     return instrument.camera, None
+
+
+def _as_owen(camera: Camera) -> Camera:
+    """Return a camera without distortion in Owen's form, the one of .SUM files."""
+    if camera.distortion.any():
+        return camera
+    return replace(camera, distortion_model="owen", distortion=np.zeros(4))
 
 
 def _named(choice: StateChoice) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
@@ -131,7 +132,8 @@ class Triage:
     @property
     def remark(self) -> str:
         """What is doubtful, and what to do, on one line; empty if nothing is."""
-        return "; ".join(_WORDS[flag](self) for flag in self.flags)
+        words = [_WORDS[flag] for flag in self.flags]
+        return "; ".join(one if isinstance(one, str) else one(self) for one in words)
 
 
 def _turn_words(triage: Triage) -> str:
@@ -151,15 +153,15 @@ def _offset_words(triage: Triage) -> str:
     return f"lies {right:+.1f} pixels and {down:+.1f} lines beside the shape at its state"
 
 
-_WORDS = {
-    Flag.EMPTY: lambda one: "shows noise alone",
-    Flag.OVEREXPOSED: lambda one: "is overexposed",
-    Flag.SMEARED: lambda one: "has smear along whole columns or lines",
+_WORDS: dict[Flag, str | Callable[[Triage], str]] = {
+    Flag.EMPTY: "shows noise alone",
+    Flag.OVEREXPOSED: "is overexposed",
+    Flag.SMEARED: "has smear along whole columns or lines",
     Flag.MIRRORED: _turn_words,
     Flag.TURNED: _turn_words,
     Flag.OFFSET: _offset_words,
-    Flag.UNMATCHED: lambda one: "does not look like the shape at its state in any orientation",
-    Flag.NO_STATE: lambda one: "has no state: give --poses or --states",
+    Flag.UNMATCHED: "does not look like the shape at its state in any orientation",
+    Flag.NO_STATE: "has no state: give --poses or --states",
 }
 
 
@@ -228,7 +230,9 @@ def triage_images(
     records = read_catalogue(workspace)
     if not records:
         raise WorkspaceError(
-            "lists no image", catalogue_path(workspace), f"run: spcola images {workspace.root} FILE..."
+            "lists no image",
+            catalogue_path(workspace),
+            f"run: spcola images {workspace.root} FILE...",
         )
     shape = workspace.shape_path() if workspace.has_shape() else None
     caster = None if shape is None else RayCaster(workspace.shape())
@@ -239,7 +243,9 @@ def triage_images(
     work = _Work(workspace, caster, digest, store)
     found = []
     with (progress or Progress()).items("triage", sizes, executor.workers) as task:
-        for seconds, one in executor.stream(work.timed, [records[name] for name in sorted(records)]):
+        for seconds, one in executor.stream(
+            work.timed, [records[name] for name in sorted(records)]
+        ):
             found.append(one)
             task.advance_one(seconds)
     store.remove_unused(begun)
@@ -262,7 +268,7 @@ class _Work:
         state = file_digest(path) if path.is_file() else ""
         image = self.workspace.image(record.name) if state else None
 
-        def triage(record: ImageRecord, state: str, shape: str) -> Triage:
+        def triage(_record: ImageRecord, _state: str, _shape: str) -> Triage:
             return _triage(record, image, self.caster, self.workspace)
 
         result = self.store.result(triage, record, state, self.shape)
@@ -278,8 +284,10 @@ def _triage(
     if image is None:
         flags.append(Flag.NO_STATE)
         nan = np.nan
-        return Triage(record.name, record.original, record.size, scene, nan, record.pixels.lit, nan, nan, nan,
-                      nan, None, tuple(flags))  # fmt: skip
+        return Triage(
+            record.name, record.original, record.size, scene, share, record.pixels.lit,
+            nan, nan, nan, nan, None, tuple(flags),
+        )  # fmt: skip
     view = center_view(caster, image)
     if caster is not None:
         rendered = render_frame(caster, image, step=_step(record, _COARSE))
@@ -371,4 +379,3 @@ def _fit_flags(record: ImageRecord, fit: Fit) -> list[Flag]:
 def _step(record: ImageRecord, cells: int) -> int:
     """Return pixels along a side of a cell."""
     return max(1, -(-max(record.size) // cells))
-

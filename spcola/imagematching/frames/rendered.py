@@ -81,7 +81,7 @@ def render_frame(
     beams = ray(image, pixel.ravel(), line.ravel())
     known = np.isfinite(beams).all(axis=1)
     hits = caster.cast(image.position, np.where(known[:, None], beams, image.boresight))
-    body = hits.hit & known
+    body: BoolArray = np.logical_and(hits.hit, known)
     value = np.zeros(len(beams))
     value[body] = _brightness(
         caster, image, hits.points[body], hits.normals[body], beams[body], function
