@@ -22,6 +22,7 @@ from fusion.workspace import Workspace
 from spcola.camera.detector import Preparation
 from spcola.errors import InvalidValueError, WorkspaceError
 
+__all__ = ["ImportOptions", "Imported", "import_images"]
 _LOCK = ".images.lock"
 ITEM_PLACE = Path(".items") / "images"
 ITEM_VERSION = f"{spcola.__version__} images 1"

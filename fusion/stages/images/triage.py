@@ -30,6 +30,7 @@ from spcola.imagematching.frames import (
 )
 from spcola.shape import RayCaster
 
+__all__ = ["Fit", "Flag", "Scene", "Triage", "TriageReport", "triage_images"]
 # Cells along the longer side of a frame: to find the orientation, and then the offset.
 _COARSE, _FINE = 128, 256
 _REACH = 1.0 / 16.0

@@ -79,9 +79,9 @@ def render_frame(
     rows, columns = camera.height // step, camera.width // step
     line, pixel = np.meshgrid(_centers(rows, step), _centers(columns, step), indexing="ij")
     beams = ray(image, pixel.ravel(), line.ravel())
-    known = np.isfinite(beams).all(axis=1)
+    known: BoolArray = np.isfinite(beams.sum(axis=1))
     hits = caster.cast(image.position, np.where(known[:, None], beams, image.boresight))
-    body: BoolArray = np.logical_and(hits.hit, known)
+    body = hits.hit & known
     value = np.zeros(len(beams))
     value[body] = _brightness(
         caster, image, hits.points[body], hits.normals[body], beams[body], function
