@@ -38,6 +38,7 @@ _FEWEST_LIT, _MOST_LIT = 5e-4, 0.995
 _LEAST_BODY = 1e-3
 _OVEREXPOSED, _SMEARED, _NOISE = 0.01, 0.05, 0.2
 _FITS, _CLEARLY = 0.5, 0.05
+_MOST_OF_FRAME, _ALIKE = 0.9, 0.7
 # Offsets beyond this share of the frame are named.
 _FAR = 0.03
 
@@ -109,7 +110,7 @@ class Triage:
     phase_deg, emission_deg : float
         At the frame's centre; NaN where unknown.
     fit : Fit, optional
-        Where there are state and shape, and the body does not fill the frame without structure.
+        Where there are state and shape, and the body is in the frame.
     flags : tuple of Flag
     """
 
@@ -161,7 +162,7 @@ _WORDS: dict[Flag, str | Callable[[Triage], str]] = {
     Flag.MIRRORED: _turn_words,
     Flag.TURNED: _turn_words,
     Flag.OFFSET: _offset_words,
-    Flag.UNMATCHED: "does not look like the shape at its state in any orientation",
+    Flag.UNMATCHED: "looks like the shape at its state in no orientation, or in several alike",
     Flag.NO_STATE: "has no state: give --poses or --states",
 }
 
@@ -297,7 +298,7 @@ def _triage(
             scene = _scene(share)
         if share >= _LEAST_BODY and Flag.EMPTY not in flags:
             fit = _fit(record, image, caster, rendered, workspace)
-            flags += _fit_flags(record, fit)
+            flags += _fit_flags(record, fit, share)
     phase, emission = np.degrees([view.phase, view.emission])
     return Triage(
         record.name, record.original, record.size, scene, share, record.pixels.lit, view.range_m,
@@ -306,7 +307,7 @@ def _triage(
 
 
 def _pixel_flags(record: ImageRecord) -> list[Flag]:
-    """Return what the pixels alone tell."""
+    """Return what the pixels alone show."""
     pixels = record.pixels
     count = record.size[0] * record.size[1]
     found = {
@@ -367,10 +368,12 @@ def _fit(
     )  # fmt: skip
 
 
-def _fit_flags(record: ImageRecord, fit: Fit) -> list[Flag]:
-    """Return what the comparison with the shape tells."""
+def _fit_flags(record: ImageRecord, fit: Fit, share: float) -> list[Flag]:
+    """Return what the comparison with the shape shows."""
     if fit.turn is None:
-        return [] if max(fit.given, fit.correlation) >= _FITS else [Flag.UNMATCHED]
+        # Without a limb a coarse shape need not look like the ground.
+        outline = share < _MOST_OF_FRAME or fit.overlap_given < _ALIKE
+        return [Flag.UNMATCHED] if outline and fit.given < _FITS else []
     if fit.turn is not Turn.AS_STORED:
         return [Flag.MIRRORED if fit.turn.mirrored else Flag.TURNED]
     far = np.hypot(*fit.offset_px) > _FAR * max(record.size)
