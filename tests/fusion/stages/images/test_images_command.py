@@ -403,3 +403,39 @@ def test_a_damaged_catalogue_is_one_line(made, given):
     call("images", made.root, *files(given, 0))
     (made.root / "images.jsonl").write_text('{"name": 1}\n')
     assert "images.jsonl, line 1" in refusal("images", made.root, *files(given, 1))
+
+
+def test_states_and_cameras_of_isd_files(made, tmp_path):
+    # A camera 10 km above the equator at longitude 0, looking down; the body is turned by 90°.
+    half = float(np.sqrt(0.5))
+    isd = {
+        "name_model": "USGS_ASTRO_FRAME_SENSOR_MODEL",
+        "image_lines": 100, "image_samples": 200, "center_ephemeris_time": START,
+        "focal_length_model": {"focal_length": 100.0},
+        "detector_center": {"line": 49.5, "sample": 99.5},
+        "detector_sample_summing": 1, "detector_line_summing": 1,
+        "starting_detector_line": 0, "starting_detector_sample": 0,
+        "focal2pixel_samples": [0.0, 50.0, 0.0], "focal2pixel_lines": [0.0, 0.0, 50.0],
+        "optical_distortion": {"radial": {"coefficients": [0.0, 0.0, 0.0]}},
+        "body_rotation": {
+            "reference_frame": 1, "ephemeris_times": [START],
+            "quaternions": [[half, 0.0, 0.0, half]],
+        },
+        "instrument_pointing": {
+            "reference_frame": 1, "ephemeris_times": [START],
+            "quaternions": [[half, half, 0.0, 0.0]],
+        },
+        "instrument_position": {"ephemeris_times": [START], "positions": [[0.0, -10.0, 0.0]]},
+        "sun_position": {"ephemeris_times": [START], "positions": [[0.0, -1e8, 0.0]]},
+    }  # fmt: skip
+    (tmp_path / "one.isd").write_text(json.dumps(isd))
+    image = fits_file(tmp_path / "one.fit", np.full((100, 200), 7, np.uint16))
+    (record,) = content("images", made.root, image, "--states", "isd")["new"]
+    assert record["camera"] == str(tmp_path / "one.isd")
+    found = made.image("one")
+    np.testing.assert_allclose(found.position, [10_000.0, 0.0, 0.0], atol=1e-3)
+    np.testing.assert_allclose(found.camera.center, [100.0, 50.0])
+    np.testing.assert_allclose(found.sun, [1.0, 0.0, 0.0], atol=1e-9)
+    other = fits_file(tmp_path / "two.fit", np.full((100, 200), 8, np.uint16), 1)
+    (remark,) = content("images", made.root, other, "--states", "isd")["remarks"]
+    assert "two.fit: has no state" in remark
