@@ -19,7 +19,7 @@ from spcola.formats.maplets import write_maplet
 from spcola.formats.shapes import write_icq
 from spcola.formats.solution import write_landmark, write_list, write_nominal, write_summary
 from spcola.truth.campaign import Pass, SolvedState, make_state, plan_stations, stations_of_pass
-from spcola.truth.sampled import LightMap, SampledSurface
+from spcola.truth.sampled import LightMap, SampledSurface, ShadowedSurface
 from spcola.truth.solution import (
     landmarks_of,
     make_maplet,
@@ -76,7 +76,7 @@ def write_maplets(work: Work, light: Lit) -> list[PlacedCenter]:
     return placed
 
 
-def light_of(settings: MissionSettings, surface: SampledSurface) -> LightMap:
+def light_of(settings: MissionSettings, surface: ShadowedSurface) -> LightMap:
     """Return where the Sun of a mission shines."""
     return LightMap.of(surface, sun_latitude=np.radians(settings.passes.sun_latitude_deg))
 

@@ -19,7 +19,10 @@ class TruthSurface(Protocol):
         """Return the points of the surface that are nearest to `points` (N, 3), metres."""
 
     def heights(self, grid: MapletGrid) -> FloatArray:
-        """Return the heights (2q+1, 2q+1), metres, along Uz."""
+        """Return the heights (2q+1, 2q+1), metres, along Uz; NaN where there are several."""
+
+    def heights_near(self, grid: MapletGrid, model: FloatArray) -> FloatArray:
+        """Return the heights (2q+1, 2q+1), metres, that those of a model (2q+1, 2q+1) stand for."""
 
     def terrain(self, directions: FloatArray, *, smallest: float) -> AnyArray:
         """Return terrain flags (N,), for features of at least `smallest` metres."""

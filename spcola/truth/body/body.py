@@ -130,6 +130,10 @@ class TruthBody:
         """Return the radius (N,), metres, in the `directions` (N, 3) of any length."""
         return _spread(radii, (self._surface,), (_unit(directions),))
 
+    def outermost_radius(self, directions: FloatArray) -> FloatArray:
+        """Return the greatest radius (N,), metres, in the `directions` (N, 3): the only one."""
+        return self.radius(directions)
+
     def normals(self, directions: FloatArray) -> FloatArray:
         """Return the outward unit normals (N, 3) of the surface in the `directions` (N, 3)."""
         return _spread(normals, (self._surface,), (_unit(directions),), 3)
@@ -192,6 +196,10 @@ class TruthBody:
         found = self.cast(nodes, np.broadcast_to(-grid.uz, nodes.shape))
         height: FloatArray = ((found - grid.center) @ grid.uz).reshape(grid.shape)
         return height
+
+    def heights_near(self, grid: MapletGrid, model: FloatArray) -> FloatArray:  # noqa: ARG002
+        """Return the heights (2q+1, 2q+1) that a model's stand for: those of the only surface."""
+        return self.heights(grid)
 
     def icq(self, q: int) -> IcqShape:
         """Return the surface as an ICQ shape of Q = `q`: its vertices lie on it exactly."""

@@ -105,17 +105,7 @@ def make_state(
     bits : int
         Depth of the image: its thresholds lie above the noise and below saturation.
     """
-    truth = SpcImage(
-        name=station.name,
-        utc=utc_from_et(station.time),
-        camera=replace(station.camera, distortion=np.array(settings.distortion)),
-        scobj=-station.position,
-        axes=looking(station.position, station.target),
-        sun=sun,
-        thresholds=(2**bits // 256, 2**bits - 2),
-        scobj_sigma=np.zeros(3),
-        pointing_sigma=np.zeros(3),
-    )
+    truth = true_state(station, sun, settings, bits)
     position = to_spc.apply(station.position)
     wrong = position + settings.position_sigma * generator.normal(size=3)
     axes = to_spc.turn(truth.axes)
@@ -128,7 +118,7 @@ def make_state(
         scobj_sigma=np.full(3, settings.position_sigma),
         pointing_sigma=np.full(3, settings.pixel_sigma * station.camera.pixel_angle),
     )
-    deviation = station.nominal_sigma * _capped_deviation(generator)
+    deviation = station.nominal_sigma * capped_deviation(generator)
     turns = settings.nominal_pointing_sigma * generator.normal(size=3)
     nominal = NominalState(
         station.name,
@@ -141,7 +131,35 @@ def make_state(
     return SolvedState(truth, solved, nominal)
 
 
-def _capped_deviation(generator: np.random.Generator) -> FloatArray:
+def true_state(
+    station: Station, sun: FloatArray, settings: StateSettings, bits: int = 16
+) -> SpcImage:
+    """Return the true state of an image, in the body frame.
+
+    Parameters
+    ----------
+    station : Station
+    sun : (3,) ndarray
+        Unit vector to the Sun, in the body frame.
+    settings : StateSettings
+        Only the distortion is used.
+    bits : int
+        Depth of the image.
+    """
+    return SpcImage(
+        name=station.name,
+        utc=utc_from_et(station.time),
+        camera=replace(station.camera, distortion=np.array(settings.distortion)),
+        scobj=-station.position,
+        axes=looking(station.position, station.target),
+        sun=sun,
+        thresholds=(2**bits // 256, 2**bits - 2),
+        scobj_sigma=np.zeros(3),
+        pointing_sigma=np.zeros(3),
+    )
+
+
+def capped_deviation(generator: np.random.Generator) -> FloatArray:
     """Return a deviation (3,) with σ = 1 of its length: capped at 1, which a third reach.
 
     The paper's kernels were made like this: some 70 % lie within σ, and those beyond are set to it

@@ -2,7 +2,17 @@
 
 from spcola.truth.solid.mesh_surface import MeshSurface
 from spcola.truth.solid.overhangs import Cliff, Overhang, UndercutBoulder
+from spcola.truth.solid.rough_shape import RoughShapeSettings, rough_shape
 from spcola.truth.solid.settings import SolidSettings
 from spcola.truth.solid.solid_body import SolidBody
 
-__all__ = ["Cliff", "MeshSurface", "Overhang", "SolidBody", "SolidSettings", "UndercutBoulder"]
+__all__ = [
+    "Cliff",
+    "MeshSurface",
+    "Overhang",
+    "RoughShapeSettings",
+    "SolidBody",
+    "SolidSettings",
+    "UndercutBoulder",
+    "rough_shape",
+]
