@@ -35,7 +35,7 @@ def make(
             "bennu: 245 m, 40 scans, images and maplets of the whole body. mission: 640 scans, "
             "lidar only unless --images is given. blind-small, blind, blind-full: raw images, "
             "nominal kernels, a coarse shape and scans of a body that overhangs, without an SPC "
-            "solution; 52, 375 and 5,069 images."
+            "solution; 78, 375 and 5,069 images."
         ),
     ] = "mini",
     seed: Annotated[

@@ -92,9 +92,9 @@ def assess(
 
 def light_on(planted: Planted, body: TruthBody) -> Light:
     """Return the share of a rotation for which the ground is lit, as in making the solution."""
-    solid = isinstance(body, SolidBody)
-    surface = body.surface if solid else shadow_ground(planted.settings.body)
-    return light_of(planted.settings, surface).at
+    if isinstance(body, SolidBody):
+        return light_of(planted.settings, body.surface).at
+    return light_of(planted.settings, shadow_ground(planted.settings.body)).at
 
 
 def formal_of(workspace: Workspace) -> FormalUncertainty | None:

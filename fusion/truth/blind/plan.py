@@ -14,7 +14,7 @@ from spcola.camera import SpcImage
 from spcola.navigation import SECONDS_PER_DAY, Spin
 from spcola.photometry import photometric_function
 from spcola.truth.body import stream
-from spcola.truth.campaign import PHASES, Station, plan_stations, true_state
+from spcola.truth.campaign import Station, plan_stations, true_state
 from spcola.truth.imaging import RawLabel
 from spcola.truth.kernels import (
     KernelState,
@@ -117,7 +117,7 @@ def _label(station: Station, settings: BlindSettings, clock: MissionClock) -> Ra
     iof = _BRIGHTER * settings.body.mean_albedo * float(shade[0])
     exposure = settings.detector.exposure_for(iof, camera)
     return RawLabel(
-        camera, PHASES.get(station.phase, station.phase), station.time, exposure,
+        camera, station.phase, station.time, exposure,
         settings.detector.temperature_at(station.time), clock.text(station.time - 0.5 * exposure),
     )  # fmt: skip
 

@@ -180,17 +180,17 @@ def on_base(
 
 
 def blind_small(seed: int = 1) -> BlindSettings:
-    """Return a blind mission of minutes: 60 m, 52 images of 256², 10 scans."""
+    """Return a blind mission of minutes: 60 m, 78 images of 256², 10 scans."""
     radius = 60.0
     return _blind(
         seed,
         BodySettings(seed=seed, radius=radius),
         SolidSettings(
-            spacing=0.7, boulders=8, smallest=4.0, largest=10.0,
+            spacing=0.4, boulders=8, smallest=4.0, largest=10.0,
             cliffs=1, cliff_length=25.0, cliff_height=5.0, cliff_overhang=3.0,
         ),
         CampaignSettings.of_phases(
-            approach=12, preliminary_survey=16, detailed_survey=24, radius=radius, detector=256
+            approach=18, preliminary_survey=24, detailed_survey=36, radius=radius, detector=256
         ),
         passes=PassSettings(count=10, days=2),
         lidar=LidarSettings(width=90.0, spacing=0.45, divergence=FAR_DIVERGENCE),

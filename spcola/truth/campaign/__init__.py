@@ -1,12 +1,11 @@
 """Positions and pointing of the spacecraft: passes, stations, cameras, states."""
 
-from spcola.truth.campaign.campaign import PHASES, CampaignSettings
+from spcola.truth.campaign.campaign import CampaignSettings
 from spcola.truth.campaign.passes import Pass, PassSettings, day_of, plan_passes
 from spcola.truth.campaign.states import SolvedState, StateSettings, make_state, true_state
 from spcola.truth.campaign.stations import Station, plan_stations, stations_of_pass
 
 __all__ = [
-    "PHASES",
     "CampaignSettings",
     "Pass",
     "PassSettings",

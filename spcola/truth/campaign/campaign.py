@@ -14,13 +14,6 @@ from spcola.truth.campaign.cameras import LEAST_DETECTOR
 APPROACH, PRELIMINARY_SURVEY, DETAILED_SURVEY = "AP", "PS", "DS"
 """Codes of the phases, the first letters of their images' names."""
 
-PHASES = {
-    APPROACH: "Approach",
-    PRELIMINARY_SURVEY: "Preliminary Survey",
-    DETAILED_SURVEY: "Detailed Survey",
-}
-"""Names of the phases by their codes."""
-
 NOMINAL_SIGMAS = {APPROACH: 400.0, PRELIMINARY_SURVEY: 100.0, DETAILED_SURVEY: 6.4}
 """Errors of nominal positions, metres (Weirich et al., section 2.3)."""
 

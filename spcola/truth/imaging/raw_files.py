@@ -16,6 +16,9 @@ from spcola.truth.kernels.names import CRAFT, MISSION, TARGET
 FILTERS = {"PolyCam": "CLEAR", "MapCam": "PAN"}
 """Filter of each camera."""
 
+PHASES = {"AP": "APPROACH", "PS": "PRELIMINARY SURVEY", "DS": "DETAILED SURVEY"}
+"""Names of the phases by the codes of :mod:`spcola.truth.campaign.campaign`."""
+
 _MONTHS = "JANFEBMARAPRMAYJUNJULAUGSEPOCTNOVDEC"
 Card = tuple[float | int | str, str]
 
@@ -28,7 +31,7 @@ class RawLabel:
     ----------
     camera : str
     phase : str
-        Phase of the mission.
+        Code of the phase of the mission.
     time : float
         Ephemeris time of the middle of the exposure, s.
     exposure : float
@@ -68,7 +71,7 @@ class RawLabel:
             "INSTRUME": (self.camera.upper(), "camera"),
             "TARGET": (TARGET, "target body"),
             "FILTER": (FILTERS[self.camera], "filter"),
-            "MPHASE": (self.phase, "phase of the mission"),
+            "MPHASE": (PHASES.get(self.phase, self.phase), "phase of the mission"),
             "PRODUCT": (self.product, "product"),
             "DATE-OBS": (self.start, "UTC, start of the exposure"),
             "DATE-END": (iso_utc(self.time + 0.5 * self.exposure), "UTC, end of the exposure"),

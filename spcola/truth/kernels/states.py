@@ -90,7 +90,7 @@ def nominal_states(
         inside = np.flatnonzero(arcs == arc)
         first, last = times[inside[0]], times[inside[-1]]
         ends = np.stack([capped_deviation(generator) for _ in range(2)])
-        for k in inside:
+        for k in inside.tolist():
             share = (times[k] - first) / max(last - first, 1.0)
             blend, rate = share * share * (3.0 - 2.0 * share), 6.0 * share * (1.0 - share)
             sigma = stations[k].nominal_sigma
