@@ -46,15 +46,21 @@ def refined(
         Whether new vertices lie on the cubic that meets the normals of both ends at right angles
         (the edges of PN triangles: Vlachos et al. 2001), or on the edge.
     """
+    vertices, normals, active = mesh.vertices, mesh.normals, mesh.facets
+    settled = []
     for _ in range(_MOST_ROUNDS):
-        edges, of_facet = _edges(mesh.facets, len(mesh.vertices))
-        a, b = (mesh.vertices[edges[:, end]] for end in (0, 1))
-        middle = 0.5 * (a + b)
-        marked = np.sqrt(np.sum((b - a) ** 2, axis=1)) > longest(middle)
-        if not marked.any():
+        # A facet none of whose edges is too long never changes again: nor do its neighbours'.
+        marked = _too_long(vertices, active, longest)
+        divided = marked.any(axis=1)
+        settled.append(active[~divided])
+        active, marked = active[divided], marked[divided]
+        if not len(active):
             break
-        mesh = _halved(mesh, edges[marked], _numbers(marked, len(mesh.vertices))[of_facet], curved)
-    return mesh
+        edges, middles = _numbered(active, marked, len(vertices))
+        place, normal = _middles(vertices[edges], normals[edges], curved=curved)
+        vertices, normals = np.concatenate([vertices, place]), np.concatenate([normals, normal])
+        active = _divided(active, middles)
+    return SmoothMesh(vertices, normals, np.concatenate([*settled, active]))
 
 
 def vertex_normals(vertices: FloatArray, facets: IntArray) -> FloatArray:
@@ -75,37 +81,41 @@ def unit_rows(vectors: FloatArray) -> FloatArray:
     return scaled
 
 
-def _edges(facets: IntArray, count: int) -> tuple[IntArray, IntArray]:
-    """Return the edges (E, 2), each once, and those of every facet (F, 3): 01, 12, 20."""
-    ends = np.stack([facets, np.roll(facets, -1, axis=1)], axis=2)
-    key = ends.min(axis=2) * count + ends.max(axis=2)
-    unique, of_facet = np.unique(key.ravel(), return_inverse=True)
-    return np.stack(np.divmod(unique, count), axis=1), of_facet.reshape(-1, 3)
+def _too_long(
+    vertices: FloatArray, facets: IntArray, longest: Callable[[FloatArray], FloatArray]
+) -> BoolArray:
+    """Return which edges (F, 3) of facets are too long: 01, 12, 20; alike from either side."""
+    marked = np.empty(facets.shape, dtype=np.bool_)
+    for edge in range(3):
+        a, b = vertices[facets[:, edge]], vertices[facets[:, (edge + 1) % 3]]
+        marked[:, edge] = np.sqrt(np.sum((b - a) ** 2, axis=1)) > longest(0.5 * (a + b))
+    return marked
 
 
-def _numbers(marked: BoolArray, first: int) -> IntArray:
-    """Return the number (E,) of the vertex in the middle of each edge; −1 for none."""
-    return np.where(marked, first - 1 + np.cumsum(marked), -1)
+def _numbered(facets: IntArray, marked: BoolArray, count: int) -> tuple[IntArray, IntArray]:
+    """Return the marked edges (E, 2), each once, and the numbers (F, 3) of their middles.
 
-
-def _halved(mesh: SmoothMesh, edges: IntArray, middles: IntArray, curved: bool) -> SmoothMesh:
-    """Return the mesh with a vertex in the middle of the `edges` (E, 2).
-
-    `middles` (F, 3) are the numbers of these vertices on the edges of every facet; −1 for none.
+    New vertices are numbered from `count`; −1 for edges that are not marked.
     """
-    (a, b), (m, n) = (
-        [values[edges[:, end]] for end in (0, 1)] for values in (mesh.vertices, mesh.normals)
+    first, second = facets[marked], np.roll(facets, -1, axis=1)[marked]
+    keys, number = np.unique(
+        np.minimum(first, second) * count + np.maximum(first, second), return_inverse=True
     )
+    middles = np.full(facets.shape, -1)
+    middles[marked] = count + number.ravel()
+    return np.stack(np.divmod(keys, count), axis=1), middles
+
+
+def _middles(
+    ends: FloatArray, normals: FloatArray, *, curved: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Return places and normals (E, 3) in the middle of edges, from those of the ends (E, 2, 3)."""
+    (a, b), (m, n) = ends.transpose(1, 0, 2), normals.transpose(1, 0, 2)
     place = 0.5 * (a + b)
     if curved:
-        ahead = b - a
-        rise_a, rise_b = np.sum(ahead * m, axis=1), -np.sum(ahead * n, axis=1)
+        rise_a, rise_b = np.sum((b - a) * m, axis=1), np.sum((a - b) * n, axis=1)
         place = place - (rise_a[:, None] * m + rise_b[:, None] * n) / 8.0
-    return SmoothMesh(
-        np.concatenate([mesh.vertices, place]),
-        np.concatenate([mesh.normals, unit_rows(m + n)]),
-        _divided(mesh.facets, middles),
-    )
+    return place, unit_rows(m + n)
 
 
 def _divided(facets: IntArray, middles: IntArray) -> IntArray:

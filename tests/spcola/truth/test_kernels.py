@@ -14,8 +14,8 @@ from spcola.spice import KernelSet, body_fixed_states
 from spcola.truth.campaign import (
     CampaignSettings,
     PassSettings,
-    Station,
     StateSettings,
+    Station,
     plan_stations,
     true_state,
 )
