@@ -27,7 +27,7 @@ _NODE_BYTES, _VERTEX_BYTES, _STATE_BYTES, _LANDMARK_BYTES = 6.0, 40.0, 8_000.0, 
 _PIXEL_BYTES, _HEAD_BYTES = 2.0, 8_640.0
 # Memory of the program itself, of a worker, and of a sample of the surface for images.
 # A body that is a mesh: to make a facet, and its memory with the tree of rays.
-_PER_FACET, _FACET_MEMORY = 2.0e-5, 700.0
+_PER_FACET, _FACET_MEMORY = 1.0e-5, 420.0
 _BASE_MEMORY, _WORKER_MEMORY, _SAMPLE_BYTES = 450e6, 250e6, 4.5
 # Some space is to remain on the disk.
 _RESERVE = 1.02

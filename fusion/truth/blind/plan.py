@@ -11,6 +11,7 @@ import numpy as np
 from fusion.truth.blind.settings import BlindSettings
 from spcola.arrays import FloatArray
 from spcola.camera import SpcImage
+from spcola.errors import SettingsError
 from spcola.navigation import SECONDS_PER_DAY, Spin
 from spcola.photometry import photometric_function
 from spcola.truth.body import stream
@@ -28,6 +29,8 @@ from spcola.truth.kernels import (
 # point.
 _BRIGHTER = 1.3
 _LONG_FOCUS_MM = 300.0
+# Names of images have milliseconds; attitudes around each image may not overlap.
+_LEAST_STEP = 0.01
 # The clock starts so long before the first image, s.
 _BEFORE = 20 * SECONDS_PER_DAY
 
@@ -83,9 +86,19 @@ class BlindPlan:
 
 
 def plan_blind(settings: BlindSettings) -> BlindPlan:
-    """Return the images of a mission, their states and labels."""
+    """Return the images of a mission, their states and labels.
+
+    Raises
+    ------
+    SettingsError
+        If two images are taken at one time.
+    """
     stations = sorted(plan_stations(settings.campaign, settings.passes), key=lambda s: s.time)
     times = np.array([station.time for station in stations])
+    if (np.diff(times) < _LEAST_STEP).any():
+        raise SettingsError(
+            "two images are less than 10 ms apart", "campaign", "change days or turns of its legs"
+        )
     passes, rotation = settings.passes, settings.rotation
     spin = true_spin(rotation.pole_deg, rotation.meridian_deg, passes.period, passes.epoch)
     clock = MissionClock(float(np.floor(times.min(initial=passes.epoch) - _BEFORE)))

@@ -82,6 +82,8 @@ def nominal_states(
         Of nominal pointing, about each camera axis, radians.
     generator : numpy.random.Generator
     """
+    if not stations:
+        return []
     times = np.array([station.time for station in stations])
     arcs = np.concatenate([[0], np.cumsum(np.diff(times) > ARC_GAP_S)]).astype(int)
     to_body = spin.axes(times)

@@ -84,4 +84,4 @@ class SolidSettings:
     def facets(self, radius: float) -> float:
         """Return the approximate number of facets on a body of mean `radius`, metres."""
         # Edges between half of the spacing and all of it; triangles of a cube's grid.
-        return 4.0 * np.pi * radius**2 * 1.2 / (0.5 * (0.62 * self.spacing) ** 2)
+        return 4.0 * np.pi * radius**2 * 1.2 / (0.5 * (0.57 * self.spacing) ** 2)

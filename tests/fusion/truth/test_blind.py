@@ -214,10 +214,22 @@ def test_the_presets_have_the_phases_of_the_paper() -> None:
         counts[leg.phase] += leg.images
     assert counts == {"AP": 927, "PS": 877, "DS": 3265}
     assert blind().campaign.images == 375
+    plan = plan_blind(blind_full())
+    assert len({image.truth.name for image in plan.images}) == 5069
+    exposures = np.array([image.label.exposure for image in plan.images])
+    assert 0.003 < exposures.min() < exposures.max() < 0.2
     for preset in (blind_small, blind, blind_full):
         size = mission_size(preset(1))
         assert size.images == preset(1).campaign.images
         assert size.maplets == 0
+    one = TINY.campaign.legs[0]
+    twice = replace(TINY.campaign, legs=(one, replace(one, day=one.day)))
+    assert len(plan_blind(replace(TINY, campaign=twice)).images) == 2 * one.images
+    at_once = replace(twice, legs=(replace(one, turns=1e-9, steps=1, images=1),) * 2)
+    with pytest.raises(SettingsError, match="less than 10 ms apart"):
+        plan_blind(replace(TINY, campaign=at_once))
+    nothing = replace(TINY, campaign=replace(TINY.campaign, legs=()))
+    assert plan_blind(nothing).images == ()
     with pytest.raises(SettingsError, match="blind"):
         replace(TINY, spc=True)
 

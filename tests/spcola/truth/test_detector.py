@@ -86,7 +86,7 @@ def test_the_label_is_complete_and_says_nothing_of_the_state(tmp_path: Path) -> 
         "POLYCAM", "CLEAR", "BLINDBODY",
     )  # fmt: skip
     assert (header["EXPTIME"], header["CCDTEMP"], header["BITDEPTH"]) == (0.0251, -17.25, 12)
-    start, end, middle = (et_from_utc(header[key]) for key in ("DATE-OBS", "DATE-END", "MID-OBS"))
+    start, end, middle = (et_from_utc(header[key]) for key in ("DATE-OBS", "DATE-END", "DATE-AVG"))
     assert start == pytest.approx(LABEL.time - 0.01255, abs=2e-6)
     assert end - start == pytest.approx(LABEL.exposure, abs=2e-6)
     assert middle == pytest.approx(LABEL.time, abs=2e-6)
