@@ -1,10 +1,10 @@
 from .fusing import FuseInput as FuseInput
 from .fusing import FuseOptions as FuseOptions
 from .fusing import FuseResult as FuseResult
-from .fusing import SlopeInformation as SlopeInformation
 from .fusing import fuse_maplet as fuse_maplet
 from .fusing.maplets import FusedMaplet as FusedMaplet
 from .fusing.maplets import Source as Source
+from .fusing.uncertainty import SlopeInformation as SlopeInformation
 from .inspection.look import LookOptions as LookOptions
 from .inspection.look import look_at as look_at
 from .registration.clouds import AlignOptions as AlignOptions

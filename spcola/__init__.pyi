@@ -10,9 +10,9 @@ from .grids import Maplet as Maplet
 from .grids import MapletGrid as MapletGrid
 from .heights import HeightProblem as HeightProblem
 from .heights import posterior_sigma as posterior_sigma
-from .heights import slopes_of as slopes_of
 from .heights import solve_heights as solve_heights
-from .heights import steps_from_slopes as steps_from_slopes
+from .heights.slopes import slopes_of as slopes_of
+from .heights.slopes import steps_from_slopes as steps_from_slopes
 from .math import Similarity as Similarity
 from .shape import Mesh as Mesh
 from .shape import RayCaster as RayCaster

@@ -17,15 +17,10 @@ AnyArray = NDArray[Any]
 
 
 def frozen(values: ArrayLike, shape: tuple[int | None, ...], name: str) -> FloatArray:
-    """Return a read-only float64 copy of `values` after checking its `shape`.
+    """Return a read-only float64 copy of `values`; an InvalidValueError unless it has `shape`.
 
     ``None`` in `shape` stands for any length. The copy ensures that the caller cannot change the
     array of a frozen value.
-
-    Raises
-    ------
-    InvalidValueError
-        If the shape differs.
     """
     array = np.array(values, dtype=np.float64)
     check_shape(array, shape, name)
@@ -41,13 +36,7 @@ def read_only(array: AnyArray) -> AnyArray:
 
 
 def check_shape(array: AnyArray, shape: tuple[int | None, ...], name: str) -> None:
-    """Check that `array` has `shape` (``None``: any length).
-
-    Raises
-    ------
-    InvalidValueError
-        If the number of axes or the length of one differs.
-    """
+    """Raise an InvalidValueError unless `array` has `shape` (``None``: any length)."""
     fits = array.ndim == len(shape) and all(
         want is None or have == want for have, want in zip(array.shape, shape, strict=True)
     )
@@ -57,26 +46,15 @@ def check_shape(array: AnyArray, shape: tuple[int | None, ...], name: str) -> No
 
 
 def check_finite(array: AnyArray, name: str) -> None:
-    """Check that `array` contains no NaN or infinity.
-
-    Raises
-    ------
-    InvalidValueError
-        If a value is not finite.
-    """
+    """Raise an InvalidValueError if `array` contains NaN or infinity."""
     if not np.all(np.isfinite(array)):
         raise InvalidValueError("holds a value that is not finite", name)
 
 
 def check_axes(axes: FloatArray, name: str, tolerance: float = 1e-5) -> None:
-    """Check that `axes` (3, 3; rows are unit vectors) are orthonormal and right-handed.
+    """Raise an InvalidValueError unless `axes` (3, 3), in rows, are orthonormal and right-handed.
 
     The tolerance allows for axes in files with seven digits.
-
-    Raises
-    ------
-    InvalidValueError
-        If a row is not of unit length, two are not perpendicular, or the set is left-handed.
     """
     check_finite(axes, name)
     if np.max(np.abs(axes @ axes.T - np.eye(3))) > tolerance:

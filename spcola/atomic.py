@@ -50,38 +50,20 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 
 def flush(paths: Iterable[Path]) -> None:
-    """Write files to the disk (fsync).
-
-    Raises
-    ------
-    OSError
-        If one cannot be written.
-    """
+    """Write files to the disk (fsync), or raise an OSError."""
     for path in paths:
         with path.open("rb") as stream:
             os.fsync(stream.fileno())
 
 
 def write_bytes(path: str | Path, content: bytes) -> None:
-    """Write `content` to `path` whole or not at all.
-
-    Raises
-    ------
-    WorkspaceError
-        If the file cannot be written.
-    """
+    """Write `content` to `path` whole, or raise a WorkspaceError."""
     with replacing(path) as temporary:
         temporary.write_bytes(content)
 
 
 def write_text(path: str | Path, content: str) -> None:
-    """Write `content` (UTF-8, newlines as they stand) to `path` whole or not at all.
-
-    Raises
-    ------
-    WorkspaceError
-        If the file cannot be written.
-    """
+    """Write `content` (UTF-8, its newlines kept) to `path` whole, or raise a WorkspaceError."""
     write_bytes(path, content.encode("utf-8"))
 
 

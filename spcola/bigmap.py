@@ -9,8 +9,9 @@ import numpy as np
 
 from spcola.arrays import AnyArray, FloatArray, check_shape, read_only
 from spcola.errors import InvalidValueError, SettingsError
-from spcola.grids import Maplet, MapletGrid, ProjectedMaplet, check_layer, project_window
-from spcola.heights import HeightProblem, SolverOptions, solve_heights, steps_from_slopes
+from spcola.grids import Maplet, MapletGrid, ProjectedMaplet, project_window
+from spcola.heights import HeightProblem, SolverOptions, solve_heights
+from spcola.heights.slopes import steps_from_slopes
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +36,7 @@ class Bigmap(Maplet):
         if self.count is None:
             raise InvalidValueError("a bigmap needs the count of maplets", self.name)
         count = np.array(self.count, dtype=np.int32)
-        check_layer(count, self.grid, f"{self.name}.count")
+        check_shape(count, self.grid.shape, f"{self.name}.count")
         if (count[self.valid] < 1).any():
             raise InvalidValueError("has a height where no maplet reaches", self.name)
         object.__setattr__(self, "count", read_only(count))

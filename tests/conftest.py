@@ -30,11 +30,11 @@ LONG = (
     "fusion/truth/test_demo.py",
     "fusion/stages/test_register_stage.py",
     "fusion/stages/test_register_by_images.py",
-    "fusion/scaling/test_places.py",
+    "fusion/scaling/test_misplacement.py",
     "fusion/cli/test_cli.py",
     "fusion/registration/test_direct.py",
     "fusion/registration/test_search.py",
-    "fusion/stages/test_locating.py",
+    "fusion/geolocation/test_locating.py",
     "spcola/imagematching/test_image_match.py",
 )
 

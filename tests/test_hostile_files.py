@@ -24,12 +24,12 @@ from lidar.formats import open_lidar, read_scan
 from lidar.formats.native import ScanFile, scan_summary, write_scan
 from lidar.scans import Scan
 from spcola.errors import FormatError, KernelError, SpcolaError
+from spcola.formats.hdf5 import reading_hdf5, replacing_hdf5, stored
 from spcola.formats.images import read_fits_image
-from spcola.formats.shapes import read_icq, read_obj, read_shape, write_icq, write_obj
-from spcola.formats.stores import reading_hdf5, replacing_hdf5, stored
+from spcola.formats.shapes import read_icq, read_obj_mesh, read_shape, write_icq, write_obj_mesh
 from spcola.shape.icq import IcqShape, icq_directions
 from spcola.spice import KernelSet, orientation_of, read_transfer
-from spcola.spice.kernels import state_times
+from spcola.spice.daf import check_daf, daf_segments, state_epochs
 from spcola.spice.text_kernel import expand_meta_kernels
 from spcola.spice.transfer import Daf, DafArray, encode_daf
 
@@ -211,8 +211,8 @@ def test_the_mark_by_which_dos_ends_a_text_is_no_part_of_it(tmp_path: Path, form
     if form == "icq":
         write_icq(path, BALL)
     else:
-        write_obj(path, BALL.mesh())
-    read = read_icq if form == "icq" else read_obj
+        write_obj_mesh(path, BALL.mesh())
+    read = read_icq if form == "icq" else read_obj_mesh
     content = path.read_bytes()
     before = read(path).vertices
     path.write_bytes(content + b"\x1a")
@@ -367,12 +367,12 @@ def test_binary_kernels_are_checked_before_spice_follows_them(
     content = bytearray(encode_daf(Daf("DAF/SPK ", 2, 6, "x", (segment,))))
     path = tmp_path / "a.bsp"
     path.write_bytes(content)
-    np.testing.assert_array_equal(state_times(path), times)
+    np.testing.assert_array_equal(state_epochs(daf_segments(path)[0].values, path), times)
     with KernelSet(path).load():
         pass
     struct.pack_into(form, content, at, value)
     path.write_bytes(content)
-    for read in (state_times, lambda path: KernelSet(path).load().__enter__()):
+    for read in (check_daf, lambda path: KernelSet(path).load().__enter__()):
         with pytest.raises(KernelError, match=r"a\.bsp"):
             read(path)
 

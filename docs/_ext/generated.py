@@ -1,7 +1,7 @@
 """Writes the reference from the code: settings, JSON keys, codes, commands, equations, API.
 
-A page asks for one of these by a line ``% generated: NAME``. The API has one page for each package
-that states its public names (``__all__``).
+A page asks for one of these by a line ``% generated: NAME``. The API has one page for each package,
+and each module at a package's top, that states its public names (``__all__``).
 """
 
 from __future__ import annotations
@@ -29,11 +29,12 @@ from fusion.workspace.settings.ranges import range_text
 from fusion.registration.results.keys import REGISTRATION_KEYS
 from fusion.scaling.results.keys import SCALE_KEYS
 from fusion.workspace.settings.settings import Settings, table_models
-from fusion.estimation.verdict import Cause, Code
+from fusion.verdict import Cause, Code
 
 MARKER = re.compile(r"^% generated: (\w+)$", re.MULTILINE)
 API = "reference/api"
 PACKAGES = ("spcola", "lidar", "fusion")
+GALLERY = Path(__file__).resolve().parents[1] / "gallery"
 logger = logging.getLogger(__name__)
 
 
@@ -155,11 +156,12 @@ def api_index(_app: Sphinx) -> str:
 
 
 def public_packages() -> list[ModuleType]:
-    """Packages with ``__all__``."""
+    """Packages, and modules at the top of one, with ``__all__``."""
     found = []
     for top in PACKAGES:
         package = import_module(top)
-        names = [top, *(m.name for m in walk_packages(package.__path__, f"{top}.") if m.ispkg)]
+        inner = walk_packages(package.__path__, f"{top}.")
+        names = [top, *(m.name for m in inner if m.ispkg or m.name.count(".") == 1)]
         found += [module for module in map(import_module, names) if getattr(module, "__all__", ())]
     return found
 
@@ -218,14 +220,35 @@ def summary(value: Any) -> str:
 
 
 def description(package: ModuleType, public: str, value: Any) -> list[str]:
-    """What describes one public name."""
+    """What describes one public name, and links to the examples that use it."""
     if isinstance(value, type):
         members = ", ".join(public_members(value))
-        return [f".. autoclass:: {public}", *([f"   :members: {members}"] if members else [])]
+        lines = [f".. autoclass:: {public}", *([f"   :members: {members}"] if members else [])]
+        return [*lines, *examples(value)]
     if not is_constant(value):
-        return [f".. autofunction:: {public}"]
+        return [f".. autofunction:: {public}", *examples(value)]
     text = data_text(package, public)
     return [f".. py:data:: {public}", f"   :module: {package.__name__}", "", f"   {text}"]
+
+
+def examples(value: Any) -> list[str]:
+    """A line with links to the examples of the gallery that use a public name, if any."""
+    links = []
+    for path in sorted(GALLERY.glob("plot_*.py")):
+        text = path.read_text(encoding="utf-8")
+        names = set(re.findall(rf"(?<![\w.])({'|'.join(PACKAGES)})((?:\.\w+)+)", text))
+        if any(leads_to(import_module(top), rest.split(".")[1:], value) for top, rest in names):
+            links.append(f":doc:`{text.splitlines()[1]} </examples/{path.stem}>`")
+    return ["", f"Used in the examples: {', '.join(links)}."] if links else []
+
+
+def leads_to(start: Any, names: list[str], value: Any) -> bool:
+    """Whether `value` is met on the way along attributes."""
+    for name in names:
+        start = getattr(start, name, None)
+        if start is value:
+            return True
+    return False
 
 
 def data_text(package: ModuleType, public: str) -> str:

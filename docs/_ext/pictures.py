@@ -15,7 +15,7 @@ from sphinx.application import Sphinx
 from sphinx.util import logging
 from tutorial import DONE
 
-from fusion.report.style import saved
+from fusion.report.layout import figure_bytes
 
 FOLDER = "_pictures"
 MADE = "made.json"
@@ -40,7 +40,7 @@ def make(app: Sphinx) -> None:
     mpl.use("agg")
     for name, draw in FIGURES.items():
         logger.info("figure: %s", name)
-        picture = saved(draw(tutorial), "png", dpi=110)
+        picture = figure_bytes(draw(tutorial), "png", dpi=110)
         (folder / f"{name}.png").write_bytes(picture)
     made.write_text(now, encoding="utf-8")
 

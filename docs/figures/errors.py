@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from fusion.report.style import FUSED, INK, SPC, drawing
+from fusion.report.layout import Colour, styled_figure
 from fusion.truth import read_truth
 from fusion.truth.planted import Planted
 from fusion.workspace import Workspace
@@ -23,10 +23,10 @@ def errors_figure(workspace: Workspace, mission: Path) -> Figure:
     body = TruthBody(planted.settings.body)
     names = workspace.fused_names()
     models = {
-        "SPC maplets": (SPC, [workspace.maplet(name) for name in names]),
-        "fused maplets": (FUSED, [workspace.fused(name) for name in names]),
+        "SPC maplets": (Colour.SPC, [workspace.maplet(name) for name in names]),
+        "fused maplets": (Colour.FUSED, [workspace.fused(name) for name in names]),
     }
-    with drawing(9.4, 3.4) as figure:
+    with styled_figure(9.4, 3.4) as figure:
         left, right = figure.subplots(1, 2)
         for title, (colour, maplets) in models.items():
             found = [height_errors(maplet, body, planted) for maplet in maplets]
@@ -37,7 +37,11 @@ def errors_figure(workspace: Workspace, mission: Path) -> Figure:
             _histogram(right, pull, 4.0, colour, title)
         normal = np.linspace(-4, 4, 201)
         right.plot(
-            normal, np.exp(-(normal**2) / 2) / np.sqrt(2 * np.pi), color=INK, lw=1, label="normal"
+            normal,
+            np.exp(-(normal**2) / 2) / np.sqrt(2 * np.pi),
+            color=Colour.TEXT,
+            lw=1,
+            label="normal",
         )
         left.set(xlabel="height error, cm", ylabel="share per cm", title="Errors of heights")
         right.set(xlabel="error / stated sigma", title="Errors in stated sigmas")

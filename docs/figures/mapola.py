@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from fusion.report.style import drawing
+from fusion.report.layout import styled_figure
 from fusion.report.maplets import hillshade
 from fusion.workspace import Workspace
 from lidar.scans.cubes import Box
-from lidar.archive import ScanStore
+from lidar.scan_store import ScanStore
 from spcola.arrays import FloatArray
 from spcola.grids import MapletGrid
 
@@ -26,7 +26,7 @@ def mapola_figure(workspace: Workspace) -> Figure:
     returns = ScanStore(workspace.scan_paths()).returns_inside(Box.over(grid, grid.radius))
     x, y, height = grid.project(returns.points)
     near = (np.abs(x) < ZOOM_CELLS) & (np.abs(y) < ZOOM_CELLS)
-    with drawing(8.0, 7.2) as figure:
+    with styled_figure(8.0, 7.2) as figure:
         panels: Any = figure.subplots(2, 2).ravel()
         points = panels[0].scatter(y[near], -x[near], c=height[near], s=7, cmap="viridis")
         points.set_clim(*np.percentile(height[near], (2, 98)))

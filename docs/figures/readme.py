@@ -16,7 +16,7 @@ from pathlib import Path
 from figures.surfaces import both, draw_surfaces
 from PIL import Image
 
-from fusion.report.style import drawing, saved
+from fusion.report.layout import figure_bytes, styled_figure
 from fusion.workspace import Workspace
 
 MAPLET = "TR0064"
@@ -27,9 +27,9 @@ def main(folder: str, target: str) -> None:
     """Draw the maplet at the pole."""
     workspace = Workspace.open(Path(folder))
     fused = workspace.fused(MAPLET)
-    with drawing(8.4, 3.25) as figure:
+    with styled_figure(8.4, 3.25) as figure:
         draw_surfaces(figure.subplots(1, 3), fused, *both(workspace, fused))
-    picture = Image.open(io.BytesIO(saved(figure, "png", dpi=100)))
+    picture = Image.open(io.BytesIO(figure_bytes(figure, "png", dpi=100)))
     picture.convert("RGB").quantize(COLOURS).save(target, optimize=True)
 
 

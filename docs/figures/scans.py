@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from fusion.products import lon_lat_deg
-from fusion.report.style import LIDAR, drawing
+from spcola.math import lon_lat_deg
+from fusion.report.layout import Colour, styled_figure
 from fusion.workspace import Workspace
-from lidar.archive import ScanStore
+from lidar.scan_store import ScanStore
 
 SHOWN = 20_000
 
@@ -16,7 +16,7 @@ SHOWN = 20_000
 def scans_figure(workspace: Workspace) -> Figure:
     """Footprints of all scans on the body, and the displacement of each by the adjustment."""
     stores = {path.stem: ScanStore([path]) for path in workspace.scan_paths()}
-    with drawing(9.4, 4.2) as figure:
+    with styled_figure(9.4, 4.2) as figure:
         where, moved = figure.subplots(1, 2, width_ratios=[2.2, 1.0])
         for number, (name, store) in enumerate(stores.items()):
             longitude, latitude = lon_lat_deg(store.spread(SHOWN // len(stores)))
@@ -28,7 +28,7 @@ def scans_figure(workspace: Workspace) -> Figure:
         adjustment = workspace.adjustment()
         if adjustment is not None:
             shift = np.linalg.norm(adjustment.displacement[:, :3], axis=1)
-            moved.barh(np.arange(len(shift)), 100 * shift, color=LIDAR)
+            moved.barh(np.arange(len(shift)), 100 * shift, color=Colour.LIDAR)
             moved.set_yticks(np.arange(len(shift)), adjustment.names)
             moved.invert_yaxis()
             moved.set(xlabel="cm", title="Displacement by the adjustment")

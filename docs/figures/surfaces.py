@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 from fusion.fusing.maplets import FusedMaplet, Source
 from fusion.registration.results import transform_of
-from fusion.report.style import drawing
-from fusion.report.maplets import MISSING, hillshade
+from fusion.report.layout import Colour, styled_figure
+from fusion.report.maplets import hillshade
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
 from spcola.formats.maplets import read_maplet
@@ -20,7 +20,7 @@ from spcola.grids import Maplet, project_maplet
 def fused_figure(workspace: Workspace) -> Figure:
     """The place where SPC and lidar each leave out most, on the grid of its fused maplet."""
     fused = max(map(workspace.fused, workspace.fused_names()), key=_need)
-    with drawing(9.4, 2.9) as figure:
+    with styled_figure(9.4, 2.9) as figure:
         panels: Any = figure.subplots(1, 4)
         draw_surfaces(panels[:3], fused, *both(workspace, fused))
         sigma = panels[3].imshow(100 * fused.sigma.T, cmap="cividis", interpolation="nearest")
@@ -39,7 +39,7 @@ def draw_surfaces(panels: Any, fused: FusedMaplet, spc: FloatArray, lidar: Float
 
 def draw_shade(panel: Any, height: FloatArray, gsd: float) -> None:
     """Draw one hill-shade."""
-    panel.set_facecolor(MISSING)
+    panel.set_facecolor(Colour.MISSING)
     panel.imshow(hillshade(height, gsd), cmap="gray", vmin=0, vmax=1, interpolation="nearest")
     panel.set(xticks=[], yticks=[])
 
@@ -63,7 +63,7 @@ def bigmaps_figure(workspace: Workspace) -> Figure:
     """Bigmaps of the south pole: of SPC maplets, of returns, of fused maplets."""
     folder = workspace.root / "bigmaps"
     titles = {"maplets": "SPC maplets", "returns": "lidar returns", "": "fused maplets"}
-    with drawing(9.4, 3.4) as figure:
+    with styled_figure(9.4, 3.4) as figure:
         panels: Any = figure.subplots(1, 3)
         for panel, (below, title) in zip(panels, titles.items(), strict=True):
             bigmap: Maplet = read_maplet(folder / below / "SPOLE.MAP")

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from fusion.cli.output import JsonOption, show
-from fusion.cli.stages import AcceptOption
+from fusion.cli.options import AcceptOption, JsonOption
+from fusion.cli.output import show
 from spcola.errors import RejectedResultError
 
 if TYPE_CHECKING:
@@ -101,13 +101,13 @@ def _facts(source: PointSource) -> dict[str, Any]:
 
 def _lines(one: PointSource, two: PointSource, content: dict[str, Any]) -> list[str]:
     """Return what people read: the transform, where it moves the ground, the verdict."""
-    from fusion.estimation.verdict import verdict_lines
-    from fusion.report import number
+    from fusion.report.layout import number_text
+    from fusion.verdict import verdict_lines
 
     def row(name: str, values: Any, sigmas: Any, factor: float = 1.0) -> str:
         parts = [
-            f"{number(factor * v, None if s is None else factor * s)} ± "
-            f"{'unknown' if s is None else number(factor * s, factor * s)}"
+            f"{number_text(factor * v, None if s is None else factor * s)} ± "
+            f"{'unknown' if s is None else number_text(factor * s, factor * s)}"
             for v, s in zip(values, sigmas or [None] * len(values), strict=True)
         ]
         return f"  {name}: {', '.join(parts)}"

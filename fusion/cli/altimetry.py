@@ -7,22 +7,23 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fusion.cli.output import (
-    IsolateOption,
+from fusion.cli.options import (
+    ClusterOption,
+    IsolateOptions,
     JsonOption,
-    LimitMbOption,
-    LimitSOption,
-    run_in_child,
-    show,
+    WorkersOption,
+    WorkspaceArgument,
+    executor_of,
+    shared_path,
 )
-from fusion.cli.stages import ClusterOption, WorkersOption, executor, shared_path
+from fusion.cli.output import show
 
 if TYPE_CHECKING:
     from fusion.stages.ingest import Imported
 
 
 def import_(
-    workspace: Annotated[Path, typer.Argument(metavar="WS", help="The workspace.")],
+    workspace: WorkspaceArgument,
     files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Lidar files.")],
     format: Annotated[
         str,
@@ -55,9 +56,7 @@ def import_(
     ] = False,
     workers: WorkersOption = None,
     cluster: ClusterOption = "",
-    isolate: IsolateOption = False,
-    limit_mb: LimitMbOption = 8192,
-    limit_s: LimitSOption = 3600.0,
+    isolation: IsolateOptions = IsolateOptions(),
     as_json: JsonOption = False,
 ) -> None:
     """Read lidar files into the workspace.
@@ -68,20 +67,20 @@ def import_(
     # Imported here and not above, so that --help is fast.
     from fusion.runtime import Progress
     from fusion.stages import import_scans
-    from fusion.stages.ingest import Source
+    from fusion.stages.ingest import LidarFile
     from fusion.workspace import Workspace
 
-    if isolate:
-        run_in_child(workspace, limit_mb, limit_s)
+    isolation.apply(workspace)
     if name and len(files) > 1:
         raise typer.BadParameter("names one file only", param_hint="--name")
     there = Workspace.open(shared_path(workspace, cluster))
     settings = there.settings()
     wanted = _columns(columns or [])
     sources = [
-        Source(shared_path(file, cluster), name, format, wanted, unit, gps_time) for file in files
+        LidarFile(shared_path(file, cluster), name, format, wanted, unit, gps_time)
+        for file in files
     ]
-    workforce, progress = executor(workers, cluster), Progress.fitting(silent=as_json)
+    workforce, progress = executor_of(workers, cluster), Progress.fitting(silent=as_json)
     done = import_scans(there, sources, settings=settings, executor=workforce, progress=progress)
     show({"scans": [one.as_dict() for one in done]}, map(_line, done), as_json=as_json)
 

@@ -12,6 +12,7 @@ import typer
 
 import spcola
 from fusion.cli import align, altimetry, demo, folder, look, stages, truth
+from fusion.cli.options import with_shared_options
 from fusion.cli.program import guarded
 
 app = typer.Typer(
@@ -41,7 +42,7 @@ COMMANDS: tuple[tuple[str, Callable[..., Any], str], ...] = (
 )
 
 for _name, _function, _example in COMMANDS:
-    app.command(_name, epilog=f"Example: {_example}")(guarded(_function))
+    app.command(_name, epilog=f"Example: {_example}")(guarded(with_shared_options(_function)))
 app.add_typer(truth.app)
 
 

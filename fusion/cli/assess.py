@@ -7,12 +7,12 @@ from typing import Annotated, Literal
 
 import typer
 
-from fusion.cli.output import JsonOption, show
-from fusion.cli.stages import WorkersOption
+from fusion.cli.options import JsonOption, WorkersOption, WorkspaceArgument
+from fusion.cli.output import show
 
 
 def assess(
-    workspace: Annotated[Path, typer.Argument(metavar="WS", help="The workspace.")],
+    workspace: WorkspaceArgument,
     truth: Annotated[
         Path,
         typer.Option(metavar="DIR", help="The synthetic mission (the folder of its truth.json)."),

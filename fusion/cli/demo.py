@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from fusion.cli.output import JsonOption, show
-from fusion.cli.stages import WorkersOption
+from fusion.cli.options import JsonOption, WorkersOption
+from fusion.cli.output import show
 
 
 def demo(

@@ -7,20 +7,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from fusion.cli.output import (
-    IsolateOption,
-    JsonOption,
-    LimitMbOption,
-    LimitSOption,
-    run_in_child,
-    show,
-    value_lines,
-)
-
-FacesOption = Annotated[
-    int,
-    typer.Option(min=0, max=1, help="Number of the first vertex in the faces of an OBJ: 1, or 0."),
-]
+from fusion.cli.options import FACES_FROM, IsolateOptions, JsonOption
+from fusion.cli.output import show, value_lines
 
 
 def init(
@@ -40,11 +28,9 @@ def init(
     unit: Annotated[
         Literal["km", "m"], typer.Option(help="Unit of the coordinates of an OBJ or PLY shape.")
     ] = "km",
-    faces_from: FacesOption = 1,
+    faces_from: Annotated[int, FACES_FROM] = 1,
     body: Annotated[str, typer.Option(metavar="NAME", help="Name of the body.")] = "body",
-    isolate: IsolateOption = False,
-    limit_mb: LimitMbOption = 8192,
-    limit_s: LimitSOption = 3600.0,
+    isolation: IsolateOptions = IsolateOptions(),
     as_json: JsonOption = False,
 ) -> None:
     """Make a workspace: folders and settings.
@@ -56,8 +42,7 @@ def init(
     from fusion.inspection import describe_workspace
     from fusion.workspace import SETTINGS_FILE, new_workspace
 
-    if isolate:
-        run_in_child(workspace, limit_mb, limit_s)
+    isolation.apply(workspace)
     if spc is not None and shape is not None:
         raise typer.BadParameter("give --spc or --shape, not both", param_hint="--shape")
     made = new_workspace(
@@ -83,10 +68,8 @@ def info(
     path: Annotated[
         Path, typer.Argument(metavar="WS|FILE", help="A workspace, or any file SPCOLA reads.")
     ],
-    faces_from: FacesOption = 1,
-    isolate: IsolateOption = False,
-    limit_mb: LimitMbOption = 8192,
-    limit_s: LimitSOption = 3600.0,
+    faces_from: Annotated[int, FACES_FROM] = 1,
+    isolation: IsolateOptions = IsolateOptions(),
     as_json: JsonOption = False,
 ) -> None:
     """Describe a workspace or a file.
@@ -97,8 +80,7 @@ def info(
     from fusion.inspection import describe_file, describe_workspace, mapolas_forecast
     from fusion.workspace import Workspace
 
-    if isolate:
-        run_in_child(path, limit_mb, limit_s)
+    isolation.apply(path)
     if path.is_dir():
         opened = Workspace.open(path)
         content = describe_workspace(opened)

@@ -7,14 +7,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from fusion.cli.output import (
-    IsolateOption,
-    JsonOption,
-    LimitMbOption,
-    LimitSOption,
-    run_in_child,
-    show,
-)
+from fusion.cli.options import FACES_FROM, IsolateOptions, JsonOption
+from fusion.cli.output import show
 
 
 def look(
@@ -35,15 +29,8 @@ def look(
         Literal["km", "m"] | None,
         typer.Option(help="Unit of the coordinates of an OBJ or PLY shape; km if not given."),
     ] = None,
-    faces_from: Annotated[
-        int | None,
-        typer.Option(
-            min=0, max=1, help="By which number the faces of an OBJ name its first vertex: 1, or 0."
-        ),
-    ] = None,
-    isolate: IsolateOption = False,
-    limit_mb: LimitMbOption = 8192,
-    limit_s: LimitSOption = 3600.0,
+    faces_from: Annotated[int | None, FACES_FROM] = None,
+    isolation: IsolateOptions = IsolateOptions(),
     as_json: JsonOption = False,
 ) -> None:
     """Draw what a file or a workspace holds.
@@ -56,8 +43,7 @@ def look(
     # The machinery is imported here and not above, so that help comes at once.
     from fusion.inspection.look import LookOptions, look_at, picture_path, save_picture
 
-    if isolate:
-        run_in_child(path, limit_mb, limit_s)
+    isolation.apply(path)
     target = picture_path(path, out)
     options = LookOptions(unit, None if faces_from is None else 0 if faces_from == 0 else 1)
     picture = look_at(path, options)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterable, Mapping, Sized
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from fusion.estimation.verdict import verdict_lines
+from fusion.verdict import verdict_lines
 from spcola.errors import SpcolaError
 
 if TYPE_CHECKING:
@@ -18,52 +17,6 @@ if TYPE_CHECKING:
 
 MANY_LINES = 25
 """A longer table in a summary is not printed as text, only counted."""
-
-JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print one JSON object on standard output, nothing else.")
-]
-
-
-IsolateOption = Annotated[
-    bool,
-    typer.Option(
-        "--isolate",
-        help="Run in a separate process with limits, so that a malicious file does less harm.",
-    ),
-]
-LimitMbOption = Annotated[
-    int,
-    typer.Option(
-        "--limit-mb", metavar="MB", min=2048, max=1 << 24, help="With --isolate: limit of memory."
-    ),
-]
-LimitSOption = Annotated[
-    float,
-    typer.Option(
-        "--limit-s",
-        metavar="S",
-        min=1.0,
-        max=1e7,
-        help="With --isolate: limit of time, seconds.",
-    ),
-]
-
-
-def run_in_child(folder: Path, limit_mb: int, limit_s: float) -> None:
-    """Run this command again in a separate process, and end with its exit code.
-
-    Raises
-    ------
-    typer.Exit
-        With the exit code.
-    SpcolaError
-        If that process died or took too long.
-    """
-    from fusion.runtime.processes import Limits, isolated
-
-    arguments = [argument for argument in sys.argv[1:] if argument != "--isolate"]
-    raise typer.Exit(isolated(arguments, Limits(limit_mb, limit_s), folder))
-
 
 _VERDICT = ("verdict", "findings")
 

@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal
 import typer
 
 from fusion.cli.assess import assess
-from fusion.cli.output import JsonOption, show
+from fusion.cli.options import JsonOption, WorkersOption
+from fusion.cli.output import show
 from fusion.cli.program import guarded
-from fusion.cli.stages import WorkersOption
 
 app = typer.Typer(
     name="truth",

@@ -1,7 +1,7 @@
-from .error_sizes import ErrorSizes as ErrorSizes
 from .leverage import influence as influence
-from .mixed import MixedFit as MixedFit
-from .mixed import MixedOptions as MixedOptions
-from .mixed import Observations as Observations
 from .mixed import fit_mixed as fit_mixed
 from .rank import check_rank as check_rank
+from .values import ErrorSizes as ErrorSizes
+from .values import MixedFit as MixedFit
+from .values import MixedOptions as MixedOptions
+from .values import Observations as Observations

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fusion.estimation.mixed import MixedFit, Observations
+from fusion.estimation.values import MixedFit, Observations
 from spcola.arrays import FloatArray
 
 

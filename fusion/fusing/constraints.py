@@ -7,7 +7,7 @@ height of the points in it; the detail between them is determined by the slopes.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -68,18 +68,17 @@ class Constraints:
         return self.without(generator.random(self.height.shape) >= fraction)
 
     def without(self, dropped: BoolArray) -> Constraints:
-        """Leave out the heights of the points (R, C) `dropped`; means stay."""
-        return Constraints(
-            np.where(dropped, np.nan, self.height),
-            np.where(dropped, np.nan, self.sigma),
-            np.where(dropped, 0, self.count),
-            self.means,
-            self.coarse,
+        """Leave out the heights of the points (R, C) `dropped`; means remain."""
+        return replace(
+            self,
+            height=np.where(dropped, np.nan, self.height),
+            sigma=np.where(dropped, np.nan, self.sigma),
+            count=np.where(dropped, 0, self.count),
         )
 
 
 @dataclass(frozen=True)
-class Candidate:
+class RegisteredMapola:
     """A registered mapola that may have heights for a grid; read only if it is needed.
 
     Parameters
@@ -94,7 +93,7 @@ class Candidate:
     load: Callable[[], Mapola]
 
 
-def lidar_constraints(grid: MapletGrid, candidates: Iterable[Candidate]) -> Constraints:
+def lidar_constraints(grid: MapletGrid, candidates: Iterable[RegisteredMapola]) -> Constraints:
     """Project registered mapolas onto `grid`, one height for each point.
 
     Overlapping mapolas contain the same returns, so averaging them would count returns twice. Each
@@ -105,7 +104,7 @@ def lidar_constraints(grid: MapletGrid, candidates: Iterable[Candidate]) -> Cons
     ----------
     grid : MapletGrid
         In SPC coordinates.
-    candidates : iterable of Candidate
+    candidates : iterable of RegisteredMapola
         Best first. Those that cover no point still without a height are not read.
 
     Returns

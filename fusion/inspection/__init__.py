@@ -3,5 +3,12 @@
 from fusion.inspection.describe import describe_file, describe_workspace
 from fusion.inspection.forecast import mapolas_forecast
 from fusion.inspection.foreign import name_content
+from fusion.inspection.terrain import read_terrain
 
-__all__ = ["describe_file", "describe_workspace", "mapolas_forecast", "name_content"]
+__all__ = [
+    "describe_file",
+    "describe_workspace",
+    "mapolas_forecast",
+    "name_content",
+    "read_terrain",
+]

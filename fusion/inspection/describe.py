@@ -17,7 +17,7 @@ from fusion.products.formats import read_fits_dtm, read_geotiff
 from fusion.runtime import usable_cores
 from fusion.runtime.machine import PROGRAM_BYTES
 from fusion.stages import load_stages
-from fusion.stages.ingest import doubles, scan_facts, utc_or_none, whole_scans
+from fusion.stages.ingest import duplicate_scans, readable_scans, scan_facts, span_facts
 from fusion.workspace import Workspace
 from fusion.workspace.settings import load_settings
 from lidar.formats import open_lidar
@@ -30,7 +30,7 @@ from spcola.formats.shapes import FacesFrom, read_icq, read_shape, recognise_sha
 from spcola.formats.solution import read_landmark, read_list, read_nominal, read_summary
 from spcola.grids import Maplet
 from spcola.shape.icq import IcqShape, as_icq
-from spcola.spice import constant, orientation_of, read_transfer
+from spcola.spice import orientation_of, read_transfer
 
 
 def describe_workspace(workspace: Workspace) -> dict[str, Any]:
@@ -42,7 +42,7 @@ def describe_workspace(workspace: Workspace) -> dict[str, Any]:
         If its settings are wrong, or a folder of it cannot be read.
     """
     settings = workspace.settings()
-    scans = list(whole_scans(workspace).values())
+    scans = list(readable_scans(workspace).values())
     per_worker = settings.ingest.chunk * BYTES_PER_RETURN
     shapes = sorted((workspace.root / "SHAPEFILES").glob("[!.]*"))
     return {
@@ -72,7 +72,7 @@ def _problems(workspace: Workspace) -> list[str]:
             scan_summary(path)
         except FormatError as error:
             found.append(str(error))
-    for one, other in doubles(whole_scans(workspace)):
+    for one, other in duplicate_scans(readable_scans(workspace)):
         first, second = workspace.scan_path(one), workspace.scan_path(other)
         found.append(f"{first} and {second} hold the same scan")
     try:
@@ -112,7 +112,7 @@ def _describe_kernel(path: Path) -> dict[str, Any]:
     if word.startswith("DAF/"):
         return {"kind": "SPICE kernel (binary)", "form": word[:8].rstrip("\0")}
     stated = orientation_of(path)
-    meridians = {body: stated.constants.get(constant(body, "PM")) for body in stated.bodies}
+    meridians = {body: stated.get(body, "PM") for body in stated.bodies}
     beyond = {str(body): list(stated.beyond_spin(body)) for body in stated.bodies}
     return {
         "kind": "SPICE kernel (text)",
@@ -175,15 +175,6 @@ def _describe_summary(path: Path) -> dict[str, Any]:
         "landmarks": len(image.landmarks),
         "limbs": len(image.limbs),
     }
-
-
-def _describe_nominal(path: Path) -> dict[str, Any]:
-    nominal = read_nominal(path)
-    return {"kind": "nominal state", "name": nominal.name}
-
-
-def _describe_list(path: Path) -> dict[str, Any]:
-    return {"kind": "list", "names": len(read_list(path))}
 
 
 def _describe_shape(path: Path, faces_from: FacesFrom) -> dict[str, Any]:
@@ -249,10 +240,7 @@ def _describe_lidar(path: Path) -> dict[str, Any]:
         **(_las_facts(path) if format == "las" else {}),
         "returns": count,
         "rejected": rejected,
-        "first_et_s": span[0],
-        "last_et_s": span[1],
-        "first_utc": utc_or_none(span[0]),
-        "last_utc": utc_or_none(span[1]),
+        **span_facts(span),
         "lowest_m": lowest.tolist(),
         "highest_m": highest.tolist(),
         **clock.forecast(path),
@@ -270,33 +258,20 @@ def _las_facts(path: Path) -> dict[str, Any]:
     }
 
 
-def _describe_settings(path: Path) -> dict[str, Any]:
-    return {"kind": "settings", **load_settings(path).model_dump(by_alias=True)}
-
-
-def _describe_json(path: Path) -> dict[str, Any]:
-    return {"kind": "JSON", **Workspace(path.parent).read_json(path.name)}
-
-
-def _describe_fits(path: Path) -> dict[str, Any]:
-    return {"kind": "FITS terrain model", **maplet_facts(read_fits_dtm(path))}
-
-
-def _describe_geotiff(path: Path) -> dict[str, Any]:
-    return {"kind": "GeoTIFF terrain model", **maplet_facts(read_geotiff(path))}
-
-
 _READERS: dict[FileKind, Callable[[Path], dict[str, Any]]] = {
     FileKind.MAPLET: _describe_map,
     FileKind.LANDMARK: _describe_landmark,
     FileKind.SUMMARY: _describe_summary,
     FileKind.IMAGE: _describe_image,
-    FileKind.NOMINAL: _describe_nominal,
-    FileKind.LIST: _describe_list,
-    FileKind.SETTINGS: _describe_settings,
-    FileKind.JSON: _describe_json,
-    FileKind.FITS: _describe_fits,
-    FileKind.GEOTIFF: _describe_geotiff,
+    FileKind.NOMINAL: lambda path: {"kind": "nominal state", "name": read_nominal(path).name},
+    FileKind.LIST: lambda path: {"kind": "list", "names": len(read_list(path))},
+    FileKind.SETTINGS: lambda path: {
+        "kind": "settings",
+        **load_settings(path).model_dump(by_alias=True),
+    },
+    FileKind.JSON: lambda path: {"kind": "JSON", **Workspace(path.parent).read_json(path.name)},
+    FileKind.FITS: lambda path: {"kind": FileKind.FITS, **maplet_facts(read_fits_dtm(path))},
+    FileKind.GEOTIFF: lambda path: {"kind": FileKind.GEOTIFF, **maplet_facts(read_geotiff(path))},
     FileKind.KERNEL: _describe_kernel,
     FileKind.LIDAR: _describe_lidar,
 }

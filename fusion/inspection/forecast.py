@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from fusion.geolocation import ReturnSource, gridding_options, located_store
 from fusion.runtime import ThreadExecutor, usable_cores
 from fusion.runtime.machine import PROGRAM_BYTES
-from fusion.stages.geolocation import ReturnSource, gridding_options, located_store
 from fusion.stages.mapolas import STAGE, compared_grids, mapola_grids
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
@@ -77,5 +77,6 @@ def _seconds_per_return(
     # The first one may still be compiled.
     source.gridded("forecast", grids[chosen[0]])
     start = time.perf_counter()
-    ThreadExecutor(cores).map(lambda k: source.gridded("forecast", grids[k])[1].scan.size, chosen)
+    for _ in ThreadExecutor(cores).stream(lambda k: source.gridded("forecast", grids[k]), chosen):
+        pass
     return (time.perf_counter() - start) / float(counts[chosen].sum())

@@ -18,7 +18,7 @@ import numpy as np
 
 from fusion.pipeline.catalog import file_digest
 from fusion.runtime.machine import PROGRAM_BYTES
-from fusion.workspace.settings import ImportSettings
+from fusion.workspace.settings.inputs import ImportSettings
 from lidar.formats.native import write_scan
 from lidar.scans import Scan
 from spcola.errors import SpcolaError

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fusion.estimation.verdict import Code, Finding, Severity
+from fusion.verdict import Code, Finding, Severity
 
 # So many files are named; the others are counted.
 _NAMED = 3
@@ -43,10 +43,7 @@ class Changed:
         """What changed, in one clause."""
         parts = []
         if self.differing:
-            verb = "has" if len(self.differing) == 1 else "have"
-            parts.append(
-                f"{_named(self.differing)} {verb} changed since stage {self.stage} wrote it"
-            )
+            parts.append(_changed_since(self.differing, f"{self.stage} wrote it"))
         if self.gone:
             verb = "is" if len(self.gone) == 1 else "are"
             parts.append(f"{_named(self.gone)}, which stage {self.stage} wrote, {verb} gone")
@@ -66,8 +63,11 @@ class Changed:
 
 def changed_since(names: Sequence[str], stage: str) -> str:
     """Return in one clause which inputs changed since `stage` last used them."""
-    verb = "has" if len(names) == 1 else "have"
-    return f"{_named(names)} {verb} changed since stage {stage} last used it"
+    return _changed_since(names, f"{stage} last used it")
+
+
+def _changed_since(names: Sequence[str], when: str) -> str:
+    return f"{_named(names)} {'has' if len(names) == 1 else 'have'} changed since stage {when}"
 
 
 def _named(names: Sequence[str]) -> str:

@@ -12,17 +12,18 @@ from pathlib import Path
 from typing import Any, Literal
 
 import spcola
-from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.pipeline.catalog.catalog import Catalog
 from fusion.pipeline.catalog.records import RECORD_FOLDER, StageRecord, content_digest
 from fusion.pipeline.catalog.soundness import Unsound, rejected_maplets, unsound
 from fusion.pipeline.changed_files import Changed, changed_since
 from fusion.pipeline.changes import Changes
 from fusion.pipeline.stage import Stage, StageContext, StageResult, find_table
-from fusion.runtime import Executor, Progress, ThreadExecutor, plain
+from fusion.runtime import Executor, Progress, ThreadExecutor, json_value
+from fusion.runtime.folders import clear_leftovers, locked, make_folder, remove_folder
 from fusion.runtime.machine import one_blas_thread
-from fusion.runtime.processes import check_interrupts, clear_leftovers, locked, remove_folder
-from fusion.workspace import OWN_FOLDERS, Workspace, make_folder
+from fusion.runtime.processes import check_interrupts
+from fusion.verdict import Code, Finding, Severity, Verdict
+from fusion.workspace import OWN_FOLDERS, Workspace
 from fusion.workspace.settings import Settings
 from spcola.errors import SpcolaError, WorkspaceError
 from spcola.formats.shapes import recognise_shape
@@ -197,7 +198,7 @@ class Pipeline:
         self._keep(stage, catalog, key, result)
         remove_folder(scratch.parent)
         took = time.monotonic() - begun
-        run = StageRun(stage.name, "ran", took, plain(result.summary))
+        run = StageRun(stage.name, "ran", took, json_value(result.summary))
         return self._judged(run, (*notes, *self._report(catalog, result.notes)))
 
     def _note_shape(self, inputs: Mapping[str, str]) -> None:
@@ -287,7 +288,7 @@ class Pipeline:
                 key.settings,
                 key.inputs,
                 outputs,
-                plain(result.summary),
+                json_value(result.summary),
                 finished,
             )
         )
@@ -358,7 +359,7 @@ def _with_findings(summary: Mapping[str, Any], findings: Sequence[Finding]) -> M
     """Add findings to a summary."""
     if not findings:
         return summary
-    verdict = Verdict.from_json(plain(summary))
+    verdict = Verdict.from_json(json_value(summary))
     return {**summary, **Verdict((*verdict.findings, *findings)).as_json()}
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from fusion.pipeline.changed_files import Changed
 from fusion.runtime import AHEAD, Executor, Progress
@@ -116,50 +117,44 @@ class StageContext:
         return self.workspace.write_json(name, {**content, "made_by": self.key})
 
 
-class Stage(Protocol):
+class Stage(ABC):
     """One step of the processing.
 
-    A module ``fusion.stages`` defines one as ``STAGE``. The pipeline hashes inputs, the
+    A module of ``fusion.stages`` defines one as ``STAGE``. The pipeline hashes inputs, the
     declared tables and the version: if the hash and the outputs are those of the last run, the
     stage is up to date and is skipped.
+
+    Attributes
+    ----------
+    name : str
+        Name of the stage and of its command.
+    version : int
+        Increased whenever the same inputs and settings would give other results.
+    needs : tuple of str
+        Names of the stages whose results it uses, so that they must be accepted.
+    places : tuple of str
+        Folders and files of the workspace that only this stage writes.
+    tables : tuple of table classes
+        Settings tables that the result depends on.
     """
 
-    @property
-    def name(self) -> str:
-        """Name of the stage and of its command."""
-        ...
+    name: str
+    version: int
+    needs: tuple[str, ...] = ()
+    places: tuple[str, ...] = ()
+    tables: tuple[type[Table], ...] = ()
 
-    @property
-    def version(self) -> int:
-        """Version, increased whenever the same inputs and settings would give other results."""
-        ...
-
-    @property
-    def needs(self) -> tuple[str, ...]:
-        """Names of the stages whose results it uses, so that they must be accepted."""
-        ...
-
-    @property
-    def places(self) -> tuple[str, ...]:
-        """Folders and files of the workspace that only this stage writes."""
-        ...
-
-    @property
-    def tables(self) -> tuple[type[Table], ...]:
-        """Settings tables that the result depends on."""
-        ...
-
+    @abstractmethod
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why the stage cannot run (one clause with what to do), or ``""``."""
-        ...
 
+    @abstractmethod
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
         """Return every file that the result depends on."""
-        ...
 
+    @abstractmethod
     def run(self, context: StageContext) -> StageResult:
         """Do the work; write through :mod:`spcola.atomic` only."""
-        ...
 
 
 def find_table(settings: Settings, kind: type[AnyTable]) -> AnyTable:

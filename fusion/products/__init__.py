@@ -9,14 +9,13 @@ from fusion.products.manifest import (
     versions,
     write_manifest,
 )
-from fusion.products.naming import lon_lat_deg, product_stems
+from fusion.products.naming import product_stems
 
 __all__ = [
     "MANIFEST_FILE",
     "Product",
     "Provenance",
     "describe_product",
-    "lon_lat_deg",
     "manifest_text",
     "product_stems",
     "versions",

@@ -15,7 +15,7 @@ import scipy
 
 import spcola
 from spcola import atomic
-from spcola.errors import FormatError, WorkspaceError
+from spcola.errors import WorkspaceError
 
 MANIFEST_FILE = "manifest.json"
 FORMAT = "spcola release 1"
@@ -148,50 +148,6 @@ def write_manifest(folder: Path, text: str) -> Path:
     """
     atomic.write_text(folder / MANIFEST_FILE, text)
     return folder / MANIFEST_FILE
-
-
-def read_manifest(folder: str | Path) -> dict[str, Any]:
-    """Read the manifest of a release.
-
-    Raises
-    ------
-    FormatError
-        If it is missing or is no manifest.
-    """
-    path = Path(folder) / MANIFEST_FILE
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise FormatError(f"cannot be read ({error.strerror})", path, "release again") from error
-    except ValueError as error:
-        raise FormatError(f"is not JSON ({error})", path, "release again") from error
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise FormatError(f"is not a manifest ({FORMAT})", path, "release again")
-    return content
-
-
-def check_release(folder: str | Path) -> int:
-    """Check every product of a release against its manifest; return how many there are.
-
-    Raises
-    ------
-    FormatError
-        With the first product that is missing or differs.
-    """
-    entries = read_manifest(folder)["products"]
-    for number, entry in enumerate(entries, start=1):
-        try:
-            product = Product(**entry)
-        except TypeError as error:
-            place = f"{Path(folder) / MANIFEST_FILE}: product {number}"
-            raise FormatError(f"is not described ({error})", place, "release again") from error
-        path = Path(folder) / product.file
-        if not path.is_file():
-            raise FormatError("is in the manifest but not there", path, "release again")
-        found = describe_product(path, kind="", maplet="", made_from={})
-        if (found.sha256, found.bytes) != (product.sha256, product.bytes):
-            raise FormatError("differs from its digest in the manifest", path, "release again")
-    return len(entries)
 
 
 def _line(content: Mapping[str, Any]) -> str:

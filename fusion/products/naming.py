@@ -5,26 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from spcola.arrays import FloatArray
 from spcola.errors import InvalidValueError
 from spcola.grids import MapletGrid
+from spcola.math import lon_lat_deg
 
 SOURCES: Mapping[str, str] = {"SPC": "spc", "OLA": "alt", "SPO": "spo", "SFM": "sfm"}
 """DATASRC of a product → its three letters in a name; SPO is SPC and lidar together."""
-
-
-def lon_lat_deg(points: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return planetocentric east longitude (0 … 360) and latitude of points (…, 3), degrees.
-
-    NaN points have NaN directions; the longitude of a pole is 0.
-    """
-    x, y, z = np.moveaxis(np.asarray(points, dtype=np.float64), -1, 0)
-    # A longitude a rounding error below 0 comes out of the modulus as 360 itself.
-    longitude = np.degrees(np.arctan2(y, x)) % 360.0 % 360.0
-    return longitude, np.degrees(np.arctan2(z, np.hypot(x, y)))
 
 
 def product_stem(

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from fusion.estimation.verdict import Verdict
 from fusion.fusing.maplets import FusedMaplet
-from fusion.report.recovered import Recovered, SurfaceErrors
+from fusion.report.planted import RecoveredParameter, SurfaceErrors
+from fusion.verdict import Verdict
 from spcola.arrays import AnyArray, FloatArray, check_shape, frozen
 
 
@@ -39,7 +39,7 @@ class Surfaces:
 
 
 @dataclass(frozen=True, eq=False)
-class Coverage:
+class LidarCoverage:
     """Places of maplets, and the share of each that the lidar covers.
 
     Parameters
@@ -86,10 +86,10 @@ class ReportData:
     ----------
     body : str
     surfaces : tuple of Surfaces
-    coverage : Coverage, optional
+    coverage : LidarCoverage, optional
     registration, scale : mapping, optional
         Contents of ``registration.json`` and ``scale.json``.
-    planted : tuple of Recovered
+    planted : tuple of RecoveredParameter
         In the demo: planted and recovered parameters.
     versions : mapping of str to str
     verdicts : mapping of str to Verdict
@@ -103,10 +103,10 @@ class ReportData:
 
     body: str = "body"
     surfaces: tuple[Surfaces, ...] = ()
-    coverage: Coverage | None = None
+    coverage: LidarCoverage | None = None
     registration: Mapping[str, Any] | None = None
     scale: Mapping[str, Any] | None = None
-    planted: tuple[Recovered, ...] = ()
+    planted: tuple[RecoveredParameter, ...] = ()
     versions: Mapping[str, str] | None = None
     verdicts: Mapping[str, Verdict] = field(default_factory=dict)
     accepted: tuple[str, ...] = ()

@@ -2,32 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, fields
-from pathlib import Path
-from typing import Any, TypeVar
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from fusion.estimation.verdict import Verdict
 from fusion.fusing.maplets import FUSED_HDF5, FusedMaplet, fused_names, read_fused
 from fusion.pipeline.catalog import read_records
 from fusion.products import versions
 from fusion.registration.results import transform_of
-from fusion.report.data import Coverage, Origins, ReportData, Surfaces
-from fusion.report.recovered import Recovered, SurfaceErrors
+from fusion.report.data import LidarCoverage, Origins, ReportData, Surfaces
+from fusion.report.planted import read_planted
+from fusion.verdict import Verdict
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
-from spcola.errors import FormatError
 from spcola.grids import project_maplet
 from spcola.math import Affine
-
-Row = TypeVar("Row", Recovered, SurfaceErrors)
-
-PLANTED_FILE = "planted.json"
-"""File in which a demo writes what it planted: a list under ``planted``, each entry with the
-keys of :class:`~fusion.report.Recovered`, and one under ``errors`` with those of
-:class:`~fusion.report.SurfaceErrors`; null for NaN."""
 
 # Stages whose results are judged, in the order of the processing.
 _JUDGED = ("register", "fuse", "scale")
@@ -53,23 +42,23 @@ def gather_report(workspace: Workspace, *, body: str, accepted: Sequence[str] = 
     SpcolaError
         If an existing file cannot be used.
     """
-    registration = _optional_json(workspace, workspace.registration_path)
-    scale = _optional_json(workspace, workspace.scale_path)
+    registration = workspace.find_json(workspace.registration_path)
+    scale = workspace.find_json(workspace.scale_path)
     refused = registration is not None and registration.get("verdict") == "refused"
     surfaces, origins = ((), None) if refused else _places(workspace)
-    known = _optional_json(workspace, workspace.root / PLANTED_FILE) or {}
+    planted, errors = read_planted(workspace)
     return ReportData(
         body=body,
         surfaces=surfaces,
         coverage=gather_coverage(workspace),
         registration=registration,
         scale=scale,
-        planted=_rows(known, "planted", Recovered),
+        planted=planted,
         versions=versions(),
         verdicts=_verdicts(workspace),
         accepted=tuple(accepted),
         origins=origins,
-        errors=_rows(known, "errors", SurfaceErrors),
+        errors=errors,
     )
 
 
@@ -120,7 +109,7 @@ def _difference(place: Surfaces) -> float:
     return float(np.sqrt(np.mean(known**2))) if known.size else 0.0
 
 
-def places_of(workspace: Workspace, *, most: int | None = None) -> Iterator[Surfaces]:
+def fused_places(workspace: Workspace, *, most: int | None = None) -> Iterator[Surfaces]:
     """Yield three surfaces on one grid for all fused maplets, or for `most` evenly taken.
 
     Parameters
@@ -136,7 +125,7 @@ def places_of(workspace: Workspace, *, most: int | None = None) -> Iterator[Surf
     folder = workspace.root / "fused"
     if not (folder / FUSED_HDF5).is_file():
         return
-    registration = _optional_json(workspace, workspace.registration_path)
+    registration = workspace.find_json(workspace.registration_path)
     where = str(workspace.registration_path)
     transform = None if registration is None else transform_of(registration, where)
     names = fused_names(folder)
@@ -149,7 +138,7 @@ def _places(workspace: Workspace) -> tuple[tuple[Surfaces, ...], Origins | None]
     """Read candidates one after another; keep the best for each reason, and what all rest on."""
     kept: list[Surfaces] = []
     directions, sources = [], []
-    for place in places_of(workspace, most=_LOOKED_AT):
+    for place in fused_places(workspace, most=_LOOKED_AT):
         # Only the best so far are kept in memory.
         kept = choose_places([*kept, place])
         directions.append(place.fused.points()[place.fused.valid])
@@ -171,7 +160,7 @@ def _surfaces(workspace: Workspace, fused: FusedMaplet, transform: Affine | None
     return Surfaces(fused, spc, lidar)
 
 
-def gather_coverage(workspace: Workspace) -> Coverage | None:
+def gather_coverage(workspace: Workspace) -> LidarCoverage | None:
     """Return the centres of maplets and mapolas, and the share of each that the lidar covers."""
     centers: dict[str, FloatArray] = {}
     share: dict[str, float] = {}
@@ -184,29 +173,6 @@ def gather_coverage(workspace: Workspace) -> Coverage | None:
         share[name] = mapola.coverage
     if not centers:
         return None
-    return Coverage(np.stack(list(centers.values())), np.array([share[name] for name in centers]))
-
-
-def _optional_json(workspace: Workspace, path: Path) -> dict[str, Any] | None:
-    """Read a JSON artefact if it exists."""
-    return workspace.read_json(path.name) if path.is_file() else None
-
-
-def _rows(content: Mapping[str, Any], key: str, kind: type[Row]) -> tuple[Row, ...]:
-    """Read the rows of one kind that a demo wrote; null is NaN."""
-    try:
-        return tuple(_row(entry, kind) for entry in content.get(key, ()))
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise FormatError(f"does not state what was planted ({error})", PLANTED_FILE) from error
-
-
-def _row(entry: Mapping[str, Any], kind: type[Row]) -> Row:
-    """Read one row: texts as they are, numbers and null as numbers."""
-    values: dict[str, Any] = {
-        field.name: entry[field.name] if field.default is MISSING else entry.get(field.name, "")
-        for field in fields(kind)
-    }
-    for name, value in values.items():
-        if not isinstance(value, str):
-            values[name] = float("nan" if value is None else value)
-    return kind(**values)
+    return LidarCoverage(
+        np.stack(list(centers.values())), np.array([share[name] for name in centers])
+    )

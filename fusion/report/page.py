@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from html import escape
-from importlib.resources import files
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,20 +10,16 @@ from fusion.report.data import ReportData, Surfaces
 from fusion.report.figures.maps import coverage_figure, registration_figure
 from fusion.report.figures.origins import origins_figure
 from fusion.report.figures.scale import scale_figure
-from fusion.report.maplets.surfaces import surfaces_figure
-from fusion.report.style.style import html_figure
+from fusion.report.figures.surfaces import surfaces_figure
+from fusion.report.layout import html_figure, html_page
+from fusion.report.planted import errors_table, planted_table
 from fusion.report.tables import (
     checks_table,
-    errors_table,
-    planted_table,
     registration_tables,
     rejected_table,
     scale_tables,
     verdicts_box,
 )
-
-if TYPE_CHECKING:
-    pass
 
 _SECTIONS = (
     ("origins", "What the surface rests on"),
@@ -52,20 +46,12 @@ def make_report(data: ReportData) -> str:
         "registration": _registration(data),
         "scale": _scale(data),
     }
-    shown = [(key, title) for key, title in _SECTIONS if parts[key]]
-    links = "".join(f'<a href="#{key}">{title}</a>' for key, title in shown)
-    body = "".join(
-        f'<section id="{key}"><h2>{title}</h2>{parts[key]}</section>' for key, title in shown
-    )
-    style = files("fusion.report").joinpath("report.css").read_text(encoding="utf-8")
-    name = escape(data.body)
-    made = ", ".join(f"{key} {value}" for key, value in (data.versions or {}).items())
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{name}: lidar and SPC</title><style>{style}</style></head><body>"
-        f"<header><h1>{name}: lidar and stereophotoclinometry together</h1><nav>{links}</nav>"
-        f"</header><main>{verdicts_box(data)}{body}</main><footer>{escape(made)}</footer></body></html>\n"
+    return html_page(
+        f"{data.body}: lidar and SPC",
+        f"{data.body}: lidar and stereophotoclinometry together",
+        [(key, title, parts[key]) for key, title in _SECTIONS if parts[key]],
+        data.versions or {},
+        preface=verdicts_box(data),
     )
 
 

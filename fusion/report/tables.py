@@ -6,43 +6,13 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
-import numpy as np
-
-from fusion.estimation.verdict import JUDGEMENTS, Code, Finding, Severity
 from fusion.report.data import ReportData
-from fusion.report.recovered import Recovered, SurfaceErrors
+from fusion.report.layout import html_table, number_text
+from fusion.report.layout.html import TEXT_CELL, html_list
+from fusion.verdict import JUDGEMENTS, Code, Finding, Severity
 
-# Beyond this many sigmas a recovered number disagrees with what was planted.
-_SUSPICIOUS_PULL = 3.0
-# Marks at the start of a cell: text, and a highlighted number.
-_TEXT, _OFF = "\x00", "\x01"
 # Coverage and correlation are printed to two digits.
 _SHARE = 0.1
-
-
-def number(value: Any, sigma: Any = None) -> str:
-    """Return a number to two digits of its sigma, or to six digits; a dash where unknown."""
-    if value is None or (isinstance(value, float) and not np.isfinite(value)):
-        return "–"
-    if isinstance(value, str | bool | int):
-        return escape(str(value))
-    if sigma is None or not np.isfinite(sigma) or sigma <= 0:
-        return _typeset(f"{value:.6g}")
-    decimals = max(0, 1 - int(np.floor(np.log10(sigma))))
-    return _typeset(f"{value:.{decimals}f}" if decimals <= 9 else f"{value:.3e}")
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, caption: str = "") -> str:
-    """Return an HTML table; the first cell of each row is its heading. Cells are HTML."""
-    title = f"<caption>{caption}</caption>" if caption else ""
-    heads = "".join(f"<th>{cell}</th>" for cell in head)
-    body = "".join(
-        f"<tr><th>{row[0]}</th>{''.join(_cell(cell) for cell in row[1:])}</tr>" for row in rows
-    )
-    return (
-        f'<div class="wide"><table>{title}<thead><tr>{heads}</tr></thead>'
-        f"<tbody>{body}</tbody></table></div>"
-    )
 
 
 def verdicts_box(data: ReportData) -> str:
@@ -75,24 +45,19 @@ def _finding(finding: Finding, accepted: Sequence[str]) -> str:
 
 def registration_tables(registration: Mapping[str, Any]) -> str:
     """Return tables of the transform and of the residuals of the fit."""
-    rows = [_row("scale − 1, 10⁻⁶", _minus_one(registration.get("scale")),
-                 registration.get("scale_sigma"), factor=1e6)]  # fmt: skip
-    for key, label in (("rotation", "rotation {} , °"), ("translation", "translation {} , m")):
-        unit = "deg" if key == "rotation" else "m"
-        values = _three(registration.get(f"{key}_{unit}"))
-        sigmas = _three(registration.get(f"{key}_sigma_{unit}"))
-        rows += [
-            _row(label.format(axis).replace(" ,", ","), value, sigma)
-            for axis, value, sigma in zip("xyz", values, sigmas, strict=True)
-        ]
+    rows = [
+        *_rows("scale − 1, 10⁻⁶", registration, "scale", offset=-1.0, factor=1e6),
+        *_rows("rotation {}, °", registration, "rotation", "deg"),
+        *_rows("translation {}, m", registration, "translation", "m"),
+    ]
     model = escape(str(registration.get("model", "?")))
-    transform = table(["", "value", "sigma"], rows, caption=f"Transform, model: {model}")
-    spread = _three(registration.get("residual_std_m"))
-    fit = [[f"residual std {axis}, m", number(value)]
+    transform = html_table(["", "value", "sigma"], rows, caption=f"Transform, model: {model}")
+    spread = registration.get("residual_std_m") or [None] * 3
+    fit = [[f"residual std {axis}, m", number_text(value)]
            for axis, value in zip("xyz", spread, strict=True)]  # fmt: skip
-    fit += [["mapolas used", number(registration.get("n_used"))],
-            ["mapolas rejected", number(registration.get("n_rejected"))]]  # fmt: skip
-    return f'<div class="tables">{transform}{table(["", "value"], fit, caption="Fit")}</div>'
+    fit += [["mapolas used", number_text(registration.get("n_used"))],
+            ["mapolas rejected", number_text(registration.get("n_rejected"))]]  # fmt: skip
+    return f'<div class="tables">{transform}{html_table(["", "value"], fit, caption="Fit")}</div>'
 
 
 def checks_table(registration: Mapping[str, Any]) -> str:
@@ -101,15 +66,15 @@ def checks_table(registration: Mapping[str, Any]) -> str:
     names = {"strain": "shear and non-uniform scale", "scale": "scale against 1"}
     for key, test in (registration.get("tests") or {}).items():
         if test:
-            squares = f"{number(test.get('chi2'), 1.0)} of {test.get('degrees_of_freedom')}"
-            why = f"{_TEXT}{escape(str(test.get('reason') or ''))}"
+            squares = f"{number_text(test.get('chi2'), 1.0)} of {test.get('degrees_of_freedom')}"
+            why = f"{TEXT_CELL}{escape(str(test.get('reason') or ''))}"
             rows.append([names.get(key, escape(key)), squares, _chance(test.get("p_value")), why])
     for name in (registration.get("stability") or {}).get("suspect_regions") or []:
-        why = f"{_TEXT}without it the transform changes by more than its sigmas allow"
+        why = f"{TEXT_CELL}without it the transform changes by more than its sigmas allow"
         rows.append([escape(str(name)), "", "", why])
     caption = "Checks: χ² of its degrees of freedom, and the probability of a larger one"
-    shown = table(["", "χ²", "p", ""], rows, caption=caption) if rows else ""
-    return shown + _noted("Weakly determined", registration.get("reasons") or [])
+    shown = html_table(["", "χ²", "p", ""], rows, caption=caption) if rows else ""
+    return shown + html_list("Weakly determined", map(str, registration.get("reasons") or ()))
 
 
 def _chance(p_value: Any) -> str:
@@ -127,103 +92,51 @@ def rejected_table(registration: Mapping[str, Any], *, most: int = 40) -> str:
     rows = [
         [
             escape(str(entry["name"])),
-            number(entry.get("coverage"), _SHARE),
-            number(entry.get("correlation"), _SHARE),
-            f"{_TEXT}{escape(str(entry.get('reason') or 'not stated'))}",
+            number_text(entry.get("coverage"), _SHARE),
+            number_text(entry.get("correlation"), _SHARE),
+            f"{TEXT_CELL}{escape(str(entry.get('reason') or 'not stated'))}",
         ]
         for entry in left[:most]
     ]
     more = f"; {len(left) - most} more are in registration.json" if len(left) > most else ""
     caption = f"{len(left)} mapolas not used{more}"
-    return table(["mapola", "coverage", "correlation", "reason"], rows, caption=caption)
+    return html_table(["mapola", "coverage", "correlation", "reason"], rows, caption=caption)
 
 
 def scale_tables(scale: Mapping[str, Any]) -> str:
     """Return the table of the scale's numbers and the list of parameters not observed."""
-    rows = [_row("ε, 10⁻⁶", scale.get("epsilon"), scale.get("epsilon_sigma"), factor=1e6)]
-    rows += [_row("size correction, m", scale.get("size_correction_m"),
-                  scale.get("size_correction_sigma_m"))]  # fmt: skip
-    offsets = _three(scale.get("center_offset_m"))
-    sigmas = _three(scale.get("center_offset_sigma_m"))
-    rows += [
-        _row(f"centre offset {axis}, m", value, sigma)
-        for axis, value, sigma in zip("xyz", offsets, sigmas, strict=True)
-    ]
-    rows += [_row("prime meridian, °", scale.get("prime_meridian_deg"),
-                  scale.get("prime_meridian_sigma_deg"))]  # fmt: skip
-    notes = _noted("Not observed, or not separately", scale.get("reasons") or [])
-    return table(["", "value", "sigma"], rows, caption="Joint fit") + notes
-
-
-def _noted(heading: str, reasons: Mapping[str, Any] | Sequence[Any]) -> str:
-    """Return a heading and a list of reasons; "" if there is none."""
-    items = reasons.items() if isinstance(reasons, Mapping) else ((None, text) for text in reasons)
-    listed = "".join(
-        f"<li>{escape(f'{key}: {text}' if key else str(text))}</li>" for key, text in items
-    )
-    return f'<h3>{heading}</h3><ul class="reasons">{listed}</ul>' if listed else ""
-
-
-def planted_table(planted: Sequence[Recovered]) -> str:
-    """Return the table of planted and recovered values; large pulls are marked."""
-    rows = []
-    for entry in planted:
-        suspicious = abs(entry.pull) > _SUSPICIOUS_PULL
-        pull = number(round(entry.pull, 2)) if np.isfinite(entry.pull) else "–"
-        rows.append(
-            [
-                escape(entry.name) + (f", {escape(entry.unit)}" if entry.unit else ""),
-                number(float(entry.planted), entry.sigma),
-                number(float(entry.recovered), entry.sigma),
-                number(float(entry.sigma), entry.sigma),
-                f"{_OFF}{pull}" if suspicious else pull,
-            ]
-        )
-    caption = "pull = (recovered − planted) / sigma; beyond 3 in red"
-    why = {entry.name: entry.explanation for entry in planted if entry.explanation}
-    shown = table(["", "planted", "recovered", "sigma", "pull"], rows, caption=caption)
-    return shown + _noted(f"Beyond {_SUSPICIOUS_PULL:g} sigma", why)
-
-
-def errors_table(errors: Sequence[SurfaceErrors]) -> str:
-    """Table of how far each surface is from the true one, in a synthetic mission."""
     rows = [
-        [
-            escape(one.name),
-            f"{100 * one.share:.0f} %",
-            *(number(round(size, 3)) for size in (one.within_68_m, one.within_95_m, one.rms_m)),
-        ]
-        for one in errors
+        *_rows("ε, 10⁻⁶", scale, "epsilon", factor=1e6),
+        *_rows("size correction, m", scale, "size_correction", "m"),
+        *_rows("centre offset {}, m", scale, "center_offset", "m"),
+        *_rows("prime meridian, °", scale, "prime_meridian", "deg"),
     ]
-    head = ["", "ground covered", "68 % of errors below, m", "95 % below, m", "rms, m"]
-    return table(head, rows, caption="Heights of each surface against the true ones")
+    notes = html_list("Not observed, or not separately", map(str, scale.get("reasons") or ()))
+    return html_table(["", "value", "sigma"], rows, caption="Joint fit") + notes
 
 
-def _row(label: str, value: Any, sigma: Any, *, factor: float = 1.0) -> list[str]:
-    """Return a row of label, value and sigma, both times `factor`."""
-    value = None if value is None else float(value) * factor
-    sigma = None if sigma is None else float(sigma) * factor
-    return [label, number(value, sigma), number(sigma, sigma)]
+def _rows(
+    label: str,
+    content: Mapping[str, Any],
+    key: str,
+    unit: str = "",
+    *,
+    offset: float = 0.0,
+    factor: float = 1.0,
+) -> list[list[str]]:
+    """Return the row of label, value and sigma of a number; three if the label has {} for an axis.
 
-
-def _cell(cell: str) -> str:
-    """Return one cell; a leading mark selects text, or a highlighted number."""
-    if cell.startswith(_TEXT):
-        return f'<td class="text">{cell[1:]}</td>'
-    if cell.startswith(_OFF):
-        return f'<td class="off">{cell[1:]}</td>'
-    return f"<td>{cell}</td>"
-
-
-def _three(values: Any) -> list[Any]:
-    """Return three values; three None if there are none."""
-    return [None] * 3 if values is None else list(values)
-
-
-def _minus_one(scale: Any) -> float | None:
-    return None if scale is None else float(scale) - 1.0
-
-
-def _typeset(text: str) -> str:
-    """Return a number with a true minus sign."""
-    return text.replace("-", "−")
+    Values are ``(number + offset) * factor``; keys end in the unit, those of sigmas in ``_sigma``
+    before it.
+    """
+    tail = f"_{unit}" if unit else ""
+    value, sigma = content.get(f"{key}{tail}"), content.get(f"{key}_sigma{tail}")
+    axes = "xyz" if "{}" in label else " "
+    values = [value] if axes == " " else value or [None] * 3
+    sigmas = [sigma] if axes == " " else sigma or [None] * 3
+    rows = []
+    for axis, one, spread in zip(axes, values, sigmas, strict=True):
+        shown = None if one is None else (float(one) + offset) * factor
+        error = None if spread is None else float(spread) * factor
+        rows.append([label.format(axis), number_text(shown, error), number_text(error, error)])
+    return rows

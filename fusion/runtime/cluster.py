@@ -121,10 +121,6 @@ class ClusterExecutor:
             if self._client.status == "running":
                 self._client.cancel([one.future for one in waiting], force=True)
 
-    def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-        """Return the results in the order of `items`."""
-        return list(self.stream(function, items))
-
     def _taken(self, waiting: deque[_Waiting[Item]], sent: _Sent) -> Any:
         """Return the oldest result, unless Ctrl-C came before it."""
         oldest = waiting[0]

@@ -42,10 +42,6 @@ class Executor(Protocol):
         """
         ...
 
-    def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-        """Return the results in the order of `items`."""
-        ...
-
 
 class ThreadExecutor:
     """Runs calls on threads: the kernels release the GIL, so that threads use every core.
@@ -94,10 +90,6 @@ class ThreadExecutor:
             finally:
                 pool.shutdown(wait=True, cancel_futures=True)
                 sys.setswitchinterval(usual)
-
-    def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-        """Return the results in the order of `items`."""
-        return list(self.stream(function, items))
 
 
 def _taken(waiting: deque[Future[Result]]) -> Result:

@@ -22,23 +22,23 @@ def json_text(content: Mapping[str, Any]) -> str:
         If it is nested deeper than Python follows.
     """
     try:
-        text = json.dumps(plain(content), indent=2, sort_keys=True, ensure_ascii=False)
+        text = json.dumps(json_value(content), indent=2, sort_keys=True, ensure_ascii=False)
     except RecursionError as error:
         raise InvalidValueError("is nested too deep to be written as JSON") from error
     # Bytes of a file name that are not UTF-8: Python's escape is also JSON's.
     return text.encode("utf-8", "backslashreplace").decode("utf-8") + "\n"
 
 
-def plain(value: Any) -> Any:
+def json_value(value: Any) -> Any:
     """Return `value` in JSON types; NaN and infinity become None."""
     if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): json_value(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
-        return plain(value.tolist())
+        return json_value(value.tolist())
     if isinstance(value, np.generic):
-        return plain(value.item())
+        return json_value(value.item())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [json_value(item) for item in value]
     return str(value) if isinstance(value, Path) else value

@@ -9,19 +9,26 @@ from typing import Literal
 import numpy as np
 
 from fusion.fusing import (
-    Candidate,
-    Comparison,
     FuseInput,
     FuseOptions,
     FuseResult,
-    Illumination,
-    SlopeInformation,
-    estimate_information,
+    RegisteredMapola,
     fuse_maplet,
     lidar_constraints,
 )
-from fusion.registration.fit import KnownTransform
-from fusion.registration.results import Placement, given_registration, placements_of, transform_of
+from fusion.fusing.uncertainty import (
+    AlignedHeights,
+    ImageSlopes,
+    SlopeInformation,
+    estimate_information,
+)
+from fusion.registration.results import (
+    MapolaRegistration,
+    given_registration,
+    mapola_registrations,
+    transform_of,
+)
+from fusion.registration.transform import KnownTransform
 from fusion.scene.exposures import Exposures
 from fusion.scene.surfaces import maplets_around
 from fusion.workspace import Workspace
@@ -39,7 +46,7 @@ _SAME_PLACE = 2.0
 _SAMPLE = 24
 
 LightSource = Literal["auto", "images", "sun", "none"]
-Run = Callable[[Callable[[str], Comparison | None], list[str]], Iterable[Comparison | None]]
+Run = Callable[[Callable[[str], AlignedHeights | None], list[str]], Iterable[AlignedHeights | None]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,23 +58,23 @@ class Scene:
     workspace : Workspace
     transform : Affine
         Lidar → SPC.
-    placements : dict of str to Placement
+    placements : dict of str to MapolaRegistration
         Registration of each mapola relative to `transform`.
     grids, mapola_grids : dict of str to MapletGrid
         Grids of the maplets, and of the mapolas in SPC coordinates.
     prior : callable
         Grid → heights of the shape on it.
-    illumination : Illumination, optional
+    illumination : ImageSlopes, optional
         The images from which the slopes come.
     """
 
     workspace: Workspace
     transform: Affine
-    placements: dict[str, Placement]
+    placements: dict[str, MapolaRegistration]
     grids: dict[str, MapletGrid]
     mapola_grids: dict[str, MapletGrid]
     prior: Callable[[MapletGrid], FloatArray]
-    illumination: Illumination | None
+    illumination: ImageSlopes | None
 
     @classmethod
     def of(cls, workspace: Workspace, *, light: LightSource = "auto") -> Scene:
@@ -90,7 +97,7 @@ class Scene:
         path = workspace.registration_path
         registration = workspace.read_json(path.name)
         transform = transform_of(registration, str(path))
-        placements = placements_of(registration, str(path))
+        placements = mapola_registrations(registration, str(path))
         grids = {name: workspace.maplet(name).grid for name in workspace.maplet_names()}
         mapolas = {
             name: placements[name].grid(workspace.mapola(name).grid, transform)
@@ -121,7 +128,7 @@ class Scene:
             light=light,
         )
 
-    def comparison(self, name: str) -> Comparison | None:
+    def comparison(self, name: str) -> AlignedHeights | None:
         """Lidar and SPC heights of the maplet `name`, aligned; None without a common point."""
         spc = self._spc(name)
         light = self._light(spc)
@@ -129,7 +136,7 @@ class Scene:
         if not (spc.valid & np.isfinite(lidar.height)).any():
             return None
         known, shape = _where_lit(spc, light), self._shape(spc)
-        return Comparison(lidar.height, known.height, lidar.sigma, spc.grid.gsd, light, shape)
+        return AlignedHeights(lidar.height, known.height, lidar.sigma, spc.grid.gsd, light, shape)
 
     def information(self, run: Run = map) -> SlopeInformation:
         """Estimate the errors of slopes and heights from a sample of maplets.
@@ -213,13 +220,13 @@ class Scene:
             key=order,
         )
 
-    def _candidates(self, names: list[str]) -> list[Candidate]:
+    def _candidates(self, names: list[str]) -> list[RegisteredMapola]:
         """Registered mapolas as candidates, read on demand."""
 
         def loader(name: str) -> Callable[[], Mapola]:
             return lambda: replace(self.workspace.mapola(name), grid=self.mapola_grids[name])
 
-        return [Candidate(self.mapola_grids[name], loader(name)) for name in names]
+        return [RegisteredMapola(self.mapola_grids[name], loader(name)) for name in names]
 
 
 def read_registration(workspace: Workspace) -> KnownTransform:
@@ -256,7 +263,7 @@ def _where_lit(spc: Maplet, light: SlopeVariance | None) -> Maplet:
 
 def _illumination(
     workspace: Workspace, grids: list[MapletGrid], light: LightSource
-) -> Illumination | None:
+) -> ImageSlopes | None:
     """Images of the workspace as a source of slopes; None without images or if light is "none"."""
     if light == "none":
         return None
@@ -265,8 +272,8 @@ def _illumination(
         return None
     exposed = Exposures(workspace)
     if light == "auto":
-        return Illumination.of(images, grids, exposed)
-    return Illumination(images, light, exposed)
+        return ImageSlopes.of(images, grids, exposed)
+    return ImageSlopes(images, light, exposed)
 
 
 def _is_same_place(one: MapletGrid, other: MapletGrid) -> bool:

@@ -3,29 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fusion.pipeline import StageContext, StageResult
+from fusion.geolocation import located_store, return_paths
+from fusion.pipeline import Stage, StageContext, StageResult
 from fusion.registration.results import transform_of
+from fusion.runtime.folders import make_folder
 from fusion.runtime.machine import check_grid
-from fusion.stages.geolocation.locating import kernel_paths, located_store
-from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
-from fusion.workspace.settings import (
-    BigmapSettings,
-    BigmapSite,
-    BodySettings,
-    MapolaSettings,
-    Settings,
-    SpiceSettings,
-    SpinSettings,
-    Table,
-)
-from lidar.archive import ScanStore
+from fusion.workspace import SETTINGS_FILE, Workspace
+from fusion.workspace.settings import Settings
+from fusion.workspace.settings.inputs import BodySettings, SpiceSettings, SpinSettings
+from fusion.workspace.settings.processing import BigmapSettings, BigmapSite, MapolaSettings
 from lidar.gridding import LidarBigmapOptions, bigmap_from_returns
+from lidar.scan_store import ScanStore
 from lidar.scans import Returns
 from spcola.bigmap import BigmapOptions, make_bigmap
 from spcola.errors import WorkspaceError
@@ -35,25 +28,18 @@ from spcola.math import Affine
 from spcola.shape import RayCaster, shape_heights
 
 
-@dataclass(frozen=True)
-class BigmapStage:
+class BigmapStage(Stage):
     """Fused maplets, maplets, scans → bigmaps of each site in one frame.
 
     ``bigmaps/SITE.MAP`` is made of the fused maplets, ``bigmaps/maplets/SITE.MAP`` of the SPC
     maplets, ``bigmaps/returns/SITE.MAP`` of the registered returns; each has a sigma companion.
     """
 
-    name: str = "bigmap"
-    version: int = 5
-    needs: tuple[str, ...] = ("fuse",)
-    places: tuple[str, ...] = ("bigmaps",)
-    tables: tuple[type[Table], ...] = (
-        BigmapSettings,
-        BodySettings,
-        MapolaSettings,
-        SpiceSettings,
-        SpinSettings,
-    )
+    name = "bigmap"
+    version = 5
+    needs = ("fuse",)
+    places = ("bigmaps",)
+    tables = (BigmapSettings, BodySettings, MapolaSettings, SpiceSettings, SpinSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why no bigmap can be made; empty if it can."""
@@ -64,12 +50,11 @@ class BigmapStage:
         return ""
 
     def inputs(self, workspace: Workspace, settings: Settings) -> list[Path]:
-        """Return fused maplets, maplets, scans, kernels, registration and shape."""
+        """Return fused maplets, maplets, returns, registration and shape."""
         return [
             *workspace.fused_paths(),
             *workspace.maplet_files(),
-            *workspace.scan_paths(),
-            *kernel_paths(workspace, settings.spice),
+            *return_paths(workspace, settings),
             workspace.registration_path,
             workspace.shape_path(),
         ]

@@ -16,12 +16,13 @@ from contextlib import contextmanager
 import numpy as np
 from scipy import ndimage
 
-from fusion.fusing import DEFAULT_INFORMATION, Constraints, FuseInput, fuse_maplet
-from fusion.surfacematch import Surface, gauss_newton, match_surfaces
+from fusion.fusing import Constraints, FuseInput, fuse_maplet
+from fusion.fusing.uncertainty import DEFAULT_INFORMATION
+from fusion.surfacematch import MATCH_KERNEL, Surface, match_surfaces
 from spcola.arrays import FloatArray
 from spcola.compilation import KernelCache, is_kept
 from spcola.grids import Maplet, MapletGrid
-from spcola.heights import multiply
+from spcola.heights import HeightSystem
 
 _HALF_SIZE = 40
 _COMMAND = """
@@ -35,7 +36,7 @@ compile_late()
 @contextmanager
 def compiling_ahead() -> Iterator[None]:
     """Compile the kernels of registration and fusion in another process, unless that was done."""
-    if not KernelCache.usable or (is_kept(gauss_newton) and is_kept(multiply)):
+    if not KernelCache.usable or (is_kept(MATCH_KERNEL) and HeightSystem.is_compiled()):
         yield
         return
     quiet = subprocess.DEVNULL

@@ -3,31 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fusion.estimation.verdict import Code, Finding, Severity, Verdict
-from fusion.fusing import FuseOptions, FuseResult, SlopeInformation
+from fusion.fusing import FuseOptions, FuseResult
 from fusion.fusing.maplets import FusedMaplet, Source, write_fused
-from fusion.pipeline import StageContext, StageResult, find_table
+from fusion.fusing.uncertainty import SlopeInformation
+from fusion.pipeline import Stage, StageContext, StageResult, find_table
+from fusion.runtime.folders import make_folder
 from fusion.scene import Scene
-from fusion.workspace import Workspace, make_folder
-from fusion.workspace.settings import BodySettings, FuseSettings, Settings, Table
+from fusion.verdict import Code, Finding, Severity, Verdict
+from fusion.workspace import Workspace
+from fusion.workspace.settings import Settings
+from fusion.workspace.settings.inputs import BodySettings
+from fusion.workspace.settings.processing import FuseSettings
 
 
-@dataclass(frozen=True)
-class FuseStage:
+class FuseStage(Stage):
     """Maplets, mapolas, registration → fused maplets."""
 
-    name: str = "fuse"
-    version: int = 9
-    needs: tuple[str, ...] = ("mapolas", "register")
-    places: tuple[str, ...] = ("fused",)
-    tables: tuple[type[Table], ...] = (FuseSettings, BodySettings)
+    name = "fuse"
+    version = 9
+    needs = ("mapolas", "register")
+    places = ("fused",)
+    tables = (FuseSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why nothing can be fused; empty if it can."""

@@ -16,7 +16,7 @@ from fusion.fusing.maplets import (
     read_fused,
     write_fused,
 )
-from fusion.pipeline import StageContext, StageResult
+from fusion.pipeline import Stage, StageContext, StageResult
 from fusion.pipeline.catalog import FileDigests, read_records
 from fusion.products import (
     MANIFEST_FILE,
@@ -28,8 +28,11 @@ from fusion.products import (
     write_manifest,
 )
 from fusion.products.formats import write_fits_dtm, write_geotiff, write_obj, write_ply
-from fusion.workspace import Workspace, make_folder
-from fusion.workspace.settings import BodySettings, ReleaseSettings, Settings, Table
+from fusion.runtime.folders import make_folder
+from fusion.workspace import Workspace
+from fusion.workspace.settings import Settings
+from fusion.workspace.settings.inputs import BodySettings
+from fusion.workspace.settings.processing import ReleaseSettings
 from spcola.atomic import write_error
 from spcola.formats.maplets import read_maplet
 from spcola.grids import MapletGrid
@@ -101,15 +104,14 @@ class Origins:
         return Provenance(self.body, made_from, self.settings)
 
 
-@dataclass(frozen=True)
-class ReleaseStage:
+class ReleaseStage(Stage):
     """Fused maplets and bigmaps → release/ with its manifest."""
 
-    name: str = "release"
-    version: int = 1
-    needs: tuple[str, ...] = ("fuse", "bigmap")
-    places: tuple[str, ...] = ("release",)
-    tables: tuple[type[Table], ...] = (ReleaseSettings, BodySettings)
+    name = "release"
+    version = 1
+    needs = ("fuse", "bigmap")
+    places = ("release",)
+    tables = (ReleaseSettings, BodySettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why nothing can be released; empty if it can."""

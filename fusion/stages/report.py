@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from fusion.fusing.maplets import FUSED_HDF5
-from fusion.pipeline import StageContext, StageResult
-from fusion.report import PLANTED_FILE, gather_report, make_report
+from fusion.pipeline import Stage, StageContext, StageResult
+from fusion.report import gather_report, make_report
+from fusion.report.planted import PLANTED_FILE
 from fusion.workspace import Workspace
-from fusion.workspace.settings import AcceptSettings, BodySettings, Settings, Table
+from fusion.workspace.settings import Settings
+from fusion.workspace.settings.inputs import BodySettings
+from fusion.workspace.settings.processing import AcceptSettings
 from spcola import atomic
 
 
-@dataclass(frozen=True)
-class ReportStage:
+class ReportStage(Stage):
     """Results of all stages → report.html."""
 
-    name: str = "report"
-    version: int = 3
-    needs: tuple[str, ...] = ()
-    places: tuple[str, ...] = ("report.html",)
-    tables: tuple[type[Table], ...] = (BodySettings, AcceptSettings)
+    name = "report"
+    version = 3
+    places = ("report.html",)
+    tables = (BodySettings, AcceptSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why there is nothing to report; empty if there is."""

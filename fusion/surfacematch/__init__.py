@@ -1,19 +1,21 @@
-"""The match of two surfaces: how registration and scaling find displacements."""
+"""The match of two gridded surfaces, one of lidar and one of SPC: their displacement.
 
-from fusion.surfacematch.displacing import BORDER, gauss_newton, spline_of
-from fusion.surfacematch.match import match_surfaces
-from fusion.surfacematch.values import Match, MatchOptions, Surface, judged_match, unmatched
-from fusion.surfacematch.weights import BEST_SHARE
+Registration and scaling both use it: registration fits a transform to the displacements of mapolas
+from maplets, scaling a scale to those between the two bigmaps of each image.
+"""
+
+from fusion.surfacematch.match import MATCH_KERNEL, match_surfaces
+from fusion.surfacematch.spline import spline_at, spline_coefficients
+from fusion.surfacematch.values import Match, MatchOptions, Surface
+from fusion.surfacematch.weights import accurate_variance
 
 __all__ = [
-    "BEST_SHARE",
-    "BORDER",
+    "MATCH_KERNEL",
     "Match",
     "MatchOptions",
     "Surface",
-    "gauss_newton",
-    "judged_match",
+    "accurate_variance",
     "match_surfaces",
-    "spline_of",
-    "unmatched",
+    "spline_at",
+    "spline_coefficients",
 ]

@@ -8,18 +8,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fusion.surfacematch.displacing import (
+from fusion.surfacematch.displacement_kernels import (
     LEAST_POINTS,
     displaced,
     gauss_newton,
     partial_layers,
     slope_moments,
     slopes_of,
-    spline_of,
 )
+from fusion.surfacematch.spline import spline_coefficients
 from spcola.arrays import BoolArray, FloatArray
-from spcola.grids.statistics import RobustCovariance, robust_covariance
-from spcola.math.robust import biweight_scores
+from spcola.grids.robust_covariance import RobustCovariance, biweight_scores, robust_covariance
 
 # Surfaces whose slopes correlate by less have no relief in common; ten thousand random slopes
 # correlate by a few hundredths.
@@ -195,7 +194,7 @@ class Aligner:
     def of(cls, fields: Fields) -> Aligner:
         """Compute spline coefficients and slopes."""
         partials = -np.stack(slopes_of(fields.fixed)) / fields.sigma
-        return cls(fields, spline_of(fields.moving), partials)
+        return cls(fields, spline_coefficients(fields.moving), partials)
 
     def align(self, start: FloatArray, search: Search) -> Alignment | None:
         """Find the displacement near `start` (2,), cells, robustly (Huber, then Tukey).

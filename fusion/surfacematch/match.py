@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fusion.estimation.verdict import Cause
 from fusion.surfacematch.alignment import (
     Aligner,
     Alignment,
@@ -16,15 +15,19 @@ from fusion.surfacematch.alignment import (
     tilt_partials,
     tilts,
 )
-from fusion.surfacematch.coarse import APART, AREA, coarse_shift
+from fusion.surfacematch.coarse_shift import APART, AREA, CoarseShift, coarse_shift
+from fusion.surfacematch.displacement_kernels import gauss_newton
 from fusion.surfacematch.resolution.noise import NoiseSpectrum, supported
 from fusion.surfacematch.resolution.resolution import blurred_over_gaps
-from fusion.surfacematch.values import Match, MatchOptions, Surface, judged_match, unmatched
+from fusion.surfacematch.values import Match, MatchOptions, Surface
 from fusion.surfacematch.weights import BEST_SHARE
+from fusion.verdict import Cause
 from spcola.arrays import BoolArray, FloatArray
 from spcola.grids import MapletGrid
 from spcola.grids.gaps import bridged, closable, plane_of
 
+MATCH_KERNEL = gauss_newton
+"""The kernel of a match that takes longest to compile."""
 # Surfaces that differ by no more than this many stated sigmas show the same ground, however little
 # relief there is to correlate.
 _WITHIN_STATED = 2.0
@@ -33,7 +36,7 @@ _WITHIN_STATED = 2.0
 _OTHER_MINIMUM = 5.0
 # Share of a grid: fewer additional gaps of the displaced surface do not matter.
 _FEW = 0.03
-# Tolerances of a displacement, cells: of the result, and of a start for another search or a rival.
+# Tolerances of a displacement, cells: of the result, and of an alternative or a start.
 _FINE, _ROUGH = 1e-3, 0.03
 # Smallest sigma of a displacement, cells.
 _ROUNDING = 1e-6
@@ -117,26 +120,39 @@ def match_surfaces(
     both = float(np.mean(pair.moving_known & pair.fixed_known))
     if both < options.min_coverage:
         few = f"only {both:.0%} of the grid has both surfaces"
-        return unmatched(name, grid, both, Cause.NOT_COVERED, few)
+        return Match.failed(name, grid, both, Cause.NOT_COVERED, few)
     fields, reach = _plain(pair), max(1, int(np.ceil(options.capture_m / grid.gsd)))
-    start, starts = coarse_shift(fields, reach=reach, ambiguity=options.ambiguity)
-    if max(abs(start)) == reach > 1:
+    shift = coarse_shift(fields, reach=reach, ambiguity=options.ambiguity)
+    if max(abs(shift.start)) == reach > 1:
         edge = f"the best match lies at the edge of the capture range ({options.capture_m:g} m)"
-        return unmatched(name, grid, both, Cause.CAPTURE_RANGE, edge)
-    aligner = Aligner.of(fields)
+        return Match.failed(name, grid, both, Cause.CAPTURE_RANGE, edge)
     rough = Search(options.capture_m / grid.gsd, options.max_iterations, _ROUGH, AREA)
-    plain = aligner.align(start, rough)
-    if plain is None:
+    found = _found(fields, shift, spectrum, rough, options)
+    if found is None:
         few = "too few points are common to both surfaces"
-        return unmatched(name, grid, both, Cause.NOT_COVERED, few)
-    others = [aligner.align(other, rough) for other in starts]
-    rivals = [other for other in others if other and _as_good(other, plain, options)]
-    sharp = None if spectrum is None or rivals else _whitened(fields, spectrum, plain, rough)
-    if sharp is None:
-        best = aligner.align(plain.shift, replace(rough, tolerance=_FINE, area=0.0)) or plain
-        return _judged(name, grid, pair, _Found(best, best.residual, rivals), options)
-    residual = aligner.residual_at(sharp.shift, sharp.plane)
-    return _judged(name, grid, pair, _Found(sharp, residual, rivals), options)
+        return Match.failed(name, grid, both, Cause.NOT_COVERED, few)
+    return _judged(name, grid, pair, found, options)
+
+
+def _found(
+    fields: Fields,
+    shift: CoarseShift,
+    spectrum: NoiseSpectrum | None,
+    rough: Search,
+    options: MatchOptions,
+) -> _Found | None:
+    """Align the surfaces from a whole-cell shift; None if too few points are common."""
+    aligner = Aligner.of(fields)
+    plain = aligner.align(shift.start, rough)
+    if plain is None:
+        return None
+    others = [aligner.align(other, rough) for other in shift.alternatives]
+    alternatives = [other for other in others if other and _as_good(other, plain, options)]
+    sharp = None if spectrum is None or alternatives else _whitened(fields, spectrum, plain, rough)
+    if sharp is not None:
+        return _Found(sharp, aligner.residual_at(sharp.shift, sharp.plane), alternatives)
+    best = aligner.align(plain.shift, replace(rough, tolerance=_FINE, area=0.0)) or plain
+    return _Found(best, best.residual, alternatives)
 
 
 def _prepare(grid: MapletGrid, moving: Surface, fixed: Surface, blur_cells: float) -> _Pair:
@@ -232,11 +248,11 @@ def _whitened(
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """The best alignment, its residual without filter, and rivals that are about as good."""
+    """The best alignment, its residual without filter, and alternatives that are about as good."""
 
     best: Alignment
     residual: Residual
-    rivals: list[Alignment]
+    alternatives: list[Alignment]
 
 
 def _judged(
@@ -259,21 +275,23 @@ def _judged(
         at_lidar=pair.swapped,
     )
     best = found.best
-    judged = judged_match(match, options, converged=best.converged, patches=best.patches)
-    if judged.cause is Cause.UNCORRELATED and _within_stated(pair, residual):
+    judged = match.judged(options, converged=best.converged, patches=best.patches)
+    if judged.cause is Cause.UNCORRELATED and (
+        float(np.nanstd(residual.standardised)) <= _WITHIN_STATED * pair.stated
+    ):
         flat = replace(options, min_correlation=-1.0)
-        return judged_match(match, flat, converged=best.converged, patches=best.patches)
+        return match.judged(flat, converged=best.converged, patches=best.patches)
     return judged
 
 
 def _in_metres(pair: _Pair, found: _Found, options: MatchOptions) -> tuple[FloatArray, FloatArray]:
     """Displacement (3,) along the grid's axes, metres, and its covariance.
 
-    Along directions to rivals the sigma is the capture range.
+    Along directions to alternatives the sigma is the capture range.
     """
     best, slope = found.best, pair.plane[1:] / pair.moving.shape[::-1]
     covariance = best.covariance[:3, :3].copy()
-    for other in found.rivals:
+    for other in found.alternatives:
         along = other.shift - best.shift
         reach = options.capture_m / pair.gsd
         covariance[:2, :2] += np.outer(along, along) * reach**2 / (along @ along)
@@ -298,11 +316,6 @@ def _positive(covariance: FloatArray, least: float) -> FloatArray:
         return covariance
     positive: FloatArray = (vectors * np.maximum(values, least**2)) @ vectors.T
     return positive
-
-
-def _within_stated(pair: _Pair, residual: Residual) -> bool:
-    """Return whether the residual is as small as the stated sigmas."""
-    return float(np.nanstd(residual.standardised)) <= _WITHIN_STATED * pair.stated
 
 
 def _correlation(pair: _Pair, residual: Residual) -> float:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fusion.estimation.verdict import Cause
+from fusion.verdict import Cause
 from spcola.arrays import FloatArray
 from spcola.grids import MapletGrid
 
@@ -121,14 +121,60 @@ class Match:
         """Whether the match may enter a fit."""
         return not self.reason
 
+    @classmethod
+    def failed(
+        cls, name: str, grid: MapletGrid, coverage: float, cause: Cause, reason: str
+    ) -> Match:
+        """Return the result `name` of a failed match on `grid`, NaN except for `coverage`.
+
+        `cause` and `reason` are those of the failure.
+        """
+        unknown = np.full(3, np.nan)
+        return cls(
+            name=name,
+            center=grid.center,
+            displacement=unknown,
+            covariance=np.full((3, 3), np.nan),
+            local=unknown,
+            residual=np.full(grid.shape, np.nan),
+            correlation=float("nan"),
+            coverage=coverage,
+            iterations=0,
+            reason=reason,
+            cause=cause,
+        )
+
     def refused(self, cause: Cause, reason: str) -> Match:
-        """Return the match with a reason why it must not be used.
+        """Return the match with the `cause` and the `reason` why it must not be used."""
+        return replace(self, cause=cause, reason=reason)
+
+    def judged(self, options: MatchOptions, *, converged: bool, patches: float) -> Match:
+        """Return the match with the reason why it must not be used, if there is one.
 
         Parameters
         ----------
-        cause : Cause
-        reason : str
+        options : MatchOptions
+        converged : bool
+            Whether the displacement converged.
+        patches : float
+            Number of independent residuals.
         """
+        cause, reason = None, ""
+        if self.coverage < options.min_coverage:
+            cause = Cause.NOT_COVERED
+            reason = f"only {self.coverage:.0%} of the grid could be compared"
+        elif not converged:
+            cause = Cause.NOT_CONVERGED
+            reason = f"the displacement did not converge in {self.iterations} steps"
+        elif patches < _MIN_PATCHES:
+            cause = Cause.FEW_INDEPENDENT
+            reason = f"the differences are so correlated that only {patches:.0f} are independent"
+        elif self.correlation < options.min_correlation:
+            cause = Cause.UNCORRELATED
+            reason = f"the surfaces correlate by {self.correlation:.2f} only"
+        elif np.hypot(self.local[0], self.local[1]) > options.capture_m:
+            cause = Cause.CAPTURE_RANGE
+            reason = f"the displacement left the capture range ({options.capture_m} m)"
         return replace(self, cause=cause, reason=reason)
 
     def on_one_grid(self, lidar: FloatArray, spc: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -138,61 +184,3 @@ class Match:
         returned unchanged; the other is NaN where nothing was compared.
         """
         return (lidar, lidar + self.residual) if self.at_lidar else (spc - self.residual, spc)
-
-
-def judged_match(match: Match, options: MatchOptions, *, converged: bool, patches: float) -> Match:
-    """Return a match with the reason why it must not be used, if there is one.
-
-    Parameters
-    ----------
-    match : Match
-    options : MatchOptions
-    converged : bool
-        Whether the displacement converged.
-    patches : float
-        Number of independent residuals.
-    """
-    if match.coverage < options.min_coverage:
-        few = f"only {match.coverage:.0%} of the grid could be compared"
-        return match.refused(Cause.NOT_COVERED, few)
-    if not converged:
-        late = f"the displacement did not converge in {match.iterations} steps"
-        return match.refused(Cause.NOT_CONVERGED, late)
-    if patches < _MIN_PATCHES:
-        few = f"the differences are so correlated that only {patches:.0f} are independent"
-        return match.refused(Cause.FEW_INDEPENDENT, few)
-    if match.correlation < options.min_correlation:
-        weak = f"the surfaces correlate by {match.correlation:.2f} only"
-        return match.refused(Cause.UNCORRELATED, weak)
-    if np.hypot(match.local[0], match.local[1]) > options.capture_m:
-        beyond = f"the displacement left the capture range ({options.capture_m} m)"
-        return match.refused(Cause.CAPTURE_RANGE, beyond)
-    return match
-
-
-def unmatched(name: str, grid: MapletGrid, coverage: float, cause: Cause, reason: str) -> Match:
-    """Return the result of a failed match on `grid`: NaN except the share compared, a `reason`.
-
-    Parameters
-    ----------
-    name : str
-    grid : MapletGrid
-    coverage : float
-        Share of the grid that was compared, 0 … 1.
-    cause : Cause
-    reason : str
-    """
-    unknown = np.full(3, np.nan)
-    return Match(
-        name=name,
-        center=grid.center,
-        displacement=unknown,
-        covariance=np.full((3, 3), np.nan),
-        local=unknown,
-        residual=np.full(grid.shape, np.nan),
-        correlation=float("nan"),
-        coverage=coverage,
-        iterations=0,
-        reason=reason,
-        cause=cause,
-    )

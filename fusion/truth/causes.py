@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
-from fusion.report import Recovered
+from fusion.report.planted import RecoveredParameter
 from fusion.truth.planted import Planted
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
@@ -28,13 +28,16 @@ _SCALE = ("pole", "centre offset")
 
 
 def explained(
-    rows: Sequence[Recovered], planted: Planted, workspace: Workspace, scale: Mapping[str, Any]
-) -> list[Recovered]:
+    rows: Sequence[RecoveredParameter],
+    planted: Planted,
+    workspace: Workspace,
+    scale: Mapping[str, Any],
+) -> list[RecoveredParameter]:
     """Return the rows with an explanation of each pull beyond :data:`LARGE_PULL`.
 
     Parameters
     ----------
-    rows : sequence of Recovered
+    rows : sequence of RecoveredParameter
     planted : Planted
     workspace : Workspace
         Where SPC's states of the images are read from, if they are needed.
@@ -60,7 +63,7 @@ def chance(pull: float, count: int) -> float:
         return float(-np.expm1(count * np.log1p(-one)))
 
 
-def _line(row: Recovered, share: tuple[float, str] | None, count: int) -> str:
+def _line(row: RecoveredParameter, share: tuple[float, str] | None, count: int) -> str:
     """Return the explanation of one large pull."""
     missions = 1.0 / max(chance(row.pull, count), 1e-12)
     by_chance = (

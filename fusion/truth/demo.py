@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from fusion.pipeline import Pipeline, StageRun, opened
-from fusion.report import PLANTED_FILE, Recovered, SurfaceErrors, places_of
+from fusion.report import fused_places
+from fusion.report.planted import RecoveredParameter, SurfaceErrors, write_planted
 from fusion.runtime import Executor, Progress
+from fusion.runtime.folders import make_folder
 from fusion.stages import compiling_ahead, load_stages
-from fusion.stages.ingest import Source, Workers, import_files
+from fusion.stages.ingest import LidarFile, import_files
 from fusion.truth.causes import LARGE_PULL, explained
 from fusion.truth.generation import LIDAR_FOLDER, SPC_FOLDER
 from fusion.truth.mission import make_mission
@@ -21,7 +23,7 @@ from fusion.truth.planted import TRUTH_FILE, Planted, read_truth
 from fusion.truth.presets import MissionSettings
 from fusion.truth.recovery import compare
 from fusion.truth.surface_errors import surface_errors
-from fusion.workspace import SETTINGS_FILE, Workspace, make_folder, new_workspace
+from fusion.workspace import SETTINGS_FILE, Workspace, new_workspace
 from spcola.errors import FormatError, WorkspaceError
 from spcola.truth.body import TruthBody
 
@@ -37,7 +39,7 @@ class Demonstration:
     ----------
     workspace : Workspace
     runs : list of StageRun
-    recovered : list of Recovered
+    recovered : list of RecoveredParameter
         Planted and recovered values.
     errors : list of SurfaceErrors
         How far SPC, lidar and fused heights are from the true ones.
@@ -45,7 +47,7 @@ class Demonstration:
 
     workspace: Workspace
     runs: list[StageRun]
-    recovered: list[Recovered]
+    recovered: list[RecoveredParameter]
     errors: list[SurfaceErrors]
 
     def as_dict(self) -> dict[str, Any]:
@@ -85,23 +87,19 @@ def demonstrate(
     planted = _mission(folder, settings or MissionSettings.demo(), executor, progress)
     workspace = _workspace(folder / WORKSPACE_FOLDER, mission)
     chosen = workspace.settings()
-    sources = [Source(path) for path in sorted((mission / LIDAR_FOLDER).iterdir())]
+    sources = [LidarFile(path) for path in sorted((mission / LIDAR_FOLDER).iterdir())]
     with opened(workspace) as catalog:
-        import_files(workspace, chosen, sources, Workers(executor, progress, catalog.digesting))
+        import_files(workspace, chosen, sources, catalog, executor=executor, progress=progress)
     stages = load_stages()
     whole = Pipeline(workspace, chosen, stages, executor, progress)
     # The report comes last: it shows the recovered values.
     runs = replace(whole, stages=[stage for stage in stages if stage.name != REPORT]).run()
     recovered, errors = _recovered(planted, workspace), _errors(planted, workspace)
-    rows = {
-        "planted": [asdict(row) for row in recovered],
-        "errors": [asdict(row) for row in errors],
-    }
-    workspace.write_json(PLANTED_FILE, rows)
+    write_planted(workspace, recovered, errors)
     return Demonstration(workspace, [*runs, whole.run_stage(REPORT)], recovered, errors)
 
 
-def _recovered(planted: Planted, workspace: Workspace) -> list[Recovered]:
+def _recovered(planted: Planted, workspace: Workspace) -> list[RecoveredParameter]:
     """Return what was planted and what was found of it, large pulls explained."""
     scale = workspace.read_json(workspace.scale_path.name)
     found = compare(planted, workspace.read_json(workspace.registration_path.name), scale)
@@ -117,7 +115,7 @@ def _errors(planted: Planted, workspace: Workspace) -> list[SurfaceErrors]:
                 place.fused.grid,
                 {"SPC": place.spc, "lidar": place.lidar, "fused": place.fused.height},
             )
-            for place in places_of(workspace)
+            for place in fused_places(workspace)
         ),
     )
 
@@ -135,7 +133,7 @@ def errors_table(errors: Sequence[SurfaceErrors]) -> Iterator[str]:
         yield f"{one.name:30}{100 * one.share:>5.0f} %{cells}"
 
 
-def recovery_table(rows: Sequence[Recovered]) -> Iterator[str]:
+def recovery_table(rows: Sequence[RecoveredParameter]) -> Iterator[str]:
     """Yield the lines of a table: planted, recovered, sigma, and their difference in sigmas.
 
     A line for each parameter beyond :data:`LARGE_PULL` sigma says why, as far as that is known.

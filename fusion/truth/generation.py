@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import spcola
-from fusion.runtime.processes import clear_leftovers, locked
+from fusion.runtime.folders import clear_leftovers, locked, make_folder
 from fusion.truth.blind.settings import BLIND_PARTS, BlindSettings
 from fusion.truth.planted import TRUTH_FILE, Planted, read_truth
 from fusion.truth.presets import MissionSettings
-from fusion.workspace import SPC_FOLDERS, make_folder
+from fusion.workspace import SPC_FOLDERS
 from spcola.atomic import write_error, write_text
 from spcola.errors import SpcolaError, WorkspaceError
 

@@ -13,8 +13,8 @@ import numpy as np
 from fusion.truth.ground import ground_at
 from fusion.truth.work import Work, missing
 from spcola.camera import SpcImage
-from spcola.truth.campaign import SolvedState
-from spcola.truth.imaging import render, write_image
+from spcola.truth.campaign.states import SolvedState
+from spcola.truth.imaging import render_image, write_image
 from spcola.truth.sampled import SampledSurface
 
 FINEST = 0.05
@@ -66,7 +66,7 @@ def _write(work: Work, surface: SampledSurface, state: SolvedState) -> None:
     settings = work.settings.imaging
     name = state.truth.name
     generator = work.random(f"image {name}")
-    rendered = render(surface, work.body, state.truth, settings=settings, generator=generator)
+    rendered = render_image(surface, work.body, state.truth, settings=settings, generator=generator)
     known = _as_known(state)
     for kind, path in zip(work.settings.image_formats, files_of_image(work, state), strict=True):
         if missing(path):

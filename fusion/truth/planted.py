@@ -70,11 +70,6 @@ class PlacedCenter:
         """The point (3,) of the true surface that it represents, body frame, metres."""
         return np.array(self.true_center_m)
 
-    @property
-    def maplet(self) -> PlacedCenter:
-        """Itself: a landmark needs no more of the maplet."""
-        return self
-
 
 @dataclass(frozen=True)
 class TrueState:

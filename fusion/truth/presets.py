@@ -8,11 +8,12 @@ from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
-from lidar.truth import FORMATS, LidarSettings, TrackSettings
+from lidar.truth import SCAN_FORMATS, LidarSettings, TrackSettings
 from spcola.errors import SettingsError
 from spcola.math import Similarity
 from spcola.truth.body import BodySettings
-from spcola.truth.campaign import CampaignSettings, PassSettings, StateSettings
+from spcola.truth.campaign import CampaignSettings, PassSettings
+from spcola.truth.campaign.states import StateSettings
 from spcola.truth.imaging import IMAGE_FORMATS, ImageSettings
 from spcola.truth.solution import SolutionSettings
 
@@ -71,7 +72,7 @@ class MissionSettings:
     shape_q : int
         Q of the solution's ICQ shape.
     lidar_format : str
-        One of :data:`lidar.truth.FORMATS`.
+        One of :data:`lidar.truth.SCAN_FORMATS`.
     image_formats : tuple of str
         Of :data:`spcola.truth.imaging.IMAGE_FORMATS`.
     spc : bool
@@ -106,8 +107,8 @@ class MissionSettings:
         object.__setattr__(self, "image_formats", tuple(self.image_formats))
         if self.seed < 0:
             raise SettingsError(f"must be at least 0, not {self.seed}", "seed")
-        if self.lidar_format not in FORMATS:
-            known = ", ".join(FORMATS)
+        if self.lidar_format not in SCAN_FORMATS:
+            known = ", ".join(SCAN_FORMATS)
             raise SettingsError(f"{self.lidar_format!r} is none of {known}", "format of the scans")
         if not set(self.image_formats) <= set(IMAGE_FORMATS):
             raise SettingsError(f"must be of {', '.join(IMAGE_FORMATS)}", "formats of the images")

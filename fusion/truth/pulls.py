@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2, kurtosis
 
-from fusion.report import Recovered
+from fusion.report.planted import RecoveredParameter
 
 CONFIDENCE = 0.95
 """Confidence of the interval of a standard deviation."""
@@ -55,12 +55,12 @@ class PullStatistics:
     kurtosis: float
 
 
-def pull_statistics(missions: Sequence[Sequence[Recovered]]) -> list[PullStatistics]:
+def pull_statistics(missions: Sequence[Sequence[RecoveredParameter]]) -> list[PullStatistics]:
     """Return the statistics of every parameter in the tables of the missions.
 
     Parameters
     ----------
-    missions : sequence of sequences of Recovered
+    missions : sequence of sequences of RecoveredParameter
         One table for each mission.
 
     Returns
@@ -73,7 +73,7 @@ def pull_statistics(missions: Sequence[Sequence[Recovered]]) -> list[PullStatist
     return [_statistics(name, tables) for name in names]
 
 
-def _statistics(name: str, tables: Sequence[Mapping[str, Recovered]]) -> PullStatistics:
+def _statistics(name: str, tables: Sequence[Mapping[str, RecoveredParameter]]) -> PullStatistics:
     rows = [table[name] for table in tables if name in table]
     found = [row for row in rows if np.isfinite(row.pull)]
     missing = len(tables) - len(found)

@@ -11,7 +11,7 @@ from typing import Any, TypeVar, cast
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from fusion.workspace.settings import complaint
+from fusion.workspace.settings import problem_text
 from spcola.errors import SettingsError
 
 Kind = TypeVar("Kind")
@@ -42,7 +42,7 @@ def restored(kind: type[Kind], values: Any, where: str = "settings") -> Kind:
     except ValidationError as error:
         problem = error.errors(include_url=False)[0]
         place = ".".join([where, *map(str, problem["loc"][1:])])
-        raise SettingsError(complaint(problem), place) from error
+        raise SettingsError(problem_text(problem), place) from error
     for name in _lacking(asdict(found), values):
         raise SettingsError(f"lacks the entry {name}", where)
     return cast(Kind, found)

@@ -8,28 +8,25 @@ from pathlib import Path
 from fusion.truth.presets import MissionSettings
 from fusion.truth.work import Work, missing
 from lidar.truth import (
-    FORMATS,
+    SCAN_FORMATS,
+    Observation,
     ScanErrors,
-    Track,
-    draw_errors,
-    plan_tracks,
     scan_chunks,
     scan_name,
-    track_chunks,
-    track_name,
     write_scans,
 )
 from spcola.truth.campaign import Pass, day_of
 
 
-def plan_observations(passes: Sequence[Pass], settings: MissionSettings) -> dict[str, Pass | Track]:
+def plan_observations(passes: Sequence[Pass], settings: MissionSettings) -> dict[str, Observation]:
     """Return the observations of the lidar by file name: rasters, then nadir tracks."""
-    tracks = [] if settings.tracks is None else plan_tracks(settings.tracks)
-    return {scan_name(at): at for at in passes} | {track_name(at): at for at in tracks}
+    tracks = [] if settings.tracks is None else settings.tracks.plan()
+    observations: list[Observation] = [*passes, *tracks]
+    return {scan_name(at): at for at in observations}
 
 
 def day_biases(
-    observations: Mapping[str, Pass | Track], settings: MissionSettings
+    observations: Mapping[str, Observation], settings: MissionSettings
 ) -> dict[str, float]:
     """Return the relative bias of the ranges of each day with observations."""
     days = sorted({day_of(at.middle) for at in observations.values()})
@@ -38,7 +35,7 @@ def day_biases(
 
 
 def write_observations(
-    work: Work, observations: Mapping[str, Pass | Track], days: Mapping[str, float]
+    work: Work, observations: Mapping[str, Observation], days: Mapping[str, float]
 ) -> dict[str, ScanErrors]:
     """Make and write the lidar files; return the planted errors of each, by name.
 
@@ -47,7 +44,7 @@ def write_observations(
 
     def make(name: str) -> ScanErrors:
         at = observations[name]
-        errors = draw_errors(
+        errors = ScanErrors.drawn(
             work.settings.lidar, work.random(f"errors {name}"), range_scale=days[day_of(at.middle)]
         )
         if missing(_path(work, name)):
@@ -58,15 +55,12 @@ def write_observations(
     return dict(zip(observations, found, strict=True))
 
 
-def _write(work: Work, name: str, at: Pass | Track, errors: ScanErrors) -> None:
+def _write(work: Work, name: str, at: Observation, errors: ScanErrors) -> None:
     """Make and write one file, with its own random numbers."""
     lidar, generator = work.settings.lidar, work.random(f"shots {name}")
-    if isinstance(at, Pass):
-        chunks = scan_chunks(work.body, at, settings=lidar, errors=errors, generator=generator)
-    else:
-        chunks = track_chunks(work.body, at, settings=lidar, errors=errors, generator=generator)
+    chunks = scan_chunks(work.body, at, settings=lidar, errors=errors, generator=generator)
     write_scans(_path(work, name), chunks, format=work.settings.lidar_format)
 
 
 def _path(work: Work, name: str) -> Path:
-    return work.site.lidar / f"{name}{FORMATS[work.settings.lidar_format]}"
+    return work.site.lidar / f"{name}{SCAN_FORMATS[work.settings.lidar_format]}"

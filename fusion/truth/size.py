@@ -12,7 +12,7 @@ from fusion.runtime import usable_cores
 from fusion.truth.blind.settings import BlindSettings
 from fusion.truth.images import FINEST, SURFACE_BYTES
 from fusion.truth.presets import MissionSettings
-from lidar.truth import plan_tracks, scan_size
+from lidar.truth import scan_size
 from spcola.errors import WorkspaceError
 
 # Seconds of one core, as measured on one machine; a rough guide.
@@ -78,7 +78,7 @@ class MissionSize:
 
 def mission_size(settings: MissionSettings) -> MissionSize:
     """Return the forecast for a mission of these settings."""
-    tracks = [] if settings.tracks is None else plan_tracks(settings.tracks)
+    tracks = [] if settings.tracks is None else settings.tracks.plan()
     raster = scan_size(settings.lidar, settings.lidar_format)
     passes = len(settings.passes.directions_deg) or settings.passes.count
     files = [raster] * passes

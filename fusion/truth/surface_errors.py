@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from fusion.report import SurfaceErrors
+from fusion.report.planted import SurfaceErrors
 from fusion.truth.planted import Planted
 from spcola.arrays import FloatArray
 from spcola.grids import MapletGrid

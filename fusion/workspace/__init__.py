@@ -7,7 +7,6 @@ from fusion.workspace.workspace import (
     SPC_FOLDERS,
     SPC_LISTS,
     Workspace,
-    make_folder,
 )
 
 __all__ = [
@@ -16,6 +15,5 @@ __all__ = [
     "SPC_FOLDERS",
     "SPC_LISTS",
     "Workspace",
-    "make_folder",
     "new_workspace",
 ]

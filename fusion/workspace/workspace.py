@@ -6,12 +6,13 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from fusion.fusing.maplets import FusedMaplet, read_fused
 from fusion.runtime import json_text
+from fusion.runtime.folders import make_folder
 from fusion.workspace.settings.settings import Settings, load_settings, write_settings
 from lidar.adjustment import ScanAdjustment
 from lidar.formats.mapolas import ADJUSTMENT_HDF5, read_adjustment, read_mapola
@@ -23,7 +24,7 @@ from spcola.errors import WorkspaceError
 from spcola.formats.images import read_image_data
 from spcola.formats.maplets import read_maplet, sigma_path
 from spcola.formats.shapes import read_shape
-from spcola.formats.solution import ListKind, read_landmark, read_list, read_summary
+from spcola.formats.solution import read_landmark, read_list, read_summary
 from spcola.grids import Maplet
 from spcola.shape import Mesh
 
@@ -304,7 +305,11 @@ class Workspace:
         atomic.write_text(path, json_text(content))
         return path
 
-    def read_json(self, name: str) -> dict[str, Any]:
+    def find_json(self, name: str | Path) -> dict[str, Any] | None:
+        """Read the file `name` as :meth:`read_json` does; None if it is not there."""
+        return self.read_json(name) if (self.root / name).is_file() else None
+
+    def read_json(self, name: str | Path) -> dict[str, Any]:
         """Read the file `name`; null becomes None.
 
         Raises
@@ -325,7 +330,9 @@ class Workspace:
             raise WorkspaceError("holds no JSON object", path, "remove it and run again")
         return content
 
-    def _listed(self, listing: str, kind: ListKind, folder: str, suffix: str) -> list[str]:
+    def _listed(
+        self, listing: str, kind: Literal["image", "landmark"], folder: str, suffix: str
+    ) -> list[str]:
         """Return the names in `listing`; an empty list next to a full folder is refused."""
         names = read_list(self.root / listing, kind=kind)
         if not names and (there := len(self._stems(folder, suffix))):
@@ -376,23 +383,3 @@ class Workspace:
 def _is_there(path: Path) -> bool:
     """Return whether this path exists, even as a link that leads nowhere."""
     return path.exists() or path.is_symlink()
-
-
-def make_folder(path: Path) -> None:
-    """Create a folder and those above it.
-
-    Parameters
-    ----------
-    path : Path
-
-    Raises
-    ------
-    WorkspaceError
-        If it cannot be created.
-    """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WorkspaceError(
-            f"cannot be created ({error.strerror})", path, "check the folder above it"
-        ) from error

@@ -1,25 +1,17 @@
 """Adjustment of scans to each other where they overlap."""
 
-from lidar.adjustment.adjustment import AdjustmentOptions, ScanAdjustment, adjust_scans, unadjusted
-from lidar.adjustment.nodes import ErrorSizes, Nodes
-from lidar.adjustment.overlaps import (
-    DEGREES,
-    OverlapEquations,
-    displacement_rows,
-    ground_shares,
-    overlap_equations,
-)
+from lidar.adjustment.adjustment import adjust_scans
+from lidar.adjustment.arcs import RigidArcs, ScanErrorSizes
+from lidar.adjustment.overlaps import OverlapEquations, displacement_partials, overlap_equations
+from lidar.adjustment.values import AdjustmentOptions, ScanAdjustment
 
 __all__ = [
-    "DEGREES",
     "AdjustmentOptions",
-    "ErrorSizes",
-    "Nodes",
     "OverlapEquations",
+    "RigidArcs",
     "ScanAdjustment",
+    "ScanErrorSizes",
     "adjust_scans",
-    "displacement_rows",
-    "ground_shares",
+    "displacement_partials",
     "overlap_equations",
-    "unadjusted",
 ]

@@ -17,13 +17,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri
 
-from lidar.adjustment.nodes import SIZE_OF_NUMBER, ErrorSizes, Nodes, columns, turned, turned_vector
-from lidar.adjustment.overlaps import DEGREES, OverlapEquations
+from lidar.adjustment.arcs import (
+    SIZE_OF_NUMBER,
+    RigidArcs,
+    ScanErrorSizes,
+    columns,
+    rotated,
+    rotated_vector,
+)
+from lidar.adjustment.overlaps import COMPONENTS, OverlapEquations
 from spcola.arrays import FloatArray, IntArray
 from spcola.errors import NotObservableError
 
 # Sizes have converged when a round changes none of them by more than this share.
-_SETTLED = 0.01
+_CONVERGED = 0.01
 _MAX_ROUNDS = 60
 # Smallest size, metres and radians.
 _LEAST = np.array([1e-6, 1e-6, 1e-9, 1e-6, 1e-6])
@@ -42,20 +49,20 @@ class NetworkSolution:
     displacement : (6S,) ndarray
         Metres and radians, body-fixed.
     covariance : (6S, 6S) ndarray
-    sizes : ErrorSizes
+    sizes : ScanErrorSizes
     """
 
     displacement: FloatArray
     covariance: FloatArray
-    sizes: ErrorSizes
+    sizes: ScanErrorSizes
 
 
 def solve_network(
     parts: Sequence[OverlapEquations],
-    nodes: Nodes,
-    sizes: ErrorSizes,
+    arcs: RigidArcs,
+    sizes: ScanErrorSizes,
     *,
-    start: ErrorSizes | None = None,
+    start: ScanErrorSizes | None = None,
     excess: float = 1.0,
     estimate: bool = True,
 ) -> NetworkSolution:
@@ -69,32 +76,32 @@ def solve_network(
     ----------
     parts : sequence of OverlapEquations
         Normal equations of whole displacements.
-    nodes : Nodes
-    sizes : ErrorSizes
+    arcs : RigidArcs
+    sizes : ScanErrorSizes
         First guesses, which count for a few numbers each; or the fixed sizes, with
         ``estimate=False``.
-    start : ErrorSizes, optional
+    start : ScanErrorSizes, optional
         Where the search begins, by default at the first guesses.
     excess : float
         Factor by which the variances of the parts are too small.
     """
     first, sizes = sizes, start or sizes
     local_parts = [
-        _LocalEquations.of(part, nodes.frames[part.scan], excess) for part in parts if part.weight
+        _LocalEquations.of(part, arcs.frames[part.scan], excess) for part in parts if part.weight
     ]
     for _ in range(_MAX_ROUNDS if estimate else 1):
-        solution, parted = _at(local_parts, nodes, sizes)
+        solution, parted = _at(local_parts, arcs, sizes)
         if not estimate:
             break
-        found = _renewed(solution, parted, local_parts, nodes.share, first)
+        found = _renewed(solution, parted, local_parts, arcs.share, first)
         change = float(np.abs(np.log(found.all / sizes.all)).max())
         sizes = found
-        if change < _SETTLED:
+        if change < _CONVERGED:
             break
-    back = nodes.frames.transpose(0, 2, 1)
+    back = arcs.frames.transpose(0, 2, 1)
     return NetworkSolution(
-        turned_vector(solution.displacement, back),
-        turned(solution.covariance, back),
+        rotated_vector(solution.displacement, back),
+        rotated(solution.covariance, back),
         solution.sizes,
     )
 
@@ -110,8 +117,8 @@ class _LocalEquations:
 
     @classmethod
     def of(cls, part: OverlapEquations, frames: FloatArray, excess: float) -> _LocalEquations:
-        moved = (DEGREES * np.arange(len(part.scan))[:, None] + np.arange(3)).ravel()
-        normal, right = turned(part.normal, frames), turned_vector(part.right, frames)
+        moved = (COMPONENTS * np.arange(len(part.scan))[:, None] + np.arange(3)).ravel()
+        normal, right = rotated(part.normal, frames), rotated_vector(part.right, frames)
         return cls(columns(part.scan), moved, normal / excess, right / excess)
 
     def own(self, wander_m: float) -> FloatArray:
@@ -136,10 +143,10 @@ class _Parted:
 
 
 def _at(
-    parts: Sequence[_LocalEquations], nodes: Nodes, sizes: ErrorSizes
+    parts: Sequence[_LocalEquations], arcs: RigidArcs, sizes: ScanErrorSizes
 ) -> tuple[NetworkSolution, _Parted]:
     """Solve at given sizes, in the scans' frames."""
-    count, days = nodes.lifted.shape
+    count, days = arcs.day_partials.shape
     normal: FloatArray = np.zeros((count, count))
     right: FloatArray = np.zeros(count)
     for part in parts:
@@ -148,20 +155,20 @@ def _at(
         right[part.at] += reduced_right
     # A scan has its own displacement and that of its day; both are scaled by the prior, since
     # metres and radians have different scales.
-    root, lifted = sizes.local(len(nodes)), sizes.day_m * nodes.lifted
-    by_day = normal @ lifted
+    root, day_partials = sizes.local(len(arcs)), sizes.day_m * arcs.day_partials
+    by_day = normal @ day_partials
     scaled = np.empty((count + days, count + days))
-    scaled[:count, :count] = normal * np.outer(root, root) + nodes.precision
+    scaled[:count, :count] = normal * np.outer(root, root) + arcs.precision
     scaled[:count, count:] = root[:, None] * by_day
     scaled[count:, :count] = scaled[:count, count:].T
-    scaled[count:, count:] = lifted.T @ by_day + np.eye(days)
+    scaled[count:, count:] = day_partials.T @ by_day + np.eye(days)
     inverse = _inverse(scaled)
-    value = inverse @ np.concatenate([root * right, lifted.T @ right])
+    value = inverse @ np.concatenate([root * right, day_partials.T @ right])
     # Covariance of the sum of both.
-    crossed = root[:, None] * inverse[:count, count:] @ lifted.T
+    crossed = root[:, None] * inverse[:count, count:] @ day_partials.T
     covariance = inverse[:count, :count] * np.outer(root, root) + crossed + crossed.T
-    covariance += lifted @ inverse[count:, count:] @ lifted.T
-    displacement = root * value[:count] + lifted @ value[count:]
+    covariance += day_partials @ inverse[count:, count:] @ day_partials.T
+    displacement = root * value[:count] + day_partials @ value[count:]
     solution = NetworkSolution(displacement, covariance, sizes)
     return solution, _Parted(value, np.diag(inverse).copy())
 
@@ -191,12 +198,12 @@ def _renewed(
     parted: _Parted,
     parts: Sequence[_LocalEquations],
     share: FloatArray,
-    first: ErrorSizes,
-) -> ErrorSizes:
+    first: ScanErrorSizes,
+) -> ScanErrorSizes:
     """Return the sizes from the squares of the solution, with some weight of the `first` ones."""
     sizes, days = solution.sizes, len(parted.value) - len(solution.displacement)
     kind = np.concatenate([np.tile(SIZE_OF_NUMBER, len(share)), np.full(days, _DAY)])
-    each = np.concatenate([np.repeat(share, DEGREES), np.ones(days)])
+    each = np.concatenate([np.repeat(share, COMPONENTS), np.ones(days)])
     squares = np.bincount(kind, weights=each * parted.value**2, minlength=5) * sizes.all**2
     determined = np.bincount(kind, weights=each * (1.0 - parted.variance), minlength=5)
     for local in parts:

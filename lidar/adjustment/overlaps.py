@@ -7,6 +7,7 @@ ground on the horizontal part. The height of each cell is an unknown that is eli
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,8 +21,8 @@ from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.grids import MapletGrid
 from spcola.math.robust import mad
 
-DEGREES = 6
-"""Numbers of a small rigid displacement: three of translation, three of rotation."""
+COMPONENTS = 6
+"""Components of a small rigid displacement: three of translation, three of rotation."""
 
 # A scan that departs from the others in a cell by more than this many robust deviations observed
 # another part of the ground: the edge of a boulder, from another side.
@@ -65,15 +66,10 @@ class OverlapEquations:
     weight: float
 
 
-def displacement_rows(points: FloatArray, centers: FloatArray) -> FloatArray:
-    """Partials (..., 3, 6) of points (..., 3) by the displacement of their scans.
+def displacement_partials(points: FloatArray, centers: FloatArray) -> FloatArray:
+    """Partials (…, 3, 6) of `points` (…, 3), metres, by displacements of their scans.
 
-    Parameters
-    ----------
-    points : (…, 3) ndarray
-        Body-fixed, metres.
-    centers : (…, 3) ndarray
-        Middle of the scan of each point: rotations are about it.
+    Rotations are about the middles of the scans, `centers` (…, 3).
     """
     arm = points - centers
     shift = np.broadcast_to(np.eye(3), (*arm.shape[:-1], 3, 3))
@@ -82,7 +78,7 @@ def displacement_rows(points: FloatArray, centers: FloatArray) -> FloatArray:
 
 
 def overlap_equations(
-    gridding: Gridding, returns: Returns, centers: FloatArray, *, share: FloatArray | None = None
+    gridding: Gridding, returns: Returns, centers: FloatArray, *, others: Sequence[MapletGrid] = ()
 ) -> OverlapEquations | None:
     """Compare the heights of the scans that meet in the cells of a mapola.
 
@@ -93,8 +89,9 @@ def overlap_equations(
     returns : Returns
     centers : (S, 3) ndarray
         Points about which the scans of ``returns.scan_names`` are rotated, body-fixed, metres.
-    share : (2q+1, 2q+1) ndarray, optional
-        Weight of each cell: less than 1 where other mapolas compare the same ground too.
+    others : sequence of MapletGrid
+        Grids of other mapolas on which scans are compared: ground on several of them has its weight
+        divided by their number.
 
     Returns
     -------
@@ -116,9 +113,8 @@ def overlap_equations(
     )
     residual = cells.corrected(planes.slope_x, planes.slope_y) - mapola.height.ravel()[cells.cell]
     variance = _variance(cells, mapola.spread, returns.sigma)
-    meetings = _means(cells.cell, scan, residual, variance).agreeing()
-    if share is not None:
-        meetings = meetings.weighted(share.ravel())
+    share = ground_shares(grid, others, mapola.height).ravel()
+    meetings = _means(cells.cell, scan, residual, variance).agreeing().weighted(share)
     if len(meetings.cell) == 0:
         return None
     trust = _trusted(planes, cells.count, variance.reshape(grid.shape)) / grid.gsd
@@ -126,20 +122,15 @@ def overlap_equations(
     normals = np.concatenate([slopes, np.ones((*grid.shape, 1))], axis=-1) @ grid.axes
     places = grid.points(np.nan_to_num(mapola.height))
     at = meetings.cell
-    displacement = displacement_rows(places.reshape(-1, 3)[at], centers[meetings.scan])
+    displacement = displacement_partials(places.reshape(-1, 3)[at], centers[meetings.scan])
     rows = np.einsum("ni,nij->nj", normals.reshape(-1, 3)[at], displacement)
     return _eliminated(meetings, rows)
 
 
-def ground_shares(grid: MapletGrid, others: list[MapletGrid], height: FloatArray) -> FloatArray:
+def ground_shares(grid: MapletGrid, others: Sequence[MapletGrid], height: FloatArray) -> FloatArray:
     """One over the number of grids (R, C) on which the ground of `grid` lies, itself included.
 
-    Parameters
-    ----------
-    grid : MapletGrid
-    others : list of MapletGrid
-    height : (R, C) ndarray
-        On `grid`, metres.
+    `height` (R, C) is that on `grid`, metres.
     """
     number = np.ones(grid.shape)
     points = grid.points(np.nan_to_num(height))
@@ -235,9 +226,9 @@ def _eliminated(meetings: _Meetings, rows: FloatArray) -> OverlapEquations:
     """Sum up the normal equations, with the height of each cell eliminated."""
     scans, own = np.unique(meetings.scan, return_inverse=True)
     cells, place = np.unique(meetings.cell, return_inverse=True)
-    columns = DEGREES * own[:, None] + np.arange(DEGREES)
-    numbers = np.repeat(np.arange(len(rows)), DEGREES)
-    shape = (len(rows), DEGREES * len(scans))
+    columns = COMPONENTS * own[:, None] + np.arange(COMPONENTS)
+    numbers = np.repeat(np.arange(len(rows)), COMPONENTS)
+    shape = (len(rows), COMPONENTS * len(scans))
     design = csr_array((rows.ravel(), (numbers, columns.ravel())), shape=shape)
     weight = meetings.weight
     sums = csr_array((weight, (place, np.arange(len(rows)))), shape=(len(cells), len(rows)))

@@ -48,15 +48,7 @@ def read_scan(
 ) -> Scan:
     """Read a whole lidar file as one scan; for files that fit into memory.
 
-    Parameters
-    ----------
-    path, format, options
-        As of `open_lidar`.
-
-    Raises
-    ------
-    FormatError
-        As `open_lidar`.
+    `path`, `format`, `options` and errors are those of :func:`open_lidar`.
     """
     chunks = list(open_lidar(path, format=format, options=options))
     return join(chunks[0].name, chunks)

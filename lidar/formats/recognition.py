@@ -34,6 +34,7 @@ class LidarFormat:
     matches : callable (path, head, size) -> bool
         Whether a file of `size` bytes that begins with `head` has the format.
     read : callable (path, options) -> iterator of Scan
+        Raises FormatError if the file is not of the format, is cut off, or contradicts itself.
     """
 
     matches: Callable[[Path, bytes, int], bool]
@@ -60,11 +61,7 @@ FORMATS: Mapping[str, LidarFormat] = MappingProxyType(
 
 
 def recognise(path: str | Path) -> str:
-    """Return the name of the format of a lidar file, from its content.
-
-    Parameters
-    ----------
-    path : str or Path
+    """Return the name of the format of the lidar file at `path`, from its content.
 
     Raises
     ------

@@ -11,31 +11,36 @@ stored at some times and interpolated linearly. Pointing and range are unchanged
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 
 import numpy as np
 
+from lidar.geolocation.interpolation import move_points
 from lidar.geolocation.mirror import MirrorMotion
 from lidar.geolocation.range_shift import RangeShift
 from lidar.scans import Scan
 from lidar.scans.cubes import QUANTUM_M
 from spcola.arrays import BoolArray, FloatArray
-from spcola.compilation import compiled, compiled_inline
 from spcola.errors import InvalidValueError
-from spcola.navigation import Offset, Spin, Trajectory, turned
+from spcola.navigation import Offset, Spin, Trajectory
 
 MAX_GAP_S = 3600.0
 """Default for the longest time between two states over which their offset is interpolated."""
-NO_TIME = "no time"
-OUTSIDE = "outside trajectory"
-OUTSIDE_KERNELS = "outside kernels"
-"""Reasons under which returns that cannot be geolocated are counted."""
 
 # Error of interpolated rotation vectors, metres at the returns: a tenth of the rounding of places.
 _TOLERANCE_M = 0.1 * QUANTUM_M
 # Most times of a scan for that; only bodies that rotate in minutes need more.
 _MOST_TIMES = 100_000
+
+
+class Unlocated(StrEnum):
+    """Reasons under which returns that cannot be geolocated are counted."""
+
+    NO_TIME = "no time"
+    OUTSIDE_TRAJECTORY = "outside trajectory"
+    OUTSIDE_KERNELS = "outside kernels"
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +66,7 @@ class Geolocation:
         Error of the lidar's mirror, corrected before anything else.
     ranges : RangeShift, optional
         Correction of the ranges, before anything else.
-    outside : str
+    outside : Unlocated
         The reason under which returns at times that are not covered are counted.
     """
 
@@ -74,38 +79,62 @@ class Geolocation:
     error_m: float = 0.0
     mirror: MirrorMotion | None = None
     ranges: RangeShift | None = None
-    outside: str = OUTSIDE
+    outside: Unlocated = Unlocated.OUTSIDE_TRAJECTORY
+
+    @classmethod
+    def by_rotation(
+        cls, span: tuple[float, float], radius: float, old: Spin, new: Spin
+    ) -> Geolocation:
+        """Return the rotation from `old` to `new` of returns within `radius` (m) of the origin.
+
+        `span` are the first and the last ephemeris time, s.
+        """
+        times = _turn_times(span, radius, old, new)
+        return cls(times, old.change_to(new, times))
 
     def apply(self, points: FloatArray, time: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return the points (N, 3), metres, at their new places, and which have one (N,).
+        """Return body-fixed `points` (N, 3), metres, at their new places, and which have one (N,).
 
-        Those without one are NaN: at times that are unknown, or not covered.
-
-        Parameters
-        ----------
-        points : (N, 3) ndarray
-            Body-fixed, metres.
-        time : (N,) ndarray
-            Ephemeris times, s.
+        Those without one are NaN: where the ephemeris `time` (N,), s, is unknown or not covered.
         """
         if self.ranges is not None:
             points = self.ranges.apply(points, time)
         if self.mirror is not None:
             points = self.mirror.apply(points, time)
         gap = self.max_gap_s if self.moves else np.nan
-        moved, kept = _geolocated(
+        moved, kept = move_points(
             points, time, self.turn_time, self.turn, self.shift_time, self.shift, gap
         )
         return moved, kept
 
-    def covers(self, time: FloatArray) -> BoolArray:
-        """Return at which times (N,) returns have a place.
+    def apply_to_scan(self, scan: Scan) -> Scan:
+        """Return `scan` with points, stations and beams at their new places.
 
-        Parameters
-        ----------
-        time : (N,) ndarray
-            Ephemeris times, s.
+        Returns without a place are counted as rejected, by reason.
         """
+        points, kept = self.apply(scan.points, scan.time)
+        # A beam has no direction where the point is at the lidar itself.
+        station, _ = replace(self, mirror=None, ranges=None).apply(scan.spacecraft, scan.time)
+        ahead, _ = replace(self, ranges=None).apply(scan.spacecraft + scan.beam, scan.time)
+        longer = 0.0 if self.ranges is None else self.ranges.shift_m
+        timeless = int(np.count_nonzero(np.isnan(scan.time)))
+        rejected = Counter(scan.rejected)
+        if timeless:
+            rejected[Unlocated.NO_TIME] += timeless
+        if outside := int(np.count_nonzero(~kept)) - timeless:
+            rejected[self.outside] += outside
+        chosen = scan.select(kept)
+        return replace(
+            chosen,
+            points=points[kept],
+            spacecraft=station[kept],
+            beam=(ahead - station)[kept],
+            range=chosen.range + longer,
+            rejected=rejected,
+        )
+
+    def covers(self, time: FloatArray) -> BoolArray:
+        """Return at which of the ephemeris times `time` (N,), s, returns have a place (N,)."""
         if not self.moves:
             return np.isfinite(time)
         return self.apply(np.zeros((len(time), 3)), time)[1]
@@ -116,8 +145,8 @@ class Geolocation:
         shift = np.fmax.reduce(np.linalg.norm(self.shift, axis=1), initial=0.0)
         along = 0.0 if self.ranges is None else abs(self.ranges.shift_m)
         mirror = 0.0 if self.mirror is None else self.mirror.reach(radius + along)
-        turned = 2.0 * np.sin(min(angle, np.pi) / 2.0) * (radius + along)
-        return float(turned + shift + mirror + along)
+        rotated = 2.0 * np.sin(min(angle, np.pi) / 2.0) * (radius + along)
+        return float(rotated + shift + mirror + along)
 
 
 def find_geolocation(
@@ -148,13 +177,13 @@ def find_geolocation(
     InvalidValueError
         If the trajectories have no time in common.
     """
-    turns = Geolocation() if spin is None else turn_of(old.span, radius, *spin)
+    turns = Geolocation() if spin is None else Geolocation.by_rotation(old.span, radius, *spin)
     if trajectory is None:
         return turns
     times = trajectory.time[old.covers(trajectory.time)]
     reference = old
     if spin is not None and len(times):
-        there = turned(spin[0].change_to(spin[1], times), old.at(times))
+        there = spin[0].moved(old.at(times), spin[1], times)
         reference = Trajectory(old.name, times, there)
     return _shifted(turns, trajectory.offset_from(reference), max_gap_s)
 
@@ -168,50 +197,6 @@ def _shifted(turns: Geolocation, offset: Offset, max_gap_s: float) -> Geolocatio
         moves=True,
         max_gap_s=max_gap_s,
         error_m=offset.widest(max_gap_s),
-    )
-
-
-def turn_of(span: tuple[float, float], radius: float, old: Spin, new: Spin) -> Geolocation:
-    """Return the rotation of returns within `radius` (m) of the origin over a time `span` (s).
-
-    Parameters
-    ----------
-    span : (float, float)
-        First and last ephemeris time, s.
-    radius : float
-        Metres.
-    old, new : Spin
-        Before and after.
-    """
-    times = _turn_times(span, radius, old, new)
-    return Geolocation(times, old.change_to(new, times))
-
-
-def geolocated(scan: Scan, move: Geolocation) -> Scan:
-    """Return a scan with points, stations and beams at their new places.
-
-    Returns without a place are counted as rejected, by reason.
-
-    Parameters
-    ----------
-    scan : Scan
-    move : Geolocation
-    """
-    points, kept = move.apply(scan.points, scan.time)
-    # A beam has no direction where the point is at the lidar itself.
-    station, _ = replace(move, mirror=None, ranges=None).apply(scan.spacecraft, scan.time)
-    ahead, _ = replace(move, ranges=None).apply(scan.spacecraft + scan.beam, scan.time)
-    longer = 0.0 if move.ranges is None else move.ranges.shift_m
-    timeless = int(np.count_nonzero(np.isnan(scan.time)))
-    counts = {NO_TIME: timeless, move.outside: int(np.count_nonzero(~kept)) - timeless}
-    chosen = scan.select(kept)
-    return replace(
-        chosen,
-        points=points[kept],
-        spacecraft=station[kept],
-        beam=(ahead - station)[kept],
-        range=chosen.range + longer,
-        rejected=_counted(scan.rejected, counts),
     )
 
 
@@ -240,7 +225,7 @@ def geolocated_by(
         If the two trajectories have no time in common, or the scan has no position at a time.
     """
     offset = trajectory.offset_from(scan_trajectory(scan), max_gap_s=max_gap_s)
-    moved = geolocated(scan, _shifted(Geolocation(), offset, max_gap_s))
+    moved = _shifted(Geolocation(), offset, max_gap_s).apply_to_scan(scan)
     return replace(moved, trajectory=trajectory.name), offset
 
 
@@ -261,15 +246,6 @@ def scan_trajectory(scan: Scan) -> Trajectory:
     return Trajectory(scan.trajectory, time, scan.spacecraft[known][first])
 
 
-def _counted(before: Mapping[str, int], more: Mapping[str, int]) -> dict[str, int]:
-    """Add counts to those of a scan; a reason without counts is left out."""
-    counts = dict(before)
-    for reason, count in more.items():
-        if count:
-            counts[reason] = counts.get(reason, 0) + count
-    return counts
-
-
 def _turn_times(span: tuple[float, float], radius: float, old: Spin, new: Spin) -> FloatArray:
     """Times between which linear interpolation of the rotation vector is good enough."""
     size = float(np.linalg.norm(old.change_to(new, np.array(span)), axis=1).max())
@@ -279,90 +255,3 @@ def _turn_times(span: tuple[float, float], radius: float, old: Spin, new: Spin) 
     begin, end = span[0], max(span[1], span[0] + 1.0)
     count = int(np.clip(np.ceil((end - begin) / step), 1, _MOST_TIMES))
     return np.linspace(begin, end, count + 1)
-
-
-@compiled_inline
-def _before(times: FloatArray, time: float, last: int) -> int:
-    """Number of the interval of `times` that contains `time`, searched from the last one."""
-    if times[last] <= time and (last + 2 >= len(times) or time < times[last + 1]):
-        return last
-    return max(0, min(int(np.searchsorted(times, time, side="right")) - 1, len(times) - 2))
-
-
-@compiled
-def _geolocated(
-    points: FloatArray,
-    time: FloatArray,
-    turn_time: FloatArray,
-    turn: FloatArray,
-    shift_time: FloatArray,
-    shift: FloatArray,
-    max_gap: float,
-) -> tuple[FloatArray, BoolArray]:
-    """New places of points, NaN and False for those that have none.
-
-    `max_gap` is NaN where the trajectory is unchanged.
-    """
-    moved = np.empty(points.shape)
-    kept = np.empty(len(points), dtype=np.bool_)
-    at_turn = at_shift = 0
-    w = np.zeros(3)
-    d = np.zeros(3)
-    for n in range(len(points)):
-        t = time[n]
-        kept[n] = np.isfinite(t)
-        if kept[n] and not np.isnan(max_gap):
-            at_shift, kept[n] = _shift_at(shift_time, shift, t, max_gap, at_shift, d)
-        if not kept[n]:
-            moved[n, 0] = moved[n, 1] = moved[n, 2] = np.nan
-            continue
-        x, y, z = points[n, 0], points[n, 1], points[n, 2]
-        if len(turn_time):
-            at_turn = _turn_at(turn_time, turn, t, at_turn, w)
-            square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
-            angle = np.sqrt(square)
-            # Rodrigues: p + (sin θ / θ) ω × p + ((1 − cos θ) / θ²) ω × (ω × p).
-            if angle > 1e-3:
-                s, c = np.sin(angle) / angle, (1.0 - np.cos(angle)) / square
-            else:
-                s, c = 1.0 - square / 6.0, 0.5 - square / 24.0
-            u0 = w[1] * z - w[2] * y
-            u1 = w[2] * x - w[0] * z
-            u2 = w[0] * y - w[1] * x
-            x += s * u0 + c * (w[1] * u2 - w[2] * u1)
-            y += s * u1 + c * (w[2] * u0 - w[0] * u2)
-            z += s * u2 + c * (w[0] * u1 - w[1] * u0)
-        moved[n, 0], moved[n, 1], moved[n, 2] = x + d[0], y + d[1], z + d[2]
-    return moved, kept
-
-
-@compiled_inline
-def _turn_at(times: FloatArray, turn: FloatArray, time: float, last: int, out: FloatArray) -> int:
-    """Write the rotation vector at a time into `out`; it is constant beyond the ends."""
-    low = _before(times, time, last)
-    share = min(max((time - times[low]) / (times[low + 1] - times[low]), 0.0), 1.0)
-    for axis in range(3):
-        out[axis] = turn[low, axis] + share * (turn[low + 1, axis] - turn[low, axis])
-    return low
-
-
-@compiled_inline
-def _shift_at(
-    times: FloatArray, shift: FloatArray, time: float, max_gap: float, last: int, out: FloatArray
-) -> tuple[int, bool]:
-    """Write the displacement at a time into `out`; return whether it is covered."""
-    if len(times) < 2:
-        covered = len(times) == 1 and time == times[0]
-        if covered:
-            out[:] = shift[0]
-        return 0, covered and np.isfinite(out.sum())
-    low = _before(times, time, last)
-    gap = times[low + 1] - times[low]
-    share = (time - times[low]) / gap
-    # At the time of a state neither the gap next to it nor missing values beyond it matter.
-    if share * (1.0 - share) == 0.0:
-        out[:] = shift[low + int(share)]
-        return low, np.isfinite(out.sum())
-    for axis in range(3):
-        out[axis] = shift[low, axis] + share * (shift[low + 1, axis] - shift[low, axis])
-    return low, 0.0 <= share <= 1.0 and gap <= max_gap and np.isfinite(out.sum())

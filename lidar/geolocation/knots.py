@@ -41,7 +41,7 @@ def knots(
     sample : callable
         Returns values (N, D) at times (N,), s; NaN where they are not known.
     departure : callable
-        Returns the displacement of returns, m, due to errors of the values (N, D).
+        Returns the displacement of returns (N,), m, due to errors of the values (N, D).
     span : (float, float)
         First and last time, s.
     tolerance : float
@@ -49,7 +49,8 @@ def knots(
     times : (M,) ndarray, optional
         Times of the returns, sorted: the motion is sampled at these only. By default returns may be
         at any time of the span.
-        Times at which values begin or cease to be known.
+    edges : (E,) ndarray, optional
+        Times at which values begin or cease to be known, s.
 
     Returns
     -------

@@ -38,14 +38,9 @@ class MirrorAngles:
         return float(azimuth + elevation)
 
     def corrected(self, beam: FloatArray) -> FloatArray:
-        """Return the true beams (N, 3), in the frame of the lidar, with unchanged lengths.
+        """Return the true beams (N, 3) of `beam` (N, 3) as located, with unchanged lengths.
 
-        NaN remains NaN.
-
-        Parameters
-        ----------
-        beam : (N, 3) ndarray
-            Beams as located, in the frame of the lidar.
+        Both are in the frame of the lidar. NaN remains NaN.
         """
         length = np.linalg.norm(beam, axis=1)
         across = np.hypot(beam[:, 0], beam[:, 2])

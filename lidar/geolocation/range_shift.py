@@ -29,14 +29,9 @@ class RangeShift:
     station: FloatArray
 
     def apply(self, points: FloatArray, time: FloatArray) -> FloatArray:
-        """Return the points (N, 3), metres, at the corrected ranges; NaN at unknown times.
+        """Return body-fixed `points` (N, 3), metres, at the corrected ranges.
 
-        Parameters
-        ----------
-        points : (N, 3) ndarray
-            Body-fixed, metres.
-        time : (N,) ndarray
-            Ephemeris times, s.
+        NaN where their ephemeris `time` (N,), s, is unknown.
         """
         station = np.stack([np.interp(time, self.time, axis) for axis in self.station.T], axis=1)
         beam = points - station

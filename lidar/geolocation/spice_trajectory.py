@@ -8,16 +8,15 @@ from functools import cached_property, partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lidar.geolocation.geolocation import OUTSIDE_KERNELS, Geolocation
+from lidar.geolocation.geolocation import Geolocation, Unlocated
 from lidar.geolocation.knots import knots
 from lidar.geolocation.mirror import MirrorAngles, MirrorMotion
 from spcola.arrays import FloatArray
 from spcola.navigation import Trajectory
 from spcola.spice import (
     POINTING_TOLERANCE_S,
-    Coverage,
+    KernelCoverage,
     KernelSet,
-    Track,
     body_fixed_states,
     coverage,
 )
@@ -67,7 +66,7 @@ class KernelPlace:
     tolerance_s: float = POINTING_TOLERANCE_S
 
     @cached_property
-    def coverage(self) -> Coverage:
+    def coverage(self) -> KernelCoverage:
         """Times at which all kernel data for the location of returns exist.
 
         Raises
@@ -76,25 +75,25 @@ class KernelPlace:
             If a kernel is refused, or a name in it unknown.
         """
         with self.kernels.load():
-            tracks = self._tracks(self.spacecraft)
+            known = self._coverage(self.spacecraft)
         if self.reference is not None:
             with self.reference.load():
-                tracks += self._tracks("")
-        return Coverage(tracks)
+                known &= self._coverage("")
+        return known
 
-    def _tracks(self, spacecraft: str) -> tuple[Track, ...]:
+    def _coverage(self, spacecraft: str) -> KernelCoverage:
         return coverage(
             spacecraft, frame=self.frame, max_gap_s=self.max_gap_s, tolerance_s=self.tolerance_s
-        ).tracks
+        )
 
     def geolocation(
         self, old: Trajectory, radius: float, times: FloatArray | None = None
     ) -> Geolocation:
         """Return the motion of the returns of a scan.
 
-        A return p was located as the position s(t) of the spacecraft plus the beam v. The beam in
-        the frame of the lidar is rotated by its mounting B (after the mirror's correction), and
-        the frame's axes (rows) A(t) become A'(t):
+        A return p was located as the position s(t) of the spacecraft plus a beam. In the frame of
+        the lidar this is rotated by its mounting B (after the mirror's correction), and the
+        frame's axes (rows) A(t) become A'(t):
 
             p' = s' + A'ᵀ o + Q (p − s),    Q = A'ᵀ B A
 
@@ -146,7 +145,7 @@ class KernelPlace:
             moves=True,
             error_m=error,
             mirror=mirror,
-            outside=OUTSIDE_KERNELS,
+            outside=Unlocated.OUTSIDE_KERNELS,
         )
 
     def _departure(self, old: Trajectory, radius: float, off: FloatArray) -> FloatArray:

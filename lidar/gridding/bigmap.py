@@ -15,22 +15,17 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from lidar.gridding.cells.cells import CellReturns, CorrectedMedians, sort_into_cells
-from lidar.gridding.gridding import GriddingOptions, GriddingReport, grid_returns
+from lidar.gridding.gridding import GriddingReport, grid_returns
 from lidar.gridding.mapola import LidarBigmap, Mapola
+from lidar.gridding.options import GriddingOptions
 from lidar.gridding.point_heights import at_grid_points
 from lidar.scans import Returns
 from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import SettingsError
 from spcola.grids import MapletGrid
 from spcola.grids.gaps import bridged_mask
-from spcola.heights import (
-    STEPS_ALIKE,
-    HeightProblem,
-    HeightSystem,
-    SolverOptions,
-    slopes_of,
-    steps_from_slopes,
-)
+from spcola.heights import HeightProblem, HeightSystem, SolverOptions
+from spcola.heights.slopes import STEP_SIGMA_FACTOR, slopes_of, steps_from_slopes
 from spcola.math.robust import mad
 
 # Noise variance of a step less the mean of the central slopes at its ends, in units of the
@@ -110,16 +105,7 @@ class BigmapGridding:
 def bigmap_from_returns(
     name: str, grid: MapletGrid, returns: Returns, *, options: LidarBigmapOptions | None = None
 ) -> LidarBigmap:
-    """Integrate `returns` to a bigmap on `grid`; see :func:`integrate_returns`.
-
-    Parameters
-    ----------
-    name : str
-    grid : MapletGrid
-    returns : Returns
-        Body-fixed, metres.
-    options : LidarBigmapOptions, optional
-    """
+    """Return the bigmap `name` on `grid` of :func:`integrate_returns` with `returns`, `options`."""
     return integrate_returns(name, grid, returns, options=options).bigmap
 
 
@@ -220,7 +206,7 @@ def _step_sigma(mapola: Mapola) -> float:
     noise = float(np.median(known)) if known.size else mapola.grid.gsd
     seen = float(np.nan_to_num(mad(departure)))
     rough = np.sqrt(max(seen**2 - _STEP_NOISE * noise**2, 0.0))
-    return float(max(STEPS_ALIKE * rough, _STIFFEST * noise))
+    return float(max(STEP_SIGMA_FACTOR * rough, _STIFFEST * noise))
 
 
 def _sigma(mapola: Mapola, mask: BoolArray, step_sigma: float) -> FloatArray:

@@ -1,94 +1,25 @@
 """Returns to mapolas: the median of the slope-corrected heights in each cell.
 
-The iteration is that of Gaskell et al., eq. 35 and 36: each return is projected into the grid's
-frame and assigned to its nearest grid point; its height is moved to that point with the slope of
-the current surface; the median of a cell is the new surface; and so on until nothing changes.
-([35] is printed with Ux for the height; it is Uz.)
-
-The slope of a cell is that of a plane through the 3 × 3 cells around it, fitted not at their
-grid points but where their returns lie (see :mod:`lidar.gridding.cells.planes`). Compared with
-differences of the gridded heights this averages noise over nine cells, tolerates gaps, and makes
-the iteration converge quickly: a plane is recovered exactly from returns at any places.
+Isolated returns are removed first; slopes and medians are iterated
+(:mod:`lidar.gridding.iteration`); outliers of the cells are removed, and the iteration is repeated.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
 
-from lidar.gridding.cells.cells import CellReturns, CorrectedMedians, sort_into_cells
-from lidar.gridding.cells.planes import PlaneFit
-from lidar.gridding.cells.windows import PlaneWindows
+from lidar.gridding.cells import CellReturns, sort_into_cells
+from lidar.gridding.iteration import IteratedSurface, iterate_surface
 from lidar.gridding.mapola import Mapola
-from lidar.gridding.outliers import RejectionOptions, find_isolated, find_outliers
+from lidar.gridding.options import GriddingOptions
+from lidar.gridding.rejection import find_isolated, find_outliers
 from lidar.gridding.sigma import height_sigma
 from lidar.scans import Returns
-from lidar.scans.cubes import Box
-from spcola.arrays import BoolArray, FloatArray, IntArray
+from spcola.arrays import BoolArray, IntArray
 from spcola.compilation import compiled
-from spcola.errors import SettingsError
 from spcola.grids import MapletGrid
-
-# Rounds before the iteration takes half steps.
-_FULL_STEPS = 10
-# A median is unchanged where new slopes would move it by less than this share of the tolerance.
-_NEGLECTED = 0.05
-
-
-@dataclass(frozen=True)
-class GriddingOptions:
-    """Settings of the gridding of returns.
-
-    Parameters
-    ----------
-    tolerance : float
-        The iteration ends when no height changes by more than this, in GSD.
-    max_iterations : int
-        Most rounds of slopes and medians (for each set of accepted returns).
-    baseline : float
-        Least scatter of the cells' places (standard deviation, grid steps) along a direction in
-        which a slope is fitted; below it a wider window is used.
-    max_window : int
-        Largest half-width, in cells, of the window in which slopes are fitted.
-    reach_m : float, optional
-        Returns further than this from the grid's plane belong to another part of the body and
-        are ignored, metres; by default half the grid's width.
-    default_sigma_m : float
-        Standard deviation of a single return where neither the returns nor their spread in the
-        neighbourhood determine it, metres.
-    rejection : RejectionOptions
-        Criteria for outliers.
-
-    Raises
-    ------
-    SettingsError
-        If a number lies outside its range.
-    """
-
-    tolerance: float = 1e-4
-    max_iterations: int = 50
-    baseline: float = 0.3
-    max_window: int = 3
-    reach_m: float | None = None
-    default_sigma_m: float = 0.1
-    rejection: RejectionOptions = field(default_factory=RejectionOptions)
-
-    def __post_init__(self) -> None:
-        for name in ("tolerance", "max_iterations", "baseline", "max_window", "default_sigma_m"):
-            if not getattr(self, name) > 0:
-                raise SettingsError(f"must be positive, not {getattr(self, name)}", name)
-        if self.reach_m is not None and not self.reach_m > 0:
-            raise SettingsError(f"must be positive, not {self.reach_m}", "reach_m")
-
-    def reach(self, grid: MapletGrid) -> float:
-        """Return the largest distance from the plane of `grid` that is used, metres."""
-        return self.reach_m or grid.half_size * grid.gsd
-
-    def box(self, grid: MapletGrid) -> Box:
-        """Return the box that contains all returns which can fall on `grid`."""
-        return Box.over(grid, self.reach(grid))
 
 
 @dataclass(frozen=True)
@@ -118,13 +49,13 @@ class GriddingReport:
 
     offered: int
     ignored: int
-    isolated: int
-    outlying: int
-    emptied: int
-    iterations: int
-    largest_change_m: float
-    converged: bool
-    reason: str
+    isolated: int = 0
+    outlying: int = 0
+    emptied: int = 0
+    iterations: int = 0
+    largest_change_m: float = 0.0
+    converged: bool = True
+    reason: str = ""
 
     @property
     def used(self) -> int:
@@ -185,7 +116,7 @@ def grid_returns(
     inside, count = len(cells.index), cells.count
     cells = _without_isolated(cells, returns.scan, grid.gsd, options)
     isolated, outlying = inside - len(cells.index), 0
-    surface = _settle(cells, grid.gsd, options)
+    surface = iterate_surface(cells, grid.gsd, options)
     for _ in range(options.rejection.max_rounds):
         outlier = find_outliers(
             surface.cells,
@@ -198,7 +129,7 @@ def grid_returns(
         if not outlier.any():
             break
         outlying += int(np.count_nonzero(outlier))
-        surface = _settle(surface.cells.reduced(~outlier), grid.gsd, options, start=surface)
+        surface = iterate_surface(surface.cells.reduced(~outlier), grid.gsd, options, start=surface)
     report = GriddingReport(
         offered=len(returns),
         ignored=len(returns) - inside,
@@ -227,113 +158,8 @@ def _nothing(name: str, grid: MapletGrid, offered: int) -> Gridding:
         spread=unknown,
         scan_share={},
     )
-    report = GriddingReport(
-        offered=offered,
-        ignored=offered,
-        isolated=0,
-        outlying=0,
-        emptied=0,
-        iterations=0,
-        largest_change_m=0.0,
-        converged=True,
-        reason="no return falls on the grid",
-    )
+    report = GriddingReport(offered, ignored=offered, reason="no return falls on the grid")
     return Gridding(mapola, report, np.zeros(offered, dtype=np.bool_))
-
-
-@dataclass(frozen=True, eq=False)
-class _Surface:
-    """The state at the end of an iteration."""
-
-    cells: CellReturns
-    medians: CorrectedMedians
-    windows: PlaneWindows
-    fitted: FloatArray
-    height: FloatArray
-    slope_x: FloatArray
-    slope_y: FloatArray
-    corrected: FloatArray
-    iterations: int
-    change: float
-    converged: bool
-
-    @cached_property
-    def planes(self) -> PlaneFit:
-        """The planes of the last slopes."""
-        return self.windows.fit(self.fitted)
-
-    @cached_property
-    def spread(self) -> FloatArray:
-        """Robust standard deviation of the returns of each cell, metres; NaN if empty."""
-        return self.cells.spreads(self.corrected, self.height)
-
-
-def _settle(
-    cells: CellReturns, gsd: float, options: GriddingOptions, *, start: _Surface | None = None
-) -> _Surface:
-    """Iterate slopes and medians until no height changes, from the slopes of `start`."""
-    place_x, place_y = cells.place
-    # Dense cells fit better, but beyond a few returns roughness, not noise, dominates departures
-    # from the plane: the weight levels off.
-    weight = cells.count / (cells.count + 1.0)
-    before = None if start is None else start.medians
-    medians = CorrectedMedians(cells, _NEGLECTED * options.tolerance * gsd, before)
-    if start is None:
-        height = at_place = cells.middle
-        slope_x, slope_y = np.zeros_like(height), np.zeros_like(height)
-    else:
-        slope_x, slope_y = start.slope_x, start.slope_y
-        height = medians.at(slope_x, slope_y)
-        at_place = height + slope_x * place_x + slope_y * place_y
-    windows = PlaneWindows(
-        place_x, place_y, weight, baseline=options.baseline, max_radius=options.max_window
-    )
-    change, iteration = np.inf, 0
-    while change > options.tolerance * gsd and iteration < options.max_iterations:
-        fitted = at_place
-        new_x, new_y = windows.slopes(fitted)
-        if iteration >= _FULL_STEPS:
-            # A median may alternate between two returns for ever; half steps end that.
-            new_x, new_y = 0.5 * (slope_x + new_x), 0.5 * (slope_y + new_y)
-        slope_x, slope_y = new_x, new_y
-        previous, height = height, medians.at(slope_x, slope_y)
-        at_place, change = _carried(height, previous, (slope_x, slope_y), (place_x, place_y))
-        iteration += 1
-    converged = change <= options.tolerance * gsd
-    corrected = medians.of_returns(slope_x, slope_y)
-    return _Surface(
-        cells,
-        medians,
-        windows,
-        fitted,
-        height,
-        slope_x,
-        slope_y,
-        corrected,
-        iteration,
-        change,
-        converged,
-    )
-
-
-@compiled
-def _carried(
-    height: FloatArray,
-    previous: FloatArray,
-    slopes: tuple[FloatArray, FloatArray],
-    places: tuple[FloatArray, FloatArray],
-) -> tuple[FloatArray, float]:
-    """Heights (R, C) moved from the grid points to the places, and the largest change, metres."""
-    at_place = np.empty_like(height)
-    change = 0.0
-    for row in range(height.shape[0]):
-        for column in range(height.shape[1]):
-            here = (row, column)
-            carried = slopes[0][here] * places[0][here] + slopes[1][here] * places[1][here]
-            at_place[here] = height[here] + carried
-            moved = abs(height[here] - previous[here])
-            change = moved if moved > change else change
-    return at_place, change
 
 
 def _without_isolated(
@@ -352,7 +178,7 @@ def _finish(
     name: str,
     grid: MapletGrid,
     returns: Returns,
-    surface: _Surface,
+    surface: IteratedSurface,
     report: GriddingReport,
     options: GriddingOptions,
 ) -> Gridding:

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from spcola.arrays import AnyArray, BoolArray, FloatArray, frozen, read_only
+from spcola.arrays import AnyArray, BoolArray, FloatArray, check_shape, frozen, read_only
 from spcola.errors import InvalidValueError
-from spcola.grids import Maplet, check_layer
+from spcola.grids import Maplet
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class GriddedReturns(Maplet):
         super().__post_init__()
         count = np.zeros(self.grid.shape) if self.count is None else self.count
         count = np.array(count, dtype=np.int32)
-        check_layer(count, self.grid, f"{self.name}.count")
+        check_shape(count, self.grid.shape, f"{self.name}.count")
         object.__setattr__(self, "count", read_only(count))
         spread = np.full(self.grid.shape, np.nan) if self.spread is None else self.spread
         object.__setattr__(self, "spread", frozen(spread, self.grid.shape, f"{self.name}.spread"))

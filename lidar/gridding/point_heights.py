@@ -14,7 +14,7 @@ from scipy.ndimage import uniform_filter
 
 from lidar.gridding.mapola import Mapola
 from spcola.arrays import FloatArray
-from spcola.grids.statistics import (
+from spcola.grids.bending import (
     BENDING_NOISE,
     BENDING_RANGE_NOISE,
     CELL_SHARE,

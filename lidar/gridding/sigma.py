@@ -52,7 +52,7 @@ def height_sigma(
     """Return the standard deviation of each cell's median, metres, of the grid's shape.
 
     The larger of the returns' own sigma (`single`, by original return, NaN if unknown) and the
-    cell's spread, averaged with that of the cells around where it rests on few returns, times the
+    cell's spread, averaged with that of the cells around where it is of few returns, times the
     factor of a median (:func:`median_sigma`); the share of the slopes' uncertainty; and the
     bending of the ground inside the cell (:mod:`lidar.gridding.point_heights`). The spread
     includes the roughness of the ground inside the cell, which is an error of the height too.

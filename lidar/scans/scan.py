@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -149,10 +150,9 @@ def join(name: str, scans: list[Scan]) -> Scan:
     first = scans[0]
     if any((s.trajectory, s.body) != (first.trajectory, first.body) for s in scans):
         raise InvalidValueError("chunks lie in different frames", name)
-    rejected: dict[str, int] = {}
+    rejected: Counter[str] = Counter()
     for scan in scans:
-        for reason, count in scan.rejected.items():
-            rejected[reason] = rejected.get(reason, 0) + count
+        rejected.update(scan.rejected)
     layers: dict[str, Any] = {
         measure: np.concatenate([getattr(scan, measure) for scan in scans]) for measure in MEASURES
     }

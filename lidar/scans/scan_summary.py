@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -76,9 +77,8 @@ class ScanSummary:
         if (scan.trajectory, scan.body) != (self.trajectory, self.body):
             raise InvalidValueError("chunks lie in different frames", path)
         added = ScanSummary.of(scan)
-        rejected = dict(self.rejected)
-        for reason, count in scan.rejected.items():
-            rejected[reason] = rejected.get(reason, 0) + count
+        rejected = Counter(self.rejected)
+        rejected.update(scan.rejected)
         times = np.array([self.time_span, added.time_span])
         low, high = (np.array([self.bounds[k], added.bounds[k]]) for k in (0, 1))
         return replace(

@@ -1,22 +1,18 @@
 """Scans of the synthetic body."""
 
-from lidar.truth.files import FORMATS, scan_size, write_scans
-from lidar.truth.scan import scan_chunks, scan_name, track_chunks, track_name
-from lidar.truth.settings import LidarSettings, ScanErrors, draw_errors
-from lidar.truth.track import Track, TrackSettings, plan_tracks
+from lidar.truth.files import SCAN_FORMATS, scan_size, write_scans
+from lidar.truth.scan import Observation, scan_chunks, scan_name
+from lidar.truth.settings import LidarSettings, ScanErrors
+from lidar.truth.track import TrackSettings
 
 __all__ = [
-    "FORMATS",
+    "SCAN_FORMATS",
     "LidarSettings",
+    "Observation",
     "ScanErrors",
-    "Track",
     "TrackSettings",
-    "draw_errors",
-    "plan_tracks",
     "scan_chunks",
     "scan_name",
     "scan_size",
-    "track_chunks",
-    "track_name",
     "write_scans",
 ]

@@ -10,21 +10,21 @@ from types import MappingProxyType
 import numpy as np
 
 from lidar.formats.clouds import write_las
-from lidar.formats.missions import RECORD, write_ola
+from lidar.formats.missions import OLA_RECORD, write_ola
 from lidar.formats.native import write_scan
 from lidar.scans import Scan
 from lidar.truth.settings import DEMODULATOR, MISSING, NO_RETURN, OVERFLOW, LidarSettings
-from lidar.truth.track import Track
+from lidar.truth.track import NadirTrack
 from spcola.errors import SettingsError
 
-FORMATS: Mapping[str, str] = MappingProxyType({"ola": ".dat", "hdf5": ".h5", "laz": ".laz"})
+SCAN_FORMATS: Mapping[str, str] = MappingProxyType({"ola": ".dat", "hdf5": ".h5", "laz": ".laz"})
 """Formats of scans, and the endings of their files."""
 
 _REASONS = {OVERFLOW: "overflow", NO_RETURN: "no return", MISSING: "missing"}
 # Bytes of a file, and of each return in it, measured over rasters and tracks of several bodies,
 # with an error of a tenth: noise does not compress, small differences between neighbours do.
 _NATIVE_HEAD, _LAZ_HEAD = 15_000, 20_000
-_NATIVE_BYTES, _TRACK_NATIVE_BYTES = 20.2, 20.2
+_NATIVE_BYTES = 20.2
 _LAZ_BYTES, _LAZ_BYTES_AN_OCTAVE, _LAZ_SPACING = 7.2, 0.45, 0.07
 _TRACK_LAZ_BYTES = 11.0
 
@@ -48,22 +48,21 @@ class ScanSize:
     bytes: int
 
 
-def scan_size(settings: LidarSettings, format: str, *, track: Track | None = None) -> ScanSize:
+def scan_size(settings: LidarSettings, format: str, *, track: NadirTrack | None = None) -> ScanSize:
     """Return the size of a raster scan (or a `track`) with these settings in a format.
 
     Raises
     ------
     SettingsError
-        If the format is none of :data:`FORMATS`.
+        If the format is none of :data:`SCAN_FORMATS`.
     """
     _check_format(format)
     shots = settings.shots if track is None else track.shots
     returns = round(shots * settings.expected_share)
     if format == "ola":
-        return ScanSize(shots, returns, shots * RECORD.itemsize)
+        return ScanSize(shots, returns, shots * OLA_RECORD.itemsize)
     if format == "hdf5":
-        each = _NATIVE_BYTES if track is None else _TRACK_NATIVE_BYTES
-        return ScanSize(shots, returns, _NATIVE_HEAD + round(returns * each))
+        return ScanSize(shots, returns, _NATIVE_HEAD + round(returns * _NATIVE_BYTES))
     octaves = np.log2(settings.spacing / _LAZ_SPACING)
     each = max(1.0, _LAZ_BYTES + _LAZ_BYTES_AN_OCTAVE * float(octaves))
     each = each if track is None else _TRACK_LAZ_BYTES
@@ -86,7 +85,7 @@ def write_scans(path: str | Path, chunks: Iterable[Scan], *, format: str) -> Non
     Raises
     ------
     SettingsError
-        If the format is none of :data:`FORMATS`.
+        If the format is none of :data:`SCAN_FORMATS`.
     InvalidValueError
         If there is no chunk, or for LAZ no return.
     WorkspaceError
@@ -111,5 +110,7 @@ def returns_of(chunks: Iterable[Scan]) -> Iterator[Scan]:
 
 
 def _check_format(format: str) -> None:
-    if format not in FORMATS:
-        raise SettingsError(f"{format!r} is none of {', '.join(FORMATS)}", "format of the scans")
+    if format not in SCAN_FORMATS:
+        raise SettingsError(
+            f"{format!r} is none of {', '.join(SCAN_FORMATS)}", "format of the scans"
+        )

@@ -6,28 +6,31 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lidar.scans import Scan, join
+from lidar.scans import Scan
 from lidar.truth.echoes import flags, meet, stated_range, strengths
 from lidar.truth.settings import DEMODULATOR, LidarSettings, ScanErrors
 from lidar.truth.shots import Shots, raster_shots, track_shots, unit
-from lidar.truth.track import Track
+from lidar.truth.track import NadirTrack
 from spcola.truth.body import TruthBody
 from spcola.truth.campaign import Pass
 
 CHUNK = 250_000
 """Default number of shots in memory at once."""
 
+Observation = Pass | NadirTrack
+"""What the lidar observes at a time: a raster during a pass of the spacecraft, or a nadir track."""
+
 
 def scan_chunks(
     body: TruthBody,
-    at: Pass,
+    at: Observation,
     *,
     settings: LidarSettings,
     errors: ScanErrors,
     generator: np.random.Generator,
     chunk: int = CHUNK,
 ) -> Iterator[Scan]:
-    """Yield every shot of a raster scan as in a table, rejects included.
+    """Yield every shot of a raster scan or a nadir track as in a table, rejects included.
 
     A real table contains the shots without echo too (flag 2, sentinel range, a position near the
     spacecraft): write them with :func:`lidar.truth.files.write_scans`, and do not use them
@@ -37,77 +40,29 @@ def scan_chunks(
     ----------
     body : TruthBody
         Its body-fixed frame is that of the scan.
-    at : Pass
+    at : Pass or NadirTrack
         Path of the spacecraft.
     settings : LidarSettings
+        Those of the raster are not used for a track.
     errors : ScanErrors
-        Errors of the whole scan.
+        Errors of the whole scan; those of pointing are along and across a track.
     generator : numpy.random.Generator
         Generator of the noise of single shots.
     chunk : int
         Shots in memory at once.
     """
     on = DEMODULATOR if settings.demodulator and at.number % 2 else 0
-    for shots in raster_shots(body, at, settings, generator, chunk):
+    if isinstance(at, Pass):
+        parts = raster_shots(body, at, settings, generator, chunk)
+    else:
+        parts = track_shots(body, at, generator, chunk)
+    for shots in parts:
         yield _scan(scan_name(at), body, shots, settings, errors, on)
 
 
-def track_chunks(
-    body: TruthBody,
-    at: Track,
-    *,
-    settings: LidarSettings,
-    errors: ScanErrors,
-    generator: np.random.Generator,
-    chunk: int = CHUNK,
-) -> Iterator[Scan]:
-    """Yield every shot of a nadir track as in a table, rejects included.
-
-    Parameters
-    ----------
-    body : TruthBody
-    at : Track
-    settings : LidarSettings
-        All but the raster is used.
-    errors : ScanErrors
-        Those of pointing are along and across the track.
-    generator : numpy.random.Generator
-        Of the noise.
-    chunk : int
-        Shots yielded at a time.
-    """
-    on = DEMODULATOR if settings.demodulator and at.number % 2 else 0
-    for shots in track_shots(body, at, generator, chunk):
-        yield _scan(track_name(at), body, shots, settings, errors, on)
-
-
-def make_scan(
-    body: TruthBody,
-    at: Pass,
-    *,
-    settings: LidarSettings,
-    errors: ScanErrors,
-    generator: np.random.Generator,
-) -> Scan:
-    """Return all that :func:`scan_chunks` yields as one scan; for those that fit into memory.
-
-    Parameters
-    ----------
-    body, at, settings, errors, generator
-        As of :func:`scan_chunks`.
-    """
-    chunks = scan_chunks(body, at, settings=settings, errors=errors, generator=generator)
-    return join(scan_name(at), list(chunks))
-
-
-def scan_name(at: Pass) -> str:
-    """Return the name of the scan of the pass `at`."""
-    return f"scan{at.number:02d}"
-
-
-def track_name(at: Track) -> str:
-    """Return the name of the table of the track `at`."""
-    return f"track{at.number:02d}"
+def scan_name(at: Observation) -> str:
+    """Return the name of the scan of the pass `at`, or of the table of the track `at`."""
+    return f"{'scan' if isinstance(at, Pass) else 'track'}{at.number:02d}"
 
 
 def _scan(

@@ -18,8 +18,6 @@ DEMODULATOR = 100
 
 _SIGMAS = ("range_sigma", "slope_noise", "trajectory_sigma", "pointing_sigma", "intensity_noise")
 _SHARES = ("stray_share", "dropout_share", "overflow_share", "missing_share")
-
-
 # A raster of 1e10 shots: the number of a mission in years.
 _MOST_LINES = 100_000
 
@@ -53,7 +51,6 @@ class LidarSettings:
         the surface, metres.
     overflow_share, missing_share : float
         Shares of the shots flagged as overflow, and never recorded.
-        Of the shots: flagged as overflow; never recorded.
     intensity_noise : float
         Relative noise of the strength of each echo (1 σ).
     trajectory_sigma : float
@@ -148,25 +145,15 @@ class ScanErrors:
     range_scale: float = 0.0
     range_bias_m: float = 0.0
 
+    @classmethod
+    def drawn(
+        cls, settings: LidarSettings, generator: np.random.Generator, *, range_scale: float = 0.0
+    ) -> ScanErrors:
+        """Draw the errors of one scan by `generator`, of the sizes that `settings` state.
 
-def draw_errors(
-    settings: LidarSettings, generator: np.random.Generator, *, range_scale: float = 0.0
-) -> ScanErrors:
-    """Draw the errors of one scan.
-
-    Parameters
-    ----------
-    settings : LidarSettings
-        Their standard deviations.
-    generator : numpy.random.Generator
-    range_scale : float
-        Relative bias of the ranges of its day.
-    """
-    offset = settings.trajectory_sigma * generator.normal(size=3)
-    pointing = settings.pointing_sigma * generator.normal(size=2)
-    return ScanErrors(
-        tuple(offset.tolist()),
-        tuple(pointing.tolist()),
-        range_scale,
-        settings.range_bias,
-    )
+        `range_scale` is the relative bias of the ranges of its day.
+        """
+        offset = settings.trajectory_sigma * generator.normal(size=3)
+        pointing = settings.pointing_sigma * generator.normal(size=2)
+        bias = settings.range_bias
+        return cls(tuple(offset.tolist()), tuple(pointing.tolist()), range_scale, bias)

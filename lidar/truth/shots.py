@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from lidar.truth.settings import LidarSettings
-from lidar.truth.track import Track
+from lidar.truth.track import NadirTrack
 from spcola.arrays import FloatArray
 from spcola.truth.body import TruthBody
 from spcola.truth.campaign import Pass
@@ -87,7 +87,7 @@ def raster_shots(
 
 
 def track_shots(
-    body: TruthBody, at: Track, generator: np.random.Generator, chunk: int
+    body: TruthBody, at: NadirTrack, generator: np.random.Generator, chunk: int
 ) -> Iterator[Shots]:
     """Yield the shots of a nadir track, toward O, at most `chunk` at once."""
     for number, deviates in _numbered(at.shots, generator, chunk):

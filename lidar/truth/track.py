@@ -48,9 +48,29 @@ class TrackSettings:
         if self.duration * self.rate < 1:
             raise SettingsError("is over before its first shot", "tracks")
 
+    def plan(self) -> list[NadirTrack]:
+        """Return the tracks in order of time, one after the other on one orbit.
+
+        The first begins over the south (at the argument −90°), with the node at body-fixed
+        longitude 0; the body's rotation spreads later ones over all longitudes.
+        """
+        tracks = []
+        for index in range(self.count):
+            elapsed = index * self.duration
+            tracks.append(
+                NadirTrack(
+                    index + 1, self.epoch + elapsed, self.duration, self.rate, self.distance,
+                    float(np.radians(self.inclination_deg)),
+                    float(-2.0 * np.pi * elapsed / self.period),
+                    float(-np.pi / 2.0 + 2.0 * np.pi * elapsed / self.orbit_period),
+                    self.orbit_period, self.period,
+                )
+            )  # fmt: skip
+        return tracks
+
 
 @dataclass(frozen=True)
-class Track:
+class NadirTrack:
     """One track: the spacecraft moves on its orbit while the body rotates under it.
 
     Attributes
@@ -101,24 +121,3 @@ class Track:
         y = ahead * np.sin(node) + aside * np.cos(node)
         z = np.sin(angle) * np.sin(self.inclination)
         return self.distance * np.stack([x, y, z], axis=-1)
-
-
-def plan_tracks(settings: TrackSettings) -> list[Track]:
-    """Return the tracks that `settings` ask for in order of time, one after the other on one orbit.
-
-    The first begins over the south (at the argument −90°), with the node at body-fixed longitude
-    0; the body's rotation spreads later ones over all longitudes.
-    """
-    tracks = []
-    for index in range(settings.count):
-        elapsed = index * settings.duration
-        tracks.append(
-            Track(
-                index + 1, settings.epoch + elapsed, settings.duration, settings.rate,
-                settings.distance, float(np.radians(settings.inclination_deg)),
-                float(-2.0 * np.pi * elapsed / settings.period),
-                float(-np.pi / 2.0 + 2.0 * np.pi * elapsed / settings.orbit_period),
-                settings.orbit_period, settings.period,
-            )
-        )  # fmt: skip
-    return tracks

@@ -12,7 +12,7 @@ return falls into several mapolas) and per second of the mission; the ratio of a
 against returns over two decades; whether mapolas of the store equal those of raw points, and
 whether they are unchanged after the second change of the pole; the median kernel and its peers.
 
-    python scripts/bench/lidar [--scans 64] [--work DIR] [--parts store kernel]
+    python scripts/bench/altimetry.py [--scans 64] [--work DIR] [--parts store kernel]
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ import numpy as np
 from scipy.stats import binned_statistic_2d
 from truth import timed
 
+from fusion.geolocation import ReturnSource, gridding_options
 from fusion.runtime import Progress, ThreadExecutor
-from fusion.stages.geolocation import ReturnSource, gridding_options
 from fusion.stages.mapolas import mapola_grids
 from fusion.truth.generation import Site
 from fusion.truth.presets import MissionSettings
@@ -42,16 +42,16 @@ from fusion.truth.solution import write_shape
 from fusion.truth.work import Work
 from fusion.workspace import SETTINGS_FILE, Workspace
 from fusion.workspace.settings import write_settings
-from lidar.archive import ScanStore
 from lidar.formats.reader import read_scan
 from lidar.gridding import grid_returns
 from lidar.gridding.cells import sort_into_cells
+from lidar.scan_store import ScanStore
 from lidar.scans import Returns
-from lidar.truth import Track
+from lidar.truth import Observation
 from spcola.arrays import FloatArray
 from spcola.grids import MapletGrid
 from spcola.truth.body import TruthBody
-from spcola.truth.campaign import Pass, plan_passes
+from spcola.truth.campaign import plan_passes
 
 # Scans that one command imports: the store is then as large as those before and these together.
 BATCHES, BATCH = (1, 7, 56), 64
@@ -61,7 +61,7 @@ BARS = {"import": 5.0, "mapolas": 10.0, "update": 1.3, "kernel": 50.0, "polars":
 KERNEL_POINTS, KERNEL_SIDE = 20_000_000, 1001
 
 
-def planned(root: Path, scans: int) -> tuple[Work, dict[str, Pass | Track]]:
+def planned(root: Path, scans: int) -> tuple[Work, dict[str, Observation]]:
     """Return the mission being made, and its scans from the north pole on."""
     settings = MissionSettings.mission(1)
     site = Site(root)

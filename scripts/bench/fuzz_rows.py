@@ -1,4 +1,4 @@
-"""Rows of the altimeters' published tables, made column by column."""
+"""Points of all good files, and rows of the altimeters' published tables, column by column."""
 
 from __future__ import annotations
 
@@ -9,6 +9,10 @@ import numpy as np
 from spcola.navigation import et_from_utc
 
 COUNT = 12
+RNG = np.random.default_rng(7)
+POINTS = RNG.normal(size=(COUNT, 3)) * 40.0 + [250.0, 0.0, 0.0]
+CRAFT = POINTS * 3.5
+TIMES = 6e8 + np.arange(COUNT)
 
 
 def utc(index: int) -> str:

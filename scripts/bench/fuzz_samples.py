@@ -14,20 +14,44 @@ from typing import Any, Literal
 
 import laspy
 import numpy as np
-from fuzz_rows import COUNT, hayabusa, hayabusa2, lola, lola_binary, nlr, rows, track, utc
+from fuzz_kernels import (
+    KERNEL,
+    read_kernels,
+    read_spk,
+    read_transfer_file,
+    transfer_text,
+    write_meta_kernel,
+    write_spk,
+)
+from fuzz_rows import (
+    COUNT,
+    CRAFT,
+    POINTS,
+    RNG,
+    TIMES,
+    hayabusa,
+    hayabusa2,
+    lola,
+    lola_binary,
+    nlr,
+    rows,
+    track,
+    utc,
+)
 
 from fusion.fusing.maplets import FusedMaplet, Source, read_fused, write_fused
 from fusion.products import Provenance
 from fusion.products.formats import read_fits_dtm, write_fits_dtm
-from fusion.registration.results import ScanEffects, given_registration, placements_of
-from fusion.stages.ingest.sources import recorded_source
+from fusion.registration.fit import ScanErrorPatterns
+from fusion.registration.results import given_registration, mapola_registrations
+from fusion.stages.ingest.lidar_files import recorded_source
 from fusion.truth import read_truth
 from fusion.truth.planted import PlacedCenter, Planted, TrueState, write_truth
 from fusion.truth.presets import MissionSettings
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings, load_settings
 from fusion.workspace.settings.settings import settings_text
-from lidar.adjustment import ErrorSizes, Nodes, ScanAdjustment
+from lidar.adjustment import RigidArcs, ScanAdjustment, ScanErrorSizes
 from lidar.formats import open_lidar, recognise
 from lidar.formats.mapolas import (
     mapola_names,
@@ -49,7 +73,7 @@ from spcola.formats.images import (
     write_image_data,
 )
 from spcola.formats.maplets import read_maplet, write_maplet
-from spcola.formats.shapes import read_shape, recognise_shape, write_icq, write_obj
+from spcola.formats.shapes import read_shape, recognise_shape, write_icq, write_obj_mesh
 from spcola.formats.shapes.ply import write_ply_mesh
 from spcola.formats.solution import (
     read_landmark,
@@ -61,15 +85,8 @@ from spcola.formats.solution import (
 )
 from spcola.grids import Maplet, MapletGrid
 from spcola.shape.icq import IcqShape, icq_directions
-from spcola.spice import KernelSet, read_transfer
-from spcola.spice.kernels import body_fixed_trajectory, state_times
-from spcola.spice.transfer import Daf, DafArray, encode_daf
 
 Form = Literal["binary", "text", "hdf5", "json"]
-RNG = np.random.default_rng(7)
-POINTS = RNG.normal(size=(COUNT, 3)) * 40.0 + [250.0, 0.0, 0.0]
-CRAFT = POINTS * 3.5
-TIMES = 6e8 + np.arange(COUNT)
 GRID = MapletGrid.facing([230.0, 30.0, -50.0], [1.0, 0.1, -0.2], 0.5, 4)
 
 
@@ -196,15 +213,15 @@ def _fused(folder: Path) -> Path:
 def _adjustment(path: Path) -> None:
     count = 4
     half = RNG.normal(size=(6 * count, 6 * count))
-    nodes = Nodes(POINTS[:count], np.arange(count), np.full(count, -1))
+    arcs = RigidArcs(POINTS[:count], np.arange(count), np.full(count, -1))
     write_adjustment(
         path,
         ScanAdjustment(
             tuple("abcd"),
-            nodes,
+            arcs,
             np.zeros((count, 6)),
             half @ half.T * 1e-4,
-            ErrorSizes(0.05, 0.05, 5e-5, 5e-4, 0.02),
+            ScanErrorSizes(0.05, 0.05, 5e-5, 5e-4, 0.02),
             np.ones(count),
             np.full(count, 99.0),
             1e-4,
@@ -214,73 +231,6 @@ def _adjustment(path: Path) -> None:
 
 def _dtm(path: Path) -> None:
     write_fits_dtm(path, _maplet(), Provenance("Truth"))
-
-
-KERNEL = r"""KPL/PCK
-Anything may stand here.
-\begindata
-   BODY2101955_POLE_RA  = ( 85.65  0.  0. )
-   BODY2101955_POLE_DEC = ( -60.17 0.  0. )
-   BODY2101955_PM       = ( 140.69 2011.14 0. )
-   BODY2101955_RADII    = ( .25 .25 .25 )
-   PATH_VALUES  = ( '.' )
-   PATH_SYMBOLS = ( 'HERE' )
-   DELTET/DELTA_AT = ( 10,   @1972-JAN-1
-                       11,   @1972-JUL-1 )
-\begintext
-And here.
-\begindata
-   NAMES += ( 'one' 'two+'
-              'three' )
-\begintext
-"""
-META = r"""KPL/MK
-\begindata
-   PATH_VALUES  = ( '.' )
-   PATH_SYMBOLS = ( 'HERE' )
-   KERNELS_TO_LOAD = ( '$HERE/a.tpc' 'a+'
-                       '.tpc' )
-\begintext
-"""
-
-
-def _meta(folder: Path) -> Path:
-    (folder / "a.tpc").write_text(KERNEL)
-    (folder / "meta.tm").write_text(META)
-    return folder / "meta.tm"
-
-
-def _daf() -> Daf:
-    """An SPK of type 9: four states, their times, the degree and their number."""
-    states = np.column_stack([CRAFT[:4] / 1e3, np.zeros((4, 3))]).ravel()
-    values = np.concatenate([states, TIMES[:4], [3.0, 4.0]])
-    array = DafArray("ONE SEGMENT".ljust(40), (TIMES[0], TIMES[3]), (-64, 2101955, 1, 9), values)
-    return Daf("DAF/SPK ", 2, 6, "MADE BY HAND".ljust(60), (array,), ("first", "second"))
-
-
-def _hexadecimal(value: float) -> str:
-    """Return a number in the notation of transfer files."""
-    if value == 0:
-        return "0^0"
-    exponent, whole = 0, abs(value)
-    while whole >= 1:
-        whole, exponent = whole / 16, exponent + 1
-    while whole < 1 / 16:
-        whole, exponent = whole * 16, exponent - 1
-    digits = f"{int(whole * 16**14):014X}".rstrip("0")
-    return f"{'-' if value < 0 else ''}{digits}^{'-' if exponent < 0 else ''}{abs(exponent):X}"
-
-
-def _transfer() -> bytes:
-    daf = _daf()
-    array = daf.arrays[0]
-    lines = ["DAFETF NAIF DAF ENCODED TRANSFER FILE", "'DAF/SPK '", "'2'", "'6'"]
-    lines += [f"'{daf.internal_name}'", f"BEGIN_ARRAY 1 {len(array.values)}", f"'{array.name}'"]
-    lines += [f"'{_hexadecimal(value)}'" for value in array.doubles]
-    lines += [f"'{'-' if code < 0 else ''}{abs(code):X}'" for code in array.integers]
-    lines += [str(len(array.values)), *(f"'{_hexadecimal(v)}'" for v in array.values)]
-    lines += [f"END_ARRAY 1 {len(array.values)}", "TOTAL_ARRAYS 1", " ~NAIF/SPC BEGIN COMMENTS~"]
-    return ("\n".join([*lines, "first", "", " ~NAIF/SPC END COMMENTS~"]) + "\n").encode()
 
 
 REGISTRATION = {
@@ -329,7 +279,7 @@ def _read_fused(path: Path) -> None:
 def _read_adjustment(path: Path) -> None:
     found = read_adjustment(path)
     shares = np.full((3, len(found)), 0.5)
-    ScanEffects.of_adjustment(found, shares, POINTS[:3])
+    ScanErrorPatterns.of_adjustment(found, shares, POINTS[:3])
     str(found.suspects), found.sigma.sum()
 
 
@@ -344,31 +294,9 @@ def _read_shape(path: Path) -> None:
     _ = (mesh.volume, mesh.mean_radius)
 
 
-def _read_kernels(path: Path) -> None:
-    with KernelSet(path).load():
-        pass
-
-
-def _read_spk(path: Path) -> None:
-    times = state_times(path)
-    with KernelSet([path, path.parent / "a.tpc"]).load():
-        body_fixed_trajectory("t", -64, 2101955, times[:4])
-
-
-def _read_transfer(path: Path) -> None:
-    read_transfer(path)
-    _read_kernels(path)
-
-
-def _spk(folder: Path) -> Path:
-    (folder / "a.tpc").write_text(KERNEL.replace("DELTET/DELTA_AT", "OTHER"))
-    (folder / "a.bsp").write_bytes(encode_daf(_daf()))
-    return folder / "a.bsp"
-
-
 def _read_registration(path: Path) -> None:
     content = Workspace(path.parent).read_json(path.name)
-    placements_of(content, str(path))
+    mapola_registrations(content, str(path))
     given_registration(content, str(path))
     given_registration(content, str(path), inverse=True)
 
@@ -426,7 +354,7 @@ KINDS: dict[str, Sample] = {
         _bytes("MAPLIST.TXT", lambda: b"AA0001\nAA0002\nAA0003\nEND\n"), read_list, "text"
     ),
     "icq": Sample(_written("a.txt", lambda p: write_icq(p, _icq())), _read_shape, "text"),
-    "obj": Sample(_written("a.obj", lambda p: write_obj(p, MESH)), _read_shape, "text"),
+    "obj": Sample(_written("a.obj", lambda p: write_obj_mesh(p, MESH)), _read_shape, "text"),
     "ply mesh": Sample(
         _written("a.ply", lambda p: write_ply_mesh(p, MESH, encoding="ascii")), _read_shape, "text"
     ),
@@ -475,10 +403,10 @@ KINDS: dict[str, Sample] = {
         _written("a.fits", lambda p: write_fits_image(p, _image())), read_fits_image, "binary"
     ),
     "fits dtm": Sample(_written("a.fits", _dtm), read_fits_dtm, "binary"),
-    "text kernel": Sample(_bytes("a.tpc", KERNEL.encode), _read_kernels, "text"),
-    "meta-kernel": Sample(_meta, _read_kernels, "text"),
-    "transfer": Sample(_bytes("a.xsp", _transfer), _read_transfer, "text"),
-    "spk": Sample(_spk, _read_spk, "binary"),
+    "text kernel": Sample(_bytes("a.tpc", KERNEL.encode), read_kernels, "text"),
+    "meta-kernel": Sample(write_meta_kernel, read_kernels, "text"),
+    "transfer": Sample(_bytes("a.xsp", transfer_text), read_transfer_file, "text"),
+    "spk": Sample(write_spk, read_spk, "binary"),
     "settings": Sample(
         _bytes("spcola.toml", lambda: settings_text(Settings()).encode()), load_settings, "text"
     ),

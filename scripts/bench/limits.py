@@ -17,14 +17,21 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from limit_tables import Part, Row, print_cases
 
-from fusion.registration.fit import FitOptions, LandmarkErrors, Registration, similarity_numbers
-from fusion.registration.observations import fit_mapolas
-from fusion.registration.results import MatchedMapolas, ScanEffects, share_matrix
+from fusion.registration.fit import (
+    FitOptions,
+    LandmarkErrors,
+    MatchedMapolas,
+    Registration,
+    ScanErrorPatterns,
+    fit_mapolas,
+    share_matrix,
+)
 from fusion.runtime import ThreadExecutor, usable_cores
 from fusion.scene import Reference, surface_reference
 from fusion.surfacematch import Match, Surface, match_surfaces
@@ -33,20 +40,14 @@ from fusion.truth import read_truth
 from fusion.truth.planted import Planted
 from fusion.workspace import Workspace
 from lidar.gridding import Mapola
-from spcola.arrays import FloatArray
-from spcola.control.estimation import Network, NetworkOptions, solve_network
+from spcola.control.bundle_adjustment import Network, NetworkOptions, solve_network
 
-BARS = {"translation": 2.0, "rotation": 1e-4, "scale": 2.0}
-UNITS = {"translation": "mm", "rotation": "deg", "scale": "ppm"}
+PARTS = {
+    "translation": Part(slice(0, 3), "mm", 2.0),
+    "rotation": Part(slice(3, 6), "1e-4 deg", 1.0),
+    "scale": Part(slice(6, 7), "1e-6", 2.0),
+}
 SAMPLE = 24
-
-
-@dataclass(frozen=True)
-class Row:
-    """Errors and sigmas (7,) in mm, degrees and ppm."""
-
-    error: FloatArray
-    sigma: FloatArray
 
 
 class Case:
@@ -68,7 +69,7 @@ class Case:
         )
 
     def mapped(self, function: Callable[[str], object], names: Sequence[str]) -> list[object]:
-        return list(self.executor.map(function, names))
+        return list(self.executor.stream(function, names))
 
     def heights(self) -> dict[str, Surface]:
         """Return the heights of the mapolas as they are."""
@@ -118,17 +119,12 @@ class Case:
         adjustment = self.workspace.adjustment()
         if scans and adjustment is not None:
             matrix = share_matrix(shares, adjustment.names)
-            effects = ScanEffects.of_adjustment(adjustment, matrix, centers)
+            effects = ScanErrorPatterns.of_adjustment(adjustment, matrix, centers)
         else:
             names = sorted({name for share in shares for name in share})
             matrix = share_matrix(shares, names)
-            effects = ScanEffects.independent(names, 0.0)
-        return MatchedMapolas(
-            matches,
-            effects,
-            effects.at(matrix, centers),
-            effects.residual_covariance(matrix, centers),
-        )
+            effects = ScanErrorPatterns.independent(names, 0.0)
+        return MatchedMapolas.of(matches, effects, matrix)
 
     def landmarks(self) -> LandmarkErrors:
         return LandmarkErrors.of_mapolas(self.network, self.names, 0.05)
@@ -146,15 +142,15 @@ class Case:
     def row(self, registration: Registration) -> Row:
         """Return errors and sigmas of a registration."""
         planted = self.planted.similarity
-        scale, scale_sigma, rotation, rotation_sigma = similarity_numbers(registration)
+        scale, scale_sigma, rotation, rotation_sigma = registration.similarity_numbers()
         sigma = np.sqrt(np.diag(registration.covariance))[:3]
         shift = registration.transform.translation - planted.translation
         error = [
             *(1e3 * shift),
-            *np.degrees(rotation - planted.rotation_vector),
+            *(1e4 * np.degrees(rotation - planted.rotation_vector)),
             1e6 * (scale - planted.scale),
         ]
-        stated = [*(1e3 * sigma), *np.degrees(rotation_sigma), 1e6 * scale_sigma]
+        stated = [*(1e3 * sigma), *(1e4 * np.degrees(rotation_sigma)), 1e6 * scale_sigma]
         return Row(np.array(error), np.array(stated))
 
     def rows(self) -> dict[str, Row]:
@@ -176,49 +172,14 @@ def surface_of(mapola: Mapola) -> Surface:
     return Surface(mapola.height, mapola.sigma)
 
 
-def shown(values: FloatArray) -> str:
-    return (
-        " ".join(f"{value:+7.2f}" for value in values[:3])
-        + "  "
-        + " ".join(f"{1e4 * value:+7.2f}" for value in values[3:6])
-        + f"  {values[6]:+7.2f}"
-    )
-
-
-def summary(rows: dict[str, list[Row]]) -> None:
-    """Print rms errors over all missions and components."""
-    print(f"\n{'rms over missions':16}" + "".join(f"{name:>34}" for name in BARS))
-    for name, found in rows.items():
-        error = np.array([row.error for row in found])
-        sigma = np.array([row.sigma for row in found])
-        cells = []
-        for part, where in (("translation", slice(0, 3)), ("rotation", slice(3, 6)), ("scale", 6)):
-            of, stated = rms(error[:, where]), rms(sigma[:, where])
-            cells.append(f"{of:10.2e} (sigma {stated:.2e}) {UNITS[part]:>4}")
-        print(f"{name:16}" + "".join(f"{cell:>34}" for cell in cells))
-    bars = [f"{bar:10.2e} {UNITS[part]:>21}" for part, bar in BARS.items()]
-    print(f"{'bar':16}" + "".join(f"{cell:>34}" for cell in bars))
-
-
-def rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description="Accuracy and limits of a registration.")
-    parser.add_argument("cases", nargs="+", help="MISSION=WORKSPACE")
     parser.add_argument("--every", type=int, default=1, help="use each so many-th mapola")
-    options = parser.parse_args()
-    rows: dict[str, list[Row]] = {}
-    for text in options.cases:
-        mission, workspace = (Path(part) for part in text.split("=", 1))
-        print(f"{mission}: translation mm, rotation 1e-4 deg, scale ppm", flush=True)
-        for name, row in Case(mission, workspace, options.every).rows().items():
-            rows.setdefault(name, []).append(row)
-            print(f"  {name:14}{shown(row.error)}   error / sigma", flush=True)
-            pulls = " ".join(f"{pull:+5.2f}" for pull in row.error / row.sigma)
-            print(f"  {'':14}{shown(row.sigma)}   {pulls}", flush=True)
-    summary(rows)
+    print_cases(
+        PARTS,
+        lambda mission, workspace, options: Case(mission, workspace, options.every).rows().items(),
+        parser,
+    )
 
 
 if __name__ == "__main__":

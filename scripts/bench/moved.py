@@ -14,9 +14,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from limit_tables import rms
 
 from fusion.fusing.maplets import FusedMaplet, Source
-from fusion.registration.results import Placement, placements_of
+from fusion.registration.results import MapolaRegistration, mapola_registrations
 from fusion.scene import Scene
 from fusion.truth import read_truth
 from fusion.truth.assessment import AssessmentSettings
@@ -25,7 +26,7 @@ from fusion.truth.assessment.patches import patch_errors
 from fusion.truth.assessment.regions import REGIONS, Ground
 from fusion.workspace import Workspace
 from spcola.arrays import FloatArray
-from spcola.heights import slopes_of
+from spcola.heights.slopes import slopes_of
 
 # Errors beyond so many robust standard deviations are not used to fit a movement.
 FAR = 3.0
@@ -44,7 +45,7 @@ class Errors:
         ground = Ground(body := planted.body(), light_on(planted, body), AssessmentSettings())
         opened = Workspace.open(workspace)
         path = opened.registration_path
-        placements = placements_of(opened.read_json(path.name), str(path))
+        placements = mapola_registrations(opened.read_json(path.name), str(path))
         scene = Scene.of(opened, light="none")
         parts: list[list[FloatArray]] = []
         names = opened.fused_names()
@@ -107,10 +108,6 @@ class Errors:
         yield f"{title:16}{rms(moved):.4f} m (rms); without it, within 1, 2 σ: {'; '.join(cells)}"
 
 
-def rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
 def fitted_movement(rows: FloatArray, error: FloatArray, own: FloatArray) -> FloatArray:
     """Return the parameters of `rows` (N, P) that minimise the errors (N,)."""
     found = np.zeros(rows.shape[1])
@@ -136,7 +133,7 @@ def movements(maplet: FusedMaplet) -> FloatArray:
     return np.concatenate([normal, np.cross(place, normal), scaled], axis=-1)
 
 
-def shared_variance(movement: FloatArray, placement: Placement) -> FloatArray:
+def shared_variance(movement: FloatArray, placement: MapolaRegistration) -> FloatArray:
     """Return the variance (N,), m², of heights by the registration error of their mapola."""
     normal = movement[:, :3]
     variance: FloatArray = np.einsum("ni,ij,nj->n", normal, placement.covariance, normal)

@@ -15,11 +15,13 @@ import json
 import math
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from fusion.report import Recovered
+from fusion.report.planted import RecoveredParameter
 from fusion.runtime import Progress, ThreadExecutor, usable_cores
 from fusion.truth import demonstrate
 from fusion.truth.presets import MissionSettings
@@ -28,7 +30,7 @@ from fusion.truth.pulls import PullStatistics, pull_statistics
 PRESETS = {"tiny": MissionSettings.tiny, "mini": MissionSettings.mini}
 
 
-def recovered(preset: str, seed: int) -> list[Recovered]:
+def recovered(preset: str, seed: int) -> list[RecoveredParameter]:
     """Make a mission, run all stages on it, and return the recovered values."""
     settings = PRESETS[preset](seed)
     with tempfile.TemporaryDirectory() as folder:
@@ -41,24 +43,41 @@ def recovered(preset: str, seed: int) -> list[Recovered]:
     return shown.recovered
 
 
-def missions(preset: str, seeds: range, lines: Path | None) -> Iterator[list[Recovered]]:
-    """Yield the table of each seed: from `lines` if it is there, else made now."""
-    known = {}
+def missions(
+    kind: Mapping[str, Any],
+    make: Callable[[int], list[RecoveredParameter]],
+    options: argparse.Namespace,
+) -> None:
+    """Print the pulls of the missions of all seeds.
+
+    Parameters
+    ----------
+    kind : mapping
+        What determines a mission besides its seed; it stands in the lines that are kept.
+    make : callable
+        Makes the mission of a seed, and returns the recovered values.
+    options : Namespace
+        Of :func:`parser_of`.
+    """
+    known, lines = {}, options.lines
     if lines and lines.exists():
-        for text in lines.read_text(encoding="utf-8").splitlines():
-            entry = json.loads(text)
-            known[entry["preset"], entry["seed"]] = [Recovered(**row) for row in entry["rows"]]
-    for seed in seeds:
-        if (preset, seed) not in known:
-            start = time.perf_counter()
-            rows = recovered(preset, seed)
-            entry = {"preset": preset, "seed": seed, "rows": [asdict(row) for row in rows]}
-            if lines:
-                with lines.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(entry) + "\n")
-            print(f"seed {seed}: {time.perf_counter() - start:.0f} s", flush=True)
-            known[preset, seed] = rows
-        yield known[preset, seed]
+        entries = map(json.loads, lines.read_text(encoding="utf-8").splitlines())
+        known = {
+            entry["seed"]: [RecoveredParameter(**row) for row in entry["rows"]]
+            for entry in entries
+            if entry["kind"] == kind
+        }
+    seeds = range(options.first, options.first + options.seeds)
+    for seed in (seed for seed in seeds if seed not in known):
+        start = time.perf_counter()
+        known[seed] = make(seed)
+        entry = {"kind": kind, "seed": seed, "rows": [asdict(row) for row in known[seed]]}
+        if lines:
+            with lines.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(entry) + "\n")
+        print(f"seed {seed}: {time.perf_counter() - start:.0f} s", flush=True)
+    print(f"\n{', '.join(map(str, kind.values()))}, seeds {seeds.start} to {seeds.stop - 1}")
+    print("\n".join(table(pull_statistics([known[seed] for seed in seeds]))))
 
 
 def table(found: list[PullStatistics]) -> Iterator[str]:
@@ -81,17 +100,19 @@ def table(found: list[PullStatistics]) -> Iterator[str]:
             yield f"not recovered in {row.missing} missions: {row.name}"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description="Pulls of the recovered parameters over seeds.")
+def parser_of(description: str) -> argparse.ArgumentParser:
+    """Return a parser of the options of :func:`missions`."""
+    parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--seeds", type=int, default=20, help="how many, from --first on")
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--preset", choices=sorted(PRESETS), default="mini")
     parser.add_argument("--lines", type=Path, help="keep a line for each mission in this file")
-    options = parser.parse_args()
-    seeds = range(options.first, options.first + options.seeds)
-    tables = list(missions(options.preset, seeds, options.lines))
-    print(f"\n{options.preset}, seeds {seeds.start} to {seeds.stop - 1}")
-    print("\n".join(table(pull_statistics(tables))))
+    return parser
+
+
+def main() -> None:
+    options = parser_of("Pulls of the recovered parameters over seeds.").parse_args()
+    missions({"preset": options.preset}, partial(recovered, options.preset), options)
 
 
 if __name__ == "__main__":

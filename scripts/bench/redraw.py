@@ -36,7 +36,7 @@ from fusion.runtime import Progress, ThreadExecutor
 from fusion.scaling.fit import ScaleEstimate, estimate_scale
 from fusion.scaling.fit.groups import pointing_of_scans
 from fusion.scaling.fit.observation import PARAMETERS, uniform_displacements
-from fusion.scaling.pairs import maplets_under, pair_observations
+from fusion.scaling.pairs import pair_maplet_shares, pair_observations
 from fusion.truth.generation import Site
 from fusion.truth.planted import Planted
 from fusion.truth.solution import plan_states
@@ -79,7 +79,7 @@ class Redraws:
         settings = self.planted.settings
         seen = self.observations
         states = self._state_partials() @ self._state_errors(self.case.workspace).ravel()
-        centers = -maplets_under(self.made.pairs) @ self._center_errors()
+        centers = -pair_maplet_shares(self.made.pairs) @ self._center_errors()
         parts = {
             "states of images": (states, self._state_partials(), settings.states.position_sigma),
             "pointing of scans": (
@@ -87,7 +87,7 @@ class Redraws:
             ),
             "centres of maplets": (
                 centers,
-                uniform_displacements(maplets_under(self.made.pairs)),
+                uniform_displacements(pair_maplet_shares(self.made.pairs)),
                 settings.solution.center_sigma,
             ),
             "ranges of days": (self.case.longer(seen), np.zeros((len(seen), 3, 1)), 0.0),
@@ -107,7 +107,10 @@ class Redraws:
         sources = (
             (self._state_partials(), settings.states.position_sigma),
             (pointing_of_scans(seen), settings.lidar.pointing_sigma),
-            (uniform_displacements(maplets_under(self.made.pairs)), settings.solution.center_sigma),
+            (
+                uniform_displacements(pair_maplet_shares(self.made.pairs)),
+                settings.solution.center_sigma,
+            ),
             (patterns, 1.0),
         )
         value = seen.design() @ self.true + self.case.longer(seen)

@@ -8,7 +8,7 @@ data (Cramér–Rao, from the true slopes and both clouds' noise and numbers), t
 ICP with scaling, root mean squares over seeds, the effect of smoothing one cloud on the scale, a
 scan of a million returns against an SPC surface, and the number of mapolas matched per second.
 
-    python scripts/bench/registration [--seeds 8] [--parts clouds icp blur returns match]
+    python scripts/bench/registration.py [--seeds 8] [--parts clouds icp blur returns match]
 """
 
 from __future__ import annotations
@@ -234,9 +234,9 @@ def match_lines() -> Iterator[str]:
             lidar, spc = cases[number % CASES]
             return match_surfaces("M", grid, lidar, spc, blur_cells=blur_cells, spectrum=spectrum)
 
-        executor.map(one, range(4))
+        list(executor.stream(one, range(4)))
         start = time.perf_counter()
-        found = executor.map(one, range(MAPOLAS))
+        found = list(executor.stream(one, range(MAPOLAS)))
         return MAPOLAS / (time.perf_counter() - start), found
 
     rate, plain = matched(1.2, None)

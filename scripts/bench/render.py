@@ -22,7 +22,7 @@ from spcola.camera import SpcImage, ray
 from spcola.shape import Mesh, RayCaster
 from spcola.truth.body import BodySettings, TruthBody
 from spcola.truth.campaign.cameras import framing_camera, looking
-from spcola.truth.imaging import render
+from spcola.truth.imaging import render_image
 from spcola.truth.imaging.rendering import Rendered
 from spcola.truth.sampled import SampledSurface
 
@@ -102,7 +102,7 @@ def main() -> None:
     small = SampledSurface(sphere, 5.0)
 
     def rendered(surface: SampledSurface, of: TruthBody, at: SpcImage) -> Rendered:
-        return render(surface, of, at, generator=np.random.default_rng(0))
+        return render_image(surface, of, at, generator=np.random.default_rng(0))
 
     rendered(small, sphere, station(32))  # compiles
     body.radius(np.eye(3))

@@ -12,34 +12,28 @@ The missions plant no range bias, but the sigma of the scale includes the prior 
 `--drawn-bias` each has a bias drawn from that prior: pulls should then scatter by 1.
 With `--by images` or `both` the missions have images, and are registered by them (three minutes).
 
-    python scripts/bench/scale [--seeds 20] [--preset tiny|mini] [--method pairs|shots]
+    python scripts/bench/scale.py [--seeds 20] [--preset tiny|mini] [--method pairs|shots]
                                [--registration] [--by topography|images|both] [--drawn-bias]
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import tempfile
-import time
-from contextlib import closing
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from pulls import PRESETS, table
+from pulls import PRESETS, missions, parser_of
 
 from fusion.pipeline import Pipeline
-from fusion.pipeline.catalog import Catalog
-from fusion.report import Recovered
+from fusion.report.planted import RecoveredParameter
 from fusion.runtime import Progress, ThreadExecutor, usable_cores
 from fusion.scaling.fit import ScaleOptions
-from fusion.stages import load_stages
-from fusion.stages.ingest import Source, Workers, import_files
+from fusion.stages import import_scans, load_stages
 from fusion.truth import make_mission
 from fusion.truth.generation import LIDAR_FOLDER, SPC_FOLDER
 from fusion.truth.presets import MissionSettings
-from fusion.truth.pulls import pull_statistics
 from fusion.truth.recovery import compare
 from fusion.workspace import new_workspace
 
@@ -65,7 +59,7 @@ class Kind:
         return replace(settings, lidar=replace(settings.lidar, range_bias=bias))
 
 
-def recovered(kind: Kind, seed: int) -> list[Recovered]:
+def recovered(kind: Kind, seed: int) -> list[RecoveredParameter]:
     """Make the mission of a seed, and return recovered and planted values."""
     settings = kind.mission(seed)
     executor, progress = ThreadExecutor(usable_cores()), Progress.fitting(silent=True)
@@ -75,9 +69,8 @@ def recovered(kind: Kind, seed: int) -> list[Recovered]:
         workspace = new_workspace(Path(folder) / "ws", body="Truth", spc=mission / SPC_FOLDER)
         chosen = workspace.settings().with_table("scale", method=kind.method)
         chosen = chosen.with_table("register", by=kind.by)
-        sources = [Source(path) for path in sorted((mission / LIDAR_FOLDER).iterdir())]
-        with closing(Catalog(workspace)) as catalog:
-            import_files(workspace, chosen, sources, Workers(executor, progress, catalog.digesting))
+        files = sorted((mission / LIDAR_FOLDER).iterdir())
+        import_scans(workspace, files, settings=chosen, executor=executor)
         pipeline = Pipeline(workspace, chosen, load_stages(), executor, progress)
         for stage in ("mapolas", "register", "scale") if kind.registration else ("scale",):
             pipeline.run_stage(stage)
@@ -88,44 +81,18 @@ def recovered(kind: Kind, seed: int) -> list[Recovered]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Planted against recovered scale over seeds.")
-    parser.add_argument("--seeds", type=int, default=20, help="how many, from --first on")
-    parser.add_argument("--first", type=int, default=1)
-    parser.add_argument("--preset", choices=sorted(PRESETS), default="mini")
+    parser = parser_of("Planted against recovered scale over seeds.")
     parser.add_argument("--method", choices=("pairs", "shots"), default="pairs")
     parser.add_argument("--registration", action="store_true", help="register too")
-    parser.add_argument("--lines", type=Path, help="keep a line for each mission in this file")
     parser.add_argument("--drawn-bias", action="store_true", help="plant range biases")
     ways = ("topography", "images", "both")
     parser.add_argument("--by", choices=ways, help="register by that")
     options = parser.parse_args()
     registration = options.registration or options.by is not None
-    known: dict[int, list[Recovered]] = {}
     kind = Kind(
         options.preset, options.method, registration, options.drawn_bias, options.by or ways[0]
     )
-    if options.lines and options.lines.exists():
-        for text in options.lines.read_text(encoding="utf-8").splitlines():
-            entry = json.loads(text)
-            if Kind(**entry["kind"]) == kind:
-                known[entry["seed"]] = [Recovered(**row) for row in entry["rows"]]
-    seeds = range(options.first, options.first + options.seeds)
-    for seed in seeds:
-        if seed in known:
-            continue
-        start = time.perf_counter()
-        known[seed] = recovered(kind, seed)
-        if options.lines:
-            entry = {
-                "kind": asdict(kind),
-                "seed": seed,
-                "rows": [asdict(row) for row in known[seed]],
-            }
-            with options.lines.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(entry) + "\n")
-        print(f"seed {seed}: {time.perf_counter() - start:.0f} s", flush=True)
-    print(f"\n{options.preset}, {options.method}, seeds {seeds.start} to {seeds.stop - 1}")
-    print("\n".join(table(pull_statistics([known[seed] for seed in seeds]))))
+    missions(asdict(kind), partial(recovered, kind), options)
 
 
 if __name__ == "__main__":

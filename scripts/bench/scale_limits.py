@@ -25,12 +25,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from limit_tables import Part, Row, print_cases
 
 from fusion.pipeline import StageContext
 from fusion.runtime import Progress, ThreadExecutor, usable_cores
 from fusion.scaling.fit import ScaleEstimate, ScaleOptions, estimate_scale
 from fusion.scaling.fit.observation import ScaleObservations
-from fusion.scaling.pairs import Pair, blur_of, pair_observations, rematched
+from fusion.scaling.pairs import Pair, pair_observations, rematch
 from fusion.stages.scale.pairing import Pairing, pair_images
 from fusion.stages.scale.stage import STAGE
 from fusion.truth import read_truth
@@ -45,13 +46,11 @@ from spcola.truth.body import stream
 from spcola.truth.campaign import plan_passes
 
 PARTS = {
-    "epsilon": slice(0, 1),
-    "centre": slice(1, 4),
-    "pole": slice(4, 6),
-    "meridian": slice(6, 7),
+    "epsilon": Part(slice(0, 1), "1e-6", 5.0),
+    "centre": Part(slice(1, 4), "cm", 1.0),
+    "pole": Part(slice(4, 6), "1e-3 deg", 1.0),
+    "meridian": Part(slice(6, 7), "1e-3 deg", 1.0),
 }
-UNITS = {"epsilon": "1e-6", "centre": "cm", "pole": "1e-3 deg", "meridian": "1e-3 deg"}
-BARS = {"epsilon": 5.0, "centre": 1.0, "pole": 1.0, "meridian": 1.0}
 TO_UNITS = np.array([1e6, *[1e2] * 3, *[1e3 * np.degrees(1.0)] * 3])
 # Prior of a known error: negligible against the others, metres.
 NONE = 1e-4
@@ -71,19 +70,11 @@ class TrueStates(Workspace):
         return replace(solved, scobj=-position, axes=axes)
 
 
-@dataclass(frozen=True)
-class Row:
-    """Errors and sigmas (7,) of ε, centre, pole and meridian, in :data:`UNITS`."""
-
-    error: FloatArray
-    sigma: FloatArray
-
-    @classmethod
-    def of(cls, estimate: ScaleEstimate, planted: Planted) -> Row:
-        """Compare an estimate with what was planted."""
-        true = [planted.epsilon, 0.0, 0.0, 0.0, *np.radians(planted.settings.rotation_deg)]
-        error = estimate.fit.estimate[:7] - np.array(true)
-        return cls(error * TO_UNITS, estimate.fit.sigma[:7] * TO_UNITS)
+def row_of(estimate: ScaleEstimate, planted: Planted) -> Row:
+    """Compare an estimate with what was planted."""
+    true = [planted.epsilon, 0.0, 0.0, 0.0, *np.radians(planted.settings.rotation_deg)]
+    error = estimate.fit.estimate[:7] - np.array(true)
+    return Row(error * TO_UNITS, estimate.fit.sigma[:7] * TO_UNITS)
 
 
 class Case:
@@ -122,10 +113,14 @@ class Case:
             return replace(pair, spc=replace(pair.spc, height=height, sigma=sigma))
 
         pairs = [true(pair) for pair in made.pairs]
-        first = self.executor.map(lambda pair: rematched(pair, made.options, blur_cells=0.0), pairs)
-        blur = float(np.nanmedian([blur_of(pair) for pair in first if isinstance(pair, Pair)]))
-        again = self.executor.map(
-            lambda pair: rematched(pair, made.options, blur_cells=blur), pairs
+        first = self.executor.stream(
+            lambda pair: rematch(pair, made.options, blur_cells=0.0), pairs
+        )
+        blur = float(
+            np.nanmedian([pair.relative_blur() for pair in first if isinstance(pair, Pair)])
+        )
+        again = self.executor.stream(
+            lambda pair: rematch(pair, made.options, blur_cells=blur), pairs
         )
         return [pair for pair in again if isinstance(pair, Pair)]
 
@@ -171,14 +166,14 @@ class Case:
 
     def _as_it_is(self, made: Pairing) -> Iterator[tuple[str, Row]]:
         observations = observed(made, made.pairs)
-        yield "as it is", Row.of(estimate_scale(observations), self.planted)
+        yield "as it is", row_of(estimate_scale(observations), self.planted)
         known = replace(ScaleOptions(), range_bias_prior_m=NONE)
         yield "+ range bias", self._row(observations, known)
 
     def _row(self, observations: ScaleObservations, options: ScaleOptions) -> Row:
         """Return errors and sigmas for a known range bias, with the priors of the options."""
         estimate = estimate_scale(self.without_bias(observations), options=options)
-        return Row.of(estimate, self.planted)
+        return row_of(estimate, self.planted)
 
 
 def observed(made: Pairing, pairs: list[Pair]) -> ScaleObservations:
@@ -192,44 +187,12 @@ def less(observations: ScaleObservations, displaced: FloatArray) -> ScaleObserva
     return replace(observations, value=observations.value - observations.as_observed(displaced))
 
 
-def shown(values: FloatArray) -> str:
-    return "   ".join(
-        " ".join(f"{value:+7.2f}" for value in values[where]) for where in PARTS.values()
-    )
-
-
-def summary(rows: dict[str, list[Row]]) -> None:
-    """Print rms errors over all missions and components."""
-    heads = [f"{part}, {UNITS[part]}" for part in PARTS]
-    print(f"\n{'rms over missions':18}" + "".join(f"{head:>24}" for head in heads))
-    for name, found in rows.items():
-        cells = []
-        for where in PARTS.values():
-            error = rms(np.array([row.error[where] for row in found]))
-            sigma = rms(np.array([row.sigma[where] for row in found]))
-            cells.append(f"{error:.2f} (sigma {sigma:.2f})")
-        print(f"{name:18}" + "".join(f"{cell:>24}" for cell in cells))
-    print(f"{'bar':18}" + "".join(f"{BARS[part]:>24.2f}" for part in PARTS))
-
-
-def rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Accuracy and limits of a scale.")
-    parser.add_argument("cases", nargs="+", help="MISSION=WORKSPACE")
-    options = parser.parse_args()
-    rows: dict[str, list[Row]] = {}
-    units = ", ".join(f"{part} {unit}" for part, unit in UNITS.items())
-    for text in options.cases:
-        mission, workspace = (Path(part) for part in text.split("=", 1))
-        print(f"{mission}: {units}", flush=True)
-        for name, row in Case(mission, workspace).rows():
-            rows.setdefault(name, []).append(row)
-            print(f"  {name:18}{shown(row.error)}   error / sigma", flush=True)
-            print(f"  {'':18}{shown(row.sigma)}", flush=True)
-    summary(rows)
+    print_cases(
+        PARTS,
+        lambda mission, workspace, _: Case(mission, workspace).rows(),
+        argparse.ArgumentParser(description="Accuracy and limits of a scale."),
+    )
 
 
 if __name__ == "__main__":

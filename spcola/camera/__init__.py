@@ -1,7 +1,6 @@
 """Cameras: from body-fixed points to pixels and back."""
 
 from spcola.camera.camera import Camera
-from spcola.camera.distortion import COEFFICIENTS
 from spcola.camera.image import ImagePoint, SpcImage
 from spcola.camera.projection import (
     partials_position,
@@ -12,7 +11,6 @@ from spcola.camera.projection import (
 )
 
 __all__ = [
-    "COEFFICIENTS",
     "Camera",
     "ImagePoint",
     "SpcImage",

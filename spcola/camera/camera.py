@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -35,7 +35,7 @@ class Camera:
     Raises
     ------
     InvalidValueError
-        If a value is not finite, the focal length not positive, or K singular.
+        If a value is not finite, the focal length not positive, K singular, or the model unknown.
     """
 
     focal_length_mm: float
@@ -56,6 +56,8 @@ class Camera:
             raise InvalidValueError(f"must be positive, not {self.focal_length_mm}", "focal length")
         if abs(np.linalg.det(self.k_matrix[:, :2])) < 1e-12:
             raise InvalidValueError("is singular: no pixel can be traced back", "K-matrix")
+        if self.distortion_model not in get_args(DistortionModel):
+            raise InvalidValueError(f"{self.distortion_model!r} is no distortion", "camera")
         if self.width < 1 or self.height < 1:
             raise InvalidValueError(f"has no pixels ({self.width} × {self.height})", "camera")
 

@@ -14,42 +14,31 @@ MAX_ITERATIONS = 20
 TOLERANCE_MM = 1e-12
 
 
-def project(
-    camera: Camera, axes: ArrayLike, scobj: ArrayLike, points: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
-    """Return pixel and line (…) of body-fixed points (…, 3), metres [1–3].
+def project_image(image: SpcImage, points: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return pixel and line (…) in an image of body-fixed points (…, 3), metres [1–3].
 
     The centre of the first pixel is (1, 1). NaN for a point at or behind the pupil plane; a
     point outside the detector gets the pixel and line at which it would lie.
 
     Parameters
     ----------
-    camera : Camera
-        Interior orientation.
-    axes : (3, 3) array_like
-        Rows Cx, Cy, Cz, body-fixed.
-    scobj : (3,) array_like
-        V0: from the pupil to the body's origin, metres.
+    image : SpcImage
+        Camera and state; pixels are not needed.
     points : (…, 3) array_like
         Body-fixed, metres.
     """
-    x, y = distort(camera, *_gnomonic(camera, axes, scobj, points))
+    camera = image.camera
+    x, y = distort(camera, *_gnomonic(camera, _in_camera(image, points)))
     (kxx, kxy, kxm), (kyx, kyy, kym) = camera.k_matrix
-    pixel: FloatArray = camera.center[0] + kxx * x + kxy * y + kxm * x * y
-    line: FloatArray = camera.center[1] + kyx * x + kyy * y + kym * x * y
-    return pixel, line
-
-
-def project_image(image: SpcImage, points: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return pixel and line (…) in `image` of body-fixed points (…, 3), metres; NaN if behind."""
-    return project(image.camera, image.axes, image.scobj, points)
+    pixel = camera.center[0] + kxx * x + kxy * y + kxm * x * y
+    return pixel, camera.center[1] + kyx * x + kyy * y + kym * x * y
 
 
 def ray(image: SpcImage, pixel: ArrayLike, line: ArrayLike) -> FloatArray:
     """Return the unit vectors (…, 3), body-fixed, of the rays through pixel and line (…).
 
-    The inverse of `project`: the vector runs from ``image.position`` to the surface. NaN where
-    the distortion cannot be inverted.
+    The inverse of `project_image`: the vector runs from ``image.position`` to the surface. NaN
+    where the distortion cannot be inverted.
 
     Parameters
     ----------
@@ -60,53 +49,26 @@ def ray(image: SpcImage, pixel: ArrayLike, line: ArrayLike) -> FloatArray:
     x, y = undistort(image.camera, *_focal_plane(image.camera, pixel, line))
     focal = np.full(np.shape(x), image.camera.focal_length_mm)
     seen = np.stack([x, y, focal], axis=-1) @ image.axes
-    directions: FloatArray = seen / np.linalg.norm(seen, axis=-1, keepdims=True)
-    return directions
+    return seen / np.linalg.norm(seen, axis=-1, keepdims=True)
 
 
-def partials_position(
-    camera: Camera, axes: ArrayLike, scobj: ArrayLike, points: ArrayLike
-) -> FloatArray:
+def partials_position(image: SpcImage, points: ArrayLike) -> FloatArray:
     """Return ∂(pixel, line)/∂W (…, 2, 3), per metre: also ∂/∂V and ∂/∂V0 [8].
 
     Includes the whole K-matrix and the distortion; without them this is [8] as printed, which
-    the published estimation uses.
-
-    Parameters
-    ----------
-    camera : Camera
-        Interior orientation.
-    axes : (3, 3) array_like
-        Rows Cx, Cy, Cz, body-fixed.
-    scobj : (3,) array_like
-        V0: from the pupil to the body's origin, metres.
-    points : (…, 3) array_like
-        Body-fixed, metres.
+    the published estimation uses. `image` and `points` are as in :func:`project_image`.
     """
-    turned, direct = _per_focal_plane(camera, axes, scobj, points)
-    return direct @ _focal_partials(camera, turned) @ np.asarray(axes, dtype=np.float64)
+    turned = _in_camera(image, points)
+    return _focal_partials(image.camera, turned) @ image.axes
 
 
-def partials_rotation(
-    camera: Camera, axes: ArrayLike, scobj: ArrayLike, points: ArrayLike
-) -> FloatArray:
+def partials_rotation(image: SpcImage, points: ArrayLike) -> FloatArray:
     """Return ∂(pixel, line)/∂τ (…, 2, 3), per radian, for small turns about Cx, Cy, Cz [12].
 
-    The turns move the axes by [11] (see `rotate_axes`). Includes the K-matrix and the distortion,
-    as `partials_position` does.
-
-    Parameters
-    ----------
-    camera : Camera
-        Interior orientation.
-    axes : (3, 3) array_like
-        Rows Cx, Cy, Cz, body-fixed.
-    scobj : (3,) array_like
-        V0: from the pupil to the body's origin, metres.
-    points : (…, 3) array_like
-        Body-fixed, metres.
+    The turns move the axes by [11] (see `rotate_axes`). Includes the K-matrix and the distortion;
+    `image` and `points` are as in :func:`project_image`.
     """
-    turned, direct = _per_focal_plane(camera, axes, scobj, points)
+    turned = _in_camera(image, points)
     wx, wy, wz = turned[..., 0], turned[..., 1], turned[..., 2]
     zero = np.zeros_like(wx)
     # columns: change of (W·Cx, W·Cy, W·Cz) with τ1, τ2, τ3, from [11]
@@ -118,54 +80,31 @@ def partials_rotation(
         ],
         axis=-2,
     )
-    return direct @ _focal_partials(camera, turned) @ moved
+    return _focal_partials(image.camera, turned) @ moved
 
 
 def rotate_axes(axes: ArrayLike, turns: ArrayLike) -> FloatArray:
-    """Return camera axes (3, 3) after small turns τ (3,), radians, about Cx, Cy, Cz [11].
+    """Return camera `axes` (3, 3) after small `turns` τ (3,), radians, about Cx, Cy, Cz [11].
 
     Orthonormalised to the nearest set of axes afterwards, since [11] is linear.
-
-    Parameters
-    ----------
-    axes : (3, 3) array_like
-        Rows Cx, Cy, Cz, body-fixed.
-    turns : (3,) array_like
-        τ, radians.
     """
     rows = np.asarray(axes, dtype=np.float64)
     t1, t2, t3 = np.asarray(turns, dtype=np.float64)
     linear = np.array([[1.0, t3, -t2], [-t3, 1.0, t1], [t2, -t1, 1.0]]) @ rows
     u, _, vt = np.linalg.svd(linear)
-    nearest: FloatArray = u @ vt
-    return nearest
+    return u @ vt
 
 
-def _gnomonic(
-    camera: Camera, axes: ArrayLike, scobj: ArrayLike, points: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
-    """Return focal-plane coordinates (mm) of points without distortion [1]; NaN if behind."""
-    turned = _in_camera(axes, scobj, points)
+def _in_camera(image: SpcImage, points: ArrayLike) -> FloatArray:
+    """Return (W·Cx, W·Cy, W·Cz) (…, 3), metres, of W = V0 + V."""
+    return (np.asarray(points, dtype=np.float64) + image.scobj) @ image.axes.T
+
+
+def _gnomonic(camera: Camera, turned: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return focal-plane coordinates (mm), without distortion, of W [1]; NaN if behind."""
     depth = np.where(turned[..., 2] > 0, turned[..., 2], np.nan)
     scale = camera.focal_length_mm / depth
     return turned[..., 0] * scale, turned[..., 1] * scale
-
-
-def _in_camera(axes: ArrayLike, scobj: ArrayLike, points: ArrayLike) -> FloatArray:
-    """Return (W·Cx, W·Cy, W·Cz) (…, 3), metres, of W = V0 + V."""
-    away = np.asarray(points, dtype=np.float64) + np.asarray(scobj, dtype=np.float64)
-    turned: FloatArray = away @ np.asarray(axes, dtype=np.float64).T
-    return turned
-
-
-def _per_focal_plane(
-    camera: Camera, axes: ArrayLike, scobj: ArrayLike, points: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
-    """Return W in camera axes (…, 3) and ∂(pixel, line)/∂(xp, yp) (…, 2, 2), per mm."""
-    xp, yp = _gnomonic(camera, axes, scobj, points)
-    x, y = distort(camera, xp, yp)
-    bend = distortion_jacobian(camera, xp, yp)
-    return _in_camera(axes, scobj, points), _detector_jacobian(camera, x, y) @ bend
 
 
 def _detector_jacobian(camera: Camera, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -176,7 +115,7 @@ def _detector_jacobian(camera: Camera, x: FloatArray, y: FloatArray) -> FloatArr
 
 
 def _focal_partials(camera: Camera, turned: FloatArray) -> FloatArray:
-    """Return ∂(xp, yp)/∂(W·Cx, W·Cy, W·Cz) (…, 2, 3), mm per metre; NaN if behind."""
+    """Return ∂(pixel, line)/∂(W·Cx, W·Cy, W·Cz) (…, 2, 3), per metre; NaN if behind."""
     depth = np.where(turned[..., 2] > 0, turned[..., 2], np.nan)
     zero = np.zeros_like(depth)
     over = 1.0 / depth
@@ -184,7 +123,10 @@ def _focal_partials(camera: Camera, turned: FloatArray) -> FloatArray:
         np.stack([over, zero, -turned[..., 0] * over**2], axis=-1),
         np.stack([zero, over, -turned[..., 1] * over**2], axis=-1),
     ]
-    return camera.focal_length_mm * np.stack(rows, axis=-2)
+    xp, yp = _gnomonic(camera, turned)
+    bend = distortion_jacobian(camera, xp, yp)
+    direct = _detector_jacobian(camera, *distort(camera, xp, yp)) @ bend
+    return direct @ (camera.focal_length_mm * np.stack(rows, axis=-2))
 
 
 def _focal_plane(

@@ -67,13 +67,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # Numba has no types
 
 
 def keep_compiled(kernel: Any, function: Callable[..., Any]) -> None:
-    """Let Numba's `kernel` of `function` load and store its compiled code, where possible.
-
-    Raises
-    ------
-    RuntimeError
-        If `function` has no source file.
-    """
+    """Let Numba's `kernel` of `function` load and store its compiled code, where possible."""
     if not KernelCache.usable:
         return
     # Same as numba.njit(cache=True), with a cache that may fail.

@@ -14,7 +14,6 @@ from spcola.arrays import (
     FloatArray,
     check_axes,
     check_finite,
-    check_shape,
     frozen,
     read_only,
 )
@@ -136,8 +135,7 @@ class MapletGrid:
         steps = self.gsd * self.offsets
         plane = steps[:, None, None] * self.uy + steps[None, :, None] * self.ux
         lifted = np.asarray(height, dtype=np.float64)[..., None] * self.uz
-        points: FloatArray = self.center + plane + lifted
-        return points
+        return self.center + plane + lifted
 
     def project(self, points: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Project points (…, 3), metres, into the grid's frame [24].
@@ -225,8 +223,7 @@ class Maplet:
     @property
     def valid(self) -> BoolArray:
         """Mask (2q+1, 2q+1) of points whose height is known."""
-        mask: BoolArray = np.isfinite(self.height)
-        return mask
+        return np.isfinite(self.height)
 
     def points(self) -> FloatArray:
         """Body-fixed positions (2q+1, 2q+1, 3) of the surface, metres; NaN where unknown."""
@@ -247,32 +244,7 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
-def check_layer(values: AnyArray, grid: MapletGrid, name: str) -> None:
-    """Check that the shape of a layer is that of `grid`.
-
-    Parameters
-    ----------
-    values : ndarray
-        Layer with two dimensions.
-    grid : MapletGrid
-    name : str
-        Of the layer, for the message.
-
-    Raises
-    ------
-    InvalidValueError
-        If it is not.
-    """
-    check_shape(values, grid.shape, name)
-
-
 def overlaps(one: MapletGrid, other: MapletGrid) -> bool:
-    """Whether two grids lie on the same side of the body and near enough to share points.
-
-    Parameters
-    ----------
-    one, other : MapletGrid
-        In one frame.
-    """
+    """Whether `one` grid and an `other` lie on the same side of the body and could share points."""
     apart = float(np.linalg.norm(one.center - other.center))
     return apart < one.radius + other.radius and float(one.uz @ other.uz) > 0.0

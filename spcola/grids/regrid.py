@@ -44,8 +44,7 @@ class ProjectedMaplet:
     @property
     def valid(self) -> BoolArray:
         """Mask (R, C) of points that the maplet reaches."""
-        mask: BoolArray = np.isfinite(self.height)
-        return mask
+        return np.isfinite(self.height)
 
 
 def project_maplet(source: Maplet, grid: MapletGrid) -> ProjectedMaplet:

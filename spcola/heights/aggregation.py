@@ -15,11 +15,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array
+from scipy.sparse import csc_array, csr_array, diags_array
 from scipy.sparse.linalg import splu
 
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.compilation import compiled
+
+Graph = tuple[IntArray, IntArray, FloatArray]
+"""A sparse matrix by rows: `indptr`, `indices` and `data` of a ``csr_array``."""
 
 _COARSEST_POINTS = 2000
 """Points of the level that is solved by sparse factors."""
@@ -27,40 +30,42 @@ _SLOWEST = 0.8
 """Share of points that coarsening may leave; otherwise the factors solve the level."""
 _STRONG = 4.0
 """Smallest weight of a pair's edge, relative to the strongest edges of its two points."""
-_HELD = 1.0 / 3.0
+_CONSTRAINED = 1.0 / 3.0
 """Constraint of a point, over the sum of its edges, above which only the smoother moves it: that
 of Napov & Notay for a condition number of 8; by experiment a tenth is too little."""
 _SMALLER = 2.5
 """Reduction of points from one level with a second step to the next such level: each visits all
 levels below it twice, so with pairs alone (half the points) all levels would cost alike."""
+_ADDED = 1e-2
+"""Addition to the diagonal of a singular matrix, relative to it. By experiment, with a thousandth
+the rounding along the undetermined direction already ends the iteration early."""
 _ENOUGH = 0.25
 """Reduction of a coarse residual after which a second step is not worth its time (Notay)."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Level:
-    """A matrix, the inverse of its diagonal, and the aggregate of each point (or −1)."""
+    """A matrix as a graph, the inverse of its diagonal, and the aggregate of each point (or −1)."""
 
-    matrix: csr_array
+    graph: Graph
     inverse: FloatArray
     aggregate: IntArray
     coarse: int
 
     def sweep(self, x: FloatArray, b: FloatArray, *, backward: bool) -> None:
         """Gauss–Seidel over all points, in place."""
-        m = self.matrix
-        _sweep(m.indptr, m.indices, m.data, self.inverse, x, b, backward)
+        _sweep(self.graph, self.inverse, x, b, backward)
 
     def restrict(self, x: FloatArray, b: FloatArray) -> FloatArray:
         """Return the sum of ``b − A x`` over each aggregate."""
-        m, rest = self.matrix, np.zeros(self.coarse)
-        _restrict(m.indptr, m.indices, m.data, x, b, self.aggregate, rest)
+        rest = np.zeros(self.coarse)
+        _restrict(self.graph, x, b, self.aggregate, rest)
         return rest
 
     def multiply(self, x: FloatArray) -> tuple[FloatArray, float]:
         """Return ``A x`` and ``xᵀ A x``."""
-        m, out = self.matrix, np.empty_like(x)
-        return out, _multiply(m.indptr, m.indices, m.data, x, out)
+        out = np.empty_like(x)
+        return out, _multiply(self.graph, x, out)
 
 
 class AggregationCycle:
@@ -81,31 +86,25 @@ class AggregationCycle:
         fine: csr_array = matrix.tocsr()
         last = fine.shape[0]
         while fine.shape[0] > _COARSEST_POINTS:
-            aggregate, count = _pairs(fine)
+            graph = (fine.indptr, fine.indices, fine.data)
+            aggregate = np.full(fine.shape[0], -1, dtype=np.int32)
+            count = _pair(graph, *_strengths(graph), aggregate)
             if count > _SLOWEST * fine.shape[0]:
                 break
-            self._levels.append(_Level(fine, 1.0 / fine.diagonal(), aggregate, count))
+            self._levels.append(_Level(graph, 1.0 / fine.diagonal(), aggregate, count))
             fine = _merged(fine, aggregate, count)
             self._twice.append(count * _SMALLER <= last)
             last = count if self._twice[-1] else last
-        self._factors: Any = None
-        if fine.shape[0] > 0:
-            self._factors = splu(
-                fine.tocsc(),
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
-            )
+        self._factors: Any = _factored(fine) if fine.shape[0] > 0 else None
 
     def apply(self, right: FloatArray) -> FloatArray:
         """Return the cycle's response (n,) to `right` (n,)."""
-        return self._answer(0, right)
+        return self._response(0, right)
 
-    def _answer(self, k: int, b: FloatArray) -> FloatArray:
+    def _response(self, k: int, b: FloatArray) -> FloatArray:
         """One cycle from level `k` down; the last level is solved, or has no points."""
         if k == len(self._levels):
-            answer: FloatArray = b if self._factors is None else self._factors.solve(b)
-            return answer
+            return b if self._factors is None else self._factors.solve(b)
         level = self._levels[k]
         x = np.zeros_like(b)
         level.sweep(x, b, backward=False)
@@ -115,7 +114,7 @@ class AggregationCycle:
 
     def _correction(self, k: int, b: FloatArray) -> FloatArray:
         """Solve level `k` for `b` by at most two steps of flexible conjugate gradients."""
-        c = self._answer(k, b)
+        c = self._response(k, b)
         if k == len(self._levels):
             return c
         level = self._levels[k]
@@ -126,7 +125,7 @@ class AggregationCycle:
         rest = b - first * v
         if not self._twice[k - 1] or _dot(rest, rest) <= _ENOUGH**2 * _dot(b, b):
             return first * c
-        d = self._answer(k, rest)
+        d = self._response(k, rest)
         _, own = level.multiply(d)
         mixed = _dot(d, v)
         left = own - mixed**2 / energy
@@ -136,29 +135,36 @@ class AggregationCycle:
         return (first - mixed / energy * second) * c + second * d
 
 
+def _factored(matrix: csr_array) -> Any:
+    """Return sparse factors of a matrix, or of one with a larger diagonal where it is singular.
+
+    Two pieces that only a mean connects can move against each other without any energy. A
+    preconditioner needs a finite response there, not an exact one.
+    """
+    options: dict[str, Any] = {
+        "permc_spec": "MMD_AT_PLUS_A",
+        "diag_pivot_thresh": 0.0,
+        "options": {"SymmetricMode": True},
+    }
+    try:
+        return splu(matrix.tocsc(), **options)
+    except RuntimeError:
+        return splu((matrix + diags_array(_ADDED * matrix.diagonal())).tocsc(), **options)
+
+
 def _merged(matrix: csr_array, aggregate: IntArray, count: int) -> csr_array:
     """Return the matrix of the aggregates, ``PᵀAP``."""
     inside = aggregate >= 0
     start = np.concatenate([[0], np.cumsum(inside)])
     entries = (np.ones(start[-1]), aggregate[inside], start)
     prolongation = csr_array(entries, shape=(len(aggregate), count))
-    merged: csr_array = (prolongation.T @ matrix @ prolongation).tocsr()
-    return merged
-
-
-def _pairs(matrix: csr_array) -> tuple[IntArray, int]:
-    """Return the aggregate of each point (−1: none) and the number of aggregates."""
-    aggregate = np.full(matrix.shape[0], -1, dtype=np.int32)
-    graph = (matrix.indptr, matrix.indices, matrix.data)
-    strength, strongest, alone = _strengths(*graph)
-    return aggregate, _pair(*graph, strength, strongest, alone, aggregate)
+    return (prolongation.T @ matrix @ prolongation).tocsr()
 
 
 @compiled
-def _strengths(
-    indptr: IntArray, indices: IntArray, data: FloatArray
-) -> tuple[FloatArray, IntArray, BoolArray]:
+def _strengths(graph: Graph) -> tuple[FloatArray, IntArray, BoolArray]:
     """Return for each point its strongest edge, the neighbour there, and whether it is unpaired."""
+    indptr, indices, data = graph
     points = len(indptr) - 1
     strength, strongest = np.zeros(points), np.arange(points)
     alone = np.zeros(points, dtype=np.bool_)
@@ -172,21 +178,20 @@ def _strengths(
             ground -= abs(data[n])
             if -data[n] > strength[i]:
                 strength[i], strongest[i] = -data[n], indices[n]
-        alone[i] = ground >= _HELD * edges
+        alone[i] = ground >= _CONSTRAINED * edges
     return strength, strongest, alone
 
 
 @compiled
 def _pair(
-    indptr: IntArray,
-    indices: IntArray,
-    data: FloatArray,
+    graph: Graph,
     strength: FloatArray,
     strongest: IntArray,
     alone: BoolArray,
     aggregate: IntArray,
 ) -> int:
     """Pair points by edges strong for both; the others join their strongest neighbour's pair."""
+    indptr, indices, data = graph
     points, count = len(aggregate), 0
     for i in range(points):
         if aggregate[i] >= 0 or alone[i]:
@@ -218,14 +223,13 @@ def _pair(
 
 @compiled
 def _restrict(
-    indptr: IntArray,
-    indices: IntArray,
-    data: FloatArray,
+    graph: Graph,
     x: FloatArray,
     b: FloatArray,
     aggregate: IntArray,
     out: FloatArray,
 ) -> None:
+    indptr, indices, data = graph
     for i in range(len(x)):
         if aggregate[i] < 0:
             continue
@@ -236,9 +240,8 @@ def _restrict(
 
 
 @compiled
-def _multiply(
-    indptr: IntArray, indices: IntArray, data: FloatArray, x: FloatArray, out: FloatArray
-) -> float:
+def _multiply(graph: Graph, x: FloatArray, out: FloatArray) -> float:
+    indptr, indices, data = graph
     total = 0.0
     for i in range(len(x)):
         here = 0.0
@@ -267,14 +270,13 @@ def _spread(coarse: FloatArray, aggregate: IntArray, x: FloatArray) -> None:
 
 @compiled
 def _sweep(
-    indptr: IntArray,
-    indices: IntArray,
-    data: FloatArray,
+    graph: Graph,
     inverse: FloatArray,
     x: FloatArray,
     b: FloatArray,
     backward: bool,
 ) -> None:
+    indptr, indices, data = graph
     points = len(x)
     for step in range(points):
         i = points - 1 - step if backward else step

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from spcola.arrays import FloatArray, IntArray
+from spcola.arrays import FloatArray
 from spcola.compilation import compiled
 from spcola.heights.components import find_components
+from spcola.heights.means import Sets
 from spcola.heights.problem import HeightProblem
 
 
@@ -27,7 +28,7 @@ class BandedFactor:
     def __init__(self, problem: HeightProblem) -> None:
         self._shape = problem.shape
         parts = find_components(problem)
-        # Fixing the whole of a floating part makes the matrix regular; its answers are NaN.
+        # Fixing the whole of a floating part makes the matrix regular; its results are NaN.
         self._unknown = parts.is_floating | ~problem.mask
         self._factor = cholesky_banded(
             _band(problem, np.where(self._unknown, 1.0, problem.weight)),
@@ -44,8 +45,8 @@ class BandedFactor:
     def solve(self, right: FloatArray) -> FloatArray:
         """Return the heights (R, C, S) for right-hand sides (R, C, S)."""
         flat = right.reshape(-1, right.shape[-1])
-        answer: FloatArray = cho_solve_banded((self._factor, True), flat, check_finite=False)
-        return answer.reshape(right.shape)
+        solution: FloatArray = cho_solve_banded((self._factor, True), flat, check_finite=False)
+        return solution.reshape(right.shape)
 
 
 def _band(problem: HeightProblem, ground: FloatArray) -> FloatArray:
@@ -65,7 +66,7 @@ def _band(problem: HeightProblem, ground: FloatArray) -> FloatArray:
     if problem.means is not None:
         m = problem.means
         # Where nothing determines the heights, the row is that of the identity.
-        _add_means(m.start, m.points, m.share, m.weight, band)
+        _add_means(m.sets, m.weight, band)
     return band
 
 
@@ -80,9 +81,8 @@ def band_width(problem: HeightProblem) -> int:
 
 
 @compiled
-def _add_means(
-    start: IntArray, points: IntArray, share: FloatArray, weight: FloatArray, band: FloatArray
-) -> None:
+def _add_means(sets: Sets, weight: FloatArray, band: FloatArray) -> None:
+    start, points, share = sets
     for k in range(len(weight)):
         for a in range(start[k], start[k + 1]):
             for b in range(start[k], start[k + 1]):

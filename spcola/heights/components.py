@@ -8,7 +8,11 @@ import numpy as np
 
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.compilation import Bands, compiled
+from spcola.heights.means import Sets
 from spcola.heights.problem import HeightProblem
+
+Grid = tuple[BoolArray, FloatArray, FloatArray]
+"""The mask of a problem, and the weights of its edges to the next column and row."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,16 +36,14 @@ class Components:
     @property
     def floating(self) -> IntArray:
         """Labels of the parts without any constraint: their mean height is free."""
-        free: IntArray = np.flatnonzero(self.weight == 0)
-        return free
+        return np.flatnonzero(self.weight == 0)
 
     @property
     def is_floating(self) -> BoolArray:
         """Mask (R, C) of the points of floating parts."""
         if len(self.floating) == 0:
             return np.zeros(self.labels.shape, dtype=bool)
-        inside: BoolArray = np.append(self.weight == 0, False)[self.labels]
-        return inside
+        return np.append(self.weight == 0, False)[self.labels]
 
     @property
     def points(self) -> int:
@@ -72,21 +74,20 @@ def find_components(problem: HeightProblem, bands: Bands | None = None) -> Compo
     other constraints, and from the first guess if these do not determine it. `bands` are the
     threads to use; one if not given.
     """
-    mask, right, down = problem.mask, problem.weight_x, problem.weight_y
+    mask, right = problem.mask, problem.weight_x
+    grid = (mask, right, problem.weight_y)
     used = Bands(mask.size, threads=1) if bands is None else bands
     counts = used.run(problem.shape, _count_runs, mask, right)
     firsts = np.array([first for first, _ in used.cut(*problem.shape)])
     base = np.zeros(problem.shape[0], dtype=np.int64)
     base[firsts[1:]] = np.cumsum(counts)[:-1]
     parent = np.empty(sum(counts), dtype=np.int64)
-    used.run(problem.shape, _join_runs, mask, right, down, base, parent)
-    _join_bands(mask, right, down, base, firsts, parent)
+    used.run(problem.shape, _join_runs, grid, base, parent)
+    _join_bands(grid, base, firsts, parent)
     if problem.means is not None:
-        _join_sets(mask, right, problem.means.start, problem.means.points, parent)
+        _join_sets(mask, right, problem.means.sets, parent)
     number, count = _number(parent)
-    kinds = (np.int8, np.int32)
-    kind = next(each for each in kinds if count <= np.iinfo(each).max)
-    labels = np.empty(problem.shape, dtype=kind)
+    labels = np.empty(problem.shape, dtype=np.int8 if count <= np.iinfo(np.int8).max else np.int32)
     used.run(problem.shape, _label, mask, right, base, number, labels)
     size = np.zeros(count, dtype=np.int64)
     _count_points(labels, size)
@@ -108,19 +109,12 @@ def _count_runs(mask: BoolArray, right: FloatArray, first: int, last: int) -> in
 
 
 @compiled
-def _join_runs(
-    mask: BoolArray,
-    right: FloatArray,
-    down: FloatArray,
-    base: IntArray,
-    parent: IntArray,
-    first: int,
-    last: int,
-) -> None:
+def _join_runs(grid: Grid, base: IntArray, parent: IntArray, first: int, last: int) -> None:
     """Fill `parent` with a forest over the runs: those of one part have one root, its first run.
 
     Each band of rows has trees of its own; `base` is the number of the first run of each.
     """
+    mask, right, _ = grid
     columns = mask.shape[1]
     above, here = np.empty((2, columns), dtype=np.int64)
     count = base[first]
@@ -132,19 +126,13 @@ def _join_runs(
                 count += 1
             here[c] = count - 1
         if r > first:
-            _join_rows(mask, right, down, r, above, here, parent)
+            _join_rows(grid, r, above, here, parent)
 
 
 @compiled
-def _join_bands(
-    mask: BoolArray,
-    right: FloatArray,
-    down: FloatArray,
-    base: IntArray,
-    firsts: IntArray,
-    parent: IntArray,
-) -> None:
+def _join_bands(grid: Grid, base: IntArray, firsts: IntArray, parent: IntArray) -> None:
     """Join the runs of the first row of each band with those of the row above it."""
+    mask, right, _ = grid
     columns = mask.shape[1]
     above, here = np.empty((2, columns), dtype=np.int64)
     for r in firsts[1:]:
@@ -155,20 +143,13 @@ def _join_bands(
         for c in range(columns):
             run += mask[r, c] and (c == 0 or right[r, c - 1] == 0)
             here[c] = run
-        _join_rows(mask, right, down, r, above, here, parent)
+        _join_rows(grid, r, above, here, parent)
 
 
 @compiled
-def _join_rows(
-    mask: BoolArray,
-    right: FloatArray,
-    down: FloatArray,
-    r: int,
-    above: IntArray,
-    here: IntArray,
-    parent: IntArray,
-) -> None:
+def _join_rows(grid: Grid, r: int, above: IntArray, here: IntArray, parent: IntArray) -> None:
     """Join the runs of row r, by their numbers at each point, with those of the row above it."""
+    mask, right, down = grid
     for c in range(mask.shape[1]):
         if not mask[r, c] or down[r - 1, c] == 0:
             continue
@@ -180,10 +161,9 @@ def _join_rows(
 
 
 @compiled
-def _join_sets(
-    mask: BoolArray, right: FloatArray, start: IntArray, points: IntArray, parent: IntArray
-) -> None:
+def _join_sets(mask: BoolArray, right: FloatArray, sets: Sets, parent: IntArray) -> None:
     """Join the runs that the points of one set lie in."""
+    start, points, _ = sets
     rows, columns = mask.shape
     runs = np.empty((rows, columns), dtype=np.int64)
     run = -1

@@ -25,7 +25,7 @@ _TRIAL = 5
 for 2 × 2 aggregates. By experiment it falls either a hundredfold or by a third."""
 _PATIENCE = 40
 """The same for stiff means: aggregates then join all points of each mean, which costs more."""
-_HELD = 0.2
+_CONSTRAINED = 0.2
 """Weight of a part, relative to the rim of a square of its size, above which the cycle alone
 constrains it: by experiment, iterations grow below a tenth."""
 _SPAN = 1e-4
@@ -77,8 +77,8 @@ class LinearSystem:
         smallest, largest = _extremes(problem, lumped, bands)
         # The power of two next to the largest weight: it makes all others at most 1.
         self._unit = float(2.0 ** np.ceil(np.log2(largest))) if largest > 0 else 1.0
-        self._lift = self._lifts(ground)
-        self._spans = vectors.find_spans(components.labels, self.loose)
+        self._compliance = self._compliances(ground)
+        self._parts = (components.labels, vectors.find_spans(components.labels, self.loose))
         kind = np.float32 if self._is_tame(ground, smallest) else np.float64
         self._hierarchy = Hierarchy(problem, lumped, self._unit, kind, bands)
         shape = (problem.shape[0] + 2, problem.shape[1] + 2)
@@ -95,10 +95,9 @@ class LinearSystem:
     @property
     def loose(self) -> BoolArray:
         """Parts (K,) that are shifted as a whole: residuals must sum to zero over each."""
-        chosen: BoolArray = self._lift > 0
-        return chosen
+        return self._compliance > 0
 
-    def _lifts(self, ground: FloatArray) -> FloatArray:
+    def _compliances(self, ground: FloatArray) -> FloatArray:
         """One over the stiffness of shifting a whole part (K,); 0 for parts that need no shift.
 
         The cycle represents the constant of a single part exactly. Its aggregates run across the
@@ -106,7 +105,7 @@ class LinearSystem:
         constraints are shifted as a whole, after the cycle and by its residual (adding both would
         count the shift twice, for a quarter more iterations).
         """
-        loose = ground < _HELD * self._unit * np.sqrt(self._components.size)
+        loose = ground < _CONSTRAINED * self._unit * np.sqrt(self._components.size)
         chosen = loose & (ground > 0) & (len(ground) > 1)
         return np.divide(self._unit, ground, out=np.zeros(len(ground)), where=chosen)
 
@@ -122,16 +121,16 @@ class LinearSystem:
 
     def residual(self, problem: HeightProblem, x: FloatArray, bands: Bands) -> FloatArray:
         """Return ``Dᵀ w_e (step − D x) + w_c (h_c − x)`` over the unit, padded (scratch memory)."""
-        steps = (problem.step_x, problem.step_y, problem.weight_x, problem.weight_y)
+        edges = (problem.step_x, problem.step_y, problem.weight_x, problem.weight_y)
         pulls = np.zeros((0, 0))
         if problem.means is not None:
             m = problem.means
             pulls = np.zeros(x.shape)
-            add_mean_pulls(m.start, m.points, m.share, m.height, m.weight, x, pulls)
+            add_mean_pulls(m.sets, m.height, m.weight, x, pulls)
         # One type of every layer, given or computed: one compiled form.
         weight, x = read_only(self._weight), read_only(x)
-        heights = (problem.height, weight, pulls, x, self._unit, self._r)
-        bands.run(x.shape, vectors.residual, *steps, *heights)
+        arrays = (edges, (problem.height, weight), pulls, x, self._unit, self._r)
+        bands.run(x.shape, vectors.residual, *arrays)
         return self._r
 
     def precondition(self, residual: FloatArray, bands: Bands) -> FloatArray:
@@ -144,14 +143,13 @@ class LinearSystem:
             return self._z
         self._hierarchy.apply(residual, self._z, bands)
         if self.loose.any():
-            self._lift_parts(residual, bands)
+            self._shift_parts(residual, bands)
         return self._z
 
-    def _lift_parts(self, residual: FloatArray, bands: Bands) -> None:
-        """Shift the answer on each loose part so that ``residual − A z`` sums to zero over it."""
-        labels, z = self._components.labels, self._z
-        shift = self._shifts(residual, bands).astype(z.dtype)
-        bands.run(labels.shape, vectors.lift_parts, labels, self._spans, shift, z)
+    def _shift_parts(self, residual: FloatArray, bands: Bands) -> None:
+        """Shift the response on each loose part so that ``residual − A z`` sums to zero over it."""
+        shift = self._shifts(residual, bands).astype(self._z.dtype)
+        bands.run(self._problem.shape, vectors.shift_parts, self._parts, shift, self._z)
 
     def _balance(self, x: FloatArray, residual: FloatArray, bands: Bands) -> None:
         """Shift `x` on the loose parts so that its `residual` sums to zero over each.
@@ -159,10 +157,8 @@ class LinearSystem:
         All later residuals then do so too, and for these the preconditioner is symmetric.
         """
         self._z[...] = 0.0
-        labels, ground = self._components.labels, self._hierarchy.finest.ground
-        shift = self._shifts(residual, bands)
-        arrays = (labels, self._spans, shift, ground, x, residual)
-        bands.run(labels.shape, vectors.settle_parts, *arrays)
+        shift, ground = self._shifts(residual, bands), self._hierarchy.finest.ground
+        bands.run(x.shape, vectors.balance_parts, self._parts, shift, ground, x, residual)
 
     def _shifts(self, residual: FloatArray, bands: Bands) -> FloatArray:
         """Return the shift (K,) of each loose part for which ``residual − A z`` sums to zero.
@@ -170,11 +166,9 @@ class LinearSystem:
         The edges of a part act with equal and opposite forces, so that only its `ground` counts
         (that of means too: lumped, it acts like them on a part that moves as a whole).
         """
-        labels, ground = self._components.labels, self._hierarchy.finest.ground
-        arrays = (labels, self._spans, len(self._lift), residual, ground, self._z)
-        shares = bands.run(labels.shape, vectors.sum_parts, *arrays)
-        shift: FloatArray = self._lift * np.sum(shares, axis=0)
-        return shift
+        arrays = (self._parts, len(self._compliance), residual, self._hierarchy.finest.ground)
+        shares = bands.run(self._problem.shape, vectors.sum_parts, *arrays, self._z)
+        return self._compliance * np.sum(shares, axis=0)
 
     def solve(
         self,
@@ -238,7 +232,9 @@ class LinearSystem:
                 self.residual(problem, x, bands)
             z = self.precondition(r, bands)
             before, (rz_new, largest_new) = largest, self._measure(r, z, bands)
-            beta = rz_new / rz if self._graph is None else -self._product(z, q, bands) / curvature
+            beta = (
+                rz_new / rz if self._graph is None else -self._measure(z, q, bands)[0] / curvature
+            )
             rz, largest = rz_new, largest_new
             if fresh:
                 refreshed = largest
@@ -258,10 +254,10 @@ class LinearSystem:
     def _multiply(self, p: FloatArray, out: FloatArray, bands: Bands) -> float:
         """Store ``A p`` in `out`; return ``pᵀ A p``."""
         level = self._hierarchy.finest
-        total = float(sum(bands.run(level.size, multiply, *level.coefficients, p, out)))
+        total = float(sum(bands.run(level.size, multiply, level, p, out)))
         if self._problem.means is not None:
             m = self._problem.means
-            total += add_mean_products(m.start, m.points, m.share, m.weight, self._unit, p, out)
+            total += add_mean_products(m.sets, m.weight, self._unit, p, out)
         return total
 
     def _is_stuck(self, done: int, share: float) -> bool:
@@ -270,18 +266,11 @@ class LinearSystem:
         judged = self._graph is None and done >= patience and done % _TRIAL == 0
         return judged and share > 0.1 ** (done // _TRIAL)
 
-    def _product(self, one: FloatArray, other: FloatArray, bands: Bands) -> float:
-        """Return ``oneᵀ other``."""
-        shape = (one.shape[0] - 2, one.shape[1] - 2)
-        shares = bands.run(shape, vectors.product_and_largest, one, other)
-        return float(sum(share[0] for share in shares))
-
     def _measure(self, r: FloatArray, z: FloatArray, bands: Bands) -> tuple[float, float]:
         """Return ``rᵀ z`` and the largest ``|z|``, metres."""
-        shape = (r.shape[0] - 2, r.shape[1] - 2)
-        shares = bands.run(shape, vectors.product_and_largest, r, z)
+        shares = bands.run(self._problem.shape, vectors.product_and_largest, r, z)
         product = sum(share[0] for share in shares)
-        # np.max keeps NaN, so that a failure does not look like an error of zero.
+        # max drops NaN: a failure must not look like an error of zero.
         largest = float(max(share[1] for share in shares)) if np.isfinite(product) else np.inf
         return product, largest
 

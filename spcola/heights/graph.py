@@ -58,7 +58,7 @@ class GraphCycle:
                 ground.flat[index] = 1.0
         self._cycle = AggregationCycle(normal_matrix(problem, ground))
 
-    def apply(self, residual: FloatArray, unit: float, answer: FloatArray) -> None:
-        """Store in `answer` the height change for `residual` times `unit` (both padded)."""
+    def apply(self, residual: FloatArray, unit: float, response: FloatArray) -> None:
+        """Store in `response` the height change for `residual` times `unit` (both padded)."""
         right = unit * residual[1:-1, 1:-1][self._mask].astype(np.float64)
-        answer[1:-1, 1:-1][self._mask] = self._cycle.apply(right)
+        response[1:-1, 1:-1][self._mask] = self._cycle.apply(right)

@@ -11,6 +11,9 @@ from spcola.arrays import BoolArray, FloatArray, IntArray, check_shape, frozen, 
 from spcola.compilation import compiled
 from spcola.errors import InvalidValueError
 
+Sets = tuple[IntArray, IntArray, FloatArray]
+"""`start`, `points` and `share` of :class:`MeanConstraints`."""
+
 
 @dataclass(frozen=True, eq=False)
 class MeanConstraints:
@@ -96,6 +99,11 @@ class MeanConstraints:
         return cls(start, points, share, np.nan_to_num(heights), weights)
 
     @property
+    def sets(self) -> Sets:
+        """The areas, without their heights and weights."""
+        return (self.start, self.points, self.share)
+
+    @property
     def owner(self) -> IntArray:
         """Set (n,) that each entry belongs to."""
         return np.repeat(np.arange(len(self.height)), np.diff(self.start))
@@ -172,15 +180,10 @@ class MeanConstraints:
 
 @compiled
 def add_mean_pulls(
-    start: IntArray,
-    points: IntArray,
-    share: FloatArray,
-    height: FloatArray,
-    weight: FloatArray,
-    x: FloatArray,
-    out: FloatArray,
+    sets: Sets, height: FloatArray, weight: FloatArray, x: FloatArray, out: FloatArray
 ) -> None:
     """Add to `out` the residual of the means at heights `x` (both (R, C)), times their weights."""
+    start, points, share = sets
     columns = x.shape[1]
     for k in range(len(height)):
         misfit = height[k]
@@ -192,15 +195,10 @@ def add_mean_pulls(
 
 @compiled
 def add_mean_products(
-    start: IntArray,
-    points: IntArray,
-    share: FloatArray,
-    weight: FloatArray,
-    unit: float,
-    p: FloatArray,
-    out: FloatArray,
+    sets: Sets, weight: FloatArray, unit: float, p: FloatArray, out: FloatArray
 ) -> float:
     """Replace the lumped means in `out`, A p, by the means; return the change of pᵀ A p."""
+    start, points, share = sets
     columns = p.shape[1] - 2
     change = 0.0
     for k in range(len(weight)):

@@ -19,7 +19,6 @@ memory traffic.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,7 +26,12 @@ from spcola.arrays import FloatArray, IntArray
 from spcola.compilation import Bands, compiled
 from spcola.heights.isolated_points import IsolatedPoints
 from spcola.heights.problem import HeightProblem
-from spcola.heights.smoothing import correct_and_smooth, smooth_and_restrict, subtract_product
+from spcola.heights.smoothing import (
+    Level,
+    correct_and_smooth,
+    smooth_and_restrict,
+    subtract_product,
+)
 
 _COARSEST_POINTS = 64
 """Levels up to this size are solved by their inverse: calls cost more than arithmetic there."""
@@ -35,35 +39,8 @@ _FREE = 1e-13
 """Pivots of that level, relative to its diagonal, that count as a rounded 0."""
 _SERIAL_POINTS = 100_000
 """Levels up to this size run in one thread and one call, unless they have isolated points."""
-_STRAY_LEVELS = 2
+_ISOLATED_LEVELS = 2
 """Levels whose isolated points are moved: by experiment, coarser levels do not need it."""
-
-
-@dataclass(frozen=True, eq=False)
-class Level:
-    """Coefficients of one level, (R + 2, C + 2) with its frame, relative to `Hierarchy.unit`.
-
-    Parameters
-    ----------
-    right, down : ndarray
-        Weight of the edge to the next column and to the next row.
-    ground : ndarray
-        Weight of the constraint.
-    """
-
-    right: FloatArray
-    down: FloatArray
-    ground: FloatArray
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Rows and columns without the frame."""
-        return (self.right.shape[0] - 2, self.right.shape[1] - 2)
-
-    @property
-    def coefficients(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Right, down and ground, as the kernels take them."""
-        return (self.right, self.down, self.ground)
 
 
 class Hierarchy:
@@ -112,14 +89,13 @@ class Hierarchy:
         """The level of the problem itself."""
         return self.levels[0]
 
-    def apply(self, residual: FloatArray, answer: FloatArray, bands: Bands) -> None:
+    def apply(self, residual: FloatArray, response: FloatArray, bands: Bands) -> None:
         """Store the cycle's response to `residual` (both padded, single precision)."""
-        self._cycle(0, residual, answer, False, bands)
+        self._cycle(0, residual, response, False, bands)
 
     def _level(self, k: int) -> Level:
         span, shape = slice(self._start[k], self._start[k + 1]), self._sizes[k] + 2
-        right, down, ground = (each[span].reshape(shape) for each in self._coefficients)
-        return Level(right, down, ground)
+        return Level(*(each[span].reshape(shape) for each in self._coefficients))
 
     def _vectors(self, k: int) -> tuple[FloatArray, FloatArray]:
         """Value and source of a level below the finest."""
@@ -137,12 +113,11 @@ class Hierarchy:
             bands.run(fine.size, _convert, values, 1.0 / unit, out)
         self._isolated = [IsolatedPoints.none()] * len(self.levels)
         for k, (above, below) in enumerate(itertools.pairwise(self.levels)):
-            both = (above.coefficients, below.coefficients)
-            bands.run(below.size, _coarsen, *both[0], *both[1])
-            if k < min(_STRAY_LEVELS, len(self.levels) - 2):
-                self._isolated[k] = IsolatedPoints.reassign(*both, below.size, bands)
+            bands.run(below.size, _coarsen, above, below)
+            if k < min(_ISOLATED_LEVELS, len(self.levels) - 2):
+                self._isolated[k] = IsolatedPoints.reassign(above, below, bands)
         last = self.levels[-1]
-        self._inverse = _invert(*last.coefficients)
+        self._inverse = _invert(last)
         apart = [
             k
             for k, level in enumerate(self.levels[:-2])
@@ -151,36 +126,31 @@ class Hierarchy:
         self._apart = apart[-1] + 1 if apart else 0
 
     def _cycle(
-        self, k: int, source: FloatArray, answer: FloatArray, add: bool, bands: Bands
+        self, k: int, source: FloatArray, response: FloatArray, add: bool, bands: Bands
     ) -> None:
         """One W-cycle from level `k` down, `source` of that level."""
         level, isolated = self.levels[k], self._isolated[k]
         if k >= self._apart:
             first = self._start[k]
-            right, down, ground = self._coefficients[:, first:]
             _cycle(
-                self._sizes[k:],
-                self._start[k:],
+                (self._sizes[k:], self._start[k:]),
+                Level(*self._coefficients[:, first:]),
                 self._inverse,
-                right,
-                down,
-                ground,
-                self._value[first:],
-                self._source[first:],
+                (self._value[first:], self._source[first:]),
                 source,
-                answer,
+                response,
                 add,
             )
             return
         below = self.levels[k + 1]
         value, residual = self._vectors(k + 1)
-        bands.run(below.size, smooth_and_restrict, *level.coefficients, source, residual)
+        bands.run(below.size, smooth_and_restrict, level, source, residual)
         isolated.restrict(source, residual)
         self._cycle(k + 1, residual, value, False, bands)
-        bands.run(below.size, subtract_product, *below.coefficients, value, residual)
+        bands.run(below.size, subtract_product, below, value, residual)
         self._cycle(k + 1, residual, value, True, bands)
-        bands.run(level.size, correct_and_smooth, *level.coefficients, source, value, add, answer)
-        isolated.correct(value, answer)
+        bands.run(level.size, correct_and_smooth, level, source, value, add, response)
+        isolated.correct(value, response)
 
 
 @compiled
@@ -192,17 +162,10 @@ def _convert(values: FloatArray, factor: float, out: FloatArray, first: int, las
 
 
 @compiled
-def _coarsen(
-    right: FloatArray,
-    down: FloatArray,
-    ground: FloatArray,
-    coarse_right: FloatArray,
-    coarse_down: FloatArray,
-    coarse_ground: FloatArray,
-    first: int,
-    last: int,
-) -> None:
+def _coarsen(fine: Level, coarse: Level, first: int, last: int) -> None:
     """Rows `first` … `last` − 1 of a coarser level: edges summed and halved, constraints summed."""
+    right, down, ground = fine
+    coarse_right, coarse_down, coarse_ground = coarse
     columns = coarse_right.shape[1] - 2
     half = np.float32(0.5)
     for i in range(first + 1, last + 1):
@@ -215,12 +178,13 @@ def _coarsen(
 
 
 @compiled
-def _invert(right: FloatArray, down: FloatArray, ground: FloatArray) -> FloatArray:
-    """Return the inverse (n, n) of a small level (padded coefficients), by sweeping its points.
+def _invert(level: Level) -> FloatArray:
+    """Return the inverse (n, n) of a small level, by sweeping its points.
 
     A point without weight left when all before it are swept (a floating part ends with one) is
     constrained, so that the inverse exists.
     """
+    right, down, ground = level
     rows, columns = right.shape[0] - 2, right.shape[1] - 2
     points = rows * columns
     matrix = np.zeros((points, points))
@@ -257,7 +221,9 @@ def _invert(right: FloatArray, down: FloatArray, ground: FloatArray) -> FloatArr
 
 
 @compiled
-def _solve_coarsest(inverse: FloatArray, source: FloatArray, answer: FloatArray, add: bool) -> None:
+def _solve_coarsest(
+    inverse: FloatArray, source: FloatArray, response: FloatArray, add: bool
+) -> None:
     rows, columns = source.shape[0] - 2, source.shape[1] - 2
     flat = np.zeros(rows * columns, dtype=source.dtype)
     for i in range(rows):
@@ -269,82 +235,68 @@ def _solve_coarsest(inverse: FloatArray, source: FloatArray, answer: FloatArray,
     for i in range(rows):
         for j in range(columns):
             if add:
-                answer[i + 1, j + 1] += flat[i * columns + j]
+                response[i + 1, j + 1] += flat[i * columns + j]
             else:
-                answer[i + 1, j + 1] = flat[i * columns + j]
+                response[i + 1, j + 1] = flat[i * columns + j]
 
 
 @compiled
-def _grid(flat: FloatArray, sizes: IntArray, start: IntArray, level: int) -> FloatArray:
-    """Return one level (padded) of a flat array of several; its first element is `start[0]`."""
+def _grid(flat: FloatArray, layout: tuple[IntArray, IntArray], level: int) -> FloatArray:
+    """Return one level (padded) of a flat array of several; `layout` is their sizes and starts."""
+    sizes, start = layout
     span = slice(start[level] - start[0], start[level + 1] - start[0])
     return flat[span].reshape((sizes[level, 0] + 2, sizes[level, 1] + 2))
 
 
 @compiled
-def _cycle(  # noqa: PLR0913, PLR0917  flat arrays of all levels: numba knows no dataclasses
-    sizes: IntArray,
-    start: IntArray,
+def _level(flat: Level, layout: tuple[IntArray, IntArray], level: int) -> Level:
+    """Return the coefficients of one level of several."""
+    right, down = _grid(flat[0], layout, level), _grid(flat[1], layout, level)
+    return Level(right, down, _grid(flat[2], layout, level))
+
+
+@compiled
+def _cycle(
+    layout: tuple[IntArray, IntArray],
+    coefficients: Level,
     inverse: FloatArray,
-    right: FloatArray,
-    down: FloatArray,
-    ground: FloatArray,
-    values: FloatArray,
-    sources: FloatArray,
+    vectors: tuple[FloatArray, FloatArray],
     source: FloatArray,
-    answer: FloatArray,
+    response: FloatArray,
     add: bool,
 ) -> None:
-    """One W-cycle over several levels in one call; the first has `source` and `answer`.
+    """One W-cycle over several levels in one call; the first has `source` and `response`.
 
-    Not recursive, because Numba loads such a function from its cache in a state that crashes.
+    `vectors` are values and sources of the others. Not recursive, because Numba loads such a
+    function from its cache in a state that crashes.
     """
+    sizes, (values, sources) = layout[0], vectors
     last = len(sizes) - 1
     second = np.zeros(len(sizes), dtype=np.bool_)
     second[0] = add
     level = 0
     while True:
         while level < last:
-            b = source if level == 0 else _grid(sources, sizes, start, level)
-            smooth_and_restrict(
-                _grid(right, sizes, start, level),
-                _grid(down, sizes, start, level),
-                _grid(ground, sizes, start, level),
-                b,
-                _grid(sources, sizes, start, level + 1),
-                0,
-                sizes[level + 1, 0],
-            )
+            b = source if level == 0 else _grid(sources, layout, level)
+            below = _grid(sources, layout, level + 1)
+            here = _level(coefficients, layout, level)
+            smooth_and_restrict(here, b, below, 0, sizes[level + 1, 0])
             level += 1
             second[level] = False
-        b = source if last == 0 else _grid(sources, sizes, start, last)
-        x = answer if last == 0 else _grid(values, sizes, start, last)
+        b = source if last == 0 else _grid(sources, layout, last)
+        x = response if last == 0 else _grid(values, layout, last)
         _solve_coarsest(inverse, b, x, second[last])
         second[last] = True  # it was exact
         while level > 0 and second[level]:
             level -= 1
-            b = source if level == 0 else _grid(sources, sizes, start, level)
-            x = answer if level == 0 else _grid(values, sizes, start, level)
-            correct_and_smooth(
-                _grid(right, sizes, start, level),
-                _grid(down, sizes, start, level),
-                _grid(ground, sizes, start, level),
-                b,
-                _grid(values, sizes, start, level + 1),
-                second[level],
-                x,
-                0,
-                sizes[level, 0],
-            )
+            b = source if level == 0 else _grid(sources, layout, level)
+            x = response if level == 0 else _grid(values, layout, level)
+            below = _grid(values, layout, level + 1)
+            here = _level(coefficients, layout, level)
+            correct_and_smooth(here, b, below, second[level], x, 0, sizes[level, 0])
         if level == 0:
             return
-        subtract_product(
-            _grid(right, sizes, start, level),
-            _grid(down, sizes, start, level),
-            _grid(ground, sizes, start, level),
-            _grid(values, sizes, start, level),
-            _grid(sources, sizes, start, level),
-            0,
-            sizes[level, 0],
-        )
+        here = _level(coefficients, layout, level)
+        value, rest = _grid(values, layout, level), _grid(sources, layout, level)
+        subtract_product(here, value, rest, 0, sizes[level, 0])
         second[level] = True

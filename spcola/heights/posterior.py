@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -110,15 +110,12 @@ def posterior_sigma(
 def _without_data(problem: HeightProblem, weight: FloatArray) -> HeightProblem:
     """Return the problem with all steps and heights 0: sigma depends on the weights only."""
     check_shape(weight, problem.shape, "weight")
-    return HeightProblem(
-        np.zeros(problem.step_x.shape),
-        np.zeros(problem.step_y.shape),
-        problem.weight_x,
-        problem.weight_y,
-        np.zeros(problem.shape),
-        np.where(problem.weight > 0, weight, 0.0),
-        problem.mask,
-        problem.means,
+    return replace(
+        problem,
+        step_x=np.zeros(problem.step_x.shape),
+        step_y=np.zeros(problem.step_y.shape),
+        height=np.zeros(problem.shape),
+        weight=np.where(problem.weight > 0, weight, 0.0),
     )
 
 
@@ -160,10 +157,12 @@ class _Window:
 
     @property
     def whole(self) -> tuple[slice, slice]:
+        """Core and surroundings."""
         return (self.rows, self.columns)
 
     @property
     def core(self) -> tuple[slice, slice]:
+        """The core alone."""
         return (self.core_rows, self.core_columns)
 
     @property

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spcola.arrays import BoolArray, FloatArray, check_shape, read_only
-from spcola.compilation import compiled
 from spcola.errors import InvalidValueError
 from spcola.heights.means import MeanConstraints
 
@@ -111,7 +110,7 @@ class HeightProblem:
             if not _finite_where_used(kept, weight):
                 raise InvalidValueError("is not finite where its weight is positive", name)
             if name != "height":
-                _clear_unused(kept, weight)
+                kept[weight == 0] = 0.0
             other._keep(name, kept)
         means = self.means
         if means is not None and mean_height is not None:
@@ -156,8 +155,9 @@ class HeightProblem:
         """Store heights and their weights: 0 where there is no height or no point."""
         height, weight = np.array(height), np.array(weight)
         check_shape(height, self.mask.shape, "height")
-        if not _join_heights(self.mask, height, weight):
+        if np.isinf(height).any():
             raise InvalidValueError("contains an infinite height", "height")
+        weight[~self.mask | np.isnan(height)] = 0.0
         self._keep("height", height)
         self._keep("weight", weight)
 
@@ -167,12 +167,12 @@ class HeightProblem:
         """Store steps and weights of one direction: both 0 where the edge is not used."""
         weight = np.array(_weights(getattr(self, f"weight_{axis}"), shape, f"weight_{axis}"))
         step = np.array(_floats(getattr(self, f"step_{axis}")))
-        _cut_edges(one, other, weight)
+        weight[~(one & other)] = 0.0
         if not _finite_where_used(step, weight):
             raise InvalidValueError(
                 "is not finite where its weight is positive", f"step_{axis}", "set the weight to 0"
             )
-        _clear_unused(step, weight)
+        step[weight == 0] = 0.0
         self._keep(f"step_{axis}", step)
         self._keep(f"weight_{axis}", weight)
 
@@ -181,61 +181,18 @@ def _floats(values: ArrayLike) -> FloatArray:
     """Return `values` as float64, or as float32 if they are, in C order."""
     array = np.asarray(values)
     kind = np.float32 if array.dtype == np.float32 else np.float64
-    floats: FloatArray = np.require(array, dtype=kind, requirements="C")
-    return floats
+    return np.require(array, dtype=kind, requirements="C")
 
 
 def _weights(values: ArrayLike, shape: tuple[int, int], name: str) -> FloatArray:
     """Return `values` as floats, refused unless finite, not negative and of `shape`."""
     weights = _floats(values)
     check_shape(weights, shape, name)
-    if not _are_weights(weights):
+    if not ((weights >= 0) & (weights < np.inf)).all():
         raise InvalidValueError("contains a weight that is negative or not finite", name)
     return weights
 
 
-@compiled
-def _are_weights(weights: FloatArray) -> bool:
-    wrong = 0
-    for row in weights:
-        for value in row:
-            wrong += not (0 <= value < np.inf)
-    return wrong == 0
-
-
-@compiled
 def _finite_where_used(values: FloatArray, weights: FloatArray) -> bool:
-    wrong = 0
-    for r in range(values.shape[0]):
-        for c in range(values.shape[1]):
-            wrong += (weights[r, c] > 0) & (not np.isfinite(values[r, c]))
-    return wrong == 0
-
-
-@compiled
-def _clear_unused(values: FloatArray, weights: FloatArray) -> None:
-    for r in range(values.shape[0]):
-        for c in range(values.shape[1]):
-            if weights[r, c] == 0:
-                values[r, c] = 0.0
-
-
-@compiled
-def _cut_edges(one: BoolArray, other: BoolArray, weights: FloatArray) -> None:
-    """Clear the weights of edges that do not join two points of the mask."""
-    for r in range(weights.shape[0]):
-        for c in range(weights.shape[1]):
-            if not (one[r, c] and other[r, c]):
-                weights[r, c] = 0.0
-
-
-@compiled
-def _join_heights(mask: BoolArray, height: FloatArray, weight: FloatArray) -> bool:
-    """Clear the weights of missing heights and points; False if a height is infinite."""
-    wrong = 0
-    for r in range(mask.shape[0]):
-        for c in range(mask.shape[1]):
-            wrong += np.isinf(height[r, c])
-            if not mask[r, c] or np.isnan(height[r, c]):
-                weight[r, c] = 0.0
-    return wrong == 0
+    """Return whether every value with a weight is finite."""
+    return bool((np.isfinite(values) | (weights == 0)).all())

@@ -56,12 +56,8 @@ def relax(
     for _ in range(sweeps):
         _relax_points(
             points[rng.integers(len(points), size=len(points))],
-            problem.step_x,
-            problem.step_y,
-            problem.weight_x,
-            problem.weight_y,
-            problem.height,
-            problem.weight,
+            (problem.step_x, problem.step_y, problem.weight_x, problem.weight_y),
+            (problem.height, problem.weight),
             height,
         )
     height[~problem.mask] = np.nan
@@ -71,15 +67,12 @@ def relax(
 @compiled
 def _relax_points(
     points: IntArray,
-    step_x: FloatArray,
-    step_y: FloatArray,
-    weight_x: FloatArray,
-    weight_y: FloatArray,
-    constraint: FloatArray,
-    weight: FloatArray,
+    edges: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    constraints: tuple[FloatArray, FloatArray],
     height: FloatArray,
 ) -> None:
     """Apply eq. 23 at each of `points` (n, 2), in their order."""
+    (step_x, step_y, weight_x, weight_y), (constraint, weight) = edges, constraints
     rows, columns = height.shape
     for k in range(len(points)):
         r, c = points[k, 0], points[k, 1]

@@ -6,7 +6,9 @@ import numpy as np
 
 from spcola.arrays import FloatArray, check_shape
 
-STEPS_ALIKE = 2.0
+__all__ = ["STEP_SIGMA_FACTOR", "slopes_of", "steps_from_slopes"]
+
+STEP_SIGMA_FACTOR = 2.0
 """Factor on the standard deviation of steps that are read from a smooth surface: where the ground
 bends, the four steps at a point have the same error and count as one. Without this factor relief of
 some six cells is flattened by more than its sigma."""

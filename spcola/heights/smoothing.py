@@ -1,11 +1,11 @@
 """Red–black Gauss–Seidel on one grid level of energy (A), row by row.
 
 A level is a grid with a frame of one point without edges around it (R + 2, C + 2), in single
-precision: `right` and `down` are the weights of the edges to the next column and row, `ground`
-those of the constraints. Red are the points with an even sum of indices. Both sweeps depend on the
-source only, so that a row of the answer depends on five rows of it: a few lines of memory that fit
-the cache suffice, memory is read once, and threads can work on different bands of rows with the
-same result.
+precision: the weights of the edges to the next column (`right`) and row (`down`), and of the
+constraints (`ground`), each over one unit. Red are the points with an even sum of indices. Both
+sweeps depend on the source only, so that a row of the response depends on five rows of it: a few
+lines of memory that fit the cache suffice, memory is read once, and threads can work on different
+bands of rows with the same result.
 
 All points of a row are computed, whatever their colour: wasting half of the arithmetic is faster
 than leaving gaps, because the loops remain vectorised. The values of a line of red at black points
@@ -15,6 +15,8 @@ nine arrays: the compiler has to check that outputs do not overlap inputs.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,20 +31,28 @@ LANES = 32
 """Parallel partial sums: a vectorised loop whose order does not depend on the threads."""
 
 
+class Level(NamedTuple):
+    """Weights of the edges to the next column and row, and of the constraints: (R + 2, C + 2)."""
+
+    right: FloatArray
+    down: FloatArray
+    ground: FloatArray
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Rows and columns without the frame."""
+        return (self.right.shape[0] - 2, self.right.shape[1] - 2)
+
+
 @compiled
 def smooth_and_restrict(
-    right: FloatArray,
-    down: FloatArray,
-    ground: FloatArray,
-    source: FloatArray,
-    coarse: FloatArray,
-    first: int,
-    last: int,
+    level: Level, source: FloatArray, coarse: FloatArray, first: int, last: int
 ) -> None:
     """Smooth from zero, red then black; sum the residual into rows `first` … `last` − 1.
 
     The rows are those of the coarser level. The residual at black points is 0.
     """
+    right, down, ground = level
     rows, width = source.shape[0] - 2, source.shape[1]
     rest, colour = np.zeros(width, dtype=source.dtype), _colours(source)
     red = np.zeros((_LINES, width), dtype=source.dtype)
@@ -67,21 +77,20 @@ def smooth_and_restrict(
 
 
 @compiled
-def correct_and_smooth(  # noqa: PLR0913, PLR0917  flat arguments: numba knows no dataclasses
-    right: FloatArray,
-    down: FloatArray,
-    ground: FloatArray,
+def correct_and_smooth(
+    level: Level,
     source: FloatArray,
     coarse: FloatArray,
     add: bool,
-    answer: FloatArray,
+    response: FloatArray,
     first: int,
     last: int,
 ) -> None:
-    """Rows `first` … `last` − 1 of the answer: the sweep of above, `coarse` added, black, red.
+    """Rows `first` … `last` − 1 of the response: the sweep of above, `coarse` added, black, red.
 
-    It is stored in `answer` or, if `add`, added to it.
+    It is stored in `response` or, if `add`, added to it.
     """
+    right, down, ground = level
     rows, width = source.shape[0] - 2, source.shape[1]
     line, colour = np.zeros(width, dtype=source.dtype), _colours(source)
     wide, red = np.zeros_like(line), np.zeros((_LINES, width), dtype=source.dtype)
@@ -102,50 +111,29 @@ def correct_and_smooth(  # noqa: PLR0913, PLR0917  flat arguments: numba knows n
         if i >= low:
             k = i % _LINES
             _relax(right[i], down[i - 1], down[i], source[i], inverse[k], black, i, line)
-            _store(line, black[k], colour[i % 2], colour[1 - i % 2], add, answer[i])
+            _store(line, black[k], colour[i % 2], colour[1 - i % 2], add, response[i])
 
 
 @compiled
 def subtract_product(
-    right: FloatArray,
-    down: FloatArray,
-    ground: FloatArray,
-    value: FloatArray,
-    source: FloatArray,
-    first: int,
-    last: int,
+    level: Level, value: FloatArray, source: FloatArray, first: int, last: int
 ) -> None:
     """Rows `first` … `last` − 1 of ``source −= A value``."""
+    line = np.zeros(value.shape[1], dtype=value.dtype)
     for i in range(first + 1, last + 1):
-        here, up, low, above, below = value[i], value[i - 1], value[i + 1], down[i - 1], down[i]
-        _subtract_product(right[i], above, below, ground[i], here, up, low, source[i])
+        _product(level, value, i, line)
+        rest = source[i]
+        for j in range(len(rest)):
+            rest[j] -= line[j]
 
 
 @compiled
-def multiply(
-    right: FloatArray,
-    down: FloatArray,
-    ground: FloatArray,
-    value: FloatArray,
-    out: FloatArray,
-    first: int,
-    last: int,
-) -> float:
-    """Rows `first` … `last` − 1 of ``A value``; return their share of ``valueᵀ A value``.
-
-    Parameters
-    ----------
-    right, down, ground : ndarrays
-        Weights of steps along columns and rows, and of heights, 1/m²; padded as in this module.
-    value, out : ndarrays
-        The vector, and where the product is written; padded too.
-    first, last : int
-    """
+def multiply(level: Level, value: FloatArray, out: FloatArray, first: int, last: int) -> float:
+    """Store rows `first` … `last` − 1 of ``A value``; return their share of ``valueᵀ A value``."""
     total = np.zeros(LANES)
     for i in range(first + 1, last + 1):
-        here, up, low, above, below = value[i], value[i - 1], value[i + 1], down[i - 1], down[i]
-        _product(right[i], above, below, ground[i], here, up, low, out[i])
-        add_products(here, out[i], total)
+        _product(level, value, i, out[i])
+        add_products(value[i], out[i], total)
     return total.sum()
 
 
@@ -161,38 +149,12 @@ def add_products(one: FloatArray, other: FloatArray, total: FloatArray) -> None:
 
 
 @compiled_inline
-def _product(
-    right: FloatArray,
-    above: FloatArray,
-    below: FloatArray,
-    ground: FloatArray,
-    here: FloatArray,
-    up: FloatArray,
-    low: FloatArray,
-    out: FloatArray,
-) -> None:
-    """Row of ``A value``, from differences: exact also where `ground` is weak."""
+def _product(level: Level, value: FloatArray, i: int, out: FloatArray) -> None:
+    """Row i of ``A value``, from differences: exact also where `ground` is weak."""
+    right, above, below, ground = level.right[i], level.down[i - 1], level.down[i], level.ground[i]
+    here, up, low = value[i], value[i - 1], value[i + 1]
     for j in range(1, len(out) - 1):
         out[j] = (
-            ground[j] * here[j]
-            + right[j] * (here[j] - here[j + 1])
-            + right[j - 1] * (here[j] - here[j - 1])
-        ) + (below[j] * (here[j] - low[j]) + above[j] * (here[j] - up[j]))
-
-
-@compiled_inline
-def _subtract_product(
-    right: FloatArray,
-    above: FloatArray,
-    below: FloatArray,
-    ground: FloatArray,
-    here: FloatArray,
-    up: FloatArray,
-    low: FloatArray,
-    out: FloatArray,
-) -> None:
-    for j in range(1, len(out) - 1):
-        out[j] -= (
             ground[j] * here[j]
             + right[j] * (here[j] - here[j + 1])
             + right[j - 1] * (here[j] - here[j - 1])

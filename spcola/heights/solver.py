@@ -8,11 +8,12 @@ from typing import Literal
 import numpy as np
 
 from spcola.arrays import BoolArray, FloatArray, IntArray, check_shape, read_only
-from spcola.compilation import Bands, compiled
+from spcola.compilation import Bands, compiled, is_kept
 from spcola.errors import InvalidValueError, SettingsError
 from spcola.heights.components import Components, find_components
 from spcola.heights.conjugate import LinearSolution, LinearSystem
 from spcola.heights.problem import HeightProblem
+from spcola.heights.smoothing import multiply
 from spcola.math.robust import cauchy_weight, huber_weight
 
 Loss = Literal["l2", "huber", "cauchy"]
@@ -160,6 +161,11 @@ class HeightSystem:
             self._parts = find_components(problem, bands)
         self._linear: LinearSystem | None = None
 
+    @staticmethod
+    def is_compiled() -> bool:
+        """Return whether compiled forms of the solver's kernels are kept on this machine."""
+        return is_kept(multiply)
+
     def solve(
         self,
         problem: HeightProblem,
@@ -195,21 +201,21 @@ class HeightSystem:
             linear = self._linear.solve(
                 problem, guess, chosen.tolerance_m, chosen.max_iterations, bands
             )
-            weight, iterations, settled = problem.weight, linear.iterations, True
+            weight, iterations, converged = problem.weight, linear.iterations, True
             if chosen.loss != "l2":
-                linear, weight, settled = _reweight(problem, self._parts, linear, chosen, bands)
+                linear, weight, converged = _reweight(problem, self._parts, linear, chosen, bands)
                 iterations += linear.iterations
             height = linear.height
-            _tie(height, self._parts, start, chosen.floating)
-            bands.run(problem.shape, _clear_outside, problem.mask, height)
+            _set_floating(height, self._parts, start, chosen.floating)
+            height[~problem.mask] = np.nan
         return HeightSolution(
             read_only(height),
             read_only(weight),
             read_only(self._parts.labels),
             read_only(self._parts.floating),
             iterations,
-            linear.converged and settled,
-            _reason(linear, settled, chosen),
+            linear.converged and converged,
+            _reason(linear, converged, chosen),
             linear.error_bound_m,
         )
 
@@ -229,7 +235,7 @@ def _reweight(
     used = problem.weight > 0
     root = np.sqrt(problem.weight[used])
     loss_weight = huber_weight if options.loss == "huber" else cauchy_weight
-    iterations, settled, weight = 0, False, problem.weight
+    iterations, converged, weight = 0, False, problem.weight
     for _ in range(options.max_reweights):
         before = linear.height
         residual = (before[used] - problem.height[used]) * root
@@ -243,73 +249,49 @@ def _reweight(
         )
         iterations += linear.iterations
         change = np.abs(linear.height - before)[problem.mask].max(initial=0.0)
-        settled = bool(change <= 10 * options.tolerance_m)
-        if settled:
+        converged = bool(change <= 10 * options.tolerance_m)
+        if converged:
             break
-    return replace(linear, iterations=iterations), weight, settled
+    return replace(linear, iterations=iterations), weight, converged
 
 
 def _first_guess(
     problem: HeightProblem, parts: Components, start: FloatArray | None, bands: Bands
 ) -> FloatArray:
     """Fill gaps of `start` (or nothing) with the mean constraint of each part, in a new array."""
-    guess = np.empty(problem.shape)
-    total = np.zeros(len(parts.size))
-    _sum_constraints(parts.labels, problem.weight, problem.height, total)
+    used = problem.weight > 0
+    pulls = problem.weight[used] * problem.height[used]
+    # Without any constraint the counts are whole numbers.
+    total = np.bincount(parts.labels[used], pulls, len(parts.size)).astype(np.float64)
     if problem.means is not None:
         means = problem.means
         owner = parts.labels.ravel()[means.points[means.start[:-1]]]
         total += np.bincount(owner, means.weight * means.height, len(total))
     mean = np.divide(total, parts.weight, out=np.zeros(len(total)), where=parts.weight > 0)
-    if start is None:
-        bands.run(problem.shape, _fill_parts, parts.labels, mean, guess)
-        return guess
-    check_shape(start, problem.shape, "start")
-    if np.isinf(start).any():
-        raise InvalidValueError("contains an infinite height", "start")
-    guess[...] = start
-    _fill_gaps(parts.labels, mean, guess)
+    guess = np.full(problem.shape, np.nan)
+    if start is not None:
+        check_shape(start, problem.shape, "start")
+        if np.isinf(start).any():
+            raise InvalidValueError("contains an infinite height", "start")
+        guess[...] = start
+    bands.run(problem.shape, _fill_gaps, parts.labels, mean, guess)
     return guess
 
 
 @compiled
-def _sum_constraints(
-    labels: IntArray, weight: FloatArray, height: FloatArray, total: FloatArray
-) -> None:
-    rows, columns = labels.shape
-    for r in range(rows):
-        for c in range(columns):
-            if weight[r, c] > 0:
-                total[labels[r, c]] += weight[r, c] * height[r, c]
-
-
-@compiled
-def _fill_parts(labels: IntArray, mean: FloatArray, out: FloatArray, first: int, last: int) -> None:
+def _fill_gaps(labels: IntArray, mean: FloatArray, out: FloatArray, first: int, last: int) -> None:
+    """Put NaN at the mean of its part, and 0 outside of all parts."""
     for r in range(first, last):
         for c in range(labels.shape[1]):
-            out[r, c] = mean[labels[r, c]] if labels[r, c] >= 0 else 0.0
-
-
-@compiled
-def _clear_outside(mask: BoolArray, height: FloatArray, first: int, last: int) -> None:
-    for r in range(first, last):
-        for c in range(mask.shape[1]):
-            if not mask[r, c]:
-                height[r, c] = np.nan
-
-
-@compiled
-def _fill_gaps(labels: IntArray, mean: FloatArray, out: FloatArray) -> None:
-    rows, columns = labels.shape
-    for r in range(rows):
-        for c in range(columns):
             if labels[r, c] < 0:
                 out[r, c] = 0.0
             elif np.isnan(out[r, c]):
                 out[r, c] = mean[labels[r, c]]
 
 
-def _tie(tied: FloatArray, parts: Components, start: FloatArray | None, how: Floating) -> None:
+def _set_floating(
+    tied: FloatArray, parts: Components, start: FloatArray | None, how: Floating
+) -> None:
     """Give the floating parts of `tied` (R, C) the mean chosen by `how`."""
     if len(parts.floating) == 0:
         return
@@ -335,13 +317,13 @@ def _sums(values: FloatArray, labels: IntArray, where: BoolArray, count: int) ->
     return np.bincount(labels[where], weights=values[where], minlength=count).astype(np.float64)
 
 
-def _reason(linear: LinearSolution, settled: bool, options: SolverOptions) -> str:
+def _reason(linear: LinearSolution, converged: bool, options: SolverOptions) -> str:
     """Return in one clause why the solver stopped."""
     if not linear.converged:
         return (
             f"stopped after {linear.iterations} iterations with an estimated error of "
             f"{linear.error_bound_m:.2g} m, above the tolerance of {options.tolerance_m:.2g} m"
         )
-    if not settled:
+    if not converged:
         return f"the {options.loss} weights still changed after {options.max_reweights} rounds"
     return f"estimated error {linear.error_bound_m:.2g} m, below the tolerance"

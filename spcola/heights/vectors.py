@@ -12,15 +12,14 @@ from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.compilation import compiled, compiled_inline
 from spcola.heights.smoothing import LANES, add_products
 
+Parts = tuple[IntArray, IntArray]
+"""The part of each point (R, C), and the result of :func:`find_spans`."""
+
 
 @compiled
-def residual(  # noqa: PLR0913, PLR0917  flat arguments: numba knows no dataclasses
-    step_x: FloatArray,
-    step_y: FloatArray,
-    weight_x: FloatArray,
-    weight_y: FloatArray,
-    height: FloatArray,
-    weight: FloatArray,
+def residual(
+    edges: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    constraints: tuple[FloatArray, FloatArray],
     pulls: FloatArray,
     x: FloatArray,
     unit: float,
@@ -30,9 +29,12 @@ def residual(  # noqa: PLR0913, PLR0917  flat arguments: numba knows no dataclas
 ) -> None:
     """Residual of the normal equations over `unit` into the padded `out`.
 
-    Summed from misfits in double precision: exact also far from zero height. `pulls` is the
+    Summed from misfits in double precision: exact also far from zero height. `edges` are steps
+    along x and y and their weights, `constraints` heights and their weights; `pulls` is the
     contribution of the means: (R, C), or without elements if there are none.
     """
+    step_x, step_y, weight_x, weight_y = edges
+    height, weight = constraints
     rows, columns = x.shape
     along, forces = np.zeros(columns + 1), np.zeros(columns)
     above, below = np.zeros(columns), np.zeros(columns)
@@ -108,9 +110,9 @@ def step(
 def copy(p: FloatArray, z: FloatArray, first: int, last: int) -> None:
     """``p = z``: the first direction."""
     for i in range(first + 1, last + 1):
-        direction, answer = p[i], z[i]
+        direction, response = p[i], z[i]
         for j in range(len(direction)):
-            direction[j] = answer[j]
+            direction[j] = response[j]
 
 
 @compiled
@@ -118,9 +120,9 @@ def turn(p: FloatArray, z: FloatArray, beta: float, first: int, last: int) -> No
     """``p = z + β p``: the next direction."""
     factor = p.dtype.type(beta)
     for i in range(first + 1, last + 1):
-        direction, answer = p[i], z[i]
+        direction, response = p[i], z[i]
         for j in range(len(direction)):
-            direction[j] = answer[j] + factor * direction[j]
+            direction[j] = response[j] + factor * direction[j]
 
 
 @compiled
@@ -152,9 +154,8 @@ def find_spans(labels: IntArray, chosen: BoolArray) -> IntArray:
 
 @compiled
 def sum_parts(
-    labels: IntArray,
-    spans: IntArray,
-    parts: int,
+    parts: Parts,
+    count: int,
     r: FloatArray,
     ground: FloatArray,
     z: FloatArray,
@@ -162,26 +163,26 @@ def sum_parts(
     last: int,
 ) -> FloatArray:
     """Return the sum of ``r − ground z`` over each part (K,) within the spans of these rows."""
-    total = np.zeros(parts)
+    labels, spans = parts
+    total = np.zeros(count)
     for i in range(first, last):
-        label, row, weight, answer = labels[i], r[i + 1], ground[i + 1], z[i + 1]
+        label, row, weight, response = labels[i], r[i + 1], ground[i + 1], z[i + 1]
         before, run = -1, 0.0
         for j in range(spans[i, 0], spans[i, 1]):
             if label[j] != before:
                 if before >= 0:
                     total[before] += run
                 before, run = label[j], 0.0
-            run += row[j + 1] - weight[j + 1] * answer[j + 1]
+            run += row[j + 1] - weight[j + 1] * response[j + 1]
         if before >= 0:
             total[before] += run
     return total
 
 
 @compiled
-def lift_parts(
-    labels: IntArray, spans: IntArray, shift: FloatArray, z: FloatArray, first: int, last: int
-) -> None:
+def shift_parts(parts: Parts, shift: FloatArray, z: FloatArray, first: int, last: int) -> None:
     """Add the shift (K,) of each part to `z` within the spans of these rows."""
+    labels, spans = parts
     for i in range(first, last):
         label, row = labels[i], z[i + 1]
         for j in range(spans[i, 0], spans[i, 1]):
@@ -190,9 +191,8 @@ def lift_parts(
 
 
 @compiled
-def settle_parts(
-    labels: IntArray,
-    spans: IntArray,
+def balance_parts(
+    parts: Parts,
     shift: FloatArray,
     ground: FloatArray,
     x: FloatArray,
@@ -201,6 +201,7 @@ def settle_parts(
     last: int,
 ) -> None:
     """Add the shift (K,) of each part to `x`, and its effect to the residual `r`."""
+    labels, spans = parts
     for i in range(first, last):
         label, height, weight, row = labels[i], x[i], ground[i + 1], r[i + 1]
         for j in range(spans[i, 0], spans[i, 1]):

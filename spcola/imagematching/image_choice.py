@@ -81,7 +81,7 @@ def _information(grid: MapletGrid, image: SpcImage, options: ChoiceOptions) -> F
         return None
     if image.sun @ grid.uz < np.cos(options.most_incidence):
         return None
-    partials = partials_position(image.camera, image.axes, image.scobj, grid.center)
+    partials = partials_position(image, grid.center)
     if not np.isfinite(partials).all():
         return None
     # Extent of a pixel on the ground, grid steps: longest and shortest.
@@ -98,5 +98,4 @@ def _information(grid: MapletGrid, image: SpcImage, options: ChoiceOptions) -> F
         return None
     # Pixels finer than the grid's cells add no information.
     finer = max(1.0, 1.0 / extent[-1])
-    information: FloatArray = share * partials.T @ partials / finer**2
-    return information
+    return share * partials.T @ partials / finer**2

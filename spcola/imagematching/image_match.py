@@ -8,9 +8,10 @@ import numpy as np
 from scipy import ndimage
 
 from spcola.arrays import BoolArray, FloatArray
+from spcola.grids.correlation import independent_patches, shift_correlations
 from spcola.grids.gaps import carried_on
-from spcola.grids.statistics import independent_patches, robust_covariance, shift_correlations
-from spcola.math.robust import huber_scores, huber_solution, mad
+from spcola.grids.robust_covariance import huber_scores, robust_covariance
+from spcola.math.robust import huber_solution, mad
 from spcola.photometry import OrthoImage
 
 # Smallest number of independent differences: twice the parameters of a match.
@@ -18,8 +19,8 @@ _MIN_PATCHES = 12.0
 # Peaks of the correlation within so many cells count as one.
 _APART = 3.0
 # Largest distance of the fine match from the best whole cell, steps; beyond, it is another peak.
-_STRAYED = 3.0
-_SETTLED = 1e-3
+_FARTHEST = 3.0
+_CONVERGED = 1e-3
 _ROUNDING = 1e-9
 
 
@@ -132,10 +133,7 @@ def match_image(
 
 def _clear(mask: BoolArray) -> BoolArray:
     """Return `mask` (R, C) without the points next to one outside it."""
-    inside: BoolArray = ndimage.binary_erosion(
-        mask, np.ones((3, 3), dtype=np.bool_), border_value=1
-    )
-    return inside
+    return ndimage.binary_erosion(mask, np.ones((3, 3), dtype=np.bool_), border_value=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,8 +156,7 @@ def _flattened(layer: FloatArray, mask: BoolArray) -> FloatArray:
     rows, columns = np.indices(layer.shape)
     design = np.stack([np.ones(layer.shape), columns, rows], axis=-1) / layer.shape[0]
     plane = np.linalg.lstsq(design[mask], layer[mask], rcond=None)[0]
-    flat: FloatArray = layer - design @ plane
-    return flat
+    return layer - design @ plane
 
 
 def _best(
@@ -177,9 +174,9 @@ def _best(
     filled = np.where(np.isfinite(correlation), correlation, -1.0)
     peaks = np.argwhere(ndimage.maximum_filter(filled, size=5, mode="nearest") == filled)
     away = np.hypot(peaks[:, 0] - row, peaks[:, 1] - column)
-    rivals = filled[tuple(peaks[away > _APART].T)]
-    # At sub-cell resolution the best peak is higher than at its whole cell: its rivals are too.
-    if rivals.size and 1.0 - max(rivals.max(), 0.0) ** 2 < options.ambiguity * (1.0 - best**2):
+    others = filled[tuple(peaks[away > _APART].T)]
+    # At sub-cell resolution the best peak is higher than at its whole cell: the others are too.
+    if others.size and 1.0 - max(others.max(), 0.0) ** 2 < options.ambiguity * (1.0 - best**2):
         return nowhere, "shows two places alike"
     return start, ""
 
@@ -196,8 +193,8 @@ def _refined(name: str, pair: _Pair, start: FloatArray, options: ImageMatchOptio
         (x - size[1] / 2) / size[1],
         (y - size[0] / 2) / size[0],
     ]
-    shift, settled, iterations = start.copy(), False, 0
-    while not settled and iterations < options.max_iterations:
+    shift, converged, iterations = start.copy(), False, 0
+    while not converged and iterations < options.max_iterations:
         iterations += 1
         where = np.stack([y + shift[1], x + shift[0]])
         shown = ndimage.map_coordinates(
@@ -214,8 +211,8 @@ def _refined(name: str, pair: _Pair, start: FloatArray, options: ImageMatchOptio
             return _unmatched(name, "has no texture there")
         solution, _ = found
         shift = shift + np.clip(solution[:2], -1.0, 1.0)
-        settled = bool(np.max(np.abs(solution[:2])) < _SETTLED)
-    if not settled or float(np.hypot(*(shift - start))) > _STRAYED:
+        converged = bool(np.max(np.abs(solution[:2])) < _CONVERGED)
+    if not converged or float(np.hypot(*(shift - start))) > _FARTHEST:
         return _unmatched(name, "the match does not converge")
     return _judged(name, shift, (shown, design, compared), solution, options)
 

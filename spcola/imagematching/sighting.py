@@ -18,7 +18,8 @@ from spcola.control.estimation import (
 from spcola.errors import NotObservableError
 from spcola.grids import Maplet
 from spcola.imagematching.image_match import ImageMatch, ImageMatchOptions, match_image
-from spcola.photometry import PhotometricFunction, lunar_lambert, ortho_rectify, render, view_of
+from spcola.photometry import ortho_rectify, render_view, view_of
+from spcola.photometry.functions import PhotometricFunction, lunar_lambert
 from spcola.shape import RayCaster
 
 # Search radius of a match once the place is known, cells.
@@ -43,7 +44,7 @@ class SightOptions:
         Smallest correlation of ortho-image and rendering.
     rounds : int
         Most rounds of projecting the images onto the ground at its last solved place.
-    settled : float
+    tolerance_cells : float
         Rounds end when the place changes by less, grid steps.
     """
 
@@ -52,7 +53,7 @@ class SightOptions:
     psf_px: float = 0.0
     min_correlation: float = 0.5
     rounds: int = 4
-    settled: float = 0.02
+    tolerance_cells: float = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,11 +93,9 @@ class Sighting:
         return len(self.images)
 
     def scaled(self, match: float, position: float, pointing: float) -> Sighting:
-        """Return a copy with sigmas of matches, positions and pointing times these factors.
+        """Return a copy with the sigmas of its matches and states multiplied by factors.
 
-        Parameters
-        ----------
-        match, position, pointing : float
+        They are `match` of the places in images, `position` and `pointing` of the states.
         """
         by_position, by_pointing = by_position_and_pointing(self.states)
         states = position**2 * by_position + pointing**2 * by_pointing
@@ -124,15 +123,7 @@ class Sighting:
         )
 
     def of(self, keep: Sequence[int], left_out: Mapping[str, str]) -> Sighting:
-        """Return a copy with some of its images; the others are added to `left_out`.
-
-        Parameters
-        ----------
-        keep : sequence of int
-            Places of the images in this one.
-        left_out : mapping of str to str
-            Image to reason.
-        """
+        """Return a copy with the images at places `keep`; `left_out` are others, and why."""
         chosen = list(keep)
         return replace(
             self,
@@ -148,8 +139,7 @@ class Sighting:
     def spread_by(self, states: FloatArray, point: FloatArray) -> FloatArray:
         """Covariances (N, 2, 2), pixels², of a point's place due to `states` (N, 6, 6)."""
         rows = np.array([state_partials(image, point) for image in self.images])
-        spread: FloatArray = rows @ states @ np.swapaxes(rows, 1, 2)
-        return spread
+        return rows @ states @ np.swapaxes(rows, 1, 2)
 
 
 def find_ground(
@@ -195,7 +185,7 @@ def find_ground(
         if not len(found):
             return found
         before, place = place, found.solve(place).estimate
-        if float(np.linalg.norm(place - before)) < options.settled * ground.grid.gsd:
+        if float(np.linalg.norm(place - before)) < options.tolerance_cells * ground.grid.gsd:
             break
     return found
 
@@ -238,8 +228,7 @@ def _off(sighting: Sighting, solution: LandmarkSolution) -> FloatArray:
     variance = sighting.covariance + sighting.spread_by(sighting.states, place)
     residual = sighting.observed - seen
     weighed = np.linalg.solve(variance, residual[..., None])[..., 0]
-    off: FloatArray = np.sqrt(np.sum(weighed * residual, axis=1) / 2.0)
-    return off
+    return np.sqrt(np.sum(weighed * residual, axis=1) / 2.0)
 
 
 def _match(
@@ -251,7 +240,7 @@ def _match(
 ) -> tuple[ImageMatch, FloatArray]:
     """Match one image; return the match and the footprint (2, 2), pixels a grid step."""
     view = view_of(image, ground.grid, ground.height, beyond=beyond)
-    rendered = render(view, function=options.function, psf_px=options.psf_px)
+    rendered = render_view(view, function=options.function, psf_px=options.psf_px)
     matching = ImageMatchOptions(capture_cells=reach, min_correlation=options.min_correlation)
     return match_image(ortho_rectify(image, view), rendered, options=matching), view.footprint
 

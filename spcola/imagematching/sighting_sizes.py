@@ -82,12 +82,7 @@ def _case(sighting: Sighting) -> tuple[FloatArray, FloatArray]:
     """Residuals (K,) not absorbed by the place, and their covariances (3, K, K) by each factor."""
     solution = sighting.solve()
     place, count = solution.estimate, len(sighting)
-    partials = np.concatenate(
-        [
-            partials_position(image.camera, image.axes, image.scobj, place)
-            for image in sighting.images
-        ]
-    )
+    partials = np.concatenate([partials_position(image, place) for image in sighting.images])
     # An orthonormal basis of the complement of the three columns of the place.
     basis = np.linalg.qr(partials, mode="complete")[0][:, 3:]
     by_position, by_pointing = by_position_and_pointing(sighting.states)

@@ -46,20 +46,18 @@ class Affine:
 
     def apply(self, points: ArrayLike) -> FloatArray:
         """Map points (…, 3), metres, from the source frame to the target frame."""
-        mapped: FloatArray = np.asarray(points, dtype=np.float64) @ self.matrix.T + self.translation
-        return mapped
+        return np.asarray(points, dtype=np.float64) @ self.matrix.T + self.translation
 
     def turn(self, vectors: ArrayLike) -> FloatArray:
         """Map difference vectors (…, 3): the linear part without the translation."""
-        mapped: FloatArray = np.asarray(vectors, dtype=np.float64) @ self.matrix.T
-        return mapped
+        return np.asarray(vectors, dtype=np.float64) @ self.matrix.T
 
     def inverse(self) -> Affine:
         """Return the map from target to source."""
         inverse = np.linalg.inv(self.matrix)
         return Affine(inverse, -inverse @ self.translation, self.source, self.target)
 
-    def compose(self, first: Affine) -> Affine:
+    def __matmul__(self, first: Affine) -> Affine:
         """Return the map that applies `first` and then this one.
 
         Raises
@@ -74,9 +72,6 @@ class Affine:
             self.target,
             first.source,
         )
-
-    def __matmul__(self, first: Affine) -> Affine:
-        return self.compose(first)
 
     def nearest_similarity(self) -> Similarity:
         """Return the similarity whose rotation is the polar factor of the matrix.
@@ -150,8 +145,7 @@ class Similarity:
     @property
     def rotation_vector(self) -> FloatArray:
         """The rotation as axis times angle (3,), radians."""
-        vector: FloatArray = Rotation.from_matrix(self.rotation).as_rotvec()
-        return vector
+        return Rotation.from_matrix(self.rotation).as_rotvec()
 
     def apply(self, points: ArrayLike) -> FloatArray:
         """Map points (…, 3), metres, from the source frame to the target frame."""
@@ -160,8 +154,7 @@ class Similarity:
 
     def turn(self, directions: ArrayLike) -> FloatArray:
         """Rotate `directions` (…, 3): neither scaled nor translated."""
-        turned: FloatArray = np.asarray(directions, dtype=np.float64) @ self.rotation.T
-        return turned
+        return np.asarray(directions, dtype=np.float64) @ self.rotation.T
 
     def inverse(self) -> Similarity:
         """Return the map from target to source."""
@@ -174,7 +167,7 @@ class Similarity:
             self.target,
         )
 
-    def compose(self, first: Similarity) -> Similarity:
+    def __matmul__(self, first: Similarity) -> Similarity:
         """Return the map that applies `first` and then this one.
 
         Raises
@@ -191,22 +184,13 @@ class Similarity:
             first.source,
         )
 
-    def __matmul__(self, first: Similarity) -> Similarity:
-        return self.compose(first)
-
     def as_affine(self) -> Affine:
         """Return the same map as an :class:`Affine`."""
         return Affine(self.scale * self.rotation, self.translation, self.target, self.source)
 
 
 def check_frames_meet(second: Affine | Similarity, first: Affine | Similarity) -> None:
-    """Check that `first` ends in the frame in which `second` begins.
-
-    Raises
-    ------
-    FrameMismatchError
-        If it is not.
-    """
+    """Raise a FrameMismatchError unless `first` ends in the frame in which `second` begins."""
     if first.target != second.source:
         raise FrameMismatchError(
             f"{first.source} → {first.target} cannot be followed by "

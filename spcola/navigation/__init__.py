@@ -1,13 +1,11 @@
 """Time, spin of the body, trajectories and nominal states."""
 
 from spcola.navigation.nominal import NominalState
-from spcola.navigation.spin import DAYS_PER_CENTURY, SECONDS_PER_DAY, Spin, turned
+from spcola.navigation.spin import Spin
 from spcola.navigation.time import SPICE_LOCK, et_from_utc, et_from_utcs, utc_from_et
 from spcola.navigation.trajectory import Offset, Trajectory
 
 __all__ = [
-    "DAYS_PER_CENTURY",
-    "SECONDS_PER_DAY",
     "SPICE_LOCK",
     "NominalState",
     "Offset",
@@ -15,6 +13,5 @@ __all__ = [
     "Trajectory",
     "et_from_utc",
     "et_from_utcs",
-    "turned",
     "utc_from_et",
 ]

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from spcola.arrays import FloatArray
 from spcola.errors import InvalidValueError
 
-SECONDS_PER_DAY = 86400.0
-DAYS_PER_CENTURY = 36525.0
+_SECONDS_PER_DAY = 86400.0
+_DAYS_PER_CENTURY = 36525.0
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,9 @@ class Spin:
 
     def rate(self, time: float) -> float:
         """Return the rate of rotation at ephemeris time, s: radians per second."""
-        days = time / SECONDS_PER_DAY
+        days = time / _SECONDS_PER_DAY
         per_day = self.rate_deg_per_day + 2.0 * self.quadratic_deg_per_day2 * days
-        return float(np.radians(per_day) / SECONDS_PER_DAY)
+        return float(np.radians(per_day) / _SECONDS_PER_DAY)
 
     def axes(self, times: ArrayLike) -> FloatArray:
         """Return the body-fixed axes (N, 3, 3) in J2000 at ephemeris times (N,), s.
@@ -67,8 +67,8 @@ class Spin:
         Rows are X, Y, Z: the matrix takes J2000 to body-fixed coordinates,
         ``R_z(W) R_x(90° − δ) R_z(90° + α)`` (Archinal et al., IAU working group report).
         """
-        days = np.asarray(times, dtype=np.float64) / SECONDS_PER_DAY
-        centuries = days / DAYS_PER_CENTURY
+        days = np.asarray(times, dtype=np.float64) / _SECONDS_PER_DAY
+        centuries = days / _DAYS_PER_CENTURY
         angles = np.empty((len(days), 3))
         # Reduced in degrees first: radians of years of rotation would lose digits.
         turned = (self.rate_deg_per_day * days) % 360.0 + self.quadratic_deg_per_day2 * days**2
@@ -80,24 +80,21 @@ class Spin:
         return np.swapaxes(frames, 1, 2)
 
     def change_to(self, corrected: Spin, times: ArrayLike) -> FloatArray:
-        """Return rotation vectors (N, 3), radians: body-fixed coordinates by `self` to `corrected`.
+        """Return rotation vectors (N, 3), radians, from body-fixed coordinates to `corrected` ones.
+
+        They belong to ephemeris times (`times`, (N,), s).
 
         A corrected meridian turns about Z; a corrected pole about an axis in the equator that
         rotates with the spin, since the pole is corrected in inertial space.
-
-        Parameters
-        ----------
-        corrected : Spin
-        times : (N,) array_like
-            Ephemeris times, s.
         """
         matrices = corrected.axes(times) @ np.swapaxes(self.axes(times), 1, 2)
-        vectors: FloatArray = Rotation.from_matrix(matrices).as_rotvec()
-        return vectors
+        return Rotation.from_matrix(matrices).as_rotvec()
 
+    def moved(self, points: FloatArray, corrected: Spin, times: ArrayLike) -> FloatArray:
+        """Return body-fixed points (N, 3), located with this spin, as located with `corrected`.
 
-def turned(vectors: FloatArray, points: FloatArray) -> FloatArray:
-    """Turn points (N, 3) by rotation vectors (N, 3), radians, about the origin."""
-    # Rotation.apply refuses read-only arrays, such as those of value objects.
-    result: FloatArray = np.einsum("nij,nj->ni", Rotation.from_rotvec(vectors).as_matrix(), points)
-    return result
+        Each point belongs to one of the ephemeris times (N,), s.
+        """
+        change = Rotation.from_rotvec(self.change_to(corrected, times)).as_matrix()
+        # Rotation.apply refuses read-only arrays, such as those of value objects.
+        return np.einsum("nij,nj->ni", change, points)

@@ -17,11 +17,7 @@ SPICE_LOCK = threading.RLock()
 
 
 def et_from_utc(utc: str) -> float:
-    """Return ephemeris time (s) of a UTC string in any form that SPICE's ``str2et`` reads.
-
-    Parameters
-    ----------
-    utc : str
+    """Return ephemeris time (s) of `utc`, a text in any form that SPICE's ``str2et`` reads.
 
     Raises
     ------
@@ -32,12 +28,7 @@ def et_from_utc(utc: str) -> float:
 
 
 def et_from_utcs(utcs: Sequence[str]) -> FloatArray:
-    """Return ephemeris times (N,), s, of UTC strings.
-
-    Parameters
-    ----------
-    utcs : sequence of str
-        N of them.
+    """Return ephemeris times (N,), s, of N texts `utcs`.
 
     Raises
     ------
@@ -56,14 +47,9 @@ def et_from_utcs(utcs: Sequence[str]) -> FloatArray:
 
 
 def utc_from_et(et: float, digits: int = 3) -> str:
-    """Return UTC (calendar form, ``2015 APR 14 16:26:27.974``) of ephemeris time, s.
+    """Return UTC (calendar form, ``2015 APR 14 16:26:27.974``) of ephemeris time `et`, s.
 
-    Parameters
-    ----------
-    et : float
-        TDB seconds past J2000.
-    digits : int
-        Decimals of the seconds.
+    `digits` are the decimals of the seconds.
     """
     with SPICE_LOCK:
         _need_leap_seconds()

@@ -63,13 +63,7 @@ class Trajectory:
 
     @classmethod
     def from_images(cls, images: Sequence[SpcImage], *, name: str = "spc") -> Trajectory:
-        """Build from the solved states of images, in any order.
-
-        Parameters
-        ----------
-        images : sequence of SpcImage
-        name : str
-            Of the trajectory.
+        """Build one with a `name` from the solved states of `images`, in any order.
 
         Raises
         ------
@@ -105,12 +99,10 @@ class Trajectory:
             Largest gap between two positions that is interpolated, seconds.
         """
         wanted = np.asarray(times, dtype=np.float64)
-        low, share = bracket(self.time, wanted)
-        high = np.minimum(low + 1, len(self.time) - 1)
+        low, high, share = bracket(self.time, wanted)
         inside = (wanted >= self.time[0]) & (wanted <= self.time[-1])
         short = self.time[high] - self.time[low] <= max_gap_s
-        covered: BoolArray = inside & (short | (share == 0) | (share == 1))
-        return covered
+        return inside & (short | (share == 0) | (share == 1))
 
     def at(self, times: ArrayLike, *, max_gap_s: float = np.inf) -> FloatArray:
         """Return positions (N, 3), metres, at times (N,); NaN where not covered.
@@ -189,8 +181,7 @@ class Offset:
         track = self.differences
         wanted = np.asarray(times, dtype=np.float64)
         covered = np.flatnonzero(track.covers(wanted))
-        low, share = bracket(track.time, wanted[covered])
-        high = np.minimum(low + 1, len(track) - 1)
+        low, high, share = bracket(track.time, wanted[covered])
         weights = np.concatenate([1.0 - share, share])
         places = (np.tile(covered, 2), np.concatenate([low, high]))
         return csr_array((weights, places), shape=(len(wanted), len(track)))
@@ -201,21 +192,18 @@ class Offset:
         if len(self.differences) < 2:
             return np.full(3, np.nan)
         steps = np.diff(self.differences.position, axis=0)
-        rate: FloatArray = np.mean(steps**2 / np.diff(self.differences.time)[:, None], axis=0)
-        return rate
+        return np.mean(steps**2 / np.diff(self.differences.time)[:, None], axis=0)
 
 
-def bracket(time: FloatArray, wanted: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return the index (M,) of the time before each wanted one, and the share of the interval."""
+def bracket(time: FloatArray, wanted: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return the indices (M,) of the times around each wanted one, and its share of the step."""
     low = np.clip(np.searchsorted(time, wanted, side="right") - 1, 0, max(len(time) - 2, 0))
     high = np.minimum(low + 1, len(time) - 1)
     step = np.where(high > low, time[high] - time[low], 1.0)
-    return low, np.clip((wanted - time[low]) / step, 0.0, 1.0)
+    return low, high, np.clip((wanted - time[low]) / step, 0.0, 1.0)
 
 
 def straight_lines(time: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
     """Interpolate values (N, 3) linearly at wanted times (M,): (M, 3)."""
-    low, share = bracket(time, wanted)
-    high = np.minimum(low + 1, len(time) - 1)
-    line: FloatArray = values[low] + share[:, None] * (values[high] - values[low])
-    return line
+    low, high, share = bracket(time, wanted)
+    return values[low] + share[:, None] * (values[high] - values[low])

@@ -15,6 +15,8 @@ import numpy as np
 from spcola.arrays import FloatArray
 from spcola.errors import SettingsError
 
+__all__ = ["PhotometricFunction", "lunar_lambert", "photometric_function"]
+
 PhotometricFunction = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 # McEwen (1996, LPSC XXVII, 841) for the Moon: L = 1 + A α + B α² + C α³, α in degrees.
@@ -60,8 +62,7 @@ def lunar_weight(phase: FloatArray) -> FloatArray:
     """
     degrees = np.degrees(phase)
     a, b, c = _MCEWEN_PER_DEG
-    weight: FloatArray = np.clip(1.0 + degrees * (a + degrees * (b + degrees * c)), 0.0, 1.0)
-    return weight
+    return np.clip(1.0 + degrees * (a + degrees * (b + degrees * c)), 0.0, 1.0)
 
 
 PHOTOMETRIC_FUNCTIONS: dict[str, PhotometricFunction] = {

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spcola.arrays import FloatArray
+from spcola.arrays import FloatArray, check_shape
 from spcola.camera import SpcImage
-from spcola.grids import MapletGrid, check_layer
-from spcola.heights import slopes_of
+from spcola.grids import MapletGrid
+from spcola.heights.slopes import slopes_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Ground:
     @classmethod
     def of(cls, grid: MapletGrid, height: FloatArray) -> Ground:
         """Return the ground of heights (R, C), metres, on `grid`."""
-        check_layer(height, grid, "height")
+        check_shape(height, grid.shape, "height")
         return cls(grid, height, grid.points(height), *slopes_of(height, grid.gsd))
 
     def pixel(self, image: SpcImage) -> float:
@@ -46,14 +46,12 @@ class Ground:
 
     def sun(self, image: SpcImage) -> FloatArray:
         """Direction of the Sun (3,)."""
-        direction: FloatArray = self.grid.axes @ image.sun
-        return direction
+        return self.grid.axes @ image.sun
 
     def eye(self, image: SpcImage) -> FloatArray:
         """Unit vectors (R, C, 3) to the camera."""
         away = (image.position - self.points) @ self.grid.axes.T
-        unit: FloatArray = away / np.linalg.norm(away, axis=-1, keepdims=True)
-        return unit
+        return away / np.linalg.norm(away, axis=-1, keepdims=True)
 
     def cosine(self, direction: FloatArray) -> FloatArray:
         """Cosine (R, C) between the normals and a direction (…, 3) [19]."""

@@ -135,7 +135,7 @@ def footprint_of(image: SpcImage, grid: MapletGrid) -> FloatArray:
     InvalidValueError
         If its centre is behind the camera.
     """
-    partials = partials_position(image.camera, image.axes, image.scobj, grid.center)
+    partials = partials_position(image, grid.center)
     footprint: FloatArray = grid.gsd * partials @ grid.axes[:2].T
     if not np.isfinite(footprint).all():
         raise InvalidValueError("lies behind the camera", f"grid in {image.name}")
@@ -163,14 +163,7 @@ def _stop(reached: BoolArray, beyond: RayCaster, ground: Ground, direction: Floa
 
 
 def ortho_rectify(image: SpcImage, view: View) -> OrthoImage:
-    """Return the image resampled to the grid of a view.
-
-    Parameters
-    ----------
-    image : SpcImage
-        With pixels.
-    view : View
-        Of this image.
+    """Return an `image` with pixels, resampled to the grid of its `view`.
 
     Raises
     ------
@@ -192,17 +185,10 @@ def ortho_rectify(image: SpcImage, view: View) -> OrthoImage:
 
 
 def resampled(pixels: AnyArray, place: FloatArray, footprint: FloatArray) -> FloatArray:
-    """Return the brightness (N,) of cells at places of an image.
+    """Return the brightness (N,) of cells at the `place` (2, N) of each in `pixels`.
 
     Cells that are larger than pixels are means of samples a pixel apart; else a cubic spline.
-
-    Parameters
-    ----------
-    pixels : (H, W) ndarray
-    place : (2, N) ndarray
-        Rows and columns, from 0.
-    footprint : (2, 2) ndarray
-        ∂(pixel, line)/∂(x, y) of a cell, as in :class:`View`.
+    Places are rows and columns from 0; `footprint` is that of a :class:`View`.
     """
     low = np.maximum(np.floor(place.min(axis=1)).astype(int) - _MARGIN, 0)
     high = np.ceil(place.max(axis=1)).astype(int) + _MARGIN + 1

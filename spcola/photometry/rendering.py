@@ -15,7 +15,7 @@ from spcola.photometry.ortho_image import View, resampled
 _UNFILLED = 0.25
 
 
-def render(
+def render_view(
     view: View,
     *,
     function: PhotometricFunction = lunar_lambert,

@@ -126,8 +126,7 @@ def _well_exposed(ground: Ground, image: SpcImage) -> BoolArray:
     )
     brightness = image.pixels[np.minimum(rows, height - 1), np.minimum(columns, width - 1)]
     low, high = image.thresholds
-    exposed: BoolArray = inside & (brightness > low) & (brightness < high)
-    return exposed
+    return inside & (brightness > low) & (brightness < high)
 
 
 def _add_image(

@@ -59,8 +59,7 @@ class Mesh:
         """Outward normals of the facets times their areas (F, 3), square metres."""
         # Not from `corners`, which would stay in memory.
         a, b, c = (self.vertices[self.facets[:, corner]] for corner in range(3))
-        vectors: FloatArray = np.cross(b - a, c - a) / 2.0
-        return vectors
+        return np.cross(b - a, c - a) / 2.0
 
     @cached_property
     def normals(self) -> FloatArray:

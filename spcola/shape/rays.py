@@ -133,8 +133,7 @@ class RayCaster:
         away = there - np.asarray(origins, dtype=np.float64)
         length = np.linalg.norm(away, axis=-1)
         hits = self.cast(np.broadcast_to(origins, away.shape), away)
-        blocked: BoolArray = (hits.distance < length - tolerance) | ~np.isfinite(length)
-        return blocked
+        return (hits.distance < length - tolerance) | ~np.isfinite(length)
 
     def closest(self, points: ArrayLike) -> ClosestPoints:
         """Return the points of the mesh that are closest to `points` (N, 3), metres.

@@ -51,12 +51,11 @@ class Segment:
         if not len(self.gaps):
             return np.zeros(len(times), dtype=bool)
         place = np.maximum(np.searchsorted(self.gaps[:, 0], times) - 1, 0)
-        within: BoolArray = (times > self.gaps[place, 0]) & (times < self.gaps[place, 1])
-        return within
+        return (times > self.gaps[place, 0]) & (times < self.gaps[place, 1])
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class QuantityCoverage:
     """Segments with the same quantity, in the order in which SPICE searches them.
 
     Parameters
@@ -84,29 +83,30 @@ class Track:
 
 
 @dataclass(frozen=True, eq=False)
-class Coverage:
+class KernelCoverage:
     """Times at which several quantities are known together.
 
     Parameters
     ----------
-    tracks : tuple of Track
-        One for each quantity.
+    quantities : tuple of QuantityCoverage
     """
 
-    tracks: tuple[Track, ...]
+    quantities: tuple[QuantityCoverage, ...]
+
+    def __and__(self, other: KernelCoverage) -> KernelCoverage:
+        return KernelCoverage(self.quantities + other.quantities)
 
     def covers(self, times: ArrayLike) -> BoolArray:
         """Return at which ephemeris times (N,), s, all of them are known."""
         wanted = np.asarray(times, dtype=np.float64)
-        known: BoolArray = np.all(
-            [np.ones(len(wanted), dtype=bool), *(track.covers(wanted) for track in self.tracks)],
+        return np.all(
+            [np.ones(len(wanted), dtype=bool), *(one.covers(wanted) for one in self.quantities)],
             axis=0,
         )
-        return known
 
     def windows(self) -> FloatArray:
         """Return the intervals (K, 2), s, over which all are known, in order; or single states."""
-        marks = np.unique(np.concatenate([np.empty(0), *(t.marks() for t in self.tracks)]))
+        marks = np.unique(np.concatenate([np.empty(0), *(one.marks() for one in self.quantities)]))
         if not len(marks):
             return np.empty((0, 2))
         at, between = self.covers(marks), self.covers((marks[:-1] + marks[1:]) / 2.0)
@@ -116,7 +116,7 @@ class Coverage:
         return np.column_stack([begins, marks[alone | (left & ~(right & at))]])
 
 
-def position_track(target: int, max_gap_s: float) -> Track:
+def position_coverage(target: int, max_gap_s: float) -> QuantityCoverage:
     """Return when the loaded SPKs give the position of an object, by its NAIF number.
 
     States further apart than `max_gap_s`, seconds, are not interpolated between (types 5, 8, 9, 12,
@@ -127,17 +127,19 @@ def position_track(target: int, max_gap_s: float) -> Track:
         if integers[0] == target:
             epochs = segment_epochs(handle, integers)
             found.append(Segment(*ends, _gaps(epochs, max_gap_s)))
-    return Track(tuple(found))
+    return QuantityCoverage(tuple(found))
 
 
-def pointing_tracks(frame: str, max_gap_s: float, tolerance_s: float) -> tuple[Track, ...]:
-    """Return when the loaded CKs give the attitude of a frame: one track for each rotation.
+def pointing_coverages(
+    frame: str, max_gap_s: float, tolerance_s: float
+) -> tuple[QuantityCoverage, ...]:
+    """Return when the loaded CKs give the attitude of a frame: one item for each rotation.
 
     Attitudes further apart than `max_gap_s`, seconds, are not interpolated between (type 3); other
     types cover their whole span, as far as SPICE finds attitudes there. A time within
     `tolerance_s`, seconds, of a covered one counts as covered.
     """
-    tracks = []
+    found = []
     number = spiceypy.namfrm(frame)
     while number:
         _, kind, class_number = spiceypy.frinfo(number)
@@ -145,10 +147,10 @@ def pointing_tracks(frame: str, max_gap_s: float, tolerance_s: float) -> tuple[T
             _, number = spiceypy.tkfram(class_number)
         elif kind == _CK_FRAME:
             segments, number = _attitudes(class_number, max_gap_s, tolerance_s)
-            tracks.append(Track(segments))
+            found.append(QuantityCoverage(segments))
         else:
             number = 0
-    return tuple(tracks)
+    return tuple(found)
 
 
 def segment_epochs(handle: int, integers: tuple[int, ...]) -> FloatArray:
@@ -243,13 +245,7 @@ def segments_of(handle: int) -> Iterator[_Found]:
 
 
 def _count(number: float, each: int, begin: int, end: int) -> int:
-    """Return the number of items that a segment states, of `each` numbers.
-
-    Raises
-    ------
-    KernelError
-        If they do not fit between its first and last address.
-    """
+    """Return the `number` of items in a segment; a KernelError if they do not fit in it."""
     if not 1 <= number * each <= end - begin + 1:
         raise KernelError(
             f"a segment of {end - begin + 1} numbers states {number:g} states or attitudes",

@@ -83,13 +83,7 @@ def daf_segments(path: str | Path) -> list[DafSegment]:
 
 
 def check_daf(path: str | Path) -> None:
-    """Refuse a binary DAF whose summaries, or discrete states, SPICE could not follow safely.
-
-    Raises
-    ------
-    KernelError
-        As :func:`daf_segments` and :func:`state_epochs`.
-    """
+    """Raise a KernelError if SPICE could not safely follow summaries or states of a binary DAF."""
     spk = read_bytes(path, most=8) == b"DAF/SPK "
     for segment in daf_segments(path):
         if spk and segment.integers[3] in DISCRETE_TYPES:

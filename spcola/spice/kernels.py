@@ -17,17 +17,15 @@ from numpy.typing import ArrayLike
 
 from spcola.arrays import FloatArray
 from spcola.errors import KernelError
-from spcola.navigation import SPICE_LOCK, Trajectory
+from spcola.navigation import SPICE_LOCK
 from spcola.spice.coverage_windows import (
-    Coverage,
-    Track,
-    pointing_tracks,
-    position_track,
-    segment_epochs,
-    segments_of,
+    KernelCoverage,
+    QuantityCoverage,
+    pointing_coverages,
+    position_coverage,
 )
 from spcola.spice.daf import check_daf, is_daf
-from spcola.spice.rotation_check import KernelUse, settle_rotation
+from spcola.spice.rotation_check import KernelUse, resolve_rotation
 from spcola.spice.text_kernel import expand_meta_kernels
 from spcola.spice.transfer import convert_transfer, is_transfer
 
@@ -76,7 +74,7 @@ class KernelSet:
     ) -> None:
         given = [paths] if isinstance(paths, (str, Path)) else list(paths)
         expanded = expand_meta_kernels([Path(path) for path in given])
-        self.paths, self._dropped = settle_rotation(expanded, prime_meridian, use)
+        self.paths, self._dropped = resolve_rotation(expanded, prime_meridian, use)
 
     @contextmanager
     def load(self) -> Iterator[None]:
@@ -104,53 +102,6 @@ class KernelSet:
                 _give_back(loaded, before)
 
 
-def body_fixed_trajectory(
-    name: str, spacecraft: str | int, body: int, times: ArrayLike
-) -> Trajectory:
-    """Return the spacecraft's geometric positions, body-fixed, at ephemeris times (N,), s.
-
-    To be called inside ``KernelSet.load()``. The body's rotation is that of the loaded PCK
-    (SPICE's ``tipbod``), so no frame kernel is needed.
-
-    Raises
-    ------
-    KernelError
-        If the kernels do not cover a time or do not give the body's rotation.
-    """
-    wanted = np.asarray(times, dtype=np.float64)
-    positions = np.empty((len(wanted), 3))
-    with SPICE_LOCK, _kernel_errors(f"position of {spacecraft} at {body}"):
-        for index, et in enumerate(wanted):
-            inertial, _ = spiceypy.spkpos(str(spacecraft), et, "J2000", "NONE", str(body))
-            positions[index] = spiceypy.tipbod("J2000", body, et) @ inertial
-    return Trajectory(name, wanted, M_PER_KM * positions)
-
-
-def body_fixed_axes(
-    frame: str, body: int, times: ArrayLike, *, tolerance_s: float = POINTING_TOLERANCE_S
-) -> FloatArray:
-    """Return the axes (N, 3, 3) of a spacecraft or instrument frame at ephemeris times (N,), s.
-
-    Rows are the frame's x, y, z as unit vectors, body-fixed. To be called inside
-    ``KernelSet.load()``. A CK made from images ends at its first and last image by the clock
-    kernel of its day (0.12 s off by a later one, as in real files): where it does not cover a time,
-    the nearest time within `tolerance_s`, seconds, is used. The error is at most the spacecraft's
-    rate of rotation times the tolerance.
-
-    Raises
-    ------
-    KernelError
-        If the kernels do not give the frame or the body's rotation at a time.
-    """
-    wanted = np.asarray(times, dtype=np.float64)
-    axes = np.empty((len(wanted), 3, 3))
-    with SPICE_LOCK, _kernel_errors(f"pointing of {frame}"):
-        for index, et in enumerate(wanted):
-            to_inertial = _rotation_near(frame, et, tolerance_s)
-            axes[index] = (spiceypy.tipbod("J2000", body, et) @ to_inertial).T
-    return axes
-
-
 def body_fixed_states(
     spacecraft: str | int,
     body: int,
@@ -159,16 +110,20 @@ def body_fixed_states(
     frame: str = "",
     tolerance_s: float = POINTING_TOLERANCE_S,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return positions (N, 3), m, and a frame's axes (N, 3, 3), as far as kernels cover the times.
+    """Return body-fixed positions (N, 3), m, and axes (N, 3, 3) of a frame, at ephemeris times.
 
-    What :func:`body_fixed_trajectory` and :func:`body_fixed_axes` return, with NaN at ephemeris
-    times (N,), s, that the kernels do not cover; axes are those of the body without a `frame`,
-    and positions are NaN without a `spacecraft`. To be called inside ``KernelSet.load()``.
+    Positions are geometric; rows of the axes are the frame's x, y, z. NaN at times that the kernels
+    do not cover. The body's rotation is that of the loaded PCK (SPICE's ``tipbod``), so no frame
+    kernel is needed. To be called inside ``KernelSet.load()``.
+
+    A CK made from images ends at its first and last image by the clock kernel of its day (0.12 s
+    off by a later one, as in real files): where it does not cover a time, the nearest time within
+    `tolerance_s` is used. The error is at most the spacecraft's rate of rotation times that.
 
     Parameters
     ----------
     spacecraft : str or int
-        Name or NAIF number; empty for axes alone.
+        Name or NAIF number; empty for axes alone, with NaN as positions.
     body : int
         NAIF number.
     times : (N,) array_like
@@ -206,11 +161,11 @@ def coverage(
     frame: str = "",
     max_gap_s: float = np.inf,
     tolerance_s: float = POINTING_TOLERANCE_S,
-) -> Coverage:
+) -> KernelCoverage:
     """Return when the loaded kernels give the position of a spacecraft and pointing of a frame.
 
     To be called inside ``KernelSet.load()``. States and attitudes further apart than `max_gap_s`,
-    seconds, are not interpolated between; see :func:`spcola.spice.coverage_windows.position_track`.
+    seconds, are not interpolated between; see :mod:`spcola.spice.coverage_windows`.
 
     Parameters
     ----------
@@ -226,7 +181,7 @@ def coverage(
     KernelError
         If a name is unknown, or a kernel cannot be read.
     """
-    tracks: tuple[Track, ...] = ()
+    quantities: tuple[QuantityCoverage, ...] = ()
     where = f"coverage of {spacecraft or frame}"
     with SPICE_LOCK, _kernel_errors(where):
         if spacecraft:
@@ -236,10 +191,10 @@ def coverage(
                 raise KernelError(
                     "is a name unknown to SPICE and the kernels", str(spacecraft), "give its number"
                 ) from None
-            tracks = (position_track(target, max_gap_s),)
+            quantities = (position_coverage(target, max_gap_s),)
         if frame:
-            tracks += pointing_tracks(frame, max_gap_s, tolerance_s)
-    return Coverage(tracks)
+            quantities += pointing_coverages(frame, max_gap_s, tolerance_s)
+    return KernelCoverage(quantities)
 
 
 def _rotation_near(frame: str, et: float, tolerance_s: float) -> FloatArray:
@@ -272,32 +227,6 @@ def _rotation_aside(frame: str, et: float, by: float) -> FloatArray | None:
         except spiceypy.utils.exceptions.SpiceNOFRAMECONNECT:
             continue
     return None
-
-
-def state_times(path: str | Path) -> FloatArray:
-    """Return the times (N,), s, of the discrete states in an SPK file.
-
-    An SPK made from images (types 9 and 13: Lagrange or Hermite on unequal steps) has one state
-    per image; its times are the image times. Types without states are left out.
-
-    Raises
-    ------
-    KernelError
-        If the file is no SPK or has no such segment.
-    """
-    times: list[FloatArray] = []
-    # CSPICE trusts the addresses in a damaged file, and crashes.
-    check_daf(Path(path))
-    with SPICE_LOCK, _kernel_errors(path):
-        handle = spiceypy.dafopr(str(path))
-        try:
-            times = [segment_epochs(handle, integers) for _, _, integers in segments_of(handle)]
-        finally:
-            spiceypy.dafcls(handle)
-    found = np.unique(np.concatenate([np.empty(0), *times]))
-    if not len(found):
-        raise KernelError("holds no discrete states", path, "state the times")
-    return found
 
 
 def _ready(path: Path, target: Path) -> Path:

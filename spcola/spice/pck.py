@@ -50,6 +50,10 @@ class Orientation:
         heads = {"POLE_RA", "POLE_DEC", "PM"}
         return tuple(sorted({int(body[4:]) for body, item in names if item in heads}))
 
+    def get(self, body: int, item: str) -> Values:
+        """Return a constant of a body, such as ``PM``; empty if it is not stated."""
+        return self.constants.get(constant(body, item), ())
+
     def stated(self, body: int) -> dict[str, Values]:
         """Return all that the kernel states for a body; a constant that it leaves zero is empty.
 
@@ -83,11 +87,7 @@ class Orientation:
 
 
 def orientation_of(path: Path) -> Orientation:
-    """Return the orientations in a kernel; none for any other than a text kernel.
-
-    Parameters
-    ----------
-    path : Path
+    """Return the orientations in the kernel at `path`; none for any other than a text kernel.
 
     Raises
     ------
@@ -104,14 +104,9 @@ def orientation_of(path: Path) -> Orientation:
 
 
 def constant(body: int, item: str) -> str:
-    """Return SPICE's name of a constant; angles, frame and epoch belong to the barycentre.
+    """Return SPICE's name of an `item`, such as ``POLE_RA``, of a `body` (NAIF number).
 
-    Parameters
-    ----------
-    body : int
-        NAIF number.
-    item : str
-        Such as ``POLE_RA``.
+    Angles, frame and epoch belong to the barycentre.
     """
     number = barycenter(body) if item in _OF_BARYCENTER else body
     return f"BODY{number}_{item}"

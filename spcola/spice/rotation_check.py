@@ -16,14 +16,14 @@ from scipy.spatial.transform import Rotation
 
 from spcola.arrays import FloatArray
 from spcola.errors import KernelError
-from spcola.navigation import DAYS_PER_CENTURY, SECONDS_PER_DAY, SPICE_LOCK, utc_from_et
+from spcola.navigation import SPICE_LOCK, utc_from_et
 from spcola.spice.pck import Orientation, Values, constant, orientation_of
 
 AGREEMENT_DEG = 1e-6
 """Rotations with smaller differences over the times of use count as equal: 5 µm on Bennu."""
 
-# Times of use if unknown: within half a century of J2000.
-_TIMES = np.linspace(-0.5, 0.5, 41) * DAYS_PER_CENTURY * SECONDS_PER_DAY
+# Times of use if unknown: within half a Julian century (36525 days of 86400 s) of J2000.
+_TIMES = np.linspace(-0.5, 0.5, 41) * 36525.0 * 86400.0
 # Constants are tested on a body of this number, which no kernel has.
 _SPARE = 9_999_999
 _M_PER_KM = 1000.0
@@ -51,7 +51,7 @@ class KernelUse:
     setting: str = "prime_meridian"
 
 
-def settle_rotation(
+def resolve_rotation(
     paths: Sequence[Path], choice: str | Path | None, use: KernelUse | None
 ) -> tuple[list[Path], tuple[str, ...]]:
     """Return kernels in loading order, the chosen one last, and constants to be removed then.
@@ -85,9 +85,9 @@ def settle_rotation(
         every = [one for one in every if one is not chosen] + [chosen]
     dropped: set[str] = set()
     for body in bodies:
-        settled = chosen.stated(body) if chosen else {}
-        dropped |= {name for name, values in settled.items() if not values}
-        _refuse_disagreement(body, every, settled, use)
+        resolved = chosen.stated(body) if chosen else {}
+        dropped |= {name for name, values in resolved.items() if not values}
+        _refuse_disagreement(body, every, resolved, use)
     return order, tuple(sorted(dropped))
 
 
@@ -105,7 +105,7 @@ def _chosen(stating: list[Orientation], choice: str | Path, setting: str) -> Ori
 
 
 def _refuse_disagreement(
-    body: int, every: list[Orientation], settled: Mapping[str, Values], use: KernelUse | None
+    body: int, every: list[Orientation], resolved: Mapping[str, Values], use: KernelUse | None
 ) -> None:
     """Refuse kernels whose rotation of a body differs from that of all of them together."""
     stated = [(one, one.stated(body)) for one in every]
@@ -115,9 +115,9 @@ def _refuse_disagreement(
         written = {name: values for name, values in constants.items() if values}
         pool |= written
         source |= dict.fromkeys(written, one.path)
-    pool |= settled
+    pool |= resolved
     for one, constants in stated:
-        own = {name: values for name, values in constants.items() if name not in settled}
+        own = {name: values for name, values in constants.items() if name not in resolved}
         differing = [name for name, values in own.items() if not _same(values, pool.get(name, ()))]
         if not differing:
             continue

@@ -23,16 +23,11 @@ _STRING = re.compile(r"'((?:[^']|'')*)'")
 
 
 def expand_meta_kernels(paths: list[Path], *, within: tuple[Path, ...] = ()) -> list[Path]:
-    """Return kernels with every meta-kernel replaced by its list, in loading order.
+    """Return the kernels at `paths`, every meta-kernel replaced by its list, in loading order.
 
     Paths inside a meta-kernel are taken from its own folder first, so that it can be used from
-    anywhere, then from the current one as SPICE does.
+    anywhere, then from the current one as SPICE does. `within` are the meta-kernels that list them.
 
-    Parameters
-    ----------
-    paths : list of Path
-    within : tuple of Path
-        The meta-kernels that list them.
 
     Raises
     ------
@@ -87,13 +82,7 @@ def kernels_of(path: Path) -> list[Path] | None:
 
 
 def assignments(path: Path) -> Iterator[tuple[str, str, str]]:
-    """Yield names, operators (``=`` or ``+=``) and right-hand sides of a text kernel, in order.
-
-    Raises
-    ------
-    KernelError
-        If the file cannot be read.
-    """
+    """Yield names, operators (``=`` or ``+=``) and right-hand sides of a text kernel, in order."""
     try:
         text = path.read_text(encoding="latin-1")
     except OSError as error:

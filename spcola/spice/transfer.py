@@ -82,11 +82,7 @@ def convert_transfer(source: str | Path, target: str | Path) -> None:
 
 
 def read_transfer(path: str | Path) -> Daf:
-    """Read a DAF transfer file.
-
-    Parameters
-    ----------
-    path : str or Path
+    """Read the DAF transfer file at `path`.
 
     Raises
     ------
@@ -142,13 +138,7 @@ def encode_daf(daf: Daf) -> bytes:
 
 
 def decode_double(text: str) -> float:
-    """Return the number encoded as ``mantissa^exponent``: hexadecimal, 0.mantissa × 16^exp.
-
-    Raises
-    ------
-    ValueError
-        If the text is not of that form.
-    """
+    """Return the number encoded as ``mantissa^exponent``: hexadecimal, 0.mantissa × 16^exp."""
     if not _DOUBLE.fullmatch(text):
         raise ValueError(f"{text!r} is no encoded number")
     mantissa, exponent = text.split("^")

@@ -19,9 +19,9 @@ def fused_bigmap(bigmap: Maplet, maplets: Iterable[FusedMaplet]) -> FusedMaplet:
     """Give each point of `bigmap` its source and its count of lidar returns.
 
     Each fused maplet is sampled at its grid point nearest to the bigmap's, at most half a cell off
-    along either axis. A point rests on images if it does in one maplet, on lidar if it does in
-    one, and is filled otherwise. Overlapping maplets count the same returns, so the count is the
-    largest of the maplets' counts, in their own cells.
+    along either axis. The source of a point includes images if it does in one maplet, and lidar if
+    it does in one; it is "filled" otherwise. Overlapping maplets count the same returns, so the
+    count is the largest of the maplets' counts, in their own cells.
 
     Parameters
     ----------

@@ -7,9 +7,9 @@ from enum import IntEnum
 
 import numpy as np
 
-from spcola.arrays import AnyArray, read_only
+from spcola.arrays import AnyArray, check_shape, read_only
 from spcola.errors import InvalidValueError
-from spcola.grids import Maplet, check_layer
+from spcola.grids import Maplet
 
 
 class Source(IntEnum):
@@ -52,8 +52,8 @@ class FusedMaplet(Maplet):
         super().__post_init__()
         if self.count is None or self.source is None:
             raise InvalidValueError("a fused maplet needs its count and source layers", self.name)
-        check_layer(np.asarray(self.count), self.grid, f"{self.name}.count")
-        check_layer(np.asarray(self.source), self.grid, f"{self.name}.source")
+        check_shape(np.asarray(self.count), self.grid.shape, f"{self.name}.count")
+        check_shape(np.asarray(self.source), self.grid.shape, f"{self.name}.source")
         count = np.array(self.count, dtype=np.int32)
         if (count < 0).any():
             raise InvalidValueError("holds a negative count", self.name)
@@ -68,5 +68,5 @@ class FusedMaplet(Maplet):
         object.__setattr__(self, "source", read_only(source))
 
     def share(self, source: Source) -> float:
-        """Share of all grid points that rest on `source`, 0 … 1."""
+        """Share of all grid points whose height has this `source`, 0 … 1."""
         return float(np.mean(self.source == source))

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from fusion.fusing.maplets.maplet import FusedMaplet
-from spcola.formats.stores import MapStore
+from spcola.formats.map_store import MapStore
 
 FUSED_HDF5 = "fused.h5"
 """Name of the HDF5 file in a folder of fused maplets."""

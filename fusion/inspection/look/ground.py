@@ -7,10 +7,11 @@ from typing import Literal
 
 import numpy as np
 
+from fusion.inspection.look.numbers import place_text
 from fusion.inspection.look.shading import length_unit
-from fusion.products import lon_lat_deg
 from spcola.arrays import FloatArray
 from spcola.grids import MapletGrid
+from spcola.math import lon_lat_deg
 
 # Points that are seen within this angle from the body's centre are drawn as a site.
 _SITE_DEG = 80.0
@@ -123,14 +124,11 @@ def _site_of(points: FloatArray, middle: FloatArray) -> GroundView:
                                     where=across > 0)  # fmt: skip
     x, y = east * stretch, -south * stretch
     metres, unit = length_unit(float(max(np.ptp(x), np.ptp(y))))
-    longitude, latitude = lon_lat_deg(middle)
-    hemisphere = "N" if latitude >= 0 else "S"
-    place = f"{abs(float(latitude)):.2f}° {hemisphere} {float(longitude):.2f}° E"
     height = radius - reference
     tall, height_unit = length_unit(float(np.ptp(height)))
     far, far_unit = length_unit(reference)
     labels = (
-        f"east of {place}, {unit}",
+        f"east of {place_text(middle)}, {unit}",
         f"north, {unit}",
         f"height: distance from the body's centre less {reference / far:.7g} {far_unit}, "
         f"{height_unit}",

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fusion.inspection.file_kinds import summary_path
 from fusion.inspection.look.picture import Picture, set_title
 from fusion.inspection.look.shapes import smooth_normals
-from fusion.report.style import LIDAR, REJECTED, SPC, drawing
+from fusion.report.layout import Colour, styled_figure
 from spcola.arrays import AnyArray, FloatArray
 from spcola.camera import ImagePoint, SpcImage, project_image, ray
 from spcola.errors import FormatError
@@ -19,9 +19,6 @@ from spcola.formats.images import read_fits_image, read_image_data, reading_fits
 from spcola.formats.shapes import read_shape
 from spcola.formats.solution import read_landmark, read_summary
 from spcola.shape import RayCaster
-
-if TYPE_CHECKING:
-    pass
 
 # Residuals are drawn so many times as long, where that makes them visible.
 _MAGNIFIED = (1, 2, 5, 10, 20, 50, 100)
@@ -52,7 +49,7 @@ def image_picture(path: Path) -> Picture:
     predicted = _predicted(image, (root / "LMKFILES", path.parent))
     backdrop, what = _backdrop(image, root)
     width, height = image.camera.width, image.camera.height
-    with drawing(9.6, 9.2 * min(max(height / width, 0.4), 1.4) + 0.9) as figure:
+    with styled_figure(9.6, 9.2 * min(max(height / width, 0.4), 1.4) + 0.9) as figure:
         panel = figure.subplots()
         extent = (0.5, width + 0.5, height + 0.5, 0.5)
         low, high = _stretch(backdrop)
@@ -98,7 +95,7 @@ def _bare_picture(path: Path) -> Picture:
     """Draw the pixels of a FITS image of which nothing else is known."""
     pixels = _fits_pixels(path)
     height, width = pixels.shape
-    with drawing(9.6, 9.2 * min(max(height / width, 0.4), 1.4) + 0.9) as figure:
+    with styled_figure(9.6, 9.2 * min(max(height / width, 0.4), 1.4) + 0.9) as figure:
         panel = figure.subplots()
         low, high = _stretch(pixels)
         drawn = panel.imshow(
@@ -160,9 +157,9 @@ def _stretch(pixels: AnyArray) -> tuple[float, float]:
 def _landmarks(panel: Any, image: SpcImage, predicted: dict[str, FloatArray]) -> FloatArray:
     """Mark the landmarks, draw their residuals as arrows, and return these (N, 2), pixels."""
     for points, colour, label in (
-        ([p for p in image.landmarks if not p.deweighted], LIDAR, "landmark"),
-        ([p for p in image.landmarks if p.deweighted], REJECTED, "landmark, down-weighted"),
-        (list(image.limbs), SPC, "limb point"),
+        ([p for p in image.landmarks if not p.deweighted], Colour.LIDAR, "landmark"),
+        ([p for p in image.landmarks if p.deweighted], Colour.REJECTED, "landmark, down-weighted"),
+        (list(image.limbs), Colour.SPC, "limb point"),
     ):
         if points:
             x, y = (np.array([getattr(p, name) for p in points]) for name in ("pixel", "line"))
@@ -201,13 +198,13 @@ def _arrows(panel: Any, seen: list[ImagePoint], residual: FloatArray, side: int)
     factor = max([f for f in _MAGNIFIED if f * typical <= side / 30.0] or [1])
     x, y = (np.array([getattr(p, name) for p in seen]) for name in ("pixel", "line"))
     drawn = panel.quiver(
-        x, y, factor * residual[:, 0], factor * residual[:, 1], color=LIDAR, angles="xy",
+        x, y, factor * residual[:, 0], factor * residual[:, 1], color=Colour.LIDAR, angles="xy",
         scale_units="xy", scale=1.0, width=0.0028, zorder=3,
     )  # fmt: skip
     key = float(f"{max(typical, 1e-3):.1g}")
     label = f"found − predicted: {key:g} px" + (f" (× {factor})" if factor > 1 else "")
     shown = panel.quiverkey(drawn, 0.07, 0.03, key * factor, label, labelpos="E",
-                            coordinates="axes", color=LIDAR, labelcolor="white")  # fmt: skip
+                            coordinates="axes", color=Colour.LIDAR, labelcolor="white")  # fmt: skip
     shown.text.set_path_effects(_outline())
 
 

@@ -9,25 +9,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fusion.fusing.maplets import FUSED_HDF5, FusedMaplet, Source, fused_names, read_fused
+from fusion.inspection.look.numbers import place_text
 from fusion.inspection.look.picture import Picture, set_title
 from fusion.inspection.look.shading import colour_bar, limits_of, note_gaps, shaded_colours
-from fusion.products import lon_lat_deg
+from fusion.report.layout import styled_figure
 from fusion.report.maplets import (
     bar_below,
+    draw_differences,
     draw_sources,
     grid_image,
     hillshade,
-    label_axes,
-    north_and_scale,
-    symmetric_limit,
-    write_statistics,
+    label_panels,
 )
-from fusion.report.style import drawing
 from lidar.formats.mapolas import MAPOLAS_HDF5, mapola_names, read_mapola
 from lidar.gridding import Mapola
 from spcola.arrays import AnyArray, FloatArray
 from spcola.formats.maplets import read_maplet
 from spcola.grids import Maplet, project_maplet
+from spcola.math import lon_lat_deg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -82,15 +81,14 @@ def maplet_picture(maplet: Maplet, kind: str = "") -> Picture:
     kind, facts = kind or _kind(maplet), maplet_extents(maplet)
     if isinstance(maplet, FusedMaplet):
         facts["share_by_source"] = {each.name.lower(): maplet.share(each) for each in Source}
-    with drawing(_SIDE_IN * columns, (_SIDE_IN + 0.35) * rows + 0.5) as figure:
+    with styled_figure(_SIDE_IN * columns, (_SIDE_IN + 0.35) * rows + 0.5) as figure:
         panels = figure.subplots(rows, columns, squeeze=False).ravel()
         for panel, (title, draw) in zip(panels, layers, strict=False):
             panel.set_title(title)
             draw(figure, panel)
-            label_axes(panel)
+        label_panels(panels[: len(layers)], maplet.grid)
         for panel in panels[len(layers) :]:
             panel.axis("off")
-        north_and_scale(panels[0], maplet.grid)
         note_gaps(panels[0], ~maplet.valid)
         set_title(figure, f"{maplet.name}, {kind}", _caption(maplet))
     return Picture(kind, figure, facts)
@@ -100,7 +98,7 @@ def pair_picture(maplets: Maplet, returns: Maplet) -> Picture:
     """Draw the two bigmaps of a pair, of maplets and of returns, and their difference."""
     other = project_maplet(returns, maplets.grid).height
     gap = other - maplets.height
-    with drawing(3 * _SIDE_IN, _SIDE_IN + 0.85) as figure:
+    with styled_figure(3 * _SIDE_IN, _SIDE_IN + 0.85) as figure:
         panels = figure.subplots(1, 3)
         for panel, title, height in (
             (panels[0], "images: bigmap of maplets", maplets.height),
@@ -109,14 +107,9 @@ def pair_picture(maplets: Maplet, returns: Maplet) -> Picture:
             panel.set_title(title)
             _draw_heights(figure, panel, maplets, height)
             note_gaps(panel, ~np.isfinite(height))
-        reach = symmetric_limit([gap])
-        drawn = grid_image(panels[2], maplets.grid, gap.T, "RdBu_r", (-reach, reach))
+        drawn = draw_differences(panels[2:], maplets.grid, {"difference, as they lie": gap})
         bar_below(figure, drawn, panels[2], "lidar − images along Uz, m", extend="both")
-        write_statistics(panels[2], gap)
-        panels[2].set_title("difference, as they lie")
-        north_and_scale(panels[0], maplets.grid)
-        for panel in panels:
-            label_axes(panel)
+        label_panels(panels, maplets.grid)
         image = maplets.name.removesuffix("-maplets")
         set_title(figure, f"{image}, pair of bigmaps", _caption(maplets))
     known = gap[np.isfinite(gap)]
@@ -164,10 +157,8 @@ def _kind(maplet: Maplet) -> str:
 def _caption(maplet: Maplet) -> str:
     """Say where a maplet lies, how large it is, and how its axes run."""
     grid = maplet.grid
-    longitude, latitude = lon_lat_deg(grid.center)
-    hemisphere = "N" if latitude >= 0 else "S"
     return (
-        f"Centre {abs(latitude):.2f}° {hemisphere} {longitude:.2f}° E, "
+        f"Centre {place_text(grid.center)}, "
         f"{np.linalg.norm(grid.center):.6g} m from the body's centre; {grid.size} × {grid.size} "
         f"points at {grid.gsd:.4g} m. Heights along Uz; right is along Uy, up along −Ux."
     )

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fusion.inspection.describe import describe_workspace
-from fusion.inspection.look.numbers import measured
+from fusion.inspection.look.numbers import millionths
 from fusion.inspection.look.picture import Picture, set_title
 from fusion.pipeline.catalog import read_records
-from fusion.products import lon_lat_deg
-from fusion.report import Coverage, gather_coverage
+from fusion.report import gather_coverage
 from fusion.report.figures import draw_coverage, graticule
+from fusion.report.layout import Colour, styled_figure
 from fusion.report.maplets import hillshade
-from fusion.report.style import FUSED, INK, LIDAR, MUTED, REJECTED, SPC, drawing
 from fusion.workspace import Workspace
-from lidar.archive import ScanStore
+from lidar.scan_store import ScanStore
 from spcola.arrays import FloatArray
 from spcola.errors import SpcolaError
+from spcola.math import lon_lat_deg
 from spcola.shape import RayCaster
 
 if TYPE_CHECKING:
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 # Returns that are drawn, and columns of the shape's map.
 _RETURNS, _COLUMNS = 30_000, 360
-_STATES = {"up to date": FUSED, "due": LIDAR}
-_VERDICTS = {"accepted": FUSED, "doubtful": LIDAR, "refused": REJECTED}
+_STATES = {"up to date": Colour.FUSED, "due": Colour.LIDAR}
+_VERDICTS = {"accepted": Colour.FUSED, "doubtful": Colour.LIDAR, "refused": Colour.REJECTED}
 
 
 def workspace_picture(workspace: Workspace) -> Picture:
@@ -41,9 +41,9 @@ def workspace_picture(workspace: Workspace) -> Picture:
     """
     facts = describe_workspace(workspace)
     returns = _returns(workspace)
-    with drawing(11.0, 8.6) as figure:
+    with styled_figure(11.0, 8.6) as figure:
         parts: Any = figure.subfigures(2, 1, height_ratios=[1.75, 1.0])
-        _map(parts[0], workspace, gather_coverage(workspace), returns)
+        _map(parts[0], workspace, returns)
         stages, results = parts[1].subplots(1, 2, width_ratios=[1.0, 1.15])
         verdicts = _verdicts(workspace)
         _stage_list(stages, facts["stages"], verdicts)
@@ -67,9 +67,7 @@ def _returns(workspace: Workspace) -> FloatArray:
     return ScanStore(paths).spread(_RETURNS)
 
 
-def _map(
-    figure: Figure, workspace: Workspace, coverage: Coverage | None, returns: FloatArray
-) -> None:
+def _map(figure: Figure, workspace: Workspace, returns: FloatArray) -> None:
     """Draw the shape's relief, the returns, and the maplets coloured by what the lidar covers."""
     panel = figure.subplots()
     if workspace.has_shape():
@@ -82,9 +80,10 @@ def _map(
                          alpha=0.55, interpolation="bilinear")  # fmt: skip
     if len(returns):
         longitude, latitude = lon_lat_deg(returns)
-        panel.scatter(longitude, latitude, s=1.4, color=SPC, alpha=0.5, linewidths=0,
+        panel.scatter(longitude, latitude, s=1.4, color=Colour.SPC, alpha=0.5, linewidths=0,
                       rasterized=True)  # fmt: skip
-        panel.scatter([], [], s=14, color=SPC, label="lidar returns (some of them)")
+        panel.scatter([], [], s=14, color=Colour.SPC, label="lidar returns (some of them)")
+    coverage = gather_coverage(workspace)
     if coverage is None:
         graticule(panel)
         text = "no maplets and no mapolas yet"
@@ -121,12 +120,17 @@ def _stage_list(panel: Any, states: Mapping[str, str], verdicts: Mapping[str, st
     panel.axis("off")
     panel.set(xlim=(0, 1), ylim=(len(states) - 0.4, -0.6))
     for row, (name, state) in enumerate(states.items()):
-        panel.plot(0.03, row, "o", ms=8, color=_STATES.get(state, MUTED), clip_on=False)
+        panel.plot(0.03, row, "o", ms=8, color=_STATES.get(state, Colour.GREY), clip_on=False)
         panel.text(0.08, row, name, va="center", weight="bold")
-        panel.text(0.36, row, state.partition(":")[0], va="center", color=INK)
+        panel.text(0.36, row, state.partition(":")[0], va="center", color=Colour.TEXT)
         verdict = verdicts.get(name, "")
         panel.text(
-            0.68, row, verdict, va="center", color=_VERDICTS.get(verdict, INK), weight="bold"
+            0.68,
+            row,
+            verdict,
+            va="center",
+            color=_VERDICTS.get(verdict, Colour.TEXT),
+            weight="bold",
         )
 
 
@@ -153,9 +157,8 @@ def _numbers(workspace: Workspace) -> list[str]:
         (workspace.registration_path, "registration: scale − 1", "scale", 1.0),
         (workspace.scale_path, "scale: ε", "epsilon", 0.0),
     ):
-        content = workspace.read_json(path.name) if path.is_file() else {}
+        content = workspace.find_json(path) or {}
         value, sigma = content.get(key), content.get(f"{key}_sigma")
         if value is not None:
-            text = measured(1e6 * (value - offset), None if sigma is None else 1e6 * sigma)
-            found.append(f"{label} = ({text}) · 10⁻⁶")
+            found.append(f"{label} = {millionths(value - offset, sigma)}")
     return found

@@ -9,7 +9,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
-from fusion.report.style import INK, data_uri, saved
+from fusion.report.layout import Colour, data_uri, figure_bytes
 from spcola import atomic
 from spcola.errors import WorkspaceError
 
@@ -98,17 +98,17 @@ def save_picture(picture: Picture, path: Path) -> None:
         If the file cannot be written.
     """
     kind = path.suffix.lower().removeprefix(".")
-    atomic.write_bytes(path, saved(picture.figure, kind, dpi=150, maker=_MARK))
+    atomic.write_bytes(path, figure_bytes(picture.figure, kind, dpi=150, maker=_MARK))
 
 
 def set_title(figure: Any, title: str, caption: str = "") -> None:
     """Write a heading over a figure, and a caption below it."""
-    figure.suptitle(title, x=0.012, ha="left", fontsize=11, weight="bold", color=INK)
+    figure.suptitle(title, x=0.012, ha="left", fontsize=11, weight="bold", color=Colour.TEXT)
     figure.get_layout_engine().set(h_pad=0.09, w_pad=0.06)
     if caption:
         width = int(_LETTERS_PER_IN * figure.get_figwidth())
         lines = [line for part in caption.splitlines() for line in wrap(part, width)]
-        figure.supxlabel("\n".join(lines), x=0.012, ha="left", fontsize=8.5, color=INK)
+        figure.supxlabel("\n".join(lines), x=0.012, ha="left", fontsize=8.5, color=Colour.TEXT)
 
 
 def _is_ours(path: Path) -> bool:

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from fusion.estimation.verdict import Severity, Verdict
-from fusion.inspection.look.numbers import measured
+from fusion.inspection.look.numbers import measured, millionths
 from fusion.inspection.look.picture import Picture, set_title
-from fusion.report.figures import PPM, registration_figure, scale_figure
+from fusion.report.figures import registration_figure, scale_figure
+from fusion.verdict import Severity, Verdict
 from fusion.workspace import Workspace
 from spcola.errors import FormatError
 
@@ -48,7 +48,7 @@ def _registration(content: Mapping[str, Any], name: str) -> Picture:
     used, left = content["n_used"], content["n_rejected"]
     numbers = [f"Model: {content['model']}", f"{used} of {used + left} mapolas used"]
     if content.get("scale") is not None:
-        numbers.append(f"scale − 1: {_millionths(content['scale'] - 1, content['scale_sigma'])}")
+        numbers.append(f"scale − 1: {millionths(content['scale'] - 1, content['scale_sigma'])}")
     moved = _vector(content, "translation_m", "translation_sigma_m")
     turned = _vector(content, "rotation_deg", "rotation_sigma_deg")
     lines = ["; ".join(numbers), f"Translation x, y, z, m: {moved}. Rotation, °: {turned}."]
@@ -61,18 +61,12 @@ def _scale(content: Mapping[str, Any], name: str) -> Picture:
     figure = scale_figure(content)
     size = measured(content.get("size_correction_m"), content.get("size_correction_sigma_m"))
     line = (
-        f"ε: {_millionths(content['epsilon'], content['epsilon_sigma'])}; size correction, m: "
+        f"ε: {millionths(content['epsilon'], content['epsilon_sigma'])}; size correction, m: "
         f"{size}; {content['n_used']} used, {content['n_rejected']} rejected"
     )
     set_title(figure, f"{name}: {_judged(content)}", "\n".join([line, *_findings(content)]))
     facts = {key: content.get(key) for key in ("epsilon", "epsilon_sigma", "n_used", "verdict")}
     return Picture("scale", figure, facts)
-
-
-def _millionths(value: float | None, sigma: float | None) -> str:
-    if value is None:
-        return "unknown"
-    return f"({measured(PPM * value, None if sigma is None else PPM * sigma)}) · 10⁻⁶"
 
 
 def _judged(content: Mapping[str, Any]) -> str:

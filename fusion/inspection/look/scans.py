@@ -12,12 +12,12 @@ from fusion.inspection.look.ground import Frame, GroundView, lay_out
 from fusion.inspection.look.picture import Picture, set_title
 from fusion.inspection.look.shading import limits_of
 from fusion.report.figures import graticule
-from fusion.report.style import SPC, drawing
-from fusion.stages.ingest import utc_or_none
+from fusion.report.layout import Colour, styled_figure
 from lidar.formats import ScanSample, read_sample
 from lidar.formats.clouds import read_las_system
 from lidar.scans import Scan
 from spcola.arrays import FloatArray
+from spcola.navigation import utc_from_et
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,7 +45,7 @@ def scan_picture(path: Path) -> Picture:
     sample = read_sample(path, MOST, format=format)
     scan = sample.scan
     view = lay_out(scan.points, frame=_frame(path, format, scan))
-    with drawing(*_size(view)) as figure:
+    with styled_figure(*_size(view)) as figure:
         wide = view.kind == "body" or _aspect(view) < _SQUARE
         parts: Any = (
             figure.subfigures(2, 1, height_ratios=[1.75, 1.0])
@@ -126,12 +126,12 @@ def _against_time(figure: Any, scan: Scan, view: GroundView) -> None:
         panels[0].set_ylabel("range, m")
     _line(panels[-1], since, view.height, style)
     panels[-1].set_ylabel(view.labels[3])
-    panels[-1].set_xlabel(f"{unit} since {utc_or_none(first) or f'ET {first:.3f} s'} UTC")
+    panels[-1].set_xlabel(f"{unit} since {utc_from_et(first)} UTC")
     figure.align_ylabels(panels)
 
 
 def _line(panel: Any, time: FloatArray, values: FloatArray, style: dict[str, Any]) -> None:
-    panel.plot(time, values, color=SPC, **style)
+    panel.plot(time, values, color=Colour.SPC, **style)
     low, high = limits_of(values, 0.2)
     pad = 0.08 * (high - low)
     panel.set_ylim(low - pad, high + pad)
@@ -143,7 +143,9 @@ def _histogram(figure: Figure, view: GroundView) -> None:
     """Draw how heights are spread, for a cloud without times."""
     panel = figure.subplots()
     low, high = limits_of(view.height, 0.2)
-    panel.hist(np.clip(view.height, low, high), np.linspace(low, high, 81).tolist(), color=SPC)
+    panel.hist(
+        np.clip(view.height, low, high), np.linspace(low, high, 81).tolist(), color=Colour.SPC
+    )
     panel.set(xlabel=view.labels[3], ylabel="returns (those drawn)")
     panel.set_title("heights (no time is known)")
     panel.grid(visible=True, axis="y")
@@ -177,6 +179,6 @@ def _facts(sample: ScanSample, view: GroundView, format: str) -> dict[str, Any]:
         "layout": view.kind,
         "lowest_m": scan.points.min(axis=0),
         "highest_m": scan.points.max(axis=0),
-        "first_utc": utc_or_none(float(times.min())) if len(times) else None,
-        "last_utc": utc_or_none(float(times.max())) if len(times) else None,
+        "first_utc": utc_from_et(float(times.min())) if len(times) else None,
+        "last_utc": utc_from_et(float(times.max())) if len(times) else None,
     }

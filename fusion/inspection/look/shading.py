@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from fusion.report.maplets import MISSING, bar_below
+from fusion.report.layout import Colour
+from fusion.report.maplets import bar_below
 from spcola.arrays import FloatArray
 
 # How much of a colour the darkest shade leaves.
@@ -27,7 +28,7 @@ def shaded_colours(
     values : (R, C) ndarray
         Coloured from the first of `limits` to the second.
     shade : (R, C) ndarray
-        0 … 1 (:func:`fusion.report.maplets.surfaces.hillshade`); NaN where there is no ground.
+        0 … 1 (:func:`fusion.report.maplets.hillshade`); NaN where there is no ground.
     colours : str
         Name of a matplotlib colour map.
     limits : (float, float)
@@ -50,7 +51,7 @@ def shaded_colours(
     bright = np.clip((light - _LEVEL) / (1.0 - _LEVEL), 0.0, 1.0) * _BRIGHTEST
     image[..., :3] = image[..., :3] * dark
     image[..., :3] += (1.0 - image[..., :3]) * bright
-    image[~known] = to_rgba(MISSING)
+    image[~known] = to_rgba(Colour.MISSING)
     return image
 
 
@@ -98,5 +99,5 @@ def note_gaps(panel: Any, unknown: Any) -> None:
 
     share = 100.0 * float(np.mean(unknown))
     text = f"no height: {share:.0f} %" if share >= 1.0 else "no height: < 1 %"
-    patch = Patch(facecolor=MISSING, edgecolor="#888888", linewidth=0.5, label=text)
+    patch = Patch(facecolor=Colour.MISSING, edgecolor="#888888", linewidth=0.5, label=text)
     panel.legend(handles=[patch], loc="lower right", frameon=True, framealpha=0.85, borderpad=0.3)

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fusion.inspection.look.picture import Picture, set_title
 from fusion.inspection.look.shading import colour_bar, length_unit, limits_of, shaded_colours
-from fusion.report.style import drawing
+from fusion.report.layout import styled_figure
 from spcola.arrays import FloatArray
 from spcola.shape import Hits, Mesh, RayCaster
-
-if TYPE_CHECKING:
-    pass
 
 _PIXELS = 420
 # From where one looks, and what is to the right and up in the picture.
@@ -44,7 +41,7 @@ def shape_picture(mesh: Mesh, *, name: str, form: str) -> Picture:
     unit = length_unit(reach)
     radius = np.linalg.norm(mesh.vertices, axis=1) / unit[0]
     scale = ("viridis", limits_of(radius, 0.0))
-    with drawing(12.4, 5.3) as figure:
+    with styled_figure(12.4, 5.3) as figure:
         panels = figure.subplots(1, 3)
         for panel, view in zip(panels, _VIEWS, strict=True):
             _draw_view(panel, caster, view, (reach, unit), scale)

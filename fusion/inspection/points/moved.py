@@ -17,7 +17,7 @@ from lidar.formats.records import LidarOptions
 from lidar.scans import Scan
 from spcola.errors import InvalidValueError, WorkspaceError
 from spcola.formats.maplets import write_maplet
-from spcola.formats.shapes import write_icq, write_obj
+from spcola.formats.shapes import write_icq, write_obj_mesh
 from spcola.formats.shapes.ply import write_ply_mesh
 from spcola.grids import Maplet
 from spcola.math import Affine
@@ -133,7 +133,7 @@ def moved_scan(scan: Scan, transform: Affine) -> Scan:
 
 def _write_mesh(mesh: Mesh, source: PointSource, target: Path) -> None:
     if target.suffix.lower() == ".obj":
-        write_obj(target, mesh, unit=source.unit)
+        write_obj_mesh(target, mesh, unit=source.unit)
     else:
         write_ply_mesh(target, mesh, unit=source.unit)
 

@@ -10,13 +10,11 @@ from typing import Literal
 import numpy as np
 
 from fusion.inspection.file_kinds import FileKind, file_kind, lidar_format
-from fusion.products.formats import is_surface, read_fits_dtm, read_geotiff, read_surface
+from fusion.inspection.terrain import read_terrain
 from lidar.formats import read_sample
 from lidar.formats.records import LidarOptions
 from spcola.arrays import FloatArray
-from spcola.errors import FormatError
-from spcola.formats.maplets import read_maplet
-from spcola.formats.shapes import FacesFrom, Unit, read_icq, read_shape, recognise_shape
+from spcola.formats.shapes import FacesFrom, Unit
 from spcola.grids import Maplet
 from spcola.shape import Mesh, sample_surface
 from spcola.shape.icq import IcqShape
@@ -81,24 +79,12 @@ def read_points(
     FormatError
         If the file cannot be read, or is of a kind that holds no surface.
     """
-    kind = file_kind(path)
-    if kind is FileKind.LIDAR:
+    if file_kind(path) is FileKind.LIDAR:
         return _cloud(path, unit, most)
-    if kind is FileKind.SHAPE:
-        return _shape(path, unit or "km", faces_from, most)
-    readers = {
-        FileKind.MAPLET: read_maplet,
-        FileKind.FITS: read_fits_dtm,
-        FileKind.GEOTIFF: read_geotiff,
-    }
-    if kind not in readers:
-        article = "an" if kind[0] in "aeiou" else "a"
-        raise FormatError(
-            f"is {article} {kind}, no cloud and no surface",
-            path,
-            "give a lidar file, a cloud, a maplet, a terrain model or a shape",
-        )
-    return _maplet(path, readers[kind](path))
+    surface = read_terrain(path, unit=unit or "km", faces_from=faces_from)
+    if isinstance(surface, Maplet):
+        return _maplet(path, surface)
+    return _shape(path, surface, unit or "km", most)
 
 
 def _cloud(path: Path, unit: Unit | None, most: int) -> PointSource:
@@ -115,18 +101,21 @@ def _maplet(path: Path, maplet: Maplet) -> PointSource:
     return PointSource(path, "maplet", points, len(points), left, "km", maplet.grid.gsd, maplet)
 
 
-def _shape(path: Path, unit: Unit, faces_from: FacesFrom, most: int) -> PointSource:
+def _shape(path: Path, surface: Mesh | IcqShape, unit: Unit, most: int) -> PointSource:
     """Sample a shape evenly over its facets: its vertices alone crowd where facets are small."""
-    if is_surface(path):
-        return _maplet(path, read_surface(path))
-    shape = read_icq(path) if recognise_shape(path) == "icq" else None
-    mesh = shape.mesh() if shape else read_shape(path, unit=unit, faces_from=faces_from)
+    icq = isinstance(surface, IcqShape)
+    mesh = surface.mesh() if isinstance(surface, IcqShape) else surface
     area = float(np.sum(np.linalg.norm(mesh.area_vectors, axis=1)))
     edge = float(np.sqrt(2.0 * area / max(len(mesh.facets), 1)))
     step = edge / float(np.clip(np.floor(np.sqrt(most / max(len(mesh.facets), 1))), 1, _ACROSS))
     points = sample_surface(mesh, step).points
     points = np.ascontiguousarray(points[:: -(-len(points) // most)])
-    count = len(mesh.vertices)
-    if shape:
-        return PointSource(path, "shape (ICQ)", points, count, {}, "km", step, shape)
-    return PointSource(path, "mesh", points, count, {}, unit, step, mesh)
+    return PointSource(
+        path,
+        "shape (ICQ)" if icq else "mesh",
+        points,
+        len(mesh.vertices),
+        unit="km" if icq else unit,
+        resolution_m=step,
+        surface=surface,
+    )

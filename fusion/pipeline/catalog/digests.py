@@ -16,7 +16,7 @@ from pathlib import Path
 from threading import Event
 
 from fusion.runtime import usable_cores
-from fusion.runtime.machine import announce
+from fusion.runtime.machine import read_ahead
 from spcola.errors import WorkspaceError
 from spcola.formats.text import regular_size
 
@@ -51,7 +51,7 @@ def file_digest(path: Path, stopped: Event | None = None) -> str:
         announced = done = 0
         while True:
             if done >= announced - _WINDOW_BYTES // 2:
-                announce(stream.fileno(), announced, _WINDOW_BYTES)
+                read_ahead(stream.fileno(), announced, _WINDOW_BYTES)
                 announced += _WINDOW_BYTES
             count = stream.readinto(block)
             if not count or (stopped and stopped.is_set()):

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from fusion.runtime import plain
+from fusion.runtime import json_value
 from fusion.workspace import Workspace
 from spcola.errors import WorkspaceError
 
@@ -64,7 +64,7 @@ class StageRecord:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the content in JSON types, with its checksum."""
-        content: dict[str, Any] = plain(asdict(self))
+        content: dict[str, Any] = json_value(asdict(self))
         return {**content, _CHECKSUM: content_digest(content)}
 
 

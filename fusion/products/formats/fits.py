@@ -17,13 +17,13 @@ import numpy as np
 
 from fusion.products.formats.layers import layers_of, maplet_of, quality_of
 from fusion.products.manifest import Provenance
-from fusion.products.naming import lon_lat_deg
 from spcola import __version__, atomic
 from spcola.arrays import AnyArray, FloatArray
 from spcola.errors import FormatError, InvalidValueError
 from spcola.formats.images import reading_fits
 from spcola.formats.text import KM
 from spcola.grids import Maplet, MapletGrid
+from spcola.math import lon_lat_deg
 
 _PLANES: tuple[tuple[str, str], ...] = (
     ("Latitude of vertices", "[deg]"),

@@ -32,11 +32,11 @@ from fusion.products.formats.layers import (
     parse_frame,
 )
 from fusion.products.manifest import Provenance
-from fusion.products.naming import lon_lat_deg
 from spcola import atomic
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError, InvalidValueError
 from spcola.grids import Maplet, MapletGrid
+from spcola.math import lon_lat_deg
 
 if TYPE_CHECKING:
     from affine import Affine

@@ -7,15 +7,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.registration.clouds.bodies import align_bodies
 from fusion.registration.clouds.clouds import CloudOptions, register_clouds
 from fusion.registration.clouds.composed import composed
 from fusion.registration.clouds.flat_frames import flat_frame
 from fusion.registration.clouds.not_aligned import NotAlignedError, refusal
-from fusion.registration.fit import PARAMETERS, KnownTransform, Model
-from fusion.registration.returns import DirectRegistration
+from fusion.registration.direct import DirectRegistration
 from fusion.registration.search import UNITS
+from fusion.registration.transform import PARAMETERS, KnownTransform, Model
+from fusion.verdict import Code, Finding, Severity, Verdict
 from spcola.arrays import FloatArray, check_shape
 from spcola.errors import InvalidValueError, NotObservableError, RejectedResultError
 from spcola.math import Affine
@@ -128,7 +128,7 @@ class Alignment:
             identity = Affine(np.eye(3), np.zeros(3), "fixed", "moving")
             size = len(PARAMETERS[self.model])
             nothing = DirectRegistration(
-                identity, self.model, PARAMETERS[self.model], np.full((size, size), np.nan),
+                self.model, identity, np.full((size, size), np.nan),
                 np.zeros(3), 0.0, 0.0, 0, 0, 0, 0, False,
             )  # fmt: skip
             keys = replace(self, fit=nothing).as_json()

@@ -9,23 +9,23 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.registration.clouds.blur import relative_blur, significant_blur
 from fusion.registration.clouds.cloud_grid import grid_cloud
 from fusion.registration.clouds.composed import composed
 from fusion.registration.clouds.not_aligned import NotAlignedError
-from fusion.registration.fit import PARAMETERS, Model
-from fusion.registration.judging import Placed, common_relief, judge_relief
+from fusion.registration.direct import DirectRegistration
+from fusion.registration.judging import ReliefPair, common_relief, judge_relief
 from fusion.registration.returns import (
     CloudOfReturns,
-    DirectRegistration,
     FixedSurface,
     ReturnsOptions,
     height_of_returns,
     register_returns,
 )
 from fusion.registration.search import Placement, PointSurface, fit_placement, search_frames
+from fusion.registration.transform import PARAMETERS, Model
 from fusion.surfacematch import Surface
+from fusion.verdict import Code, Finding, Severity, Verdict
 from spcola.arrays import AnyArray, FloatArray
 from spcola.errors import NotObservableError
 from spcola.grids import MapletGrid
@@ -203,7 +203,7 @@ class _Clouds:
         for patch in shared[:: max(1, len(shared) // _JUDGED)]:
             grid = replace(patch.grid, gsd=step, half_size=int(np.ceil(side / step)))
             one, two = (_gridded(_about(tree, grid), grid) for tree in trees)
-            compared.append(Placed(one, two, np.zeros(2), _REACH))
+            compared.append(ReliefPair(one, two, np.zeros(2), _REACH))
         findings = list(judge_relief(common_relief(compared)))
         if not found.converged:
             text = f"the transform still moved after {found.iterations} steps"

@@ -9,26 +9,35 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import ConvexHull
 
-from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.registration.clouds.blur import relative_blur, significant_blur
 from fusion.registration.clouds.cloud_grid import CloudGrid, grid_cloud
 from fusion.registration.clouds.not_aligned import NotAlignedError
-from fusion.registration.fit.fit import (
+from fusion.registration.direct import (
+    Clusters,
+    DirectRegistration,
+    NormalEquations,
+    SurfacePair,
+    pair_equations,
+)
+from fusion.registration.judging.common_ground import (
+    CommonRelief,
+    ReliefPair,
+    common_relief,
+)
+from fusion.registration.judging.judging import judge_relief
+from fusion.registration.transform.parameters import (
     PARAMETERS,
     Model,
     about_origin,
     natural_sizes,
     updated_transform,
 )
-from fusion.registration.judging.common_ground import CommonRelief, Placed, common_relief
-from fusion.registration.judging.judging import judge_relief
-from fusion.registration.returns.direct import DirectRegistration
-from fusion.registration.returns.equations import Clusters, Equations, SurfacePair, pair_equations
+from fusion.verdict import Code, Finding, Severity, Verdict
 from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.grids import MapletGrid
+from spcola.grids.correlation import independent_patches, shift_variances
 from spcola.grids.gaps import filled
-from spcola.grids.statistics import independent_patches, shift_variances
 from spcola.math import Affine
 from spcola.math.robust import huber_weight, mad
 
@@ -159,7 +168,7 @@ def relief_of(
         grid_cloud(points[::thinned], wide, frame).surface(flat, flat, _HALF_SMOOTH)[0]
         for points, frame in ((moving, transform), (fixed, here))
     )
-    return common_relief([Placed(one, two, np.zeros(2), _JUDGED_REACH)])
+    return common_relief([ReliefPair(one, two, np.zeros(2), _JUDGED_REACH)])
 
 
 def grid_over(points: FloatArray, others: int, gsd: float) -> MapletGrid:
@@ -225,7 +234,7 @@ def searched(
 class _State(NamedTuple):
     transform: Affine
     center: FloatArray  # the point of the moving frame about which the parameters act
-    equations: Equations
+    equations: NormalEquations
     difference: FloatArray
     blur: float
     clusters: Clusters
@@ -337,7 +346,6 @@ class _Level:
         return DirectRegistration(
             transform=state.transform,
             model=model,
-            parameters=self.names,
             covariance=about_origin(spread, model, state.transform, state.center),
             center=state.center,
             blur_cells=state.blur,

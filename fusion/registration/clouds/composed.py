@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fusion.registration.fit import about_origin
-from fusion.registration.returns import DirectRegistration
+from fusion.registration.direct import DirectRegistration
+from fusion.registration.transform import about_origin
 from spcola.arrays import FloatArray
 from spcola.math import Affine
 

@@ -1,31 +1,16 @@
-"""The transform from matches: rigid, similarity, affine; covariance and stability."""
+"""The fit of the transform to matched mapolas, with the errors of scans and landmarks."""
 
-from fusion.registration.fit.fit import (
-    PARAMETERS,
-    FitOptions,
-    Model,
-    Registration,
-    about_origin,
-    fit_transform,
-    natural_sizes,
-    similarity_numbers,
-    transform_partials,
-    updated_transform,
-)
-from fusion.registration.fit.known import KnownTransform
-from fusion.registration.fit.landmarks import LandmarkErrors
+from fusion.registration.fit.fit import FitOptions, Registration
+from fusion.registration.fit.landmark_errors import LandmarkErrors
+from fusion.registration.fit.mapolas import MatchedMapolas, fit_mapolas
+from fusion.registration.fit.scan_errors import ScanErrorPatterns, share_matrix
 
 __all__ = [
-    "PARAMETERS",
     "FitOptions",
-    "KnownTransform",
     "LandmarkErrors",
-    "Model",
+    "MatchedMapolas",
     "Registration",
-    "about_origin",
-    "fit_transform",
-    "natural_sizes",
-    "similarity_numbers",
-    "transform_partials",
-    "updated_transform",
+    "ScanErrorPatterns",
+    "fit_mapolas",
+    "share_matrix",
 ]

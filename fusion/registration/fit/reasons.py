@@ -16,24 +16,18 @@ _SMALL = 0.1
 _ONE_SIDE = 0.25
 
 
-def registration_reasons(registration: Registration, centers: FloatArray) -> list[str]:
+def registration_reasons(registration: Registration) -> list[str]:
     """Name the parameters that are weakly determined, and those that are not separable.
 
     A parameter is weakly determined if its sigma displaces the mapolas by more than the sigma of a
     single mapola: one mapola alone would determine it better if the other parameters were known.
-
-    Parameters
-    ----------
-    registration : Registration
-    centers : (N, 3) ndarray
-        Mapola centres that it was fitted to, lidar coordinates, metres.
 
     Returns
     -------
     list of str
         Empty if all parameters are well determined.
     """
-    used = centers[registration.fit.used]
+    used = registration.centers[registration.fit.used]
     return [
         *_coverage(used),
         *_weak(registration, used),

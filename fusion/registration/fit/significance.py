@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from fusion.registration.fit.fit import (
-    PARAMETERS,
-    STRAIN_ROWS,
-    Model,
-    Registration,
-    similarity_numbers,
-    transform_partials,
-)
+from fusion.registration.fit.fit import Registration
 from fusion.registration.fit.fixed_weights import FixedWeightEquations, Refit
+from fusion.registration.transform import PARAMETERS, Model
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
+
+# Rows that take a matrix to xx − mean, yy − mean, xy, xz, yz of its symmetric part.
+_STRAIN_ROWS = np.zeros((5, 9))
+_STRAIN_ROWS[0, [0, 4, 8]] = [2 / 3, -1 / 3, -1 / 3]
+_STRAIN_ROWS[1, [0, 4, 8]] = [-1 / 3, 2 / 3, -1 / 3]
+_STRAIN_ROWS[[2, 3, 4], [1, 2, 5]] = _STRAIN_ROWS[[2, 3, 4], [3, 6, 7]] = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,18 +64,12 @@ class Departure:
         }
 
 
-def strain_departure(registration: Registration, centers: FloatArray) -> Departure:
+def strain_departure(registration: Registration) -> Departure:
     """Shear and non-uniform scale (5,): xx − mean, yy − mean, xy, xz, yz of the symmetric strain.
 
     Of an affine fit they are its own. Else the affine parameters are estimated from the residuals
     at the fit's weights and error sizes (the score test of Rao 1948). If there is a strain it has
     increased those sizes, so that the sigmas are conservative.
-
-    Parameters
-    ----------
-    registration : Registration
-    centers : (N, 3) ndarray
-        Mapola centres that it was fitted to, lidar coordinates, metres.
 
     Returns
     -------
@@ -83,31 +77,31 @@ def strain_departure(registration: Registration, centers: FloatArray) -> Departu
         Axes of the lidar frame, dimensionless.
     """
     similarity = registration.similarity
-    rows = STRAIN_ROWS @ np.kron(similarity.rotation.T / similarity.scale, np.eye(3))
+    rows = _STRAIN_ROWS @ np.kron(similarity.rotation.T / similarity.scale, np.eye(3))
     if registration.model == "affine":
         covariance = rows @ registration.covariance[3:, 3:] @ rows.T
         return Departure(rows @ registration.transform.matrix.ravel(), covariance)
-    found = _refitted(registration, centers, "affine")
+    found = _refitted(registration, "affine")
     if isinstance(found, str):
-        return Departure.unobserved(len(STRAIN_ROWS), found)
+        return Departure.unobserved(len(_STRAIN_ROWS), found)
     return Departure(rows @ found.change[3:], rows @ found.covariance[3:, 3:] @ rows.T)
 
 
-def scale_departure(registration: Registration, centers: FloatArray) -> Departure:
+def scale_departure(registration: Registration) -> Departure:
     """Scale minus 1 (1,): fitted, or for a rigid fit estimated from the residuals."""
     if registration.model != "rigid":
-        scale, sigma, _, _ = similarity_numbers(registration)
+        scale, sigma, _, _ = registration.similarity_numbers()
         return Departure(np.array([scale - 1.0]), np.array([[sigma**2]]))
-    found = _refitted(registration, centers, "similarity")
+    found = _refitted(registration, "similarity")
     if isinstance(found, str):
         return Departure.unobserved(1, found)
     return Departure(found.change[6:], found.covariance[6:, 6:])
 
 
-def departures_json(registration: Registration, centers: FloatArray) -> dict[str, Any]:
+def departures_json(registration: Registration) -> dict[str, Any]:
     """Return the `tests` of ``registration.json``."""
-    strain = strain_departure(registration, centers)
-    scale = scale_departure(registration, centers)
+    strain = strain_departure(registration)
+    scale = scale_departure(registration)
     return {
         "strain": {
             "strain": strain.estimate,
@@ -123,15 +117,13 @@ def departures_json(registration: Registration, centers: FloatArray) -> dict[str
     }
 
 
-def _refitted(registration: Registration, centers: FloatArray, model: Model) -> Refit | str:
+def _refitted(registration: Registration, model: Model) -> Refit | str:
     """Solve for the parameters of a wider model at the fit, or return why that is not possible."""
     names = PARAMETERS[model]
     count = int(np.count_nonzero(registration.fit.used))
     if 3 * count < len(names):
         return f"{count} mapolas give {3 * count} numbers for {len(names)} parameters"
-    design = transform_partials(model, registration.similarity, centers, registration.center)
-    equations = FixedWeightEquations.of(registration.observations, registration.fit, design)
     try:
-        return equations.refit(np.ones(count, dtype=bool), names)
+        return FixedWeightEquations.of(registration, model).refit(np.ones(count, dtype=bool))
     except NotObservableError as error:
         return str(error)

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from fusion.registration.fit.fit import Registration, transform_partials
+from fusion.registration.fit.fit import Registration
 from fusion.registration.fit.fixed_weights import FixedWeightEquations, Refit
+from fusion.registration.transform.parameters import origin_jacobian
 from spcola.arrays import AnyArray, FloatArray
 from spcola.errors import NotObservableError
 from spcola.math import lattice
@@ -89,34 +90,26 @@ def region_numbers(points: FloatArray, count: int = REGIONS) -> AnyArray:
     return numbers
 
 
-def leave_one_region_out(
-    registration: Registration, centers: FloatArray
-) -> tuple[RegionInfluence, ...]:
+def leave_one_region_out(registration: Registration) -> tuple[RegionInfluence, ...]:
     """Fit without each region that has mapolas, at the weights and error sizes of the fit.
 
     The change of an efficient estimate when data are left out has the covariance C_without − C
     (Hausman 1978).
-
-    Parameters
-    ----------
-    registration : Registration
-    centers : (N, 3) ndarray
-        Mapola centres that it was fitted to, lidar coordinates, metres.
 
     Returns
     -------
     tuple of RegionInfluence
         In the order of the lattice, from north to south; parameters about the body's origin.
     """
-    equations, origin = _equations(registration, centers)
-    numbers = region_numbers(centers[registration.fit.used])
+    equations, origin = _equations(registration)
+    numbers = region_numbers(registration.centers[registration.fit.used])
     whole = equations.solved(*equations.normal(np.ones(len(numbers), dtype=bool)))
     directions, found = lattice(REGIONS), []
     for number in np.unique(numbers).tolist():
         inside = numbers == number
         direction, count = directions[number], int(np.count_nonzero(inside))
         try:
-            rest = equations.refit(~inside, registration.parameters)
+            rest = equations.refit(~inside)
         except NotObservableError as error:
             free = np.full(len(registration.parameters), np.nan)
             nan, reason = float("nan"), f"without it {error.what}"
@@ -136,20 +129,18 @@ def _influence(
     values, vectors = np.linalg.eigh((expected + expected.T) / 2.0)
     changed = values > _ROUNDING * max(float(values[-1]), _ROUNDING)
     chi2 = float(np.sum((vectors.T @ (change / unit))[changed] ** 2 / values[changed]))
-    carried = origin @ (rest.covariance - whole.covariance) @ origin.T
+    spread = origin @ (rest.covariance - whole.covariance) @ origin.T
     return RegionInfluence(
         direction=direction,
         count=count,
         change=origin @ change,
-        sigma=np.sqrt(np.maximum(np.diag(carried), 0.0)),
+        sigma=np.sqrt(np.maximum(np.diag(spread), 0.0)),
         chi2=chi2,
         p_value=float(stats.chi2.sf(chi2, np.count_nonzero(changed))),
     )
 
 
-def block_bootstrap(
-    registration: Registration, centers: FloatArray, *, samples: int = 200, seed: int = 0
-) -> Bootstrap:
+def block_bootstrap(registration: Registration, *, samples: int = 200, seed: int = 0) -> Bootstrap:
     """Spread of the parameters when blocks of neighbouring mapolas are drawn with replacement.
 
     Weights and error sizes are those of the fit. The spread includes errors that neighbours share,
@@ -158,8 +149,6 @@ def block_bootstrap(
     Parameters
     ----------
     registration : Registration
-    centers : (N, 3) ndarray
-        Mapola centres that it was fitted to, lidar coordinates, metres.
     samples : int
         Number of sets drawn.
     seed : int
@@ -170,8 +159,8 @@ def block_bootstrap(
     Bootstrap
         About the body's origin, in the order of ``registration.parameters``. Source: Künsch (1989).
     """
-    equations, origin = _equations(registration, centers)
-    used = centers[registration.fit.used]
+    equations, origin = _equations(registration)
+    used = registration.centers[registration.fit.used]
     size = equations.rows.shape[2]
     most = min(len(used) // _BLOCK, _MOST, int(_MOST_NUMBERS / size**2))
     if most < _FEWEST:
@@ -194,15 +183,11 @@ def block_bootstrap(
     return Bootstrap(mad(np.array(found), axis=0), most, len(found))
 
 
-def _equations(
-    registration: Registration, centers: FloatArray
-) -> tuple[FixedWeightEquations, FloatArray]:
+def _equations(registration: Registration) -> tuple[FixedWeightEquations, FloatArray]:
     """Equations about the mapolas' centre, and the matrix (P, P) that refers them to the origin."""
-    similarity, center = registration.similarity, registration.center
-    design = transform_partials(registration.model, similarity, centers, center)
-    origin = np.eye(design.shape[2])
-    origin[:3] = transform_partials(registration.model, similarity, np.zeros((1, 3)), center)[0]
-    return FixedWeightEquations.of(registration.observations, registration.fit, design), origin
+    model = registration.model
+    origin = origin_jacobian(model, registration.similarity, registration.center)
+    return FixedWeightEquations.of(registration, model), origin
 
 
 def _blocks(points: FloatArray, count: int) -> list[AnyArray]:
@@ -224,10 +209,10 @@ def _blocks(points: FloatArray, count: int) -> list[AnyArray]:
     return done
 
 
-def stability_json(registration: Registration, centers: FloatArray) -> dict[str, Any]:
+def stability_json(registration: Registration) -> dict[str, Any]:
     """Return the `stability` of ``registration.json``."""
-    regions = leave_one_region_out(registration, centers)
-    bootstrap = block_bootstrap(registration, centers)
+    regions = leave_one_region_out(registration)
+    bootstrap = block_bootstrap(registration)
     return {
         "parameters": list(registration.parameters),
         "formal_sigma": np.sqrt(np.diag(registration.covariance)),

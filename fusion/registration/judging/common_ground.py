@@ -18,8 +18,8 @@ import numpy as np
 from scipy import ndimage
 
 from spcola.arrays import BoolArray, FloatArray
+from spcola.grids.correlation import shift_correlations
 from spcola.grids.gaps import bridged, trend_of
-from spcola.grids.statistics import shift_correlations
 
 SHOWN = 4.0
 """Standard deviations of unrelated ground by which a significant correlation exceeds its mean."""
@@ -36,7 +36,7 @@ _ROUNDING = 1e-12
 _LEAST_KNOWN = 100
 
 
-class Placed(NamedTuple):
+class ReliefPair(NamedTuple):
     """Heights of lidar and SPC on one grid, and the lidar's displacement by the transform.
 
     Attributes
@@ -95,12 +95,12 @@ class CommonRelief:
         return float(np.sum(self.shown)) / self.compared if self.compared else float("nan")
 
 
-def common_relief(surfaces: Sequence[Placed]) -> CommonRelief:
+def common_relief(surfaces: Sequence[ReliefPair]) -> CommonRelief:
     """Compare the relief of lidar and SPC with that of unrelated ground.
 
     Parameters
     ----------
-    surfaces : sequence of Placed
+    surfaces : sequence of ReliefPair
         Some two dozen suffice; the work grows with the square of their number.
 
     Returns

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
-from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.registration.judging.common_ground import CommonRelief
+from fusion.verdict import Code, Finding, Severity, Verdict
 from spcola.arrays import FloatArray
 
 # Shares of the mapolas that show the relief of SPC, and that agree with the transform: below the
@@ -44,7 +44,7 @@ _ABSURD = 10.0
 
 
 @dataclass(frozen=True)
-class Limits:
+class RegistrationLimits:
     """Largest plausible differences of two solutions of one body.
 
     Parameters
@@ -91,7 +91,9 @@ class Evidence:
         }
 
 
-def judge_registration(content: Mapping[str, Any], evidence: Evidence, limits: Limits) -> Verdict:
+def judge_registration(
+    content: Mapping[str, Any], evidence: Evidence, limits: RegistrationLimits
+) -> Verdict:
     """Judge a registration by its numbers and by the agreement of the surfaces.
 
     Parameters
@@ -99,7 +101,7 @@ def judge_registration(content: Mapping[str, Any], evidence: Evidence, limits: L
     content : mapping
         ``registration.json`` without its verdict.
     evidence : Evidence
-    limits : Limits
+    limits : RegistrationLimits
 
     Returns
     -------
@@ -135,24 +137,19 @@ def judge_relief(relief: CommonRelief) -> Iterator[Finding]:
         text = "the surfaces have too little relief to verify that they show the same ground"
         yield Finding(Code.NO_RELIEF, Severity.DOUBTFUL, text)
         return
-    severity = _severity(_DOUBTFUL_SHARE - relief.share, _DOUBTFUL_SHARE - _REFUSED_SHARE)
-    if severity is not None:
-        text = (
-            f"{int(relief.shown.sum())} of {relief.compared} surfaces compared show the same "
-            "relief where the transform places them; the others agree no better than unrelated "
-            "ground"
-        )
-        yield Finding(Code.RELIEF_UNRELATED, severity, text, relief.share, _DOUBTFUL_SHARE)
+    text = (
+        f"{int(relief.shown.sum())} of {relief.compared} surfaces compared show the same relief "
+        "where the transform places them; the others agree no better than unrelated ground"
+    )
+    yield from _below(Code.RELIEF_UNRELATED, relief.share, text)
 
 
 def _agreeing(content: Mapping[str, Any]) -> Iterator[Finding]:
     """Test the share of mapolas that agree with the common transform."""
     total = content["n_used"] + content["n_rejected"]
     share = content["n_used"] / total if total else 0.0
-    severity = _severity(_DOUBTFUL_SHARE - share, _DOUBTFUL_SHARE - _REFUSED_SHARE)
-    if severity is not None:
-        text = f"only {content['n_used']} of {total} mapolas agree with the transform"
-        yield Finding(Code.FEW_AGREE, severity, text, share, _DOUBTFUL_SHARE)
+    text = f"only {content['n_used']} of {total} mapolas agree with the transform"
+    yield from _below(Code.FEW_AGREE, share, text)
 
 
 def _images(content: Mapping[str, Any]) -> Iterator[Finding]:
@@ -178,23 +175,19 @@ def _observation_types(content: Mapping[str, Any]) -> Iterator[Finding]:
     )
     known = known[np.isfinite(known)]
     ratio = float(np.sqrt(np.median(known) / chi2.median(3))) if len(known) else 0.0
-    severity = _severity(ratio - _DOUBTFUL_TYPES, _REFUSED_TYPES - _DOUBTFUL_TYPES)
-    if severity is not None:
-        text = (
-            f"images and heights give different positions of the mapolas, by {ratio:.1f} times "
-            "their sigmas"
-        )
-        yield Finding(Code.IMAGES_DISAGREE, severity, text, ratio, _DOUBTFUL_TYPES)
+    text = (
+        f"images and heights give different positions of the mapolas, by {ratio:.1f} times their "
+        "sigmas"
+    )
+    yield from _above(Code.IMAGES_DISAGREE, ratio, (_DOUBTFUL_TYPES, _REFUSED_TYPES), text)
     turn = np.array(content.get("types_rotation_deg", np.nan), dtype=np.float64)
     sigma = np.array(content.get("types_rotation_sigma_deg", np.nan), dtype=np.float64)
     apart = float(np.max(np.abs(turn) / sigma))
-    severity = _severity(apart - _DOUBTFUL_APART, _REFUSED_APART - _DOUBTFUL_APART)
-    if severity is not None:
-        text = (
-            f"the rotation by images differs from that by heights by "
-            f"{np.linalg.norm(turn):.2g} deg, {apart:.1f} sigma"
-        )
-        yield Finding(Code.IMAGES_DISAGREE, severity, text, apart, _DOUBTFUL_APART)
+    text = (
+        f"the rotation by images differs from that by heights by {np.linalg.norm(turn):.2g} deg, "
+        f"{apart:.1f} sigma"
+    )
+    yield from _above(Code.IMAGES_DISAGREE, apart, (_DOUBTFUL_APART, _REFUSED_APART), text)
 
 
 def _heights(chi: FloatArray) -> Iterator[Finding]:
@@ -203,13 +196,11 @@ def _heights(chi: FloatArray) -> Iterator[Finding]:
     if not len(known):
         return
     middle = float(np.median(known))
-    severity = _severity(middle - _DOUBTFUL_CHI, _REFUSED_CHI - _DOUBTFUL_CHI)
-    if severity is not None:
-        text = f"the heights of lidar and SPC differ by {middle:.1f} times their stated sigmas"
-        yield Finding(Code.HEIGHTS_DISAGREE, severity, text, middle, _DOUBTFUL_CHI)
+    text = f"the heights of lidar and SPC differ by {middle:.1f} times their stated sigmas"
+    yield from _above(Code.HEIGHTS_DISAGREE, middle, (_DOUBTFUL_CHI, _REFUSED_CHI), text)
 
 
-def _centers(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
+def _centers(content: Mapping[str, Any], limits: RegistrationLimits) -> Iterator[Finding]:
     """Test the estimated error of maplets' centres against that of files and settings."""
     estimated = content.get("maplet_sigma_m")
     if estimated is None:
@@ -217,16 +208,14 @@ def _centers(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
     landmarks = content.get("landmarks") or {}
     stated = max(limits.center_sigma_m, landmarks.get("own_sigma_m") or 0.0)
     ratio = float(estimated) / stated
-    severity = _severity(ratio - _DOUBTFUL_CENTER, _REFUSED_CENTER - _DOUBTFUL_CENTER)
-    if severity is not None:
-        text = (
-            f"the centres of maplets are off by {estimated:.2g} m each, {ratio:.1f} times the "
-            f"sigma of their landmarks and [register] center_sigma_m ({stated:.2g} m)"
-        )
-        yield Finding(Code.CENTERS_DISAGREE, severity, text, ratio, _DOUBTFUL_CENTER)
+    text = (
+        f"the centres of maplets are off by {estimated:.2g} m each, {ratio:.1f} times the sigma of "
+        f"their landmarks and [register] center_sigma_m ({stated:.2g} m)"
+    )
+    yield from _above(Code.CENTERS_DISAGREE, ratio, (_DOUBTFUL_CENTER, _REFUSED_CENTER), text)
 
 
-def _scale(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
+def _scale(content: Mapping[str, Any], limits: RegistrationLimits) -> Iterator[Finding]:
     """Test the scale against its limit."""
     off = abs(content["scale"] - 1.0) - _BEYOND * content["scale_sigma"]
     severity = _severity(off - limits.scale, (_ABSURD - 1.0) * limits.scale)
@@ -238,7 +227,7 @@ def _scale(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
         yield Finding(Code.LARGE_SCALE, severity, text, content["scale"] - 1.0, limits.scale)
 
 
-def _rotation(content: Mapping[str, Any], limits: Limits) -> Iterator[Finding]:
+def _rotation(content: Mapping[str, Any], limits: RegistrationLimits) -> Iterator[Finding]:
     """Test the rotation against its limit."""
     turn = np.array(content["rotation_deg"], dtype=np.float64)
     sigma = float(np.max(content["rotation_sigma_deg"]))
@@ -262,6 +251,20 @@ def _strain(content: Mapping[str, Any]) -> Iterator[Finding]:
             f"by chance {chance:.0e})"
         )
         yield Finding(Code.STRAIN, Severity.DOUBTFUL, text, chance, _STRAIN_CHANCE)
+
+
+def _above(code: Code, value: float, limits: tuple[float, float], text: str) -> Iterator[Finding]:
+    """Yield a finding if a value exceeds the limit of doubtful results, or that of refused ones."""
+    severity = _severity(value - limits[0], limits[1] - limits[0])
+    if severity is not None:
+        yield Finding(code, severity, text, value, limits[0])
+
+
+def _below(code: Code, share: float, text: str) -> Iterator[Finding]:
+    """Yield a finding if a share of the mapolas lies below its limits."""
+    severity = _severity(_DOUBTFUL_SHARE - share, _DOUBTFUL_SHARE - _REFUSED_SHARE)
+    if severity is not None:
+        yield Finding(code, severity, text, share, _DOUBTFUL_SHARE)
 
 
 def _severity(excess: float, to_refusal: float) -> Severity | None:

@@ -3,7 +3,6 @@
 from fusion.registration.observations.by_images import ImagedMapolas, place_mapolas
 from fusion.registration.observations.image_registration import (
     ObservationTypes,
-    fit_mapolas,
     image_registration_json,
     register_with_images,
 )
@@ -11,7 +10,6 @@ from fusion.registration.observations.image_registration import (
 __all__ = [
     "ImagedMapolas",
     "ObservationTypes",
-    "fit_mapolas",
     "image_registration_json",
     "place_mapolas",
     "register_with_images",

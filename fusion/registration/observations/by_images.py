@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fusion.estimation.verdict import Cause
 from fusion.surfacematch import Match
+from fusion.verdict import Cause
 from spcola.arrays import FloatArray
 from spcola.control.estimation import LandmarkSolution, state_partials
 from spcola.errors import NotObservableError
@@ -153,26 +153,22 @@ def _match(
     residual_covariance: FloatArray,
 ) -> Match:
     """Convert a solved centre to a match like that by topography."""
-    unknown = np.full(3, np.nan)
-    displacement, covariance, iterations = unknown, np.full((3, 3), np.nan), 0
-    if solution is not None:
-        displacement, iterations = solution.estimate - grid.center, solution.iterations
-        gain = solution.gain
-        own = np.einsum("nia,nab,njb->ij", gain, sighting.covariance, gain)
-        covariance = own + residual_covariance
-    none = float("nan")
-    return Match(
-        name=sighting.name,
-        center=grid.center,
+    coverage = float(np.max(sighting.share)) if len(sighting) else 0.0
+    match = Match.failed(sighting.name, grid, coverage, Cause.NOT_IN_IMAGES, _why(sighting))
+    if len(sighting):
+        match = replace(match, correlation=float(np.median(sighting.correlation)))
+    if solution is None:
+        return match
+    displacement, gain = solution.estimate - grid.center, solution.gain
+    own = np.einsum("nia,nab,njb->ij", gain, sighting.covariance, gain)
+    return replace(
+        match,
         displacement=displacement,
-        covariance=covariance,
+        covariance=own + residual_covariance,
         local=grid.axes @ displacement,
-        residual=np.full(grid.shape, np.nan),
-        correlation=float(np.median(sighting.correlation)) if len(sighting) else none,
-        coverage=float(np.max(sighting.share)) if len(sighting) else 0.0,
-        iterations=iterations,
-        reason="" if solution is not None else _why(sighting),
-        cause=None if solution is not None else Cause.NOT_IN_IMAGES,
+        iterations=solution.iterations,
+        reason="",
+        cause=None,
     )
 
 

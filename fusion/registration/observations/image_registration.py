@@ -11,18 +11,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fusion.estimation import ErrorSizes
-from fusion.registration.fit.fit import FitOptions, Registration, fit_transform, similarity_numbers
+from fusion.registration.fit import FitOptions, MatchedMapolas, Registration, fit_mapolas
 from fusion.registration.observations.by_images import ImagedMapolas
 from fusion.registration.observations.combine import ObservationTypeSizes, joint_matches
-from fusion.registration.results.summary import MatchedMapolas, registration_json
+from fusion.registration.results import registration_json
 from fusion.surfacematch import Match
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
 
 ObservationTypes = Literal["images", "both"]
-# If the errors of landmarks are modelled, the prior of the remaining independent error is this
-# share of the error of a maplet's centre.
-_LEFT = 0.1
 # Numbers reported for each observation type.
 _OF_A_TYPE = ("displacement_m", "sigma_m", "residual_m", "used", "reason", "cause", "correlation")
 
@@ -52,55 +49,6 @@ class ImageRegistration:
     chi2: FloatArray
     turn_deg: FloatArray
     turn_sigma_deg: FloatArray
-
-
-def fit_mapolas(
-    mapolas: MatchedMapolas, further: Sequence[FloatArray] = (), *, options: FitOptions
-) -> Registration:
-    """Fit the transform to the mapolas that match; `further` are groups of effects (N, 3, M).
-
-    Parameters
-    ----------
-    mapolas : MatchedMapolas
-    further : sequence of (N, 3, M) ndarrays
-        Patterns of further shared errors, metres.
-    options : FitOptions
-
-    Raises
-    ------
-    NotObservableError
-        If there are too few, or their positions do not determine a parameter.
-    """
-    usable = mapolas.usable
-    matches = [match for match in mapolas.matches if match.usable]
-    if not matches:
-        raise NotObservableError(
-            f"none of {len(mapolas.matches)} mapolas matches ({mapolas.matches[0].reason})"
-        )
-    displacement = np.stack([match.displacement for match in matches])
-    covariance = (
-        np.stack([match.covariance for match in matches]) + mapolas.residual_covariance[usable]
-    )
-    groups = [group[usable] for group in further]
-    landmarks = mapolas.landmarks
-    if landmarks is not None:
-        displacement = displacement - landmarks.offset[usable]
-        covariance = covariance + landmarks.own[usable]
-        groups.append(landmarks.shared[usable])
-        options = replace(
-            options,
-            center_sigma_m=_LEFT * options.center_sigma_m,
-            # The shared errors of landmarks are mostly not separable from the transform.
-            fixed_groups=(*options.fixed_groups, len(groups)),
-        )
-    return fit_transform(
-        np.stack([match.center for match in matches]),
-        displacement,
-        covariance,
-        mapolas.effects[usable],
-        further=groups,
-        options=options,
-    )
 
 
 def register_with_images(
@@ -190,7 +138,7 @@ def _turn(one: Registration | None, other: Registration | None) -> tuple[FloatAr
     if one is None or other is None:
         return np.full(3, np.nan), np.full(3, np.nan)
     between = Rotation.from_matrix(other.similarity.rotation @ one.similarity.rotation.T)
-    sigmas = [similarity_numbers(fitted)[3] for fitted in (one, other)]
+    sigmas = [fitted.similarity_numbers()[3] for fitted in (one, other)]
     return np.degrees(between.as_rotvec()), np.degrees(np.hypot(*sigmas))
 
 

@@ -1,28 +1,23 @@
-"""The content of registration.json, and registrations that are given."""
+"""The content of registration.json, written and read."""
 
-from fusion.registration.results.apply import GivenRegistration, applied_json, given_registration
+from fusion.registration.results.applied import applied_json
+from fusion.registration.results.fitted import registration_json
 from fusion.registration.results.keys import with_old_keys
-from fusion.registration.results.scans import ScanEffects, share_matrix
-from fusion.registration.results.summary import (
-    MatchedMapolas,
-    Placement,
-    placements_of,
-    registration_json,
-    scale_influence,
+from fusion.registration.results.read import (
+    GivenRegistration,
+    MapolaRegistration,
+    given_registration,
+    mapola_registrations,
     transform_of,
 )
 
 __all__ = [
     "GivenRegistration",
-    "MatchedMapolas",
-    "Placement",
-    "ScanEffects",
+    "MapolaRegistration",
     "applied_json",
     "given_registration",
-    "placements_of",
+    "mapola_registrations",
     "registration_json",
-    "scale_influence",
-    "share_matrix",
     "transform_of",
     "with_old_keys",
 ]

@@ -8,17 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fusion.registration.fit.fit import (
-    LIDAR_FRAME,
-    PARAMETERS,
-    SPC_FRAME,
-    Model,
-    about_origin,
-    natural_sizes,
-    updated_transform,
-)
-from fusion.registration.returns.direct import DirectRegistration
-from fusion.registration.returns.equations import Clusters, Equations, pair_equations
+from fusion.registration.direct import Clusters, DirectRegistration, NormalEquations, pair_equations
 from fusion.registration.returns.return_heights import (
     CloudOfReturns,
     FixedSurface,
@@ -26,10 +16,18 @@ from fusion.registration.returns.return_heights import (
     height_of_returns,
 )
 from fusion.registration.returns.returns_match import match_returns
+from fusion.registration.transform import (
+    PARAMETERS,
+    Model,
+    about_origin,
+    natural_sizes,
+    updated_transform,
+)
+from fusion.registration.transform.parameters import LIDAR_FRAME, SPC_FRAME
 from fusion.surfacematch import MatchOptions
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError
-from spcola.grids.statistics import independent_patches
+from spcola.grids.correlation import independent_patches
 from spcola.math import Affine
 from spcola.math.robust import mad
 
@@ -77,7 +75,7 @@ def register_returns(
     Parameters
     ----------
     returns : CloudOfReturns
-        Of a scan, say; lidar coordinates.
+        For example of one scan; lidar coordinates.
     surfaces : sequence of FixedSurface
         Maplets, or one bigmap. Errors of different surfaces count as independent.
     options : ReturnsOptions, optional
@@ -114,7 +112,6 @@ def register_returns(
     return DirectRegistration(
         transform=transform,
         model=options.model,
-        parameters=names,
         covariance=about_origin(found.covariance(rounds.inside), options.model, transform, center),
         center=center,
         blur_cells=float(np.mean([fixed.blur_cells for _, fixed in near])),
@@ -142,7 +139,7 @@ class _Round:
 
     def equations(
         self, near: list[tuple[CloudOfReturns, FixedSurface]], transform: Affine, about: FloatArray
-    ) -> Equations:
+    ) -> NormalEquations:
         """Return the sum of the normal equations of all surfaces."""
         parts, differences, areas = [], [], []
         size = len(PARAMETERS[self.options.model])
@@ -159,13 +156,13 @@ class _Round:
                 areas.append(np.isfinite(difference).sum() / independent_patches(difference))
         if not parts:
             raise NotObservableError(
-                "the returns cover none of the surfaces", do="lower the coverage asked for"
+                "the returns cover none of the surfaces", do="lower the required coverage"
             )
         if areas:
             points = int(np.sqrt(sum(len(fixed.height) ** 2 for _, fixed in near)))
             self.clusters = Clusters.of(float(np.median(areas)), points, size)
         self.differences = np.concatenate(differences)
-        return Equations.joined(parts)
+        return NormalEquations.joined(parts)
 
 
 def _near(

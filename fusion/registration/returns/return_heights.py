@@ -12,8 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
-from fusion.registration.returns.equations import SurfacePair
-from fusion.surfacematch import BEST_SHARE, BORDER, Surface, spline_of
+from fusion.registration.direct import SurfacePair
+from fusion.surfacematch import Surface, accurate_variance, spline_at, spline_coefficients
 from fusion.surfacematch.resolution import blur
 from spcola.arrays import BoolArray, FloatArray
 from spcola.compilation import compiled
@@ -79,7 +79,7 @@ class FixedSurface:
     @cached_property
     def coefficients(self) -> FloatArray:
         """Coefficients (N + 4, N + 4) of the cubic spline through the heights."""
-        return spline_of(filled(self.height))
+        return spline_coefficients(filled(self.height))
 
 
 def height_of_returns(
@@ -148,7 +148,7 @@ def relative_weight(lidar: Surface, fixed: Surface) -> FloatArray:
     both = np.isfinite(lidar.height) & np.isfinite(fixed.height)
     if not (variance[both] > 0).any():
         return both.astype(np.float64)
-    best = float(np.quantile(variance[both], BEST_SHARE))
+    best = accurate_variance(variance[both])
     return np.where(both, 1.0 / np.maximum(variance / max(best, 1e-12), 1.0), 0.0)
 
 
@@ -179,7 +179,7 @@ def _sum_up(
         if not (0 <= column < size and 0 <= row < size) or not known[row, column]:
             continue
         z = matrix[2, 0] * a + matrix[2, 1] * b + matrix[2, 2] * c + offset[2]
-        difference = _spline(coefficients, x, y) - z
+        difference = spline_at(coefficients, x, y) - z
         if abs(difference - window[0]) > window[1]:
             continue
         sums[0, row, column] += 1.0
@@ -187,31 +187,3 @@ def _sum_up(
         if sigma[k] > 0.0:
             sums[2, row, column] += 1.0
             sums[3, row, column] += sigma[k] * sigma[k]
-
-
-@compiled
-def _spline(coefficients: FloatArray, x: float, y: float) -> float:
-    """Cubic spline of a layer (N, N) at column `x` and row `y`, by :func:`spline_of`."""
-    last = coefficients.shape[0] - 1
-    column, row = int(np.floor(x)), int(np.floor(y))
-    t, u = x - column, y - row
-    total = 0.0
-    for i in range(4):
-        wy = _basis(i, u)
-        r = min(max(row - 1 + i + BORDER, 0), last)
-        for j in range(4):
-            c = min(max(column - 1 + j + BORDER, 0), last)
-            total += wy * _basis(j, t) * coefficients[r, c]
-    return total
-
-
-@compiled
-def _basis(number: int, t: float) -> float:
-    """Values of the four cubic B-splines that are not 0 between two knots, at share `t`."""
-    if number == 0:
-        return (1.0 - t) ** 3 / 6.0
-    if number == 1:
-        return (3.0 * t**3 - 6.0 * t**2 + 4.0) / 6.0
-    if number == 2:
-        return (-3.0 * t**3 + 3.0 * t**2 + 3.0 * t + 1.0) / 6.0
-    return t**3 / 6.0

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from fusion.estimation.verdict import Cause
-from fusion.registration.returns.equations import SurfacePair, both_slopes
+from fusion.registration.direct import SurfacePair
+from fusion.registration.direct.equations import both_slopes
 from fusion.registration.returns.return_heights import (
     CloudOfReturns,
     FixedSurface,
@@ -16,12 +16,14 @@ from fusion.registration.returns.return_heights import (
     height_of_returns,
     relative_weight,
 )
-from fusion.surfacematch import Match, MatchOptions, judged_match, unmatched
+from fusion.surfacematch import Match, MatchOptions
+from fusion.verdict import Cause
 from spcola.arrays import BoolArray, FloatArray
+from spcola.grids.correlation import independent_patches, shift_variances
 from spcola.grids.gaps import filled
-from spcola.grids.statistics import independent_patches, robust_covariance, shift_variances
+from spcola.grids.robust_covariance import huber_scores, robust_covariance
 from spcola.math import Affine
-from spcola.math.robust import huber_scores, huber_weight, mad
+from spcola.math.robust import huber_weight, mad
 
 # Displacements further apart than this, cells, count as different solutions.
 _APART = 3.0
@@ -62,19 +64,19 @@ def match_returns(
     both = float(np.mean(np.isfinite(here.height)))
     if both < options.min_coverage:
         few = f"the returns cover only {both:.0%} of the surface"
-        return unmatched(name, fixed.grid, both, Cause.NOT_COVERED, few)
+        return Match.failed(name, fixed.grid, both, Cause.NOT_COVERED, few)
     starts = _searched(here.height, fixed, relative_weight(here, fixed.surface), options)
     if not starts:
         edge = f"the best match lies at the edge of the capture range ({options.capture_m:g} m)"
-        return unmatched(name, fixed.grid, both, Cause.CAPTURE_RANGE, edge)
+        return Match.failed(name, fixed.grid, both, Cause.CAPTURE_RANGE, edge)
     found = [_refined(returns, fixed, start, options) for start in starts]
     best = found[0]
     if best is None:
-        return unmatched(name, fixed.grid, both, Cause.NO_RELIEF, Cause.NO_RELIEF.meaning)
+        return Match.failed(name, fixed.grid, both, Cause.NO_RELIEF, Cause.NO_RELIEF.meaning)
     for other in found[1:]:
-        if other is not None and _rivals(other, best, fixed.grid.gsd, options):
+        if other is not None and _is_alternative(other, best, fixed.grid.gsd, options):
             flat = f"{Cause.AMBIGUOUS.meaning} (flat or periodic terrain)"
-            return unmatched(name, fixed.grid, both, Cause.AMBIGUOUS, flat)
+            return Match.failed(name, fixed.grid, both, Cause.AMBIGUOUS, flat)
     return _judged(name, fixed, best, options)
 
 
@@ -86,7 +88,7 @@ def _shift(fixed: FixedSurface, local: FloatArray) -> Affine:
 def _searched(
     height: FloatArray, fixed: FixedSurface, weight: FloatArray, options: MatchOptions
 ) -> list[FloatArray]:
-    """Best whole-cell displacement, metres, and up to two rivals; none if it lies on the edge."""
+    """Best whole-cell displacement, metres, and up to two others; none if it lies on the edge."""
     gsd = fixed.grid.gsd
     reach = max(1, int(np.ceil(options.capture_m / gsd)))
     covered = np.isfinite(height)
@@ -170,37 +172,37 @@ def _solved(pair: SurfacePair, gsd: float) -> tuple[FloatArray, FloatArray, Floa
     robust, step = np.where(known, pair.robust, 0.0), np.zeros(5)
     for _ in range(4):
         weighted = mean * robust[..., None]
-        shown = np.einsum("rcp,rcq->pq", weighted, mean)
+        noisy = np.einsum("rcp,rcq->pq", weighted, mean)
         normal = np.einsum("rcp,rcq->pq", first * robust[..., None], second)
         normal = 0.5 * (normal + normal.T)
-        if not _determined(shown, normal):
+        if not _determined(noisy, normal):
             return None
         step = np.linalg.solve(normal, np.einsum("rcp,rc->p", weighted, target))
         rest = target - mean @ step
         spread = max(float(mad(rest[known])), 1e-12)
         robust = np.where(known, huber_weight(rest / spread), 0.0)
     standardised = np.where(known, rest, np.nan)
-    # The sandwich uses `shown`, which includes noise of the slopes, in place of `normal`.
-    carried = np.linalg.solve(normal, shown)
+    # The sandwich uses `noisy`, which includes noise of the slopes, in place of `normal`.
+    response = np.linalg.solve(normal, noisy)
     design = np.moveaxis(np.where(known[..., None], mean, 0.0), -1, 0)
     found = robust_covariance(design, huber_scores(standardised, spread))
-    covariance = carried @ found.matrix @ carried.T
+    covariance = response @ found.matrix @ response.T
     return step, standardised, covariance[:3, :3]
 
 
-def _determined(shown: FloatArray, normal: FloatArray) -> bool:
+def _determined(noisy: FloatArray, normal: FloatArray) -> bool:
     """Return whether relief common to both surfaces, not noise, determines every parameter."""
-    size = np.sqrt(np.diag(shown))
+    size = np.sqrt(np.diag(noisy))
     if np.min(size) < 1e-9:
         return False
-    values, vectors = np.linalg.eigh(shown / np.outer(size, size))
+    values, vectors = np.linalg.eigh(noisy / np.outer(size, size))
     if values[0] < 1e-10 * values[-1]:
         return False
     white = vectors / np.sqrt(values) / size[:, None]
     return bool(np.linalg.eigvalsh(white.T @ normal @ white)[0] > _LEAST_COMMON)
 
 
-def _rivals(other: _Fine, best: _Fine, gsd: float, options: MatchOptions) -> bool:
+def _is_alternative(other: _Fine, best: _Fine, gsd: float, options: MatchOptions) -> bool:
     """Return whether another displacement leaves about the same variance as the best one.
 
     In square metres, as each pair's weights have their own scale.
@@ -230,7 +232,7 @@ def _judged(name: str, fixed: FixedSurface, fine: _Fine, options: MatchOptions) 
         reason="",
     )
     patches = independent_patches(fine.standardised)
-    return judged_match(match, options, converged=fine.converged, patches=patches)
+    return match.judged(options, converged=fine.converged, patches=patches)
 
 
 def _correlation(pair: SurfacePair, known: BoolArray) -> float:

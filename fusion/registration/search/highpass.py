@@ -23,12 +23,7 @@ _LEAST = 20
 
 
 class ShortRelief:
-    """Relief of a surface at wavelengths below some twenty degrees.
-
-    Parameters
-    ----------
-    surface : Directions
-    """
+    """Relief of a surface at wavelengths below some twenty degrees."""
 
     def __init__(self, surface: Directions) -> None:
         long = surface.coarser(_COARSE).smoothed(cell_centers(_COARSE), LONGEST_DEG)
@@ -45,8 +40,8 @@ class ShortRelief:
 
         0 if too few of them are on it. Outliers are clipped at three standard deviations.
         """
-        row, weight, theirs = self._theirs(points)
-        return _correlation(theirs, np.sum(weight * self._short[row], axis=1))
+        row, weight, relief = self._relief_of(points)
+        return _correlation(relief, np.sum(weight * self._short[row], axis=1))
 
     def elsewhere(self, points: FloatArray, turns: FloatArray) -> FloatArray:
         """Return the correlations (K,) of the points' relief with that of other places.
@@ -54,14 +49,14 @@ class ShortRelief:
         These are the images of the points under `turns` (K, 3, 3), mirrored or not; NaN if the
         surface is not known for most of the images.
         """
-        _, _, theirs = self._theirs(points)
+        _, _, relief = self._relief_of(points)
         units = points[self._near(points)[0]]
         found = np.full(len(turns), np.nan)
         for k, turn in enumerate(turns):
             near, row, weight = self._near(units @ turn.T)
             if 2 * np.count_nonzero(near) >= len(units) >= _LEAST:
                 short = np.sum(weight * self._short[row], axis=1)
-                found[k] = _correlation(theirs[near], short)
+                found[k] = _correlation(relief[near], short)
         return found
 
     def _near(self, points: FloatArray) -> tuple[BoolArray, IntArray, FloatArray]:
@@ -74,7 +69,7 @@ class ShortRelief:
         weight /= weight.sum(axis=1, keepdims=True)
         return near, row[near], weight
 
-    def _theirs(self, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    def _relief_of(self, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
         """Cells, weights and relief of the points for which the surface is known."""
         near, row, weight = self._near(points)
         log_radius = np.log(np.linalg.norm(points[near], axis=1))

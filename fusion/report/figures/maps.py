@@ -7,29 +7,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fusion.products import lon_lat_deg
-from fusion.report.data import Coverage
-from fusion.report.style.style import INK, LIDAR, MUTED, REJECTED, SPC, drawing
+from fusion.report.data import LidarCoverage
+from fusion.report.layout import Colour, styled_figure
 from spcola.arrays import FloatArray
+from spcola.math import lon_lat_deg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def coverage_figure(coverage: Coverage) -> Figure:
+def coverage_figure(coverage: LidarCoverage) -> Figure:
     """Longitude and latitude of all maplets, coloured by the share that lidar covers."""
-    with drawing(9.4, 4.6) as figure:
+    with styled_figure(9.4, 4.6) as figure:
         draw_coverage(figure, figure.subplots(), coverage)
     return figure
 
 
-def draw_coverage(figure: Any, panel: Any, coverage: Coverage) -> None:
+def draw_coverage(figure: Any, panel: Any, coverage: LidarCoverage) -> None:
     """Draw the maplets on a map of the whole body, coloured by the share that lidar covers."""
     longitude, latitude = lon_lat_deg(coverage.centers)
     covered = np.isfinite(coverage.share)
     size = _marker_size(len(longitude))
     panel.scatter(
-        longitude[~covered], latitude[~covered], s=size, facecolors="none", edgecolors=MUTED,
+        longitude[~covered], latitude[~covered], s=size, facecolors="none", edgecolors=Colour.GREY,
         linewidths=0.8, label=f"no mapola ({np.count_nonzero(~covered)})",
     )  # fmt: skip
     drawn = panel.scatter(
@@ -46,7 +46,7 @@ def draw_coverage(figure: Any, panel: Any, coverage: Coverage) -> None:
 def registration_figure(registration: Mapping[str, Any]) -> Figure:
     """Residuals of the mapolas: arrows over the body, and histograms along its axes."""
     entries = [e for e in registration["per_mapola"] if _known(e)]
-    with drawing(9.4, 7.2) as figure:
+    with styled_figure(9.4, 7.2) as figure:
         parts: Any = figure.subfigures(2, 1, height_ratios=[1.35, 1.0])
         top, bottom = parts
         _arrows(top.subplots(), top, entries)
@@ -74,8 +74,8 @@ def _arrows(panel: Any, figure: Any, entries: list[Mapping[str, Any]]) -> None:
     east, north, up = _local(longitude, latitude, residual)
     if (~used).any():
         panel.scatter(
-            longitude[~used], latitude[~used], marker="x", s=36, color=REJECTED, lw=1.6, zorder=4,
-            label=f"rejected, with a residual ({np.count_nonzero(~used)})",
+            longitude[~used], latitude[~used], marker="x", s=36, color=Colour.REJECTED, lw=1.6,
+            zorder=4, label=f"rejected, with a residual ({np.count_nonzero(~used)})",
         )  # fmt: skip
         panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderpad=0.2)
     if used.any():
@@ -85,9 +85,9 @@ def _arrows(panel: Any, figure: Any, entries: list[Mapping[str, Any]]) -> None:
         drawn = panel.quiver(
             longitude[used], latitude[used], east[used], north[used], up[used], cmap="RdBu_r",
             clim=(-reach, reach), angles="uv", scale_units="inches", scale=typical / 0.22,
-            width=0.0032, edgecolor=INK, linewidth=0.35, zorder=3,
+            width=0.0032, edgecolor=Colour.TEXT, linewidth=0.35, zorder=3,
         )  # fmt: skip
-        panel.quiverkey(drawn, 0.86, -0.12, key, f"{key:g} m", labelpos="E", color=INK)
+        panel.quiverkey(drawn, 0.86, -0.12, key, f"{key:g} m", labelpos="E", color=Colour.TEXT)
         bar = figure.colorbar(drawn, ax=panel, shrink=0.85, extend="both", pad=0.01)
         bar.set_label("residual upward, m")
 
@@ -104,11 +104,11 @@ def _histograms(
     edges = np.linspace(-reach, reach, 25)
     for axis, panel in enumerate(panels):
         shown = np.clip(residual[:, axis], edges[0], edges[-1])
-        stacks, colours = [shown[used], shown[~used]], [SPC, REJECTED]
+        stacks, colours = [shown[used], shown[~used]], [Colour.SPC, Colour.REJECTED]
         panel.hist(stacks, edges, stacked=True, color=colours, label=["used", "rejected"])
-        panel.axvline(0.0, color=INK, lw=0.8)
+        panel.axvline(0.0, color=Colour.TEXT, lw=0.8)
         for side in (-1, 1) if np.isfinite(spread[axis]) else ():
-            panel.axvline(side * spread[axis], color=LIDAR, lw=1.2, ls="--")
+            panel.axvline(side * spread[axis], color=Colour.LIDAR, lw=1.2, ls="--")
         known = f"std {spread[axis]:.3f} m" if np.isfinite(spread[axis]) else "std unknown"
         panel.set_title(f"{'xyz'[axis]}: {known}")
         panel.set_xlabel("residual, m")

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fusion.report.data import Origins
-from fusion.report.style.style import INK, MUTED, SOURCE_COLOURS, SOURCES, drawing
+from fusion.report.layout import Colour, styled_figure
+from fusion.report.layout.figures import SOURCE_COLOURS, SOURCES, source_colours
 from spcola.arrays import FloatArray
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ _MOST_APART = 3.0
 def origins_figure(origins: Origins) -> Figure:
     """Draw what the fused heights rest on: by longitude and latitude, and seen from both poles."""
     source_at = _most_frequent(origins)
-    with drawing(9.4, 4.2) as figure:
+    with styled_figure(9.4, 4.2) as figure:
         panels: Any = figure.subplot_mosaic(
             [["map", "north"], ["map", "south"]], width_ratios=[2.1, 1.0]
         )
@@ -98,15 +99,12 @@ def _from_pole(side: float, edge: float) -> FloatArray:
 
 def _draw(panel: Any, image: FloatArray, extent: tuple[float, float, float, float]) -> None:
     """Draw sources as colours; the first row is the lowest."""
-    from matplotlib.colors import BoundaryNorm, ListedColormap  # noqa: PLC0415  (0.4 s at start-up)
-
     panel.imshow(
         np.ma.masked_invalid(image),
-        cmap=ListedColormap(SOURCE_COLOURS),
-        norm=BoundaryNorm(np.arange(-0.5, len(SOURCES)), len(SOURCES)),
         extent=extent,
         origin="lower",
         interpolation="nearest",
+        **source_colours(),
     )
 
 
@@ -115,10 +113,10 @@ def _polar_graticule(panel: Any, side: float, edge: float) -> None:
     around = np.linspace(0.0, 2.0 * np.pi, 181)
     for latitude in (_POLAR_EDGE, 60.0):
         radius = np.cos(np.radians(latitude))
-        panel.plot(radius * np.cos(around), radius * np.sin(around), color=INK, lw=0.6)
+        panel.plot(radius * np.cos(around), radius * np.sin(around), color=Colour.TEXT, lw=0.6)
     for longitude in (0, 90, 180, 270):
         x, y = side * np.cos(np.radians(longitude)), np.sin(np.radians(longitude))
-        panel.plot([0.0, edge * x], [0.0, edge * y], color=INK, lw=0.6)
+        panel.plot([0.0, edge * x], [0.0, edge * y], color=Colour.TEXT, lw=0.6)
         at = (1.16 * edge * x, 1.12 * edge * y)
         panel.text(*at, f"{longitude}°", ha="center", va="center", fontsize=7.5)
     panel.set(xlim=(-1.3 * edge, 1.3 * edge), ylim=(-1.2 * edge, 1.2 * edge))
@@ -131,7 +129,7 @@ def _legend(figure: Any, origins: Origins) -> None:
 
     shares = [float(np.mean(origins.source == number)) for number in range(len(SOURCES))]
     patches = [
-        Patch(facecolor=colour, edgecolor=MUTED, label=f"{name} ({100 * share:.0f} %)")
+        Patch(facecolor=colour, edgecolor=Colour.GREY, label=f"{name} ({100 * share:.0f} %)")
         for name, colour, share in zip(SOURCES, SOURCE_COLOURS, shares, strict=True)
         if share > 0
     ]

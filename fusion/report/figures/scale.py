@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fusion.report.style.style import FUSED, INK, MUTED, REJECTED, SPC, drawing
+from fusion.report.layout import Colour, styled_figure
 from spcola.arrays import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PPM = 1e6
+_PPM = 1e6
 
 
 def scale_figure(scale: Mapping[str, Any]) -> Figure:
@@ -23,7 +23,7 @@ def scale_figure(scale: Mapping[str, Any]) -> Figure:
     """
     single = scale.get("per_pair") or scale.get("per_shot") or []
     pairs = [entry for entry in single if entry.get("epsilon") is not None]
-    with drawing(9.4, 6.6) as figure:
+    with styled_figure(9.4, 6.6) as figure:
         panels: dict[str, Any] = figure.subplot_mosaic([["day", "day"], ["hour", "longitude"]])
         _by_day(panels["day"], scale)
         _by_angle(panels["hour"], scale, pairs, "local_time_h", (0, 24), "local solar time, h")
@@ -41,9 +41,9 @@ def _by_day(panel: Any, scale: Mapping[str, Any]) -> None:
         panel.text(0.5, 0.5, "no daily values", transform=panel.transAxes, ha="center")
         return
     place = np.arange(len(days))
-    epsilon = _numbers(days, "epsilon") * PPM
-    error = np.nan_to_num(_numbers(days, "epsilon_sigma")) * PPM
-    panel.errorbar(place, epsilon, error, fmt="o", color=FUSED, ms=5, capsize=3, zorder=3)
+    epsilon = _numbers(days, "epsilon") * _PPM
+    error = np.nan_to_num(_numbers(days, "epsilon_sigma")) * _PPM
+    panel.errorbar(place, epsilon, error, fmt="o", color=Colour.FUSED, ms=5, capsize=3, zorder=3)
     every = max(1, -(-len(days) // 12))
     labels = [f"{day['day']}\nn = {day.get('n', '?')}" for day in days]
     panel.set_xticks(place[::every], labels[::every])
@@ -69,15 +69,23 @@ def _by_angle(
     if not shown:
         panel.text(0.5, 0.5, "not known", transform=panel.transAxes, ha="center")
         return
-    angle, epsilon = _numbers(shown, key), _numbers(shown, "epsilon") * PPM
+    angle, epsilon = _numbers(shown, key), _numbers(shown, "epsilon") * _PPM
     used = np.array([bool(pair.get("used", True)) for pair in shown])
-    panel.plot(angle[used], epsilon[used], ".", color=SPC, ms=4, alpha=0.45, label="single")
+    panel.plot(angle[used], epsilon[used], ".", color=Colour.SPC, ms=4, alpha=0.45, label="single")
     if (~used).any():
-        panel.plot(angle[~used], epsilon[~used], "x", color=REJECTED, ms=5, label="rejected")
+        panel.plot(angle[~used], epsilon[~used], "x", color=Colour.REJECTED, ms=5, label="rejected")
     edges = np.linspace(low, high, 13)
     centers, means, errors = binned(angle[used], epsilon[used], edges)
     panel.errorbar(
-        centers, means, errors, fmt="o", color=FUSED, ms=5, capsize=3, zorder=3, label="bin mean"
+        centers,
+        means,
+        errors,
+        fmt="o",
+        color=Colour.FUSED,
+        ms=5,
+        capsize=3,
+        zorder=3,
+        label="bin mean",
     )
     if used.any():
         # Outliers must not compress the axis.
@@ -106,12 +114,14 @@ def _joint(panel: Any, scale: Mapping[str, Any], *, label: str = "") -> None:
     """Draw the joint estimate as a line with a band of one sigma."""
     panel.set_ylabel("ε, 10⁻⁶")
     panel.grid(visible=True, axis="y")
-    panel.axhline(0.0, color=MUTED, lw=0.8)
+    panel.axhline(0.0, color=Colour.GREY, lw=0.8)
     value, sigma = scale.get("epsilon"), scale.get("epsilon_sigma")
     if value is not None:
-        panel.axhline(value * PPM, color=INK, lw=1.2, label=label)
+        panel.axhline(value * _PPM, color=Colour.TEXT, lw=1.2, label=label)
         if sigma is not None:
-            panel.axhspan((value - sigma) * PPM, (value + sigma) * PPM, color=INK, alpha=0.12, lw=0)
+            panel.axhspan(
+                (value - sigma) * _PPM, (value + sigma) * _PPM, color=Colour.TEXT, alpha=0.12, lw=0
+            )
 
 
 def _numbers(entries: list[Any], key: str) -> FloatArray:

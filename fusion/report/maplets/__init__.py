@@ -1,25 +1,21 @@
-"""Figures of one place: hillshades, differences, sources."""
+"""Panels of figures that show maplets."""
 
-from fusion.report.maplets.surfaces import (
-    MISSING,
+from fusion.report.maplets.hillshade import hillshade
+from fusion.report.maplets.panels import (
     bar_below,
+    draw_differences,
     draw_sources,
     grid_image,
-    hillshade,
-    label_axes,
-    north_and_scale,
+    label_panels,
     symmetric_limit,
-    write_statistics,
 )
 
 __all__ = [
-    "MISSING",
     "bar_below",
+    "draw_differences",
     "draw_sources",
     "grid_image",
     "hillshade",
-    "label_axes",
-    "north_and_scale",
+    "label_panels",
     "symmetric_limit",
-    "write_statistics",
 ]

@@ -1,5 +1,5 @@
 from .memory import PROGRAM_BYTES as PROGRAM_BYTES
 from .memory import check_grid as check_grid
-from .pages import announce as announce
-from .pages import release as release
+from .pages import forget_pages as forget_pages
+from .pages import read_ahead as read_ahead
 from .threads import one_blas_thread as one_blas_thread

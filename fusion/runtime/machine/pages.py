@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 
-def announce(descriptor: int, begin: int, count: int) -> None:
+def read_ahead(descriptor: int, begin: int, count: int) -> None:
     """Announce that `count` bytes from `begin` will be read: the system reads them ahead."""
     if hasattr(os, "posix_fadvise"):  # not on macOS and Windows
         # A pipe takes no hint.
@@ -19,7 +19,7 @@ def announce(descriptor: int, begin: int, count: int) -> None:
             os.posix_fadvise(descriptor, begin, count, os.POSIX_FADV_WILLNEED)
 
 
-def release(path: Path) -> None:
+def forget_pages(path: Path) -> None:
     """Announce that a file will not be read again soon: its pages serve the next one."""
     if hasattr(os, "posix_fadvise"):
         # It may be gone by now, which does not matter.

@@ -1,4 +1,4 @@
-"""Interrupts, locks, and child processes with limits."""
+"""Interrupts, and child processes with limits."""
 
 import lazy_loader
 

@@ -2,10 +2,6 @@ from .early_exit import INTERRUPTED as INTERRUPTED
 from .early_exit import leave_at_once as leave_at_once
 from .interrupt import check_interrupts as check_interrupts
 from .interrupt import remembering_interrupts as remembering_interrupts
-from .isolation import Limits as Limits
+from .isolation import ProcessLimits as ProcessLimits
 from .isolation import apply_limits as apply_limits
 from .isolation import isolated as isolated
-from .lock import clear_abandoned_folders as clear_abandoned_folders
-from .lock import clear_leftovers as clear_leftovers
-from .lock import locked as locked
-from .lock import remove_folder as remove_folder

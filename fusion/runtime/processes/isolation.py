@@ -29,7 +29,7 @@ _PATIENCE_S = 10.0
 
 
 @dataclass(frozen=True)
-class Limits:
+class ProcessLimits:
     """Memory and time that a child process may use.
 
     Parameters
@@ -55,7 +55,7 @@ class Limits:
             raise InvalidValueError("must be 1 s to 1e7 s", "--limit-s")
 
 
-def isolated(arguments: Sequence[str], limits: Limits, *folder: Path) -> int:
+def isolated(arguments: Sequence[str], limits: ProcessLimits, *folder: Path) -> int:
     """Run ``spcola ARGUMENTS`` in a child process; return its exit code.
 
     Standard output is that of this process. Standard error is passed on after the child ended by
@@ -65,7 +65,7 @@ def isolated(arguments: Sequence[str], limits: Limits, *folder: Path) -> int:
     ----------
     arguments : sequence of str
         A command and its options.
-    limits : Limits
+    limits : ProcessLimits
     *folder : Path
         Where it writes: files that were incomplete when it died are removed.
 
@@ -125,7 +125,7 @@ def apply_limits() -> None:
         resource.setrlimit(kind, (least, least))
 
 
-def _ended(child: subprocess.Popen[bytes], limits: Limits) -> tuple[int, str]:
+def _ended(child: subprocess.Popen[bytes], limits: ProcessLimits) -> tuple[int, str]:
     """Wait for a child; return its exit code, and a message if it did not end by itself."""
     try:
         code = child.wait(timeout=limits.seconds)

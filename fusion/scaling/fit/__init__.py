@@ -1,6 +1,6 @@
 """The joint estimate of scale, centre, rotation and range bias."""
 
 from fusion.scaling.fit.joint import ScaleEstimate, ScaleOptions, estimate_scale
-from fusion.scaling.fit.observation import Trajectory
+from fusion.scaling.fit.observation import TrajectorySource
 
-__all__ = ["ScaleEstimate", "ScaleOptions", "Trajectory", "estimate_scale"]
+__all__ = ["ScaleEstimate", "ScaleOptions", "TrajectorySource", "estimate_scale"]

@@ -57,7 +57,7 @@ class SharedGround:
     patterns: FloatArray
     own: FloatArray
 
-    def under(self, observations: ScaleObservations) -> ScaleObservations:
+    def added_to(self, observations: ScaleObservations) -> ScaleObservations:
         """Return the shots with these errors of heights added."""
         oblique = np.sum(observations.normal * observations.beam, axis=1) ** 2
         return replace(

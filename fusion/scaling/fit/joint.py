@@ -111,13 +111,7 @@ class ScaleEstimate:
     @property
     def inseparable(self) -> tuple[tuple[str, float], ...]:
         """Parameters that the data do not separate from ε, and their correlations with it."""
-        sigma = self.fit.sigma
-        correlation = self.fit.covariance[0] / (sigma[0] * sigma)
-        return tuple(
-            (name, float(value))
-            for name, value in zip(PARAMETERS[1:], correlation[1:], strict=True)
-            if abs(value) > _INSEPARABLE
-        )
+        return _inseparable(self.fit)
 
     def undetermined(self, options: ScaleOptions) -> tuple[str, ...]:
         """Parameters that are determined by the priors of `options`, not by the data."""
@@ -168,7 +162,7 @@ def estimate_scale(
         found = shared_ground(alone, equations, fit)
         if found is None or (ground is not None and found.reach_m == ground.reach_m):
             break
-        ground, observations = found, found.under(alone)
+        ground, observations = found, found.added_to(alone)
         groups, equations, fit = _fit(observations, options)
     return ScaleEstimate(
         fit,
@@ -204,6 +198,16 @@ def _fit(
     return groups, equations, fit_mixed(equations, mixed)
 
 
+def _inseparable(fit: MixedFit) -> tuple[tuple[str, float], ...]:
+    """Parameters that the data do not separate from ε, and their correlations with it."""
+    correlation = fit.covariance[0] / (fit.sigma[0] * fit.sigma)
+    return tuple(
+        (name, float(value))
+        for name, value in zip(PARAMETERS[1:], correlation[1:], strict=True)
+        if abs(value) > _INSEPARABLE
+    )
+
+
 def _reasons(
     fit: MixedFit, options: ScaleOptions, observations: ScaleObservations, days: int
 ) -> tuple[str, ...]:
@@ -215,13 +219,11 @@ def _reasons(
                 f"{name}: not determined by the data; its sigma {spread:.3g} is that of the prior "
                 f"({prior:.3g})"
             )
-    correlation = fit.covariance / np.outer(sigma, sigma)
-    for other in range(1, len(PARAMETERS)):
-        if abs(correlation[0, other]) > _INSEPARABLE:
-            lines.append(
-                f"epsilon and {PARAMETERS[other]} are not separable (correlation "
-                f"{correlation[0, other]:+.3f}); the sigma of epsilon includes this"
-            )
+    lines += [
+        f"epsilon and {name} are not separable (correlation {correlation:+.3f}); the sigma of "
+        "epsilon includes this"
+        for name, correlation in _inseparable(fit)
+    ]
     if days == 1:
         lines.append("per-day terms: all observations are of one day")
     spread_of_range = float(np.ptp(observations.range) / np.mean(observations.range))

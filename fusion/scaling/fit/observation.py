@@ -10,7 +10,8 @@ import numpy as np
 from spcola.arrays import FloatArray, check_finite, check_shape
 from spcola.errors import InvalidValueError
 
-Trajectory = Literal["spc", "reference"]
+TrajectorySource = Literal["spc", "reference"]
+"""Whose spacecraft positions locate the returns: those of the SPC solution, or of the lidar."""
 
 PARAMETERS = (
     "epsilon",
@@ -90,7 +91,7 @@ class ScaleObservations:
     normal: FloatArray
     local_time_h: FloatArray
     shares: FloatArray
-    trajectory: Trajectory
+    trajectory: TrajectorySource
     scan: tuple[str, ...] = ()
     response: FloatArray | None = None
     ground: FloatArray | None = None

@@ -1,23 +1,21 @@
 """Geometry of the scale: frames of images, placement of the lidar, shared errors of pairs."""
 
 from fusion.scaling.geometry.frames import (
-    LeftOut,
     PairFrame,
     PairOptions,
+    UnpairedImage,
     frame_of_image,
     pair_size,
-    seen_from,
 )
-from fusion.scaling.geometry.placing import LidarPlacement
+from fusion.scaling.geometry.placement import LidarPlacement
 from fusion.scaling.geometry.sharing import maplet_shares
 
 __all__ = [
-    "LeftOut",
     "LidarPlacement",
     "PairFrame",
     "PairOptions",
+    "UnpairedImage",
     "frame_of_image",
     "maplet_shares",
     "pair_size",
-    "seen_from",
 ]

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fusion.estimation.verdict import Cause
 from fusion.surfacematch import MatchOptions
+from fusion.verdict import Cause
 from spcola.arrays import FloatArray
 from spcola.camera import SpcImage, ray
 from spcola.grids import MapletGrid
@@ -86,17 +86,22 @@ class PairFrame:
     emission_deg: float
     incidence_deg: float
 
+    def with_station(self, station: FloatArray) -> PairFrame:
+        """Return the frame with the line of sight of the returns, from `station` (3,), metres.
+
+        During a scan the spacecraft moves by degrees over the body: the range error of a return
+        lies along its own beam, not along the boresight of an image taken before or after.
+        """
+        away = self.grid.center - station
+        distance = float(np.linalg.norm(away))
+        return replace(self, beam=away / distance, range=distance)
+
 
 @dataclass(frozen=True)
-class LeftOut:
-    """An image without a pair, and the reason; `unmatched` if its two surfaces do not match.
+class UnpairedImage:
+    """An `image` without a pair, and why: `cause` and `reason`.
 
-    Parameters
-    ----------
-    image : str
-    cause : Cause
-    reason : str
-    unmatched : bool
+    `unmatched` if it has two surfaces that do not match.
     """
 
     image: str
@@ -128,7 +133,9 @@ def _rounded(value: float) -> float:
     return float(f"{value:.1e}")
 
 
-def frame_of_image(image: SpcImage, caster: RayCaster, options: PairOptions) -> PairFrame | LeftOut:
+def frame_of_image(
+    image: SpcImage, caster: RayCaster, options: PairOptions
+) -> PairFrame | UnpairedImage:
     """Return the grid where the central pixel of `image` hits the shape (Gaskell et al. §6.2).
 
     Parameters
@@ -140,7 +147,7 @@ def frame_of_image(image: SpcImage, caster: RayCaster, options: PairOptions) -> 
 
     Returns
     -------
-    PairFrame or LeftOut
+    PairFrame or UnpairedImage
         The latter if the pixel misses the body, or emission or incidence angle are too large.
 
     Raises
@@ -152,7 +159,7 @@ def frame_of_image(image: SpcImage, caster: RayCaster, options: PairOptions) -> 
     beam = ray(image, (camera.width + 1) / 2.0, (camera.height + 1) / 2.0)
     hit = caster.cast(image.position[None], beam[None])
     if not np.isfinite(hit.distance[0]):
-        return LeftOut(image.name, Cause.OFF_BODY, Cause.OFF_BODY.meaning)
+        return UnpairedImage(image.name, Cause.OFF_BODY, Cause.OFF_BODY.meaning)
     point = hit.points[0]
     normal = mean_normal(caster, image.position, point, options.size_m)
     emission, incidence = _angle(normal, -beam), _angle(normal, image.sun)
@@ -195,20 +202,9 @@ def _angle(normal: FloatArray, direction: FloatArray) -> float:
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
-def _oblique(image: str, what: str, angle_deg: float, most_deg: float) -> LeftOut:
+def _oblique(image: str, what: str, angle_deg: float, most_deg: float) -> UnpairedImage:
     over = f"the {what} at the central pixel is {angle_deg:.0f} deg, more than {most_deg:g}"
-    return LeftOut(image, Cause.OBLIQUE, over)
-
-
-def seen_from(frame: PairFrame, station: FloatArray) -> PairFrame:
-    """Return the frame with the line of sight of the returns, from `station` (3,), metres.
-
-    During a scan the spacecraft moves by degrees over the body: the range error of a return lies
-    along its own beam, not along the boresight of an image taken before or after.
-    """
-    away = frame.grid.center - station
-    distance = float(np.linalg.norm(away))
-    return replace(frame, beam=away / distance, range=distance)
+    return UnpairedImage(image, Cause.OBLIQUE, over)
 
 
 def local_time(point: FloatArray, sun: FloatArray) -> float:

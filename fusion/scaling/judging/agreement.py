@@ -11,17 +11,13 @@ from scipy import stats
 from spcola.arrays import FloatArray
 
 
-def shared_by_maplets(
+def covariance_by_maplets(
     of_epsilon: FloatArray, of_scale: FloatArray, center_sigma: FloatArray
 ) -> float:
     """Covariance of ε and the registration's scale by errors of the centres of M maplets.
 
-    Parameters
-    ----------
-    of_epsilon, of_scale : (M, 3) ndarray
-        Derivatives by displacements of each maplet, body-fixed, 1/m.
-    center_sigma : (M, 3) ndarray
-        Standard deviation of the centres, metres.
+    `of_epsilon` and `of_scale` (M, 3) are the derivatives by displacements of each maplet, 1/m;
+    `center_sigma` (M, 3) are the standard deviations of the centres, metres.
     """
     return float(np.sum(of_epsilon * center_sigma**2 * of_scale))
 

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from fusion.estimation.verdict import Code, Finding, Severity
 from fusion.scaling.fit.joint import ScaleEstimate, ScaleOptions
 from fusion.scaling.fit.observation import PARAMETERS, ScaleObservations
 from fusion.scaling.fit.residuals import after_fit
-from fusion.scaling.places.crossings import Crossings
-from fusion.scaling.places.places import FALSE_ALARM, PlaceCheck
-from fusion.scaling.places.scanplaces import ScanPlaces
+from fusion.scaling.misplacement.check import FALSE_ALARM, PlaceCheck
+from fusion.scaling.misplacement.crossings import Crossings
+from fusion.scaling.misplacement.scans import ScanChecks
+from fusion.verdict import Code, Finding, Severity
 from spcola.math.robust import mad
 
 SIGNIFICANT = 3.0
@@ -64,20 +64,10 @@ _GROUPS = (
 def scale_findings(
     observations: ScaleObservations, estimate: ScaleEstimate, options: ScaleOptions
 ) -> list[Finding]:
-    """Test an estimate by its convergence, its residuals and its priors.
+    """Test an estimate from observations by its convergence, its residuals and its priors.
 
-    Parameters
-    ----------
-    observations : ScaleObservations
-    estimate : ScaleEstimate
-        Estimate from them with `options`.
-    options : ScaleOptions
-
-    Returns
-    -------
-    list of Finding
-        Doubtful if the result may be wrong or meaningless; a weakly determined term is only a note,
-        as its sigma includes that.
+    Findings are doubtful if the result may be wrong or meaningless; a weakly determined term is
+    only a note, as its sigma includes that.
     """
     return [
         *_of_the_fit(observations, estimate, options),
@@ -175,12 +165,8 @@ def _weak_terms(estimate: ScaleEstimate, options: ScaleOptions) -> list[Finding]
 def place_findings(check: PlaceCheck, scatter_m: float) -> list[Finding]:
     """Test whether shots fit the shape better elsewhere, or as well at wrong places.
 
-    Parameters
-    ----------
-    check : PlaceCheck
-    scatter_m : float
-        Expected scatter of the residuals, metres. On ground without relief shots fit everywhere
-        with this scatter, which is only noted.
+    `scatter_m` is the expected scatter of the residuals, metres. On ground without relief shots fit
+    everywhere with this scatter, which is only noted.
     """
     found = []
     if check.misfit:
@@ -194,26 +180,18 @@ def place_findings(check: PlaceCheck, scatter_m: float) -> list[Finding]:
     if check.by_chance:
         text = (
             f"the shots fit no better than at wrong places: the scatter of {check.here_m:.2f} m is "
-            f"reached at {check.rivals} of {check.wrong} (turned by more than 20 deg or mirrored)"
+            f"reached at {check.as_good} of {check.wrong} (turned by more than 20 deg or mirrored)"
         )
         plain = check.here_m <= _EXPECTED * scatter_m
         make = _note if plain else _doubtful
-        found.append(make(Code.SHOTS_FIT_BY_CHANCE, text, float(check.rivals), 0.0))
+        found.append(make(Code.SHOTS_FIT_BY_CHANCE, text, float(check.as_good), 0.0))
     return found
 
 
-def scan_findings(places: ScanPlaces, crossings: Crossings) -> list[Finding]:
+def scan_findings(places: ScanChecks, crossings: Crossings) -> list[Finding]:
     """Test whether single scans fit better elsewhere, and whether scans agree.
 
-    Parameters
-    ----------
-    places : ScanPlaces
-    crossings : Crossings
-
-    Returns
-    -------
-    list of Finding
-        Refused if more than half of the scans fit better elsewhere.
+    The result is refused if more than half of the scans fit better elsewhere.
     """
     found, count = [], len(places.checks)
     wrongly = [
@@ -243,22 +221,18 @@ def scan_findings(places: ScanPlaces, crossings: Crossings) -> list[Finding]:
     return found
 
 
-def missed_findings(missed: int, count: int) -> list[Finding]:
-    """Test the number of shots, of `count`, that miss the shape or graze it."""
-    share = missed / max(count, 1)
-    if share <= MISSED:
+def lost_findings(kind: Literal["pairs", "shots"], lost: int, count: int) -> list[Finding]:
+    """Test the number, of `count`, of shots that miss the shape or of pairs without match."""
+    if kind == "shots":
+        code, limit = Code.SHOTS_MISS_SHAPE, MISSED
+        what = "shots miss the shape, graze it, or have no spacecraft position"
+    else:
+        code, limit = Code.PAIRS_NOT_MATCHED, UNMATCHED
+        what = "pairs of surfaces could not be matched; see per_pair"
+    share = lost / max(count, 1)
+    if share <= limit:
         return []
-    text = f"{missed} of {count} shots miss the shape, graze it, or have no spacecraft position"
-    return [_doubtful(Code.SHOTS_MISS_SHAPE, text, share, MISSED)]
-
-
-def unmatched_findings(unmatched: int, count: int) -> list[Finding]:
-    """Test the number of pairs of surfaces, of `count`, without match."""
-    share = unmatched / max(count, 1)
-    if share <= UNMATCHED:
-        return []
-    text = f"{unmatched} of {count} pairs of surfaces could not be matched; see per_pair"
-    return [_doubtful(Code.PAIRS_NOT_MATCHED, text, share, UNMATCHED)]
+    return [_doubtful(code, f"{lost} of {count} {what}", share, limit)]
 
 
 def consistency_findings(compared: Mapping[str, Any]) -> list[Finding]:
@@ -272,11 +246,6 @@ def consistency_findings(compared: Mapping[str, Any]) -> list[Finding]:
         f"{compared['difference']:.2g}, {abs(compared['z']):.1f} of its sigmas"
     )
     return [_doubtful(Code.SCALES_INCONSISTENT, text, p_value, CHANCE)]
-
-
-def unobserved_findings(reason: str) -> list[Finding]:
-    """Refuse a scale without observations."""
-    return [Finding(Code.SCALE_NOT_OBSERVED, Severity.REFUSED, reason)]
 
 
 def _doubtful(

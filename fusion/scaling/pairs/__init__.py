@@ -2,23 +2,20 @@
 
 from fusion.scaling.pairs.pairs import (
     Pair,
-    Sources,
-    blur_of,
+    PairSources,
     make_pair,
-    maplets_under,
+    pair_maplet_shares,
     pair_observations,
-    rematched,
+    rematch,
 )
-from fusion.scaling.pairs.response import cell_means, match_response
+from fusion.scaling.pairs.response import match_response
 
 __all__ = [
     "Pair",
-    "Sources",
-    "blur_of",
-    "cell_means",
+    "PairSources",
     "make_pair",
-    "maplets_under",
     "match_response",
+    "pair_maplet_shares",
     "pair_observations",
-    "rematched",
+    "rematch",
 ]

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
-from fusion.estimation.verdict import Cause
-from fusion.scaling.fit.observation import ScaleObservations, Trajectory, uniform_displacements
-from fusion.scaling.geometry.frames import LeftOut, PairFrame, PairOptions
+from fusion.scaling.fit.observation import (
+    ScaleObservations,
+    TrajectorySource,
+    uniform_displacements,
+)
+from fusion.scaling.geometry.frames import PairFrame, PairOptions, UnpairedImage
 from fusion.scaling.geometry.sharing import ground_in_common, patterns, shared_matches
 from fusion.scaling.shots.shots import utc_date
 from fusion.surfacematch import Match, Surface, match_surfaces
 from fusion.surfacematch.resolution import estimate_blur
+from fusion.verdict import Cause
 from lidar.gridding import LidarBigmapOptions, bigmap_from_returns
 from lidar.scans import Returns
 from spcola.arrays import FloatArray
@@ -22,7 +25,7 @@ from spcola.grids import Maplet
 
 
 @dataclass(frozen=True, eq=False)
-class Sources:
+class PairSources:
     """Shared sources of error of the two surfaces of a pair.
 
     Attributes
@@ -53,14 +56,18 @@ class Pair:
     lidar : Maplet
     match : Match
         Displacement of the lidar surface onto the SPC surface.
-    sources : Sources
+    sources : PairSources
     """
 
     frame: PairFrame
     spc: Maplet
     lidar: Maplet
     match: Match
-    sources: Sources
+    sources: PairSources
+
+    def relative_blur(self) -> float:
+        """Return the blur of the SPC bigmap relative to the lidar's, cells; NaN if unknown."""
+        return estimate_blur(*self.match.on_one_grid(self.lidar.height, self.spc.height))
 
 
 # A single scan leaves cells empty; gaps of up to two cells are filled.
@@ -68,8 +75,8 @@ _BRIDGING = LidarBigmapOptions(max_gap=2)
 
 
 def make_pair(
-    frame: PairFrame, spc: Maplet, returns: Returns, sources: Sources, options: PairOptions
-) -> Pair | LeftOut:
+    frame: PairFrame, spc: Maplet, returns: Returns, sources: PairSources, options: PairOptions
+) -> Pair | UnpairedImage:
     """Grid the returns in the frame of the image and match them to the SPC bigmap.
 
     Parameters
@@ -79,35 +86,31 @@ def make_pair(
         The SPC bigmap on ``frame.grid``.
     returns : Returns
         Body-fixed, metres, located by the trajectory under test.
-    sources : Sources
+    sources : PairSources
     options : PairOptions
 
     Returns
     -------
-    Pair or LeftOut
+    Pair or UnpairedImage
         The latter with the reason if there is nothing to match, or no match.
     """
     if not spc.valid.any():
-        return LeftOut(frame.image, Cause.NO_DATA, "no maplet lies there")
+        return UnpairedImage(frame.image, Cause.NO_DATA, "no maplet lies there")
     lidar = bigmap_from_returns(frame.image, frame.grid, returns, options=_BRIDGING)
     if not lidar.valid.any():
-        return LeftOut(frame.image, Cause.NO_DATA, "no return of that time lies there")
+        return UnpairedImage(frame.image, Cause.NO_DATA, "no return of that time lies there")
     for what, valid in (("maplets", spc.valid), ("returns", lidar.valid)):
         if (share := float(np.mean(valid))) < options.match.min_coverage:
             few = f"{what} cover only {share:.0%} of the square"
-            return LeftOut(frame.image, Cause.NOT_COVERED, few)
+            return UnpairedImage(frame.image, Cause.NOT_COVERED, few)
     return _judged(frame, spc, lidar, sources, options, 0.0)
 
 
-def rematched(pair: Pair, options: PairOptions, *, blur_cells: float) -> Pair | LeftOut:
+def rematch(pair: Pair, options: PairOptions, *, blur_cells: float) -> Pair | UnpairedImage:
     """Match the bigmaps of a pair again, at a common resolution.
 
-    Parameters
-    ----------
-    pair : Pair
-    options : PairOptions
-    blur_cells : float
-        Blur of the SPC bigmap relative to the lidar's.
+    `blur_cells` is the blur of the SPC bigmap relative to the lidar's; `options` as for
+    :func:`make_pair`.
     """
     return _judged(pair.frame, pair.spc, pair.lidar, pair.sources, options, blur_cells)
 
@@ -116,10 +119,10 @@ def _judged(
     frame: PairFrame,
     spc: Maplet,
     lidar: Maplet,
-    sources: Sources,
+    sources: PairSources,
     options: PairOptions,
     blur_cells: float,
-) -> Pair | LeftOut:
+) -> Pair | UnpairedImage:
     """Match two bigmaps on ``frame.grid``."""
     match = match_surfaces(
         frame.image,
@@ -130,22 +133,12 @@ def _judged(
         options=options.match,
     )
     if match.cause is not None:
-        return LeftOut(frame.image, match.cause, match.reason, unmatched=True)
+        return UnpairedImage(frame.image, match.cause, match.reason, unmatched=True)
     return Pair(frame, spc, lidar, match, sources)
 
 
-def blur_of(pair: Pair) -> float:
-    """Blur of the SPC bigmap relative to the lidar's, cells; NaN with too little overlap.
-
-    Parameters
-    ----------
-    pair : Pair
-    """
-    return estimate_blur(*pair.match.on_one_grid(pair.lidar.height, pair.spc.height))
-
-
 def pair_observations(
-    pairs: Sequence[Pair], trajectory: Trajectory, *, center_sigma: FloatArray | None = None
+    pairs: Sequence[Pair], trajectory: TrajectorySource, *, center_sigma: FloatArray | None = None
 ) -> ScaleObservations:
     """Return the observations of pairs: lidar minus SPC surface, body-fixed, metres.
 
@@ -163,10 +156,9 @@ def pair_observations(
         If there is no pair.
     """
     frames = [pair.frame for pair in pairs]
-    kind: Literal["pairs"] = "pairs"
     ground, own = _of_ground(pairs, center_sigma)
     return ScaleObservations(
-        kind=kind,
+        kind="pairs",
         label=tuple(frame.image for frame in frames),
         day=tuple(utc_date(frame.time) for frame in frames),
         # The match moves the lidar onto SPC; the observation is the position of the lidar.
@@ -187,7 +179,7 @@ def pair_observations(
     )
 
 
-def maplets_under(pairs: Sequence[Pair]) -> FloatArray:
+def pair_maplet_shares(pairs: Sequence[Pair]) -> FloatArray:
     """Share (N, M) of each of the solution's M maplets in the SPC bigmaps of N pairs."""
     return np.array([pair.sources.maplets for pair in pairs]).reshape(len(pairs), -1)
 
@@ -200,5 +192,5 @@ def _of_ground(
     matches, own = shared_matches(ground_in_common([pair.frame.grid for pair in pairs]), covariance)
     if center_sigma is None:
         return matches, own
-    maplets = patterns(uniform_displacements(maplets_under(pairs) * center_sigma))
+    maplets = patterns(uniform_displacements(pair_maplet_shares(pairs) * center_sigma))
     return np.concatenate([maplets, matches], axis=2), own

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from fusion.surfacematch import BEST_SHARE
+from fusion.surfacematch import accurate_variance
 from spcola.arrays import AnyArray, FloatArray
-from spcola.grids import MapletGrid
+from spcola.grids import Maplet, MapletGrid
 
 
 def cell_means(grid: MapletGrid, points: FloatArray, values: FloatArray) -> FloatArray:
@@ -26,7 +26,23 @@ def cell_means(grid: MapletGrid, points: FloatArray, values: FloatArray) -> Floa
     return means.reshape(size, size, -1)
 
 
-def match_response(
+def match_response(spc: Maplet, points: FloatArray, shares: FloatArray) -> FloatArray:
+    """Response (S, 3, 3) of the match of returns to a bigmap; see :func:`surface_response`.
+
+    Parameters
+    ----------
+    spc : Maplet
+        The SPC bigmap.
+    points : (P, 3) ndarray
+        The returns, body-fixed, metres.
+    shares : (P, S) ndarray
+        Share of each of S sources in the position of each return.
+    """
+    cells = cell_means(spc.grid, points, shares)
+    return surface_response(spc.grid, spc.height, spc.sigma**2, cells)
+
+
+def surface_response(
     grid: MapletGrid, height: FloatArray, variance: FloatArray, shares: FloatArray
 ) -> FloatArray:
     """Displacement of a match per metre of displacement of single sources.
@@ -78,4 +94,4 @@ def _weights(variance: FloatArray) -> AnyArray:
     if not known.size:
         return np.ones(len(variance))
     filled = np.where(np.isfinite(variance) & (variance > 0), variance, np.median(known))
-    return 1.0 / np.maximum(filled, np.quantile(filled, BEST_SHARE))
+    return 1.0 / np.maximum(filled, accurate_variance(filled))

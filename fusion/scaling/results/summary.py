@@ -8,17 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from fusion.estimation.verdict import Cause
 from fusion.scaling.fit.joint import ScaleEstimate
 from fusion.scaling.fit.observation import PARAMETERS, ScaleObservations
 from fusion.scaling.fit.residuals import residuals_json
-from fusion.scaling.geometry.frames import LeftOut
+from fusion.scaling.fit.trends import DayScale
+from fusion.scaling.geometry.frames import UnpairedImage
+from fusion.scaling.misplacement.check import PlaceCheck
+from fusion.scaling.misplacement.crossings import Crossings
+from fusion.scaling.misplacement.scans import ScanChecks
 from fusion.scaling.pairs.pairs import Pair
-from fusion.scaling.places.crossings import Crossings
-from fusion.scaling.places.places import PlaceCheck
-from fusion.scaling.places.scanplaces import ScanPlaces
 from fusion.scaling.shots.shots import ShotComparison
 from fusion.scaling.shots.spots import SpotOptions
+from fusion.verdict import Cause
 
 
 def scale_json(
@@ -66,23 +67,35 @@ def scale_json(
         "n_rejected": int(np.count_nonzero(~fit.used)),
         "parameters": list(PARAMETERS),
         "covariance": fit.covariance,
-        "per_day": [
-            {
-                "day": day.day,
-                "n": day.count,
-                "epsilon": day.epsilon,
-                "epsilon_sigma": day.epsilon_sigma,
-                "size_correction_m": day.epsilon * mean_radius,
-                "mean_epsilon": day.mean,
-                "standard_error": day.standard_error,
-            }
-            for day in estimate.days
-        ],
+        "per_day": [_of_day(day, mean_radius) for day in estimate.days],
         "trends": {name: asdict(trend) for name, trend in estimate.trends.items()},
         "reasons": list(estimate.reasons),
         "converged": fit.converged,
         "reason": fit.reason,
     }
+
+
+def _of_day(day: DayScale, mean_radius: float) -> dict[str, Any]:
+    """Entry of one day."""
+    return {
+        "day": day.day,
+        "n": day.count,
+        "epsilon": day.epsilon,
+        "epsilon_sigma": day.epsilon_sigma,
+        "size_correction_m": day.epsilon * mean_radius,
+        "mean_epsilon": day.mean,
+        "standard_error": day.standard_error,
+    }
+
+
+_NUMBERS = (
+    *("epsilon", "epsilon_sigma", "size_correction_m", "size_correction_sigma_m"),
+    *("prime_meridian_deg", "prime_meridian_sigma_deg", "range_bias_m", "range_bias_sigma_m"),
+)
+_SIZES = (
+    *("single_sigma_m", "state_sigma_m", "day_sigma_m"),
+    *("ground_factor", "ground_sigma_m", "ground_reach_m"),
+)
 
 
 def unobserved_json(kind: str, trajectory: str, reason: str) -> dict[str, Any]:
@@ -95,21 +108,13 @@ def unobserved_json(kind: str, trajectory: str, reason: str) -> dict[str, Any]:
     reason : str
         One clause.
     """
-    single = ("epsilon", "size_correction_m", "prime_meridian_deg", "range_bias_m")
-    vectors = {"center_offset_m": 3, "pole_deg": 2}
-    unknown: dict[str, Any] = dict.fromkeys([name for key in single for name in _both(key)])
-    for key, length in vectors.items():
-        unknown |= {name: [None] * length for name in _both(key)}
     return {
-        **unknown,
+        **dict.fromkeys(_NUMBERS),
+        **dict.fromkeys(("center_offset_m", "center_offset_sigma_m"), [None] * 3),
+        **dict.fromkeys(("pole_deg", "pole_sigma_deg"), [None] * 2),
         "method": kind,
         "trajectory": trajectory,
-        "single_sigma_m": None,
-        "state_sigma_m": None,
-        "day_sigma_m": None,
-        "ground_factor": None,
-        "ground_sigma_m": None,
-        "ground_reach_m": None,
+        **dict.fromkeys(_SIZES),
         "residuals": None,
         "n_used": 0,
         "n_rejected": 0,
@@ -123,15 +128,9 @@ def unobserved_json(kind: str, trajectory: str, reason: str) -> dict[str, Any]:
     }
 
 
-def _both(key: str) -> tuple[str, str]:
-    """A key and that of its sigma: ``size_m`` → ``size_m``, ``size_sigma_m``."""
-    stem, _, unit = key.rpartition("_") if key.endswith(("_m", "_deg")) else (key, "", "")
-    return key, f"{stem}_sigma_{unit}" if unit else f"{key}_sigma"
-
-
 def per_pair(
     pairs: Sequence[Pair],
-    left_out: Sequence[LeftOut],
+    left_out: Sequence[UnpairedImage],
     observations: ScaleObservations,
     estimate: ScaleEstimate,
 ) -> list[dict[str, Any]]:
@@ -169,7 +168,7 @@ def per_pair(
     return sorted([*rows, *unused_pairs(left_out)], key=lambda entry: str(entry["image"]))
 
 
-def unused_pairs(left_out: Sequence[LeftOut]) -> list[dict[str, Any]]:
+def unused_pairs(left_out: Sequence[UnpairedImage]) -> list[dict[str, Any]]:
     """Entries of ``per_pair`` for the images without a pair, with the reason."""
     return [
         {"image": item.image, "used": False, "reason": item.reason, "cause": item.cause}
@@ -226,11 +225,11 @@ def place_json(check: PlaceCheck) -> dict[str, Any]:
         "misfit": check.misfit,
         "scatter_wrong_m": check.usual_m,
         "wrong_places": check.wrong,
-        "rivals": check.rivals,
+        "rivals": check.as_good,
     }
 
 
-def scan_places_json(places: ScanPlaces, crossings: Crossings) -> dict[str, Any]:
+def scan_places_json(places: ScanChecks, crossings: Crossings) -> dict[str, Any]:
     """Entry ``scan_check``: the fit of single scans at their stated positions, their agreement.
 
     `per_scan` is empty if it was not tested: with one scan, or if all shots fit elsewhere.

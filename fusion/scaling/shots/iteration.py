@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from fusion.scaling.fit.joint import ScaleEstimate, ScaleOptions, estimate_scale
-from fusion.scaling.geometry.placing import LidarPlacement
+from fusion.scaling.geometry.placement import LidarPlacement
 from fusion.scaling.shots.shots import ShotComparison
 
 # Each round removes three quarters or more of the remaining error.

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from fusion.scaling.fit.observation import ScaleObservations, Trajectory
-from fusion.scaling.geometry.placing import LidarPlacement
-from fusion.scaling.shots.spots import SpotOptions, cast_spots
+from fusion.scaling.fit.observation import ScaleObservations, TrajectorySource
+from fusion.scaling.geometry.placement import LidarPlacement
+from fusion.scaling.shots.spots import SpotOptions, Spots, cast_spots
 from lidar.scans import Scan
 from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import InvalidValueError
@@ -30,24 +30,24 @@ class ShotComparison:
     ----------
     observations : ScaleObservations
         Of the shots whose beam hits the shape.
-    met : (N,) ndarray
+    hits : (N,) ndarray
         Mask of the shots whose beam hits the shape and does not graze it.
     """
 
     observations: ScaleObservations
-    met: BoolArray
+    hits: BoolArray
 
     @property
     def missed(self) -> int:
         """Number of shots whose predicted beam misses the shape or grazes it."""
-        return int(np.count_nonzero(~self.met))
+        return int(np.count_nonzero(~self.hits))
 
 
 def compare_shots(
     scan: Scan,
     caster: RayCaster,
     *,
-    trajectory: Trajectory = "reference",
+    trajectory: TrajectorySource = "reference",
     shares: FloatArray | None = None,
     spots: SpotOptions | None = None,
     known: LidarPlacement | None = None,
@@ -83,27 +83,18 @@ def compare_shots(
     measured = np.linalg.norm(scan.points - scan.spacecraft, axis=1)
     spots, place = spots or SpotOptions(), known or LidarPlacement()
     arm = measured[:, None] * beam if trajectory == "spc" else scan.points
-    away = place.displaced(arm)
-    placed = np.isfinite(spacecraft).all(axis=1) & np.isfinite(beam).all(axis=1)
-    distance = np.full(len(scan), np.nan)
-    normal = np.full((len(scan), 3), np.nan)
-    unsure = np.zeros(len(scan))
-    if placed.any():
-        found = cast_spots(caster, (spacecraft - away)[placed], beam[placed], spots)
-        distance[placed], normal[placed], unsure[placed] = (
-            found.distance, found.normal, found.variance
-        )  # fmt: skip
-        distance -= np.sum(normal * away, axis=1) / np.sum(normal * beam, axis=1)
+    found = _predicted(scan, caster, spots, place.displaced(arm))
+    distance, normal = found.distance, found.normal
     with np.errstate(invalid="ignore"):
         good = np.isfinite(distance) & (-np.sum(normal * beam, axis=1) > _MIN_COSINE)
     sigma = np.where(np.isfinite(scan.sigma), scan.sigma, spots.range_sigma_m)
-    variance = (sigma**2 + unsure)[good]
+    variance = (sigma**2 + found.variance)[good]
     point = spacecraft[good] + distance[good, None] * beam[good]
     return ShotComparison(
         ScaleObservations(
             kind="shots",
             label=(scan.name,) * int(good.sum()),
-            day=tuple(_day(time) for time in scan.time[good]),
+            day=tuple(utc_date(time) for time in scan.time[good]),
             value=(measured - distance)[good, None],
             covariance=variance[:, None, None],
             point=point,
@@ -119,12 +110,26 @@ def compare_shots(
     )
 
 
-def join_shots(compared: Sequence[ShotComparison]) -> ShotComparison:
-    """Join the comparisons of several scans.
+def _predicted(scan: Scan, caster: RayCaster, spots: SpotOptions, away: FloatArray) -> Spots:
+    """Predict the ranges of shots on a surface displaced by `away` (N, 3), metres, from the shape.
 
-    Parameters
-    ----------
-    compared : sequence of ShotComparison
+    NaN for shots without a spacecraft position or a beam.
+    """
+    spacecraft, beam = scan.spacecraft, scan.beam
+    placed = np.isfinite(spacecraft).all(axis=1) & np.isfinite(beam).all(axis=1)
+    distance = np.full(len(scan), np.nan)
+    normal = np.full((len(scan), 3), np.nan)
+    variance = np.zeros(len(scan))
+    if placed.any():
+        found = cast_spots(caster, (spacecraft - away)[placed], beam[placed], spots)
+        distance[placed], normal[placed] = found.distance, found.normal
+        variance[placed] = found.variance
+        distance -= np.sum(normal * away, axis=1) / np.sum(normal * beam, axis=1)
+    return Spots(distance, normal, variance)
+
+
+def join_shots(compared: Sequence[ShotComparison]) -> ShotComparison:
+    """Join the comparisons `compared` of several scans.
 
     Raises
     ------
@@ -145,18 +150,13 @@ def join_shots(compared: Sequence[ShotComparison]) -> ShotComparison:
     }
     days = tuple(day for part in parts for day in part.day)
     joined = replace(parts[0], label=labels, scan=labels, day=days, shares=joint, **layers)
-    return ShotComparison(joined, np.concatenate([one.met for one in compared]))
-
-
-def _day(time: float) -> str:
-    """UTC date of ephemeris time; "unknown" where the time is not known."""
-    if not np.isfinite(time):
-        return "unknown"
-    return utc_date(time)
+    return ShotComparison(joined, np.concatenate([one.hits for one in compared]))
 
 
 def utc_date(time: float) -> str:
-    """UTC date ``YYYY-MM-DD`` of ephemeris time (s)."""
+    """UTC date ``YYYY-MM-DD`` of ephemeris time (s); "unknown" where that is NaN."""
+    if not np.isfinite(time):
+        return "unknown"
     year, month, day = utc_from_et(time, 0).split()[:3]
     return f"{year}-{_MONTHS.index(month) + 1:02d}-{int(day):02d}"
 

@@ -1,23 +1,15 @@
 """Import of lidar files into the workspace."""
 
-from fusion.stages.ingest.sources import Source, doubles, whole_scans
-from fusion.stages.ingest.stage import (
-    STAGE,
-    Imported,
-    Workers,
-    import_files,
-    scan_facts,
-    utc_or_none,
-)
+from fusion.stages.ingest.lidar_files import LidarFile, duplicate_scans, readable_scans
+from fusion.stages.ingest.stage import STAGE, Imported, import_files, scan_facts, span_facts
 
 __all__ = [
     "STAGE",
     "Imported",
-    "Source",
-    "Workers",
-    "doubles",
+    "LidarFile",
+    "duplicate_scans",
     "import_files",
+    "readable_scans",
     "scan_facts",
-    "utc_or_none",
-    "whole_scans",
+    "span_facts",
 ]

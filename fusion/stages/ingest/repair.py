@@ -7,16 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-from fusion.estimation.verdict import Code, Severity, Verdict
 from fusion.pipeline import StageContext
-from fusion.stages.ingest.sources import (
+from fusion.stages.ingest.lidar_files import (
     INGEST,
+    LidarFile,
     Origin,
-    Source,
     readable,
     recorded_origins,
     recorded_source,
 )
+from fusion.verdict import Code, Severity, Verdict
 from lidar.formats.native import scan_summary
 from lidar.scans import ScanSummary
 from spcola.errors import WorkspaceError
@@ -28,7 +28,7 @@ class Due:
 
     Parameters
     ----------
-    source : Source
+    source : LidarFile
     digest : str
         Present SHA-256 of the source.
     why : str
@@ -37,7 +37,7 @@ class Due:
         Fewest returns without a loss; 0 if any number will do.
     """
 
-    source: Source
+    source: LidarFile
     digest: str
     why: str = ""
     least: int = 0
@@ -97,7 +97,7 @@ class Repair:
                 damaged[path] = _unchanged_origin(context, path, known.get(path.stem))
         return cls(context, scans, damaged)
 
-    def due(self, key: Callable[[Source], str]) -> dict[Path, Due]:
+    def due(self, key: Callable[[LidarFile], str]) -> dict[Path, Due]:
         """Return the scans that have to be read again; `key` digests how a source is read now.
 
         Raises
@@ -195,7 +195,7 @@ def _unchanged_origin(context: StageContext, path: Path, origin: Origin | None) 
     )
 
 
-def _digest_now(context: StageContext, source: Source) -> str | None:
+def _digest_now(context: StageContext, source: LidarFile) -> str | None:
     """Return the digest of a source; None if it is gone."""
     return context.inputs.get(context.workspace.relative(source.path))
 

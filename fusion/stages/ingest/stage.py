@@ -4,35 +4,36 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fusion.pipeline import StageContext, StageResult
-from fusion.pipeline.catalog import content_digest
+from fusion.pipeline import Stage, StageContext, StageResult
+from fusion.pipeline.catalog import Catalog, content_digest
 from fusion.runtime import Executor, Progress
-from fusion.runtime.machine import one_blas_thread, release
-from fusion.stages.ingest.repair import Repair
-from fusion.stages.ingest.sources import (
+from fusion.runtime.machine import forget_pages, one_blas_thread
+from fusion.stages.ingest.lidar_files import (
     INGEST,
+    LidarFile,
     Origin,
-    Source,
-    check_doubles,
+    check_duplicates,
     readable,
+    readable_scans,
     recorded_origins,
     recorded_source,
-    whole_scans,
 )
+from fusion.stages.ingest.repair import Repair
 from fusion.workspace import Workspace
-from fusion.workspace.settings import BodySettings, ImportSettings, Settings, Table
+from fusion.workspace.settings import Settings
+from fusion.workspace.settings.inputs import BodySettings, ImportSettings
 from lidar.formats import open_lidar, recognise
 from lidar.formats.native import write_scan
 from lidar.formats.records import LidarOptions
 from lidar.scans import ScanSummary
+from spcola.arrays import FloatArray
 from spcola.errors import WorkspaceError
 from spcola.navigation import utc_from_et
 
@@ -44,7 +45,7 @@ class Imported:
     `before` is the number of returns that its scan had, None if it is new.
     """
 
-    source: Source
+    source: LidarFile
     state: str
     scan: ScanSummary
     before: int | None = None
@@ -60,25 +61,29 @@ class Imported:
         }
 
 
-@dataclass(frozen=True)
-class Workers:
-    """Executor, progress, and a function for digests of files."""
-
-    executor: Executor
-    progress: Progress
-    digests: Callable[[Sequence[Path]], AbstractContextManager[Iterator[str]]]
-
-
 @one_blas_thread()
 def import_files(
     workspace: Workspace,
     settings: Settings,
-    sources: Sequence[Source],
-    workers: Workers,
+    sources: Sequence[LidarFile],
+    catalog: Catalog,
+    *,
+    executor: Executor,
+    progress: Progress,
 ) -> list[Imported]:
     """Import files; those imported already, by digest and options, are skipped.
 
     Errors that need no reading of returns are raised before anything is written.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    settings : Settings
+    sources : sequence of LidarFile
+    catalog : Catalog
+        The open catalogue of the workspace, for digests of files.
+    executor : Executor
+    progress : Progress
 
     Raises
     ------
@@ -90,8 +95,8 @@ def import_files(
     for source in sources:
         _check_name(source)
     # A damaged scan may be replaced by its source.
-    scans = whole_scans(workspace)
-    with workers.digests([source.path for source in sources]) as digests:
+    scans = readable_scans(workspace)
+    with catalog.digesting([source.path for source in sources]) as digests:
         # The shape is read while digests of the first files are computed.
         importer = _Importer(workspace, settings, scans, radius_limits(workspace, settings))
         there = _sources_there(workspace, scans)
@@ -99,22 +104,24 @@ def import_files(
         if _may_collide(sources, there):
             items = iter(list(items))
         done = []
-        with workers.progress.task("import", len(sources)) as task:
-            for imported in workers.executor.stream(importer, items):
+        with progress.task("import", len(sources)) as task:
+            for imported in executor.stream(importer, items):
                 done.append(imported)
                 task.advance()
     return done
 
 
-def _may_collide(sources: Sequence[Source], there: Collection[str]) -> bool:
+def _may_collide(sources: Sequence[LidarFile], there: Collection[str]) -> bool:
     """Return whether names of sources are not unique, so that digests must distinguish them."""
     names = [source.scan_name for source in sources]
     return len(set(names)) < len(names) or not set(names).isdisjoint(there)
 
 
 def _placed(
-    sources: Sequence[Source], digests: Iterator[str], there: Mapping[str, tuple[str, Path | None]]
-) -> Iterator[tuple[Source, str, str]]:
+    sources: Sequence[LidarFile],
+    digests: Iterator[str],
+    there: Mapping[str, tuple[str, Path | None]],
+) -> Iterator[tuple[LidarFile, str, str]]:
     """Yield each source with its digest and the name of its scan.
 
     `there` are digests and paths of the sources of existing scans, by name. A file that has changed
@@ -165,7 +172,7 @@ class _Importer:
     scans: Mapping[str, ScanSummary]
     limits: tuple[float, float]
 
-    def __call__(self, item: tuple[Source, str, str]) -> Imported:
+    def __call__(self, item: tuple[LidarFile, str, str]) -> Imported:
         """Import a source with its digest under a name, unless it is imported already."""
         source, digest, name = item
         before = self.scans.get(name)
@@ -183,15 +190,12 @@ class _Importer:
         return Imported(source, "imported again", scan, before.count)
 
 
-@dataclass(frozen=True)
-class IngestStage:
+class IngestStage(Stage):
     """Keeps scans consistent with the settings: reads them again if these changed."""
 
-    name: str = INGEST
-    version: int = 2
-    needs: tuple[str, ...] = ()
-    places: tuple[str, ...] = ()
-    tables: tuple[type[Table], ...] = (BodySettings, ImportSettings)
+    name = INGEST
+    version = 2
+    tables = (BodySettings, ImportSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why there is nothing to do; empty if there is."""
@@ -240,7 +244,7 @@ class IngestStage:
         again = dict(zip(due, context.map("import", one, due), strict=True))
         notes = repair.taken(due, again)
         scans = {**repair.scans, **again}
-        check_doubles(workspace, ((path.stem, scan) for path, scan in scans.items()))
+        check_duplicates(workspace, {path.stem: scan for path, scan in scans.items()})
         rejected = {scan.name: dict(scan.rejected) for scan in scans.values() if scan.rejected}
         returns = sum(scan.count for scan in scans.values())
         origins = {path.stem: Origin.of(scan) for path, scan in scans.items()}
@@ -265,10 +269,7 @@ def scan_facts(scan: ScanSummary) -> dict[str, Any]:
         "scan": scan.name,
         "returns": scan.count,
         "rejected": dict(scan.rejected),
-        "first_et_s": scan.time_span[0],
-        "last_et_s": scan.time_span[1],
-        "first_utc": utc_or_none(scan.time_span[0]),
-        "last_utc": utc_or_none(scan.time_span[1]),
+        **span_facts(scan.time_span),
         "trajectory": scan.trajectory,
         "body": scan.body,
         "lowest_m": scan.bounds[0].tolist(),
@@ -277,9 +278,10 @@ def scan_facts(scan: ScanSummary) -> dict[str, Any]:
     }
 
 
-def utc_or_none(et: float) -> str | None:
-    """Return the UTC of an ephemeris time, s; None if it is not finite."""
-    return utc_from_et(et) if math.isfinite(et) else None
+def span_facts(span: Sequence[float] | FloatArray) -> dict[str, Any]:
+    """Return the ends of a `span`, ephemeris s, and their UTC; None for the UTC of unknown ones."""
+    first, last = (utc_from_et(time) if math.isfinite(time) else None for time in span)
+    return {"first_et_s": span[0], "last_et_s": span[1], "first_utc": first, "last_utc": last}
 
 
 def radius_limits(workspace: Workspace, settings: Settings) -> tuple[float, float]:
@@ -298,7 +300,7 @@ def radius_limits(workspace: Workspace, settings: Settings) -> tuple[float, floa
 
 
 def lidar_options(
-    source: Source, settings: Settings, name: str, limits: tuple[float, float]
+    source: LidarFile, settings: Settings, name: str, limits: tuple[float, float]
 ) -> LidarOptions:
     """Return the options for reading `source`; `limits` are those of the radius, metres."""
     table = settings.ingest
@@ -323,7 +325,7 @@ def _in_reach(path: Path) -> bool:
         return False
 
 
-def _check_name(source: Source) -> None:
+def _check_name(source: LidarFile) -> None:
     """Refuse a scan's name with a path, or of a hidden file."""
     name = source.scan_name
     if Path(name).name != name or name.startswith(".") or not name.isprintable():
@@ -335,7 +337,7 @@ def _check_name(source: Source) -> None:
 
 
 def _write(
-    path: Path, options: LidarOptions, source: Source, settings: Settings, digest: str
+    path: Path, options: LidarOptions, source: LidarFile, settings: Settings, digest: str
 ) -> ScanSummary:
     """Read `source` and write it as the scan `path`, with its source."""
     # Columns are stated for tables only, and a table with unknown names is not recognised.
@@ -350,11 +352,11 @@ def _write(
         "import_key": _key(source, settings),
     }
     scan = write_scan(path, chunks, digest=digest, parameters=parameters)
-    release(source.path)
+    forget_pages(source.path)
     return scan
 
 
-def _key(source: Source, settings: Settings) -> str:
+def _key(source: LidarFile, settings: Settings) -> str:
     """Return a digest of the options on which reading `source` depends."""
     return content_digest(
         {

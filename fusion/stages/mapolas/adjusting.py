@@ -7,17 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from fusion.geolocation import ReturnSource
 from fusion.pipeline import StageContext
-from fusion.stages.geolocation.return_source import ReturnSource
-from fusion.workspace.settings import MapolaSettings
+from fusion.workspace.settings.processing import MapolaSettings
 from lidar.adjustment import (
     AdjustmentOptions,
     OverlapEquations,
     ScanAdjustment,
     adjust_scans,
-    ground_shares,
     overlap_equations,
-    unadjusted,
 )
 from spcola.arrays import FloatArray
 from spcola.grids import MapletGrid
@@ -37,7 +35,7 @@ def adjusted(
     """Estimate the displacements of scans against each other, iterated until they converge."""
     table = context.table(MapolaSettings)
     options = AdjustmentOptions(table.adjust_sigma_m, float(np.radians(table.adjust_sigma_deg)))
-    found = unadjusted(source.store.scan_names, source.store.nodes, options)
+    found = ScanAdjustment.unadjusted(source.store.scan_names, source.store.arcs, options)
     chosen = compared_grids(list(grids.values()))
     for _ in range(_MAX_ROUNDS):
         compare = _Comparison(replace(source, adjustment=found), chosen, found.center)
@@ -91,8 +89,7 @@ class _Comparison:
             and float(np.linalg.norm(other.center - grid.center)) < other.radius + grid.radius
             and float(other.uz @ grid.uz) > 0.0
         ]
-        share = ground_shares(grid, near, gridding.mapola.height)
-        return overlap_equations(gridding, returns, self.center, share=share)
+        return overlap_equations(gridding, returns, self.center, others=near)
 
 
 def compared_grids(grids: list[MapletGrid]) -> list[MapletGrid]:

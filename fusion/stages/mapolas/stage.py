@@ -9,25 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from fusion.pipeline import StageContext, StageResult
+from fusion.geolocation import ReturnSource, advice_on_unplaced, return_paths
+from fusion.pipeline import Stage, StageContext, StageResult
 from fusion.runtime.machine import check_grid
-from fusion.stages.geolocation.located import coverage_text, span_text
-from fusion.stages.geolocation.locating import kernel_place, return_paths
-from fusion.stages.geolocation.return_source import ReturnSource
 from fusion.stages.mapolas.adjusting import adjusted, adjustment_summary
 from fusion.workspace import SETTINGS_FILE, Workspace
-from fusion.workspace.settings import (
-    BodySettings,
-    MapolaSettings,
-    Settings,
-    SpiceSettings,
-    SpinSettings,
-    Table,
-)
-from lidar.archive import ScanStore
+from fusion.workspace.settings import Settings
+from fusion.workspace.settings.inputs import BodySettings, SpiceSettings, SpinSettings
+from fusion.workspace.settings.processing import MapolaSettings
 from lidar.formats.mapolas import write_adjustment, write_mapolas
-from lidar.formats.native import scan_summary
 from lidar.gridding import Gridding, Mapola
+from lidar.scan_store import ScanStore
 from spcola.errors import SettingsError, WorkspaceError
 from spcola.grids import MapletGrid
 from spcola.shape import covering
@@ -39,20 +31,14 @@ COVER_HALF_SIZE = 49
 _AHEAD = 64
 
 
-@dataclass(frozen=True)
-class MapolasStage:
+class MapolasStage(Stage):
     """Scans → mapolas."""
 
-    name: str = "mapolas"
-    version: int = 15
-    needs: tuple[str, ...] = ("ingest",)
-    places: tuple[str, ...] = ("mapolas",)
-    tables: tuple[type[Table], ...] = (
-        MapolaSettings,
-        BodySettings,
-        SpinSettings,
-        SpiceSettings,
-    )
+    name = "mapolas"
+    version = 15
+    needs = ("ingest",)
+    places = ("mapolas",)
+    tables = (MapolaSettings, BodySettings, SpinSettings, SpiceSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why mapolas cannot be made; empty if they can."""
@@ -118,23 +104,11 @@ STAGE = MapolasStage()
 
 def _advice(context: StageContext, store: ScanStore) -> str:
     """Return what to do if no mapola has enough returns."""
-    lost, table = sum(store.without_place.values()), context.table(MapolaSettings)
-    if lost <= len(store) / 2:
-        return (
-            "check that scans and maplets have the same frame and unit, or lower [mapolas] "
-            "min_coverage"
-        )
-    place = kernel_place(
-        context.workspace, context.table(SpiceSettings), None, max_gap_s=table.max_gap_s
-    )
-    text = f"{lost} of {len(store)} returns cannot be geolocated"
-    if place is None:
-        return f"{text}: use scans taken with the images, or widen [mapolas] max_gap_s"
-    spans = [scan_summary(path).time_span for path in context.workspace.scan_paths()]
-    first, last = min(span[0] for span in spans), max(span[1] for span in spans)
+    lost = sum(store.without_place.values())
+    if lost > len(store) / 2:
+        return advice_on_unplaced(context, lost, len(store))
     return (
-        f"{text}, {span_text(first, last)}, by the kernels: {coverage_text(place)}; give kernels "
-        "of the scans' times, or widen [mapolas] max_gap_s"
+        "check that scans and maplets have the same frame and unit, or lower [mapolas] min_coverage"
     )
 
 

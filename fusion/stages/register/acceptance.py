@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from fusion.estimation.verdict import Cause, Code, Finding, Severity, Verdict
 from fusion.pipeline import StageContext
-from fusion.registration.judging import Evidence, Placed, common_relief
-from fusion.registration.results import GivenRegistration, placements_of, transform_of
+from fusion.registration.judging import Evidence, ReliefPair, common_relief
+from fusion.registration.results import GivenRegistration, mapola_registrations, transform_of
 from fusion.scene import surface_reference
 from fusion.stages.register.frame_search import search_workspace_frames
 from fusion.stages.register.matching import Matched, Matcher
 from fusion.surfacematch import Match, Surface
 from fusion.surfacematch.resolution import blur
-from fusion.workspace.settings import RegisterSettings
+from fusion.verdict import Cause, Code, Finding, Severity, Verdict
+from fusion.workspace.settings.processing import RegisterSettings
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError, SpcolaError
 from spcola.grids import MapletGrid
@@ -37,14 +36,6 @@ _TRANSFORM = (
     "inverse",
 )
 _ESTIMATE = (*_TRANSFORM, "matrix", "strain", "strain_sigma")
-
-
-@dataclass(frozen=True, eq=False)
-class _Comparison:
-    """Heights of a mapola and the SPC surface on one grid, and the residual over its sigma."""
-
-    placed: Placed
-    chi: float
 
 
 def evidence_of(
@@ -72,7 +63,7 @@ def evidence_of(
     shifts = _displacements(content) if content is not None else {}
     sample = matched.matches[:: -(-len(matched.matches) // _SAMPLE)]
 
-    def compared(match: Match) -> _Comparison:
+    def compared(match: Match) -> tuple[ReliefPair, float]:
         mapola = workspace.mapola(match.name)
         grid = matcher.grid(mapola.grid)
         surface = reference(match.name, grid)
@@ -85,13 +76,11 @@ def evidence_of(
         shift = _shift(shifts.get(match.name), grid)
         stated = _stated_sigma(mapola.sigma, surface)
         noise = stated if np.isfinite(stated) else 0.0
-        return _Comparison(
-            Placed(lidar, spc, shift, reach, noise), float(mad(match.residual)) / stated
-        )
+        return ReliefPair(lidar, spc, shift, reach, noise), float(mad(match.residual)) / stated
 
     found = context.map("compare relief", compared, sample)
-    relief = common_relief([one.placed for one in found])
-    return Evidence(relief, np.array([one.chi for one in found]))
+    relief = common_relief([pair for pair, _ in found])
+    return Evidence(relief, np.array([chi for _, chi in found]))
 
 
 def _stated_sigma(sigma: FloatArray, surface: Surface) -> float:
@@ -168,7 +157,7 @@ def unregistered(
 def _displacements(content: Mapping[str, Any]) -> dict[str, FloatArray]:
     """Return the registered centres of the mapolas (3,), SPC coordinates, metres."""
     transform = transform_of(content, "registration")
-    shifts = placements_of(content, "registration")
+    shifts = mapola_registrations(content, "registration")
     return {
         str(entry["name"]): transform.apply(np.array(entry["center_m"], dtype=np.float64))
         + shifts[str(entry["name"])].shift

@@ -11,15 +11,15 @@ from fusion.pipeline import StageContext
 from fusion.registration.observations import ImagedMapolas, place_mapolas
 from fusion.scene import Exposures
 from fusion.workspace import Workspace
-from fusion.workspace.settings import RegisterSettings
+from fusion.workspace.settings.processing import RegisterSettings
 from spcola.arrays import FloatArray
 from spcola.camera import SpcImage, project_image
 from spcola.control import Landmark
-from spcola.control.estimation import Fixes, measured_sigma, state_covariance
+from spcola.control.estimation import MeasuredLandmarks, measured_sigma, state_covariance
 from spcola.errors import NotObservableError
 from spcola.grids import MapletGrid
 from spcola.imagematching import ChoiceOptions, Sighting, SightOptions, choose_images, find_ground
-from spcola.photometry import photometric_function
+from spcola.photometry.functions import photometric_function
 from spcola.shape import RayCaster
 
 
@@ -120,10 +120,10 @@ def landmark_files(workspace: Workspace) -> list[Path]:
     return [path for path in paths if path.is_file()]
 
 
-def _fixes(image: SpcImage, known: dict[str, Landmark]) -> Fixes:
+def _fixes(image: SpcImage, known: dict[str, Landmark]) -> MeasuredLandmarks:
     """Return the known landmarks of an image that are not deweighted."""
     points = [p for p in image.landmarks if p.name in known and not p.deweighted]
-    return Fixes(
+    return MeasuredLandmarks(
         np.array([known[p.name].grid.center for p in points]).reshape(-1, 3),
         np.array([(p.pixel, p.line) for p in points]).reshape(-1, 2),
         np.array([known[p.name].sigma for p in points]).reshape(-1, 3),

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fusion.geolocation import ReturnSource
 from fusion.pipeline import StageContext
 from fusion.registration.results import GivenRegistration
 from fusion.registration.returns import CloudOfReturns, FixedSurface, match_returns
 from fusion.runtime.machine import check_grid
 from fusion.scene import Reference, surface_reference
-from fusion.stages.geolocation.return_source import ReturnSource
 from fusion.surfacematch import Match, MatchOptions, Surface, match_surfaces
 from fusion.surfacematch.resolution import (
     NoiseSpectrum,
@@ -22,7 +22,7 @@ from fusion.surfacematch.resolution import (
     estimate_transfer,
 )
 from fusion.workspace import SETTINGS_FILE, Workspace
-from fusion.workspace.settings import RegisterSettings
+from fusion.workspace.settings.processing import RegisterSettings
 from lidar.gridding import Mapola
 from spcola.arrays import FloatArray
 from spcola.errors import NotObservableError

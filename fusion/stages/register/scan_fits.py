@@ -1,4 +1,4 @@
-"""Registration of each scan by itself to SPC."""
+"""Registration of each scan of a workspace by itself to SPC."""
 
 from __future__ import annotations
 
@@ -8,134 +8,21 @@ from typing import Any
 
 import numpy as np
 
+from fusion.geolocation import ReturnSource
 from fusion.pipeline import StageContext
-from fusion.registration.fit import (
-    Model,
-    Registration,
-    about_origin,
-    natural_sizes,
-    similarity_numbers,
-    transform_partials,
-    updated_transform,
-)
+from fusion.registration.fit import Registration
 from fusion.registration.returns import (
     CloudOfReturns,
-    Equations,
     FixedSurface,
+    ScanFit,
     SurfaceNormalEquations,
-    modelled_covariance,
-    surface_equations,
 )
-from fusion.stages.geolocation.return_source import ReturnSource
-from fusion.stages.mapolas.adjusting import compared_grids
+from fusion.stages.mapolas import compared_grids
 from fusion.surfacematch import Surface
-from spcola.arrays import FloatArray
-from spcola.errors import NotObservableError
 from spcola.grids import MapletGrid
-from spcola.math import Affine, Similarity
 
-# Surfaces with fewer returns of a scan are not used for it.
-_FEWEST = 200
 # Each begins at the registration of the whole mission, centimetres away.
 _PASSES = 2
-
-
-@dataclass(frozen=True, eq=False)
-class ScanFit:
-    """The transform of one scan.
-
-    Attributes
-    ----------
-    transform : Affine
-        From adjusted lidar to SPC coordinates; the initial one if it is not observable.
-    model : str
-    covariance : (P, P) ndarray
-        About the origin; it includes the errors of maplets' centres.
-    center : (3,) ndarray
-        The middle of the scan, lidar coordinates, metres.
-    surfaces, points : int
-        Number of maplets that it crosses, and of its returns there.
-    reason : str
-        Why it is not observable; empty if it is.
-    """
-
-    transform: Affine
-    model: Model
-    covariance: FloatArray
-    center: FloatArray
-    surfaces: int = 0
-    points: int = 0
-    reason: str = ""
-
-    @property
-    def similarity(self) -> Similarity:
-        """The transform as a similarity."""
-        return self.transform.nearest_similarity()
-
-    def stepped(
-        self, parts: list[SurfaceNormalEquations], names: tuple[str, ...], maplet_sigma_m: float
-    ) -> ScanFit:
-        """Return the fit after one Gauss–Newton step with the equations of the surfaces.
-
-        `maplet_sigma_m` is the error of a maplet's centre, each axis.
-        """
-        surfaces, points = len(parts), sum(part.returns for part in parts)
-        if not surfaces:
-            reason = f"no maplet is covered by {_FEWEST} of its returns"
-            return self._without(surfaces, points, reason)
-        equations = [part.equations for part in parts]
-        joined = Equations.joined(equations)
-        try:
-            step = joined.solve(names, natural_sizes(names, _extent(joined)))
-        except NotObservableError as error:
-            return self._without(surfaces, points, error.what)
-        covariance = modelled_covariance(equations, [part.area for part in parts], maplet_sigma_m)
-        return ScanFit(
-            updated_transform(self.transform, step, self.model, self.center),
-            self.model,
-            about_origin(covariance, self.model, self.transform, self.center),
-            self.center,
-            surfaces,
-            points,
-        )
-
-    def _without(self, surfaces: int, points: int, reason: str) -> ScanFit:
-        return ScanFit(
-            self.transform, self.model, self.covariance, self.center, surfaces, points, reason
-        )
-
-    def entry(self, name: str, whole: Registration) -> dict[str, Any]:
-        """Return its entry of ``registration.json``.
-
-        ``offset_m`` is the place of its middle by this fit minus that by `whole`.
-        """
-        entry: dict[str, Any] = {
-            "scan": name,
-            "maplets": self.surfaces,
-            "returns": self.points,
-            "reason": self.reason,
-        }
-        if self.reason:
-            return entry
-        scale, scale_sigma, rotation, rotation_sigma = similarity_numbers(self)
-        row = transform_partials(self.model, self.similarity, self.center[None], np.zeros(3))[0]
-        return entry | {
-            "offset_m": self.transform.apply(self.center) - whole.transform.apply(self.center),
-            "offset_sigma_m": np.sqrt(np.diag(row @ self.covariance @ row.T)),
-            "translation_m": self.transform.translation,
-            "translation_sigma_m": np.sqrt(np.diag(self.covariance))[:3],
-            "rotation_deg": np.degrees(rotation),
-            "rotation_sigma_deg": np.degrees(rotation_sigma),
-            "scale": scale,
-            "scale_sigma": scale_sigma,
-            "covariance": self.covariance,
-        }
-
-
-def _extent(equations: Equations) -> float:
-    """Distance, metres, at which turns move the ground as much as the equations feel of them."""
-    shown = np.diag(equations.shown)
-    return float(np.sqrt(max(shown[3:].mean() / max(shown[:3].mean(), 1e-300), 1.0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,14 +52,13 @@ class ScanRegistration:
 
         Maplets a side apart are used: the overlap of two maplets would count twice.
         """
-        names, model = self.whole.parameters, self.whole.model
         apart = {id(grid) for grid in compared_grids(list(grids.values()))}
         chosen = [(name, grid) for name, grid in grids.items() if id(grid) in apart]
         store = self.source.store
-        unknown = np.full((len(names),) * 2, np.inf)
+        unknown = np.full(self.whole.covariance.shape, np.inf)
         fits = {
-            name: ScanFit(self.whole.transform, model, unknown, center)
-            for name, center in zip(store.scan_names, store.nodes.center, strict=True)
+            name: ScanFit(self.whole.model, self.whole.transform, unknown, center)
+            for name, center in zip(store.scan_names, store.arcs.center, strict=True)
         }
         maplet_sigma = self.whole.fit.sizes.independent
         for number in range(_PASSES):
@@ -180,12 +66,10 @@ class ScanRegistration:
             title = f"register scans, pass {number + 1} of {_PASSES}"
             parts = context.map(title, step.on_surface, chosen)
             fits = {
-                name: fit.stepped(
-                    [part[name] for part in parts if name in part], names, maplet_sigma
-                )
+                name: fit.stepped([part[name] for part in parts if name in part], maplet_sigma)
                 for name, fit in fits.items()
             }
-        return [fit.entry(name, self.whole) for name, fit in fits.items()]
+        return [fit.entry(name, self.whole.transform) for name, fit in fits.items()]
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,16 +86,10 @@ class _Pass:
         around = self.of.source.around(grid)
         counts = np.bincount(around.scan, minlength=len(around.scan_names))
         found: dict[str, SurfaceNormalEquations] = {}
-        for scan in np.flatnonzero(counts >= _FEWEST).tolist():
+        for scan in np.flatnonzero(counts).tolist():
             fit, chosen = self.fits[around.scan_names[scan]], around.scan == scan
-            equations = surface_equations(
-                CloudOfReturns(around.points[chosen], around.sigma[chosen]),
-                fixed,
-                fit.transform,
-                fit.center,
-                size=len(fit.covariance),
-                min_coverage=0.0,
-            )
+            returns = CloudOfReturns(around.points[chosen], around.sigma[chosen])
+            equations = fit.equations(returns, fixed)
             if equations is not None:
                 found[around.scan_names[scan]] = equations
         return found

@@ -2,74 +2,62 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fusion.estimation.verdict import Verdict
-from fusion.pipeline import StageContext, StageResult
-from fusion.registration.fit import FitOptions, LandmarkErrors
-from fusion.registration.judging import Limits, judge_registration
+from fusion.geolocation import ReturnSource, return_paths
+from fusion.pipeline import Stage, StageContext, StageResult
+from fusion.registration.fit import (
+    FitOptions,
+    LandmarkErrors,
+    MatchedMapolas,
+    ScanErrorPatterns,
+    fit_mapolas,
+    share_matrix,
+)
+from fusion.registration.judging import RegistrationLimits, judge_registration
 from fusion.registration.observations import (
     ObservationTypes,
-    fit_mapolas,
     image_registration_json,
     register_with_images,
 )
 from fusion.registration.results import (
     GivenRegistration,
-    MatchedMapolas,
-    ScanEffects,
     applied_json,
     given_registration,
     registration_json,
-    scale_influence,
-    share_matrix,
     transform_of,
     with_old_keys,
 )
 from fusion.scene import surface_reference
-from fusion.stages.geolocation.locating import return_paths
-from fusion.stages.geolocation.return_source import ReturnSource
 from fusion.stages.register.acceptance import evidence_of, other_frames, unregistered, with_verdict
 from fusion.stages.register.imaging import imaged_mapolas, landmark_files
 from fusion.stages.register.matching import Matched, check_usable, match_mapolas
 from fusion.stages.register.scan_fits import ScanRegistration
 from fusion.surfacematch import Match
+from fusion.verdict import Verdict
 from fusion.workspace import SETTINGS_FILE, Workspace
-from fusion.workspace.settings import (
-    BodySettings,
-    MapolaSettings,
-    RegisterSettings,
-    Settings,
-    SpiceSettings,
-    SpinSettings,
-    Table,
-)
+from fusion.workspace.settings import Settings
+from fusion.workspace.settings.inputs import BodySettings, SpiceSettings, SpinSettings
+from fusion.workspace.settings.processing import MapolaSettings, RegisterSettings
 from spcola.arrays import FloatArray
-from spcola.control.estimation import NetworkOptions, solve_network
+from spcola.control.bundle_adjustment import NetworkOptions, solve_network
 from spcola.errors import NotObservableError, SettingsError
 from spcola.shape import Mesh
 
 
-@dataclass(frozen=True)
-class RegisterStage:
+class RegisterStage(Stage):
     """Mapolas and SPC surface → registration.json."""
 
-    name: str = "register"
-    version: int = 14
-    needs: tuple[str, ...] = ("mapolas",)
-    places: tuple[str, ...] = ("registration.json",)
-    tables: tuple[type[Table], ...] = (
-        RegisterSettings,
-        BodySettings,
-        MapolaSettings,
-        SpinSettings,
-        SpiceSettings,
-    )
+    name = "register"
+    version = 14
+    needs = ("mapolas",)
+    places = ("registration.json",)
+    tables = (RegisterSettings, BodySettings, MapolaSettings, SpinSettings, SpiceSettings)
 
     def missing(self, workspace: Workspace, settings: Settings) -> str:
         """Return why nothing can be registered; empty if it can."""
@@ -119,7 +107,10 @@ class RegisterStage:
         else:
             evidence = evidence_of(context, matched, content, given)
             content["agreement"] = evidence.as_json()
-            verdict = judge_registration(content, evidence, _limits(table))
+            limits = RegistrationLimits(
+                table.max_rotation_deg, table.max_scale_change, table.center_sigma_m
+            )
+            verdict = judge_registration(content, evidence, limits)
         content["blur_cells"] = matched.blur_cells
         for key, curve in (("noise_spectrum", matched.spectrum), ("transfer", matched.transfer)):
             content[key] = None if curve is None else curve.as_json()
@@ -219,32 +210,23 @@ def _rematched(
     return matched, {**content, "converged": False, "reason": text}, given
 
 
-def _limits(table: RegisterSettings) -> Limits:
-    """Return the limits of the difference of two solutions of a body, from the settings."""
-    return Limits(table.max_rotation_deg, table.max_scale_change, table.center_sigma_m)
-
-
 def _by_topography(
     context: StageContext, matched: Matched, source: ReturnSource | None
 ) -> dict[str, Any]:
     """Fit the transform to the matches of mapolas or of returns."""
     workspace, table = context.workspace, context.table(RegisterSettings)
-    mapolas, _ = _with_scans(workspace, matched.matches, table)
-    names = [match.name for match in matched.matches]
-    mapolas = replace(mapolas, landmarks=_landmarks(context, names))
+    mapolas = _with_landmarks(context, matched.matches)
     options, further = _fit_options(table), []
     if table.against == "shape":
         options = replace(options, fixed_groups=(1,))
         further = [_chords(workspace.shape(), matched.matches)]
     registration = fit_mapolas(mapolas, further, options=options)
-    content = {**registration_json(registration, mapolas), "by": table.by}
-    if table.against != "shape" and table.model == "similarity":
-        moved = scale_influence(registration, mapolas)
-        for entry, change in zip(content["per_mapola"], moved, strict=True):
-            entry["scale_per_m"] = change
+    found = registration_json(registration, mapolas, scale_partials=table.against != "shape")
+    content = {**found, "by": table.by}
     if source is not None:
         reference = surface_reference(workspace, table.against)
         scans = ScanRegistration(source, reference, registration, matched.blur_cells)
+        names = [match.name for match in matched.matches]
         grids = {name: workspace.mapola(name).grid for name in names}
         content["per_scan_fit"] = scans.entries(context, grids)
     return content
@@ -264,9 +246,8 @@ def _chords(shape: Mesh, matches: list[Match]) -> FloatArray:
 def _by_images(context: StageContext, matched: Matched) -> dict[str, Any]:
     """Fit the transform to matches with images, or to these and matches of heights."""
     workspace, table = context.workspace, context.table(RegisterSettings)
+    mapolas = _with_landmarks(context, matched.matches)
     names = [match.name for match in matched.matches]
-    mapolas, _ = _with_scans(workspace, matched.matches, table)
-    mapolas = replace(mapolas, landmarks=_landmarks(context, names))
     grids = [workspace.mapola(name).grid for name in names]
     imaged = imaged_mapolas(context, names, grids)
     by: ObservationTypes = "both" if table.by == "both" else "images"
@@ -323,6 +304,12 @@ def _fit_options(table: RegisterSettings) -> FitOptions:
     )
 
 
+def _with_landmarks(context: StageContext, matches: list[Match]) -> MatchedMapolas:
+    """Return matches with the errors of their scans and of the landmarks around them."""
+    mapolas, _ = _with_scans(context.workspace, matches, context.table(RegisterSettings))
+    return replace(mapolas, landmarks=_landmarks(context, [match.name for match in matches]))
+
+
 def _landmarks(context: StageContext, names: list[str]) -> LandmarkErrors | None:
     """Return the errors of maplets by landmarks and images; None if the settings ignore them."""
     workspace, table = context.workspace, context.table(RegisterSettings)
@@ -352,10 +339,8 @@ def _with_scans(
     if adjustment is None:
         names = sorted({name for share in found for name in share})
         shares = share_matrix(found, names)
-        scans = ScanEffects.independent(names, table.scan_sigma_m)
+        scans = ScanErrorPatterns.independent(names, table.scan_sigma_m)
     else:
         shares = share_matrix(found, adjustment.names)
-        scans = ScanEffects.of_adjustment(adjustment, shares, centers)
-    effects = scans.at(shares, centers)
-    residual = scans.residual_covariance(shares, centers)
-    return MatchedMapolas(matches, scans, effects, residual), shares
+        scans = ScanErrorPatterns.of_adjustment(adjustment, shares, centers)
+    return MatchedMapolas.of(matches, scans, shares), shares

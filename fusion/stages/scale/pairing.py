@@ -8,32 +8,31 @@ from pathlib import Path
 import numpy as np
 from scipy.sparse import csr_array
 
-from fusion.estimation.verdict import Cause
+from fusion.geolocation import geolocator
 from fusion.pipeline import StageContext
+from fusion.runtime.folders import make_folder
 from fusion.runtime.machine import check_grid
 from fusion.scaling.geometry import (
-    LeftOut,
     PairFrame,
     PairOptions,
+    UnpairedImage,
     frame_of_image,
     maplet_shares,
     pair_size,
-    seen_from,
 )
 from fusion.scaling.pairs import (
     Pair,
-    Sources,
-    blur_of,
-    cell_means,
+    PairSources,
     make_pair,
     match_response,
-    rematched,
+    rematch,
 )
 from fusion.scene import maplets_around
-from fusion.stages.geolocation.locating import geolocator
 from fusion.surfacematch import MatchOptions
-from fusion.workspace import SETTINGS_FILE, Workspace, make_folder
-from fusion.workspace.settings import ScaleSettings, SpiceSettings, SpinSettings
+from fusion.verdict import Cause
+from fusion.workspace import SETTINGS_FILE, Workspace
+from fusion.workspace.settings.inputs import SpiceSettings, SpinSettings
+from fusion.workspace.settings.processing import ScaleSettings
 from lidar.formats.native import iter_scan, scan_summary
 from lidar.geolocation import geolocated_by
 from lidar.scans import Returns, Scan, join
@@ -57,7 +56,7 @@ class Pairing:
     ----------
     options : PairOptions
     pairs : list of Pair
-    left_out : list of LeftOut
+    left_out : list of UnpairedImage
     blur_cells : float
         Blur of the SPC bigmaps against those of returns that was applied, cells.
     maplets : tuple of str
@@ -72,7 +71,7 @@ class Pairing:
 
     options: PairOptions
     pairs: list[Pair]
-    left_out: list[LeftOut]
+    left_out: list[UnpairedImage]
     blur_cells: float
     maplets: tuple[str, ...]
     center_sigma: FloatArray
@@ -107,18 +106,16 @@ def pair_images(context: StageContext, caster: RayCaster, radius: float) -> Pair
     first = [item for group in groups_made for item in group.items]
     seen = {item.frame.image if isinstance(item, Pair) else item.image for item in first}
     left_out += [
-        LeftOut(frame.image, Cause.NO_DATA, "no scan was taken with the image")
+        UnpairedImage(frame.image, Cause.NO_DATA, "no scan was taken with the image")
         for frame in frames
         if frame.image not in seen
     ]
     pairs = [item for item in first if isinstance(item, Pair)]
     sample = pairs[:: max(1, -(-len(pairs) // _BLUR_SAMPLE))]
-    blurs = np.array(context.map("compare resolutions", blur_of, sample))
+    blurs = np.array(context.map("compare resolutions", Pair.relative_blur, sample))
     blur = float(np.nanmedian(blurs)) if np.isfinite(blurs).any() else 0.0
-    again = context.map(
-        "match pairs", lambda pair: rematched(pair, options, blur_cells=blur), pairs
-    )
-    left_out += [item for item in (*first, *again) if isinstance(item, LeftOut)]
+    again = context.map("match pairs", lambda pair: rematch(pair, options, blur_cells=blur), pairs)
+    left_out += [item for item in (*first, *again) if isinstance(item, UnpairedImage)]
     kept = [item for item in again if isinstance(item, Pair)]
     names = tuple(solution.grids)
     return Pairing(
@@ -133,7 +130,7 @@ class _PairsOfScan:
     """Pairs of one scan, and the geolocation of its returns."""
 
     scan: str
-    items: list[Pair | LeftOut]
+    items: list[Pair | UnpairedImage]
     within_m: float
     without_place: int
 
@@ -184,11 +181,11 @@ def _options(
 
 def _frames(
     workspace: Workspace, caster: RayCaster, options: PairOptions
-) -> tuple[list[PairFrame], list[LeftOut]]:
+) -> tuple[list[PairFrame], list[UnpairedImage]]:
     """Return the frames of all images, without those that miss the body or look obliquely."""
     found = [frame_of_image(image, caster, options) for image in workspace.images()]
     frames = [item for item in found if isinstance(item, PairFrame)]
-    return frames, [item for item in found if isinstance(item, LeftOut)]
+    return frames, [item for item in found if isinstance(item, UnpairedImage)]
 
 
 class _PairMaker:
@@ -236,15 +233,15 @@ class _PairMaker:
             try:
                 scan, offset = geolocated_by(scan, self._trajectory, max_gap_s=gap)
             except InvalidValueError as error:
-                none: list[Pair | LeftOut] = [
-                    LeftOut(frame.image, Cause.OUTSIDE_STATES, str(error)) for frame in frames
+                none: list[Pair | UnpairedImage] = [
+                    UnpairedImage(frame.image, Cause.OUTSIDE_STATES, str(error)) for frame in frames
                 ]
                 return _PairsOfScan(path.stem, none, within, len(read))
             within = max(within, offset.widest(gap))
         items = [self._pair(frame, scan, offset) for frame in frames]
         return _PairsOfScan(path.stem, items, within, len(read) - len(scan))
 
-    def _pair(self, frame: PairFrame, scan: Scan, offset: Offset | None) -> Pair | LeftOut:
+    def _pair(self, frame: PairFrame, scan: Scan, offset: Offset | None) -> Pair | UnpairedImage:
         around = maplets_around(self._workspace, self._grids, frame.grid)
         spc = make_bigmap(frame.image, frame.grid, around)
         x, y, height = frame.grid.project(scan.points)
@@ -255,14 +252,14 @@ class _PairMaker:
         chosen = chosen.select(np.all(np.isfinite(chosen.spacecraft), axis=1))
         if not len(chosen):
             none = "there are no returns of that time with a known spacecraft position"
-            return LeftOut(frame.image, Cause.NO_DATA, none)
-        frame = seen_from(frame, np.mean(chosen.spacecraft, axis=0))
+            return UnpairedImage(frame.image, Cause.NO_DATA, none)
+        frame = frame.with_station(np.mean(chosen.spacecraft, axis=0))
         place = {name: number for number, name in enumerate(self._grids)}
         maplets = np.zeros(len(place))
         shares = maplet_shares(frame.grid, spc.height, around)
         maplets[[place[maplet.name] for maplet in around]] = shares
         states, response = self._state_response(spc, chosen, offset)
-        sources = Sources(scan.name, states, response, maplets)
+        sources = PairSources(scan.name, states, response, maplets)
         return make_pair(frame, spc, Returns.of_scans([chosen]), sources, self._options)
 
     def _state_response(
@@ -279,9 +276,8 @@ class _PairMaker:
         # returns by all states would take gigabytes.
         shares = state_shares(self._trajectory, offset, scan.time)
         used = np.unique(shares.indices)
-        cells = cell_means(spc.grid, scan.points, shares[:, used].toarray())
         response = np.zeros((shares.shape[1], 3, 3))
-        response[used] = match_response(spc.grid, spc.height, spc.sigma**2, cells)
+        response[used] = match_response(spc, scan.points, shares[:, used].toarray())
         return np.asarray(shares.mean(axis=0)), response
 
 

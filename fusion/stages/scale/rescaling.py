@@ -9,29 +9,31 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fusion.estimation.verdict import Code, Verdict
 from fusion.runtime import Progress, json_text
-from fusion.runtime.processes import clear_abandoned_folders
+from fusion.runtime.folders import clear_abandoned_folders, make_folder
+from fusion.verdict import Code, Verdict
 from fusion.workspace import (
     OWN_FOLDERS,
     SETTINGS_FILE,
     SPC_FOLDERS,
     SPC_LISTS,
     Workspace,
-    make_folder,
 )
-from fusion.workspace.settings import BodySettings, Settings, write_settings
+from fusion.workspace.settings import Settings, write_settings
+from fusion.workspace.settings.inputs import BodySettings
 from spcola import atomic
 from spcola.control import (
-    scaled_image,
-    scaled_landmark,
-    scaled_maplet,
-    scaled_nominal,
-    scaled_shape,
+    scaled,
 )
 from spcola.errors import NotObservableError, WorkspaceError
 from spcola.formats.maplets import read_map, read_sigma, sigma_path, write_maplet
-from spcola.formats.shapes import read_icq, read_obj, recognise_shape, write_icq, write_obj
+from spcola.formats.shapes import (
+    read_icq,
+    read_obj_mesh,
+    recognise_shape,
+    write_icq,
+    write_obj_mesh,
+)
 from spcola.formats.shapes.ply import read_ply_mesh, write_ply_mesh
 from spcola.formats.solution import (
     read_landmark,
@@ -236,40 +238,35 @@ def _scale_maplet(source: Path, target: Path, factor: float) -> None:
         maplet = maplet.with_layers(sigma=read_sigma(companion, maplet.grid.half_size))
     write_maplet(
         target,
-        scaled_maplet(maplet, factor),
+        scaled(maplet, factor),
         header=file.header,
         sigma_companion=companion.exists(),
     )
 
 
-def _scale_landmark(source: Path, target: Path, factor: float) -> None:
-    write_landmark(target, scaled_landmark(read_landmark(source), factor), like=source)
-
-
-def _scale_image(source: Path, target: Path, factor: float) -> None:
-    write_summary(target, scaled_image(read_summary(source), factor), like=source)
-
-
-def _scale_nominal(source: Path, target: Path, factor: float) -> None:
-    write_nominal(target, scaled_nominal(read_nominal(source), factor), like=source)
+def _text_writer(
+    read: Callable[[Path], Any], scaled: Callable[[Any, float], Any], write: Callable[..., None]
+) -> Write:
+    """Return the function that scales a text file and keeps the form of its lines."""
+    return lambda source, target, factor: write(target, scaled(read(source), factor), like=source)
 
 
 def _scale_shape(source: Path, target: Path, factor: float, body: BodySettings) -> None:
     kind, unit = recognise_shape(source), body.shape_unit
     if kind == "icq":
-        write_icq(target, scaled_shape(read_icq(source), factor), digits=_ICQ_DIGITS)
+        write_icq(target, scaled(read_icq(source), factor), digits=_ICQ_DIGITS)
     elif kind == "obj":
-        shape = read_obj(source, unit=unit, faces_from=body.faces_from)
-        write_obj(target, scaled_shape(shape, factor), unit=unit)
+        shape = read_obj_mesh(source, unit=unit, faces_from=body.faces_from)
+        write_obj_mesh(target, scaled(shape, factor), unit=unit)
     else:
-        write_ply_mesh(target, scaled_shape(read_ply_mesh(source, unit=unit), factor), unit=unit)
+        write_ply_mesh(target, scaled(read_ply_mesh(source, unit=unit), factor), unit=unit)
 
 
 _WRITERS: dict[tuple[str, str], Write] = {
     ("MAPFILES", ".MAP"): _scale_maplet,
-    ("LMKFILES", ".LMK"): _scale_landmark,
-    ("SUMFILES", ".SUM"): _scale_image,
-    ("NOMINALS", ".NOM"): _scale_nominal,
+    ("LMKFILES", ".LMK"): _text_writer(read_landmark, scaled, write_landmark),
+    ("SUMFILES", ".SUM"): _text_writer(read_summary, scaled, write_summary),
+    ("NOMINALS", ".NOM"): _text_writer(read_nominal, scaled, write_nominal),
 }
 
 

@@ -17,8 +17,8 @@ from scipy import fft, ndimage
 
 from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape, frozen
 from spcola.errors import InvalidValueError
+from spcola.grids.correlation import autocovariance
 from spcola.grids.gaps import closable, trend_of
-from spcola.grids.statistics import autocovariance
 from spcola.math.robust import mad
 
 # Below this share of the largest power a residual shows deficiencies of the model rather than
@@ -67,13 +67,7 @@ class NoiseSpectrum:
             raise InvalidValueError("is nowhere positive", "power")
 
     def gain(self, wavenumber: FloatArray) -> FloatArray:
-        """Gain (…) of the whitening filter at wavenumbers (…), cycles per cell; at most 1.
-
-        Parameters
-        ----------
-        wavenumber : ndarray
-            Cycles per cell.
-        """
+        """Gain (…) of the whitening filter at each `wavenumber` (…), cycles per cell; at most 1."""
         least = _LEAST * float(self.power.max())
         at = np.maximum(np.interp(wavenumber, self.wavenumber, self.power), least)
         gain: FloatArray = np.sqrt(least / at)
@@ -92,7 +86,7 @@ class NoiseSpectrum:
         return float(self.gain(np.zeros(1))[0])
 
     def whitened(self, height: FloatArray) -> FloatArray:
-        """Pass heights (…, R, C), metres, without gaps (:func:`bridged`) through the filter.
+        """Pass `height` (…, R, C), metres, without gaps (:func:`bridged`) through the filter.
 
         A symmetric filter multiplies a paraboloid by its gain for a plane, except for a constant:
         the surface's paraboloid is subtracted before and added, times that gain, after. The rest is
@@ -100,11 +94,6 @@ class NoiseSpectrum:
         slope which, filtered, are the same in both surfaces at the edges of the grid whatever the
         displacement, and bias it towards 0. :func:`supported` gives the points that edges and gaps
         do not affect.
-
-        Parameters
-        ----------
-        height : (…, R, C) ndarray
-            Metres.
         """
         trend = np.stack([trend_of(layer) for layer in height.reshape(-1, *height.shape[-2:])])
         trend = trend.reshape(height.shape)

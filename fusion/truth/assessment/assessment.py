@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fusion.report import Recovered
+from fusion.report.planted import RecoveredParameter
 from fusion.runtime import Executor, Progress
 from fusion.runtime.machine import one_blas_thread
 from fusion.truth.assessment.formal import FormalUncertainty, formal_uncertainty
@@ -33,7 +33,7 @@ class Assessment:
     models : tuple of ModelScore
     formal : FormalUncertainty, optional
         FormU of the SPC solution in the workspace.
-    recovered : tuple of Recovered
+    recovered : tuple of RecoveredParameter
         Planted parameters and their estimates in the workspace's registration and scale.
     """
 
@@ -41,7 +41,7 @@ class Assessment:
     settings: AssessmentSettings
     models: tuple[ModelScore, ...]
     formal: FormalUncertainty | None
-    recovered: tuple[Recovered, ...]
+    recovered: tuple[RecoveredParameter, ...]
 
 
 @one_blas_thread()
@@ -106,11 +106,9 @@ def formal_of(workspace: Workspace) -> FormalUncertainty | None:
     return formal_uncertainty(grids, (workspace.image(name) for name in images))
 
 
-def _recovered(planted: Planted, workspace: Workspace) -> list[Recovered]:
+def _recovered(planted: Planted, workspace: Workspace) -> list[RecoveredParameter]:
     """Compare the registration and scale with the planted values, as far as they exist."""
-    found = [
-        workspace.read_json(path.name) if path.is_file() else {}
-        for path in (workspace.registration_path, workspace.scale_path)
-    ]
+    paths = (workspace.registration_path, workspace.scale_path)
+    found = [workspace.find_json(path) or {} for path in paths]
     rows = compare(planted, *found) if any(found) else []
     return [row for row in rows if found[0] or not row.name.startswith("registration")]

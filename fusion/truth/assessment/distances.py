@@ -8,10 +8,10 @@ import numpy as np
 
 from fusion.truth.assessment.rigid import RigidFit, RigidOptions, fit_rigid
 from fusion.truth.assessment.settings import AssessmentSettings
-from fusion.truth.assessment.surface import TruthSurface
 from spcola.arrays import FloatArray
 from spcola.math import lattice
 from spcola.shape import Mesh
+from spcola.truth.body import TruthBody
 from spcola.truth.solid import SolidBody
 
 _CENTRE_DIRECTIONS = 200_000
@@ -56,7 +56,7 @@ class Distances:
 
 
 def measure_distances(
-    vertices: FloatArray, truth: TruthSurface, settings: AssessmentSettings, mesh: Mesh | None
+    vertices: FloatArray, truth: TruthBody, settings: AssessmentSettings, mesh: Mesh | None
 ) -> Distances:
     """Measure the 3D rms of `vertices` (N, 3), metres, body-fixed coordinates.
 
@@ -93,7 +93,7 @@ def center_of_figure(mesh: Mesh) -> FloatArray:
     return center
 
 
-def truth_center(truth: TruthSurface) -> FloatArray:
+def truth_center(truth: TruthBody) -> FloatArray:
     """Return the centroid (3,) of the truth's volume, metres: ∫ r⁴ û / 4 over ∫ r³ / 3."""
     if isinstance(truth, SolidBody):
         return center_of_figure(truth.surface_mesh)

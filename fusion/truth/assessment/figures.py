@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fusion.report.style import INK, MUTED, drawing
+from fusion.report.layout import Colour, styled_figure
 from fusion.truth.assessment.regions import REGIONS, RegionScore
 from fusion.truth.assessment.score import ModelScore
 
@@ -30,17 +30,19 @@ def distances_figure(scores: Sequence[ModelScore], formu: float) -> Figure:
         ("3D rms", "o", "#cc3311", lambda s: s.distances.rms),
         ("without offset", "D", "#e69f00", lambda s: s.distances.rms_without_offset),
         ("optimised", "s", "#0072b2", lambda s: s.distances.rms_optimised),
-        ("height rms, planted frame", "|", INK, lambda s: s.regions[0].rms),
+        ("height rms, planted frame", "|", Colour.TEXT, lambda s: s.regions[0].rms),
     )
     rows = np.arange(len(scores))
-    with drawing(9.4, 1.2 + 0.36 * len(scores)) as figure:
+    with styled_figure(9.4, 1.2 + 0.36 * len(scores)) as figure:
         panel = figure.subplots()
         for label, marker, tint, value in kinds:
             size = 13 if marker == "|" else 7
             values = [value(score) for score in scores]
             panel.plot(values, rows, marker, ms=size, color=tint, label=label, mew=1.6, alpha=0.85)
         if np.isfinite(formu):
-            panel.axvline(formu, color=MUTED, ls="--", lw=1.2, label="FormU of the SPC solution")
+            panel.axvline(
+                formu, color=Colour.GREY, ls="--", lw=1.2, label="FormU of the SPC solution"
+            )
         panel.set_yticks(rows, [score.name for score in scores])
         panel.set_ylim(len(scores) - 0.5, -0.5)
         panel.set_xlim(left=0.0)
@@ -54,7 +56,7 @@ def resolution_figure(scores: Sequence[ModelScore]) -> Figure:
     """Transfer² and coherence of every model against wavelength."""
     from matplotlib.ticker import LogLocator  # noqa: PLC0415
 
-    with drawing(9.4, 3.8) as figure:
+    with styled_figure(9.4, 3.8) as figure:
         panels = figure.subplots(1, 2, sharey=True)
         for number, score in enumerate(scores):
             t = score.transfer
@@ -66,7 +68,7 @@ def resolution_figure(scores: Sequence[ModelScore]) -> Figure:
         titles = ("share of the truth's power in the model", "coherence with the truth")
         for panel, title in zip(panels, titles, strict=True):
             panel.set_title(title)
-            panel.axhline(0.5, color=MUTED, ls="--", lw=1.0)
+            panel.axhline(0.5, color=Colour.GREY, ls="--", lw=1.0)
             panel.set(xscale="log", ylim=(-0.05, 1.25), xlabel="wavelength, m")
             panel.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
             for axis in (panel.xaxis.set_major_formatter, panel.xaxis.set_minor_formatter):
@@ -87,7 +89,7 @@ def _curve(panel: Any, wavelength: Any, share: Any, half: float, what: tuple[int
 
 def regions_figure(scores: Sequence[ModelScore]) -> Figure:
     """Rms of the errors of heights and slopes in each region, for every model."""
-    with drawing(9.4, 4.6) as figure:
+    with styled_figure(9.4, 4.6) as figure:
         panels = figure.subplots(1, 2, sharey=True)
         _dots(panels[0], scores, lambda region: region.rms)
         _dots(panels[1], scores, lambda region: region.slope_rms_deg)
@@ -103,15 +105,15 @@ def calibration_figure(scores: Sequence[ModelScore]) -> Figure | None:
     if not stating:
         return None
     order = [list(scores).index(score) for score in stating]
-    with drawing(9.4, 4.6) as figure:
+    with styled_figure(9.4, 4.6) as figure:
         panels = figure.subplots(1, 2, sharey=True)
         _dots(panels[0], stating, lambda region: region.within_1, order)
         _dots(panels[0], stating, lambda region: region.within_2, order, hollow=True)
         for share in (0.6827, 0.9545):
-            panels[0].axvline(share, color=MUTED, ls="--", lw=1.2)
+            panels[0].axvline(share, color=Colour.GREY, ls="--", lw=1.2)
         panels[0].set(xlabel="share within 1 σ (full) and 2 σ (hollow)", xlim=(0, 1.02))
         _dots(panels[1], stating, lambda region: np.clip(region.pull_std, 0.1, 10.0), order)
-        panels[1].axvline(1.0, color=MUTED, ls="--", lw=1.2)
+        panels[1].axvline(1.0, color=Colour.GREY, ls="--", lw=1.2)
         panels[1].set(xscale="log", xlim=(0.09, 11.0))
         panels[1].set_xlabel("standard deviation of error / σ (beyond 10 at the edge)")
         panels[1].set_xticks([0.1, 0.2, 0.5, 1, 2, 5, 10])

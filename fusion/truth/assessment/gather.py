@@ -9,14 +9,14 @@ from typing import Literal
 import numpy as np
 
 from fusion.fusing.maplets import FUSED_HDF5, fused_names, read_fused
-from fusion.products.formats import read_fits_dtm, read_geotiff, read_surface
-from fusion.registration.results import placements_of, transform_of
+from fusion.inspection import read_terrain
+from fusion.registration.results import mapola_registrations, transform_of
 from fusion.truth.assessment.model import Frame, MapletModel, MeshModel, Model
 from fusion.workspace import Workspace
-from spcola.errors import FormatError, WorkspaceError
+from spcola.errors import WorkspaceError
 from spcola.formats.maplets import read_maplet
-from spcola.formats.shapes import read_shape
 from spcola.grids import Maplet
+from spcola.shape.icq import IcqShape
 
 _BIGMAPS = (
     ("", "bigmaps of fused maplets"),
@@ -72,28 +72,19 @@ def file_model(path: Path, *, frame: Frame = "spc", unit: Literal["km", "m"] = "
             )
         names = fused_names(path)
         return MapletModel(str(path), names, lambda name: read_fused(path, name), frame)
-    readers = {".map": read_maplet, ".fits": read_fits_dtm, ".tif": read_geotiff}
-    reader = readers.get(path.suffix.lower())
-    if reader is not None:
-        return _single(path, reader(path), frame)
-    if path.suffix.lower() in (".obj", ".ply"):
-        try:
-            return _single(path, read_surface(path), frame)
-        except FormatError:
-            # A mesh of another program.
-            return MeshModel(path.name, read_shape(path, unit=unit), frame)
-    return MeshModel(path.name, read_shape(path, unit=unit), frame)
-
-
-def _single(path: Path, maplet: Maplet, frame: Frame) -> Model:
-    return MapletModel(path.name, [maplet.name], lambda _: maplet, frame)
+    surface = read_terrain(path, unit=unit)
+    if isinstance(surface, Maplet):
+        maplet = surface
+        return MapletModel(path.name, [maplet.name], lambda _: maplet, frame)
+    mesh = surface.mesh() if isinstance(surface, IcqShape) else surface
+    return MeshModel(path.name, mesh, frame)
 
 
 def _registered_mapolas(workspace: Workspace) -> Model:
     """Return the registered mapolas."""
     where = str(workspace.registration_path)
     content = workspace.read_json(workspace.registration_path.name)
-    transform, placements = transform_of(content, where), placements_of(content, where)
+    transform, placements = transform_of(content, where), mapola_registrations(content, where)
 
     def load(name: str) -> Maplet:
         mapola = workspace.mapola(name)

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
-from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fusion.products import versions
-from fusion.report import number, planted_table, table
-from fusion.report.style import html_figure
+from fusion.report.layout import html_figure, html_page, html_table, number_text
+from fusion.report.planted import planted_table
 from fusion.truth.assessment.assessment import Assessment
 from fusion.truth.assessment.definitions import definitions
 from fusion.truth.assessment.figures import (
@@ -26,9 +24,6 @@ from fusion.truth.assessment.pictures import errors_figure, examples_figure
 from fusion.truth.assessment.score import ModelScore
 from fusion.truth.assessment.summary import formu_ratio
 from spcola import atomic
-
-if TYPE_CHECKING:
-    pass
 
 
 def write_page(path: Path, found: Assessment) -> None:
@@ -51,21 +46,8 @@ def make_page(found: Assessment) -> str:
     for place, score in enumerate(found.models):
         parts.append((f"model{place}", score.name, _model(score, place)))
     parts.append(("definitions", "Definitions", _definitions(found)))
-    links = " ".join(f'<a href="#{key}">{escape(title)}</a>' for key, title, _ in parts)
-    body = "".join(
-        f'<section id="{key}"><h2>{escape(title)}</h2>{part}</section>'
-        for key, title, part in parts
-    )
-    style = files("fusion.report").joinpath("report.css").read_text(encoding="utf-8")
-    made = ", ".join(f"{key} {value}" for key, value in versions().items())
     title = f"Against the truth: mission of seed {seed}"
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{title}</title><style>{style}</style></head><body>"
-        f"<header><h1>{title}</h1><nav>{links}</nav></header><main>{body}</main>"
-        f"<footer>{escape(made)}</footer></body></html>\n"
-    )
+    return html_page(title, title, parts, versions())
 
 
 def _overview(found: Assessment) -> str:
@@ -116,16 +98,17 @@ def _distances_table(found: Assessment) -> str:
         d = score.distances
         sigma = np.sqrt(np.diag(d.translation.covariance))[:3]
         offset = ", ".join(
-            number(float(v), float(s))
+            number_text(float(v), float(s))
             for v, s in zip(-d.translation.translation, sigma, strict=True)
         )
         rows.append([
-            escape(score.name), number(round(score.gsd, 4)),
+            escape(score.name), number_text(round(score.gsd, 4)),
             f"{score.patches}" if score.frame else "", f"{d.count}", _metres(d.rms),
             _metres(d.rms_without_offset), _metres(d.rms_optimised), offset,
-            number(formu_ratio(score, found.formal), 0.1), number(score.transfer.half_power, 0.1),
+            number_text(formu_ratio(score, found.formal), 0.1),
+            number_text(score.transfer.half_power, 0.1),
         ])  # fmt: skip
-    return table(head, rows, caption=_formal_caption(found))
+    return html_table(head, rows, caption=_formal_caption(found))
 
 
 def _formal_caption(found: Assessment) -> str:
@@ -144,7 +127,7 @@ def _regions_table(scores: Sequence[ModelScore]) -> str:
     rows = [
         [escape(score.name), *(_metres(region.rms) for region in score.regions)] for score in scores
     ]
-    return table(["", *regions], rows, caption="Rms of the height errors, m")
+    return html_table(["", *regions], rows, caption="Rms of the height errors, m")
 
 
 def _model(score: ModelScore, place: int) -> str:
@@ -155,9 +138,9 @@ def _model(score: ModelScore, place: int) -> str:
     rows = [
         [
             escape(r.region), f"{r.count}", _metres(r.mean), _metres(r.rms), _metres(r.robust),
-            _metres(r.largest), number(r.slope_rms_deg, 1.0), _metres(r.sigma_rms),
-            number(r.pull_mean, 0.1), number(r.pull_std, 0.1),
-            number(r.within_1, 0.01), number(r.within_2, 0.01),
+            _metres(r.largest), number_text(r.slope_rms_deg, 1.0), _metres(r.sigma_rms),
+            number_text(r.pull_mean, 0.1), number_text(r.pull_std, 0.1),
+            number_text(r.within_1, 0.01), number_text(r.within_2, 0.01),
         ]
         for r in score.regions
     ]  # fmt: skip
@@ -183,7 +166,7 @@ def _model(score: ModelScore, place: int) -> str:
         errors_figure(score.errors, colour(place)), caption, "height errors", "png"
     )
     examples = html_figure(examples_figure(score.examples), shown, "examples", "png")
-    return note + table(head, rows, caption="Errors by region") + errors + examples
+    return note + html_table(head, rows, caption="Errors by region") + errors + examples
 
 
 def _definitions(found: Assessment) -> str:
@@ -196,4 +179,4 @@ def _definitions(found: Assessment) -> str:
 
 def _metres(value: float) -> str:
     """Return a length to a millimetre."""
-    return number(value, 0.01)
+    return number_text(value, 0.01)

@@ -9,7 +9,7 @@ import numpy as np
 from fusion.truth.assessment.regions import Ground, PointErrors
 from spcola.arrays import BoolArray, FloatArray
 from spcola.grids import Maplet, MapletGrid
-from spcola.heights import slopes_of
+from spcola.heights.slopes import slopes_of
 from spcola.math import Similarity
 
 

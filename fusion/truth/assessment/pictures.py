@@ -7,18 +7,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fusion.products import lon_lat_deg
-from fusion.report.maplets import hillshade
-from fusion.report.style import INK, MUTED, drawing
+from fusion.report.figures import graticule
+from fusion.report.layout import Colour, styled_figure
+from fusion.report.maplets import (
+    draw_differences,
+    grid_image,
+    hillshade,
+    label_panels,
+    symmetric_limit,
+)
 from fusion.truth.assessment.patches import PatchErrors
 from fusion.truth.assessment.regions import PointErrors
 from spcola.arrays import FloatArray
-from spcola.grids import MapletGrid
+from spcola.math import lon_lat_deg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_UNKNOWN = "#e6e6e6"
 _CELL_DEG = 2.0
 _PULLS = np.linspace(-5.0, 5.0, 81)
 
@@ -42,17 +47,19 @@ def error_map(errors: PointErrors, cell_deg: float = _CELL_DEG) -> FloatArray:
 
 def errors_figure(errors: PointErrors, tint: str) -> Figure:
     """Map of the height errors, their histogram, and that of error over stated sigma."""
+    import matplotlib as mpl  # noqa: PLC0415
+
     mean = error_map(errors)
-    reach = _reach(errors.height)
-    with drawing(9.4, 6.2) as figure:
+    reach = symmetric_limit(errors.height)
+    with styled_figure(9.4, 6.2) as figure:
         parts: Any = figure.subfigures(2, 1, height_ratios=[1.7, 1.0])
         panel = parts[0].subplots()
         drawn = panel.imshow(
             np.ma.masked_invalid(mean), origin="lower", extent=(0, 360, -90, 90),
-            cmap=_palette(), vmin=-reach, vmax=reach, interpolation="nearest",
+            cmap=mpl.colormaps["RdBu_r"].with_extremes(bad=Colour.MISSING),
+            vmin=-reach, vmax=reach, interpolation="nearest",
         )  # fmt: skip
-        panel.set(xticks=range(0, 361, 60), yticks=range(-90, 91, 30))
-        panel.set(xlabel="east longitude, °", ylabel="latitude, °")
+        graticule(panel)
         bar = parts[0].colorbar(drawn, ax=panel, shrink=0.9, extend="both", pad=0.01)
         bar.set_label("mean height error, m")
         left, right = parts[1].subplots(1, 2)
@@ -65,7 +72,7 @@ def _histogram(panel: Any, error: FloatArray, reach: float, tint: str) -> None:
     """Draw the histogram of height errors; the outermost bins include all beyond."""
     edges = np.linspace(-2.0 * reach, 2.0 * reach, 81)
     panel.hist(np.clip(error, edges[0], edges[-1]), edges, density=True, color=tint)
-    panel.axvline(0.0, color=INK, lw=0.8)
+    panel.axvline(0.0, color=Colour.TEXT, lw=0.8)
     panel.set(xlabel="height error, m", ylabel="density, 1/m", yscale="log")
     mean, rms = float(np.mean(error)), float(np.sqrt(np.mean(error**2)))
     panel.set_title(f"mean {mean:+.3f} m, rms {rms:.3f} m".replace("-", "−"))
@@ -82,7 +89,7 @@ def _pull_histogram(panel: Any, errors: PointErrors, tint: str) -> None:
     pull = errors.height[stated] / errors.sigma[stated]
     panel.hist(np.clip(pull, -5.0, 5.0), _PULLS, density=True, color=tint)
     normal = np.exp(-0.5 * _PULLS**2) / np.sqrt(2.0 * np.pi)
-    panel.plot(_PULLS, normal, color=INK, lw=1.2, ls="--", label="if sigmas are correct")
+    panel.plot(_PULLS, normal, color=Colour.TEXT, lw=1.2, ls="--", label="if sigmas are correct")
     panel.set(xlabel="height error / stated sigma", ylabel="density", xlim=(-5, 5))
     panel.set_title(f"standard deviation {float(np.std(pull)):.2f}")
     panel.legend(loc="upper left")
@@ -91,51 +98,16 @@ def _pull_histogram(panel: Any, errors: PointErrors, tint: str) -> None:
 
 def examples_figure(examples: Sequence[PatchErrors]) -> Figure:
     """Truth, model and difference of some patches, one row each."""
-    with drawing(9.4, 3.05 * len(examples)) as figure:
+    with styled_figure(9.4, 3.05 * len(examples)) as figure:
         panels = figure.subplots(len(examples), 3, squeeze=False)
         for row, patch in zip(panels, examples, strict=True):
             grid = patch.maplet.grid
-            _image(row[0], grid, hillshade(patch.truth, grid.gsd), "gray", (0.0, 1.0))
-            _image(row[1], grid, hillshade(patch.maplet.height, grid.gsd), "gray", (0.0, 1.0))
-            error = patch.error
-            reach = _reach(patch.points.height)
-            drawn = _image(row[2], grid, error.T, None, (-reach, reach))
+            shown = {f"truth, {patch.maplet.name}": patch.truth, "model": patch.maplet.height}
+            for panel, (title, height) in zip(row, shown.items(), strict=False):
+                grid_image(panel, grid, hillshade(height, grid.gsd), "gray", (0.0, 1.0))
+                panel.set_title(title)
+            drawn = draw_differences(row[2:], grid, {f"rms {patch.rms:.3f} m": patch.error})
             bar = figure.colorbar(drawn, ax=row[2], shrink=0.9, extend="both", pad=0.02)
             bar.set_label("model − truth, m")
-            row[0].set_title(f"truth, {patch.maplet.name}")
-            row[1].set_title("model")
-            row[2].set_title(f"rms {patch.rms:.3f} m")
-            row[0].set_ylabel("along −Ux, m")
-        for panel in panels[-1]:
-            panel.set_xlabel("along Uy, m")
+            label_panels(row, grid)
     return figure
-
-
-def _image(
-    panel: Any,
-    grid: MapletGrid,
-    image: FloatArray,
-    colours: str | None,
-    limits: tuple[float, float],
-) -> Any:
-    """Draw an image about the centre of a grid: right along Uy, up along −Ux, metres."""
-    half = (grid.half_size + 0.5) * grid.gsd
-    for spine in panel.spines.values():
-        spine.set_visible(True)
-        spine.set_color(MUTED)
-    return panel.imshow(
-        np.ma.masked_invalid(image), cmap=_palette(colours), vmin=limits[0], vmax=limits[1],
-        extent=(-half, half, -half, half), interpolation="nearest",
-    )  # fmt: skip
-
-
-def _palette(name: str | None = None) -> Any:
-    """Return a colour map with a pale colour for unknown values."""
-    import matplotlib as mpl  # noqa: PLC0415
-
-    return mpl.colormaps[name or "RdBu_r"].with_extremes(bad=_UNKNOWN)
-
-
-def _reach(error: FloatArray) -> float:
-    """Return the 98th percentile of the absolute errors, a limit robust to outliers."""
-    return max(float(np.percentile(np.abs(error), 98)), 1e-6)

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fusion.truth.assessment.settings import AssessmentSettings
-from fusion.truth.assessment.surface import TruthSurface
 from spcola.arrays import AnyArray, BoolArray, FloatArray
 from spcola.math.robust import mad
-from spcola.truth.body import BOULDER, CRATER, SMOOTH
+from spcola.truth.body import BOULDER, CRATER, SMOOTH, TruthBody
 
 Light = Callable[[FloatArray], FloatArray]
 """Share of a rotation (N,), 0 … 1, for which the surface in directions (N, 3) is lit."""
@@ -42,13 +41,13 @@ class Ground:
 
     Parameters
     ----------
-    truth : TruthSurface
+    truth : TruthBody
     light : callable
         See :data:`Light`.
     settings : AssessmentSettings
     """
 
-    truth: TruthSurface
+    truth: TruthBody
     light: Light
     settings: AssessmentSettings
 

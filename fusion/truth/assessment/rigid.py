@@ -8,10 +8,9 @@ import numpy as np
 from numpy.linalg import eigh, norm
 from scipy.spatial.transform import Rotation
 
-from fusion.truth.assessment.surface import TruthSurface
 from spcola.arrays import BoolArray, FloatArray, IntArray
 from spcola.math.robust import MAD_TO_SIGMA, huber_weight
-from spcola.truth.body import SurfacePoints
+from spcola.truth.body import SurfacePoints, TruthBody
 
 # Directions in which the mean square of the residuals hardly changes (relative to the mean of
 # all six) are not observable, such as the rotation of a sphere.
@@ -90,7 +89,7 @@ class RigidFit:
 
 
 def fit_rigid(
-    points: FloatArray, truth: TruthSurface, *, options: RigidOptions | None = None
+    points: FloatArray, truth: TruthBody, *, options: RigidOptions | None = None
 ) -> RigidFit:
     """Return the motion of `points` (N, 3), metres, that minimises their 3D rms.
 
@@ -103,7 +102,7 @@ def fit_rigid(
     ----------
     points : (N, 3) ndarray
         Vertices of the model, body-fixed, metres; all finite.
-    truth : TruthSurface
+    truth : TruthBody
     options : RigidOptions, optional
 
     Returns
@@ -134,7 +133,7 @@ def fit_rigid(
 class _Fit:
     """The state of a fit: data, options and current pose."""
 
-    def __init__(self, points: FloatArray, truth: TruthSurface, options: RigidOptions) -> None:
+    def __init__(self, points: FloatArray, truth: TruthBody, options: RigidOptions) -> None:
         self.points, self.truth, self.options = points, truth, options
         self.pivot = points.mean(axis=0) if len(points) else np.zeros(3)
         arms = norm(points - self.pivot, axis=1)

@@ -21,7 +21,7 @@ def assessment_json(found: Assessment) -> dict[str, Any]:
     """Return the content of ``assess --json``; units are in the keys, NaN means unknown."""
     formal = found.formal
     return {
-        "definitions": dict(definitions(found.settings)),
+        "definitions": definitions(found.settings),
         "settings": asdict(found.settings),
         "seed": found.planted.settings.seed,
         "formal_uncertainty": None if formal is None else _formal(formal),

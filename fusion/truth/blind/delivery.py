@@ -12,15 +12,10 @@ import numpy as np
 from fusion.truth.blind.plan import BlindImage, BlindPlan, plan_blind
 from fusion.truth.blind.settings import CALIBRATION, IMAGES, KERNELS, SHAPE, BlindSettings
 from fusion.truth.work import Work, missing
-from spcola.formats.shapes import write_obj
-from spcola.truth.imaging import (
-    Detector,
-    RawLabel,
-    render,
-    write_calibration,
-    write_raw_image,
-)
+from spcola.formats.shapes import write_obj_mesh
+from spcola.truth.imaging import render_image
 from spcola.truth.kernels import write_pointing, write_positions, write_texts
+from spcola.truth.raw_frames import Detector, RawLabel, write_calibration, write_raw_image
 from spcola.truth.solid import Cliff, Overhang, SolidBody, rough_shape
 
 ROUGH_SHAPE = "rough.obj"
@@ -55,7 +50,7 @@ def _write_shape(work: Work, settings: BlindSettings, body: SolidBody) -> dict[s
     shape = rough_shape(body.outermost_radius, settings.rough, work.random("rough shape"))
     mesh = shape.mesh()
     if missing(path := work.site.root / SHAPE / ROUGH_SHAPE):
-        write_obj(path, mesh)
+        write_obj_mesh(path, mesh)
     away = body.nearest(mesh.vertices).distance
     return {
         "mean_m": float(np.mean(away)),
@@ -106,7 +101,7 @@ def _write_image(
 ) -> None:
     """Render one image with its true state, and write the raw frame."""
     generator = work.random(f"image {image.truth.name}")
-    rendered = render(
+    rendered = render_image(
         body.surface, body, image.truth, settings=work.settings.imaging, generator=generator
     )
     label: RawLabel = image.label

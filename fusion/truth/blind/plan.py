@@ -12,11 +12,11 @@ from fusion.truth.blind.settings import BlindSettings
 from spcola.arrays import FloatArray
 from spcola.camera import SpcImage
 from spcola.errors import SettingsError
-from spcola.navigation import SECONDS_PER_DAY, Spin
-from spcola.photometry import photometric_function
+from spcola.navigation import Spin
+from spcola.photometry.functions import photometric_function
 from spcola.truth.body import stream
-from spcola.truth.campaign import Station, plan_stations, true_state
-from spcola.truth.imaging import RawLabel
+from spcola.truth.campaign import Station, plan_stations
+from spcola.truth.campaign.states import true_state
 from spcola.truth.kernels import (
     KernelState,
     MissionClock,
@@ -24,6 +24,7 @@ from spcola.truth.kernels import (
     nominal_states,
     true_spin,
 )
+from spcola.truth.raw_frames import RawLabel
 
 # Bright spots and slopes toward the Sun are this much brighter than level ground at its mirror
 # point.
@@ -32,7 +33,8 @@ _LONG_FOCUS_MM = 300.0
 # Names of images have milliseconds; attitudes around each image may not overlap.
 _LEAST_STEP = 0.01
 # The clock starts so long before the first image, s.
-_BEFORE = 20 * SECONDS_PER_DAY
+_DAY = 86_400.0
+_BEFORE = 20 * _DAY
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +141,7 @@ def _nominal(spin: Spin, settings: BlindSettings, times: Sequence[float] | Float
     """Return the nominal rotation: its meridian has the stated error in the middle of the times."""
     rotation = settings.rotation
     middle = float(np.mean(times)) if len(times) else settings.passes.epoch
-    drift = rotation.rate_error_deg_per_day * middle / SECONDS_PER_DAY
+    drift = rotation.rate_error_deg_per_day * middle / _DAY
     return replace(
         spin,
         pole_ra_deg=spin.pole_ra_deg + rotation.pole_error_deg[0],

@@ -14,7 +14,8 @@ from spcola.formats.shapes import read_shape
 from spcola.shape import Mesh
 from spcola.truth.body import BodySettings
 from spcola.truth.campaign import CampaignSettings, PassSettings
-from spcola.truth.imaging import DetectorSettings, ImageSettings
+from spcola.truth.imaging import ImageSettings
+from spcola.truth.raw_frames import DetectorSettings
 from spcola.truth.solid import RoughShapeSettings, SolidSettings
 
 LIDAR, IMAGES, KERNELS, SHAPE, CALIBRATION = "lidar", "images", "kernels", "shape", "calibration"

@@ -1,38 +1,6 @@
-"""The tables of `spcola.toml`."""
+"""Settings of a workspace: the content of `spcola.toml`."""
 
-from fusion.workspace.settings.settings import Settings, complaint, load_settings, write_settings
-from fusion.workspace.settings.tables import (
-    AcceptSettings,
-    BigmapSettings,
-    BigmapSite,
-    BodySettings,
-    FuseSettings,
-    ImportSettings,
-    MapolaSettings,
-    RegisterSettings,
-    ReleaseSettings,
-    ScaleSettings,
-    SpiceSettings,
-    SpinSettings,
-    Table,
-)
+from fusion.workspace.settings.settings import Settings, load_settings, problem_text, write_settings
+from fusion.workspace.settings.table import Table
 
-__all__ = [
-    "AcceptSettings",
-    "BigmapSettings",
-    "BigmapSite",
-    "BodySettings",
-    "FuseSettings",
-    "ImportSettings",
-    "MapolaSettings",
-    "RegisterSettings",
-    "ReleaseSettings",
-    "ScaleSettings",
-    "Settings",
-    "SpiceSettings",
-    "SpinSettings",
-    "Table",
-    "complaint",
-    "load_settings",
-    "write_settings",
-]
+__all__ = ["Settings", "Table", "load_settings", "problem_text", "write_settings"]

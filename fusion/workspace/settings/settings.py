@@ -10,21 +10,23 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
-from fusion.workspace.settings.ranges import range_text
-from fusion.workspace.settings.tables import (
+from fusion.workspace.settings.inputs import (
+    BodySettings,
+    ImportSettings,
+    SpiceSettings,
+    SpinSettings,
+)
+from fusion.workspace.settings.processing import (
     AcceptSettings,
     BigmapSettings,
-    BodySettings,
     FuseSettings,
-    ImportSettings,
     MapolaSettings,
     RegisterSettings,
     ReleaseSettings,
     ScaleSettings,
-    SpiceSettings,
-    SpinSettings,
-    Table,
 )
+from fusion.workspace.settings.ranges import range_text
+from fusion.workspace.settings.table import Table
 from spcola import atomic
 from spcola.errors import SettingsError
 
@@ -106,7 +108,7 @@ def _refusal(problem: ErrorDetails, where: str | Path) -> SettingsError:
     location = [str(part)[:_NAME_LENGTH] for part in problem["loc"]]
     place = f"{where}: [{location[0]}]" + "".join(f" {part}" for part in location[1:])
     if problem["type"] != "extra_forbidden":
-        return SettingsError(complaint(problem), place)
+        return SettingsError(problem_text(problem), place)
     if len(location) == 1:
         known = ", ".join(f"[{name}]" for name in table_models())
         return SettingsError("is an unknown table", place, f"known are {known}")
@@ -114,7 +116,7 @@ def _refusal(problem: ErrorDetails, where: str | Path) -> SettingsError:
     return SettingsError("is an unknown key", place, f"known are {names}")
 
 
-def complaint(problem: ErrorDetails) -> str:
+def problem_text(problem: ErrorDetails) -> str:
     """Return pydantic's error about a value as one clause."""
     known = {
         "missing": "is missing",

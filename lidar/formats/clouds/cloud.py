@@ -17,7 +17,7 @@ from lidar.formats.records.screening import Agreement, Records, Screen
 from lidar.scans import Scan
 from spcola.arrays import FloatArray
 from spcola.errors import FormatError
-from spcola.formats.shapes.ply import PlyElement, PlyHeader, parse_header
+from spcola.formats.shapes.ply import PlyElement, parse_header
 
 _HEAD_BYTES = 65536
 _POINT = ("x", "y", "z")
@@ -150,11 +150,8 @@ def _ply_layout(head: bytes, path: Path) -> _CloudLayout:
             record = _ply_record(element, order, path)
             return _CloudLayout(record, element.count, begin, "ascii" if text else "binary")
         begin += element.count * (1 if text else _ply_record(element, order, path).itemsize)
-    raise FormatError(f"has no vertex among {_named(header)}", f"{path}, header")
-
-
-def _named(header: PlyHeader) -> str:
-    return ", ".join(element.name for element in header.elements)
+    names = ", ".join(element.name for element in header.elements)
+    raise FormatError(f"has no vertex among {names}", f"{path}, header")
 
 
 def _ply_record(element: PlyElement, order: str, path: Path) -> np.dtype[Any]:

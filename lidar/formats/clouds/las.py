@@ -84,11 +84,7 @@ def read_las(path: Path, options: LidarOptions) -> Iterator[Scan]:
 
 
 def read_las_system(path: Path) -> LasSystem:
-    """Return the coordinate reference system that a LAS, LAZ or COPC file states.
-
-    Parameters
-    ----------
-    path : Path
+    """Return the coordinate reference system that the LAS, LAZ or COPC file at `path` states.
 
     Raises
     ------

@@ -88,7 +88,7 @@ class LasSystem:
 def las_system(path: Path, header: Any, records: Iterable[Any]) -> LasSystem:
     """Return the coordinate reference system of a LAS file.
 
-    Well-known text is used if the header says so or there are no GeoTIFF keys. Heights without a
+    Well-known text is used if the header states it or there are no GeoTIFF keys. Heights without a
     unit of their own have that of x and y.
 
     Parameters

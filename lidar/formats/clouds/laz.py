@@ -54,12 +54,7 @@ _TRIAL_S, _TRIAL_S_PER_MB = 60.0, 2.0
 
 
 def check_chunk_table(path: Path, header: Any) -> None:
-    """Refuse a LAZ file whose chunks do not make up its points, or do not fit into it.
-
-    Parameters
-    ----------
-    path : Path
-    header : laspy.LasHeader
+    """Refuse a LAZ file, its header by laspy, whose chunks do not make up or hold its points.
 
     Raises
     ------
@@ -148,11 +143,6 @@ def try_decompressor(path: Path, header: Any) -> None:
 
     The decompressor is native code, and some damaged points crash its process. Here that becomes
     an error message. It costs one more reading of the file.
-
-    Parameters
-    ----------
-    path : Path
-    header : laspy.LasHeader
 
     Raises
     ------

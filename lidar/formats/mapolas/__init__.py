@@ -1,7 +1,7 @@
 """Files of mapolas and of the adjustment of scans."""
 
-from lidar.formats.mapolas.adjustment import ADJUSTMENT_HDF5, read_adjustment, write_adjustment
-from lidar.formats.mapolas.mapola import MAPOLAS_HDF5, mapola_names, read_mapola, write_mapolas
+from lidar.formats.mapolas.adjustment_file import ADJUSTMENT_HDF5, read_adjustment, write_adjustment
+from lidar.formats.mapolas.mapola_file import MAPOLAS_HDF5, mapola_names, read_mapola, write_mapolas
 
 __all__ = [
     "ADJUSTMENT_HDF5",

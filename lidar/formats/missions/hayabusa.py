@@ -34,13 +34,7 @@ def is_hayabusa(head: bytes) -> bool:
 
 
 def read_hayabusa(path: Path, options: LidarOptions) -> Iterator[Scan]:
-    """Yield the returns of a Hayabusa CDR table: range, spacecraft and surface point, from km.
-
-    Raises
-    ------
-    FormatError
-        If the file is no such table, is cut off, or contradicts itself.
-    """
+    """Yield the returns of a Hayabusa CDR table: range, spacecraft and surface point, from km."""
     screen = Screen(path, _AGREEMENT, options)
     for rows in read_rows(path, _LAYOUT, options.chunk):
         yield screen.scan(

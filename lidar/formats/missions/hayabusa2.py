@@ -25,11 +25,6 @@ def read_hayabusa2(path: Path, options: LidarOptions) -> Iterator[Scan]:
     """Yield the shots of a Hayabusa2 L2 table (metres, degrees, Ryugu body-fixed).
 
     Each row states the position twice: longitude, latitude, radius, and x, y, z.
-
-    Raises
-    ------
-    FormatError
-        If the file is no such table, is cut off, or contradicts itself.
     """
     screen = Screen(path, _AGREEMENT, options)
     for rows in read_rows(path, _LAYOUT, options.chunk):

@@ -62,13 +62,7 @@ def is_lola(path: Path, head: bytes, size: int) -> bool:
 
 
 def read_lola(path: Path, options: LidarOptions) -> Iterator[Scan]:
-    """Yield the shots of a LOLA RDR file; a shot flag that is not zero is refused and counted.
-
-    Raises
-    ------
-    FormatError
-        If the file is no such table, is cut off, or contradicts itself.
-    """
+    """Yield the shots of a LOLA RDR file; a shot flag that is not zero is refused and counted."""
     with path.open("rb") as stream:
         head = stream.read(8192)
     if not head:

@@ -38,13 +38,7 @@ def is_nlr(head: bytes) -> bool:
 
 
 def read_nlr(path: Path, options: LidarOptions) -> Iterator[Scan]:
-    """Yield the returns of an NLR table; those that the team marked as noise (a = 1) are refused.
-
-    Raises
-    ------
-    FormatError
-        If the file is no such table, is cut off, or contradicts itself.
-    """
+    """Yield the returns of an NLR table; those marked as noise (a = 1) are refused."""
     screen = Screen(path, _AGREEMENT, options)
     for rows in read_rows(path, _LAYOUT, options.chunk):
         column = dict(zip(_WANTED, rows.numbers, strict=True))

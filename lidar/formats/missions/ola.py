@@ -20,7 +20,7 @@ from spcola.compilation import compiled
 from spcola.errors import FormatError
 from spcola.navigation import utc_from_et
 
-RECORD = np.dtype(
+OLA_RECORD = np.dtype(
     [
         ("met", "S18"),
         ("met_offset", "<f8"),
@@ -58,8 +58,8 @@ _AGREEMENT = Agreement(offset_m=1.15, tolerance_m=2.0)
 
 def is_ola(path: Path, size: int) -> bool:
     """Return whether a file has OLA records: whole, cut off, byte-swapped or of the old size."""
-    swapped = RECORD.newbyteorder()
-    return _sound(path, size, RECORD) or _sound(path, size, swapped) or _is_old(path, size)
+    swapped = OLA_RECORD.newbyteorder()
+    return _sound(path, size, OLA_RECORD) or _sound(path, size, swapped) or _is_old(path, size)
 
 
 def read_ola(path: Path, options: LidarOptions) -> Iterator[Scan]:
@@ -78,7 +78,7 @@ def read_ola(path: Path, options: LidarOptions) -> Iterator[Scan]:
     size = path.stat().st_size
     _check_layout(path, size)
     screen = Screen(path, _AGREEMENT, options)
-    for table in mapped_chunks(path, RECORD, size // RECORD.itemsize, options.chunk):
+    for table in mapped_chunks(path, OLA_RECORD, size // OLA_RECORD.itemsize, options.chunk):
         yield screen.scan(_records(table))
 
 
@@ -161,10 +161,10 @@ def _check_layout(path: Path, size: int) -> None:
     """Refuse a file whose bytes are not whole little-endian records of 186 bytes."""
     if size == 0:
         raise FormatError("is empty", path)
-    if _sound(path, size, RECORD):
-        check_whole(path, size, -(-size // RECORD.itemsize), RECORD)
+    if _sound(path, size, OLA_RECORD):
+        check_whole(path, size, -(-size // OLA_RECORD.itemsize), OLA_RECORD)
         return
-    if _sound(path, size, RECORD.newbyteorder()):
+    if _sound(path, size, OLA_RECORD.newbyteorder()):
         raise FormatError(
             "is an OLA table in big-endian byte order", path, "convert it to little-endian"
         )
@@ -176,7 +176,7 @@ def _check_layout(path: Path, size: int) -> None:
             "convert it to the 186-byte records of level 2",
         )
     raise FormatError(
-        f"is no OLA table: {size} bytes do not hold sound records of {RECORD.itemsize} bytes",
+        f"is no OLA table: {size} bytes do not hold sound records of {OLA_RECORD.itemsize} bytes",
         path,
         "name the right format",
     )
@@ -215,7 +215,7 @@ def _is_old(path: Path, size: int) -> bool:
 
 
 def _table(scan: Scan) -> NDArray[Any]:
-    table = np.zeros(len(scan), dtype=RECORD)
+    table = np.zeros(len(scan), dtype=OLA_RECORD)
     for name in ("power_cycle", "laser_selection", "scan_mode"):
         table[name] = -1
     for name in ("met_offset", "scan_ola_time", "azimuth_mrad", "elevation_mrad", "intensity_t0"):

@@ -3,14 +3,14 @@
 | layer | type | what |
 |---|---|---|
 | cube, start | i8 (T, 3), i8 (T + 1) | occupied lattice cubes, and their rows |
-| place | u8 (N) | place of a return in its cube, :mod:`lidar.scans.cubes.cubes` |
+| place | u8 (N) | place of a return in its cube (:mod:`lidar.scans.cubes.cubes`) |
 | time | u4 (N) | steps of ``time_step`` s after ``time_start`` |
 | range | u4 (N) | steps of ``range_step`` m |
 | sigma, intensity | f4 (N) | metres, instrument units |
 | flag | i4 (N) | as in the file |
-| flight_time, flight_position | f8 (K), f8 (K, 3) | knots of the path,
-:mod:`lidar.formats.native.positions` | | spacecraft | f8 (N, 3) | where that path is too rough for
-knots | | beam | f8 (N, 3) | where it does not point from spacecraft to return |
+| flight_time, flight_position | f8 (K), f8 (K, 3) | knots of the spacecraft's path |
+| spacecraft | f8 (N, 3) | where that path is too rough for knots |
+| beam | f8 (N, 3) | where it does not point from spacecraft to return |
 
 A layer that is one number throughout, or unknown (NaN), is an attribute instead.
 """
@@ -25,7 +25,7 @@ import numpy as np
 
 from lidar.formats.native.positions import Flight, fit_flight
 from lidar.scans import Scan
-from lidar.scans.cubes import QUANTUM_M, CubedPoints, cubed
+from lidar.scans.cubes import QUANTUM_M, CubedPoints, sort_into_cubes
 from spcola.arrays import AnyArray, FloatArray, IntArray
 from spcola.compilation import compiled
 
@@ -90,22 +90,58 @@ class Block:
 
 def encode(scan: Scan) -> Block:
     """Sort a chunk of a scan into cubes and compress its layers."""
-    cubes, order = cubed(scan.points)
-    layers: dict[str, AnyArray] = {
-        "cube": cubes.cube,
-        "start": cubes.start,
-        "place": cubes.place,
-    }
-    numbers: dict[str, float] = {"bits": cubes.bits}
-    _put_counted(layers, numbers, "time", scan.time, order, _LEAST_TIME_STEP_S)
-    _put_counted(layers, numbers, "range", scan.range, order, QUANTUM_M)
-    _put(layers, numbers, "sigma", scan.sigma.astype(np.float32), order)
-    _put(layers, numbers, "intensity", scan.intensity.astype(np.float32), order)
-    _put(layers, numbers, "flag", scan.flag.astype(np.int32), order)
-    _put_flight(layers, scan, order)
-    if np.isfinite(scan.beam).any() and not _beam_follows(scan):
-        layers["beam"] = scan.beam[order]
-    return Block(layers, numbers)
+    cubes, order = sort_into_cubes(scan.points)
+    encoder = _Encoder(cubes, order)
+    encoder.put_counted("time", scan.time, _LEAST_TIME_STEP_S)
+    encoder.put_counted("range", scan.range, QUANTUM_M)
+    encoder.put("sigma", scan.sigma.astype(np.float32))
+    encoder.put("intensity", scan.intensity.astype(np.float32))
+    encoder.put("flag", scan.flag.astype(np.int32))
+    encoder.put_path(scan.time, scan.spacecraft)
+    if np.isfinite(scan.beam).any() and not _is_along(scan.beam, scan.points, scan.spacecraft):
+        encoder.layers["beam"] = scan.beam[order]
+    return Block(encoder.layers, encoder.numbers)
+
+
+class _Encoder:
+    """Layers and numbers of a block whose returns are sorted into `cubes` by `order` (N,)."""
+
+    def __init__(self, cubes: CubedPoints, order: IntArray) -> None:
+        self.layers: dict[str, AnyArray] = {
+            "cube": cubes.cube,
+            "start": cubes.start,
+            "place": cubes.place,
+        }
+        self.numbers: dict[str, float] = {"bits": cubes.bits}
+        self._order = order
+
+    def put(self, name: str, values: AnyArray) -> None:
+        """Store a layer, or its value if that is constant."""
+        if len(values) == 0 or (values == values[0]).all():
+            self.numbers[name] = float(values[0]) if len(values) else 0.0
+        elif not np.isnan(values).all():
+            self.layers[name] = values[self._order]
+
+    def put_counted(self, name: str, values: FloatArray, step: float) -> None:
+        """Store a layer as whole steps from its least value; nothing if it is unknown."""
+        start, last = _known_span(values)
+        if not start <= last:
+            return
+        while (last - start) / step >= _UNKNOWN - 1:
+            step *= 10.0
+        self.layers[name] = _counted_steps(values, self._order, start, step)
+        self.numbers[f"{name}_start"], self.numbers[f"{name}_step"] = start, step
+
+    def put_path(self, time: FloatArray, spacecraft: FloatArray) -> None:
+        """Store the spacecraft's positions, as knots if a spline fits them."""
+        if np.isnan(spacecraft).all():
+            return
+        flight = fit_flight(time, spacecraft, _FLIGHT_TOLERANCE_M)
+        if flight is None:
+            self.layers["spacecraft"] = spacecraft[self._order]
+        else:
+            self.layers["flight_time"] = flight.time
+            self.layers["flight_position"] = flight.position
 
 
 def decode(block: Block, name: str, *, trajectory: str, body: str) -> Scan:
@@ -153,47 +189,8 @@ def spacecraft_knots(block: Block) -> tuple[FloatArray, FloatArray]:
 
 
 def times_of(block: Block, rows: IntArray | slice = slice(None)) -> FloatArray:
-    """Return the ephemeris times (N,), s, of the returns, or of some; NaN where unknown.
-
-    Parameters
-    ----------
-    block : Block
-    rows : (N,) ndarray of int or slice
-        The returns whose times are needed.
-    """
+    """Return the ephemeris times (N,), s, of the returns `rows` of a `block`; NaN where unknown."""
     return _counted(block, "time", rows)
-
-
-def _put(
-    layers: dict[str, AnyArray],
-    numbers: dict[str, float],
-    name: str,
-    values: AnyArray,
-    order: IntArray,
-) -> None:
-    """Store a layer in another order, or its value if that is constant."""
-    if len(values) == 0 or (values == values[0]).all():
-        numbers[name] = float(values[0]) if len(values) else 0.0
-    elif not np.isnan(values).all():
-        layers[name] = values[order]
-
-
-def _put_counted(
-    layers: dict[str, AnyArray],
-    numbers: dict[str, float],
-    name: str,
-    values: FloatArray,
-    order: IntArray,
-    step: float,
-) -> None:
-    """Store a layer as whole steps from its least value; nothing if it is unknown."""
-    start, last = _known_span(values)
-    if not start <= last:
-        return
-    while (last - start) / step >= _UNKNOWN - 1:
-        step *= 10.0
-    layers[name] = _counted_steps(values, order, start, step)
-    numbers[f"{name}_start"], numbers[f"{name}_step"] = start, step
 
 
 @compiled
@@ -218,7 +215,7 @@ def _counted_steps(values: FloatArray, order: IntArray, start: float, step: floa
 
 
 def _counted(block: Block, name: str, rows: IntArray | slice = slice(None)) -> FloatArray:
-    """Return the values stored by :func:`_put_counted`."""
+    """Return the values stored by :meth:`_Encoder.put_counted`."""
     if name not in block.layers:
         return np.full(len(block.layers["place"][rows]), np.nan)
     steps = block.layers[name][rows]
@@ -227,25 +224,9 @@ def _counted(block: Block, name: str, rows: IntArray | slice = slice(None)) -> F
     return values
 
 
-def _put_flight(layers: dict[str, AnyArray], scan: Scan, order: AnyArray) -> None:
-    """Store the spacecraft's positions, as knots if a spline fits them."""
-    if np.isnan(scan.spacecraft).all():
-        return
-    flight = fit_flight(scan.time, scan.spacecraft, _FLIGHT_TOLERANCE_M)
-    if flight is None:
-        layers["spacecraft"] = scan.spacecraft[order]
-    else:
-        layers["flight_time"], layers["flight_position"] = flight.time, flight.position
-
-
-def _beam_follows(scan: Scan) -> bool:
-    """Return whether the beam points from spacecraft to return, up to quanta of the return."""
-    return bool(_directed(scan.points, scan.spacecraft, scan.beam))
-
-
 @compiled
-def _directed(points: FloatArray, spacecraft: FloatArray, beam: FloatArray) -> bool:
-    """Return whether every beam from the spacecraft meets its point within a quantum."""
+def _is_along(beam: FloatArray, points: FloatArray, spacecraft: FloatArray) -> bool:
+    """Return whether every beam points from the spacecraft to its return, within a quantum."""
     for n in range(len(points)):
         square = 0.0
         for axis in range(3):

@@ -21,13 +21,11 @@ from lidar.scans import Scan, ScanSummary
 from lidar.scans.cubes import MOST_BITS
 from spcola.arrays import AnyArray
 from spcola.errors import FormatError, InvalidValueError
-from spcola.formats.stores import (
-    NUMBERS,
+from spcola.formats.hdf5 import (
     read_number,
     read_text,
     reading_hdf5,
     replacing_hdf5,
-    seal,
     sealed,
     stored,
 )
@@ -73,7 +71,7 @@ def write_scan(
     WorkspaceError
         If the file cannot be written.
     """
-    with replacing_hdf5(path) as file:
+    with replacing_hdf5(path, seal=True) as file:
         summary: ScanSummary | None = None
         blocks = 0
         for scan in chunks:
@@ -85,16 +83,11 @@ def write_scan(
             raise InvalidValueError("has no chunk to write", path)
         summary = replace(summary, digest=digest, parameters=dict(parameters or {}))
         _write_attributes(file, summary, blocks)
-        seal(file)
     return summary
 
 
 def scan_summary(path: str | Path) -> ScanSummary:
-    """Read the summary of a native scan.
-
-    Parameters
-    ----------
-    path : str or Path
+    """Read the summary of the native scan at `path`.
 
     Raises
     ------
@@ -106,11 +99,7 @@ def scan_summary(path: str | Path) -> ScanSummary:
 
 
 class ScanFile:
-    """A native scan whose returns are mapped into memory; usable from several threads.
-
-    Parameters
-    ----------
-    path : str or Path
+    """The native scan at `path`, mapped into memory; usable from several threads.
 
     Attributes
     ----------
@@ -186,16 +175,11 @@ class ScanFile:
 
 
 def iter_scan(path: str | Path, *, chunk: int = 1_000_000) -> Iterator[Scan]:
-    """Yield a native scan in chunks of at most `chunk` returns.
+    """Yield the native scan at `path` in chunks of at most `chunk` returns.
 
     Returns come block by block, sorted by place, not by time. The first chunk carries the
     rejection counts, so that joined chunks have them once. A scan without returns yields one
     empty chunk.
-
-    Parameters
-    ----------
-    path : str or Path
-    chunk : int
 
     Raises
     ------
@@ -241,8 +225,6 @@ def _place(data: Any) -> _Place:
     offset = data.id.get_offset()
     if offset is None:
         raise InvalidValueError("is packed or has no data, so that it cannot be mapped", data.name)
-    if data.dtype.kind not in NUMBERS:
-        raise InvalidValueError(f"is of type {data.dtype}", data.name)
     return _Place(int(offset), data.dtype, data.shape, int(data.attrs["crc32"]))
 
 

@@ -106,7 +106,7 @@ def read_rows(path: Path, layout: RowLayout, chunk: int) -> Iterator[RowChunk]:
         body = islice(stream, layout.rows)
         while lines := list(islice(body, min(chunk, MOST_ROWS))):
             _check_end(path, layout, lines, previous, number)
-            yield _parse(path, layout, lines, number)
+            yield _parse_sound(layout, lines) or _parse_singly(path, layout, lines, number)
             previous = lines[-1]
             number += len(lines)
     found = number - layout.skip
@@ -128,10 +128,6 @@ def _check_end(path: Path, layout: RowLayout, lines: list[str], previous: str, b
             f"{path}, line {before + len(lines)}",
             "fetch the file again",
         )
-
-
-def _parse(path: Path, layout: RowLayout, lines: list[str], before: int) -> RowChunk:
-    return _parse_sound(layout, lines) or _parse_singly(path, layout, lines, before)
 
 
 def _parse_sound(layout: RowLayout, lines: list[str]) -> RowChunk | None:
@@ -204,9 +200,7 @@ def is_number(text: str) -> bool:
     return True
 
 
-def flags_of(
-    column: FloatArray,
-) -> tuple[AnyArray, BoolArray]:
+def flags_of(column: FloatArray) -> tuple[AnyArray, BoolArray]:
     """Return flags (N,) as whole numbers, and which of them are whole (the others become −1)."""
     known: BoolArray = (np.abs(column) < 2**53) & (column == np.rint(column))
     return np.where(known, column, -1).astype(np.int64), known

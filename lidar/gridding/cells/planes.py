@@ -3,7 +3,7 @@
 The heights belong to the cells' own *places* (the mean position of their returns), not to the grid
 points. A plane through such heights has the slope of the ground whatever the returns' positions in
 their cells, so that slopes need no good start, tolerate gaps, and the iteration of
-:mod:`lidar.gridding.gridding` cannot amplify its own errors: with one return in each cell it is
+:mod:`lidar.gridding.iteration` cannot amplify its own errors: with one return in each cell it is
 exact after a single round.
 """
 
@@ -73,8 +73,7 @@ def fit_planes(
     weight : (R, C) ndarray
         Relative weights of the heights.
     """
-    layers = plane_layers(place_x, place_y, height, weight, baseline**2, max_radius)
-    return PlaneFit(layers[0], layers[1], layers[2], layers[3], layers[4], layers[5])
+    return PlaneFit(*plane_layers(place_x, place_y, height, weight, baseline**2, max_radius))
 
 
 @compiled

@@ -49,11 +49,11 @@ def sort_points(points: FloatArray, frame: Frame, half_size: int, reach: float) 
         begin = np.concatenate([[0], np.cumsum(counts.sum(axis=0))])
         index, local = np.empty(begin[-1], dtype=np.int32), np.empty((3, begin[-1]))
 
-        def dealt(number: int) -> None:
+        def distributed(number: int) -> None:
             free = begin[:-1] + before[number]
-            _deal(points, chunks[number], frame, half_size, reach, free, index, local)
+            _distribute(points, chunks[number], frame, half_size, reach, free, index, local)
 
-        list(pool.map(dealt, range(threads)))
+        list(pool.map(distributed, range(threads)))
         start = np.zeros(cells + 1, dtype=np.int64)
 
         def sorted_block(block: int) -> None:
@@ -126,7 +126,7 @@ def _count_blocks(
 
 
 @compiled
-def _deal(
+def _distribute(
     points: FloatArray,
     chunk: tuple[int, int],
     frame: Frame,

@@ -42,15 +42,15 @@ class PlaneWindows:
         self._cells = (place_x, place_y, weight)
         self._least, self._max_radius = baseline**2, max_radius
         self._factor = np.zeros((rows, 2, 9, columns))
-        framed = [_framed(layer) for layer in self._cells]
-        self._wide = _factors(framed[0], framed[1], framed[2], self._least, self._factor)
+        x, y, w = (_framed(layer) for layer in self._cells)
+        self._wide = _factors(x, y, w, self._least, self._factor)
 
     def fit(self, height: FloatArray) -> PlaneFit:
         """Return the planes through `height` (R, C), as :func:`fit_planes` does."""
-        layers = plane_layers(
-            *self._cells[:2], height, self._cells[2], self._least, self._max_radius
+        place_x, place_y, weight = self._cells
+        return PlaneFit(
+            *plane_layers(place_x, place_y, height, weight, self._least, self._max_radius)
         )
-        return PlaneFit(layers[0], layers[1], layers[2], layers[3], layers[4], layers[5])
 
     def slopes(self, height: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the slopes along Ux and Uy (R, C), metres per step, 0 where empty.

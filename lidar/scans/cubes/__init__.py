@@ -5,9 +5,9 @@ from lidar.scans.cubes.cubes import (
     MOST_BITS,
     QUANTUM_M,
     CubedPoints,
-    cubed,
     keep_inside,
-    touching,
+    sort_into_cubes,
+    touching_cubes,
     unpack_inside,
 )
 
@@ -16,8 +16,8 @@ __all__ = [
     "QUANTUM_M",
     "Box",
     "CubedPoints",
-    "cubed",
     "keep_inside",
-    "touching",
+    "sort_into_cubes",
+    "touching_cubes",
     "unpack_inside",
 ]

@@ -96,7 +96,7 @@ def edge_of(bits: int) -> float:
     return float(QUANTUM_M * (1 << bits))
 
 
-def cubed(points: FloatArray, bits: int | None = None) -> tuple[CubedPoints, IntArray]:
+def sort_into_cubes(points: FloatArray, bits: int | None = None) -> tuple[CubedPoints, IntArray]:
     """Sort points into cubes.
 
     Parameters
@@ -244,7 +244,7 @@ def _is_inside(x: float, y: float, z: float, box: BoxArrays, reach: float) -> bo
 
 
 @compiled
-def _touching(
+def _touching_cubes(
     middle: FloatArray, start: IntArray, box: BoxArrays, across: FloatArray
 ) -> tuple[IntArray, int]:
     chosen = np.empty(len(middle), dtype=np.int64)
@@ -295,7 +295,7 @@ def _keep_inside(points: FloatArray, rows: IntArray, box: BoxArrays) -> int:
     return count
 
 
-def touching(cubes: CubedPoints, box: Box, reach: float = 0.0) -> tuple[IntArray, int]:
+def touching_cubes(cubes: CubedPoints, box: Box, reach: float = 0.0) -> tuple[IntArray, int]:
     """Return the cubes (numbers) that may have points within `reach` (m) of `box`; how many points.
 
     A cube that lies apart from the box along an axis of either has none.
@@ -303,7 +303,7 @@ def touching(cubes: CubedPoints, box: Box, reach: float = 0.0) -> tuple[IntArray
     room, slant = 0.5 * edge_of(cubes.bits) + reach, np.abs(box.axes)
     along = box.half + 0.5 * edge_of(cubes.bits) * slant.sum(axis=1) + reach
     wide = (box.center, box.axes, along)
-    chosen, total = _touching(cubes.middle, cubes.start, wide, room + box.half @ slant)
+    chosen, total = _touching_cubes(cubes.middle, cubes.start, wide, room + box.half @ slant)
     return chosen, total
 
 
@@ -328,17 +328,10 @@ def unpack_inside(
 
 
 def keep_inside(points: FloatArray, rows: IntArray, box: Box) -> int:
-    """Move the points in `box` to the front, in their order; return how many there are.
+    """Move the `points` (N, 3), metres, in `box` to the front; return how many there are.
 
+    Their order remains; their numbers `rows` (N,) are moved with them. Both arrays are changed.
     Points without a place (NaN) are never inside.
-
-    Parameters
-    ----------
-    points : (N, 3) ndarray
-        Body-fixed, metres; changed in place.
-    rows : (N,) ndarray of int
-        Numbers of the points; moved with them.
-    box : Box
     """
     count: int = _keep_inside(points, rows, (box.center, box.axes, box.half))
     return count

@@ -45,7 +45,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lidar.formats.missions import RECORD
+from lidar.formats.missions import OLA_RECORD
 
 Table = NDArray[Any]
 Floats = NDArray[np.float64]
@@ -90,11 +90,11 @@ def alter(source: str | Path, target: str | Path, how: str, seed: int = 1) -> li
         raise SystemExit(f"{source}: holds no OLA table (*.dat)")
     Path(target).mkdir(parents=True, exist_ok=True)
     written = []
-    radius = np.concatenate([_radius(np.fromfile(file, RECORD)) for file in files])
+    radius = np.concatenate([_radius(np.fromfile(file, OLA_RECORD)) for file in files])
     middle, spread = float(np.median(radius)), float(radius.std())
     chosen = int(np.random.default_rng(seed).integers(len(files)))
     for number, file in enumerate(files):
-        table = np.fromfile(file, RECORD)
+        table = np.fromfile(file, OLA_RECORD)
         for step in (part.split() for part in how.split("+")):
             only_one = step[0] == "one"
             name, *arguments = step[1:] if only_one else step

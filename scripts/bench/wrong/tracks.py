@@ -18,9 +18,9 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from fusion.scaling.fit import ScaleOptions
-from fusion.scaling.places import check_place
-from fusion.scaling.places.chance import LARGER
-from fusion.scaling.places.places import FALSE_ALARM
+from fusion.scaling.misplacement import check_place
+from fusion.scaling.misplacement.check import FALSE_ALARM
+from fusion.scaling.misplacement.significance import LARGER
 from lidar.scans import Scan
 from spcola.arrays import FloatArray
 from spcola.shape import Mesh, RayCaster

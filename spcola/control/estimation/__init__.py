@@ -1,23 +1,19 @@
-"""Least squares of landmarks and image states; bundle adjustment."""
+"""Least squares of single landmarks and image states, and the errors of states."""
 
-from spcola.control.estimation.bundle_adjustment import Network, NetworkOptions, solve_network
 from spcola.control.estimation.landmark_fit import LandmarkSolution, solve_landmark, state_partials
 from spcola.control.estimation.state_errors import (
-    Fixes,
+    MeasuredLandmarks,
     by_position_and_pointing,
     measured_sigma,
     state_covariance,
 )
 
 __all__ = [
-    "Fixes",
     "LandmarkSolution",
-    "Network",
-    "NetworkOptions",
+    "MeasuredLandmarks",
     "by_position_and_pointing",
     "measured_sigma",
     "solve_landmark",
-    "solve_network",
     "state_covariance",
     "state_partials",
 ]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape
+from spcola.arrays import BoolArray, FloatArray, check_finite, check_shape, frozen
 from spcola.camera import SpcImage, partials_position, partials_rotation, project_image, rotate_axes
 from spcola.errors import InvalidValueError, NotObservableError
 
@@ -29,22 +29,16 @@ CONDITION = 1e-12
 """Smallest eigenvalue of the normal matrix, scaled to a unit diagonal, above rounding."""
 
 
+_TOLERANCE = 1e-6
+"""Step, relative to its own formal sigma, at which an iteration ends."""
+_MOST_STEPS = 20
+
+
 class Prior(NamedTuple):
     """An a-priori value (n,) with one standard deviation each (n,); NaN sigma: not constrained."""
 
     value: FloatArray
     sigma: FloatArray
-
-
-@dataclass(frozen=True)
-class EstimationOptions:
-    """When to stop: the step relative to its own formal sigma, and the most steps."""
-
-    tolerance: float = 1e-6
-    max_iterations: int = 20
-
-
-DEFAULTS = EstimationOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +75,7 @@ class LandmarkSolution:
     @property
     def sigma(self) -> FloatArray:
         """One standard deviation (3,), metres."""
-        deviation: FloatArray = np.sqrt(np.diag(self.covariance))
-        return deviation
+        return np.sqrt(np.diag(self.covariance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +133,6 @@ def solve_landmark(
     *,
     state_covariance: ArrayLike | None = None,
     prior: Prior | None = None,
-    options: EstimationOptions = DEFAULTS,
 ) -> LandmarkSolution:
     """Return the landmark vector determined by its places in several images [9, 10].
 
@@ -159,8 +151,6 @@ def solve_landmark(
         of position and pointing hardly move the ground.
     prior : Prior, optional
         Prior of V, metres.
-    options : EstimationOptions
-        When to stop.
 
     Raises
     ------
@@ -186,11 +176,8 @@ def solve_landmark(
         none = np.zeros(3)
         return (none, none) if prior is None else _prior_terms(prior.value - point, prior.sigma)
 
-    begin = np.asarray(start, dtype=np.float64)
-    check_shape(begin, (3,), "start")
-    found = _iterate(
-        begin, linearise, add_prior, lambda point, step: point + step, LANDMARK_PARAMETERS, options
-    )
+    begin = frozen(start, (3,), "start")
+    found = _iterate(begin, linearise, add_prior, np.add, LANDMARK_PARAMETERS)
     _, partials, variances = linearise(found.state)
     gain = np.einsum("ij,naj,nab->nib", found.covariance, partials, np.linalg.inv(variances))
     return LandmarkSolution(
@@ -200,16 +187,9 @@ def solve_landmark(
 
 
 def state_partials(image: SpcImage, points: ArrayLike) -> FloatArray:
-    """Return ∂(pixel, line)/∂(τ1, τ2, τ3, V0) (…, 2, 6) at points (…, 3) [8, 12].
-
-    Parameters
-    ----------
-    image : SpcImage
-    points : (…, 3) array_like
-        Body-fixed, metres.
-    """
-    state = (image.camera, image.axes, image.scobj, points)
-    return np.concatenate([partials_rotation(*state), partials_position(*state)], axis=-1)
+    """Return ∂(pixel, line)/∂(τ1, τ2, τ3, V0) (…, 2, 6) in an `image` at `points` [8, 12]."""
+    parts = [partials_rotation(image, points), partials_position(image, points)]
+    return np.concatenate(parts, axis=-1)
 
 
 def solve_state(
@@ -220,7 +200,6 @@ def solve_state(
     *,
     landmark_sigma: ArrayLike | None = None,
     use_prior: bool = True,
-    options: EstimationOptions = DEFAULTS,
 ) -> StateSolution:
     """Return the spacecraft state determined by the landmarks in an image [11, 13, 14].
 
@@ -238,8 +217,6 @@ def solve_state(
         One standard deviation of each V, metres; adds to the observation's variance.
     use_prior : bool
         Whether the state of `image` is itself an observation, with its finite sigmas.
-    options : EstimationOptions
-        When to stop.
 
     Raises
     ------
@@ -269,7 +246,7 @@ def solve_state(
         missing = np.concatenate([turned, image.scobj - now.scobj])
         return _prior_terms(missing, np.concatenate([image.pointing_sigma, image.scobj_sigma]))
 
-    found = _iterate(image, linearise, add_prior, _moved, STATE_PARAMETERS, options)
+    found = _iterate(image, linearise, add_prior, _moved, STATE_PARAMETERS)
     deviation = np.sqrt(np.diag(found.covariance))
     solved = replace(found.state, pointing_sigma=deviation[:3], scobj_sigma=deviation[3:])
     return StateSolution(
@@ -295,7 +272,6 @@ def _iterate(
     add_prior: Callable[[S], tuple[FloatArray, FloatArray]],
     apply: Callable[[S, FloatArray], S],
     parameters: Sequence[str],
-    options: EstimationOptions,
 ) -> _Found[S]:
     """Repeat [4–7] until the step is far below its formal sigma.
 
@@ -306,7 +282,7 @@ def _iterate(
     residuals, partials, variances = linearise(state)
     if not (np.isfinite(residuals).all() and np.isfinite(partials).all()):
         raise InvalidValueError("a landmark lies behind a camera", "start", "give a better start")
-    for iteration in range(1, options.max_iterations + 1):
+    for iteration in range(1, _MOST_STEPS + 1):
         weights = np.linalg.inv(variances)
         diagonal, right = add_prior(state)
         matrix = np.einsum("nai,nab,nbj->ij", partials, weights, partials) + np.diag(diagonal)
@@ -319,11 +295,11 @@ def _iterate(
             return _Found(state, covariance, residuals, iteration - 1, False, reason)
         state, (residuals, partials, variances) = tried, ahead
         size = float(np.sqrt(max(step @ matrix @ step, 0.0)))
-        if size < options.tolerance:
+        if size < _TOLERANCE:
             reason = f"step of {size:.1e} sigma"
             return _Found(state, covariance, residuals, iteration, True, reason)
-    reason = f"still a step of {size:.1e} sigma after {options.max_iterations}"
-    return _Found(state, covariance, residuals, options.max_iterations, False, reason)
+    reason = f"still a step of {size:.1e} sigma after {_MOST_STEPS}"
+    return _Found(state, covariance, residuals, _MOST_STEPS, False, reason)
 
 
 def _moved(image: SpcImage, step: FloatArray) -> SpcImage:
@@ -344,8 +320,7 @@ def _spread(partials: FloatArray, sigma: FloatArray) -> FloatArray:
     NaN sigmas are unknown and add nothing: the weights are then those of the pixels alone.
     """
     scaled = partials * np.nan_to_num(sigma)[..., None, :]
-    variance: FloatArray = scaled @ np.swapaxes(scaled, -1, -2)
-    return variance
+    return scaled @ np.swapaxes(scaled, -1, -2)
 
 
 def _state_covariances(images: Sequence[SpcImage], given: ArrayLike | None) -> FloatArray:

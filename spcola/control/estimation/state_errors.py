@@ -18,7 +18,7 @@ _LEAST_PX = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Fixes:
+class MeasuredLandmarks:
     """Landmarks that determine the state of an image.
 
     Parameters
@@ -36,36 +36,21 @@ class Fixes:
     sigma: FloatArray
 
     def residuals(self, image: SpcImage) -> FloatArray:
-        """Observed less predicted pixel and line (N, 2).
-
-        Parameters
-        ----------
-        image : SpcImage
-            State by which pixel and line are predicted.
-        """
+        """Observed pixel and line (N, 2) less those predicted by the state of `image`."""
         return self.observed - np.stack(project_image(image, self.points), axis=1)
 
     def landmark_variance(self, image: SpcImage) -> FloatArray:
-        """Variance (N, 2) of pixel and line by the errors of the landmarks, pixels².
-
-        Parameters
-        ----------
-        image : SpcImage
-            State at which the partials are taken.
-        """
-        partials = partials_position(image.camera, image.axes, image.scobj, self.points)
+        """Variance (N, 2), pixels², of pixel and line in `image` by the errors of the landmarks."""
+        partials = partials_position(image, self.points)
         return np.sum((partials * np.nan_to_num(self.sigma)[:, None, :]) ** 2, axis=2)
 
 
-def measured_sigma(images: list[tuple[SpcImage, Fixes]]) -> float:
+def measured_sigma(images: list[tuple[SpcImage, MeasuredLandmarks]]) -> float:
     """Return one standard deviation of measured landmarks, pixels, without their own errors.
 
-    From the median deviation of all residuals; a tenth of a pixel at least.
+    `images` are pairs of an image and its measured landmarks.
 
-    Parameters
-    ----------
-    images : list of (SpcImage, Fixes)
-        Images with their measured landmarks.
+    From the median deviation of all residuals; a tenth of a pixel at least.
     """
     if not sum(len(fixes.points) for _, fixes in images):
         return _LEAST_PX
@@ -76,7 +61,7 @@ def measured_sigma(images: list[tuple[SpcImage, Fixes]]) -> float:
 
 
 def state_covariance(
-    image: SpcImage, anchor: ArrayLike, fixes: Fixes, *, sigma_px: float
+    image: SpcImage, anchor: ArrayLike, fixes: MeasuredLandmarks, *, sigma_px: float
 ) -> FloatArray:
     """Return the covariance (6, 6) of (τ1, τ2, τ3, V0), radians and metres [13, 14].
 
@@ -91,7 +76,7 @@ def state_covariance(
         Its stated sigmas are used.
     anchor : (3,) array_like
         Ground in the middle of the image, body-fixed, metres.
-    fixes : Fixes
+    fixes : MeasuredLandmarks
         May be empty.
     sigma_px : float
         One standard deviation of a measured landmark, pixels.

@@ -17,7 +17,7 @@ import numpy as np
 
 from spcola import atomic
 from spcola.arrays import AnyArray, FloatArray
-from spcola.camera import COEFFICIENTS, Camera, SpcImage
+from spcola.camera import Camera, SpcImage
 from spcola.errors import FormatError, InvalidValueError, SpcolaError
 from spcola.formats.text.fortran import LARGEST_NUMBER
 from spcola.formats.text.source import as_format_error, read_bytes
@@ -71,11 +71,7 @@ def write_fits_image(
 
 
 def read_fits_image(path: str | Path) -> SpcImage:
-    """Read an image that :func:`write_fits_image` wrote.
-
-    Parameters
-    ----------
-    path : str or Path
+    """Read an image from a `path` that :func:`write_fits_image` wrote.
 
     Raises
     ------
@@ -106,14 +102,11 @@ def read_fits_image(path: str | Path) -> SpcImage:
 
 @contextmanager
 def reading_fits(path: str | Path) -> Iterator[Any]:
-    """Yield the units of a FITS file, read completely into memory.
+    """Yield the units of the FITS file at `path`, read completely into memory.
 
     On damaged files astropy warns, or raises various errors. This is the one place that turns all
     of them into one line, so the block must contain nothing but reading.
 
-    Parameters
-    ----------
-    path : str or Path
 
     Raises
     ------
@@ -183,9 +176,6 @@ class _Header:
         """Return the interior orientation."""
         k_matrix = [[self.number(f"K_{row}{column}") for column in "123"] for row in "12"]
         center = np.array([self.number("CTRPIX"), self.number("CTRLINE")])
-        model = self.text("DISTMOD")
-        if model not in COEFFICIENTS:
-            raise FormatError(f"{model!r} is no distortion", f"{self._path}: keyword DISTMOD")
         count = int(self.number("NDIST"))
         if not 0 <= count <= len(self._cards):
             raise FormatError(f"is {count}", f"{self._path}: keyword NDIST")
@@ -193,7 +183,7 @@ class _Header:
         focal_mm = self.number("FOCALMM")
         return Camera(
             focal_mm, center, np.array(k_matrix), width, height,
-            model,  # type: ignore[arg-type]  # is one of COEFFICIENTS
+            self.text("DISTMOD"),  # type: ignore[arg-type]  # checked by Camera
             distortion,
         )  # fmt: skip
 

@@ -1,6 +1,6 @@
 """Maplet files (.MAP) and their sigma files."""
 
-from spcola.formats.maplets.map import read_map, read_maplet, sigma_path, write_maplet
-from spcola.formats.maplets.sigma import read_sigma
+from spcola.formats.maplets.map import read_map, read_maplet, write_maplet
+from spcola.formats.maplets.sigma import read_sigma, sigma_path
 
 __all__ = ["read_map", "read_maplet", "read_sigma", "sigma_path", "write_maplet"]

@@ -21,23 +21,9 @@ from spcola.formats.maplets.map_header import (
     header_of,
     map_length,
 )
-from spcola.formats.maplets.sigma import read_sigma, sigma_content, sigma_path, write_sigma
+from spcola.formats.maplets.sigma import read_sigma, sigma_path, write_sigma
 from spcola.formats.text.source import KM, read_bytes
 from spcola.grids import Maplet
-
-__all__ = [
-    "MapFile",
-    "MapHeader",
-    "map_content",
-    "map_length",
-    "read_map",
-    "read_maplet",
-    "read_sigma",
-    "sigma_content",
-    "sigma_path",
-    "write_maplet",
-    "write_sigma",
-]
 
 _NODE = np.dtype([("height", ">i2"), ("albedo", "u1")])
 
@@ -164,13 +150,7 @@ def write_maplet(
 
 
 def map_content(maplet: Maplet, header: MapHeader | None = None) -> bytes:
-    """Return the content that :func:`write_maplet` writes.
-
-    Raises
-    ------
-    InvalidValueError
-        As there.
-    """
+    """Return the content that :func:`write_maplet` writes, or raise its InvalidValueError."""
     header = header or MapHeader()
     record = encode_header(maplet, header)
     heights = maplet.height.T.ravel() / (float(record["gsd"][0]) * KM)

@@ -46,9 +46,9 @@ class MapHeader:
         Bytes 1-6, unused by SPC (some writers sign here).
     version : int
         Signed version byte: 0 Gaskell, above 0 SPC, below 0 OLA.
-    Height quantum in units of the GSD; used again while it reproduces every height, otherwise
-    a new one is chosen. ``None`` chooses one.
-        height, otherwise a new one is chosen. ``None`` chooses one.
+    hscale : float, optional
+        Height quantum in units of the GSD; used again while it reproduces every height, otherwise
+        a new one is chosen.
     sigma_direction : bytes
         Direction of the position uncertainty, each byte / 255.
     sigma_size_km : float
@@ -153,17 +153,13 @@ def _center_sigma(direction: AnyArray, size_km: float) -> FloatArray:
     """Return sigma of V (3,), metres: NaN where the file gives none (magnitude 0)."""
     if size_km == 0.0:
         return np.full(3, np.nan)
-    sigma: FloatArray = direction / 255.0 * size_km * KM
-    return sigma
+    return direction / 255.0 * size_km * KM
 
 
 def encode_header(maplet: Maplet, header: MapHeader) -> AnyArray:
     """Return the header record (1,) of `maplet`, without its hscale.
 
-    Raises
-    ------
-    InvalidValueError
-        If the frame does not fit the format.
+    An InvalidValueError if the frame does not fit the format.
     """
     grid = maplet.grid
     if grid.half_size > 65535:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -18,10 +17,11 @@ def sigma_path(path: str | Path) -> Path:
     return Path(path).with_suffix(".SIG")
 
 
-def read_sigma(
-    path: str | Path, half_size: int, *, byte_order: Literal[">", "<"] | None = None
-) -> FloatArray:
+def read_sigma(path: str | Path, half_size: int) -> FloatArray:
     """Read a sigma companion: one 4-byte float for each point, in the order of the .MAP file.
+
+    Big-endian is the rule, but some builds write little-endian: the first byte order is used in
+    which every value is NaN, 0, or between 1e-12 and 1e5 km.
 
     Parameters
     ----------
@@ -29,9 +29,6 @@ def read_sigma(
         File, in kilometres.
     half_size : int
         q of the maplet.
-    byte_order : {">", "<"}, optional
-        Big-endian is the rule, but some builds write little-endian; if not given, the first
-        order, big-endian first, in which every value is NaN, 0, or between 1e-12 and 1e5 km.
 
     Returns
     -------
@@ -49,22 +46,15 @@ def read_sigma(
         raise FormatError(
             f"has {len(content)} bytes, {4 * size**2} belong to q = {half_size}", path
         )
-    orders: tuple[Literal[">", "<"], ...] = (byte_order,) if byte_order else (">", "<")
-    for order in orders:
-        sigma_km = np.frombuffer(content, np.dtype("f4").newbyteorder(order))
+    for order in (">f4", "<f4"):
+        sigma_km = np.frombuffer(content, order)
         if _is_sigma_km(sigma_km):
             return sigma_km.astype(np.float64).reshape(size, size).T * KM
     raise FormatError("holds values that are no sigma in kilometres", path, "check its byte order")
 
 
 def write_sigma(path: str | Path, sigma: FloatArray) -> None:
-    """Write heights' sigma (2q+1, 2q+1), metres, as a big-endian companion in kilometres.
-
-    Raises
-    ------
-    WorkspaceError
-        If the file cannot be written.
-    """
+    """Write heights' sigma (2q+1, 2q+1), metres, as a big-endian companion in kilometres."""
     atomic.write_bytes(path, sigma_content(sigma))
 
 

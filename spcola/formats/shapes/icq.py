@@ -15,14 +15,11 @@ from spcola.shape.icq import IcqShape, first_open_edge, label_name
 
 
 def read_icq(path: str | Path) -> IcqShape:
-    """Read an ICQ text file: Q, then x y z (km) for F = 1 … 6, J = 0 … Q, I = 0 … Q (I fastest).
+    """Read the ICQ text at `path`: Q, then x y z (km) for F = 1 … 6, J and I = 0 … Q (I fastest).
 
     Labels are unchanged, also those of one vertex. A fourth column (relative albedo, or sigma in
     metres in SIGMA.TXT) becomes the layer.
 
-    Parameters
-    ----------
-    path : str or Path
 
     Raises
     ------

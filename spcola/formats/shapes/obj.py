@@ -28,7 +28,7 @@ _AFTER_SLASH = np.frombuffer(b"0123456789-+/", np.uint8)
 _END, _BLANK, _SLASH = ord("\n"), ord(" "), ord("/")
 
 
-def read_obj(path: str | Path, *, unit: Unit = "km", faces_from: FacesFrom = 1) -> Mesh:
+def read_obj_mesh(path: str | Path, *, unit: Unit = "km", faces_from: FacesFrom = 1) -> Mesh:
     """Read an OBJ shape: ``v`` and ``f`` lines; texture, normals, groups and materials are ignored.
 
     Faces may count from the end (negative indices) and may have the forms ``v``, ``v/vt``,
@@ -62,7 +62,7 @@ def read_obj(path: str | Path, *, unit: Unit = "km", faces_from: FacesFrom = 1) 
     return Mesh(table * METRES[unit], facets, Path(path).stem)
 
 
-def write_obj(path: str | Path, mesh: Mesh, *, unit: Unit = "km") -> None:
+def write_obj_mesh(path: str | Path, mesh: Mesh, *, unit: Unit = "km") -> None:
     """Write an OBJ shape; the vertices are written so that reading gives the same doubles.
 
     Parameters

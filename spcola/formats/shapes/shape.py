@@ -7,7 +7,7 @@ from typing import Literal
 
 from spcola.errors import FormatError
 from spcola.formats.shapes.icq import read_icq
-from spcola.formats.shapes.obj import FacesFrom, Unit, read_obj
+from spcola.formats.shapes.obj import FacesFrom, Unit, read_obj_mesh
 from spcola.formats.shapes.ply.mesh import read_ply_mesh
 from spcola.formats.text.fortran import is_number
 from spcola.formats.text.source import read_bytes
@@ -22,14 +22,11 @@ _OBJ_WORDS = frozenset({"v", "vn", "vt", "vp", "f", "o", "g", "s", "mtllib", "us
 
 
 def recognise_shape(path: str | Path) -> ShapeFormat:
-    """Return the format of a shape file, from its first lines.
+    """Return the format of the shape file at `path`, from its first lines.
 
     PLY begins with ``ply``; ICQ with one whole number alone on its line; OBJ with a statement,
     perhaps after comments.
 
-    Parameters
-    ----------
-    path : str or Path
 
     Raises
     ------
@@ -82,5 +79,5 @@ def read_shape(
     if form == "icq":
         return read_icq(path).mesh(edges=icq_edges)
     if form == "obj":
-        return read_obj(path, unit=unit, faces_from=faces_from)
+        return read_obj_mesh(path, unit=unit, faces_from=faces_from)
     return read_ply_mesh(path, unit=unit)

@@ -19,11 +19,7 @@ _LABELS = ("SCOBJ", "SIGMA_VSO", "CX", "CY", "CZ", "SIGMA_PTG")
 
 
 def read_nominal(path: str | Path) -> NominalState:
-    """Read a .NOM file; lines after SIGMA_PTG are kept unchanged.
-
-    Parameters
-    ----------
-    path : str or Path
+    """Read the .NOM file at `path`; lines after SIGMA_PTG are kept unchanged.
 
     Raises
     ------

@@ -90,13 +90,7 @@ def read_point(cursor: LineCursor, tokens: list[str], kind: str, *, extra: bool)
 
 
 def read_name(cursor: LineCursor, text: str, kind: str) -> str:
-    """Return the name on the current line, checked.
-
-    Raises
-    ------
-    FormatError
-        If it does not fit SPC.
-    """
+    """Return the name on the current line, or raise a FormatError if it does not fit SPC."""
     try:
         return check_name(text, kind, cursor.place)
     except InvalidValueError as error:
@@ -104,13 +98,7 @@ def read_name(cursor: LineCursor, text: str, kind: str) -> str:
 
 
 def refuse_duplicates(cursor: LineCursor, points: Sequence[Entry], heading: str) -> None:
-    """Refuse a section, read with `cursor`, in which a name appears twice.
-
-    Raises
-    ------
-    FormatError
-        With the line of the second.
-    """
+    """Raise a FormatError where a name appears twice in a section, read with `cursor`."""
     seen: set[str] = set()
     for index, point in enumerate(points):
         if point.name in seen:

@@ -129,10 +129,7 @@ def vector_line(vector: FloatArray, label: str) -> str:
 def read_image_name(cursor: LineCursor) -> str:
     """Return the image's name on the next (first) line.
 
-    Raises
-    ------
-    FormatError
-        If there is none, it does not fit SPC, or column 14 marks a line-scan image.
+    A FormatError if there is none, it does not fit SPC, or column 14 marks a line-scan image.
     """
     line = cursor.next("the image's name")
     if line[_LINE_SCAN_COLUMN : _LINE_SCAN_COLUMN + 1] == "L":
@@ -143,13 +140,7 @@ def read_image_name(cursor: LineCursor) -> str:
 
 
 def read_scobj(cursor: LineCursor) -> FloatArray:
-    """Return V0 (3,), metres, of the next line.
-
-    Raises
-    ------
-    FormatError
-        If it is not three numbers, or longer than 1e7 km.
-    """
+    """Return V0 (3,), metres, of the next line; a FormatError if it is longer than 1e7 km."""
     scobj = cursor.next_fields(3, "SCOBJ")
     distance = float(np.linalg.norm(scobj))
     if distance > LARGEST_RANGE_KM:
@@ -160,10 +151,7 @@ def read_scobj(cursor: LineCursor) -> FloatArray:
 def read_axes(cursor: LineCursor) -> FloatArray:
     """Return the camera axes (3, 3), rows Cx, Cy, Cz, of the next three lines.
 
-    Raises
-    ------
-    FormatError
-        If one is no unit vector, or they are not orthonormal and right-handed.
+    A FormatError if they are not orthonormal and right-handed.
     """
     axes = np.array([cursor.next_unit_vector(label) for label in ("CX", "CY", "CZ")])
     with as_format_error(f"{cursor.path}, lines {cursor.number - 2}-{cursor.number}"):

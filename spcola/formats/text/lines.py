@@ -24,7 +24,8 @@ class LineCursor:
     Raises
     ------
     FormatError
-        If it cannot be read, is empty, or is not text.
+        If it cannot be read, is empty, or is not text; from the methods, with the number of the
+        line, if the file has ended or a line is not as wanted.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -50,34 +51,16 @@ class LineCursor:
         return FormatError(what, self.place, do)
 
     def next(self, wanted: str) -> str:
-        """Return the next line without its end; `wanted` is its description for errors.
-
-        Raises
-        ------
-        FormatError
-            If the file has ended.
-        """
+        """Return the next line without its end; `wanted` is its description for errors."""
         self.number += 1
         if self.number > len(self.lines):
             raise self.error(f"the file ends where {wanted} should be", "it is truncated")
         return self.lines[self.number - 1]
 
     def fields(self, line: str, counts: Sequence[int], labels: Sequence[str]) -> FloatArray:
-        """Return the numbers at the start of a labelled `line`.
+        """Return the numbers at the start of a labelled `line`, the one that was read last.
 
-        Parameters
-        ----------
-        line : str
-            The line that was read last.
-        counts : sequence of int
-            Allowed numbers of numbers.
-        labels : sequence of str
-            Allowed labels after them, the usual one first.
-
-        Raises
-        ------
-        FormatError
-            If the label is another one, or the numbers are not numbers or not as many.
+        There must be one of `counts` of them, and one of `labels` (the usual one first) after them.
         """
         wanted = [label.split() for label in labels]
         tokens = line.split()
@@ -93,48 +76,24 @@ class LineCursor:
         return values
 
     def next_fields(self, count: int, *labels: str) -> FloatArray:
-        """Return the `count` numbers of the next line, which must carry one of `labels`.
-
-        Raises
-        ------
-        FormatError
-            As :meth:`fields`.
-        """
+        """Return the `count` numbers of the next line, which must have one of `labels`."""
         return self.fields(self.next(f"the line {labels[0]}"), (count,), labels)
 
     def next_integers(self, count: int, *labels: str) -> list[int]:
-        """Return the `count` whole numbers of the next line, which must carry one of `labels`.
-
-        Raises
-        ------
-        FormatError
-            As :meth:`fields`, or if one is not whole.
-        """
+        """Return the `count` whole numbers of the next line, which must have one of `labels`."""
         values = self.next_fields(count, *labels)
         if np.any(values != np.rint(values)):
             raise self.error(f"{labels[0]} needs whole numbers")
         return [int(value) for value in values]
 
     def next_sigma(self, *labels: str) -> FloatArray:
-        """Return the next line's three sigmas (3,) (one is repeated); negative is unknown, NaN.
-
-        Raises
-        ------
-        FormatError
-            As :meth:`fields`.
-        """
+        """Return the next line's three sigmas (3,) (one is repeated); negative is unknown, NaN."""
         values = self.fields(self.next(f"the line {labels[0]}"), (1, 3), labels)
         known = np.where(values < 0, np.nan, values)
         return np.broadcast_to(known, 3).copy()
 
     def next_unit_vector(self, *labels: str) -> FloatArray:
-        """Return the next line's unit vector (3,).
-
-        Raises
-        ------
-        FormatError
-            As :meth:`fields`, or if its length is not 1 within 1e-5.
-        """
+        """Return the next line's unit vector (3,): its length must be 1 within 1e-5."""
         vector = self.next_fields(3, *labels)
         length = float(np.linalg.norm(vector))
         if abs(length - 1.0) > 1e-5:
@@ -142,13 +101,7 @@ class LineCursor:
         return vector
 
     def numbers(self, tokens: Sequence[str], name: str) -> FloatArray:
-        """Return `tokens` of the current line as numbers.
-
-        Raises
-        ------
-        FormatError
-            If one is not a finite number.
-        """
+        """Return `tokens` of the current line as numbers, all of which must be finite."""
         try:
             return np.array([parse_number(token) for token in tokens], dtype=np.float64)
         except ValueError as error:

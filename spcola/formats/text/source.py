@@ -45,13 +45,7 @@ def regular_size(path: str | Path) -> int:
 
 
 def read_text_bytes(path: str | Path) -> bytes:
-    """Return the content of a text file without the byte 0x1A at the end of DOS files.
-
-    Raises
-    ------
-    FormatError
-        As :func:`read_bytes`.
-    """
+    """Return the content of a text file without the byte 0x1A at the end of DOS files."""
     return read_bytes(path).rstrip(b"\x1a")
 
 
@@ -63,10 +57,7 @@ def whole_number(text: str) -> int | None:
 def read_bytes(path: str | Path, *, most: int = -1) -> bytes:
     """Return the content of `path`, or its first `most` bytes.
 
-    Raises
-    ------
-    FormatError
-        If the file cannot be read, is no regular file, or is empty.
+    A FormatError if it cannot be read, is no regular file, or is empty.
     """
     try:
         regular_size(path)
@@ -94,10 +85,7 @@ def as_format_error(place: str) -> Iterator[None]:
 def check_name(name: str, kind: str, where: str | Path) -> str:
     """Return `name` if it fits SPC: an image's 12 characters, a landmark's 6.
 
-    Raises
-    ------
-    InvalidValueError
-        If it is empty or too long, or has characters not allowed in a file name or column.
+    An InvalidValueError if it is empty, too long, or has characters not allowed in a file name.
     """
     longest = _LONGEST_NAME[kind]
     if not 1 <= len(name) <= longest:
@@ -116,15 +104,10 @@ def check_name(name: str, kind: str, where: str | Path) -> str:
 
 
 def check_grid_km(center_km: FloatArray, gsd_km: float, half_size: int) -> None:
-    """Check that a maplet frame is plausible in kilometres.
+    """Raise an InvalidValueError unless a maplet frame is plausible in kilometres.
 
     The rule: GSD between 1e-9 km and 100 km; ``|V|`` at most 1e5 km; and half a side of the maplet
     at most ten times ``|V|`` (a GSD in metres with a V in kilometres breaks this), unless V is 0.
-
-    Raises
-    ------
-    InvalidValueError
-        If one is broken.
     """
     if not 1e-9 <= gsd_km <= LARGEST_GSD_KM:
         raise InvalidValueError(

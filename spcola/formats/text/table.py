@@ -53,13 +53,7 @@ class NumberRows:
         return head, tail
 
     def table(self, widths: tuple[int, ...], what: str) -> FloatArray:
-        """Return the numbers as a table (L, W): every line has the same count, one of `widths`.
-
-        Raises
-        ------
-        FormatError
-            With the first line that has another count.
-        """
+        """Return the numbers as a table (L, W); a FormatError unless W is the same, of `widths`."""
         width = int(self.counts[0]) if len(self.counts) else widths[0]
         if width not in widths:
             wanted = " or ".join(str(number) for number in widths)
@@ -70,13 +64,7 @@ class NumberRows:
         return self.values.reshape(-1, width)
 
     def fail(self, row: int, what: str, do: str | None = None) -> NoReturn:
-        """Raise the error `what` about the line of `row`.
-
-        Raises
-        ------
-        FormatError
-            Always.
-        """
+        """Raise a FormatError `what` about the line of `row`."""
         raise FormatError(what, f"{self.path}, line {self.lines[row]}", do)
 
 

@@ -20,22 +20,17 @@ def covariance_root(covariance: FloatArray) -> FloatArray:
     """Return R (K, K) with R Rᵀ = `covariance`, of metres and radians."""
     unit = np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
-    root: FloatArray = unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    return root
+    return unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
 
 
 def patterns_of(correlation: FloatArray) -> FloatArray:
     """Return patterns (N, K) of standard deviation 1 that several of N observations share.
 
-    Parameters
-    ----------
-    correlation : (N, N) ndarray
-        Correlation of their errors.
+    `correlation` (N, N) is that of their errors.
     """
     size, vectors = np.linalg.eigh(correlation)
     kept = size > SHARED
-    patterns: FloatArray = vectors[:, kept] * np.sqrt(size[kept])
-    return patterns
+    return vectors[:, kept] * np.sqrt(size[kept])
 
 
 def own_share(patterns: FloatArray) -> FloatArray:

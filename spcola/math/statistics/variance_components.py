@@ -51,8 +51,7 @@ def most_likely_sizes(
     center = np.log(median)
 
     def sizes(logs: FloatArray) -> FloatArray:
-        found: FloatArray = np.exp(np.clip(logs, center - reach, center + reach))
-        return found
+        return np.exp(np.clip(logs, center - reach, center + reach))
 
     def cost(logs: FloatArray) -> float:
         return deviance(sizes(logs)) + float(np.sum(((logs - center) / width) ** 2))

@@ -29,8 +29,6 @@ from spcola.truth.body.surface_points import SurfacePoints
 from spcola.truth.body.terrain import BOULDER, flag
 from spcola.truth.body.tracing import hits
 
-__all__ = ["BodySettings", "TruthBody"]
-
 _CHUNK = 16_384
 # Q of the directions of the fingerprint.
 _PROBES = 24
@@ -141,24 +139,14 @@ class TruthBody:
     def cast(self, origins: FloatArray, directions: FloatArray) -> FloatArray:
         """Return the first hits (N, 3), metres, of rays on the surface; NaN where one misses.
 
-        Parameters
-        ----------
-        origins : (N, 3) ndarray
-            Metres; outside the body.
-        directions : (N, 3) ndarray
-            Of any length.
+        Rays begin at `origins` (N, 3), metres, outside the body; `directions` may have any length.
         """
         return self._hits(origins, directions)[1]
 
     def first_hits(self, origins: FloatArray, directions: FloatArray) -> SurfacePoints:
-        """Return distance, points and outward normals of the first hits of rays.
+        """Return distance, points and normals of the first hits of rays.
 
-        Parameters
-        ----------
-        origins : (N, 3) ndarray
-            Metres; outside the body.
-        directions : (N, 3) ndarray
-            Of any length.
+        `origins` and `directions` are as in :meth:`cast`.
         """
         distance, points = self._hits(origins, directions)
         across = np.full_like(points, np.nan)
@@ -185,17 +173,11 @@ class TruthBody:
         return SurfacePoints(found[:, 3], found[:, :3], found[:, 4:])
 
     def heights(self, grid: MapletGrid) -> FloatArray:
-        """Return the heights (2q+1, 2q+1) along Uz of the outermost surface, metres.
-
-        Parameters
-        ----------
-        grid : MapletGrid
-        """
+        """Return the heights (2q+1, 2q+1), metres, of the outermost surface over a `grid`."""
         reach = 2.0 * self._bounds.ceiling + grid.radius
         nodes = grid.points(np.full(grid.shape, reach)).reshape(-1, 3)
         found = self.cast(nodes, np.broadcast_to(-grid.uz, nodes.shape))
-        height: FloatArray = ((found - grid.center) @ grid.uz).reshape(grid.shape)
-        return height
+        return ((found - grid.center) @ grid.uz).reshape(grid.shape)
 
     def heights_near(self, grid: MapletGrid, model: FloatArray) -> FloatArray:  # noqa: ARG002
         """Return the heights (2q+1, 2q+1) that a model's stand for: those of the only surface."""
@@ -208,13 +190,7 @@ class TruthBody:
         return IcqShape(radius[..., None] * directions, name="truth")
 
     def mesh(self, q: int) -> Mesh:
-        """Return the surface as 12 q² triangles, whose vertices lie on it exactly.
-
-        Parameters
-        ----------
-        q : int
-            Facets along the side of a cube's face.
-        """
+        """Return the surface as 12 q² triangles (q along the side of a cube's face)."""
         return self.icq(q).mesh()
 
     def albedo(self, directions: FloatArray) -> FloatArray:

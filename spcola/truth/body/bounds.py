@@ -105,17 +105,9 @@ def make_bounds(
     radii_of: Callable[[Surface, FloatArray], FloatArray],
     leap: float,
 ) -> Bounds:
-    """Make the table of a surface.
+    """Make the table of a `surface` with these `boulders`.
 
-    Parameters
-    ----------
-    surface : Surface
-    boulders : Features
-        Boulders of the surface.
-    radii_of : callable
-        Returns radii (N,) of a surface in unit directions (N, 3).
-    leap : float
-        Metres.
+    `radii_of` returns radii (N,) of a surface in unit directions (N, 3); `leap` is in metres.
     """
     count = int(np.clip(np.ceil(np.pi * surface.radius / 2.0 / _CELL_WIDTH), _FEWEST, _MOST))
     fine = count * _SAMPLES

@@ -91,8 +91,7 @@ def face_directions(places: FloatArray) -> FloatArray:
     faces += [(u, v, s * one) for s in (1, -1)]
     vectors = np.stack([np.stack(face, axis=-1) for face in faces])
     lengths = np.sqrt(vectors[..., 0] ** 2 + vectors[..., 1] ** 2 + vectors[..., 2] ** 2)
-    unit: FloatArray = vectors / lengths[..., None]
-    return unit
+    return vectors / lengths[..., None]
 
 
 def cell_directions(cells: int) -> FloatArray:

@@ -18,7 +18,7 @@ _MOST_PROJECTIONS = 40
 # negligible.
 _CLOSE = 1e-5
 # Distance from the normal above which a place is on an edge.
-_BESIDE = 1e-4
+_OFF_NORMAL = 1e-4
 
 
 def search_pattern() -> FloatArray:
@@ -228,7 +228,7 @@ def nearest_points(
             best = _project(surface, point, (tried, normal), found, work)
             d[:] = tried
         size = normal_at(surface, d, normal, work)
-        if _sideways(point, d, size, normal) > _BESIDE:
+        if _sideways(point, d, size, normal) > _OFF_NORMAL:
             best = _descend(surface, point, d, (best / _RINGS, best), pattern, work)
             size = normal_at(surface, d, normal, work)
         for axis in range(3):

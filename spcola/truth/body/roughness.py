@@ -110,7 +110,7 @@ def fractal_octaves(
     """Return octaves (K, 3) from wavelength `longest` down to `shortest`, metres, by halves.
 
     The rms of an octave of wavelength λ is ``rms · (λ / reference) ** exponent``, metres. The
-    The noise repeats its sign over about two lattice constants, which define its wavelength.
+    noise repeats its sign over about two lattice constants, which define its wavelength.
     """
     if rms <= 0.0 or longest < shortest:
         return np.zeros((0, 3))

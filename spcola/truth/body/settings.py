@@ -98,13 +98,7 @@ class BodySettings:
 
     @classmethod
     def sphere(cls, radius: float = 75.0) -> BodySettings:
-        """Return settings of a smooth sphere of even albedo, for which formulas are known.
-
-        Parameters
-        ----------
-        radius : float
-            Metres.
-        """
+        """Return settings of a smooth sphere (`radius` in metres) of even albedo."""
         none = _even(0.0, 2.7, 1.0, 2.0)
         return cls(
             0, radius, shape=0.0, roughness=0.0, craters=none, boulders=none, site=None,

@@ -45,5 +45,4 @@ class SurfacePoints:
     @property
     def hit(self) -> BoolArray:
         """Which rays (N,) meet the body."""
-        found: BoolArray = np.isfinite(self.distance)
-        return found
+        return np.isfinite(self.distance)

@@ -1,21 +1,16 @@
-"""Positions and pointing of the spacecraft: passes, stations, cameras, states."""
+"""Positions of the spacecraft over the body: passes of its altimetry, stations of its images."""
 
 from spcola.truth.campaign.campaign import CampaignSettings
 from spcola.truth.campaign.passes import Pass, PassSettings, day_of, plan_passes
-from spcola.truth.campaign.states import SolvedState, StateSettings, make_state, true_state
 from spcola.truth.campaign.stations import Station, plan_stations, stations_of_pass
 
 __all__ = [
     "CampaignSettings",
     "Pass",
     "PassSettings",
-    "SolvedState",
-    "StateSettings",
     "Station",
     "day_of",
-    "make_state",
     "plan_passes",
     "plan_stations",
     "stations_of_pass",
-    "true_state",
 ]

@@ -72,5 +72,4 @@ def turned_to(axes: FloatArray, boresight: FloatArray) -> FloatArray:
     )
     # Rodrigues' formula, with sine and cosine computed from the vectors.
     rotation = np.eye(3) + cross + cross @ cross / (1.0 + along)
-    turned: FloatArray = axes @ rotation.T
-    return turned
+    return axes @ rotation.T

@@ -87,13 +87,7 @@ class PassSettings:
         return direction_of(self.sun_longitude(time), np.radians(self.sun_latitude_deg))
 
     def sun_longitude(self, time: float) -> float:
-        """Return the longitude of the sub-solar point, radians: 0 at the epoch.
-
-        Parameters
-        ----------
-        time : float
-            Seconds.
-        """
+        """Return the longitude of the sub-solar point at `time`, s: radians, 0 at the epoch."""
         return float(-2.0 * np.pi * (time - self.epoch) / self.period)
 
 
@@ -132,24 +126,12 @@ class Pass:
         return day_of(self.middle)
 
     def position(self, time: FloatArray) -> FloatArray:
-        """Return true positions (N, 3), metres, body-fixed, at times (N,), s.
-
-        Parameters
-        ----------
-        time : (N,) ndarray
-            Seconds.
-        """
+        """Return true positions (N, 3), metres, body-fixed, at `time` (N,), s."""
         turned = 2.0 * np.pi * (np.asarray(time) - self.middle) / self.period
         return self.distance * direction_of(self.longitude - turned, self.latitude)
 
     def velocity(self, time: FloatArray) -> FloatArray:
-        """Return the rate (N, 3), m/s, of the body-fixed position.
-
-        Parameters
-        ----------
-        time : (N,) ndarray
-            Seconds.
-        """
+        """Return the rate (N, 3), m/s, of the body-fixed position at `time` (N,), s."""
         position = self.position(time)
         rate = 2.0 * np.pi / self.period
         zero = np.zeros_like(position[..., 0])
@@ -163,16 +145,12 @@ def day_of(time: float) -> str:
 
 
 def plan_passes(settings: PassSettings, generator: np.random.Generator) -> list[Pass]:
-    """Return the passes in order of time.
+    """Return the passes of some `settings` in order of time; `generator` gives their distances.
 
     The directions are assigned to the days in turn. A day has one local time; the next pass is
     always the one whose longitude has that time soonest after the pass before, so that few
     rotations suffice for many passes.
 
-    Parameters
-    ----------
-    settings : PassSettings
-    generator : numpy Generator
 
     Raises
     ------

@@ -14,6 +14,8 @@ from spcola.navigation import NominalState, utc_from_et
 from spcola.truth.campaign.cameras import looking, turned_to
 from spcola.truth.campaign.stations import Station
 
+__all__ = ["SolvedState", "StateSettings", "capped_deviation", "make_state", "true_state"]
+
 
 @dataclass(frozen=True)
 class StateSettings:
@@ -134,7 +136,7 @@ def make_state(
 def true_state(
     station: Station, sun: FloatArray, settings: StateSettings, bits: int = 16
 ) -> SpcImage:
-    """Return the true state of an image, in the body frame.
+    """Return the true state of an image in the body frame, without pixels.
 
     Parameters
     ----------

@@ -10,7 +10,14 @@ import numpy as np
 from spcola.arrays import FloatArray
 from spcola.camera import Camera
 from spcola.truth.campaign.cameras import framing_camera, looking
-from spcola.truth.campaign.campaign import FILL, CampaignSettings, Leg, place_of
+from spcola.truth.campaign.campaign import (
+    DETAILED_SURVEY,
+    FILL,
+    NOMINAL_SIGMAS,
+    CampaignSettings,
+    Leg,
+    place_of,
+)
 from spcola.truth.campaign.passes import Pass, PassSettings
 
 _DAY = 86400.0
@@ -56,14 +63,7 @@ class Station:
 
 
 def plan_stations(campaign: CampaignSettings, passes: PassSettings) -> list[Station]:
-    """Return the stations of a campaign, leg by leg.
-
-    Parameters
-    ----------
-    campaign : CampaignSettings
-    passes : PassSettings
-        Only its rotation and Sun are used.
-    """
+    """Return the stations of a `campaign`, leg by leg, under the rotation and Sun of `passes`."""
     stations: list[Station] = []
     free: dict[int, float] = {}
     for number, leg in enumerate(campaign.legs, start=1):
@@ -74,12 +74,7 @@ def plan_stations(campaign: CampaignSettings, passes: PassSettings) -> list[Stat
 
 
 def stations_of_pass(
-    at: Pass,
-    per_pass: int,
-    *,
-    radius: float = 0.0,
-    detector: int = 1024,
-    nominal_sigma: float = 6.4,
+    at: Pass, per_pass: int, *, radius: float = 0.0, detector: int = 1024
 ) -> list[Station]:
     """Return the stations of a pass, from its first to its last moment.
 
@@ -94,8 +89,6 @@ def stations_of_pass(
         Mean radius of the body, metres.
     detector : int
         Pixels across.
-    nominal_sigma : float
-        Sigma of the nominal positions, metres.
     """
     stations = []
     for number, share in enumerate(np.linspace(0.02, 0.98, per_pass)):
@@ -111,7 +104,7 @@ def stations_of_pass(
                 position,
                 ground_toward(position, np.zeros(3), radius),
                 framing_camera(camera, detector),
-                nominal_sigma,
+                NOMINAL_SIGMAS[DETAILED_SURVEY],
                 at.velocity(moment)[0],
             )
         )
@@ -126,8 +119,7 @@ def ground_toward(position: FloatArray, aim: FloatArray, radius: float) -> Float
     along = (aim - position) / np.linalg.norm(aim - position)
     foot = position - (position @ along) * along
     half_chord = np.sqrt(max(radius**2 - float(foot @ foot), 0.0))
-    ground: FloatArray = foot - half_chord * along
-    return ground
+    return foot - half_chord * along
 
 
 def _stations_of_leg(

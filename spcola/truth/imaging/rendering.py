@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter
 from spcola.arrays import AnyArray, BoolArray, FloatArray, read_only
 from spcola.camera import SpcImage, ray
 from spcola.errors import SettingsError
-from spcola.photometry import photometric_function
+from spcola.photometry.functions import photometric_function
 from spcola.truth.body import SurfacePoints, TruthBody
 
 BIT_DEPTHS = (8, 12, 14, 16)
@@ -119,8 +119,7 @@ class Rendered:
     @property
     def hit(self) -> BoolArray:
         """Where (NLN, NPX) the body is in the pixel's centre."""
-        found: BoolArray = np.isfinite(self.distance)
-        return found
+        return np.isfinite(self.distance)
 
 
 class TracedSurface(Protocol):
@@ -133,8 +132,8 @@ class TracedSurface(Protocol):
         """Return whether ground stands in the way from points (N, 3) of it towards (3,)."""
 
 
-class _Frame(NamedTuple):
-    """The arrays of :class:`Rendered` without noise, filled block by block."""
+class _Layers(NamedTuple):
+    """The arrays of :class:`Rendered` without noise: of a frame, or of N rays."""
 
     iof: FloatArray
     incidence: FloatArray
@@ -152,7 +151,7 @@ class _Scene(NamedTuple):
     settings: ImageSettings
 
 
-def render(
+def render_image(
     surface: TracedSurface,
     body: TruthBody,
     image: SpcImage,
@@ -181,7 +180,7 @@ def render(
     settings = settings or ImageSettings()
     scene = _Scene(surface, body, image, settings)
     shape = (image.camera.height, image.camera.width)
-    frame = _Frame(
+    frame = _Layers(
         np.zeros(shape, dtype=np.float32),
         np.full(shape, np.nan, dtype=np.float32),
         np.full(shape, np.nan, dtype=np.float32),
@@ -213,25 +212,20 @@ def expose(iof: FloatArray, settings: ImageSettings, generator: np.random.Genera
             iof.shape, dtype=np.float32
         )
     kind = np.uint8 if settings.bits == 8 else np.uint16
-    whole: AnyArray = np.clip(np.rint(numbers), 0, settings.largest).astype(kind)
-    return whole
+    return np.clip(np.rint(numbers), 0, settings.largest).astype(kind)
 
 
-def _render_block(scene: _Scene, frame: _Frame, block: tuple[slice, slice]) -> None:
+def _render_block(scene: _Scene, frame: _Layers, block: tuple[slice, slice]) -> None:
     """Fill a block of the frame: geometry of the centres, brightness of all rays."""
     lines, pixels = (1.0 + grid.ravel() for grid in np.mgrid[block].astype(np.float64))
     shape = (block[0].stop - block[0].start, block[1].stop - block[1].start)
     rays = _rays(scene.settings.rays_per_pixel)
-    center = _look(scene, pixels, lines)
-    light = center.iof
+    found = _look(scene, pixels, lines)
     if len(rays) > 1:
         seen = [_look(scene, pixels + aside, lines + down).iof for aside, down in rays]
-        light = np.mean(seen, axis=0)
-    frame.iof[block] = light.reshape(shape)
-    frame.incidence[block] = np.arccos(np.clip(center.cos_incidence, -1, 1)).reshape(shape)
-    frame.emission[block] = np.arccos(np.clip(center.cos_emission, -1, 1)).reshape(shape)
-    frame.distance[block] = center.distance.reshape(shape)
-    frame.lit[block] = center.lit.reshape(shape)
+        found = found._replace(iof=np.mean(seen, axis=0))
+    for whole, part in zip(frame, found, strict=True):
+        whole[block] = part.reshape(shape)
 
 
 def _rays(count: int) -> FloatArray:
@@ -244,17 +238,7 @@ def _rays(count: int) -> FloatArray:
     return places - places.mean(axis=0)
 
 
-class _View(NamedTuple):
-    """Intersections of N rays."""
-
-    iof: FloatArray
-    cos_incidence: FloatArray
-    cos_emission: FloatArray
-    distance: FloatArray
-    lit: BoolArray
-
-
-def _look(scene: _Scene, pixels: FloatArray, lines: FloatArray) -> _View:
+def _look(scene: _Scene, pixels: FloatArray, lines: FloatArray) -> _Layers:
     """Return the intersections of the rays through pixels and lines (N,)."""
     surface, body, image, settings = scene
     beams = ray(image, pixels, lines)
@@ -273,4 +257,5 @@ def _look(scene: _Scene, pixels: FloatArray, lines: FloatArray) -> _View:
     facing = np.maximum(cos_emission[where], _LEAST_COS_EMISSION)
     shading = photometric_function(settings.photometry)(cos_incidence[where], facing, phase)
     iof[where] = body.settings.mean_albedo * body.albedo(hits.points[where]) * shading
-    return _View(iof, cos_incidence, cos_emission, hits.distance, lit)
+    incidence, emission = (np.arccos(np.clip(c, -1, 1)) for c in (cos_incidence, cos_emission))
+    return _Layers(iof, incidence, emission, hits.distance, lit)

@@ -9,10 +9,11 @@ import numpy as np
 
 from spcola.arrays import FloatArray
 from spcola.camera import SpcImage, rotate_axes
-from spcola.navigation import SECONDS_PER_DAY, Spin
+from spcola.navigation import Spin
 from spcola.truth.campaign.states import capped_deviation
 from spcola.truth.campaign.stations import Station
 
+_DAY = 86_400.0
 ARC_GAP_S = 21_600.0
 """Images further apart in time belong to different arcs of the trajectory, seconds."""
 
@@ -126,6 +127,6 @@ def true_spin(
     epoch : float
         Ephemeris time, s.
     """
-    rate = 360.0 * SECONDS_PER_DAY / period
-    at_j2000 = (meridian_deg - rate * epoch / SECONDS_PER_DAY) % 360.0
+    rate = 360.0 * _DAY / period
+    at_j2000 = (meridian_deg - rate * epoch / _DAY) % 360.0
     return Spin(*pole_deg, at_j2000, rate)

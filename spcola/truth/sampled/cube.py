@@ -123,9 +123,9 @@ def tiles_of(tiling: Tiling, directions: FloatArray, wanted: AnyArray) -> None:
 
 
 @compiled
-def tile_directions(tiling: Tiling, tiles: IntArray, out: FloatArray) -> None:
-    """Fill `out` (tiles · nodes, 3) with the unit vectors to the nodes of the `tiles`."""
-    count = 0
+def tile_directions(tiling: Tiling, tiles: IntArray) -> FloatArray:
+    """Return the unit vectors (tiles · nodes, 3) to the nodes of the `tiles`."""
+    out, count = np.empty((len(tiles) * (tiling.size + 3) ** 2, 3)), 0
     cells = tiling.across * tiling.size
     for tile in tiles:
         face = tile // (tiling.across * tiling.across)
@@ -141,6 +141,7 @@ def tile_directions(tiling: Tiling, tiles: IntArray, out: FloatArray) -> None:
                 out[count, b] = u / length
                 out[count, c] = v / length
                 count += 1
+    return out
 
 
 @compiled

@@ -8,9 +8,8 @@ from typing import Protocol
 import numpy as np
 
 from spcola.arrays import BoolArray, FloatArray
-from spcola.compilation import compiled
 from spcola.errors import SettingsError
-from spcola.truth.sampled.cube import Tiling, place_of, tile_directions, value_in
+from spcola.truth.sampled.cube import Tiling, look_up, tile_directions
 
 _FACES = np.arange(6)
 _CHUNK = 250_000
@@ -69,7 +68,6 @@ class LightMap:
         most_incidence : float
             Beyond this angle from the normal the ground counts as dark, radians, since SPC
             solutions do not use it. 80° by default.
-            solution makes no use of. 80° by default.
 
         Raises
         ------
@@ -96,24 +94,16 @@ class LightMap:
     def at(self, directions: FloatArray) -> FloatArray:
         """Return the share (N,), 0 … 1, in `directions` (N, 3) of any length: bilinear."""
         out = np.empty(len(directions))
-        _look_up(self.tiling, self.shares, np.ascontiguousarray(directions, np.float64), out)
+        rows = np.ascontiguousarray(directions, np.float64)
+        look_up(self.tiling, _FACES, self.shares, rows, out)
         return out
-
-
-@compiled
-def _look_up(tiling: Tiling, shares: FloatArray, directions: FloatArray, out: FloatArray) -> None:
-    """Fill `out` (N,) with the values of the faces in `directions` (N, 3)."""
-    for i in range(len(directions)):
-        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
-        face, across, along = place_of(tiling, x, y, z)
-        out[i] = value_in(tiling, shares[face], across, along)
 
 
 def _nodes(surface: ShadowedSurface, spacing: float) -> tuple[Tiling, FloatArray]:
     """Return a tiling of that spacing, and the surface at its nodes (6, S, S, 3), metres."""
     coarse = Tiling.of(1, 16, 0.0)
-    tiling = Tiling.of(1, _cells(_directions(coarse), surface, spacing), 0.0)
-    directions = _directions(tiling)
+    tiling = Tiling.of(1, _cells(tile_directions(coarse, _FACES), surface, spacing), 0.0)
+    directions = tile_directions(tiling, _FACES)
     points = surface.radius(directions)[:, None] * directions
     side = tiling.size + 3
     return tiling, points.reshape(6, side, side, 3)
@@ -122,13 +112,6 @@ def _nodes(surface: ShadowedSurface, spacing: float) -> tuple[Tiling, FloatArray
 def _cells(directions: FloatArray, surface: ShadowedSurface, spacing: float) -> int:
     """Return the number of cells across a face whose width is at most `spacing`, metres."""
     return max(16, int(np.ceil(2.0 * float(surface.radius(directions).max()) / spacing)))
-
-
-def _directions(tiling: Tiling) -> FloatArray:
-    """Return the unit vectors (N, 3) to all nodes, those beyond the edges included."""
-    directions = np.empty((len(_FACES) * tiling.nodes, 3))
-    tile_directions(tiling, _FACES, directions)
-    return directions
 
 
 def _normals(points: FloatArray) -> FloatArray:

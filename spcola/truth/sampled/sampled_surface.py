@@ -93,16 +93,9 @@ class SampledSurface:
         return self._store.at(np.ascontiguousarray(directions, dtype=np.float64))
 
     def cast(self, origins: FloatArray, directions: FloatArray) -> SurfacePoints:
-        """Return the first hits of rays.
+        """Return the first hits of rays; a ray that begins below the ground hits nothing.
 
-        A ray that begins below the ground hits nothing.
-
-        Parameters
-        ----------
-        origins : (N, 3) or (3,) array_like
-            Body-fixed, metres.
-        directions : (N, 3) ndarray
-            Of any length.
+        Rays begin at `origins` (N, 3) or (3,), metres; `directions` (N, 3) have any length.
         """
         beams = _unit(directions)
         starts = np.ascontiguousarray(np.broadcast_to(origins, beams.shape), dtype=np.float64)
@@ -185,8 +178,7 @@ def _unit(vectors: FloatArray) -> FloatArray:
 def _cube_nodes(cells: int) -> FloatArray:
     """Return unit vectors (6, cells + 1, cells + 1, 3) to the nodes of a cube's faces."""
     tiling = Tiling.of(1, cells, 0.0)
-    directions = np.empty((6 * tiling.nodes, 3))
-    tile_directions(tiling, np.arange(6), directions)
+    directions = tile_directions(tiling, np.arange(6))
     return directions.reshape(6, cells + 3, cells + 3, 3)[:, 1:-1, 1:-1]
 
 

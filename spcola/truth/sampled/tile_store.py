@@ -57,13 +57,7 @@ class TileStore:
 
     @contextmanager
     def lease(self, tiles: IntArray) -> Iterator[None]:
-        """Keep the `tiles` (distinct numbers, at most `capacity`) in the pool; make missing ones.
-
-        Raises
-        ------
-        SettingsError
-            If there are more than fit.
-        """
+        """Keep `tiles` (distinct numbers, at most `capacity`) in the pool; make missing ones."""
         if len(tiles) > self.capacity:
             raise SettingsError(
                 f"{len(tiles)} tiles are needed at once, there is room for {self.capacity}",
@@ -164,8 +158,7 @@ class TileStore:
     def _fill(self, tiles: IntArray) -> None:
         """Evaluate the field on the nodes of the tiles and put them into their slots."""
         nodes = self.tiling.nodes
-        directions = np.empty((len(tiles) * nodes, 3))
-        tile_directions(self.tiling, tiles, directions)
+        directions = tile_directions(self.tiling, tiles)
         values: AnyArray = np.ascontiguousarray(self._field(directions), dtype=np.float64)
         for k, tile in enumerate(tiles.tolist()):
             slot = self._place[tile]

@@ -8,7 +8,6 @@ import numpy as np
 
 from spcola.arrays import AnyArray, FloatArray, IntArray
 from spcola.compilation import compiled
-from spcola.truth.sampled.borrowing import borrowed
 from spcola.truth.sampled.crossing import in_tile
 from spcola.truth.sampled.cube import Tiling, face_axes, face_of, place_in_tile, value_in
 from spcola.truth.sampled.face_lines import (
@@ -20,6 +19,7 @@ from spcola.truth.sampled.face_lines import (
     next_face,
     square_of,
 )
+from spcola.truth.sampled.uncounted import uncounted
 
 
 class Tiles(NamedTuple):
@@ -184,16 +184,16 @@ def _part(values: Vector, axes: tuple[int, int, int], axis: int) -> float:
 
 
 @compiled
-def _borrowed(tiles: Tiles) -> Tiles:
-    """Return the tiles as arrays without an owner: see :mod:`spcola.truth.sampled.borrowing`."""
+def _uncounted(tiles: Tiles) -> Tiles:
+    """Return the tiles as arrays without an owner: see :mod:`spcola.truth.sampled.uncounted`."""
     t = tiles.tiling
-    starts = borrowed(t.starts)
+    starts = uncounted(t.starts)
     return Tiles(
         Tiling(t.across, t.size, starts, t.base),
-        borrowed(tiles.slots),
-        borrowed(tiles.pool),
-        borrowed(tiles.lower),
-        borrowed(tiles.upper),
+        uncounted(tiles.slots),
+        uncounted(tiles.pool),
+        uncounted(tiles.lower),
+        uncounted(tiles.upper),
         tiles.floor,
         tiles.ceiling,
     )
@@ -202,7 +202,7 @@ def _borrowed(tiles: Tiles) -> Tiles:
 @compiled
 def mark_needed(tiles: Tiles, origins: FloatArray, beams: FloatArray, wanted: AnyArray) -> None:
     """Mark in `wanted` (tiles,) the tiles that rays (N, 3), (N, 3) may need."""
-    ours, marks = _borrowed(tiles), borrowed(wanted)
+    ours, marks = _uncounted(tiles), uncounted(wanted)
     for i in range(len(origins)):
         origin = (origins[i, 0], origins[i, 1], origins[i, 2])
         needs(ours, origin, (beams[i, 0], beams[i, 1], beams[i, 2]), marks)
@@ -221,7 +221,7 @@ def first_hits(
     The missing tiles are marked in `wanted` (tiles,); the results are void then.
     """
     origins, beams = rays
-    ours, marks = _borrowed(tiles), borrowed(wanted)
+    ours, marks = _uncounted(tiles), uncounted(wanted)
     complete = True
     for i in range(len(origins)):
         origin = (origins[i, 0], origins[i, 1], origins[i, 2])
@@ -250,7 +250,7 @@ def shadows(
     The points are lifted by `lift` above the ground, or onto it first if they lie below.
     """
     points, beams = rays
-    ours, marks = _borrowed(tiles), borrowed(wanted)
+    ours, marks = _uncounted(tiles), uncounted(wanted)
     tiling = ours.tiling
     complete = True
     for i in range(len(points)):

@@ -36,7 +36,6 @@ class Smoothing:
     anchor : float
         Distance, cells, over which stereo constrains the heights integrated from slopes.
     expected : float
-        Factor of the sigma on the change of heights by one more smoothing.
         The sigma states this many times what one more smoothing takes from the heights.
     """
 
@@ -120,8 +119,7 @@ class Shade(NamedTuple):
         if not self.depth.any():
             return height
         soft = gaussian_filter(height, _BLURRED, mode="nearest")
-        mixed: FloatArray = height + self.depth * (soft - height)
-        return mixed
+        return height + self.depth * (soft - height)
 
 
 def shaded(share: FloatArray, darkness: Darkness) -> Shade:
@@ -165,8 +163,7 @@ def smoothed(height: FloatArray, gsd: float, smoothing: Smoothing) -> FloatArray
 def _slope(height: FloatArray, gsd: float) -> FloatArray:
     """Return the slope (R, C), as a tangent, of heights (R, C) in metres."""
     rows, columns = np.gradient(height, gsd)
-    slope: FloatArray = np.hypot(rows, columns)
-    return slope
+    return np.hypot(rows, columns)
 
 
 def integrated(height: FloatArray, kept: FloatArray, anchor: float) -> FloatArray:
@@ -184,10 +181,7 @@ def integrated(height: FloatArray, kept: FloatArray, anchor: float) -> FloatArra
         out[:-1] -= step
     rows, columns = (2.0 - 2.0 * np.cos(np.pi * np.arange(n) / n) for n in height.shape)
     spectrum = dctn(balance, norm="ortho")
-    solved: FloatArray = idctn(
-        spectrum / (rows[:, None] + columns[None, :] + 1.0 / anchor**2), norm="ortho"
-    )
-    return solved
+    return idctn(spectrum / (rows[:, None] + columns[None, :] + 1.0 / anchor**2), norm="ortho")
 
 
 def unresolved(height: FloatArray, smoothing: Smoothing) -> FloatArray:
@@ -209,8 +203,7 @@ def _beyond(share: FloatArray, reach: float) -> BoolArray:
         return np.zeros(share.shape, dtype=np.bool_)
     if not (share > 0.0).any():
         return np.full(share.shape, np.isfinite(reach))
-    deep: BoolArray = distance_transform_edt(share <= 0.0) > reach
-    return deep
+    return distance_transform_edt(share <= 0.0) > reach
 
 
 def quadratic(height: FloatArray) -> FloatArray:
@@ -225,5 +218,4 @@ def quadratic(height: FloatArray) -> FloatArray:
     )
     terms = rows.T @ height @ columns
     degree = np.add.outer(np.arange(3), np.arange(3))
-    surface: FloatArray = rows @ np.where(degree <= 2, terms, 0.0) @ columns.T
-    return surface
+    return rows @ np.where(degree <= 2, terms, 0.0) @ columns.T

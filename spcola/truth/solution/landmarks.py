@@ -21,8 +21,8 @@ _PRIOR_SIGMA = 5.0
 _NEAR, _FACING = 1.5, 0.5
 
 
-class PlacedMaplet(Protocol):
-    """The parts of a maplet that a landmark needs, without heights."""
+class SolvedCenter(Protocol):
+    """The centre of a maplet of the solution, without its heights."""
 
     @property
     def name(self) -> str:
@@ -36,14 +36,6 @@ class PlacedMaplet(Protocol):
     def center_sigma(self) -> FloatArray:
         """One standard deviation of the centre (3,), metres."""
 
-
-class SolvedCenter(Protocol):
-    """A maplet of the solution with the true place of its centre."""
-
-    @property
-    def maplet(self) -> PlacedMaplet:
-        """In the frame of the solution."""
-
     @property
     def true_center(self) -> FloatArray:
         """Centre (3,), metres, in the body frame, without the error of the solution."""
@@ -51,7 +43,7 @@ class SolvedCenter(Protocol):
 
 def measure_landmarks(
     state: SolvedState,
-    solved_maplets: Sequence[SolvedCenter],
+    solved_centers: Sequence[SolvedCenter],
     surface: SampledSurface,
     *,
     settings: StateSettings,
@@ -66,7 +58,7 @@ def measure_landmarks(
     Parameters
     ----------
     state : SolvedState
-    solved_maplets : sequence of SolvedCenter
+    solved_centers : sequence of SolvedCenter
     surface : SampledSurface
         Sampled surface of the true body.
     settings : StateSettings
@@ -79,31 +71,30 @@ def measure_landmarks(
         In the order of the maplets; pixel and line with two decimals, as in the files.
     """
     image = state.truth
-    centers = np.array([solved.true_center for solved in solved_maplets]).reshape(-1, 3)
+    centers = np.array([solved.true_center for solved in solved_centers]).reshape(-1, 3)
     noise = settings.pixel_sigma * generator.normal(size=(2, len(centers)))
     # Two decimals, so that .LMK and .SUM agree.
     measured = np.round(np.stack(project_image(image, centers)) + noise, 2)
-    seen = _in_frame(image, measured) & _facing(state, solved_maplets, settings)
-    seen &= _resolved(image, centers, solved_maplets, settings)
+    seen = _in_frame(image, measured) & _facing(state, solved_centers, settings)
+    seen &= _resolved(image, centers, solved_centers, settings)
     for way in (image.position - centers, np.broadcast_to(image.sun, centers.shape)):
         candidates = np.flatnonzero(seen)
         hidden = surface.occluded(centers[candidates], way[candidates])
         seen[candidates[hidden]] = False
     return tuple(
-        ImagePoint(solved_maplets[k].maplet.name, float(measured[0, k]), float(measured[1, k]))
+        ImagePoint(solved_centers[k].name, float(measured[0, k]), float(measured[1, k]))
         for k in np.flatnonzero(seen).tolist()
     )
 
 
 def landmarks_of(
-    maplets: Sequence[PlacedMaplet], images: Sequence[SpcImage], *, rms: float
+    centers: Sequence[SolvedCenter], images: Sequence[SpcImage], *, rms: float
 ) -> list[Landmark]:
     """Return the landmarks of all maplets: pictures as listed by the images, and overlaps.
 
     Parameters
     ----------
-    maplets : sequence of PlacedMaplet
-        Such as :class:`~spcola.grids.Maplet`.
+    centers : sequence of SolvedCenter
     images : sequence of SpcImage
         With their landmarks; each landmark's pictures follow their order.
     rms : float
@@ -115,66 +106,63 @@ def landmarks_of(
             pictures[point.name].append(ImagePoint(image.name, point.pixel, point.line))
     return [
         Landmark(
-            maplet.name,
-            maplet.grid,
-            sigma=maplet.center_sigma,
+            center.name,
+            center.grid,
+            sigma=center.center_sigma,
             prior_sigma=_PRIOR_SIGMA,
             rms=rms,
-            pictures=tuple(pictures[maplet.name]),
+            pictures=tuple(pictures[center.name]),
             overlaps=overlaps,
         )
-        for maplet, overlaps in zip(maplets, overlaps_of(maplets), strict=True)
+        for center, overlaps in zip(centers, overlaps_of(centers), strict=True)
     ]
 
 
-def overlaps_of(maplets: Sequence[PlacedMaplet]) -> list[tuple[MapOverlap, ...]]:
+def overlaps_of(solved: Sequence[SolvedCenter]) -> list[tuple[MapOverlap, ...]]:
     """Return, for each maplet, those whose centre lies within its square or not far outside."""
-    centers = np.array([maplet.grid.center for maplet in maplets]).reshape(-1, 3)
-    normals = np.array([maplet.grid.uz for maplet in maplets]).reshape(-1, 3)
+    centers = np.array([one.grid.center for one in solved]).reshape(-1, 3)
+    normals = np.array([one.grid.uz for one in solved]).reshape(-1, 3)
     tree = cKDTree(centers)
     found = []
-    for number, maplet in enumerate(maplets):
-        reach = _NEAR * maplet.grid.half_size
+    for number, one in enumerate(solved):
+        reach = _NEAR * one.grid.half_size
         # A neighbour that faces this way at all is no higher than its distance.
-        near = np.array(tree.query_ball_point(centers[number], 2.0 * reach * maplet.grid.gsd))
+        near = np.array(tree.query_ball_point(centers[number], 2.0 * reach * one.grid.gsd))
         near = np.sort(near[near != number])
-        x, y, height = maplet.grid.project(centers[near])
-        facing = normals[near] @ maplet.grid.uz > _FACING
+        x, y, height = one.grid.project(centers[near])
+        facing = normals[near] @ one.grid.uz > _FACING
         taken = np.flatnonzero(facing & (np.maximum(np.abs(x), np.abs(y)) < reach))
-        numbers = np.round(np.stack([x, y, height / maplet.grid.gsd], axis=1), 2)
-        found.append(tuple(MapOverlap(maplets[near[k]].name, *numbers[k].tolist()) for k in taken))
+        numbers = np.round(np.stack([x, y, height / one.grid.gsd], axis=1), 2)
+        found.append(tuple(MapOverlap(solved[near[k]].name, *numbers[k].tolist()) for k in taken))
     return found
 
 
 def _in_frame(image: SpcImage, measured: FloatArray) -> BoolArray:
     """Return which measured pixels and lines (2, N) lie in the frame; NaN do not."""
     size = np.array([[image.camera.width], [image.camera.height]])
-    inside: BoolArray = np.all((measured > 1.0) & (measured < size), axis=0)
-    return inside
+    return np.all((measured > 1.0) & (measured < size), axis=0)
 
 
 def _facing(
-    state: SolvedState, solved_maplets: Sequence[SolvedCenter], settings: StateSettings
+    state: SolvedState, solved_centers: Sequence[SolvedCenter], settings: StateSettings
 ) -> BoolArray:
     """Return which maplets (N,) face the camera and the Sun, by the solution's own geometry."""
-    grids = [solved.maplet.grid for solved in solved_maplets]
+    grids = [solved.grid for solved in solved_centers]
     normals = np.array([grid.uz for grid in grids]).reshape(-1, 3)
     toward = state.solved.position - np.array([grid.center for grid in grids]).reshape(-1, 3)
     toward /= np.linalg.norm(toward, axis=1, keepdims=True)
     facing = np.sum(normals * toward, axis=1) > np.cos(np.radians(settings.most_emission_deg))
     lit = normals @ state.solved.sun > np.cos(np.radians(settings.most_incidence_deg))
-    both: BoolArray = facing & lit
-    return both
+    return facing & lit
 
 
 def _resolved(
     image: SpcImage,
     centers: FloatArray,
-    solved_maplets: Sequence[SolvedCenter],
+    solved_centers: Sequence[SolvedCenter],
     settings: StateSettings,
 ) -> BoolArray:
     """Return for which maplets (N,) the pixels are fine enough."""
-    gsd = np.array([solved.maplet.grid.gsd for solved in solved_maplets])
+    gsd = np.array([solved.grid.gsd for solved in solved_centers])
     pixel = image.camera.pixel_angle * np.linalg.norm(image.position - centers, axis=1)
-    fine: BoolArray = pixel <= settings.coarsest * gsd
-    return fine
+    return pixel <= settings.coarsest * gsd

@@ -25,24 +25,14 @@ def correlated_noise(
     impulse = np.zeros(2 * margin + 1)
     impulse[margin] = 1.0
     gain = np.sum(gaussian_filter(impulse, width) ** 2)
-    noise: FloatArray = gaussian_filter(white, width)[margin:-margin, margin:-margin] / gain
-    return noise
+    return gaussian_filter(white, width)[margin:-margin, margin:-margin] / gain
 
 
 def drift_noise(points: FloatArray, wavelength: float, seed: int) -> FloatArray:
-    """Return noise (…) of rms 1 at body-fixed `points` (…, 3): fractal, of one body and seed.
+    """Return fractal noise (…) of rms 1 and a `seed` (32 bits) at body-fixed `points`, metres.
 
-    It is a field in space, so that maplets with common ground share it. The longest wavelength
-    has three quarters of its variance; two more follow by halves, each half as strong.
-
-    Parameters
-    ----------
-    points : (…, 3) ndarray
-        Metres.
-    wavelength : float
-        The longest, metres.
-    seed : int
-        Seed of the field, 32 bits.
+    It is a field in space, so that maplets with common ground share it. The longest `wavelength`,
+    metres, has three quarters of its variance; two more follow by halves, each half as strong.
     """
     shortest = wavelength / 2.0 ** (_OCTAVES - 1)
     octaves = fractal_octaves(1.0, wavelength, 1.0, wavelength, shortest)
@@ -50,5 +40,4 @@ def drift_noise(points: FloatArray, wavelength: float, seed: int) -> FloatArray:
     noise = np.zeros(places.shape[1])
     add_noise(places, octaves, seed, noise, len(noise))
     strength = np.sqrt(np.sum(0.25 ** np.arange(_OCTAVES)))
-    field: FloatArray = (noise / strength).reshape(points.shape[:-1])
-    return field
+    return (noise / strength).reshape(points.shape[:-1])

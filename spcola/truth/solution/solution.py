@@ -102,26 +102,14 @@ class SolvedMaplet:
 
 
 def maplet_directions(body: TruthBody, settings: SolutionSettings) -> FloatArray:
-    """Return the directions (N, 3) of maplets that cover the whole body.
-
-    Parameters
-    ----------
-    body : TruthBody
-    settings : SolutionSettings
-    """
+    """Return the directions (N, 3) of maplets of these `settings` that cover the whole `body`."""
     return lattice(settings.count(body.settings.radius))
 
 
 def heights_in_frame(body: TruthBody, grid: MapletGrid, to_frame: Similarity) -> FloatArray:
-    """Return the truth's heights (2q+1, 2q+1), metres, on a grid of another frame.
+    """Return the heights (2q+1, 2q+1), metres, of a `body` on a `grid` of another frame.
 
-    Parameters
-    ----------
-    body : TruthBody
-    grid : MapletGrid
-        In the target frame of `to_frame`.
-    to_frame : Similarity
-        Planted similarity.
+    `to_frame` is the planted similarity from the body's frame.
     """
     back = to_frame.inverse()
     true_grid = MapletGrid(
@@ -230,8 +218,7 @@ def _drift(
         return np.zeros(depth.shape)
     seed = int(stream(body.settings.seed, "drift").integers(2**32))
     wavelength = settings.darkness.wavelength * settings.gsd
-    drift: FloatArray = settings.darkness.drift * depth * drift_noise(places, wavelength, seed)
-    return drift
+    return settings.darkness.drift * depth * drift_noise(places, wavelength, seed)
 
 
 def _albedo(
@@ -244,8 +231,7 @@ def _albedo(
     """Return the relative albedo (R, C) of the solution: 1 where it cannot be determined."""
     truth = body.albedo(places.reshape(-1, 3)).reshape(dark.shape)
     noise = settings.albedo_noise * generator.normal(size=dark.shape)
-    albedo: FloatArray = 1.0 + (1.0 - dark) * (truth - 1.0) + noise
-    return albedo
+    return 1.0 + (1.0 - dark) * (truth - 1.0) + noise
 
 
 def spc_shape(

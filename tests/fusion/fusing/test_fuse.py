@@ -7,18 +7,20 @@ import pytest
 from scipy import ndimage
 
 from fusion.fusing import (
-    DEFAULT_INFORMATION,
-    Candidate,
-    Comparison,
     Constraints,
     FuseInput,
     FuseOptions,
-    SlopeInformation,
-    estimate_information,
+    RegisteredMapola,
     fuse_maplet,
     lidar_constraints,
 )
 from fusion.fusing.maplets import Source
+from fusion.fusing.uncertainty import (
+    DEFAULT_INFORMATION,
+    AlignedHeights,
+    SlopeInformation,
+    estimate_information,
+)
 from lidar.gridding import Mapola
 from spcola.grids import Maplet, MapletGrid
 
@@ -60,7 +62,7 @@ def scene(seed, *, lidar_sigma=0.03, cover=1.0, dark=None, common=0.0):
 
 
 def information_of(parts):
-    pair = Comparison(parts.lidar.height, parts.spc.height, parts.lidar.sigma, GRID.gsd)
+    pair = AlignedHeights(parts.lidar.height, parts.spc.height, parts.lidar.sigma, GRID.gsd)
     return estimate_information([pair])
 
 
@@ -228,7 +230,7 @@ def test_information_recovers_a_planted_random_walk():
         # Independent steps along x: an error whose variogram is linear, lag by lag.
         walk = np.cumsum(0.02 * generator.normal(size=(SIZE, SIZE)), axis=1)
         lidar = surface + 0.03 * generator.normal(size=surface.shape)
-        pairs.append(Comparison(lidar, surface + walk, np.full(GRID.shape, 0.03), GRID.gsd))
+        pairs.append(AlignedHeights(lidar, surface + walk, np.full(GRID.shape, 0.03), GRID.gsd))
     found = estimate_information(pairs)
     # Along y neighbours are independent walks, so that the estimate lies above 0.02.
     assert 0.02 < found.step_sigma_m < 0.2
@@ -237,7 +239,7 @@ def test_information_recovers_a_planted_random_walk():
 def test_information_takes_the_lidar_noise_off():
     generator = np.random.default_rng(13)
     surface = truth(generator)
-    pair = Comparison(
+    pair = AlignedHeights(
         surface + 0.05 * generator.normal(size=GRID.shape),
         surface,
         np.full(GRID.shape, 0.05),
@@ -258,7 +260,7 @@ def test_steps_on_steep_and_on_bent_ground_are_less_certain():
 
 
 def candidate(mapola):
-    return Candidate(mapola.grid, lambda: mapola)
+    return RegisteredMapola(mapola.grid, lambda: mapola)
 
 
 def test_constraints_take_one_mapola_for_each_point():
@@ -297,7 +299,7 @@ def test_a_mapola_that_is_not_needed_is_not_read():
     def refuse():
         raise AssertionError("read for nothing")
 
-    found = lidar_constraints(inner, [candidate(full), Candidate(GRID, refuse)])
+    found = lidar_constraints(inner, [candidate(full), RegisteredMapola(GRID, refuse)])
     assert np.isfinite(found.height).all()
 
 

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from fusion.cli.app import app
 from fusion.workspace import Workspace
-from spcola.formats.shapes import write_icq, write_obj
+from spcola.formats.shapes import write_icq, write_obj_mesh
 from spcola.shape.icq import IcqShape, icq_directions
 
 
@@ -113,9 +113,9 @@ def test_info_gives_q_and_how_the_edges_of_an_icq_close(tmp_path: Path) -> None:
         1,
     )
     assert found["icq_differ_max_m"] == pytest.approx(0.9, rel=0.02)
-    write_obj(tmp_path / "a.obj", apart(8).mesh(distinct=False))
+    write_obj_mesh(tmp_path / "a.obj", apart(8).mesh(distinct=False))
     assert facts(tmp_path / "a.obj")["icq_q"] == 8
-    write_obj(tmp_path / "b.obj", apart(8).mesh())
+    write_obj_mesh(tmp_path / "b.obj", apart(8).mesh())
     assert "icq_q" not in facts(tmp_path / "b.obj")
 
 

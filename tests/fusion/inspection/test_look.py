@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 import fusion
 from fusion.cli.app import app
 from fusion.fusing.maplets import FusedMaplet, write_fused
-from fusion.report.maplets import MISSING
+from fusion.report.layout import Colour
 from lidar.formats.mapolas import write_mapolas
 from lidar.formats.native import write_scan
 from lidar.gridding import Mapola
@@ -84,11 +84,11 @@ def test_a_maplet_and_its_gaps(here: Path) -> None:
     assert found["side_m"] == pytest.approx(8.0)
     assert found["picture"] == "AA0001.png"
     assert found["longitude_deg"] == pytest.approx(90.0)
-    gaps = shows("AA0001.png", MISSING)
+    gaps = shows("AA0001.png", Colour.MISSING)
     write_maplet("AA0001.MAP", Maplet("AA0001", GRID, np.nan_to_num(heights())))
     drawn("AA0001.MAP")
     assert gaps > 0.1
-    assert shows("AA0001.png", MISSING) == 0.0
+    assert shows("AA0001.png", Colour.MISSING) == 0.0
 
 
 def test_a_notebook_shows_the_picture(here: Path) -> None:

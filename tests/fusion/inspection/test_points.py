@@ -20,7 +20,7 @@ from lidar.formats.clouds import write_las
 from lidar.scans import Scan
 from spcola.errors import InvalidValueError
 from spcola.formats.maplets import read_maplet, write_maplet
-from spcola.formats.shapes import read_shape, write_icq, write_obj
+from spcola.formats.shapes import read_shape, write_icq, write_obj_mesh
 from spcola.grids import Maplet, MapletGrid
 from spcola.math import Affine, Similarity
 from spcola.shape.icq import IcqShape, icq_directions
@@ -58,7 +58,7 @@ def cloud(number: int, count: int = 12_000) -> Array:
 
 
 def shape(transform: Similarity | None = None) -> IcqShape:
-    directions = icq_directions(16)
+    directions = icq_directions(12)
     radius = 100.0 * (
         1.0
         + 0.03 * np.sin(5.0 * directions[..., 0] + 1.0) * np.cos(7.0 * directions[..., 1])
@@ -110,7 +110,7 @@ def test_maplets_and_their_moved_copies(tmp_path: Path) -> None:
 def test_shapes_in_their_formats_and_units(tmp_path: Path) -> None:
     write_icq(tmp_path / "B.TXT", shape(), digits=8)
     write_icq(tmp_path / "A.TXT", shape(PLANTED.inverse()), digits=8)
-    write_obj(tmp_path / "A.obj", shape(PLANTED.inverse()).mesh())
+    write_obj_mesh(tmp_path / "A.obj", shape(PLANTED.inverse()).mesh())
     for name in ("A.TXT", "A.obj"):
         out = tmp_path / f"moved-{name}"
         found = aligned(tmp_path / name, tmp_path / "B.TXT", "-o", out)

@@ -12,7 +12,7 @@ import pytest
 from fusion.pipeline.catalog import Catalog, file_digest, read_record
 from fusion.pipeline.catalog.catalog import CATALOG_FILE
 from fusion.pipeline.catalog.records import StageRecord, record_path
-from fusion.runtime.machine import release
+from fusion.runtime.machine import forget_pages
 from fusion.workspace import Workspace, new_workspace
 from spcola.errors import WorkspaceError
 
@@ -85,11 +85,11 @@ def test_files_are_read_alike_where_the_system_takes_no_hints(
     path = tmp_path / "file"
     path.write_bytes(bytes(range(256)) * 10_000)
     digest = file_digest(path)
-    release(path)
-    release(tmp_path / "gone")
+    forget_pages(path)
+    forget_pages(tmp_path / "gone")
     assert file_digest(path) == digest == hashlib.sha256(path.read_bytes()).hexdigest()
     monkeypatch.delattr(os, "posix_fadvise", raising=False)
-    release(path)
+    forget_pages(path)
     assert file_digest(path) == digest
 
 

@@ -14,20 +14,15 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.pipeline import Pipeline, StageContext, StageResult
 from fusion.pipeline.catalog import Catalog
 from fusion.pipeline.catalog.catalog import CATALOG_FILE
 from fusion.pipeline.pipeline import LOCK_FILE, SCRATCH_FOLDER
 from fusion.runtime import ThreadExecutor
+from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import Workspace
-from fusion.workspace.settings import (
-    FuseSettings,
-    MapolaSettings,
-    RegisterSettings,
-    Settings,
-    Table,
-)
+from fusion.workspace.settings import Settings, Table
+from fusion.workspace.settings.processing import FuseSettings, MapolaSettings, RegisterSettings
 from spcola import atomic
 from spcola.errors import SettingsError, WorkspaceError
 
@@ -117,7 +112,7 @@ def test_stages_run_linear_algebra_on_one_thread(workspace: Workspace, stages: l
 
     def look(context: StageContext) -> None:
         found.extend(blas_threads())
-        context.executor.map(lambda _: found.extend(blas_threads()), range(2))
+        list(context.executor.stream(lambda _: found.extend(blas_threads()), range(2)))
         found.extend(blas_threads())
 
     stages[0].act = look

@@ -13,7 +13,7 @@ from fusion.workspace import Workspace, new_workspace
 from spcola.control import Landmark
 from spcola.errors import SpcolaError
 from spcola.formats.maplets import read_map, write_maplet
-from spcola.formats.shapes import write_obj
+from spcola.formats.shapes import write_obj_mesh
 from spcola.formats.solution import write_landmark
 from spcola.grids import Maplet, MapletGrid
 from spcola.math import lattice
@@ -42,7 +42,7 @@ def solution(
             write_landmark(workspace.landmark_path(name), Landmark(name, there, sigma))
     if shape:
         ball_shape = IcqShape(RADIUS * icq_directions(24)).mesh()
-        write_obj(root / "SHAPEFILES" / "ball.obj", ball_shape)
+        write_obj_mesh(root / "SHAPEFILES" / "ball.obj", ball_shape)
     return workspace
 
 
@@ -98,7 +98,7 @@ def test_flipped_bits_of_a_header_are_seen(tmp_path: Path) -> None:
     passed_there, _ = flipped(there, "AA0005", quantum[::9])
     assert passed_there > 0  # without a shape the height of a maplet cannot be checked
     ball_shape = IcqShape(RADIUS * icq_directions(24)).mesh()
-    write_obj(tmp_path / "SHAPEFILES" / "ball.obj", ball_shape)
+    write_obj_mesh(tmp_path / "SHAPEFILES" / "ball.obj", ball_shape)
     passed, moved = flipped(there, "AA0005", quantum[::2])
     assert passed <= 11
     assert moved < 0.5

@@ -10,11 +10,11 @@ import rasterio
 from rasterio.crs import CRS
 from rasterio.warp import transform as warp
 
-from fusion.products import lon_lat_deg
 from fusion.products.formats import read_geotiff, write_geotiff
 from fusion.products.formats.geotiff import crs_wkt, geotransform
 from spcola.errors import FormatError, InvalidValueError
 from spcola.grids import Maplet, MapletGrid
+from spcola.math import lon_lat_deg
 
 
 @pytest.fixture

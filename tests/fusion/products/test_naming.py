@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.products import lon_lat_deg, product_stems
+from fusion.products import product_stems
 from fusion.products.naming import product_stem
 from spcola.errors import InvalidValueError
 from spcola.grids import MapletGrid
@@ -42,11 +42,3 @@ def test_no_two_products_share_a_name() -> None:
 def test_refuses_what_no_name_can_hold(wrong: dict) -> None:
     with pytest.raises(InvalidValueError):
         product_stem(grid_at(1, 1), **{"version": 1, **wrong})
-
-
-def test_directions() -> None:
-    points = np.array([[1, 0, 0], [0, 2, 0], [-3, 0, 0], [0, -1, 0], [0, 0, 5], [1, -1e-18, 0]])
-    longitude, latitude = lon_lat_deg(points)
-    np.testing.assert_allclose(longitude, [0, 90, 180, 270, 0, 0], atol=1e-12)
-    np.testing.assert_allclose(latitude, [0, 0, 0, 0, 90, 0], atol=1e-12)
-    assert np.isnan(lon_lat_deg(np.full(3, np.nan))).all()

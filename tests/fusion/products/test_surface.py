@@ -10,7 +10,7 @@ import pytest
 from fusion.products.formats import read_surface, write_obj, write_ply
 from fusion.products.formats.surface import triangles
 from spcola.errors import FormatError, InvalidValueError
-from spcola.formats.shapes import read_obj
+from spcola.formats.shapes import read_obj_mesh
 from spcola.grids import Maplet, MapletGrid
 
 WRITERS = {"obj": write_obj, "ply": write_ply}
@@ -61,7 +61,7 @@ def test_a_missing_point_takes_its_facets_along() -> None:
 
 def test_other_readers_see_the_surface(tmp_path, fused, provenance) -> None:
     write_obj(tmp_path / "s.obj", fused, provenance)
-    mesh = read_obj(tmp_path / "s.obj")
+    mesh = read_obj_mesh(tmp_path / "s.obj")
     np.testing.assert_allclose(mesh.vertices, fused.points()[fused.valid], atol=1e-9)
     np.testing.assert_array_equal(mesh.facets, triangles(fused))
 

@@ -7,9 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fusion.registration.fit import FitOptions
+from fusion.registration.fit import FitOptions, ScanErrorPatterns
 from fusion.registration.fit.fit import fit_transform
-from fusion.registration.results import ScanEffects
 from spcola.math import Affine, Similarity, lattice
 
 PLANTED = Similarity.from_rotation_vector(
@@ -44,7 +43,7 @@ def registered(points, seed, *, truth=PLANTED, sigma=0.02, scan_sigma=0.03, scan
     generator = np.random.default_rng(seed)
     shares = np.eye(scans)[generator.permutation(len(points)) % scans]
     names = [f"scan{number}" for number in range(scans)]
-    effects = ScanEffects.independent(names, 0.03).at(shares, np.asarray(points))
+    effects = ScanErrorPatterns.independent(names, 0.03).at(shares, np.asarray(points))
     moved = truth.apply(points) - points + given.get("extra", 0.0)
     moved = moved + shares @ (scan_sigma * generator.normal(size=(scans, 3)))
     covariance = given.get("covariance", sigma**2 * np.eye(3))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from fusion.registration.fit import FitOptions, similarity_numbers
+from fusion.registration.fit import FitOptions
 from fusion.registration.fit.fit import fit_transform
 from fusion.surfacematch import Match, Surface, match_surfaces
 from spcola.grids import MapletGrid
@@ -70,7 +70,7 @@ def scale_of(matches):
         np.zeros((len(matches), 3, 0)),
         options=FitOptions(center_sigma_m=0.01),
     )
-    return similarity_numbers(fit)[:2]
+    return fit.similarity_numbers()[:2]
 
 
 def test_boulders_that_spc_shortens_do_not_bias_the_scale(bodies):

@@ -5,18 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fusion.registration.fit import FitOptions, LandmarkErrors
-from fusion.registration.observations import ImagedMapolas, fit_mapolas, place_mapolas
+from fusion.registration.fit import (
+    FitOptions,
+    LandmarkErrors,
+    MatchedMapolas,
+    ScanErrorPatterns,
+    fit_mapolas,
+)
+from fusion.registration.observations import ImagedMapolas, place_mapolas
 from fusion.registration.observations.combine import ObservationTypeSizes, joint_matches
-from fusion.registration.results import MatchedMapolas, ScanEffects
 from fusion.surfacematch import Match
 from spcola.camera import Camera, SpcImage, project_image
-from spcola.control.estimation import Fixes, state_covariance
+from spcola.control.estimation import MeasuredLandmarks, state_covariance
 from spcola.grids import MapletGrid
 from spcola.imagematching import Sighting, SizeFactors
 
 CAMERA = Camera(100.0, [128.5, 128.5], [[40.0, 0.0, 0.0], [0.0, 40.0, 0.0]], 256, 256)
-NO_FIXES = Fixes(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 3)))
+NO_FIXES = MeasuredLandmarks(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 3)))
 
 
 def looking(name, position):
@@ -114,7 +119,7 @@ def imaged(*matches, effects=None):
 
 def by_heights(*matches, residual=0.0, effects=None):
     count = len(matches)
-    scans = ScanEffects.independent([], 0.05)
+    scans = ScanErrorPatterns.independent([], 0.05)
     none = np.zeros((count, 3, 0)) if effects is None else effects
     return MatchedMapolas(matches, scans, none, np.tile(residual**2 * np.eye(3), (count, 1, 1)))
 

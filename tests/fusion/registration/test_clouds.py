@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.estimation.verdict import Code
 from fusion.registration.clouds import Alignment, AlignOptions, align_clouds
 from fusion.registration.clouds.composed import composed
-from fusion.registration.fit import PARAMETERS, KnownTransform, Model
-from fusion.registration.returns import DirectRegistration
+from fusion.registration.direct import DirectRegistration
+from fusion.registration.transform import PARAMETERS, KnownTransform, Model
+from fusion.verdict import Code
 from spcola.errors import InvalidValueError, RejectedResultError
 from spcola.math import Affine, Similarity
 
@@ -96,8 +96,8 @@ def test_a_cloud_that_was_moved_before_has_the_same_errors_on_the_ground(model: 
     root = draw.normal(size=(len(PARAMETERS[model]),) * 2) * 1e-3
     matrix = PLANTED.rotation if model == "rigid" else PLANTED.scale * PLANTED.rotation
     found = DirectRegistration(
-        Affine(matrix, [1.0, 2.0, 3.0], "fixed", "moving"), model, PARAMETERS[model],
-        root @ root.T, np.zeros(3), 0.0, 0.1, 1, 1, 1, 1, True,
+        model, Affine(matrix, [1.0, 2.0, 3.0], "fixed", "moving"), root @ root.T,
+        np.zeros(3), 0.0, 0.1, 1, 1, 1, 1, True,
     )  # fmt: skip
     turn = Similarity.from_rotation_vector([0.7, -0.2, 0.4]).rotation
     scale = 1.0 if model == "rigid" else 3.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import fft
 
-from fusion.registration.judging import Placed, common_relief
+from fusion.registration.judging import ReliefPair, common_relief
 from fusion.registration.judging.common_ground import SHOWN
 from spcola.arrays import FloatArray
 
@@ -26,14 +26,16 @@ def terrain(seed: int, *, steepness: float = 1.8) -> FloatArray:
     return relief / relief.std() - (x**2 + y**2) / 200.0
 
 
-def pair(seed: int, other: int, *, noise: float = 0.3, shift: tuple[int, int] = (0, 0)) -> Placed:
+def pair(
+    seed: int, other: int, *, noise: float = 0.3, shift: tuple[int, int] = (0, 0)
+) -> ReliefPair:
     """SPC of one terrain with noise, and lidar of another one that has to be moved by `shift`."""
     draw = np.random.default_rng(seed + 10_000)
     inner = slice(REACH, REACH + SIZE)
     x, y = shift
     lidar = terrain(other)[REACH + y : REACH + y + SIZE, REACH + x : REACH + x + SIZE]
     spc = terrain(seed)[inner, inner] + noise * draw.normal(size=(SIZE, SIZE))
-    return Placed(lidar.copy(), spc, np.array(shift, dtype=float), REACH)
+    return ReliefPair(lidar.copy(), spc, np.array(shift, dtype=float), REACH)
 
 
 def test_one_ground_is_known_as_such_at_the_place_where_it_is() -> None:
@@ -85,7 +87,7 @@ def test_half_of_the_cells_missing_still_show_the_ground() -> None:
 def test_ground_without_relief_shows_nothing() -> None:
     y, x = np.mgrid[:SIZE, :SIZE] - SIZE / 2
     ball = -(x**2 + y**2) / 200.0
-    found = common_relief([Placed(ball, ball, np.zeros(2), REACH)] * 4)
+    found = common_relief([ReliefPair(ball, ball, np.zeros(2), REACH)] * 4)
     assert found.compared == 0
     assert np.isnan(found.share)
 
@@ -97,6 +99,6 @@ def test_noise_of_a_smooth_body_is_no_relief() -> None:
     placed = []
     for _ in range(6):
         lidar, spc = 0.05 * draw.normal(size=(2, SIZE, SIZE)) - (x**2 + y**2) / 200.0
-        placed.append(Placed(lidar, spc, np.zeros(2), REACH, noise=0.07))
+        placed.append(ReliefPair(lidar, spc, np.zeros(2), REACH, noise=0.07))
     assert common_relief(placed).compared == 0
     assert common_relief([one._replace(noise=0.0) for one in placed]).share == 0.0

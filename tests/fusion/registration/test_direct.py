@@ -10,21 +10,20 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from fusion.estimation.verdict import Code, Verdict
 from fusion.registration.clouds.blur import relative_blur, significant_blur
 from fusion.registration.clouds.clouds import CloudOptions, register_clouds
 from fusion.registration.clouds.not_aligned import NotAlignedError
-from fusion.registration.fit.fit import LIDAR_FRAME, PARAMETERS, SPC_FRAME
+from fusion.registration.direct import DirectRegistration
 from fusion.registration.returns import (
     CloudOfReturns,
     FixedSurface,
     SurfaceNormalEquations,
     match_returns,
-    surface_equations,
 )
-from fusion.registration.returns.direct import DirectRegistration
+from fusion.registration.transform.parameters import LIDAR_FRAME, SPC_FRAME
 from fusion.stages.register.scan_fits import ScanFit
 from fusion.surfacematch import Match, Surface
+from fusion.verdict import Code, Verdict
 from spcola.errors import InvalidValueError, NotObservableError
 from spcola.grids import MapletGrid
 from spcola.math import Affine, Similarity
@@ -155,7 +154,7 @@ def test_clouds_may_lie_anywhere_and_a_metre_apart() -> None:
     frame = Similarity.from_rotation_vector([0.7, -0.4, 1.1], [100.0, -200.0, 60.0])
     planted = Similarity.from_rotation_vector([0.0, 1e-3, 0.0], [0.6, 0.5, -0.4], 1.0)
     fixed, moving = Terrain(4).cloud(1, POINTS, NOISE_M), Terrain(4).cloud(0, POINTS, NOISE_M)
-    there = frame.compose(planted.inverse()).apply(moving)
+    there = (frame @ planted.inverse()).apply(moving)
     found = register_clouds(there, frame.apply(fixed))
     expected = frame.apply(moving)
     assert np.abs(found.transform.apply(there) - expected).max() < 0.005
@@ -256,14 +255,11 @@ def fitted(
     """The transform of the returns on some surfaces, as that of a scan is found."""
     begin = Affine(np.eye(3), np.zeros(3), SPC_FRAME, LIDAR_FRAME)
     center = np.mean([fixed.grid.center for _, fixed in parts], axis=0)
-    fit = ScanFit(begin, "similarity", np.full((7, 7), np.inf), center)
+    fit = ScanFit("similarity", begin, np.full((7, 7), np.inf), center)
     for _ in range(4):
-        found = [
-            surface_equations(cloud, fixed, fit.transform, center, size=7, min_coverage=0.0)
-            for cloud, fixed in parts
-        ]
+        found = [fit.equations(cloud, fixed) for cloud, fixed in parts]
         known: list[SurfaceNormalEquations] = [each for each in found if each is not None]
-        fit = fit.stepped(known, PARAMETERS["similarity"], maplet_sigma_m)
+        fit = fit.stepped(known, maplet_sigma_m)
     return fit
 
 

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.registration.fit import FitOptions, similarity_numbers, transform_partials
+from fusion.registration.fit import FitOptions, ScanErrorPatterns, share_matrix
 from fusion.registration.fit.fit import fit_transform
 from fusion.registration.fit.significance import strain_departure
-from fusion.registration.results import ScanEffects, share_matrix
+from fusion.registration.transform import transform_partials
 from spcola.errors import NotObservableError
 from spcola.math import Affine, Similarity
 
@@ -34,7 +34,7 @@ def fit(points, truth, generator, *, sigma=0.01, scan_sigma=0.0, scans=12, model
 
 def scan_effects(shares, points, sigma=0.05):
     names = [f"scan{number}" for number in range(shares.shape[1])]
-    return ScanEffects.independent(names, sigma).at(shares, points)
+    return ScanErrorPatterns.independent(names, sigma).at(shares, points)
 
 
 def test_planted_similarity_is_recovered_exactly_without_noise():
@@ -54,7 +54,7 @@ def test_pulls_of_all_parameters_are_of_unit_width_with_misplaced_scans():
     for seed in range(40):
         generator = np.random.default_rng(seed)
         result = fit(centers(generator), truth, generator, sigma=0.02, scan_sigma=0.05)
-        scale, scale_sigma, rotation, rotation_sigma = similarity_numbers(result)
+        scale, scale_sigma, rotation, rotation_sigma = result.similarity_numbers()
         sigma = np.sqrt(np.diag(result.covariance))
         pulls.append(
             [
@@ -97,10 +97,10 @@ def test_affine_separates_shear_from_none():
     generator = np.random.default_rng(4)
     points = centers(generator)
     sheared = Affine(np.eye(3) + 1e-3 * np.array([[0, 1, 0], [1, 0, 0], [0, 0, 0]]), np.zeros(3))
-    found = strain_departure(fit(points, sheared, generator, model="affine"), points)
+    found = strain_departure(fit(points, sheared, generator, model="affine"))
     assert found.estimate[2] == pytest.approx(1e-3, abs=4 * found.sigma[2])
     assert found.estimate[2] > 10 * found.sigma[2]
-    found = strain_departure(fit(points, planted(), generator, model="affine"), points)
+    found = strain_departure(fit(points, planted(), generator, model="affine"))
     assert np.all(np.abs(found.estimate) < 4 * found.sigma)
 
 
@@ -123,7 +123,7 @@ def test_a_small_region_gets_a_sigma_that_covers_its_error():
         generator = np.random.default_rng(seed)
         points = np.array([250.0, 0.0, 0.0]) + 15.0 * generator.normal(size=(25, 3)) * [0.1, 1, 1]
         result = fit(points, truth, generator, sigma=0.02, scan_sigma=0.05)
-        scale, sigma, _, _ = similarity_numbers(result)
+        scale, sigma, _, _ = result.similarity_numbers()
         assert sigma > 2e-4, "a patch of 30 m cannot determine the scale to a hundred ppm"
         assert abs(scale - truth.scale) < 4 * sigma
 
@@ -148,7 +148,7 @@ def test_too_few_or_badly_placed_mapolas_are_refused(points, free):
 def test_rigid_fixes_the_scale_at_one():
     generator = np.random.default_rng(6)
     result = fit(centers(generator), planted(), generator, model="rigid")
-    scale, sigma, _, _ = similarity_numbers(result)
+    scale, sigma, _, _ = result.similarity_numbers()
     assert (scale, sigma) == (pytest.approx(1.0, abs=1e-12), 0.0)
 
 
@@ -180,7 +180,7 @@ def test_a_turned_scan_displaces_its_far_end():
     """Modes of rotation reach a mapola by its arm from the scan's centre."""
     modes = np.zeros((6, 1))
     modes[5, 0] = 1e-3
-    scans = ScanEffects(("one",), np.array([[100.0, 0.0, 0.0]]), modes)
+    scans = ScanErrorPatterns(("one",), np.array([[100.0, 0.0, 0.0]]), modes)
     effect = scans.at(np.ones((1, 1)), np.array([[150.0, 0.0, 0.0]]))
     assert effect[0, :, 0] == pytest.approx([0.0, 0.05, 0.0], abs=1e-15)
 

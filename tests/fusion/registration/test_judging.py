@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fusion.estimation.verdict import Code
-from fusion.registration.judging import Evidence, Limits, judge_registration
+from fusion.registration.judging import Evidence, RegistrationLimits, judge_registration
 from fusion.registration.judging.common_ground import CommonRelief
+from fusion.verdict import Code
 
-LIMITS = Limits(rotation_deg=1.0, scale=0.01, center_sigma_m=0.05)
+LIMITS = RegistrationLimits(rotation_deg=1.0, scale=0.01, center_sigma_m=0.05)
 
 
 def content(**changed: Any) -> dict[str, Any]:

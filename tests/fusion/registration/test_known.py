@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.registration.fit import PARAMETERS, KnownTransform, similarity_numbers
-from fusion.registration.fit.known import inverse_jacobian, known_transform
+from fusion.registration.transform import PARAMETERS, KnownTransform
+from fusion.registration.transform.known import inverse_jacobian, known_transform
 from spcola.errors import InvalidValueError
 from spcola.math import Affine, Similarity
 
@@ -72,7 +72,7 @@ def test_the_inverse_of_the_inverse_is_the_transform(model):
 def test_numbers_are_those_of_a_registration(scene):
     fit = scene.registered(scene.body(), 1)
     numbers = KnownTransform(fit.model, fit.transform, fit.covariance).numbers()
-    scale, sigma, rotation, _ = similarity_numbers(fit)
+    scale, sigma, rotation, _ = fit.similarity_numbers()
     assert (numbers["scale"], numbers["scale_sigma"]) == (scale, sigma)
     assert numbers["rotation_deg"].tolist() == np.degrees(rotation).tolist()
     assert numbers["translation_sigma_m"].tolist() == np.sqrt(np.diag(fit.covariance))[:3].tolist()

@@ -7,8 +7,8 @@ import pytest
 from scipy import ndimage
 
 from fusion.fusing.maplets import FusedMaplet, Source
-from fusion.report import Recovered
-from fusion.report.data import Coverage, ReportData, Surfaces
+from fusion.report.data import LidarCoverage, ReportData, Surfaces
+from fusion.report.planted import RecoveredParameter
 from spcola.grids import MapletGrid
 
 
@@ -126,13 +126,13 @@ def report_data(places) -> ReportData:
     return ReportData(
         "Bennu <test>",
         places,
-        Coverage(centers, share),
+        LidarCoverage(centers, share),
         registration(),
         scale(),
         (
-            Recovered("epsilon", 1.5e-4, 1.42e-4, 1.2e-5, ""),
-            Recovered("rotation z", 0.01, 0.0105, 0.0009, "deg"),
-            Recovered("translation x", 0.1, 0.16, 0.011, "m"),
+            RecoveredParameter("epsilon", 1.5e-4, 1.42e-4, 1.2e-5, ""),
+            RecoveredParameter("rotation z", 0.01, 0.0105, 0.0009, "deg"),
+            RecoveredParameter("translation x", 0.1, 0.16, 0.011, "m"),
         ),
         {"spcola": "0.1.0"},
     )

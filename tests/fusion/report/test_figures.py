@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from fusion.fusing.maplets import Source
-from fusion.products import lon_lat_deg
-from fusion.report import number
 from fusion.report.data import Origins
 from fusion.report.figures.maps import _local
 from fusion.report.figures.origins import origins_figure
 from fusion.report.figures.scale import binned
+from fusion.report.figures.surfaces import surfaces_figure
 from fusion.report.gather import choose_places
+from fusion.report.layout import number_text
 from fusion.report.maplets import hillshade
-from fusion.report.maplets.surfaces import north_on_image, surfaces_figure
+from fusion.report.maplets.panels import north_on_image
 from spcola.grids import MapletGrid
-from spcola.math import lattice
+from spcola.math import lattice, lon_lat_deg
 
 
 def test_slopes_that_face_the_light_are_bright() -> None:
@@ -86,7 +86,7 @@ def test_bins() -> None:
     ],
 )
 def test_numbers_have_the_digits_of_their_sigma(value, sigma, text) -> None:
-    assert number(value, sigma) == text
+    assert number_text(value, sigma) == text
 
 
 def test_places_are_chosen_for_their_reasons(places) -> None:

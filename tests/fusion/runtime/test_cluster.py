@@ -81,10 +81,10 @@ def pid(_: int) -> int:
 
 def test_results_come_in_order_from_other_processes(executor: ClusterExecutor) -> None:
     shift = 7
-    assert executor.map(lambda item: item * item + shift, range(30)) == [
+    assert list(executor.stream(lambda item: item * item + shift, range(30))) == [
         item * item + shift for item in range(30)
     ]
-    workers = set(executor.map(pid, range(8)))
+    workers = set(executor.stream(pid, range(8)))
     assert len(workers) == 2
     assert os.getpid() not in workers
     assert executor.workers == 2
@@ -112,7 +112,7 @@ def test_an_error_of_a_worker_is_that_of_the_caller(executor: ClusterExecutor) -
         return item
 
     with pytest.raises(WorkspaceError, match="/data/scan: is not there; restore it") as raised:
-        executor.map(fail, range(100))
+        list(executor.stream(fail, range(100)))
     assert raised.value.do == "restore it"
 
 

@@ -18,26 +18,26 @@ def test_results_keep_the_order_of_the_items() -> None:
         time.sleep(0.02 if item == 0 else 0.0)
         return item * item
 
-    assert ThreadExecutor(4).map(slow_first, range(20)) == [n * n for n in range(20)]
+    assert list(ThreadExecutor(4).stream(slow_first, range(20))) == [n * n for n in range(20)]
 
 
 def test_the_interpreter_is_handed_over_as_before_when_the_work_is_done() -> None:
     usual = sys.getswitchinterval()
-    during = ThreadExecutor(2).map(lambda _: sys.getswitchinterval(), range(2))
+    during = list(ThreadExecutor(2).stream(lambda _: sys.getswitchinterval(), range(2)))
     assert max(during) < usual
     assert sys.getswitchinterval() == usual
     with pytest.raises(ZeroDivisionError):
-        ThreadExecutor(2).map(lambda n: 1 / n, [0])
+        list(ThreadExecutor(2).stream(lambda n: 1 / n, [0]))
     assert sys.getswitchinterval() == usual
 
 
 def test_no_items_give_no_results() -> None:
-    assert ThreadExecutor(2).map(abs, []) == []
+    assert list(ThreadExecutor(2).stream(abs, [])) == []
 
 
 def test_work_runs_on_several_threads_at_once() -> None:
     meeting = threading.Barrier(3, timeout=10)
-    ThreadExecutor(3).map(lambda _: meeting.wait(), range(3))
+    list(ThreadExecutor(3).stream(lambda _: meeting.wait(), range(3)))
 
 
 def test_items_are_read_only_as_workers_become_free() -> None:
@@ -66,7 +66,7 @@ def test_the_first_error_cancels_what_has_not_begun() -> None:
         return item
 
     with pytest.raises(ValueError, match="item 1"):
-        ThreadExecutor(2).map(fail_early, range(1000))
+        list(ThreadExecutor(2).stream(fail_early, range(1000)))
     assert len(begun) < 20
     assert not any(thread.name.startswith("spcola") for thread in threading.enumerate())
 
@@ -77,7 +77,7 @@ def test_an_interrupt_in_the_caller_ends_the_workers() -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        ThreadExecutor(2).map(abs, items())
+        list(ThreadExecutor(2).stream(abs, items()))
     assert not any(thread.name.startswith("spcola") for thread in threading.enumerate())
 
 

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
-from fusion.runtime.processes import Limits, isolated
+from fusion.runtime.processes import ProcessLimits, isolated
 from spcola.errors import InvalidValueError, SpcolaError
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -43,7 +43,7 @@ def test_the_death_of_the_child_is_one_line_and_leaves_nothing_half_written(
     half = f"touch {work}/scans/.new.h5.2.part; echo 'memory allocation failed' >&2; "
     monkeypatch.setattr(sys, "executable", child(tmp_path, half + script))
     with pytest.raises(SpcolaError, match=rf"spcola import: {message}") as caught:
-        isolated(["import", "ws", "a.laz"], Limits(seconds=seconds), work)
+        isolated(["import", "ws", "a.laz"], ProcessLimits(seconds=seconds), work)
     assert "\n" not in str(caught.value)
     assert sorted(p.name for p in work.rglob("*.*")) == [".before.h5.1.part", "whole.h5"]
 
@@ -51,7 +51,7 @@ def test_the_death_of_the_child_is_one_line_and_leaves_nothing_half_written(
 def test_limits_that_are_none_are_refused() -> None:
     for values in ({"memory_mb": 100}, {"seconds": 0.0}, {"seconds": float("nan")}):
         with pytest.raises(InvalidValueError, match="--limit"):
-            Limits(**values)
+            ProcessLimits(**values)
 
 
 LIMITED = """

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from fusion.runtime.processes import clear_abandoned_folders
+from fusion.runtime.folders import clear_abandoned_folders
 
 
 def test_hidden_folders_of_dead_processes_are_removed(tmp_path: Path) -> None:

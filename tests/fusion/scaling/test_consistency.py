@@ -7,7 +7,7 @@ from fusion.estimation import influence
 from fusion.registration.fit.fit import fit_transform
 from fusion.scaling.fit import ScaleOptions, estimate_scale
 from fusion.scaling.fit.observation import ScaleObservations, uniform_displacements
-from fusion.scaling.judging import consistency, shared_by_maplets
+from fusion.scaling.judging import consistency, covariance_by_maplets
 
 MAPLETS, RADIUS, RANGE = 20, 75.0, 250.0
 CENTER, MATCH = 0.06, 0.02
@@ -67,7 +67,7 @@ def both_fits(seed):
     }
     of_scale = influence(registration.observations, registration.fit)[6]
     of_epsilon = -UNDER.T @ influence(estimate.equations, estimate.fit)[0]
-    shared = shared_by_maplets(of_epsilon, of_scale, np.full((MAPLETS, 3), CENTER))
+    shared = covariance_by_maplets(of_epsilon, of_scale, np.full((MAPLETS, 3), CENTER))
     scale = {"epsilon": estimate.epsilon, "epsilon_sigma": estimate.epsilon_sigma}
     return scale, content, shared
 

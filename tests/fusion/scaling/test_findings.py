@@ -5,17 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fusion.estimation.verdict import Cause, Code, Severity, Verdict
 from fusion.scaling.fit import ScaleOptions, estimate_scale
 from fusion.scaling.fit.observation import ScaleObservations
 from fusion.scaling.fit.residuals import residuals_json
 from fusion.scaling.judging import (
     consistency_findings,
-    missed_findings,
+    lost_findings,
     scale_findings,
-    unmatched_findings,
-    unobserved_findings,
 )
+from fusion.verdict import Cause, Code, Severity, Verdict
 
 DAYS = ("2019-03-07", "2019-03-14", "2019-03-21")
 # By an independent trajectory rotations and centre are determined by the relief of one body only.
@@ -136,11 +134,10 @@ def test_scales_that_disagree_are_doubtful():
 
 
 def test_shares_of_what_is_missing():
-    assert missed_findings(30, 100) == []
-    assert missed_findings(40, 100)[0].code is Code.SHOTS_MISS_SHAPE
-    assert unmatched_findings(2, 24) == []
-    assert unmatched_findings(23, 24)[0].code is Code.PAIRS_NOT_MATCHED
-    assert unobserved_findings("no pair")[0].severity is Severity.REFUSED
+    assert lost_findings("shots", 30, 100) == []
+    assert lost_findings("shots", 40, 100)[0].code is Code.SHOTS_MISS_SHAPE
+    assert lost_findings("pairs", 2, 24) == []
+    assert lost_findings("pairs", 23, 24)[0].code is Code.PAIRS_NOT_MATCHED
 
 
 @pytest.mark.parametrize("kind", ["pairs", "shots"])

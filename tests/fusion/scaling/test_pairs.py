@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.estimation.verdict import Cause
-from fusion.scaling.geometry import LeftOut, PairOptions, frame_of_image, pair_size, seen_from
+from fusion.scaling.geometry import PairOptions, UnpairedImage, frame_of_image, pair_size
 from fusion.scaling.geometry.frames import local_time
-from fusion.scaling.pairs import Pair, Sources, blur_of, make_pair, pair_observations, rematched
+from fusion.scaling.pairs import Pair, PairSources, make_pair, pair_observations, rematch
 from fusion.surfacematch import MatchOptions
+from fusion.verdict import Cause
 from lidar.scans import Returns
 from spcola.camera import Camera, SpcImage
 from spcola.grids import Maplet
@@ -15,7 +15,7 @@ from spcola.shape import Mesh, RayCaster
 
 CAMERA = Camera(125.0, [512.5, 512.5], [[117.0, 0, 0], [0, 117.0, 0]], 1024, 1024)
 OPTIONS = PairOptions(size_m=40.0, gsd_m=0.5, match=MatchOptions(capture_m=3.0))
-SOURCES = Sources("S", np.zeros(1), np.zeros((1, 3, 3)), np.ones(1))
+SOURCES = PairSources("S", np.zeros(1), np.zeros((1, 3, 3)), np.ones(1))
 CUBE = Mesh(
     50.0 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]),
     [
@@ -74,7 +74,7 @@ def test_the_frame_lies_where_the_central_pixel_looks():
 
 def test_images_past_the_body_are_left_out():
     past = frame_of_image(image([2000.0, 0.0, 0.0], [0.0, 300.0, 0.0]), RayCaster(CUBE), OPTIONS)
-    assert past == LeftOut("I1", Cause.OFF_BODY, "the central pixel misses the body")
+    assert past == UnpairedImage("I1", Cause.OFF_BODY, "the central pixel misses the body")
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_images_past_the_body_are_left_out():
 def test_oblique_ground_is_left_out_and_the_angle_reported(position, sun, reason):
     seen = image(position, [50.0, 0.0, 0.0], sun=sun)
     left_out = frame_of_image(seen, RayCaster(CUBE), OPTIONS)
-    assert left_out == LeftOut("I1", Cause.OBLIQUE, left_out.reason)
+    assert left_out == UnpairedImage("I1", Cause.OBLIQUE, left_out.reason)
     assert left_out.reason.startswith(reason)
 
 
@@ -116,15 +116,15 @@ def test_a_pair_finds_how_far_the_lidar_lies_from_spc():
     surface = np.stack([50.0 + relief(y, z), y, z], axis=1) + shift
     returns = Returns(surface, np.full(len(y), 0.03), np.zeros(len(y), dtype=np.int32), ("S",))
     pair = make_pair(
-        frame, spc, returns, Sources("S", np.ones(1), np.eye(3)[None], np.ones(1)), OPTIONS
+        frame, spc, returns, PairSources("S", np.ones(1), np.eye(3)[None], np.ones(1)), OPTIONS
     )
     assert isinstance(pair, Pair)
     observed = pair_observations([pair, pair], "spc")
     np.testing.assert_allclose(observed.value[0], shift, atol=0.01)
     # The surface lies 0.4 m further along the beam than SPC has it.
     assert observed.epsilon()[0][0] == pytest.approx(0.4 / 1950.0, rel=0.03)
-    assert abs(blur_of(pair)) < 0.5
-    assert isinstance(rematched(pair, OPTIONS, blur_cells=0.0), Pair)
+    assert abs(pair.relative_blur()) < 0.5
+    assert isinstance(rematch(pair, OPTIONS, blur_cells=0.0), Pair)
 
 
 def test_without_maplet_or_returns_there_is_no_pair():
@@ -152,13 +152,13 @@ def test_a_square_that_one_of_the_two_hardly_covers_is_left_out(what, spc_side, 
     points = np.stack([50.0 + relief(y, z), y, z], axis=1)
     returns = Returns(points, np.full(len(y), 0.03), np.zeros(len(y), dtype=np.int32), ("S",))
     left_out = make_pair(frame, Maplet("I1", frame.grid, height), returns, SOURCES, OPTIONS)
-    assert isinstance(left_out, LeftOut)
+    assert isinstance(left_out, UnpairedImage)
     assert left_out.reason.startswith(f"{what} cover only 1")
     assert left_out.reason.endswith("% of the square")
 
 
 def test_the_line_of_sight_is_that_of_the_returns():
     frame = frame_of_image(image([2000.0, 0.0, 0.0], [50.0, 0.0, 0.0]), RayCaster(CUBE), OPTIONS)
-    moved = seen_from(frame, np.array([1000.0, 950.0, 0.0]))
+    moved = frame.with_station(np.array([1000.0, 950.0, 0.0]))
     np.testing.assert_allclose(moved.beam, [-1 / np.sqrt(2), -1 / np.sqrt(2), 0.0], atol=1e-12)
     assert moved.range == pytest.approx(950.0 * np.sqrt(2))

@@ -6,7 +6,7 @@ import pytest
 from fusion.scaling.fit.observation import uniform_displacements
 from fusion.scaling.geometry import maplet_shares
 from fusion.scaling.geometry.sharing import ground_in_common, patterns, shared_matches
-from fusion.scaling.pairs import cell_means, match_response
+from fusion.scaling.pairs.response import cell_means, surface_response
 from fusion.surfacematch import MatchOptions, Surface, match_surfaces
 from spcola.grids import Maplet, MapletGrid
 
@@ -73,7 +73,7 @@ def test_matches_over_one_ground_are_one_match():
 def test_a_source_that_moves_everything_moves_the_match_by_its_share():
     y, x = np.meshgrid(GRID.offsets, GRID.offsets, indexing="ij")
     shares = np.full((*GRID.shape, 2), [0.3, 0.7])
-    response = match_response(GRID, relief(y, x), np.full(GRID.shape, 0.01), shares)
+    response = surface_response(GRID, relief(y, x), np.full(GRID.shape, 0.01), shares)
     np.testing.assert_allclose(response[0], 0.3 * np.eye(3), atol=1e-10)
     np.testing.assert_allclose(response[1], 0.7 * np.eye(3), atol=1e-10)
 
@@ -84,7 +84,7 @@ def test_what_the_match_finds_of_a_bent_square_is_the_response(axis):
     y, x = np.meshgrid(GRID.offsets, GRID.offsets, indexing="ij")
     share = 1.0 - np.abs(y + 12.0) / 60.0
     height = relief(y, x)
-    response = match_response(
+    response = surface_response(
         GRID, height, np.full(GRID.shape, np.nan), np.stack([share, 1.0 - share], axis=2)
     )
     moved = 0.02 * np.eye(3)[axis]
@@ -104,7 +104,7 @@ def test_what_the_match_finds_of_a_bent_square_is_the_response(axis):
 
 def test_flat_ground_leaves_the_mean_share():
     shares = np.full((*GRID.shape, 1), 0.4)
-    response = match_response(GRID, np.zeros(GRID.shape), np.ones(GRID.shape), shares)
+    response = surface_response(GRID, np.zeros(GRID.shape), np.ones(GRID.shape), shares)
     np.testing.assert_allclose(response[0], 0.4 * np.eye(3))
 
 

@@ -10,16 +10,17 @@ import pytest
 
 from fusion.stages import compiling, compiling_ahead
 from fusion.stages.compiling import compile_late
-from fusion.surfacematch import gauss_newton
+from fusion.surfacematch import MATCH_KERNEL
 from spcola.compilation import KernelCache, is_kept
-from spcola.heights import multiply
+from spcola.heights import HeightSystem
+from spcola.heights.smoothing import multiply
 
 
 def test_made_up_surfaces_need_the_kernels_of_the_late_stages() -> None:
     compile_late()
-    assert is_kept(gauss_newton) == is_kept(multiply) == KernelCache.usable
+    assert is_kept(MATCH_KERNEL) == is_kept(multiply) == KernelCache.usable
     # Both precisions of the heights' cycle: the late stages need both.
-    precisions = {signature[0].dtype.name for signature in multiply.signatures}
+    precisions = {signature[1].dtype.name for signature in multiply.signatures}
     assert precisions == {"float32", "float64"}
 
 
@@ -33,6 +34,7 @@ def test_a_process_compiles_what_is_not_kept_and_no_longer_than_the_run(
         f"import os, time; open({str(note)!r}, 'w').write(str(os.getpid())); time.sleep(60)",
     )  # fmt: skip
     monkeypatch.setattr(compiling, "is_kept", lambda _: kept)
+    monkeypatch.setattr(HeightSystem, "is_compiled", lambda: kept)
     monkeypatch.setattr(KernelCache, "usable", True)
     with compiling_ahead():
         while not kept and not (note.exists() and note.read_text()):

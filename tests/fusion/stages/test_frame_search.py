@@ -6,7 +6,6 @@ import importlib.util
 import json
 import sys
 from collections.abc import Callable
-from contextlib import closing
 from pathlib import Path
 from types import ModuleType
 
@@ -16,9 +15,8 @@ from scipy.spatial import ConvexHull
 from typer.testing import CliRunner, Result
 
 from fusion.cli.app import app
-from fusion.pipeline.catalog import Catalog
-from fusion.runtime import Progress, ThreadExecutor
-from fusion.stages.ingest import Source, Workers, import_files
+from fusion.runtime import ThreadExecutor
+from fusion.stages import import_scans
 from fusion.stages.register.frame_search import search_workspace_frames, surface_points
 from fusion.truth import make_mission
 from fusion.truth.generation import LIDAR_FOLDER, SPC_FOLDER
@@ -31,7 +29,7 @@ from lidar.formats.records import LidarOptions
 from lidar.scans import Scan
 from spcola.arrays import FloatArray
 from spcola.formats.maplets import write_maplet
-from spcola.formats.shapes import write_obj
+from spcola.formats.shapes import write_obj_mesh
 from spcola.grids import Maplet, MapletGrid
 from spcola.math import lattice
 from spcola.shape import Mesh
@@ -66,7 +64,7 @@ def workspace(tmp_path: Path) -> Workspace:
     a, b, c = units[facets].transpose(1, 0, 2)
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0.0
     facets[inward] = facets[inward][:, ::-1]
-    write_obj(tmp_path / "body.obj", Mesh(ground(units), facets), unit="m")
+    write_obj_mesh(tmp_path / "body.obj", Mesh(ground(units), facets), unit="m")
     workspace = new_workspace(tmp_path / "WS", shape=tmp_path / "body.obj", shape_unit="m")
     turn = np.array([[-0.5, -np.sqrt(0.75), 0.0], [np.sqrt(0.75), -0.5, 0.0], [0.0, 0.0, 1.0]])
     seen = ground(lattice(20_001)) @ turn.T
@@ -145,12 +143,7 @@ def imported(
         root = tmp_path_factory.mktemp("altered")
         paths = alter.alter(tiny / LIDAR_FOLDER, root / "lidar", how)
         workspace = new_workspace(root / "WS", spc=tiny / SPC_FOLDER)
-        settings = workspace.settings()
-        sources = [Source(path) for path in paths]
-        progress = Progress.fitting(silent=True)
-        with closing(Catalog(workspace)) as catalog:
-            workers = Workers(ThreadExecutor(1), progress, catalog.digesting)
-            import_files(workspace, settings, sources, workers)
+        import_scans(workspace, paths, executor=ThreadExecutor(1))
         return workspace
 
     return make

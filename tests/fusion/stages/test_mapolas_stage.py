@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fusion.geolocation.return_source import _MOST_ARCS, arc_length
 from fusion.pipeline import Pipeline
 from fusion.runtime import ThreadExecutor
-from fusion.stages.geolocation.return_source import _MOST_ARCS, arc_length
 from fusion.stages.ingest import stage as ingest
-from fusion.stages.ingest.sources import recorded_source
+from fusion.stages.ingest.lidar_files import recorded_source
 from fusion.stages.mapolas import stage as mapolas
 from fusion.workspace import Workspace, new_workspace
 from fusion.workspace.settings import Settings
@@ -21,7 +21,7 @@ from lidar.formats.native import scan_summary, write_scan
 from lidar.scans import Scan
 from spcola.errors import SettingsError, WorkspaceError
 from spcola.formats.maplets import write_maplet
-from spcola.formats.shapes import write_obj
+from spcola.formats.shapes import write_obj_mesh
 from spcola.grids import Maplet, MapletGrid
 from spcola.shape import Mesh
 
@@ -126,7 +126,7 @@ def test_an_interrupt_leaves_no_mapolas_and_the_next_run_makes_them(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("fusion.stages.geolocation.return_source.grid_returns", interrupt)
+        patch.setattr("fusion.geolocation.return_source.grid_returns", interrupt)
         with pytest.raises(KeyboardInterrupt):
             pipeline(workspace).run_stage("mapolas")
     assert workspace.mapola_names() == []
@@ -138,13 +138,13 @@ def test_a_covering_needs_a_shape_and_a_spacing(workspace: Workspace) -> None:
     settings = Settings().with_table("mapolas", source="cover")
     with pytest.raises(WorkspaceError, match="needs a shape"):
         pipeline(workspace, settings).run_stage("mapolas")
-    write_obj(workspace.root / "SHAPEFILES" / "ball.obj", ball())
+    write_obj_mesh(workspace.root / "SHAPEFILES" / "ball.obj", ball())
     with pytest.raises(SettingsError, match=r"\[mapolas\] gsd_m"):
         pipeline(workspace, settings).run_stage("mapolas")
 
 
 def test_a_covering_makes_mapolas_where_the_returns_are(workspace: Workspace) -> None:
-    write_obj(workspace.root / "SHAPEFILES" / "ball.obj", ball())
+    write_obj_mesh(workspace.root / "SHAPEFILES" / "ball.obj", ball())
     settings = Settings().with_table("mapolas", source="cover", gsd_m=1.0, half_size=6)
     run = pipeline(workspace, settings).run_stage("mapolas")
     assert 0 < run.summary["mapolas"] < run.summary["grids"]

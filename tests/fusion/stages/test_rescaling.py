@@ -12,8 +12,8 @@ import pytest
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
-from fusion.estimation.verdict import Code, Finding, Severity, Verdict
 from fusion.stages.scale.rescaling import APPLIED_FILE, usable_epsilon
+from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import Workspace
 from spcola.errors import NotObservableError
 

@@ -8,8 +8,8 @@ from fusion.surfacematch import MatchOptions, Surface, match_surfaces
 from fusion.surfacematch.resolution import blur, estimate_blur, estimate_spectrum
 from fusion.surfacematch.resolution.noise import supported
 from spcola.grids import MapletGrid
+from spcola.grids.correlation import autocovariance, shift_variances
 from spcola.grids.gaps import bridged, filled, plane_of
-from spcola.grids.statistics import autocovariance, shift_variances
 
 GRID = MapletGrid.facing([100.0, 40.0, 30.0], [1.0, 0.4, 0.3], 0.5, 49)
 

@@ -24,7 +24,7 @@ from fusion.truth.planted import Planted
 from lidar.formats import read_scan
 from spcola.camera import project_image
 from spcola.errors import SettingsError, WorkspaceError
-from spcola.formats.shapes import read_shape, write_obj
+from spcola.formats.shapes import read_shape, write_obj_mesh
 from spcola.navigation import et_from_utc
 from spcola.shape import Mesh
 from spcola.shape.icq import IcqShape, icq_directions
@@ -236,7 +236,7 @@ def test_the_presets_have_the_phases_of_the_paper() -> None:
 
 def test_a_body_is_built_on_a_given_shape_by_the_command(tmp_path: Path) -> None:
     stretched = IcqShape(icq_directions(12) * [34.0, 30.0, 26.0], name="base").mesh()
-    write_obj(tmp_path / "base.obj", stretched, unit="m")
+    write_obj_mesh(tmp_path / "base.obj", stretched, unit="m")
     root = tmp_path / "mission"
     changes = ["solid.spacing=2.0", "solid.boulders=0", "solid.cliffs=0", "passes.count=4"]
     changes += ["lidar.width=30", "lidar.spacing=2", "campaign.detector=32", "solid.relief=0"]
@@ -251,7 +251,7 @@ def test_a_body_is_built_on_a_given_shape_by_the_command(tmp_path: Path) -> None
     assert isinstance(body, SolidBody)
     assert np.abs(body.nearest(stretched.vertices).distance).max() < 1e-9
     assert planted.settings.body.radius == pytest.approx(stretched.mean_radius, abs=1e-3)
-    write_obj(tmp_path / "base.obj", Mesh(1.1 * stretched.vertices, stretched.facets), unit="m")
+    write_obj_mesh(tmp_path / "base.obj", Mesh(1.1 * stretched.vertices, stretched.facets), unit="m")
     with pytest.raises(WorkspaceError, match="is not the shape on which"):
         planted.body()
 

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fusion.report import Recovered
+from fusion.report.planted import RecoveredParameter
 from fusion.truth.causes import chance, explained
 from fusion.truth.planted import PlacedCenter, Planted, TrueState
 from fusion.truth.presets import MissionSettings
@@ -46,7 +46,7 @@ def mission() -> tuple[Planted, Solved, dict]:
     return Planted(SETTINGS, {}, {}, centers, images), Solved(solved), scale
 
 
-def lines(*rows: Recovered, trajectory: str = "spc") -> list[str]:
+def lines(*rows: RecoveredParameter, trajectory: str = "spc") -> list[str]:
     planted, workspace, scale = mission()
     found = explained(rows, planted, workspace, {**scale, "trajectory": trajectory})  # type: ignore[arg-type]
     return [row.explanation for row in found]
@@ -57,7 +57,7 @@ def lines(*rows: Recovered, trajectory: str = "spc") -> list[str]:
     [("registration translation z", "maplets' centres"), ("centre offset z", "camera positions")],
 )
 def test_an_error_that_all_share_is_all_of_the_offset(name: str, cause: str) -> None:
-    (line,) = lines(Recovered(name, 0.04, 0.04 + SHIFT[2], 0.015, "m"))
+    (line,) = lines(RecoveredParameter(name, 0.04, 0.04 + SHIFT[2], 0.015, "m"))
     assert "+0.06 of +0.06 m come from the planted errors of" in line
     assert cause in line
     assert "the rest is within three sigma (+0.0 σ)" in line
@@ -67,21 +67,24 @@ def test_an_error_that_all_share_is_all_of_the_offset(name: str, cause: str) -> 
 def test_what_no_planted_error_explains_is_said() -> None:
     """An offset that all share neither turns nor scales anything."""
     turned, biased = lines(
-        Recovered("pole x", 0.0, 0.01, 0.001, "deg"), Recovered("range bias", 0.0, 0.2, 0.03, "m")
+        RecoveredParameter("pole x", 0.0, 0.01, 0.001, "deg"),
+        RecoveredParameter("range bias", 0.0, 0.2, 0.03, "m"),
     )
     assert "the rest is unexplained (+10.0 σ)" in turned
     assert biased.startswith("no planted error is known that explains it; by chance one mission in")
 
 
 def test_with_a_trajectory_of_its_own_the_lidar_does_not_share_errors_of_spc() -> None:
-    (line,) = lines(Recovered("centre offset z", 0.0, 0.06, 0.01, "m"), trajectory="reference")
+    (line,) = lines(
+        RecoveredParameter("centre offset z", 0.0, 0.06, 0.01, "m"), trajectory="reference"
+    )
     assert line.startswith("no planted error is known")
 
 
 def test_small_pulls_need_no_explanation() -> None:
     rows = [
-        Recovered("epsilon", 1e-4, 1.2e-4, 1e-5, ""),
-        Recovered("range bias", 0.0, float("nan"), float("nan"), "m"),
+        RecoveredParameter("epsilon", 1e-4, 1.2e-4, 1e-5, ""),
+        RecoveredParameter("range bias", 0.0, float("nan"), float("nan"), "m"),
     ]
     assert lines(*rows) == ["", ""]
     assert lines(*rows, replace(rows[0], recovered=2e-4))[:2] == ["", ""]

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from fusion.runtime import ThreadExecutor
-from fusion.runtime.processes import locked
+from fusion.runtime.folders import locked
 from fusion.truth import (
     PRESETS,
     images,

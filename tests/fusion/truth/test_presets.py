@@ -13,7 +13,7 @@ from fusion.truth.ground import shadow_ground
 from fusion.truth.presets import MissionSettings
 from fusion.truth.restoring import restored
 from fusion.truth.solution import light_of
-from lidar.gridding import RejectionOptions
+from lidar.gridding.rejection import RejectionOptions
 from spcola.errors import SettingsError
 from spcola.truth.campaign.passes import pass_directions
 

@@ -5,16 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.report import Recovered
+from fusion.report.planted import RecoveredParameter
 from fusion.truth.pulls import pull_statistics
 
 SIGMA = 2e-5
 
 
-def missions(count: int, *, factor: float = 1.0, bias: float = 0.0) -> list[list[Recovered]]:
+def missions(
+    count: int, *, factor: float = 1.0, bias: float = 0.0
+) -> list[list[RecoveredParameter]]:
     """Tables of one parameter whose errors have `factor` times the stated sigma."""
     errors = SIGMA * (factor * np.random.default_rng(7).normal(size=count) + bias)
-    return [[Recovered("epsilon", 2.5e-4, 2.5e-4 + e, SIGMA, "")] for e in errors]
+    return [[RecoveredParameter("epsilon", 2.5e-4, 2.5e-4 + e, SIGMA, "")] for e in errors]
 
 
 def test_true_sigmas_give_a_deviation_of_one() -> None:
@@ -44,14 +46,14 @@ def test_the_interval_holds_one_in_95_of_100_trials() -> None:
     rng = np.random.default_rng(3)
     inside = 0
     for _ in range(400):
-        rows = [[Recovered("x", 0.0, float(e), 1.0, "m")] for e in rng.normal(size=12)]
+        rows = [[RecoveredParameter("x", 0.0, float(e), 1.0, "m")] for e in rng.normal(size=12)]
         (found,) = pull_statistics(rows)
         inside += found.lowest < 1.0 < found.highest
     assert inside / 400 == pytest.approx(0.95, abs=0.03)
 
 
 def test_what_was_not_recovered_is_counted_not_averaged() -> None:
-    lost = [Recovered("epsilon", 2.5e-4, float("nan"), float("nan"), "")]
+    lost = [RecoveredParameter("epsilon", 2.5e-4, float("nan"), float("nan"), "")]
     (found,) = pull_statistics([*missions(5), lost])
     assert (found.count, found.missing) == (5, 1)
     (none,) = pull_statistics([lost])
@@ -64,7 +66,7 @@ def test_few_large_errors_raise_the_kurtosis_and_not_the_deviation() -> None:
     rng = np.random.default_rng(5)
     size = np.where(rng.random(400) < 0.1, 3.0, 1.0) / np.sqrt(0.1 * 9.0 + 0.9)
     (heavy,) = pull_statistics(
-        [[Recovered("x", 0.0, float(e), 1.0, "m")] for e in size * rng.normal(size=400)]
+        [[RecoveredParameter("x", 0.0, float(e), 1.0, "m")] for e in size * rng.normal(size=400)]
     )
     (normal,) = pull_statistics(missions(400))
     error = np.sqrt(24 / 400)

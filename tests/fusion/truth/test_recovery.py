@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from fusion.report import Recovered
+from fusion.report.planted import RecoveredParameter
 from fusion.truth.planted import Planted
 from fusion.truth.presets import MissionSettings
 from fusion.truth.recovery import compare
@@ -17,7 +17,7 @@ BIASED, EXACT = "2019-07-01", "2019-07-02"
 PLANTED = Planted(SETTINGS, {}, {BIASED: 6e-6, EXACT: 0.0})
 
 
-def rows_of(scale: dict[str, Any]) -> dict[str, Recovered]:
+def rows_of(scale: dict[str, Any]) -> dict[str, RecoveredParameter]:
     return {row.name: row for row in compare(PLANTED, {}, scale)}
 
 

@@ -13,7 +13,7 @@ from fusion.workspace import OWN_FOLDERS, SPC_FOLDERS, Workspace, new_workspace
 from fusion.workspace.settings import Settings
 from spcola.errors import FormatError, WorkspaceError
 from spcola.formats.maplets import write_maplet
-from spcola.formats.shapes import write_obj
+from spcola.formats.shapes import write_obj_mesh
 from spcola.formats.solution import write_list
 from spcola.grids import Maplet, MapletGrid
 from spcola.shape import Mesh
@@ -105,7 +105,7 @@ def test_a_listed_maplet_that_is_not_there_is_named(spc: Path) -> None:
 
 
 def test_a_shape_is_copied_and_read_in_its_unit(tmp_path: Path) -> None:
-    write_obj(tmp_path / "shape.obj", TETRAHEDRON, unit="m")
+    write_obj_mesh(tmp_path / "shape.obj", TETRAHEDRON, unit="m")
     made = new_workspace(tmp_path / "ws", shape=tmp_path / "shape.obj", shape_unit="m")
     np.testing.assert_allclose(made.shape().vertices, TETRAHEDRON.vertices, rtol=1e-6)
     (tmp_path / "shape.obj").unlink()
@@ -124,7 +124,7 @@ def test_of_several_shapes_one_has_to_be_chosen(tmp_path: Path) -> None:
     with pytest.raises(WorkspaceError, match="holds no shape"):
         made.shape_path()
     for name in ("a.obj", "b.obj"):
-        write_obj(made.root / "SHAPEFILES" / name, TETRAHEDRON)
+        write_obj_mesh(made.root / "SHAPEFILES" / name, TETRAHEDRON)
     with pytest.raises(WorkspaceError, match=r"several shapes \(a.obj, b.obj\).*\[body\] shape"):
         made.shape_path()
     text = (made.root / "spcola.toml").read_text()

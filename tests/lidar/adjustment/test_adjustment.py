@@ -11,15 +11,14 @@ import pytest
 
 from lidar.adjustment import (
     AdjustmentOptions,
-    Nodes,
     OverlapEquations,
+    RigidArcs,
     ScanAdjustment,
     adjust_scans,
-    displacement_rows,
-    ground_shares,
+    displacement_partials,
     overlap_equations,
-    unadjusted,
 )
+from lidar.adjustment.overlaps import ground_shares
 from lidar.formats.mapolas import read_adjustment, write_adjustment
 from lidar.gridding import grid_returns
 from lidar.scans import Returns
@@ -32,7 +31,7 @@ AXES = AXES * np.sign(np.linalg.det(AXES))
 GRID = MapletGrid(np.array([200.0, 30.0, -40.0]), AXES, 0.5, 24)
 NAMES = ("a", "b", "c", "alone")
 CENTERS = GRID.center + np.array([[3.0, 0, 0], [0, 3.0, 0], [0, 0, 3.0], [400.0, 0, 0]])
-NODES = Nodes.whole(CENTERS)
+ARCS = RigidArcs.whole(CENTERS)
 OPTIONS = AdjustmentOptions(0.05, 5e-4)
 
 
@@ -50,7 +49,7 @@ def scans_on(
         x, y = rng.uniform(-12, 12, size=(2, 12_000))
         height = relief * hills(x, y) + noise * rng.normal(size=x.size)
         place = GRID.center + np.stack([x, y, height], axis=1) @ GRID.axes
-        points.append(place + displacement_rows(place, CENTERS[number]) @ moved[number])
+        points.append(place + displacement_partials(place, CENTERS[number]) @ moved[number])
         scan.append(np.full(x.size, number))
     together = np.concatenate(points)
     return Returns(together, np.full(len(together), noise), np.concatenate(scan), NAMES)
@@ -59,7 +58,7 @@ def scans_on(
 def adjusted(returns: Returns, rounds: int = 3, **options: object) -> ScanAdjustment:
     """Solve as the stage does."""
     chosen = AdjustmentOptions(0.05, 5e-4, **options)  # type: ignore[arg-type]
-    found = unadjusted(NAMES, NODES, chosen)
+    found = ScanAdjustment.unadjusted(NAMES, ARCS, chosen)
     for _ in range(rounds):
         there = found.corrected(returns)
         equations = overlap_equations(grid_returns("A", GRID, there), there, CENTERS)
@@ -69,7 +68,7 @@ def adjusted(returns: Returns, rounds: int = 3, **options: object) -> ScanAdjust
 
 def relative(values: FloatArray) -> FloatArray:
     """Displacements of the first three scans at the middle of the grid, less their mean."""
-    rows = displacement_rows(np.broadcast_to(GRID.center, (3, 3)), CENTERS[:3])
+    rows = displacement_partials(np.broadcast_to(GRID.center, (3, 3)), CENTERS[:3])
     there = np.einsum("sij,sj->si", rows, values[:3])
     return there - there.mean(axis=0)
 
@@ -92,7 +91,7 @@ def test_what_is_left_is_of_the_size_of_its_covariance() -> None:
         moved = np.hstack([0.05 * rng.normal(size=(3, 3)), np.zeros((3, 3))])
         found = adjusted(scans_on(moved, rng, noise=0.02))
         error = relative(found.displacement) - relative(moved)
-        rows = displacement_rows(np.broadcast_to(GRID.center, (3, 3)), CENTERS[:3])
+        rows = displacement_partials(np.broadcast_to(GRID.center, (3, 3)), CENTERS[:3])
         take = np.zeros((9, 24))
         for scan in range(3):
             for other in range(3):
@@ -108,7 +107,7 @@ def test_a_scan_that_meets_no_other_keeps_its_prior() -> None:
     moved = np.hstack([0.05 * rng.normal(size=(3, 3)), np.zeros((3, 3))])
     found = adjusted(scans_on(moved, rng, noise=0.03))
     assert found.displacement[3] == pytest.approx(np.zeros(6), abs=1e-15)
-    prior = NODES.prior(found.sizes)[18:, 18:]
+    prior = ARCS.prior(found.sizes)[18:, 18:]
     np.testing.assert_allclose(found.covariance[18:, 18:], prior, rtol=0.01, atol=1e-15)
     assert found.cells[3] == 0
     assert np.isnan(found.misfit[3])
@@ -122,13 +121,17 @@ def test_a_few_cells_that_meet_by_chance_move_nothing() -> None:
     returns = scans_on(moved, rng)
     equations = overlap_equations(grid_returns("A", GRID, returns), returns, CENTERS)
     assert equations is not None
-    alone = adjust_scans(unadjusted(NAMES, NODES, OPTIONS), [equations], options=OPTIONS)
+    alone = adjust_scans(
+        ScanAdjustment.unadjusted(NAMES, ARCS, OPTIONS), [equations], options=OPTIONS
+    )
     places = GRID.center + rng.uniform(-1, 1, (5, 3))
     chance = meeting((2, 3), places, GRID.uz, np.array([1.5, 0.2, 1.5, -0.9, 1.5]))
-    both = adjust_scans(unadjusted(NAMES, NODES, OPTIONS), [equations, chance], options=OPTIONS)
+    both = adjust_scans(
+        ScanAdjustment.unadjusted(NAMES, ARCS, OPTIONS), [equations, chance], options=OPTIONS
+    )
     np.testing.assert_allclose(both.displacement, alone.displacement, atol=1e-6)
     assert both.displacement[3] == pytest.approx(np.zeros(6), abs=1e-12)
-    prior = NODES.prior(both.sizes)[18:, 18:]
+    prior = ARCS.prior(both.sizes)[18:, 18:]
     np.testing.assert_allclose(both.covariance[18:, 18:], prior, rtol=1e-6, atol=1e-15)
     assert both.cells[3] == 0
     assert np.isnan(both.misfit[3])
@@ -139,7 +142,7 @@ def meeting(
     scans: tuple[int, int], places: FloatArray, normal: FloatArray, apart: FloatArray
 ) -> OverlapEquations:
     """Cells (M,) in which the first scan lies `apart` above the second, metres ± 1 cm."""
-    first, second = (normal @ displacement_rows(places, CENTERS[scan]) for scan in scans)
+    first, second = (normal @ displacement_partials(places, CENTERS[scan]) for scan in scans)
     rows, weight, count = np.concatenate([first, -second], axis=1), 1e4, len(places)
     energy = weight * float(apart @ apart)
     return OverlapEquations(
@@ -160,7 +163,10 @@ def test_one_cell_of_outliers_does_not_turn_otherwise_free_scans() -> None:
     returns = scans_on(moved, rng)
     equations = overlap_equations(grid_returns("A", GRID, returns), returns, CENTERS)
     assert equations is not None
-    before, place = unadjusted(NAMES, NODES, OPTIONS), GRID.center + np.array([[0.0, 9, 4]])
+    before, place = (
+        ScanAdjustment.unadjusted(NAMES, ARCS, OPTIONS),
+        GRID.center + np.array([[0.0, 9, 4]]),
+    )
     alone = adjust_scans(before, [equations], options=OPTIONS)
     outlier = meeting((1, 3), place, GRID.uz, np.array([7.5]))
     with_outlier = adjust_scans(before, [equations, outlier], options=OPTIONS)
@@ -171,7 +177,7 @@ def test_one_cell_of_outliers_does_not_turn_otherwise_free_scans() -> None:
 
 def test_a_cell_that_agrees_with_the_others_counts() -> None:
     places = GRID.center + np.random.default_rng(22).uniform(-9, 9, (40, 3))
-    before = unadjusted(NAMES, NODES, OPTIONS)
+    before = ScanAdjustment.unadjusted(NAMES, ARCS, OPTIONS)
     sound = meeting((0, 1), places, GRID.uz, np.full(40, 0.08))
     few = meeting((0, 1), places[:3], GRID.ux, np.full(3, 0.06))
     for _ in range(3):
@@ -196,7 +202,7 @@ def test_tracks_that_cross_judge_each_other() -> None:
         apart = normal @ (moved[first] - moved[second]) + 0.01 * rng.normal()
         outlier = 40.0 if number in (7, 30) else 0.0
         crossings.append(meeting((first, second), place, normal, np.array([apart + outlier])))
-    found = unadjusted(NAMES, NODES, OPTIONS)
+    found = ScanAdjustment.unadjusted(NAMES, ARCS, OPTIONS)
     for _ in range(3):
         still = [of_adjustment(found, part) for part in crossings]
         found = adjust_scans(found, still, options=OPTIONS)
@@ -253,7 +259,8 @@ def test_what_moves_all_scans_alike_is_not_seen() -> None:
     common = np.tile(np.eye(6)[:3], 3)
     assert np.abs(whole.normal @ common.T).max() < 1e-9 * size
     assert np.linalg.eigvalsh(whole.normal).min() > -1e-9 * size
-    half = overlap_equations(gridding, returns, CENTERS, share=np.full(GRID.shape, 0.5))
+    # The same ground is compared on two grids.
+    half = overlap_equations(gridding, returns, CENTERS, others=[GRID])
     assert half is not None
     np.testing.assert_allclose(half.normal, 0.5 * whole.normal, rtol=0, atol=1e-9 * size)
 
@@ -286,7 +293,7 @@ def test_returns_of_unknown_sigma_and_spread_do_not_rule_the_others() -> None:
     moved = np.hstack([0.05 * rng.normal(size=(3, 3)), np.zeros((3, 3))])
     returns = scans_on(moved, rng)
     good = overlap_equations(grid_returns("A", GRID, returns), returns, CENTERS)
-    before = unadjusted(NAMES, NODES, OPTIONS)
+    before = ScanAdjustment.unadjusted(NAMES, ARCS, OPTIONS)
     found = adjust_scans(before, [good, equations], options=OPTIONS)
     assert np.abs(relative(found.displacement) - relative(moved)).max() < 0.01
 
@@ -299,7 +306,7 @@ def test_one_scan_that_fits_nowhere_does_not_loosen_the_others() -> None:
     assert good is not None
     wild = replace(good, scan=np.array([2, 3]), normal=np.zeros((12, 12)), right=np.zeros(12),
                    cells=np.full(2, 50.0), chi2=np.array([0, 1e9]), freedom=np.ones(2))  # fmt: skip
-    before = unadjusted(NAMES, NODES, OPTIONS)
+    before = ScanAdjustment.unadjusted(NAMES, ARCS, OPTIONS)
     alone = adjust_scans(before, [good], options=OPTIONS)
     found = adjust_scans(before, [good, wild], options=OPTIONS)
     assert found.suspects == ("alone",)
@@ -319,7 +326,7 @@ def test_corrected_undoes_a_small_displacement() -> None:
     moved = np.zeros((4, 6))
     moved[:3] = np.hstack([0.1 * rng.normal(size=(3, 3)), 1e-4 * rng.normal(size=(3, 3))])
     still, displaced = (scans_on(m, np.random.default_rng(9)) for m in (np.zeros((3, 6)), moved))
-    adjustment = unadjusted(NAMES, NODES, OPTIONS)
+    adjustment = ScanAdjustment.unadjusted(NAMES, ARCS, OPTIONS)
     whole = ScanAdjustment(**{**vars(adjustment), "displacement": moved})
     np.testing.assert_allclose(whole.corrected(displaced).points, still.points, atol=3e-5)
     other = Returns(still.points, still.sigma, still.scan, ("x", "y", "z", "w"))
@@ -331,11 +338,11 @@ def test_an_adjustment_is_read_as_it_was_written(tmp_path: Path) -> None:
     path = tmp_path / "adjustment.h5"
     write_adjustment(path, found)
     back = read_adjustment(path)
-    np.testing.assert_array_equal(back.nodes.center, CENTERS)
-    np.testing.assert_array_equal(back.nodes.scan, NODES.scan)
-    np.testing.assert_array_equal(back.nodes.day, NODES.day)
+    np.testing.assert_array_equal(back.arcs.center, CENTERS)
+    np.testing.assert_array_equal(back.arcs.scan, ARCS.scan)
+    np.testing.assert_array_equal(back.arcs.day, ARCS.day)
     for name, value in vars(found).items():
-        if name != "nodes":
+        if name != "arcs":
             np.testing.assert_array_equal(getattr(back, name), value)
 
 
@@ -344,7 +351,7 @@ def test_a_damaged_adjustment_is_refused(tmp_path: Path) -> None:
     path.write_bytes(b"no HDF5")
     with pytest.raises(FormatError, match="make the mapolas again"):
         read_adjustment(path)
-    found = unadjusted(NAMES, NODES, OPTIONS)
+    found = ScanAdjustment.unadjusted(NAMES, ARCS, OPTIONS)
     write_adjustment(path, found)
     content = path.read_bytes()
     # HDF5 has a sum of each of its structures, names of forms included.
@@ -365,7 +372,7 @@ def test_a_damaged_adjustment_is_refused(tmp_path: Path) -> None:
 def test_an_adjustment_that_is_none_is_refused(tmp_path: Path, layer: str, value: float) -> None:
     """Eigenvalues of such a covariance may never be found."""
     path = tmp_path / "adjustment.h5"
-    write_adjustment(path, unadjusted(NAMES, NODES, OPTIONS))
+    write_adjustment(path, ScanAdjustment.unadjusted(NAMES, ARCS, OPTIONS))
     with h5py.File(path, "r+") as file:
         file[layer][0, 0] = value
     with pytest.raises(FormatError, match=layer):

@@ -13,8 +13,8 @@ import pytest
 from lidar.formats.mapolas import mapola_names, read_mapola, write_mapolas
 from lidar.gridding import Mapola
 from spcola.errors import FormatError, InvalidValueError, WorkspaceError
+from spcola.formats.map_store import MapStore
 from spcola.formats.maplets import read_maplet
-from spcola.formats.stores import MapStore
 from spcola.grids import MapletGrid
 
 

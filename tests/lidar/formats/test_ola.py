@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lidar.formats import open_lidar, recognise
-from lidar.formats.missions import RECORD, write_ola
+from lidar.formats.missions import OLA_RECORD, write_ola
 from lidar.formats.reader import read_scan
 from lidar.formats.records import LidarOptions
 from lidar.scans import Scan
@@ -93,8 +93,8 @@ def table(path: Path, shots: list[dict[str, object]], order: str = "<") -> Path:
 
 
 def test_the_record_is_the_published_one() -> None:
-    assert RECORD.itemsize == 186
-    first = {name: offset + 1 for name, (_, offset, *_) in RECORD.fields.items()}
+    assert OLA_RECORD.itemsize == 186
+    first = {name: offset + 1 for name, (_, offset, *_) in OLA_RECORD.fields.items()}
     names = {"range": "range_mm", "azimuth": "azimuth_mrad", "elevation": "elevation_mrad"}
     names |= {"elongitude": "elongitude_deg", "latitude": "latitude_deg", "radius": "radius_km"}
     names |= {"x": "xyz", "scx": "scxyz"}
@@ -245,14 +245,14 @@ def test_writing_and_reading_keep_every_number(tmp_path: Path) -> None:
     for name in ("time", "points", "spacecraft", "intensity", "flag", "beam"):
         np.testing.assert_array_equal(getattr(back, name), getattr(scan, name))
     np.testing.assert_allclose(back.range, scan.range, rtol=1e-15)
-    written = np.fromfile(tmp_path / "b", dtype=RECORD)
+    written = np.fromfile(tmp_path / "b", dtype=OLA_RECORD)
     assert written["utc"][0] == b"2019-02-08T12:12:10.815"
     assert np.isnan(written["azimuth_mrad"]).all()
 
 
 def test_what_is_not_known_is_written_as_such(tmp_path: Path) -> None:
     write_ola(tmp_path / "b", [Scan.of_points("a", np.ones((3, 3)))])
-    written = np.fromfile(tmp_path / "b", dtype=RECORD)
+    written = np.fromfile(tmp_path / "b", dtype=OLA_RECORD)
     assert np.isnan(written["et"]).all()
     assert np.isnan(written["scxyz"]).all()
     assert set(written["utc"].tolist()) == {b" " * 24}

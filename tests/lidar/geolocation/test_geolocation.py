@@ -8,7 +8,7 @@ import pytest
 from lidar.geolocation import Geolocation, find_geolocation
 from lidar.scans.cubes import QUANTUM_M
 from spcola.errors import InvalidValueError
-from spcola.navigation import Spin, Trajectory, turned
+from spcola.navigation import Spin, Trajectory
 
 STATED = Spin(85.45218, -60.36780, 140.68800, 2011.14558095)
 CORRECTED = Spin(85.46, -60.36, 140.70, 2011.1456)
@@ -35,7 +35,7 @@ def test_a_corrected_rotation_turns_every_return_by_its_time(scan) -> None:
     points, time, old = scan
     moved, kept = find_geolocation(old, 250.0, spin=(STATED, CORRECTED)).apply(points, time)
     assert kept.all()
-    expected = turned(STATED.change_to(CORRECTED, time), points)
+    expected = STATED.moved(points, CORRECTED, time)
     assert np.abs(expected - points).max() > 0.05
     assert np.abs(moved - expected).max() < QUANTUM_M / 5
 
@@ -44,7 +44,7 @@ def test_a_body_that_turns_in_minutes_is_followed(scan) -> None:
     points, time, old = scan
     fast, other = Spin(10.0, 20.0, 0.0, 360.0 * 200), Spin(10.5, 20.0, 0.0, 360.0 * 200)
     moved, _ = find_geolocation(old, 250.0, spin=(fast, other)).apply(points, time)
-    expected = turned(fast.change_to(other, time), points)
+    expected = fast.moved(points, other, time)
     assert np.abs(moved - expected).max() < QUANTUM_M / 5
 
 
@@ -69,16 +69,15 @@ def test_trajectory_and_rotation_together_are_the_ray_from_the_new_station(scan)
     points, time, old = scan
     states = START + np.linspace(0.0, 320.0, 33)
     rng = np.random.default_rng(3)
-    right = turned(STATED.change_to(CORRECTED, states), old.at(states))
+    right = STATED.moved(old.at(states), CORRECTED, states)
     new = Trajectory("spc", states, right + 0.2 * rng.normal(size=(33, 3)))
     moved, _ = find_geolocation(old, 250.0, spin=(STATED, CORRECTED), trajectory=new).apply(
         points, time
     )
-    change = STATED.change_to(CORRECTED, time)
-    beam = turned(change, points - old.at(time))
+    beam = STATED.moved(points - old.at(time), CORRECTED, time)
     station = moved - beam
     # At the states themselves the station is the new one; between them in straight lines.
-    there = turned(change, old.at(time)) + np.column_stack(
+    there = STATED.moved(old.at(time), CORRECTED, time) + np.column_stack(
         [np.interp(time, states, (new.position - right)[:, axis]) for axis in range(3)]
     )
     assert np.abs(station - there).max() < 1e-5

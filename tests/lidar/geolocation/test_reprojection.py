@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.geolocation import NO_TIME, OUTSIDE, geolocated_by, scan_trajectory
+from lidar.geolocation import Unlocated, geolocated_by, scan_trajectory
 from lidar.scans import Scan
 from spcola.errors import InvalidValueError
 from spcola.navigation import Trajectory
@@ -62,7 +62,7 @@ def test_returns_outside_the_images_are_rejected_and_counted() -> None:
     before = scan()
     after = located(before, images([500.0, 1700.0, 3200.0]), 2000.0)
     outside = int(np.sum((before.time < 500.0) | (before.time > 3200.0)))
-    assert after.rejected == {OUTSIDE: outside}
+    assert after.rejected == {Unlocated.OUTSIDE_TRAJECTORY: outside}
     assert len(after) + outside == len(before)
 
 
@@ -79,12 +79,12 @@ def test_returns_without_a_time_are_counted_in_addition_to_earlier_rejections() 
     time[:7] = np.nan
     spotty = Scan.of_points(
         "S2", whole.points, time=time, spacecraft=whole.spacecraft, range=whole.range,
-        rejected={OUTSIDE: 2, "noise": 3},
+        rejected={Unlocated.OUTSIDE_TRAJECTORY: 2, "noise": 3},
     )  # fmt: skip
     after = located(spotty, images([1000.0, 2000.0]))
     assert after.rejected["noise"] == 3
-    assert after.rejected[NO_TIME] == 7
-    assert after.rejected[OUTSIDE] == 2 + 50 - 7 - len(after)
+    assert after.rejected[Unlocated.NO_TIME] == 7
+    assert after.rejected[Unlocated.OUTSIDE_TRAJECTORY] == 2 + 50 - 7 - len(after)
 
 
 def test_the_reference_trajectory_gives_the_same_points_back() -> None:

@@ -13,7 +13,7 @@ from lidar.geolocation import KernelPlace, MirrorAngles
 from spcola.errors import KernelError
 from spcola.navigation import SPICE_LOCK, Trajectory
 from spcola.spice import KernelSet, body_fixed_states, coverage
-from spcola.spice.kernels import body_fixed_trajectory, state_times
+from spcola.spice.daf import daf_segments, state_epochs
 
 BENNU = 2101955
 CRAFT = "-999"
@@ -48,9 +48,14 @@ def spk(path: Path, shift_m: np.ndarray, end: float = SPAN) -> Path:
     return path
 
 
+def image_times(path: Path) -> np.ndarray:
+    """Times of the states in an SPK that was made from images."""
+    return np.concatenate([state_epochs(one.values, path) for one in daf_segments(path)])
+
+
 def located(kernels: KernelSet, times: np.ndarray) -> Trajectory:
     with kernels.load():
-        return body_fixed_trajectory("reference", CRAFT, BENNU, times)
+        return Trajectory("reference", times, body_fixed_states(CRAFT, BENNU, times)[0])
 
 
 def turns(kernels: KernelSet, times: np.ndarray) -> np.ndarray:
@@ -242,14 +247,14 @@ def test_the_kernels_that_made_the_shots_move_none(
 ) -> None:
     """Over 5.8 days, in which the body turns 32 times and images leave gaps of hours."""
     kernels, positions = states_of_images(shared_data)
-    end = state_times(positions)[-1]
+    end = image_times(positions)[-1]
     rng = np.random.default_rng(7)
     times = np.sort(end - rng.uniform(1.0, 5.8 * 86400.0, count))
     with kernels.load():
         known = coverage("-64", frame=frame, max_gap_s=600.0)
         times = np.append(times, [t for w in known.windows() for t in rng.uniform(*w, 30)])
         times = np.unique(times[times > end - 5.8 * 86400.0])
-        old = body_fixed_trajectory("spc", "-64", BENNU, times)
+        old = Trajectory("spc", times, body_fixed_states("-64", BENNU, times)[0])
     points = RADIUS * old.position / np.linalg.norm(old.position, axis=1, keepdims=True)
     reference = kernels if frame else None
     place = KernelPlace(kernels, "-64", BENNU, frame, reference, max_gap_s=600.0)
@@ -268,7 +273,7 @@ def test_the_kernels_that_made_the_shots_move_none(
 def test_gaps_of_image_kernels_have_no_place(shared_data: Path) -> None:
     """What SPICE interpolates over 68 hours is off by 100 m and more from what was flown."""
     kernels, positions = states_of_images(shared_data)
-    times = state_times(positions)
+    times = image_times(positions)
     begin = times[np.argmax(np.diff(times))]
     old = Trajectory("old", [begin, begin + 68 * 3600.0], [[9e3, 0, 0], [0, 9e3, 0]])
     inside_gap = begin + 3600.0 * np.arange(1.0, 67.0)
@@ -286,7 +291,7 @@ def test_gaps_of_image_kernels_have_no_place(shared_data: Path) -> None:
 def test_the_last_image_of_a_ck_by_a_later_clock(shared_data: Path) -> None:
     """The CK ends 0.12 s before its SPK: the pointing there is the last one, which is stated."""
     kernels, positions = states_of_images(shared_data)
-    last = state_times(positions)[-1:]
+    last = image_times(positions)[-1:]
     frame = "ORX_SPACECRAFT"
     with kernels.load():
         found = [

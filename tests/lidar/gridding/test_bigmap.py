@@ -8,18 +8,18 @@ import pytest
 from lidar.gridding import (
     GriddingOptions,
     LidarBigmapOptions,
-    RejectionOptions,
     at_grid_points,
     bigmap_from_returns,
     make_mapola,
 )
 from lidar.gridding.bigmap import integrate_returns
 from lidar.gridding.mapola import LidarBigmap
+from lidar.gridding.rejection import RejectionOptions
 from lidar.scans import Returns
 from spcola.errors import InvalidValueError, SettingsError
 from spcola.grids import MapletGrid
 from spcola.grids.gaps import bridged_mask
-from spcola.heights import slopes_of, steps_from_slopes
+from spcola.heights.slopes import slopes_of, steps_from_slopes
 
 GRID = MapletGrid.facing([180.0, 60.0, -40.0], [1.0, 0.3, -0.2], 0.2, 20)
 X, Y = np.meshgrid(GRID.offsets * GRID.gsd, GRID.offsets * GRID.gsd)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar.gridding import GriddingOptions, Mapola, RejectionOptions, grid_returns, make_mapola
+from lidar.gridding import GriddingOptions, Mapola, grid_returns, make_mapola
+from lidar.gridding.rejection import RejectionOptions
 from lidar.gridding.sigma import median_sigma
 from lidar.scans import Returns, Scan
 from spcola.errors import InvalidValueError, SettingsError

@@ -7,11 +7,12 @@ import pytest
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from lidar.formats.reader import read_scan
-from lidar.gridding import GriddingOptions, RejectionOptions, grid_returns
+from lidar.gridding import GriddingOptions, grid_returns
 from lidar.gridding.cells import sort_into_cells
+from lidar.gridding.rejection import RejectionOptions
 from lidar.scans import Returns
 from spcola.formats.maplets import read_map
-from spcola.formats.shapes import read_obj
+from spcola.formats.shapes import read_obj_mesh
 from spcola.grids import MapletGrid
 from spcola.shape import RayCaster, shape_heights
 
@@ -51,7 +52,7 @@ def test_autzen_is_gridded_exactly_as_by_brute_force(shared_data):
 def bennu(shared_data):
     """The shape as a ray caster, OLA001.MAP of it, its height quantum, the shape's heights."""
     folder = shared_data / "bennu"
-    caster = RayCaster(read_obj(folder / "g_12570mm_alt_obj_0000n00000_v014.obj"))
+    caster = RayCaster(read_obj_mesh(folder / "g_12570mm_alt_obj_0000n00000_v014.obj"))
     file = read_map(folder / "OLA001.MAP")
     grid = file.maplet.grid
     shape = shape_heights(caster, grid, reach=REACH)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidar.gridding import grid_returns
-from lidar.gridding.density import is_dense
+from lidar.gridding.rejection.density import is_dense
 from lidar.scans import Returns
 from spcola.grids import MapletGrid
 

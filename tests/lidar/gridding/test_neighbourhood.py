@@ -8,7 +8,7 @@ import pytest
 from lidar.gridding import grid_returns
 from lidar.gridding.cells import fit_planes
 from lidar.gridding.cells.windows import PlaneWindows
-from lidar.gridding.neighbourhood import count_support, expect
+from lidar.gridding.rejection.neighbourhood import count_support, expect
 from lidar.scans import Returns
 from spcola.grids import MapletGrid
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidar.archive import ScanStore
 from lidar.formats.native import write_scan
+from lidar.scan_store import ScanStore
 from lidar.scans import Arcs, Scan
 from lidar.scans.cubes import Box
 
@@ -48,7 +48,7 @@ def test_a_store_numbers_returns_by_arc(tmp_path: Path) -> None:
         paths.append(path)
     store = ScanStore(paths, arc_s=1200.0)
     assert store.scan_names == ("track:1", "track:2", "track:3", "raster")
-    assert store.nodes.scan.tolist() == [0, 0, 0, 1]
+    assert store.arcs.scan.tolist() == [0, 0, 0, 1]
     everywhere = Box(np.zeros(3), np.eye(3), np.full(3, 100.0))
     found = store.returns_inside(everywhere)
     assert np.bincount(found.scan).tolist() == [300, 300, 300, 900]
@@ -56,7 +56,7 @@ def test_a_store_numbers_returns_by_arc(tmp_path: Path) -> None:
         mine = found.points[found.scan == number]
         truth = points[300 * number : 300 * (number + 1)]
         assert np.abs(np.sort(mine, axis=0) - np.sort(truth, axis=0)).max() < 1e-4
-        assert store.nodes.center[number] == pytest.approx(truth.mean(axis=0), abs=1e-4)
+        assert store.arcs.center[number] == pytest.approx(truth.mean(axis=0), abs=1e-4)
     whole = ScanStore(paths)
     assert whole.scan_names == ("track", "raster")
     assert store.without_place == whole.without_place == {"track": 0, "raster": 0}

@@ -12,20 +12,17 @@ import pytest
 from lidar.formats import open_lidar, read_scan, recognise
 from lidar.formats.native import scan_summary
 from lidar.formats.records import LidarOptions
-from lidar.scans import Scan
+from lidar.scans import Scan, join
 from lidar.truth import (
-    FORMATS,
+    SCAN_FORMATS,
     LidarSettings,
     ScanErrors,
     TrackSettings,
-    plan_tracks,
     scan_chunks,
     scan_size,
-    track_chunks,
     write_scans,
 )
 from lidar.truth.files import returns_of
-from lidar.truth.scan import make_scan
 from spcola.errors import InvalidValueError, SettingsError
 from spcola.truth.body import BodySettings, TruthBody, stream
 from spcola.truth.campaign import Pass
@@ -42,7 +39,10 @@ def body() -> TruthBody:
 
 @pytest.fixture(scope="module")
 def scan(body: TruthBody) -> Scan:
-    return make_scan(body, AT, settings=SETTINGS, errors=ScanErrors(), generator=stream(1, "shots"))
+    chunks = scan_chunks(
+        body, AT, settings=SETTINGS, errors=ScanErrors(), generator=stream(1, "shots")
+    )
+    return join("scan01", list(chunks))
 
 
 def pieces(scan: Scan, size: int) -> list[Scan]:
@@ -54,9 +54,9 @@ def in_time(scan: Scan) -> Scan:
     return scan.select(np.argsort(scan.time, kind="stable"))
 
 
-@pytest.mark.parametrize("format", FORMATS)
+@pytest.mark.parametrize("format", SCAN_FORMATS)
 def test_returns_come_back_and_rejects_do_not(scan: Scan, tmp_path: Path, format: str) -> None:
-    path = tmp_path / f"scan01{FORMATS[format]}"
+    path = tmp_path / f"scan01{SCAN_FORMATS[format]}"
     write_scans(path, pieces(scan, 7000), format=format)
     assert recognise(path) == NAMES[format]
     back = in_time(read_scan(path))
@@ -82,7 +82,7 @@ def test_returns_come_back_and_rejects_do_not(scan: Scan, tmp_path: Path, format
         }
 
 
-@pytest.mark.parametrize("format", FORMATS)
+@pytest.mark.parametrize("format", SCAN_FORMATS)
 def test_equal_scans_are_equal_bytes_however_chunked(
     scan: Scan, tmp_path: Path, format: str
 ) -> None:
@@ -95,7 +95,7 @@ def test_equal_scans_are_equal_bytes_however_chunked(
         assert one.read_bytes() == many.read_bytes()
 
 
-@pytest.mark.parametrize("format", FORMATS)
+@pytest.mark.parametrize("format", SCAN_FORMATS)
 @pytest.mark.parametrize("spacing", [0.1, 0.4])
 def test_the_size_is_known_before(
     body: TruthBody, tmp_path: Path, format: str, spacing: float
@@ -117,10 +117,10 @@ def test_the_size_is_known_before(
         assert path.stat().st_size == expected.bytes
 
 
-@pytest.mark.parametrize("format", FORMATS)
+@pytest.mark.parametrize("format", SCAN_FORMATS)
 def test_tracks_are_written_too(body: TruthBody, tmp_path: Path, format: str) -> None:
-    track = plan_tracks(TrackSettings(period=40_000.0, rate=0.5))[0]
-    chunks = track_chunks(
+    track = TrackSettings(period=40_000.0, rate=0.5).plan()[0]
+    chunks = scan_chunks(
         body, track, settings=SETTINGS, errors=ScanErrors(), generator=stream(2, "track")
     )
     path = tmp_path / "track01"
@@ -150,7 +150,7 @@ def test_only_the_chunk_at_hand_is_asked_for(scan: Scan, tmp_path: Path) -> None
             most.append(len(alive))
             yield watched.inner
 
-    for format in FORMATS:
+    for format in SCAN_FORMATS:
         write_scans(tmp_path / "scan", chunks(), format=format)
     assert max(most) <= 2
 

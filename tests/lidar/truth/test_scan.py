@@ -7,8 +7,8 @@ import pytest
 
 from lidar.formats import read_scan
 from lidar.formats.missions import write_ola
-from lidar.truth import LidarSettings, ScanErrors, draw_errors
-from lidar.truth.scan import make_scan
+from lidar.scans import join
+from lidar.truth import LidarSettings, ScanErrors, scan_chunks
 from spcola.errors import SettingsError
 from spcola.math import Similarity
 from spcola.truth.body import BodySettings, TruthBody, stream
@@ -24,7 +24,10 @@ def body() -> TruthBody:
 
 
 def _scan(body, settings=QUIET, errors=ScanErrors(), seed=1):  # noqa: B008
-    return make_scan(body, AT, settings=settings, errors=errors, generator=stream(seed, "shots"))
+    chunks = scan_chunks(
+        body, AT, settings=settings, errors=errors, generator=stream(seed, "shots")
+    )
+    return join("scan", list(chunks))
 
 
 def test_points_without_errors_lie_on_the_surface(body: TruthBody) -> None:
@@ -112,7 +115,7 @@ def test_with_spc_states_a_return_is_off_by_epsilon_times_the_range(body: TruthB
 
 
 def test_the_error_levels_are_those_stated() -> None:
-    errors = [draw_errors(LidarSettings(), stream(k, "errors")) for k in range(400)]
+    errors = [ScanErrors.drawn(LidarSettings(), stream(k, "errors")) for k in range(400)]
     assert np.std([e.offset_m for e in errors]) == pytest.approx(0.05, rel=0.1)
     assert np.std([e.pointing_m for e in errors]) == pytest.approx(0.05, rel=0.1)
 

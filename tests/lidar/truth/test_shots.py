@@ -13,14 +13,10 @@ from lidar.truth import (
     LidarSettings,
     ScanErrors,
     TrackSettings,
-    draw_errors,
-    plan_tracks,
     scan_chunks,
-    track_chunks,
-    track_name,
+    scan_name,
 )
 from lidar.truth.echoes import gaussian_pattern
-from lidar.truth.scan import make_scan
 from spcola.errors import SettingsError
 from spcola.truth.body import BodySettings, TruthBody, stream
 from spcola.truth.campaign import Pass
@@ -42,15 +38,16 @@ def sphere() -> TruthBody:
 
 
 def scan_of(body: TruthBody, settings: LidarSettings, *, at: Pass = AT, errors=NONE) -> Scan:
-    return make_scan(body, at, settings=settings, errors=errors, generator=stream(1, "shots"))
+    chunks = scan_chunks(body, at, settings=settings, errors=errors, generator=stream(1, "shots"))
+    return join(scan_name(at), list(chunks))
 
 
 def track_of(body: TruthBody, settings: LidarSettings, tracks: TrackSettings, errors=NONE) -> Scan:
-    track = plan_tracks(tracks)[0]
-    chunks = track_chunks(
+    track = tracks.plan()[0]
+    chunks = scan_chunks(
         body, track, settings=settings, errors=errors, generator=stream(1, "track"), chunk=500
     )
-    return join(track_name(track), list(chunks))
+    return join(scan_name(track), list(chunks))
 
 
 def incidence_cosine(scan: Scan) -> np.ndarray:
@@ -206,7 +203,7 @@ def test_strength_goes_with_albedo_incidence_and_distance(sphere: TruthBody) -> 
 
 def test_biases_of_range_add_up(sphere: TruthBody) -> None:
     settings = replace(LidarSettings.exact(20.0, 2.0), range_bias=0.04)
-    errors = draw_errors(settings, stream(1, "errors"), range_scale=1e-4)
+    errors = ScanErrors.drawn(settings, stream(1, "errors"), range_scale=1e-4)
     assert (errors.range_scale, errors.range_bias_m) == (1e-4, 0.04)
     biased = scan_of(sphere, settings, errors=ScanErrors(range_scale=1e-4, range_bias_m=0.05))
     plain = scan_of(sphere, settings)
@@ -227,7 +224,7 @@ def test_odd_passes_have_the_demodulator_on(sphere: TruthBody) -> None:
 
 def test_a_track_keeps_its_orbit(sphere: TruthBody) -> None:
     tracks = TrackSettings(inclination_deg=70.0, rate=0.1, duration=22 * 3600.0)
-    first, second = plan_tracks(tracks)[:2]
+    first, second = tracks.plan()[:2]
     time = first.start + np.linspace(0.0, tracks.orbit_period, 2001)
     place = first.position(time)
     np.testing.assert_allclose(np.linalg.norm(place, axis=1), 1000.0, rtol=1e-12)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,6 @@ from spcola.camera import (
     ray,
     rotate_axes,
 )
-from spcola.camera.projection import project
 from spcola.formats.solution import read_landmark, read_summary
 
 MODELS: dict[str, dict[str, Any]] = {
@@ -57,7 +57,8 @@ def test_a_point_on_the_boresight_lies_at_the_optical_axis() -> None:
 
 def test_projection_by_hand() -> None:
     simple = Camera(100.0, [10.0, 20.0], [[50.0, 0, 0], [0, 25.0, 0]], 64, 64)
-    pixel, line = project(simple, np.eye(3), [0.0, 0, 1000.0], [[1.0, 2.0, 0.0]])
+    shot = replace(image(), camera=simple, axes=np.eye(3), scobj=[0.0, 0, 1000.0])
+    pixel, line = project_image(shot, [[1.0, 2.0, 0.0]])
     np.testing.assert_allclose([pixel[0], line[0]], [10 + 50 * 0.1, 20 + 25 * 0.2])
 
 
@@ -88,7 +89,7 @@ def test_what_lies_behind_projects_nowhere() -> None:
     pixel, line = project_image(shot, [behind, beside, [0.0, 0, 0]])
     np.testing.assert_array_equal(np.isnan(pixel), [True, True, False])
     np.testing.assert_array_equal(np.isnan(line), [True, True, False])
-    assert np.isnan(partials_position(shot.camera, shot.axes, shot.scobj, behind)).all()
+    assert np.isnan(partials_position(shot, behind)).all()
 
 
 def test_distance_along_the_ray_does_not_matter() -> None:
@@ -109,11 +110,10 @@ def central_difference(function: Any, step: float) -> FloatArray:
 @pytest.mark.parametrize("model", MODELS)
 def test_position_partials_equal_finite_differences(model: str) -> None:
     shot = image(model)
-    state = (shot.camera, shot.axes, shot.scobj)
-    exact = partials_position(*state, points())
-    by_point = central_difference(lambda d: project(*state, points() + d), 0.1)
+    exact = partials_position(shot, points())
+    by_point = central_difference(lambda d: project_image(shot, points() + d), 0.1)
     by_state = central_difference(
-        lambda d: project(shot.camera, shot.axes, shot.scobj + d, points()), 0.1
+        lambda d: project_image(replace(shot, scobj=shot.scobj + d), points()), 0.1
     )
     np.testing.assert_allclose(exact, by_point, atol=1e-8)
     np.testing.assert_allclose(exact, by_state, atol=1e-8)
@@ -122,9 +122,10 @@ def test_position_partials_equal_finite_differences(model: str) -> None:
 @pytest.mark.parametrize("model", MODELS)
 def test_rotation_partials_equal_finite_differences(model: str) -> None:
     shot = image(model)
-    exact = partials_rotation(shot.camera, shot.axes, shot.scobj, points())
+    exact = partials_rotation(shot, points())
     moved = central_difference(
-        lambda turn: project(shot.camera, rotate_axes(shot.axes, turn), shot.scobj, points()), 1e-5
+        lambda turn: project_image(replace(shot, axes=rotate_axes(shot.axes, turn)), points()),
+        1e-5,
     )
     np.testing.assert_allclose(exact, moved, rtol=1e-6, atol=1e-4)
 
@@ -149,9 +150,8 @@ def test_partials_are_those_of_the_paper_without_distortion_and_skew() -> None:
             [fy * (1 + y**2 / z**2), -fy * x * y / z**2, -fy * x / z],
         ]
     ).transpose(2, 0, 1)
-    state = (shot.camera, shot.axes, shot.scobj, points())
-    np.testing.assert_allclose(partials_position(*state), by_w, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(partials_rotation(*state), by_turn, rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(partials_position(shot, points()), by_w, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(partials_rotation(shot, points()), by_turn, rtol=1e-12, atol=1e-9)
 
 
 def test_rotated_axes_stay_orthonormal_and_follow_eq_11() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spcola.camera import Camera, ImagePoint, SpcImage, project_image, rotate_axes
-from spcola.control.estimation import NetworkOptions, solve_network
+from spcola.control.bundle_adjustment import NetworkOptions, solve_network
 from spcola.errors import InvalidValueError
 from spcola.math.statistics import strongest
 

@@ -9,10 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from spcola.arrays import FloatArray
 from spcola.camera import Camera, SpcImage, project_image, rotate_axes
-from spcola.control.estimation import solve_landmark
+from spcola.control.estimation import landmark_fit, solve_landmark
 from spcola.control.estimation.landmark_fit import (
     LANDMARK_PARAMETERS,
-    EstimationOptions,
     Prior,
     solve_normal,
     solve_state,
@@ -178,12 +177,11 @@ def test_landmark_sigma_widens_the_state() -> None:
     assert np.all(np.diag(wide.covariance) > 4 * np.diag(sharp.covariance))
 
 
-def test_running_out_of_steps_is_said() -> None:
+def test_running_out_of_steps_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(landmark_fit, "_MOST_STEPS", 1)
     images, truth = ring(5), np.array([100.0, 80.0, -50.0])
     observed = [project_image(image, truth) for image in images]
-    found = solve_landmark(
-        truth + 100.0, images, observed, 0.3, options=EstimationOptions(max_iterations=1)
-    )
+    found = solve_landmark(truth + 100.0, images, observed, 0.3)
     assert not found.converged
     assert "after 1" in found.reason
 

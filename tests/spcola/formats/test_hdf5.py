@@ -10,8 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from spcola.formats.stores import replacing_hdf5
-from spcola.formats.stores.hdf5 import new_hdf5
+from spcola.formats.hdf5 import new_hdf5, replacing_hdf5
 
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:
@@ -41,7 +40,7 @@ PROGRAM = """
 import resource, signal, sys
 import numpy as np
 from spcola.errors import WorkspaceError
-from spcola.formats.stores.hdf5 import replacing_hdf5
+from spcola.formats.hdf5 import replacing_hdf5
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
 try:

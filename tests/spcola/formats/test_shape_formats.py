@@ -12,15 +12,14 @@ from hypothesis import strategies as st
 from spcola.errors import FormatError, InvalidValueError
 from spcola.formats.shapes import (
     read_icq,
-    read_obj,
+    read_obj_mesh,
     read_shape,
     recognise_shape,
     write_icq,
-    write_obj,
+    write_obj_mesh,
 )
 from spcola.formats.shapes.obj import divided
-from spcola.formats.shapes.ply import read_ply_mesh, write_ply_mesh
-from spcola.formats.shapes.ply.mesh import read_ply
+from spcola.formats.shapes.ply import parse_header, read_elements, read_ply_mesh, write_ply_mesh
 from spcola.shape import Mesh
 from spcola.shape.icq import IcqShape, icq_directions
 
@@ -158,19 +157,19 @@ def test_faces_that_count_from_0_are_named_and_read_when_asked_for(tmp_path):
     text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 0 2 1\nf 0 1 3\nf 0 3 2\nf -3 -2 -1\n"
     path = text_file(tmp_path, text, "zero.obj")
     with pytest.raises(FormatError, match=r"line 5: .*count from 0.*--faces-from 0"):
-        read_obj(path)
+        read_obj_mesh(path)
     facets = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
-    assert read_obj(path, faces_from=0).facets.tolist() == facets
+    assert read_obj_mesh(path, faces_from=0).facets.tolist() == facets
     assert read_shape(path, faces_from=0).facets.tolist() == facets
     with pytest.raises(FormatError, match="no face names vertex 0"):
-        read_obj(text_file(tmp_path, "v 0 0 0\n" * 4 + "f 1 2 3\n", "one.obj"), faces_from=0)
+        read_obj_mesh(text_file(tmp_path, "v 0 0 0\n" * 4 + "f 1 2 3\n", "one.obj"), faces_from=0)
     with pytest.raises(FormatError, match="names vertex 4, the file has 4"):
-        read_obj(text_file(tmp_path, "v 0 0 0\n" * 4 + "f 0 2 4\n", "far.obj"), faces_from=0)
+        read_obj_mesh(text_file(tmp_path, "v 0 0 0\n" * 4 + "f 0 2 4\n", "far.obj"), faces_from=0)
 
 
 @pytest.mark.real_data
 def test_the_real_shape_of_eros_counts_its_faces_from_0(shared_data):
-    mesh = read_obj(shared_data / "eros" / "eros007790.tab", faces_from=0)
+    mesh = read_obj_mesh(shared_data / "eros" / "eros007790.tab", faces_from=0)
     # Eros: 2503 km³ (Zuber et al. 2000).
     assert mesh.volume == pytest.approx(2503e9, rel=0.01)
 
@@ -182,7 +181,7 @@ def test_the_real_icq_and_obj_are_one_surface_to_the_last_digit(shared_data, tmp
     shape = read_icq(path)
     write_icq(tmp_path / "again.TXT", shape)
     assert (tmp_path / "again.TXT").read_bytes() == path.read_bytes()
-    mesh = read_obj(folder / "g_12570mm_alt_obj_0000n00000_v014.obj")
+    mesh = read_obj_mesh(folder / "g_12570mm_alt_obj_0000n00000_v014.obj")
     assert mesh.volume == pytest.approx(0.06084014938283392e9, rel=1e-12)
     # Rounded to the digits of the ICQ, the OBJ's vertices are the same text.
     from_obj = IcqShape(mesh.vertices.reshape(6, 33, 33, 3))
@@ -201,23 +200,23 @@ def test_the_real_ryugu_shape_is_in_kilometres(shared_data):
 
 
 def test_all_forms_of_obj_faces(tmp_path):
-    mesh = read_obj(text_file(tmp_path, OBJ, "X.obj"), unit="m")
+    mesh = read_obj_mesh(text_file(tmp_path, OBJ, "X.obj"), unit="m")
     np.testing.assert_array_equal(mesh.vertices[4], [0, 0, 1.5])
     assert mesh.facets.tolist() == PYRAMID
     assert mesh.volume == pytest.approx(4.0 * 1.5 / 3.0)
-    assert read_obj(tmp_path / "X.obj").volume == pytest.approx(2.0e9)
+    assert read_obj_mesh(tmp_path / "X.obj").volume == pytest.approx(2.0e9)
 
 
 def test_line_ends_and_blanks_do_not_matter(tmp_path):
     path = tmp_path / "X.obj"
     path.write_bytes(OBJ.replace("\nv", "\n\t  v").replace("\n", "  \r\n").encode().rstrip())
-    assert read_obj(path).facets.tolist() == PYRAMID
+    assert read_obj_mesh(path).facets.tolist() == PYRAMID
 
 
 def test_every_corrupted_line_of_an_obj_is_seen(every_corruption_is_seen):
     lines = [line for line in OBJ.splitlines() if line[:2] in ("v ", "f ")]
     text = "\n".join(lines).replace("/7", "").replace("/8", "").replace("/9", "") + "\n"
-    every_corruption_is_seen(text, read_obj, mesh_dump, "X.obj")
+    every_corruption_is_seen(text, read_obj_mesh, mesh_dump, "X.obj")
 
 
 @pytest.mark.parametrize(
@@ -238,14 +237,14 @@ def test_every_corrupted_line_of_an_obj_is_seen(every_corruption_is_seen):
 def test_what_is_wrong_in_an_obj_is_named(tmp_path, old, new, message):
     assert old in OBJ
     with pytest.raises(FormatError, match=message):
-        read_obj(text_file(tmp_path, OBJ.replace(old, new, 1), "X.obj"))
+        read_obj_mesh(text_file(tmp_path, OBJ.replace(old, new, 1), "X.obj"))
 
 
 def test_an_obj_without_vertices_or_faces_is_refused(tmp_path):
     with pytest.raises(FormatError, match="holds no vertex"):
-        read_obj(text_file(tmp_path, "# nothing\n", "X.obj"))
+        read_obj_mesh(text_file(tmp_path, "# nothing\n", "X.obj"))
     with pytest.raises(FormatError, match="holds no face"):
-        read_obj(text_file(tmp_path, "v 1 2 3\n", "X.obj"))
+        read_obj_mesh(text_file(tmp_path, "v 1 2 3\n", "X.obj"))
 
 
 @settings(max_examples=30)
@@ -256,9 +255,9 @@ def test_written_meshes_are_read_bit_for_bit(tmp_path_factory, seed, scale):
         scale * rng.normal(size=(7, 3)), rng.permuted(np.arange(7).repeat(3)).reshape(-1, 3)
     )
     folder = tmp_path_factory.mktemp("mesh")
-    write_obj(folder / "A.obj", mesh)
+    write_obj_mesh(folder / "A.obj", mesh)
     exact = divided(mesh.vertices, 1000.0) * 1000.0
-    back = read_obj(folder / "A.obj")
+    back = read_obj_mesh(folder / "A.obj")
     np.testing.assert_array_equal(back.vertices, exact)
     np.testing.assert_allclose(exact, mesh.vertices, rtol=3e-16)
     np.testing.assert_array_equal(back.facets, mesh.facets)
@@ -272,11 +271,18 @@ def test_written_meshes_are_read_bit_for_bit(tmp_path_factory, seed, scale):
 # PLY
 
 
+def read_ply(path, unit="km"):
+    """The mesh, and the further numbers of its vertices."""
+    mesh, content = read_ply_mesh(path, unit=unit), path.read_bytes()
+    vertices = read_elements(content, parse_header(content, path), path)["vertex"]
+    return mesh, {name: list(v) for name, v in vertices.items() if name not in ("x", "y", "z")}
+
+
 def test_ascii_ply_with_layers_and_quads(tmp_path):
-    file = read_ply(text_file(tmp_path, PLY, "X.ply"), unit="m")
-    np.testing.assert_array_equal(file.mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-    assert file.mesh.facets.tolist() == [[0, 2, 1], [0, 1, 3], [0, 3, 2], [0, 3, 2]]
-    np.testing.assert_array_equal(file.layers["red"], [10, 20, 30, 40])
+    mesh, layers = read_ply(text_file(tmp_path, PLY, "X.ply"), unit="m")
+    np.testing.assert_array_equal(mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    assert mesh.facets.tolist() == [[0, 2, 1], [0, 1, 3], [0, 3, 2], [0, 3, 2]]
+    np.testing.assert_array_equal(layers["red"], [10, 20, 30, 40])
 
 
 @pytest.mark.parametrize(("order", "word"), [("<", "little"), (">", "big")])
@@ -288,9 +294,9 @@ def test_binary_ply_built_field_by_field(tmp_path, order, word):
         body += struct.pack(f"{order}B{len(face)}i", len(face), *face)
     path = tmp_path / "X.ply"
     path.write_bytes(head.encode() + body)
-    file = read_ply(path, unit="m")
-    assert file.mesh.facets.tolist() == [[0, 2, 1], [0, 1, 3], [0, 3, 2], [0, 3, 2]]
-    np.testing.assert_array_equal(file.layers["red"], [10, 20, 30, 40])
+    mesh, layers = read_ply(path, unit="m")
+    assert mesh.facets.tolist() == [[0, 2, 1], [0, 1, 3], [0, 3, 2], [0, 3, 2]]
+    np.testing.assert_array_equal(layers["red"], [10, 20, 30, 40])
     for length in range(len(head) + len(body)):
         path.write_bytes((head.encode() + body)[:length])
         with pytest.raises(FormatError, match=r"X\.ply"):
@@ -302,7 +308,7 @@ def test_binary_ply_built_field_by_field(tmp_path, order, word):
 
 def test_every_corrupted_line_of_a_ply_is_seen(every_corruption_is_seen, tmp_path):
     def dump(file):
-        return mesh_dump(file.mesh), {name: list(v) for name, v in file.layers.items()}
+        return mesh_dump(file[0]), file[1]
 
     text = PLY.replace("comment a tetrahedron\n", "")
     every_corruption_is_seen(text, read_ply, dump, "X.ply")
@@ -341,9 +347,9 @@ def test_layers_come_back(tmp_path, encoding):
     sigma = np.linspace(0.01, 0.5, len(mesh.vertices))
     sigma[3] = 0.1 + 1e-17
     write_ply_mesh(tmp_path / "A.ply", mesh, encoding=encoding, layers={"sigma": sigma})
-    file = read_ply(tmp_path / "A.ply")
-    np.testing.assert_array_equal(file.layers["sigma"], sigma)
-    np.testing.assert_allclose(file.mesh.vertices, mesh.vertices, rtol=3e-16)
+    found, layers = read_ply(tmp_path / "A.ply")
+    np.testing.assert_array_equal(layers["sigma"], sigma)
+    np.testing.assert_allclose(found.vertices, mesh.vertices, rtol=3e-16)
 
 
 def test_layers_that_ply_cannot_hold_are_refused(tmp_path):

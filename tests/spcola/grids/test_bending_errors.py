@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spcola.grids.statistics import (
+from spcola.grids.bending import (
     BENDING_NOISE,
     BENDING_RANGE_NOISE,
     CELL_SHARE,

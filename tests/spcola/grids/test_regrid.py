@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from spcola.formats.maplets import read_maplet
 from spcola.grids import Maplet, MapletGrid, project_maplet, project_window
-from spcola.heights import slopes_of
+from spcola.heights.slopes import slopes_of
 
 
 def turned_grid(tilt_deg, *, gsd=1.0, half_size=20, shift=(0.0, 0.0, 0.0), spin_deg=0.0):

@@ -7,6 +7,7 @@ import pytest
 
 from spcola.compilation import Bands
 from spcola.heights.isolated_points import IsolatedPoints
+from spcola.heights.smoothing import Level
 
 
 def level(rng, size, cuts):
@@ -76,7 +77,7 @@ def test_isolated_points_keep_the_cycle_positive(cuts):
     for seed in range(6):
         fine = level(np.random.default_rng(seed), size, cuts)
         coarse = plain(fine, size)
-        isolated = IsolatedPoints.reassign(fine, coarse, (size // 2, size // 2), Bands(size**2, 1))
+        isolated = IsolatedPoints.reassign(Level(*fine), Level(*coarse), Bands(size**2, 1))
         found += len(isolated.place)
         assert min(each.min() for each in coarse) >= 0
         assert coarse[2].sum() == pytest.approx(fine[2].sum())
@@ -92,7 +93,7 @@ def test_isolated_points_move_as_the_prolongation_does():
     size, rng = 12, np.random.default_rng(1)
     fine = level(rng, size, 0.2)
     coarse = plain(fine, size)
-    isolated = IsolatedPoints.reassign(fine, coarse, (size // 2, size // 2), Bands(size**2, 1))
+    isolated = IsolatedPoints.reassign(Level(*fine), Level(*coarse), Bands(size**2, 1))
     change = smoothing(fine, size) @ (leads(size, isolated.place) - leads(size, []))
     value, source = rng.normal(size=coarse[0].shape), rng.normal(size=fine[0].shape)
     answer, residual = np.zeros_like(source), np.zeros_like(value)

@@ -228,3 +228,25 @@ def test_means_over_wild_weights_are_met_in_few_iterations():
     assert solution.converged, solution.reason
     assert solution.iterations < 100
     np.testing.assert_allclose(solution.height, surface, atol=1e-5)
+
+
+def test_pieces_that_only_means_connect_are_solved():
+    """Their relative heights move without energy: the matrix is singular."""
+    size, rng = 99, np.random.default_rng(3)
+    surface = rng.normal(size=(size, size)).cumsum(axis=0)
+    label, mask = blocks((size, size), 6), rng.random((size, size)) >= 0.2
+    mean = np.bincount(label[mask], surface[mask]) / np.bincount(label[mask])
+    problem = HeightProblem(
+        np.diff(surface, axis=1),
+        np.diff(surface, axis=0),
+        np.full((size, size - 1), 1e4),
+        np.full((size - 1, size), 1e4),
+        mask=mask,
+        means=MeanConstraints.of_labels(label, mean, np.full(len(mean), 1e3)),
+    )
+    solution = solve_heights(problem, options=SolverOptions(tolerance_m=1e-5))
+    assert solution.converged, solution.reason
+    steps = np.diff(solution.height, axis=1) - problem.step_x
+    np.testing.assert_allclose(steps[problem.weight_x > 0], 0.0, atol=1e-4)
+    found = np.bincount(label[mask], solution.height[mask]) / np.bincount(label[mask])
+    np.testing.assert_allclose(found, mean, atol=1e-4)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spcola.heights import HeightProblem, SolverOptions, slopes_of, solve_heights, steps_from_slopes
+from spcola.heights import HeightProblem, SolverOptions, solve_heights
 from spcola.heights.relaxation import relax
+from spcola.heights.slopes import slopes_of, steps_from_slopes
 
 
 def slopes_problem(size, gsd, rng):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spcola.imagematching.image_match import ImageMatchOptions, match_image
-from spcola.photometry import ortho_rectify, render, view_of
+from spcola.photometry import ortho_rectify, render_view, view_of
 from spcola.photometry.functions import lambert
 
 LIGHT = [0.5, 0.2, 0.8]
@@ -19,7 +19,7 @@ def matched(waves, image, *, shift=(0.0, 0.0), height=None, **options):
     view = view_of(
         image, replace(grid, center=moved), waves.heights() if height is None else height
     )
-    rendered = render(view, function=lambert)
+    rendered = render_view(view, function=lambert)
     return match_image(ortho_rectify(image, view), rendered, options=ImageMatchOptions(**options))
 
 
@@ -86,7 +86,7 @@ def test_convex_ground_is_not_seen_inward(cap):
         sun = [0.5 * np.cos(turn + 2.0), 0.5 * np.sin(turn + 2.0), 0.9]
         image = cap.photograph("A", toward, sun, pixel=0.9, samples=4, size=60)
         view = view_of(image, cap.grid, cap.heights())
-        found = match_image(ortho_rectify(image, view), render(view, function=lambert))
+        found = match_image(ortho_rectify(image, view), render_view(view, function=lambert))
         assert found.reason == ""
         up = image.axes[:2] @ cap.grid.uz
         outward.append(up @ (view.footprint @ found.shift) / (up @ up))

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from spcola.camera import project_image
-from spcola.control.estimation import Fixes, measured_sigma, state_covariance, state_partials
+from spcola.control.estimation import (
+    MeasuredLandmarks,
+    measured_sigma,
+    state_covariance,
+    state_partials,
+)
 from spcola.grids import Maplet
 from spcola.imagematching import (
     ChoiceOptions,
@@ -22,7 +27,7 @@ from spcola.photometry.functions import lambert
 
 VIEWS = [[0.6, 0.1, 1.0], [-0.5, 0.4, 1.0], [0.1, -0.6, 1.0], [-0.2, -0.2, 1.0]]
 LIGHTS = [[0.5, 0.2, 0.8], [-0.4, 0.4, 0.9], [0.3, -0.5, 0.8], [-0.6, -0.1, 0.9]]
-NO_FIXES = Fixes(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 3)))
+NO_FIXES = MeasuredLandmarks(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 3)))
 
 
 @pytest.fixture(scope="module")
@@ -135,7 +140,7 @@ def test_landmarks_constrain_a_state_better(waves, photographs):
     points = waves.grid.center + rng.uniform(-8, 8, (30, 2)) @ waves.grid.axes[:2]
     noise = 0.2 * rng.normal(size=(30, 2))
     observed = np.stack(project_image(image, points), axis=1) + noise
-    fixes = Fixes(points, observed, np.full((30, 3), 0.01))
+    fixes = MeasuredLandmarks(points, observed, np.full((30, 3), 0.01))
     assert measured_sigma([(image, fixes)]) == pytest.approx(0.2, abs=0.04)
     coarse = replace(image, pointing_sigma=np.full(3, 1e-3))
     loose = state_covariance(coarse, waves.grid.center, NO_FIXES, sigma_px=0.2)

@@ -3,15 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spcola.math.robust import (
-    HUBER,
-    biweight,
-    biweight_scores,
-    cauchy_weight,
-    huber_scores,
-    huber_weight,
-    mad,
-)
+from spcola.grids.robust_covariance import biweight_scores, huber_scores
+from spcola.math.robust import HUBER, biweight, cauchy_weight, huber_weight, mad
 
 
 def test_mad_is_the_standard_deviation_of_a_normal_sample() -> None:

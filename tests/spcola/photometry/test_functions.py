@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from spcola.errors import SettingsError
-from spcola.photometry import lunar_lambert, photometric_function
 from spcola.photometry.functions import (
     PHOTOMETRIC_FUNCTIONS,
     lambert,
     lommel_seeliger,
+    lunar_lambert,
     lunar_weight,
+    photometric_function,
 )
 
 RNG = np.random.default_rng(0)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spcola.photometry import ortho_rectify, render, view_of
+from spcola.photometry import ortho_rectify, render_view, view_of
 from spcola.photometry.functions import lambert, lommel_seeliger
 
 LIGHT = [0.5, 0.2, 0.8]
@@ -14,11 +14,11 @@ def test_flat_ground_has_the_brightness_of_the_function(waves):
     flat = np.zeros(waves.grid.shape)
     view = view_of(image, waves.grid, flat)
     sun = waves.grid.axes @ image.sun
-    found = render(view, function=lambert)
+    found = render_view(view, function=lambert)
     inside = np.isfinite(found)
     assert inside[2:-2, 2:-2].all()
     np.testing.assert_allclose(found[inside], sun[2], atol=1e-12)
-    bright = render(view, function=lommel_seeliger, albedo=np.full(flat.shape, 1.2))
+    bright = render_view(view, function=lommel_seeliger, albedo=np.full(flat.shape, 1.2))
     eye = view.cos_emission[5, 5]
     assert bright[5, 5] == pytest.approx(1.2 * 2 * sun[2] / (sun[2] + eye), rel=1e-4)
 
@@ -30,7 +30,7 @@ def test_a_rendering_looks_like_the_photograph(waves, pixel):
     view = view_of(image, waves.grid, waves.heights())
     shown, rendered = (
         ortho_rectify(image, view).brightness / 20000.0,
-        render(view, function=lambert),
+        render_view(view, function=lambert),
     )
     both = np.isfinite(shown) & np.isfinite(rendered)
     both[:4], both[-4:], both[:, :4], both[:, -4:] = False, False, False, False
@@ -45,7 +45,7 @@ def test_shadow_is_dark_and_unknown_ground_unknown(waves):
     height[:, 30] = 3.0
     height[5, 5] = np.nan
     image = waves.photograph("A", [0.0, 0.0, 1.0], [-1.0, 0.0, 1.0], samples=1, pixel=0.3)
-    rendered = render(view_of(image, waves.grid, height), function=lambert)
+    rendered = render_view(view_of(image, waves.grid, height), function=lambert)
     assert np.isnan(rendered[5, 5])
     assert (rendered[30, 32:35] == 0.0).all()
     assert (rendered[30, 40:50] > 0.5).all()

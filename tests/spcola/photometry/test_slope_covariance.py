@@ -5,8 +5,8 @@ import pytest
 
 from spcola.camera import Camera, SpcImage
 from spcola.grids import Maplet, MapletGrid
-from spcola.photometry import lunar_lambert, slope_variance
-from spcola.photometry.functions import lambert
+from spcola.photometry import slope_variance
+from spcola.photometry.functions import lambert, lunar_lambert
 from spcola.photometry.shadows import cast_shadow
 
 GRID = MapletGrid.facing([80.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.5, 10)

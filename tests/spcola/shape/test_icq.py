@@ -7,8 +7,7 @@ import pytest
 
 from spcola.errors import InvalidValueError
 from spcola.shape import Mesh
-from spcola.shape.icq import IcqShape, as_icq, distinct_vertices, icq_directions
-from spcola.shape.icq.template import shared_labels
+from spcola.shape.icq import IcqShape, as_icq, distinct_vertices, icq_directions, shared_labels
 
 
 def sphere(q: int, radius: float = 250.0) -> IcqShape:

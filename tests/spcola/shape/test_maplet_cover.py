@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spcola.errors import InvalidValueError
-from spcola.formats.shapes import read_obj
+from spcola.formats.shapes import read_obj_mesh
 from spcola.grids import MapletGrid
 from spcola.shape import Mesh, covering, sample_surface
 from spcola.shape.samples import Samples
@@ -162,7 +162,7 @@ def test_refuses_a_shape_without_area() -> None:
 
 @pytest.mark.real_data
 def test_bennu_is_covered(shared_data: Path) -> None:
-    mesh = read_obj(shared_data / "bennu" / "g_12570mm_alt_obj_0000n00000_v014.obj")
+    mesh = read_obj_mesh(shared_data / "bennu" / "g_12570mm_alt_obj_0000n00000_v014.obj")
     grids = covering(mesh, 1.0, 49)
     assert covered(mesh, grids, 0.8).all()
     assert len(grids) < 400

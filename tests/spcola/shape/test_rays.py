@@ -8,7 +8,7 @@ import pytest
 
 from spcola.arrays import FloatArray, IntArray
 from spcola.errors import InvalidValueError
-from spcola.formats.shapes import read_obj
+from spcola.formats.shapes import read_obj_mesh
 from spcola.shape import Mesh, RayCaster
 from spcola.shape.rays import facets_around_vertices, intersect, refine
 
@@ -225,7 +225,7 @@ def test_a_caster_can_be_sent_to_another_process(caster: RayCaster) -> None:
 
 @pytest.mark.real_data
 def test_bennu_is_met_from_7_km_to_a_micrometre(shared_data: Path) -> None:
-    mesh = read_obj(shared_data / "bennu" / "g_12570mm_alt_obj_0000n00000_v014.obj")
+    mesh = read_obj_mesh(shared_data / "bennu" / "g_12570mm_alt_obj_0000n00000_v014.obj")
     points, facet = surface_points(mesh, 50_000, 9)
     origins = points + 7000.0 * mesh.normals[facet]
     hits = RayCaster(mesh).cast(origins, points - origins)

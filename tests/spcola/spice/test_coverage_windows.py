@@ -11,9 +11,8 @@ import spiceypy
 
 from spcola.errors import KernelError
 from spcola.navigation import SPICE_LOCK
-from spcola.spice import Coverage, KernelSet, Track, body_fixed_states, coverage
-from spcola.spice.coverage_windows import Segment
-from spcola.spice.kernels import body_fixed_axes, state_times
+from spcola.spice import KernelCoverage, KernelSet, body_fixed_states, coverage
+from spcola.spice.coverage_windows import QuantityCoverage, Segment
 
 CRAFT, BENNU, FRAME = -999, 2101955, "CRAFT_BUS"
 # Images in two bursts a minute apart, one image alone, and hours between them.
@@ -130,7 +129,6 @@ BURSTS = np.array([[0.0, 540.0], [20_000.0, 20_000.0], [40_000.0, 40_540.0]])
 @pytest.mark.parametrize("kind", [5, 9, 13, 18])
 def test_states_at_listed_epochs_leave_gaps(tmp_path: Path, kind: int) -> None:
     path = spk(tmp_path / "a.bsp", kind)
-    np.testing.assert_allclose(state_times(path), TIMES)
     found = windows([path, *texts(tmp_path)], max_gap_s=600.0)
     np.testing.assert_allclose(found, BURSTS)
     whole = windows([path, *texts(tmp_path)])
@@ -189,8 +187,9 @@ def test_a_time_beyond_the_end_takes_the_pointing_at_the_end(tmp_path: Path) -> 
     path = spk(tmp_path / "a.bsp", 2, np.array([-1000.0, 50_000.0]))
     with KernelSet([path, ck(tmp_path / "a.bc"), *texts(tmp_path)]).load():
         end = TIMES[-1]
-        at_end = body_fixed_axes("J2000", BENNU, [end + 0.3])[0]
-        turned = body_fixed_axes(FRAME, BENNU, [end + 0.3], tolerance_s=0.5)[0]
+        at_end = body_fixed_states("", BENNU, [end + 0.3], frame="J2000")[1][0]
+        late = body_fixed_states("", BENNU, [end + 0.3], frame=FRAME, tolerance_s=0.5)
+        turned = late[1][0]
         # The body has turned on; the spacecraft is where it pointed last.
         angle = np.arctan2(*(turned @ at_end.T)[0, 1::-1])
         assert (angle - RATE * end + np.pi) % (2 * np.pi) == pytest.approx(np.pi, abs=1e-9)
@@ -205,12 +204,12 @@ def test_a_time_beyond_the_end_takes_the_pointing_at_the_end(tmp_path: Path) -> 
 
 def test_what_covers_together() -> None:
     none = np.empty((0, 2))
-    first = Track((Segment(0.0, 10.0, np.array([[2.0, 4.0]])), Segment(8.0, 20.0, none)))
-    second = Track((Segment(3.0, 15.0, none), Segment(18.0, 18.0, none)))
-    both = Coverage((first, second))
+    first = QuantityCoverage((Segment(0.0, 10.0, np.array([[2.0, 4.0]])), Segment(8.0, 20.0, none)))
+    second = QuantityCoverage((Segment(3.0, 15.0, none), Segment(18.0, 18.0, none)))
+    both = KernelCoverage((first, second))
     np.testing.assert_array_equal(both.windows(), [[4.0, 15.0], [18.0, 18.0]])
     assert both.covers([3.0, 4.0, 15.0, 16.0, 18.0]).tolist() == [False, True, True, False, True]
-    assert not len(Coverage((first, Track(()))).windows())
+    assert not len(KernelCoverage((first, QuantityCoverage(()))).windows())
 
 
 @pytest.mark.parametrize("count", [1e18, 0.0, -3.0, np.nan, np.inf, 1e300])

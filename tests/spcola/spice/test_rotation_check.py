@@ -11,7 +11,7 @@ import spiceypy
 from spcola.errors import KernelError
 from spcola.navigation import et_from_utc
 from spcola.spice import KernelSet, KernelUse, orientation_of
-from spcola.spice.kernels import state_times
+from spcola.spice.daf import daf_segments, state_epochs
 
 PHOBOS = 401
 NOVEMBER = et_from_utc("2018-11-08T00:00:00") + 86400.0 * np.arange(25.0)
@@ -179,7 +179,8 @@ def test_terms_that_a_spin_lacks(tmp_path: Path) -> None:
 @pytest.mark.real_data
 def test_the_pcks_of_bennu_over_the_states(shared_data: Path) -> None:
     folder = shared_data / "bennu" / "spc_states_181108"
-    times = state_times(folder / "orx_s_181108_181217_ALTP_v01.bsp")
+    states = folder / "orx_s_181108_181217_ALTP_v01.bsp"
+    times = np.concatenate([state_epochs(one.values, states) for one in daf_segments(states)])
     paths = [folder / "bennu_pck_altwg_V34.v2.tpc", folder / "bennu_pck_od090.tpc"]
     wanted = KernelUse(2101955, lambda: (times, 245.0))
     with pytest.raises(KernelError, match=r"POLE_RA .*POLE_DEC .*_PM .*turned by up") as bad:

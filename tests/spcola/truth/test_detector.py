@@ -11,7 +11,7 @@ from astropy.io import fits
 
 from spcola.errors import SettingsError
 from spcola.navigation import et_from_utc
-from spcola.truth.imaging import (
+from spcola.truth.raw_frames import (
     Detector,
     DetectorSettings,
     RawLabel,

@@ -11,14 +11,8 @@ import spiceypy
 
 from spcola.navigation import SPICE_LOCK, Spin
 from spcola.spice import KernelSet, body_fixed_states
-from spcola.truth.campaign import (
-    CampaignSettings,
-    PassSettings,
-    StateSettings,
-    Station,
-    plan_stations,
-    true_state,
-)
+from spcola.truth.campaign import CampaignSettings, PassSettings, Station, plan_stations
+from spcola.truth.campaign.states import StateSettings, true_state
 from spcola.truth.kernels import (
     KernelState,
     MissionClock,

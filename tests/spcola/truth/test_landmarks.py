@@ -8,18 +8,12 @@ import numpy as np
 import pytest
 
 from spcola.camera import ImagePoint, project_image
-from spcola.grids import Maplet, MapletGrid
+from spcola.grids import MapletGrid
 from spcola.math import Similarity, lattice
 from spcola.truth.body import stream
-from spcola.truth.campaign import (
-    PassSettings,
-    SolvedState,
-    StateSettings,
-    make_state,
-    plan_passes,
-    stations_of_pass,
-)
+from spcola.truth.campaign import PassSettings, plan_passes, stations_of_pass
 from spcola.truth.campaign.cameras import framing_camera
+from spcola.truth.campaign.states import SolvedState, StateSettings, make_state
 from spcola.truth.campaign.stations import Station
 from spcola.truth.sampled import SampledSurface
 from spcola.truth.solution import landmarks_of, measure_landmarks
@@ -47,7 +41,9 @@ class Mountain:
 
 @dataclass
 class Solved:
-    maplet: Maplet
+    name: str
+    grid: MapletGrid
+    center_sigma: np.ndarray
     true_center: np.ndarray
 
 
@@ -68,9 +64,7 @@ def _maplets(directions: np.ndarray, gsd: float = 0.5, center_sigma: float = 0.0
         center = Mountain(0.0).radius(direction[None])[0] * direction
         wrong = TO_SPC.apply(center) + center_sigma * generator.normal(size=3)
         grid = MapletGrid.facing(wrong, TO_SPC.turn(direction), gsd, 8)
-        height = np.full(grid.shape, np.nan)
-        maplet = Maplet(f"TR{number:04d}", grid, height, center_sigma=np.full(3, center_sigma))
-        solved.append(Solved(maplet, center))
+        solved.append(Solved(f"TR{number:04d}", grid, np.full(3, center_sigma), center))
     return solved
 
 
@@ -102,7 +96,7 @@ def test_on_a_sphere_the_limits_of_emission_and_incidence_decide(sphere: Sampled
         emission = np.degrees(np.arccos(normal @ toward / np.linalg.norm(toward)))
         incidence = np.degrees(np.arccos(normal @ sun))
         if emission < 65.0 and incidence < 80.0:
-            expected.add(solved.maplet.name)
+            expected.add(solved.name)
     assert seen == expected
     assert len(seen) > 40
 
@@ -169,7 +163,7 @@ def test_residuals_say_how_wrong_centres_and_states_are(sphere) -> None:
             for point in measure_landmarks(
                 state, maplets, sphere, settings=settings, generator=generator
             ):
-                center = maplets[int(point.name[2:])].maplet.grid.center
+                center = maplets[int(point.name[2:])].grid.center
                 predicted = project_image(state.solved, center)
                 residuals.append([predicted[0] - point.pixel, predicted[1] - point.line])
     # A pixel is some 6.3 cm: 0.3 px of noise, 0.06 m of centres, and up to 50 m from the target
@@ -186,8 +180,8 @@ def test_landmarks_list_their_pictures_in_the_order_of_the_images(sphere) -> Non
         replace(s.solved, name=f"I{k}", landmarks=_measure(s, maplets, sphere))
         for k, s in enumerate(states)
     ]
-    landmarks = landmarks_of([s.maplet for s in maplets], images, rms=0.3)
-    assert [k.name for k in landmarks] == [s.maplet.name for s in maplets]
+    landmarks = landmarks_of(maplets, images, rms=0.3)
+    assert [k.name for k in landmarks] == [s.name for s in maplets]
     from_images = [
         (m.name, ImagePoint(i.name, m.pixel, m.line)) for i in images for m in i.landmarks
     ]
@@ -197,7 +191,7 @@ def test_landmarks_list_their_pictures_in_the_order_of_the_images(sphere) -> Non
 
 
 def test_overlaps_are_the_projected_neighbours() -> None:
-    maplets = [s.maplet for s in _maplets(lattice(2000), gsd=1.0)]
+    maplets = _maplets(lattice(2000), gsd=1.0)
     found = overlaps_of(maplets)
     by_name = {m.name: m for m in maplets}
     for maplet, overlaps in list(zip(maplets, found, strict=True))[::101]:

@@ -11,10 +11,10 @@ import pytest
 from spcola.camera import Camera, SpcImage, project_image, ray
 from spcola.errors import SettingsError
 from spcola.formats.images import read_fits_image, read_image_data
-from spcola.photometry import lunar_lambert
+from spcola.photometry.functions import lunar_lambert
 from spcola.truth.body import BodySettings, TruthBody
 from spcola.truth.campaign.cameras import framing_camera, looking
-from spcola.truth.imaging import ImageSettings, render, write_image
+from spcola.truth.imaging import ImageSettings, render_image, write_image
 from spcola.truth.imaging.rendering import Rendered, expose
 from spcola.truth.sampled import SampledSurface
 
@@ -35,7 +35,7 @@ def an_image(detector: int = 200, camera: Camera | None = None) -> SpcImage:
 
 def rendered(image: SpcImage, settings: ImageSettings = EXACT, seed: int = 0) -> Rendered:
     generator = np.random.default_rng(seed)
-    return render(SURFACE, BODY, image, settings=settings, generator=generator)
+    return render_image(SURFACE, BODY, image, settings=settings, generator=generator)
 
 
 def beams_of(image: SpcImage) -> np.ndarray:
@@ -113,7 +113,7 @@ def test_cast_shadows_are_those_of_the_body_itself() -> None:
     body = TruthBody(BodySettings(seed=2, radius=60.0))
     surface = SampledSurface(body, 0.2)
     image = an_image(100)
-    found = render(surface, body, image, settings=EXACT, generator=np.random.default_rng(0))
+    found = render_image(surface, body, image, settings=EXACT, generator=np.random.default_rng(0))
     facing = found.hit & (found.incidence < np.radians(75))
     shaded = facing & ~found.lit
     assert shaded.sum() > 10

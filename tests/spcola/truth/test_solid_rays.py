@@ -11,7 +11,7 @@ from spcola.math import lattice
 from spcola.shape import Mesh, RayCaster
 from spcola.shape.icq import IcqShape, icq_directions
 from spcola.truth.body import BodySettings, TruthBody
-from spcola.truth.imaging import ImageSettings, render
+from spcola.truth.imaging import ImageSettings, render_image
 from spcola.truth.solid import MeshSurface
 from spcola.truth.solid.sheets import nearest_sheet, sheets_of, single_sheet
 
@@ -80,7 +80,7 @@ def test_an_image_shows_the_limb_of_the_ball_and_its_shadow() -> None:
     image = an_image(detector=240)
     settings = ImageSettings(noise=False, bits=16)
     body = TruthBody(BodySettings.sphere(GROUND))
-    got = render(SURFACE, body, image, settings=settings, generator=np.random.default_rng(0))
+    got = render_image(SURFACE, body, image, settings=settings, generator=np.random.default_rng(0))
     line, pixel = np.indices(got.hit.shape) + 1.0
     beams = ray(image, pixel.ravel(), line.ravel())
     start = image.position

@@ -36,8 +36,7 @@ ASIDE = [0.5, 0.7, 0.3]
 def _light(share: Callable[[np.ndarray], Any]) -> LightMap:
     """Return the light map of a share by unit directions."""
     tiling = Tiling.of(1, 256, 0.0)
-    directions = np.empty((6 * tiling.nodes, 3))
-    tile_directions(tiling, np.arange(6), directions)
+    directions = tile_directions(tiling, np.arange(6))
     shares = np.broadcast_to(share(directions), len(directions)).astype(np.float32)
     return LightMap(tiling, shares.reshape(6, -1))
 

@@ -12,8 +12,8 @@ from spcola.errors import SettingsError
 from spcola.math import Similarity
 from spcola.navigation import et_from_utc
 from spcola.truth.body import stream
-from spcola.truth.campaign import SolvedState, StateSettings, make_state
 from spcola.truth.campaign.cameras import framing_camera
+from spcola.truth.campaign.states import SolvedState, StateSettings, make_state
 from spcola.truth.campaign.stations import Station
 
 TO_SPC = Similarity.from_rotation_vector([1e-4, -2e-4, 3e-4], [0.07, -0.05, 0.04], 0.99975)

@@ -16,15 +16,7 @@ PlyValues = dict[str, AnyArray]
 
 
 def read_elements(content: bytes, header: PlyHeader, path: str | Path) -> dict[str, PlyValues]:
-    """Read all elements of a PLY file.
-
-    Parameters
-    ----------
-    content : bytes
-        Of the whole file.
-    header : PlyHeader
-    path : str or Path
-        For messages.
+    """Read all elements from the `content` of a PLY file with `header`; `path` is for messages.
 
     Raises
     ------
@@ -101,8 +93,7 @@ def _check_within(rows: NumberRows, at: IntArray, ends: IntArray, element: PlyEl
 def _spans(begins: IntArray, counts: IntArray) -> IntArray:
     """Return begin, begin + 1, … of every span, one after the other."""
     shift = np.repeat(begins - (np.cumsum(counts) - counts), counts)
-    spans: IntArray = shift + np.arange(len(shift))
-    return spans
+    return shift + np.arange(len(shift))
 
 
 def _read_binary(

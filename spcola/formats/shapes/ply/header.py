@@ -98,14 +98,7 @@ class PlyHeader:
 
 
 def parse_header(content: bytes, path: str | Path) -> PlyHeader:
-    """Parse the header at the start of a PLY file.
-
-    Parameters
-    ----------
-    content : bytes
-        Of the file.
-    path : str or Path
-        For messages.
+    """Parse the header in the `content` of a PLY file; `path` is for messages.
 
     Raises
     ------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -25,24 +24,8 @@ _FORMATS: dict[Encoding, str] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class PlyMesh:
-    """A mesh and the further numbers for each vertex.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Metres.
-    layers : dict of str to (V,) ndarray
-        Unchanged from the file.
-    """
-
-    mesh: Mesh
-    layers: dict[str, AnyArray] = field(default_factory=dict)
-
-
-def read_ply(path: str | Path, *, unit: Unit = "km") -> PlyMesh:
-    """Read a PLY mesh with all numbers for each vertex.
+def read_ply_mesh(path: str | Path, *, unit: Unit = "km") -> Mesh:
+    """Read a PLY mesh; further numbers of its vertices are ignored.
 
     Parameters
     ----------
@@ -61,25 +44,7 @@ def read_ply(path: str | Path, *, unit: Unit = "km") -> PlyMesh:
     elements = read_elements(content, parse_header(content, path), path)
     vertices = _vertices(elements, path, METRES[unit])
     facets = _facets(elements, len(vertices), path)
-    layers = {name: v for name, v in elements["vertex"].items() if name not in ("x", "y", "z")}
-    return PlyMesh(Mesh(vertices, facets, Path(path).stem), layers)
-
-
-def read_ply_mesh(path: str | Path, *, unit: Unit = "km") -> Mesh:
-    """Read a PLY mesh; see :func:`read_ply`.
-
-    Parameters
-    ----------
-    path : str or Path
-    unit : {"km", "m"}
-        Of its coordinates.
-
-    Raises
-    ------
-    FormatError
-        As :func:`read_ply`.
-    """
-    return read_ply(path, unit=unit).mesh
+    return Mesh(vertices, facets, Path(path).stem)
 
 
 def write_ply_mesh(

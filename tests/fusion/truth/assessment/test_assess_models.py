@@ -13,7 +13,7 @@ from fusion.truth.assessment.model import MapletModel, MeshModel, evenly, square
 from spcola.errors import FormatError, WorkspaceError
 from spcola.formats.maplets import write_maplet
 from spcola.formats.shapes import write_icq
-from spcola.formats.shapes import write_obj as write_mesh
+from spcola.formats.shapes import write_obj_mesh as write_mesh
 from spcola.grids import Maplet, MapletGrid
 from spcola.shape.icq import IcqShape, icq_directions
 
@@ -67,7 +67,7 @@ def test_what_is_no_model_is_refused(tmp_path) -> None:
     with pytest.raises(WorkspaceError, match=r"fused\.h5"):
         file_model(tmp_path)
     (tmp_path / "letter.txt").write_text("Dear reader")
-    with pytest.raises(FormatError, match="no shape"):
+    with pytest.raises(FormatError, match="in no format that is read"):
         file_model(tmp_path / "letter.txt")
 
 

@@ -1,0 +1,165 @@
+"""Options that several commands share, and what they choose."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass
+from functools import wraps
+from inspect import Parameter, Signature, signature
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+
+import typer
+
+from spcola.errors import SettingsError
+
+if TYPE_CHECKING:
+    from fusion.runtime import Executor
+
+WorkspaceArgument = Annotated[Path, typer.Argument(metavar="WS", help="The workspace.")]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print one JSON object on standard output, nothing else.")
+]
+WorkersOption = Annotated[
+    int | None,
+    typer.Option(metavar="N", min=1, max=1024, help="Threads; by default one for each core."),
+]
+ClusterOption = Annotated[
+    str,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Address of a Dask scheduler whose workers do the work. All must reach the workspace "
+        "under the same path.",
+    ),
+]
+AcceptOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--accept",
+        metavar="CODE",
+        help="Use a doubtful result in spite of a finding, named by its code: the word in brackets "
+        "that is printed with it, such as 'strain'. Repeat it for several. For this run only; "
+        "[accept] codes in spcola.toml keeps it.",
+    ),
+]
+FACES_FROM = typer.Option(
+    min=0, max=1, help="Number of the first vertex in the faces of an OBJ: 1, or 0."
+)
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Options of all commands that run stages."""
+
+    force: Annotated[bool, typer.Option("--force", help="Run even if up to date.")] = False
+    workers: WorkersOption = None
+    cluster: ClusterOption = ""
+    accept: AcceptOption = None
+    as_json: JsonOption = False
+
+
+@dataclass(frozen=True)
+class IsolateOptions:
+    """Options of all commands that read files of unknown origin."""
+
+    isolate: Annotated[
+        bool,
+        typer.Option(
+            "--isolate",
+            help="Run in a separate process with limited memory and time, for files that may be "
+            "damaged or hostile: they can only make that process fail.",
+        ),
+    ] = False
+    limit_mb: Annotated[
+        int,
+        typer.Option(metavar="MB", min=2048, max=1 << 24, help="With --isolate: limit of memory."),
+    ] = 8192
+    limit_s: Annotated[
+        float,
+        typer.Option(metavar="S", min=1.0, max=1e7, help="With --isolate: limit of time, seconds."),
+    ] = 3600.0
+
+    def apply(self, folder: Path) -> None:
+        """With ``--isolate``, run this command again in another process and end with its exit code.
+
+        Parameters
+        ----------
+        folder : Path
+            Where the command writes.
+
+        Raises
+        ------
+        typer.Exit
+            With the exit code.
+        SpcolaError
+            If that process died or took too long.
+        """
+        if not self.isolate:
+            return
+        from fusion.runtime.processes import ProcessLimits, isolated
+
+        arguments = [argument for argument in sys.argv[1:] if argument != "--isolate"]
+        raise typer.Exit(isolated(arguments, ProcessLimits(self.limit_mb, self.limit_s), folder))
+
+
+def with_shared_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command, instead of a parameter of a class of options, an option for each field.
+
+    Typer reads the options of a command from its signature.
+    """
+    hints = get_type_hints(command, include_extras=True)
+    classes: dict[str, Any] = {k: kind for k, kind in hints.items() if is_dataclass(kind)}
+    options: dict[str, Parameter] = {}
+    for name, parameter in signature(command).parameters.items():
+        options[name] = parameter.replace(annotation=hints[name], kind=Parameter.KEYWORD_ONLY)
+        if name in classes:
+            del options[name]
+            types = get_type_hints(classes[name], include_extras=True)
+            for field in fields(classes[name]):
+                options[field.name] = Parameter(
+                    field.name,
+                    Parameter.KEYWORD_ONLY,
+                    default=field.default,
+                    annotation=types[field.name],
+                )
+
+    @wraps(command)
+    def called(**given: Any) -> None:
+        for name, kind in classes.items():
+            given[name] = kind(**{field.name: given.pop(field.name) for field in fields(kind)})
+        command(**given)
+
+    called.__annotations__ = {name: option.annotation for name, option in options.items()}
+    called.__signature__ = Signature(list(options.values()))  # type: ignore[attr-defined]
+    return called
+
+
+def executor_of(workers: int | None, cluster: str) -> Executor:
+    """Return the executor that ``--workers`` and ``--cluster`` choose.
+
+    Raises
+    ------
+    typer.BadParameter
+        If both are given.
+    SettingsError
+        If the cluster cannot be used.
+    """
+    if not cluster:
+        from fusion.runtime import ThreadExecutor
+
+        return ThreadExecutor(workers)
+    if workers is not None:
+        raise typer.BadParameter("a cluster has its own workers", param_hint="--workers")
+    try:
+        from fusion.runtime import ClusterExecutor
+    except ImportError as error:
+        raise SettingsError(
+            "needs Dask", "--cluster", "install it: pip install 'spcola[cluster]'"
+        ) from error
+    return ClusterExecutor(cluster)
+
+
+def shared_path(path: Path, cluster: str) -> Path:
+    """Return a path that is valid for the workers of a cluster in their folder too."""
+    return path.absolute() if cluster else path

@@ -1,0 +1,25 @@
+"""Tables of `spcola.toml` for the stages after the import."""
+
+from fusion.workspace.settings.processing.fits import (
+    AcceptSettings,
+    RegisterSettings,
+    ScaleSettings,
+)
+from fusion.workspace.settings.processing.surfaces import (
+    BigmapSettings,
+    BigmapSite,
+    FuseSettings,
+    MapolaSettings,
+    ReleaseSettings,
+)
+
+__all__ = [
+    "AcceptSettings",
+    "BigmapSettings",
+    "BigmapSite",
+    "FuseSettings",
+    "MapolaSettings",
+    "RegisterSettings",
+    "ReleaseSettings",
+    "ScaleSettings",
+]

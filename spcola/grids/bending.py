@@ -1,0 +1,59 @@
+"""Bending of a gridded surface, and its effect on the mean height of a cell."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import maximum_filter, minimum_filter
+
+from spcola.arrays import FloatArray
+
+__all__ = ["BENDING_NOISE", "BENDING_RANGE_NOISE", "CELL_SHARE", "bending", "bending_range"]
+
+CELL_SHARE = 1.0 / 24.0
+"""Factor from bending to the difference between a quadratic surface's mean over the cell around a
+grid point and its height there: ∫ ½ (h_xx x² + h_yy y²) over the unit square."""
+
+BENDING_NOISE = 4.0
+"""Variance of :func:`bending` for independent heights of variance 1."""
+
+BENDING_RANGE_NOISE = 39.7
+"""Mean square of :func:`bending_range` for independent normal heights of variance 1 (simulated)."""
+
+
+def bending(height: FloatArray) -> FloatArray:
+    """Return ``h_xx + h_yy`` of the quadratic surface fitted to the 3 × 3 heights around a point.
+
+    Least squares, so that the variance due to noise is :data:`BENDING_NOISE` times that of the
+    heights; second differences along the two axes would make 20 times.
+
+    Parameters
+    ----------
+    height : (R, C) ndarray
+        Metres; NaN where unknown.
+
+    Returns
+    -------
+    (R, C) ndarray
+        Metres (per square grid step); positive in hollows. NaN at the border and next to a gap.
+    """
+    bend = np.full(height.shape, np.nan)
+    center = height[1:-1, 1:-1]
+    sides = height[2:, 1:-1] + height[:-2, 1:-1] + height[1:-1, 2:] + height[1:-1, :-2]
+    corners = height[2:, 2:] + height[:-2, 2:] + height[2:, :-2] + height[:-2, :-2]
+    bend[1:-1, 1:-1] = (2.0 * corners - sides - 4.0 * center) / 3.0
+    return bend
+
+
+def bending_range(height: FloatArray) -> FloatArray:
+    """Return the range of :func:`bending` within the 3 × 3 points around each point, metres.
+
+    `height` (R, C) is as there.
+
+    At the edge of a boulder it shows bending that a single point misses. 0 where at most one of
+    them is known.
+    """
+    bend = bending(height)
+    known = np.isfinite(bend)
+    most = maximum_filter(np.where(known, bend, -np.inf), size=3)
+    least = minimum_filter(np.where(known, bend, np.inf), size=3)
+    return np.maximum(most - least, 0.0)
