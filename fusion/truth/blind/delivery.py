@@ -16,7 +16,7 @@ from spcola.formats.shapes import write_obj_mesh
 from spcola.truth.imaging import render_image
 from spcola.truth.kernels import write_pointing, write_positions, write_texts
 from spcola.truth.raw_frames import Detector, RawLabel, write_calibration, write_raw_image
-from spcola.truth.solid import Cliff, Overhang, SolidBody, rough_shape
+from spcola.truth.solid import SolidBody, rough_shape
 
 ROUGH_SHAPE = "rough.obj"
 """Name of the coarse shape."""
@@ -41,7 +41,7 @@ def write_blind(
         "rotation": {"true": asdict(plan.spin), "nominal": asdict(plan.nominal_spin)},
         "sun_j2000": plan.sun.tolist(),
         "rough_shape": shape,
-        "overhangs": [_described(feature) for feature in body.overhangs],
+        "overhangs": [feature.described() for feature in body.overhangs],
     }
 
 
@@ -114,12 +114,3 @@ def _write_image(
     )
     path = work.site.root / IMAGES / f"{image.truth.name}.fits"
     write_raw_image(path, pixels, label, detector)
-
-
-def _described(feature: Overhang) -> dict[str, Any]:
-    """Return kind, place and size of an overhanging feature, in JSON types."""
-    place = {"place_m": feature.patch.origin.tolist(), "normal": feature.patch.axes[2].tolist()}
-    if isinstance(feature, Cliff):
-        size = [feature.length, feature.height, feature.overhang]
-        return {"kind": "cliff", **place, "length_height_overhang_m": size}
-    return {"kind": "boulder", **place, "semi_axes_m": list(feature.semi_axes)}

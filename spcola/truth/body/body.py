@@ -180,7 +180,7 @@ class TruthBody:
         return ((found - grid.center) @ grid.uz).reshape(grid.shape)
 
     def heights_near(self, grid: MapletGrid, model: FloatArray) -> FloatArray:  # noqa: ARG002
-        """Return the heights (2q+1, 2q+1) that a model's stand for: those of the only surface."""
+        """Return the heights (2q+1, 2q+1) on `grid`, whatever a `model`'s are."""
         return self.heights(grid)
 
     def icq(self, q: int) -> IcqShape:

@@ -166,6 +166,10 @@ def capped_deviation(generator: np.random.Generator) -> FloatArray:
 
     The paper's kernels were made like this: some 70 % lie within σ, and those beyond are set to it
     (Weirich et al., section 2.6).
+
+    Parameters
+    ----------
+    generator : numpy.random.Generator
     """
     direction = generator.normal(size=3)
     distance = min(abs(float(generator.normal())), 1.0)

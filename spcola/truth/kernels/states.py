@@ -49,7 +49,17 @@ class KernelState:
 
 
 def inertial_sun(spin: Spin, sun: FloatArray, time: float) -> FloatArray:
-    """Return the unit vector (3,) to the Sun in J2000 from the body-fixed one at `time`, s."""
+    """Return the unit vector (3,) to the Sun in J2000.
+
+    Parameters
+    ----------
+    spin : Spin
+        Rotation of the body.
+    sun : (3,) ndarray
+        The same vector, body-fixed, at `time`.
+    time : float
+        Ephemeris time, s.
+    """
     direction: FloatArray = sun @ spin.axes([time])[0]
     return direction
 

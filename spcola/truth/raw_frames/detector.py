@@ -84,11 +84,18 @@ class DetectorSettings:
         return int(2**self.bits - 1)
 
     def responsivity_of(self, camera: str) -> float:
-        """Return the DN/s at an I/F of 1."""
+        """Return the DN/s of a `camera` at an I/F of 1."""
         return self.responsivity / (3.0 if camera == "PolyCam" else 1.0)
 
     def exposure_for(self, iof: float, camera: str) -> float:
-        """Return the exposure, s, to 0.1 ms, that brings ground of this I/F to the stated share."""
+        """Return the exposure, s, to 0.1 ms, that brings ground to the stated share.
+
+        Parameters
+        ----------
+        iof : float
+            I/F of that ground.
+        camera : str
+        """
         wanted = self.exposure_share * (self.largest - self.bias)
         return max(1e-4, round(wanted / (iof * self.responsivity_of(camera)), 4))
 
@@ -121,7 +128,17 @@ class Detector:
     def drawn(
         cls, settings: DetectorSettings, camera: str, size: int, generator: np.random.Generator
     ) -> Detector:
-        """Draw the patterns of a square detector of `size` pixels across."""
+        """Draw the patterns of a square detector.
+
+        Parameters
+        ----------
+        settings : DetectorSettings
+        camera : str
+            Its name.
+        size : int
+            Pixels across.
+        generator : numpy.random.Generator
+        """
         shape = (size, size)
         uneven = gaussian_filter(generator.standard_normal(shape), _SMOOTH_SHARE * size)
         uneven /= max(float(np.abs(uneven).max()), 1e-12)
@@ -135,7 +152,7 @@ class Detector:
         return cls(settings, camera, read_only(dark), read_only(flat / flat.mean()))
 
     def dark_at(self, temperature_c: float) -> FloatArray:
-        """Return the dark current (NLN, NPX), DN/s, at a temperature, °C."""
+        """Return the dark current (NLN, NPX), DN/s, at a `temperature_c`, °C."""
         warmer: FloatArray = self.dark * 2.0 ** ((temperature_c - _REFERENCE_C) / _DOUBLING_K)
         return warmer
 

@@ -62,7 +62,7 @@ class RawLabel:
         return f"{stamp}_{self.camera[:3].lower()}_raw"
 
     def cards(self, detector: Detector) -> dict[str, Card]:
-        """Return the cards of the header."""
+        """Return the cards of the header of a frame of a `detector`."""
         settings = detector.settings
         gain = round(settings.full_well / settings.largest, 6)
         return {
@@ -94,7 +94,15 @@ class RawLabel:
 def write_raw_image(
     path: str | Path, pixels: AnyArray, label: RawLabel, detector: Detector
 ) -> None:
-    """Write a raw frame (NLN, NPX) of int16 with its label, whole or not at all.
+    """Write a raw frame with its label, whole or not at all.
+
+    Parameters
+    ----------
+    path : str or Path
+    pixels : (NLN, NPX) ndarray of int16
+    label : RawLabel
+    detector : Detector
+        Whose frame it is.
 
     Raises
     ------
@@ -106,6 +114,12 @@ def write_raw_image(
 
 def write_calibration(folder: Path, detector: Detector) -> tuple[Path, ...]:
     """Write dark current and flat field of a detector; return the files.
+
+    Parameters
+    ----------
+    folder : Path
+        Existing folder.
+    detector : Detector
 
     Raises
     ------

@@ -8,6 +8,7 @@ stays closed. Only sums, products and roots are used: the same body on every mac
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -48,6 +49,11 @@ class Patch:
         """Return `points` (N, 3) in the axes of the patch."""
         return (points - self.origin) @ self.axes.T
 
+    def described(self, kind: str) -> dict[str, Any]:
+        """Return kind and place of its feature in JSON types."""
+        place, normal = self.origin.tolist(), self.axes[2].tolist()
+        return {"kind": kind, "place_m": place, "normal": normal}
+
     def inside(self, points: FloatArray, margin: float = 0.0) -> IntArray:
         """Return the rows (M,) of the points (N, 3) that lie on this ground, or `margin` beyond."""
         reach = self.reach + margin
@@ -80,15 +86,14 @@ class UndercutBoulder:
     quarter_tangent: float
     bumps: FloatArray
 
-    @classmethod
-    def ground_reach(cls, semi_axes: tuple[float, float, float]) -> float:
-        """Return the radius of the ground that a boulder of these semi-axes takes, metres."""
-        return _BOULDER_GROUND * max(semi_axes)
-
     @property
     def edge(self) -> float:
         """Longest edge for its form, metres, after the ground has been stretched."""
         return min(self.semi_axes) / _EDGES
+
+    def described(self) -> dict[str, Any]:
+        """Return kind, place and size in JSON types."""
+        return {**self.patch.described("boulder"), "semi_axes_m": list(self.semi_axes)}
 
     def roughness_left(self, points: FloatArray) -> FloatArray:
         """Return the share (N,) of the ground's relief that remains at points (N, 3) inside."""
@@ -143,16 +148,15 @@ class Cliff:
     height: float
     overhang: float
 
-    @classmethod
-    def ground_reach(cls, length: float, height: float, overhang: float) -> float:
-        """Return the radius of the ground that it takes, metres."""
-        behind = _behind(height, overhang)
-        return float(np.sqrt(0.25 * length * length + behind * behind))
-
     @property
     def edge(self) -> float:
         """Longest edge for its form, metres, after the ground has been stretched."""
         return self.overhang / _EDGES
+
+    def described(self) -> dict[str, Any]:
+        """Return kind, place and size in JSON types."""
+        size = [self.length, self.height, self.overhang]
+        return {**self.patch.described("cliff"), "length_height_overhang_m": size}
 
     def roughness_left(self, points: FloatArray) -> FloatArray:
         """Return the share (N,) of the relief that remains: all of it but on the face."""
@@ -172,6 +176,17 @@ class Cliff:
         push = self.height * self.patch.axes[2] - self.overhang * self.patch.axes[1]
         moved: FloatArray = points + share[:, None] * push
         return moved
+
+
+def ground_of_boulder(semi_axes: tuple[float, float, float]) -> float:
+    """Return the radius of the ground that a boulder of these semi-axes takes, metres."""
+    return _BOULDER_GROUND * max(semi_axes)
+
+
+def ground_of_cliff(length: float, height: float, overhang: float) -> float:
+    """Return the radius of the ground that a cliff of this size takes, metres."""
+    behind = _behind(height, overhang)
+    return float(np.sqrt(0.25 * length * length + behind * behind))
 
 
 Overhang = UndercutBoulder | Cliff

@@ -8,7 +8,14 @@ from scipy.spatial import cKDTree
 from spcola.arrays import FloatArray
 from spcola.truth.body import BodySettings, stream
 from spcola.truth.body.relief import directions
-from spcola.truth.solid.overhangs import Cliff, Overhang, Patch, UndercutBoulder
+from spcola.truth.solid.overhangs import (
+    Cliff,
+    Overhang,
+    Patch,
+    UndercutBoulder,
+    ground_of_boulder,
+    ground_of_cliff,
+)
 from spcola.truth.solid.refining import SmoothMesh
 from spcola.truth.solid.settings import SolidSettings
 
@@ -54,7 +61,7 @@ def place_overhangs(
     length, height = settings.cliff_length, settings.cliff_height
     found: list[Overhang] = []
     for _ in range(settings.cliffs):
-        ground = patch(Cliff.ground_reach(length, height, settings.cliff_overhang))
+        ground = patch(ground_of_cliff(length, height, settings.cliff_overhang))
         if ground is not None:
             found.append(Cliff(ground, length, height, settings.cliff_overhang))
     # Rounded: tangents and roots differ in the last bit between the libraries of machines. The
@@ -62,7 +69,7 @@ def place_overhangs(
     tangent = float(np.round(np.tan(np.radians(settings.reach_deg) / 4.0), 12))
     strength = float(np.round(np.cbrt(0.5 * settings.roughness), 9))
     for semi_axes in _sizes(settings, generator):
-        ground = patch(UndercutBoulder.ground_reach(semi_axes))
+        ground = patch(ground_of_boulder(semi_axes))
         bumps = strength * directions(_BUMPS, 0.0, generator)
         if ground is not None:
             found.append(UndercutBoulder(ground, semi_axes, tangent, bumps))

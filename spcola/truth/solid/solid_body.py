@@ -132,11 +132,23 @@ class SolidBody(TruthBody):
         return self.first_hits(self.surface.outside(beams), -beams).normals
 
     def cast(self, origins: FloatArray, directions: FloatArray) -> FloatArray:
-        """Return the first hits (N, 3), metres, of rays; NaN where one misses."""
+        """Return the first hits (N, 3), metres, of rays; NaN where one misses.
+
+        Parameters
+        ----------
+        origins, directions : (N, 3) ndarray
+            As of :meth:`spcola.truth.body.TruthBody.cast`.
+        """
         return self.surface.caster.cast(origins, directions).points
 
     def first_hits(self, origins: FloatArray, directions: FloatArray) -> SurfacePoints:
-        """Return distance, points and outward normals of the first hits of rays."""
+        """Return distance, points and outward normals of the first hits of rays.
+
+        Parameters
+        ----------
+        origins, directions : (N, 3) ndarray
+            As of :meth:`spcola.truth.body.TruthBody.cast`.
+        """
         return self.surface.cast(origins, directions)
 
     def nearest(self, points: FloatArray) -> SurfacePoints:
@@ -154,7 +166,7 @@ class SolidBody(TruthBody):
         return sheets_of(self.surface.caster, grid)
 
     def heights(self, grid: MapletGrid) -> FloatArray:
-        """Return the heights (2q+1, 2q+1) along Uz, metres; NaN where there are several."""
+        """Return the heights (2q+1, 2q+1) on `grid`, metres; NaN where there are several."""
         return single_sheet(self.sheets(grid))
 
     def heights_near(self, grid: MapletGrid, model: FloatArray) -> FloatArray:
@@ -162,6 +174,12 @@ class SolidBody(TruthBody):
 
         Where there are several, the nearest to the model's; NaN where a second one is less than
         twice as far from it, or where the model has none.
+
+        Parameters
+        ----------
+        grid : MapletGrid
+        model : (2q+1, 2q+1) ndarray
+            Heights on the grid, metres.
         """
         return nearest_sheet(self.sheets(grid), model)
 
@@ -172,8 +190,8 @@ class SolidBody(TruthBody):
     def terrain(self, directions: FloatArray, *, smallest: float) -> AnyArray:
         """Return the terrain in the `directions` (N, 3): flags (N,) of uint8.
 
-        As of the settings' relief; BOULDER also on the circles of overhanging features, if the
-        directions are points on the surface.
+        As of the settings' relief, for features of at least `smallest` metres; BOULDER also on
+        the circles of overhanging features, if the directions are points on the surface.
         """
         flags = super().terrain(directions, smallest=smallest)
         for feature in self.overhangs:

@@ -251,7 +251,9 @@ def test_a_body_is_built_on_a_given_shape_by_the_command(tmp_path: Path) -> None
     assert isinstance(body, SolidBody)
     assert np.abs(body.nearest(stretched.vertices).distance).max() < 1e-9
     assert planted.settings.body.radius == pytest.approx(stretched.mean_radius, abs=1e-3)
-    write_obj_mesh(tmp_path / "base.obj", Mesh(1.1 * stretched.vertices, stretched.facets), unit="m")
+    write_obj_mesh(
+        tmp_path / "base.obj", Mesh(1.1 * stretched.vertices, stretched.facets), unit="m"
+    )
     with pytest.raises(WorkspaceError, match="is not the shape on which"):
         planted.body()
 

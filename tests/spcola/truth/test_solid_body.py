@@ -15,7 +15,8 @@ from spcola.math import lattice
 from spcola.shape import RayCaster
 from spcola.shape.icq import IcqShape, icq_directions
 from spcola.truth.body import BOULDER, BodySettings
-from spcola.truth.solid import Cliff, SolidBody, SolidSettings, UndercutBoulder
+from spcola.truth.solid import SolidBody, SolidSettings
+from spcola.truth.solid.overhangs import Cliff, UndercutBoulder
 from spcola.truth.solid.refining import SmoothMesh, refined
 
 RADIUS = 40.0
