@@ -184,9 +184,9 @@ class TruthBody:
         return self.heights(grid)
 
     def icq(self, q: int) -> IcqShape:
-        """Return the surface as an ICQ shape of Q = `q`: its vertices lie on it exactly."""
+        """Return the outermost surface as an ICQ shape of Q = `q`; its vertices lie on it."""
         directions = icq_directions(q)
-        radius = self.radius(directions.reshape(-1, 3)).reshape(directions.shape[:-1])
+        radius = self.outermost_radius(directions.reshape(-1, 3)).reshape(directions.shape[:-1])
         return IcqShape(radius[..., None] * directions, name="truth")
 
     def mesh(self, q: int) -> Mesh:
@@ -220,10 +220,10 @@ class TruthBody:
         The plane is the least-squares fit to the surface over a square of `width`, metres, across
         `direction`.
         """
-        middle = self.radius(direction[None])[0] * _unit(direction[None])[0]
+        middle = self.outermost_radius(direction[None])[0] * _unit(direction[None])[0]
         frame = MapletGrid.facing(middle, middle, width / 8.0, 4)
         nodes = _unit(frame.points(np.zeros(frame.shape)).reshape(-1, 3))
-        points = self.radius(nodes)[:, None] * nodes
+        points = self.outermost_radius(nodes)[:, None] * nodes
         centroid = points.mean(axis=0)
         normal = np.linalg.svd(points - centroid)[2][2]
         return centroid, normal if normal @ middle > 0 else -normal

@@ -74,11 +74,11 @@ def write_pointing(path: Path, states: Sequence[KernelState], clock: Path) -> No
     times = np.array([state.time for state in states])
     gaps = np.concatenate([[np.inf], np.diff(times), [np.inf]])
     half = np.minimum(_HALF_S, 0.4 * np.minimum(gaps[:-1], gaps[1:]))
-    turns = [spiceypy.m2q(MOUNTS[state.camera].T @ state.axes) for state in states]
     comments = ["Nominal attitude of a synthetic mission, at its images alone."]
     with SPICE_LOCK:
         spiceypy.furnsh(str(clock))
         try:
+            turns = [spiceypy.m2q(MOUNTS[state.camera].T @ state.axes) for state in states]
             epochs = np.stack([times - half, times + half], axis=1).ravel()
             ticks = np.array([spiceypy.sce2c(CLOCK, float(epoch)) for epoch in epochs])
         finally:

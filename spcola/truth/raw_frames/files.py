@@ -67,7 +67,7 @@ class RawLabel:
         gain = round(settings.full_well / settings.largest, 6)
         return {
             "MISSION": (MISSION, "mission"),
-            "SPACECRF": (CRAFT, "spacecraft"),
+            "TELESCOP": (CRAFT, "spacecraft"),
             "INSTRUME": (self.camera.upper(), "camera"),
             "TARGET": (TARGET, "target body"),
             "FILTER": (FILTERS[self.camera], "filter"),

@@ -149,9 +149,7 @@ def test_images_show_the_body_where_the_true_states_have_it(
     assert full >= 6
 
 
-def test_scans_lie_on_the_body_and_under_its_overhangs_are_none(
-    made: tuple[Path, Planted], body: SolidBody
-) -> None:
+def test_scans_lie_on_the_body(made: tuple[Path, Planted], body: SolidBody) -> None:
     root, planted = made
     (name, errors), *_ = planted.scans.items()
     scan = read_scan(root / "lidar" / f"{name}.dat")

@@ -126,6 +126,32 @@ def test_a_point_below_the_overhang_is_outside(body: SolidBody) -> None:
     assert found.normals[0] @ patch.axes[0] > 0
 
 
+def test_ground_under_an_overhang_is_hidden_from_above_and_seen_from_the_side(
+    body: SolidBody,
+) -> None:
+    for boulder in body.overhangs:
+        patch, (a, b, _) = boulder.patch, boulder.semi_axes
+        around = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+        # Between the foot (0.64 of the semi-axes) and the equator.
+        x, y = 0.85 * a * np.cos(around), 0.85 * b * np.sin(around)
+        from_below = patch.origin + np.stack([x, y, 0.02 + 0 * x], axis=1) @ patch.axes
+        ground = body.nearest(from_below).points
+        up = patch.axes[2]
+        assert body.surface.occluded(ground, up).all()
+        above = ground + 500.0 * up
+        hits = body.first_hits(above, ground - above)
+        assert (hits.distance < 500.0 - 0.2 * a).all()
+        # From the side to which they lie, slightly above the curved horizon.
+        side = np.stack([x, y, 0.25 * np.hypot(x, y)], axis=1) @ patch.axes
+        assert not body.surface.occluded(ground, side).any()
+        away = ground + 300.0 * side / np.linalg.norm(side, axis=1)[:, None]
+        seen = body.first_hits(away, ground - away)
+        assert seen.distance == pytest.approx(300.0, abs=1e-6)
+        radius = np.linalg.norm(ground, axis=1)
+        assert np.isnan(body.radius(ground)).all()
+        assert (body.outermost_radius(ground) > radius + 0.2 * a).all()
+
+
 def test_a_cliff_leans_over_the_ground_in_front_of_it() -> None:
     solid = replace(PLAIN, cliffs=1, cliff_length=20.0, cliff_height=4.0, cliff_overhang=2.5)
     body = SolidBody(SPHERE, solid)
