@@ -67,7 +67,7 @@ def make(
         typer.Option(
             metavar="FILE",
             help="Shape (ICQ, OBJ or PLY) on which the body of a blind mission is built; distances "
-            "follow its size.",
+            "and the mesh follow its size.",
         ),
     ] = None,
     base_unit: Annotated[

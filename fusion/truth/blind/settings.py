@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, TypeVar, cast
 
 from fusion.truth.presets import FAR_DIVERGENCE, MissionSettings
 from lidar.truth import LidarSettings
@@ -18,6 +18,7 @@ from spcola.truth.imaging import ImageSettings
 from spcola.truth.raw_frames import DetectorSettings
 from spcola.truth.solid import RoughShapeSettings, SolidSettings
 
+Part = TypeVar("Part")
 LIDAR, IMAGES, KERNELS, SHAPE, CALIBRATION = "lidar", "images", "kernels", "shape", "calibration"
 BLIND_PARTS = (LIDAR, IMAGES, KERNELS, SHAPE, CALIBRATION)
 """Folders of a blind mission."""
@@ -134,7 +135,10 @@ class BlindSettings(MissionSettings):
         return replace(self, images=images)
 
     def on_base(self, base: BaseFile) -> BlindSettings:
-        """Return the mission to a body built on a given shape; distances follow its size.
+        """Return the mission to a body built on a given shape.
+
+        Distances of the spacecraft, rasters, the mesh and its overhangs follow the size of the
+        body; its relief and the errors are unchanged.
 
         Raises
         ------
@@ -147,18 +151,26 @@ class BlindSettings(MissionSettings):
             replace(leg, ranges=(factor * leg.ranges[0], factor * leg.ranges[1]))
             for leg in self.campaign.legs
         )
-        passes = replace(
-            self.passes,
-            nearest=max(1.0, factor) * self.passes.nearest,
-            farthest=max(1.0, factor) * self.passes.farthest,
-        )
+        solid = _scaled(
+            self.solid, factor, "spacing", "smallest", "largest",
+            "cliff_length", "cliff_height", "cliff_overhang",
+        )  # fmt: skip
         return replace(
             self,
             base=base,
             body=replace(self.body, radius=radius),
+            solid=solid,
             campaign=replace(self.campaign, legs=legs, radius=radius),
-            passes=passes,
+            passes=_scaled(self.passes, factor, "nearest", "farthest"),
+            lidar=_scaled(self.lidar, factor, "width", "spacing"),
+            rough=_scaled(self.rough, factor, "wavelength"),
         )
+
+
+def _scaled(settings: Part, factor: float, *names: str) -> Part:
+    """Return settings with some lengths multiplied by a factor, to a micrometre."""
+    lengths = {name: round(factor * getattr(settings, name), 6) for name in names}
+    return cast(Part, replace(cast(Any, settings), **lengths))
 
 
 def on_base(

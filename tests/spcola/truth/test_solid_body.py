@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spcola.errors import SettingsError
+from spcola.errors import InvalidValueError, SettingsError
 from spcola.formats.shapes import read_shape
 from spcola.grids import MapletGrid
 from spcola.math import lattice
-from spcola.shape import RayCaster
+from spcola.shape import Mesh, RayCaster
 from spcola.shape.icq import IcqShape, icq_directions
 from spcola.truth.body import BOULDER, BodySettings
 from spcola.truth.solid import SolidBody, SolidSettings
@@ -215,6 +215,26 @@ def test_a_given_base_is_kept(shared_data: Path) -> None:
     away = caster.closest(relief.surface_mesh.vertices).distance
     assert 0.5 < np.sqrt(np.mean(away**2)) < 2.5
     assert is_closed(relief.surface_mesh.facets)
+
+
+def test_a_base_with_a_hole_or_inside_out_is_refused() -> None:
+    whole = IcqShape(RADIUS * icq_directions(6), name="base").mesh()
+    with pytest.raises(InvalidValueError, match="base: is not closed"):
+        SolidBody(SPHERE, PLAIN, base=Mesh(whole.vertices, whole.facets[1:], "base"))
+    with pytest.raises(InvalidValueError, match="facets inward"):
+        SolidBody(SPHERE, PLAIN, base=Mesh(whole.vertices, whole.facets[:, ::-1], "base"))
+
+
+@pytest.mark.real_data
+def test_a_base_may_have_several_radii_itself(shared_data: Path) -> None:
+    """The two lobes of 67P; a boulder on them is as undercut as on a sphere."""
+    base = read_shape(shared_data / "rosetta_67p" / "navcam" / "67p-4k.obj")
+    settings = BodySettings(seed=1, radius=base.mean_radius)
+    solid = replace(PLAIN, spacing=200.0, boulders=2, smallest=300.0, largest=400.0)
+    body = SolidBody(settings, solid, base=base)
+    assert is_closed(body.surface_mesh.facets)
+    assert 0.02 < np.isnan(body.radius(lattice(5000))).mean() < 0.2
+    assert body.surface_mesh.volume == pytest.approx(base.volume, rel=0.02)
 
 
 def test_a_mesh_of_too_many_facets_is_refused_in_one_line() -> None:
