@@ -18,6 +18,8 @@ from fusion.truth.planted import Planted
 from fusion.truth.recovery import compare
 from fusion.truth.solution import light_of
 from fusion.workspace import Workspace
+from spcola.truth.body import TruthBody
+from spcola.truth.solid import SolidBody
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +71,7 @@ def assess(
     settings = settings or AssessmentSettings()
     body = planted.body()
     with progress.task("light", 1) as task:
-        light = light_on(planted)
+        light = light_on(planted, body)
         task.advance()
     ground = Ground(body, light, settings)
     scores = []
@@ -88,8 +90,10 @@ def assess(
     )
 
 
-def light_on(planted: Planted) -> Light:
+def light_on(planted: Planted, body: TruthBody) -> Light:
     """Return the share of a rotation for which the ground is lit, as in making the solution."""
+    if isinstance(body, SolidBody):
+        return light_of(planted.settings, body.surface).at
     return light_of(planted.settings, shadow_ground(planted.settings.body)).at
 
 
