@@ -42,7 +42,8 @@ def read_instrument_kernels(
     Distortion: the model that ``DISTORTION_MODEL`` names (``OCAMS``, ``OPENCV``), or the one of the
     mission whose keywords are there (PP and DECENTER: Apollo; TO_UNDISTORTED_X: OSIRIS; OD_K with
     three numbers: radial, with one: LROC NAC); none without such keywords. Axes are those of the
-    instrument's frame in the kernels. Those that ``spcola kernels`` wrote name any model. PolyCam gets its table of focus positions (nominal is
+    instrument's frame in the kernels. Those that ``spcola kernels`` wrote name any model. PolyCam
+    gets its table of focus positions (nominal is
     infinity), and a camera with ``OPENCV_OD_A`` its law of temperature, from 0 °C.
 
     Parameters

@@ -152,8 +152,8 @@ def cameras_text(numbers: KernelNumbers, examples: Sequence[SpcImage]) -> str:
         [
             "Focal length in mm; CCD_CENTER is pixel and line of the boresight, where the centre",
             "of the first pixel is (0, 0), as in NAIF's kernels; K_MATRIX (2 x 3, by rows) takes",
-            "x, y (mm) and x*y to pixels and lines; ITRANSS and ITRANSL are its linear terms in the",
-            "form of ISIS.",
+            "x, y (mm) and x*y to pixels and lines; ITRANSS and ITRANSL are its linear terms in",
+            "the form of ISIS.",
             "DISTORTION: coefficients of the model. The field of view has the corners of the",
             "first and last pixels.",
         ],
