@@ -59,11 +59,12 @@ class FuseStage(Stage):
             seed=table.seed,
             fill_sigma_m=table.fill_sigma_m,
         )
-        tally = _Tally()
+        # Workers of a cluster get what a function refers to: not the whole context.
+        tally, items = _Tally(), context.items
 
         def fused(name: str) -> FuseResult:
             parts = scene.parts(name)
-            return context.items.result(fuse_maplet, parts, information, options=options)
+            return items.result(fuse_maplet, parts, information, options=options)
 
         grids = {name: scene.grid_of(name) for name in scene.targets}
         chosen = context.chosen(grids, {name: grid.center for name, grid in grids.items()})
