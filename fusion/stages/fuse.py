@@ -53,12 +53,7 @@ class FuseStage(Stage):
         workspace, table = context.workspace, context.table(FuseSettings)
         scene = Scene.of(workspace, light=table.light)
         information = scene.information(partial(context.map, "compare lidar and SPC"))
-        options = FuseOptions(
-            loss=table.loss,
-            fraction=table.constraint_fraction,
-            seed=table.seed,
-            fill_sigma_m=table.fill_sigma_m,
-        )
+        options = fuse_options(table)
         tally = _Tally()
 
         def fused(name: str) -> FuseResult:
@@ -77,6 +72,16 @@ class FuseStage(Stage):
 
 
 STAGE = FuseStage()
+
+
+def fuse_options(table: FuseSettings) -> FuseOptions:
+    """Return the options of the fusion from the settings."""
+    return FuseOptions(
+        loss=table.loss,
+        fraction=table.constraint_fraction,
+        seed=table.seed,
+        fill_sigma_m=table.fill_sigma_m,
+    )
 
 
 def _kept_in(workspace: Workspace) -> Callable[[str], FusedMaplet | None]:

@@ -75,6 +75,11 @@ class ItemStore:
                 path.unlink(missing_ok=True)
 
 
+def item_folder(home: Path, stage: str) -> Path:
+    """Return where a stage keeps its items; `home` is the folder of the solution."""
+    return home / ".items" / stage
+
+
 def _read(path: Path) -> tuple[bool, Any]:
     """Return whether there is a sound result in a file, and the result."""
     try:
