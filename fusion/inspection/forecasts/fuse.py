@@ -15,12 +15,14 @@ from fusion.pipeline import Stage
 from fusion.runtime import ThreadExecutor
 from fusion.scene import Exposures, Scene
 from fusion.stages.fuse import fuse_options
+from spcola.shape import RayCaster, shape_heights
 
 _SAMPLE = 24
 # Bytes of one point: of the layers in memory, of the results' files, of the kept items.
 _POINT_BYTES, _FILE_BYTES, _KEPT_BYTES = 3500.0, 31.5, 45.0
-# Mapolas around a maplet, read and projected, take as long as so many fusions.
-_GATHERING = 0.5
+# Mapolas around a maplet, read and projected, take as long as so many fusions, and so long at
+# least.
+_PROJECTING, _LEAST_S = 0.5, 0.01
 
 
 def fuse_forecast(situation: Situation, stage: Stage) -> StageForecast:
@@ -31,8 +33,9 @@ def fuse_forecast(situation: Situation, stage: Stage) -> StageForecast:
         kept, basis = min(round(share * count), store.count), Basis.SAMPLE
     else:
         count, kept, basis = len(situation.grids), 0, Basis.SYNTHETIC
-        each = situation.synthetic.fusion().seconds * (1.0 + _GATHERING)
-        seconds = each * count + _light(situation) * (count + min(count, _SAMPLE))
+        each = situation.synthetic.fusion().seconds
+        besides = max(_PROJECTING * each, _LEAST_S) + _gathering(situation)
+        seconds = each * count + besides * (count + min(count, _SAMPLE))
     disk = (count * _FILE_BYTES + (count - kept) * _KEPT_BYTES) * points
     return StageForecast(
         stage.name, count, kept, seconds, _POINT_BYTES * points, situation.workers, disk, basis
@@ -59,23 +62,33 @@ def _sampled(situation: Situation, stage: Stage) -> tuple[int, float, float]:
     return len(names), before + work, sample.kept_share
 
 
-def _light(situation: Situation) -> float:
-    """Return the time per maplet of finding from images where its slopes were observed."""
+def _gathering(situation: Situation) -> float:
+    """Return the time per maplet of reading it, its shape, and where images observed its slopes."""
     workspace, light = situation.workspace, situation.settings.fuse.light
     names = workspace.maplet_names()
-    images = tuple(workspace.images()) if names else ()
-    if light == "none" or not images:
+    if not names:
         return 0.0
     names = names[:: max(1, len(names) // (2 * situation.workers))]
-    maplets = [workspace.maplet(name) for name in names]
-    exposed = Exposures(workspace)
-    found = (
-        ImageSlopes.of(images, [maplet.grid for maplet in maplets], exposed)
-        if light == "auto"
-        else ImageSlopes(images, light, exposed)
-    )
-    found.variance(maplets[0])
+    images = tuple(workspace.images()) if light != "none" else ()
+    caster = RayCaster(workspace.shape()) if workspace.has_shape() else None
+    slopes = None
+    if images and light != "none":
+        grids, exposed = [workspace.maplet(name).grid for name in names], Exposures(workspace)
+        slopes = (
+            ImageSlopes.of(images, grids, exposed)
+            if light == "auto"
+            else ImageSlopes(images, light, exposed)
+        )
+
+    def gathered(name: str) -> None:
+        maplet = workspace.maplet(name)
+        if caster is not None:
+            shape_heights(caster, maplet.grid, reach=maplet.grid.radius)
+        if slopes is not None:
+            slopes.variance(maplet)
+
+    gathered(names[0])
     begun = time.perf_counter()
-    for _ in ThreadExecutor(situation.workers).stream(found.variance, maplets):
+    for _ in ThreadExecutor(situation.workers).stream(gathered, names):
         pass
-    return (time.perf_counter() - begun) / len(maplets)
+    return (time.perf_counter() - begun) / len(names)

@@ -61,7 +61,7 @@ def mapola_forecast(situation: Situation, stage: Stage) -> StageForecast:
     disk = (items * _FILE_BYTES + (items - kept) * _KEPT_BYTES) * points
     return StageForecast(
         stage.name, items, kept, seconds + _WRITING_S * items, BYTES_PER_RETURN * found.most,
-        situation.workers, disk, Basis.SAMPLE,
+        situation.workers, disk, Basis.SAMPLE, details=content,
     )  # fmt: skip
 
 

@@ -30,7 +30,9 @@ def scale_forecast(situation: Situation, stage: Stage) -> StageForecast:
     store = situation.store(stage)
     context = situation.context(stage, store)
     caster = RayCaster(situation.workspace.shape())
-    found = sampled_pairs(context, caster, situation.radius, 3 * situation.workers)
+    found = sampled_pairs(
+        context, caster, situation.radius, count=3 * situation.workers, seed=store.count
+    )
     # Two items each, a bigmap and a pair; the first pair is made before the timed ones.
     computed = len(store.computed) / max(2 * found.sampled, 1)
     kept = min(round(max(1.0 - computed, 0.0) * found.pairs), store.count // 2)

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from functools import wraps
 from typing import Any, TypeVar
 
+import numpy as np
+
 from fusion.pipeline.items import ItemStore, encode
 from fusion.runtime import ThreadExecutor
 from spcola.errors import WorkspaceError
@@ -16,6 +18,9 @@ from spcola.errors import WorkspaceError
 Result = TypeVar("Result")
 # Timed calls of each worker, as long as they take less than this together.
 _CALLS, _LONG_S = 4, 1.0
+# Items of each worker that are timed; tries until one has to be computed; time of one that is found
+# kept, seconds.
+_EACH, _ROUNDS, _FOUND_S = 2, 4, 0.02
 
 
 @dataclass(frozen=True)
@@ -46,12 +51,16 @@ def cost_of(function: Callable[[], Any], workers: int) -> Cost:
         memory = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    done, begun = 0, time.perf_counter()
-    while done < _CALLS * workers and time.perf_counter() - begun < _LONG_S:
-        for _ in ThreadExecutor(workers).stream(lambda _: function(), range(workers)):
-            done += 1
-    seconds = (time.perf_counter() - begun) / done
-    return Cost(seconds, memory, sum(array.nbytes for array in kept.arrays) + len(kept.text))
+    seconds: list[float] = []
+    while len(seconds) < _CALLS and sum(seconds) < _LONG_S / workers:
+        begun = time.perf_counter()
+        list(ThreadExecutor(workers).stream(lambda _: function(), range(workers)))
+        seconds.append((time.perf_counter() - begun) / workers)
+    return Cost(
+        float(np.median(seconds)),
+        memory,
+        sum(array.nbytes for array in kept.arrays) + len(kept.text),
+    )
 
 
 @dataclass(frozen=True)
@@ -106,9 +115,10 @@ class Sample:
 def timed_sample(
     names: Sequence[str], one: Callable[[str], Any], store: NotingStore, workers: int
 ) -> Sample:
-    """Make some items of a stage as the stage does, evenly taken from all, and time them.
+    """Make some items of a stage as the stage does, and time them.
 
-    The first of each worker does not count, as its code may be compiled meanwhile.
+    The first of each worker does not count, as its code may be compiled meanwhile. If all were
+    found kept, more are tried.
 
     Parameters
     ----------
@@ -119,20 +129,23 @@ def timed_sample(
     store : NotingStore
     workers : int
     """
-    count = min(len(names), 3 * workers)
-    chosen = [names[k * len(names) // count] for k in range(count)]
+    # Another sample each time, as an earlier one is kept.
+    order = np.random.default_rng(store.count).permutation(len(names)).tolist()
+    kept = store.count
     store.computed.clear()
-    first = chosen[:workers] if len(chosen) > workers else chosen[:1]
-    list(ThreadExecutor(workers).stream(one, first))
-    found = len(first) - len(store.computed)
-    rest = chosen[len(first) :] or chosen
-    before, begun = len(store.computed), time.perf_counter()
-    list(ThreadExecutor(workers).stream(one, rest))
-    took = time.perf_counter() - begun
-    computed = len(store.computed) - before
-    found += len(rest) - computed if rest is not chosen else 0
-    share = found / len(chosen)
-    each = took / len(rest)
-    if computed:
-        return Sample(took / computed, 0.1 * each, share)
-    return Sample(each, each, share)
+    executor = ThreadExecutor(workers)
+    list(executor.stream(one, [names[k] for k in order[:workers]]))
+    sampled, rest = len(order[:workers]), order[workers:] or order
+    took = computed = made = 0.0
+    for begin in range(0, _ROUNDS * _EACH * workers, _EACH * workers):
+        chosen = [names[k] for k in rest[begin : begin + _EACH * workers]]
+        before, begun = len(store.computed), time.perf_counter()
+        list(executor.stream(one, chosen))
+        took, made = took + time.perf_counter() - begun, made + len(chosen)
+        computed += len(store.computed) - before
+        if computed or kept >= len(names):
+            break
+    sampled += int(made) if rest is not order else 0
+    share = 1.0 - len(store.computed) / sampled
+    each = took / max(made, 1.0)
+    return Sample(took / computed if computed else each, min(each, _FOUND_S), share)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
@@ -42,7 +42,9 @@ class StageForecast:
         Of results and of kept items that do not exist yet.
     basis : Basis
     reason : str
-        Why it is unknown, or what it assumes.
+        Why it is unknown.
+    details : mapping
+        Further numbers of the stage, in JSON types.
     """
 
     stage: str
@@ -54,6 +56,7 @@ class StageForecast:
     disk_bytes: float = 0.0
     basis: Basis = Basis.UP_TO_DATE
     reason: str = ""
+    details: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def memory_bytes(self) -> float:

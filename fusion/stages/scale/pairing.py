@@ -159,9 +159,12 @@ class SampledPairs:
 
 
 def sampled_pairs(
-    context: StageContext, caster: RayCaster, radius: float, count: int
+    context: StageContext, caster: RayCaster, radius: float, *, count: int, seed: int
 ) -> SampledPairs:
-    """Make about `count` of the pairs as :func:`pair_images` does, and time them."""
+    """Make about `count` of the pairs as :func:`pair_images` does, and time them.
+
+    `seed` chooses the scans from which they are.
+    """
     table = context.table(ScaleSettings)
     begun = time.perf_counter()
     solution = _Solution.of(context.workspace, table.maplet_sigma_m)
@@ -171,9 +174,9 @@ def sampled_pairs(
     groups = list(maker.groups().items())
     before = time.perf_counter() - begun
     workers = context.executor.workers
-    step = max(1, len(groups) // workers)
     most = max(1, count // workers)
-    chosen = [(path, members[:most]) for path, members in groups[::step]][:workers]
+    order = np.random.default_rng(seed).permutation(len(groups))
+    chosen = [(path, members[:most]) for path, members in (groups[k] for k in order[:workers])]
     for path, members in chosen[:1]:
         maker.pairs_of_scan((path, members[:1]))
     begun = time.perf_counter()
