@@ -105,7 +105,8 @@ def _workspace_info(path: Path) -> tuple[dict[str, Any], list[str]]:
     content, settings = describe_workspace(opened), opened.settings()
     lines = value_lines(content)
     # No forecast for a workspace whose stages refuse it.
-    forecasts = {} if content["problems"] else stage_forecasts(opened, settings)
+    known = content["stages"]
+    forecasts = {} if content["problems"] else stage_forecasts(opened, settings, states=known)
     if forecasts:
         lines += ["  forecast:", *(f"    {line}" for line in forecast_lines(forecasts))]
     details = forecasts["mapolas"].details if forecasts else {}

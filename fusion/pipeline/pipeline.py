@@ -21,7 +21,7 @@ from fusion.pipeline.catalog.records import (
 from fusion.pipeline.catalog.soundness import Unsound, rejected_maplets, unsound
 from fusion.pipeline.changed_files import Changed, changed_since
 from fusion.pipeline.changes import Changes
-from fusion.pipeline.items import ItemStore, item_folder
+from fusion.pipeline.items import ItemStore, item_folder, whole_version
 from fusion.pipeline.stage import Stage, StageContext, StageResult, find_table
 from fusion.pipeline.subset import Subset
 from fusion.runtime import Executor, Progress, ThreadExecutor, json_value
@@ -352,7 +352,7 @@ class Pipeline:
             kind.__name__: find_table(self.settings, kind).model_dump(mode="json")
             for kind in stage.tables
         }
-        version = stage.whole_version
+        version = whole_version(stage.version)
         content = {"stage": stage.name, "version": version, "settings": tables, "inputs": inputs}
         return _Key(content_digest(content), version, tables, inputs)
 

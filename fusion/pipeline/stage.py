@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-import spcola
 from fusion.pipeline.changed_files import Changed
 from fusion.pipeline.items import ItemStore
 from fusion.pipeline.subset import Subset
@@ -166,11 +165,6 @@ class Stage(ABC):
     needs: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
     tables: tuple[type[Table], ...] = ()
-
-    @property
-    def whole_version(self) -> str:
-        """Version of the program and of the stage."""
-        return f"{spcola.__version__}+{self.version}"
 
     @abstractmethod
     def missing(self, workspace: Workspace, settings: Settings) -> str:

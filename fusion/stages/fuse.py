@@ -54,11 +54,11 @@ class FuseStage(Stage):
         scene = Scene.of(workspace, light=table.light)
         information = scene.information(partial(context.map, "compare lidar and SPC"))
         options = fuse_options(table)
-        tally = _Tally()
+        tally, items = _Tally(), context.items
 
         def fused(name: str) -> FuseResult:
             parts = scene.parts(name)
-            return context.items.result(fuse_maplet, parts, information, options=options)
+            return items.result(fuse_maplet, parts, information, options=options)
 
         grids = {name: scene.grid_of(name) for name in scene.targets}
         chosen = context.chosen(grids, {name: grid.center for name, grid in grids.items()})

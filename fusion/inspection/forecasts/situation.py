@@ -12,13 +12,14 @@ import numpy as np
 from fusion.inspection.forecasts.synthetic import SyntheticCosts
 from fusion.inspection.forecasts.timing import NotingStore
 from fusion.pipeline import Stage, StageContext
-from fusion.pipeline.items import item_folder
+from fusion.pipeline.items import item_folder, whole_version
 from fusion.runtime import Progress, ThreadExecutor
 from fusion.stages.mapolas import mapola_grids
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.processing import MapolaSettings
 from lidar.formats.native import scan_summary
+from spcola.errors import WorkspaceError
 from spcola.grids import MapletGrid
 
 # Maplets that are read for their usual size.
@@ -50,10 +51,18 @@ class Situation:
 
     @cached_property
     def usual(self) -> MapletGrid:
-        """Grid of median size of some maplets; of mapolas where there are no maplets."""
+        """Grid of median size of some maplets; of mapolas where there are no maplets.
+
+        Raises
+        ------
+        WorkspaceError
+            If there is neither.
+        """
         names = self.workspace.maplet_names()
         chosen = names[:: max(1, -(-len(names) // _LOOKED_AT))]
         grids = [self.workspace.maplet(name).grid for name in chosen] or list(self.grids.values())
+        if not grids:
+            raise WorkspaceError("there are neither maplets nor a covering", self.workspace.root)
         return sorted(grids, key=lambda grid: grid.size)[len(grids) // 2]
 
     @cached_property
@@ -84,7 +93,9 @@ class Situation:
 
     def store(self, stage: Stage) -> NotingStore:
         """Return where the stage keeps its items."""
-        return NotingStore(item_folder(self.workspace.home, stage.name), stage.whole_version)
+        return NotingStore(
+            item_folder(self.workspace.home, stage.name), whole_version(stage.version)
+        )
 
     def context(self, stage: Stage, store: NotingStore, **changed: Any) -> StageContext:
         """Return a context in which parts of a stage can be tried."""

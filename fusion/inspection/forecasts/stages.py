@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 
 from fusion.inspection.forecasts.fuse import fuse_forecast
 from fusion.inspection.forecasts.mapolas import mapola_forecast
@@ -40,7 +39,12 @@ _FORECASTS: dict[str, Callable[[Situation, Stage], StageForecast]] = {
 
 @one_blas_thread()
 def stage_forecasts(
-    workspace: Workspace, settings: Settings, *, only: str = "", workers: int | None = None
+    workspace: Workspace,
+    settings: Settings,
+    *,
+    only: str = "",
+    workers: int | None = None,
+    states: Mapping[str, str] | None = None,
 ) -> dict[str, StageForecast]:
     """Return what each stage will take, in the order in which they run.
 
@@ -56,43 +60,48 @@ def stage_forecasts(
         Name of a stage; by default all.
     workers : int, optional
         Threads of the run; by default one for each core.
+    states : mapping of str to str, optional
+        From :meth:`fusion.pipeline.Pipeline.states`, if known.
     """
     stages = load_stages()
-    states = Pipeline(workspace, settings, stages).states()
+    states = states or Pipeline(workspace, settings, stages).states()
     found: dict[str, StageForecast] = {}
     due, ready = set[str](), set[str]()
     for place, stage in enumerate(stages):
         # The report shows the results of all.
         needed = set(stage.needs) or {one.name for one in stages[:place]}
         waits, state = bool(due & needed), states[stage.name]
-        if state != "up to date" or waits:
+        blocked = state.startswith("cannot run")
+        # What it lacks is made by a stage that is due, or by none.
+        if waits or not (blocked or state == "up to date"):
             due.add(stage.name)
-        if not waits and not state.startswith("cannot run"):
+        if not waits and not blocked:
             ready.add(stage.name)
     situation = Situation(workspace, settings, workers or usable_cores(), frozenset(ready))
     for stage in stages:
-        if stage.name not in due:
-            found[stage.name] = StageForecast(stage.name)
-        elif only in ("", stage.name):
-            found[stage.name] = _forecast(situation, stage, states[stage.name])
+        if only in ("", stage.name):
+            state = states[stage.name]
+            found[stage.name] = (
+                _forecast(situation, stage, state) if stage.name in due else _without(stage, state)
+            )
     return found
 
 
 def _forecast(situation: Situation, stage: Stage, state: str) -> StageForecast:
-    """Return the forecast of a stage that is due or waits for others."""
-    unknown = StageForecast(stage.name, seconds=math.nan, basis=Basis.UNKNOWN)
+    """Return the forecast of a stage that is due, or will be."""
     try:
-        if state.startswith("cannot run") and not _will_be_ready(situation, stage):
-            return replace(unknown, reason=state.removeprefix("cannot run: "))
         return _FORECASTS[stage.name](situation, stage)
     except SpcolaError as error:
-        return replace(unknown, reason=str(error))
+        missing = state.startswith("cannot run")
+        return _without(stage, state) if missing else _unknown(stage, str(error))
 
 
-def _will_be_ready(situation: Situation, stage: Stage) -> bool:
-    """Return whether stages before `stage` will make what it lacks."""
-    known = {one.name: one for one in load_stages()}
-    needed = stage.needs or (() if stage.name == "ingest" else ("ingest",))
-    return stage.name in situation.ready or (
-        bool(needed) and all(_will_be_ready(situation, known[name]) for name in needed)
-    )
+def _without(stage: Stage, state: str) -> StageForecast:
+    """Return the forecast of a stage that will not run."""
+    if state == "up to date":
+        return StageForecast(stage.name)
+    return _unknown(stage, state.removeprefix("cannot run: "))
+
+
+def _unknown(stage: Stage, reason: str) -> StageForecast:
+    return StageForecast(stage.name, seconds=math.nan, basis=Basis.UNKNOWN, reason=reason)

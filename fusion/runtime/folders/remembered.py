@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import stat
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -12,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import spcola
-from fusion.runtime.executor import usable_cores
 from fusion.runtime.json_values import json_value
 from spcola import atomic
 from spcola.errors import SpcolaError
@@ -84,7 +84,8 @@ class Remembered:
     def key(self, files: list[str]) -> str:
         """Return a digest of files, kept items, program and machine."""
         items = [_status(str(path)) for path in sorted((self.folder / _ITEMS).glob("*"))]
-        return _digest([files, items, spcola.__version__, usable_cores(), str(self.folder)])
+        listed = hashlib.sha256("\n".join(files).encode("utf-8", "surrogateescape")).hexdigest()
+        return _digest([listed, items, spcola.__version__, os.cpu_count(), str(self.folder)])
 
 
 def _files(folder: Path) -> Iterator[str]:
@@ -97,26 +98,29 @@ def _files(folder: Path) -> Iterator[str]:
     """
     waiting = [str(folder)]
     while waiting:
-        found = []
+        found, inner = [], []
         with os.scandir(waiting.pop()) as entries:
             for entry in entries:
-                if entry.name[0] == "." or entry.name.startswith(_OWN):
+                name = entry.name
+                if name[0] == "." or name.startswith(_OWN):
                     continue
-                if entry.is_dir():
-                    waiting.append(entry.path)
                 status = entry.stat()
-                times = f"{status.st_size},{status.st_mtime_ns},{status.st_ctime_ns}"
-                # Times of folders change with hidden files in them.
-                state = "" if entry.is_dir() else f"{times},{status.st_ino}"
-                found.append(f"{entry.path}\0{state}")
-        waiting.sort()
-        yield from sorted(found)
+                if stat.S_ISDIR(status.st_mode):
+                    inner.append(entry.path)
+                    continue
+                found.append(
+                    f"{entry.path}\0{status.st_size},{status.st_mtime_ns},{status.st_ctime_ns},"
+                    f"{status.st_ino}"
+                )
+        waiting += sorted(inner)
+        found.sort()
+        yield from found
 
 
 def _status(path: str) -> list[int] | None:
     """Return what is unchanged as long as a file is; None if it cannot be reached."""
     try:
-        status = os.stat(path)
+        status = Path(path).stat()
     except OSError:
         return None
     return [status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino]
