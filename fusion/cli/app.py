@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 import spcola
-from fusion.cli import align, altimetry, demo, folder, look, solution, stages, truth
+from fusion.cli import align, altimetry, camera, demo, folder, look, solution, stages, states, truth
 from fusion.cli.options import with_shared_options
 from fusion.cli.program import guarded
 
@@ -38,6 +38,12 @@ COMMANDS: tuple[tuple[str, Callable[..., Any], str], ...] = (
     ("info", folder.info, "spcola info bennu; spcola info bennu/MAPFILES/AB0001.MAP --json"),
     ("look", look.look, "spcola look bennu; spcola look bennu/MAPFILES/AB0001.MAP -o map.png"),
     ("align", align.align, "spcola align scan.las site.ply -o moved.las"),
+    (
+        "sumfiles",
+        states.sumfiles,
+        "spcola sumfiles bennu images.csv --frame ORX_OCAMS_MAPCAM --camera map.toml",
+    ),
+    ("kernels", states.kernels, "spcola kernels bennu kernels --pck bennu.tpc"),
     ("demo", demo.demo, "spcola demo /tmp/demo"),
 )
 
@@ -45,6 +51,7 @@ for _name, _function, _example in COMMANDS:
     app.command(_name, epilog=f"Example: {_example}")(guarded(with_shared_options(_function)))
 app.add_typer(solution.app)
 app.add_typer(truth.app)
+app.add_typer(camera.app)
 
 
 def _print_version(wanted: bool) -> None:

@@ -14,8 +14,7 @@ from fusion.cli.output import show
 
 if TYPE_CHECKING:
     from fusion.runtime import Executor, Progress
-    from fusion.truth import Planted
-    from fusion.truth.assessment import AssessmentSettings, Model
+    from fusion.truth.assessment import AssessmentSettings, Model, Planted
     from fusion.workspace import Workspace
 
 _Shown = tuple[dict[str, Any], list[str]]

@@ -2,7 +2,7 @@
 
 from fusion.geolocation.kernels import advice_on_unplaced
 from fusion.geolocation.located_shots import LocatedShots, located_shots
-from fusion.geolocation.locating import geolocator, located_store, return_paths
+from fusion.geolocation.locating import geolocator, located_store, return_paths, rotations
 from fusion.geolocation.return_source import ReturnSource, gridding_options
 
 __all__ = [
@@ -14,4 +14,5 @@ __all__ = [
     "located_shots",
     "located_store",
     "return_paths",
+    "rotations",
 ]

@@ -209,9 +209,7 @@ def spin_change(workspace: Workspace, table: SpinSettings) -> tuple[Spin, Spin] 
     SettingsError
         If the rotation is corrected but not stated.
     """
-    before = {name: getattr(table, name) for name in _SPIN}
-    after = {name: value + getattr(table, f"shift_{name}") for name, value in before.items()}
-    stated, corrected = Spin(**before), Spin(**after)
+    stated, corrected = rotations(table)
     if corrected == stated:
         return None
     if table.rate_deg_per_day == 0.0:
@@ -221,3 +219,15 @@ def spin_change(workspace: Workspace, table: SpinSettings) -> tuple[Spin, Spin] 
             "state pole, meridian and rate with which the lidar files were geolocated",
         )
     return stated, corrected
+
+
+def rotations(table: SpinSettings) -> tuple[Spin, Spin]:
+    """Return the rotation that [spin] states, and the corrected one.
+
+    Parameters
+    ----------
+    table : SpinSettings
+    """
+    before = {name: getattr(table, name) for name in _SPIN}
+    after = {name: value + getattr(table, f"shift_{name}") for name, value in before.items()}
+    return Spin(**before), Spin(**after)

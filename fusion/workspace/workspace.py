@@ -123,7 +123,7 @@ class Workspace:
         return solution_folder(self.root, self.solution)
 
     def path_of(self, name: str) -> Path:
-        """Return the file that :meth:`relative` names."""
+        """Return the file whose name in the catalogue (:meth:`relative`) is `name`."""
         return (self.root if name.partition("/")[0] in _SHARED else self.home) / name
 
     def relative(self, path: Path) -> str:

@@ -14,6 +14,18 @@ from typing import Any, Literal
 
 import laspy
 import numpy as np
+from fuzz_cameras import (
+    ATTITUDES,
+    CATALOGUE,
+    POSITIONS,
+    colmap,
+    isd_text,
+    read_camera_file,
+    read_kernel,
+    read_line_scan,
+    write_camera_file,
+)
+from fuzz_cameras import KERNEL as INSTRUMENT
 from fuzz_images import isis, pds3, read_cube, read_image, write_pds4, write_raster
 from fuzz_kernels import (
     KERNEL,
@@ -67,6 +79,8 @@ from lidar.gridding import Mapola
 from lidar.scans import Scan
 from spcola.camera import Camera, SpcImage
 from spcola.control import Landmark
+from spcola.formats.cameras import read_colmap_cameras
+from spcola.formats.cameras.stars import read_attitudes, read_star_catalogue, read_star_positions
 from spcola.formats.images import (
     read_fits_image,
     read_image_data,
@@ -424,5 +438,12 @@ KINDS: dict[str, Sample] = {
         _read_registration,
         "json",
     ),
+    "isd": Sample(_bytes("a.isd", isd_text), read_line_scan, "json"),
+    "colmap": Sample(_bytes("cameras.bin", colmap), read_colmap_cameras, "binary"),
+    "camera file": Sample(_written("a.toml", write_camera_file), read_camera_file, "text"),
+    "instrument kernel": Sample(_bytes("a.ti", INSTRUMENT.encode), read_kernel, "text"),
+    "star catalogue": Sample(_bytes("a.csv", lambda: CATALOGUE), read_star_catalogue, "text"),
+    "star positions": Sample(_bytes("a.csv", lambda: POSITIONS), read_star_positions, "text"),
+    "star attitudes": Sample(_bytes("a.csv", lambda: ATTITUDES), read_attitudes, "text"),
     "truth": Sample(_written("truth.json", _truth), read_truth, "json"),
 }

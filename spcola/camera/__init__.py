@@ -1,6 +1,6 @@
 """Cameras: from body-fixed points to pixels and back."""
 
-from spcola.camera.camera import Camera
+from spcola.camera.camera import Camera, DistortionModel
 from spcola.camera.image import ImagePoint, SpcImage
 from spcola.camera.projection import (
     partials_position,
@@ -12,6 +12,7 @@ from spcola.camera.projection import (
 
 __all__ = [
     "Camera",
+    "DistortionModel",
     "ImagePoint",
     "SpcImage",
     "partials_position",

@@ -10,7 +10,10 @@ import numpy as np
 from spcola.arrays import FloatArray, check_finite, frozen
 from spcola.errors import InvalidValueError
 
-DistortionModel = Literal["owen", "brown", "bicubic"]
+DistortionModel = Literal[
+    "owen", "brown", "bicubic", "hasselblad", "radial", "transverse", "rosetta", "hayabusa2",
+    "ocams", "lronac",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +30,8 @@ class Camera:
         Pixel/line per millimetre, applied to (x, y, x·y).
     width, height : int
         NPX and NLN.
-    distortion_model : {"owen", "brown", "bicubic"}
-        How `distortion` is to be read; see :mod:`spcola.camera.distortion`.
+    distortion_model : str
+        How `distortion` is to be read; the names are those of :mod:`spcola.camera.distortion`.
     distortion : array_like
         Coefficients; empty or all zero for none.
 
@@ -54,10 +57,15 @@ class Camera:
             check_finite(getattr(self, name), name)
         if not (np.isfinite(self.focal_length_mm) and self.focal_length_mm > 0):
             raise InvalidValueError(f"must be positive, not {self.focal_length_mm}", "focal length")
-        if abs(np.linalg.det(self.k_matrix[:, :2])) < 1e-12:
+        with np.errstate(over="ignore", invalid="ignore"):
+            determinant = float(np.linalg.det(self.k_matrix[:, :2]))
+        if not 1e-12 <= abs(determinant) < np.inf:
             raise InvalidValueError("is singular: no pixel can be traced back", "K-matrix")
         if self.distortion_model not in get_args(DistortionModel):
-            raise InvalidValueError(f"{self.distortion_model!r} is no distortion", "camera")
+            known = ", ".join(get_args(DistortionModel))
+            raise InvalidValueError(
+                f"{self.distortion_model!r} is no distortion; known are {known}", "camera"
+            )
         if self.width < 1 or self.height < 1:
             raise InvalidValueError(f"has no pixels ({self.width} × {self.height})", "camera")
 

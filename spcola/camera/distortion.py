@@ -1,105 +1,112 @@
 """Lens distortion: from the gnomonic focal plane to the true one, and back [2].
 
-Each model gives dx, dy in ``x = xp + dx(xp, yp)``, ``y = yp + dy(xp, yp)``, millimetres.
+Most models give dx, dy in ``x = xp + dx(xp, yp)``, ``y = yp + dy(xp, yp)``, millimetres. Those
+marked with * are defined the other way, ``xp = x + dx(x, y)``, and are inverted here.
 
 owen
     Owen (2011): ``(e2 r² + e4 r⁴ + e5 y + e6 x) (x, y) + (e1 r + e3 r³) (−y, x)``. Four
     coefficients are (e2, e4, e5, e6), without the pinwheel terms; six are e1 … e6.
 brown
-    Brown's model as OpenCV writes it: (k1, k2, p1, p2[, k3]) on coordinates divided by the
-    focal length, and the result multiplied by it.
+    Brown's model as OpenCV writes it: (k1, k2, p1, p2[, k3[, k4, k5, k6]]) on coordinates divided
+    by the focal length, and the result multiplied by it.
 bicubic
     Two polynomials of third degree in x, y (mm): ten coefficients of dx, then ten of dy, in the
     order 1, x, y, x², xy, y², x³, x²y, xy², y³.
+hasselblad *
+    Apollo: (x0, y0, k1, k2, k3, j1, j2, t), principal point in mm, radial and decentring terms, t
+    in radians. SPC's own form is not published; this is ISIS's for the Apollo metric camera
+    (ApolloMetricDistortionMap; keywords PP, OD_K, DECENTER).
+radial *
+    The USGS's general form (CSM ``radial``, ISIS): ``xp = x (1 − k0 − k1 r² − k2 r⁴)``.
+transverse
+    CSM ``transverse``: as bicubic, but for x and y themselves, not for dx and dy.
+rosetta *
+    OSIRIS: polynomials of third degree in each pixel coordinate, (pixel in mm, line and sample of
+    the axis from 0, 16 + 16 coefficients) as ISIS has it (keywords TO_UNDISTORTED_X and _Y; its x
+    runs with lines). SPC's own form is not published.
+hayabusa2 *
+    ONC: ``R' = L0 R + L1 R³ + L2 R⁵`` in pixels (Suzuki et al., 2018; the archive's
+    hyb2_onc_c_dist_20190131.db), coefficients (pixel in mm, L0, L1, L2). ISIS states the same
+    formula, but its program squares r twice; the published formula is used here.
+ocams
+    OSIRIS-REx PolyCam, MapCam, SamCam as the ISIS addendum kernels have it (``OCAMS``):
+    (x0, y0, k0 … k4), ``dx = (k0 + k1 r + … + k4 r⁴) (x − x0)``, r from (x0, y0).
+lronac *
+    LROC NAC (CSM ``lrolrocnac``): ``yp = y / (1 + k y²)``, x unchanged.
+
+A lens that folds the plane over (x + k x³ beyond its turning point) has no image there: such
+points are NaN in both directions.
 """
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spcola.arrays import FloatArray
+from spcola.arrays import BoolArray, FloatArray
 from spcola.camera.camera import Camera
+from spcola.camera.models import MODELS, DistortionForm
 from spcola.errors import InvalidValueError
 
-COEFFICIENTS = {"owen": (4, 6), "brown": (4, 5), "bicubic": (20,)}
+COEFFICIENTS = {name: model.counts for name, model in MODELS.items()}
 """Numbers of coefficients that each model may have; zeros of any length mean no distortion."""
 
 MAX_ITERATIONS = 30
 TOLERANCE_MM = 1e-12
-"""Newton's step at which `undistort` stops: 1e-10 of a 10 µm pixel."""
+"""Newton's step at which the inverse stops, for a coordinate of up to 1 mm: 1e-10 of a pixel."""
+
+# The plane is searched for folds up to this many radii of the detector.
+_SEARCHED_RADII = 8.0
+_RINGS = 256
+_SECTORS = 32
 
 
 def distort(camera: Camera, x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return the true focal-plane position (mm) of gnomonic positions x, y (…), mm [2].
 
+    NaN where the plane is folded over.
+
     Raises
     ------
     InvalidValueError
         If the model does not allow the camera's number of coefficients.
     """
-    xs, ys = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
-    dx, dy, _ = displacement(camera, xs, ys)
-    return xs + dx, ys + dy
-
-
-def distortion_jacobian(camera: Camera, x: ArrayLike, y: ArrayLike) -> FloatArray:
-    """Return ∂(x, y)/∂(xp, yp) (…, 2, 2) of `distort`, dimensionless."""
-    xs, ys = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
-    return np.eye(2) + displacement(camera, xs, ys)[2]
+    xs, ys = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
+    if not camera.distortion.any():
+        return xs.copy(), ys.copy()
+    return _inverse(camera, xs, ys) if _form(camera).corrects else _direct(camera, xs, ys)
 
 
 def undistort(camera: Camera, x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return the gnomonic position (mm) whose distorted position is x, y (…), mm.
 
-    Newton's method; NaN where it does not converge (far outside the calibrated field).
-    """
-    target = np.stack(np.broadcast_arrays(x, y), axis=-1).astype(np.float64)
-    if not camera.distortion.any():
-        return target[..., 0], target[..., 1]
-    guess = target.copy()
-    step = np.full(target.shape, np.inf)
-    for _ in range(MAX_ITERATIONS):
-        dx, dy, slope = displacement(camera, guess[..., 0], guess[..., 1])
-        residual = target - guess - np.stack([dx, dy], axis=-1)
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            step = solve_2x2(np.eye(2) + slope, residual)
-            guess = guess + step
-        if not np.any(np.abs(step) > TOLERANCE_MM):
-            break
-    # a root where the image is folded over (x + k x³ beyond its turning point) is not this ray
-    bend = np.eye(2) + displacement(camera, guess[..., 0], guess[..., 1])[2]
-    upright = (np.trace(bend, axis1=-2, axis2=-1) > 0) & (np.linalg.det(bend) > 0)
-    lost = ~(np.all(np.abs(step) <= TOLERANCE_MM, axis=-1) & upright)
-    guess[lost] = np.nan
-    return guess[..., 0], guess[..., 1]
-
-
-def displacement(
-    camera: Camera, x: FloatArray, y: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return dx, dy (mm) and their partials (…, 2, 2) at gnomonic x, y (…), mm.
+    NaN where there is none (far outside the calibrated field).
 
     Raises
     ------
     InvalidValueError
         If the model does not allow the camera's number of coefficients.
     """
-    coefficients = camera.distortion
-    if not coefficients.any():
-        zero = np.zeros(np.broadcast_shapes(x.shape, y.shape))
-        return zero, zero, np.zeros((*zero.shape, 2, 2))
-    model = camera.distortion_model
-    if len(coefficients) not in COEFFICIENTS[model]:
-        wanted = " or ".join(str(count) for count in COEFFICIENTS[model])
-        raise InvalidValueError(
-            f"the {model} model has {wanted} coefficients, not {len(coefficients)}", "distortion"
-        )
-    if model == "owen":
-        return _owen(coefficients, x, y)
-    if model == "brown":
-        return _brown(coefficients, x, y, camera.focal_length_mm)
-    return _bicubic(coefficients, x, y)
+    xs, ys = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
+    if not camera.distortion.any():
+        return xs.copy(), ys.copy()
+    return _direct(camera, xs, ys) if _form(camera).corrects else _inverse(camera, xs, ys)
+
+
+def distortion_jacobian(camera: Camera, x: ArrayLike, y: ArrayLike) -> FloatArray:
+    """Return ∂(x, y)/∂(xp, yp) (…, 2, 2) of `distort`, dimensionless."""
+    xs, ys = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
+    if not camera.distortion.any():
+        return np.broadcast_to(np.eye(2), (*xs.shape, 2, 2)).copy()
+    if not _form(camera).corrects:
+        return _bend(camera, xs, ys)
+    back = _bend(camera, *_inverse(camera, xs, ys))
+    # of matrices (…, 2, 2): a NaN gives NaN, not an error
+    columns = [solve_2x2(back, np.broadcast_to(unit, back.shape[:-1])) for unit in np.eye(2)]
+    return np.stack(columns, axis=-1)
 
 
 def solve_2x2(matrix: FloatArray, right: FloatArray) -> FloatArray:
@@ -113,73 +120,119 @@ def solve_2x2(matrix: FloatArray, right: FloatArray) -> FloatArray:
     return np.stack([d * u - b * v, a * v - c * u], axis=-1) / (a * d - b * c)[..., None]
 
 
-def _matrix(xx: FloatArray, xy: FloatArray, yx: FloatArray, yy: FloatArray) -> FloatArray:
-    """Stack four partials as (…, 2, 2)."""
-    rows = [np.stack([xx, xy], axis=-1), np.stack([yx, yy], axis=-1)]
-    return np.stack(rows, axis=-2)
+def unfolded_radius(camera: Camera) -> float:
+    """Return the radius (mm) up to which the camera's model does not fold the plane over.
 
-
-def _owen(e: FloatArray, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Owen's model and its partials."""
-    e1, e2, e3, e4, e5, e6 = e if len(e) == 6 else (0.0, e[0], 0.0, e[1], e[2], e[3])
-    r2 = x * x + y * y
-    r = np.sqrt(r2)
-    radial = e2 * r2 + e4 * r2 * r2 + e5 * y + e6 * x
-    pinwheel = e1 * r + e3 * r * r2
-    radial_x = 2 * x * (e2 + 2 * e4 * r2) + e6
-    radial_y = 2 * y * (e2 + 2 * e4 * r2) + e5
-    # d(e1 r)/dx = e1 x/r: times y or x it vanishes on the axis, where x/r itself is undefined
-    per_r = np.divide(e1, r, out=np.zeros_like(r), where=r > 0) + 3 * e3 * r
-    wheel_x, wheel_y = per_r * x, per_r * y
-    slopes = _matrix(
-        radial + x * radial_x - y * wheel_x,
-        x * radial_y - pinwheel - y * wheel_y,
-        y * radial_x + pinwheel + x * wheel_x,
-        radial + y * radial_y + x * wheel_y,
+    About the optical axis, on the side on which the model is defined; searched in 32 directions.
+    Infinity if nothing folds within eight radii of the detector.
+    """
+    values = (camera.center, camera.k_matrix, camera.distortion)
+    numbers = b"".join(array.tobytes() for array in values)
+    return _unfolded_radius(
+        _Alike(
+            camera,
+            (camera.distortion_model, camera.focal_length_mm, camera.width, camera.height, numbers),
+        )
     )
-    return radial * x - pinwheel * y, radial * y + pinwheel * x, slopes
 
 
-def _brown(
-    k: FloatArray, x_mm: FloatArray, y_mm: FloatArray, focal_mm: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Brown's model (OpenCV) and its partials."""
-    k1, k2, p1, p2 = k[:4]
-    k3 = k[4] if len(k) == 5 else 0.0
-    x, y = x_mm / focal_mm, y_mm / focal_mm
-    r2 = x * x + y * y
-    radial = r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # d(radial)/dx = slope · x
-    dx = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    dy = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    cross = slope * x * y + 2 * p1 * x + 2 * p2 * y
-    slopes = _matrix(
-        radial + slope * x * x + 2 * p1 * y + 6 * p2 * x,
-        cross,
-        cross,
-        radial + slope * y * y + 6 * p1 * y + 2 * p2 * x,
+class _Alike(NamedTuple):
+    """A camera that equals others with the same numbers: many images share one result."""
+
+    camera: Camera
+    key: tuple[object, ...]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Alike) and self.key == other.key
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+
+@lru_cache(maxsize=256)
+def _unfolded_radius(alike: _Alike) -> float:
+    """Search for the first ring about the axis on which the model is folded."""
+    camera = alike.camera
+    corners = np.linalg.solve(
+        camera.k_matrix[:, :2],
+        (np.array([[0.5, 0.5], [camera.width + 0.5, camera.height + 0.5]]) - camera.center).T,
     )
-    return focal_mm * dx, focal_mm * dy, slopes
+    largest = _SEARCHED_RADII * float(np.max(np.linalg.norm(corners, axis=0)))
+    radius = np.linspace(0.0, largest, _RINGS + 1)[:, None]
+    angle = np.linspace(0.0, 2 * np.pi, _SECTORS, endpoint=False)
+    with np.errstate(all="ignore"):
+        bend = _bend(camera, radius * np.cos(angle), radius * np.sin(angle))
+    folded = np.flatnonzero(~np.all(_upright(bend), axis=1))
+    return float(radius[folded[0], 0]) if len(folded) else np.inf
 
 
-def _bicubic(
-    a: FloatArray, x: FloatArray, y: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Third-degree polynomials and their partials."""
-    one, zero = np.ones_like(x + y), np.zeros_like(x + y)
-    terms = np.stack(
-        [one, x + zero, y + zero, x * x + zero, x * y, y * y + zero,
-         x**3 + zero, x * x * y, x * y * y, y**3 + zero]
-    )  # fmt: skip
-    along_x = np.stack(
-        [zero, one, zero, 2 * x + zero, y + zero, zero, 3 * x * x + zero, 2 * x * y, y * y + zero,
-         zero]
-    )  # fmt: skip
-    along_y = np.stack(
-        [zero, zero, one, zero, x + zero, 2 * y + zero, zero, x * x + zero, 2 * x * y,
-         3 * y * y + zero]
-    )  # fmt: skip
-    both = a.reshape(2, 10)
-    dx, dy = np.tensordot(both, terms, axes=1)
-    (xx, yx), (xy, yy) = np.tensordot(both, along_x, axes=1), np.tensordot(both, along_y, axes=1)
-    return dx, dy, _matrix(xx, xy, yx, yy)
+def _form(camera: Camera) -> DistortionForm:
+    """Return the camera's model.
+
+    Raises
+    ------
+    InvalidValueError
+        If it does not allow the camera's number of coefficients.
+    """
+    form = MODELS[camera.distortion_model]
+    count = len(camera.distortion)
+    if count not in form.counts:
+        wanted = " or ".join(str(number) for number in form.counts)
+        raise InvalidValueError(
+            f"the {camera.distortion_model} model has {wanted} coefficients, not {count}",
+            "distortion",
+        )
+    return form
+
+
+def _shift(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return x, y moved by the model (…, 2), mm, and its Jacobian (…, 2, 2)."""
+    dx, dy, slopes = _form(camera).shift(camera.distortion, x, y, camera.focal_length_mm)
+    return np.stack([x + dx, y + dy], axis=-1), np.eye(2) + slopes
+
+
+def _bend(camera: Camera, x: FloatArray, y: FloatArray) -> FloatArray:
+    return _shift(camera, x, y)[1]
+
+
+def _upright(bend: FloatArray) -> BoolArray:
+    """Return whether matrices (…, 2, 2) keep the plane's orientation, without turning it over."""
+    a, b = bend[..., 0, 0], bend[..., 0, 1]
+    c, d = bend[..., 1, 0], bend[..., 1, 1]
+    with np.errstate(invalid="ignore", over="ignore"):
+        upright: BoolArray = (a + d > 0) & (a * d - b * c > 0)
+    return upright
+
+
+def _without_folds(camera: Camera, x: FloatArray, y: FloatArray, bend: FloatArray) -> BoolArray:
+    """Return whether x, y (…), mm, lie where the model with Jacobian `bend` is one to one."""
+    inside: BoolArray = _upright(bend) & (np.hypot(x, y) <= unfolded_radius(camera))
+    return inside
+
+
+def _direct(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the model's position; NaN where it is folded."""
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        moved, bend = _shift(camera, x, y)
+    moved[~_without_folds(camera, x, y, bend)] = np.nan
+    return moved[..., 0], moved[..., 1]
+
+
+def _inverse(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what the model moves to x, y, by Newton's method; NaN where it is folded."""
+    target = np.stack([x, y], axis=-1)
+    guess = target.copy()
+    step = np.full(target.shape, np.inf)
+    tolerance = TOLERANCE_MM * np.maximum(1.0, np.abs(target))
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        for _ in range(MAX_ITERATIONS):
+            moved, bend = _shift(camera, guess[..., 0], guess[..., 1])
+            step = solve_2x2(bend, target - moved)
+            guess = guess + step
+            if not np.any(np.abs(step) > tolerance):
+                break
+        # Newton's method also finds roots behind a fold: they are not this ray.
+        bend = _bend(camera, guess[..., 0], guess[..., 1])
+    found = np.all(np.abs(step) <= tolerance, axis=-1)
+    guess[~(found & _without_folds(camera, guess[..., 0], guess[..., 1], bend))] = np.nan
+    return guess[..., 0], guess[..., 1]

@@ -27,8 +27,15 @@ def project_image(image: SpcImage, points: ArrayLike) -> tuple[FloatArray, Float
     points : (…, 3) array_like
         Body-fixed, metres.
     """
-    camera = image.camera
-    x, y = distort(camera, *_gnomonic(camera, _in_camera(image, points)))
+    return project_vectors(image.camera, _in_camera(image, points))
+
+
+def project_vectors(camera: Camera, vectors: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return pixel and line (…) of `vectors` (…, 3) in the axes of a `camera`, of any length [1–3].
+
+    NaN for a vector at or behind the pupil plane, and where the distortion folds the plane over.
+    """
+    x, y = distort(camera, *_gnomonic(camera, np.asarray(vectors, dtype=np.float64)))
     (kxx, kxy, kxm), (kyx, kyy, kym) = camera.k_matrix
     pixel = camera.center[0] + kxx * x + kxy * y + kxm * x * y
     return pixel, camera.center[1] + kyx * x + kyy * y + kym * x * y
@@ -46,9 +53,17 @@ def ray(image: SpcImage, pixel: ArrayLike, line: ArrayLike) -> FloatArray:
     pixel, line : (…) array_like
         From (1, 1) in the centre of the first pixel.
     """
-    x, y = undistort(image.camera, *_focal_plane(image.camera, pixel, line))
-    focal = np.full(np.shape(x), image.camera.focal_length_mm)
-    seen = np.stack([x, y, focal], axis=-1) @ image.axes
+    return view_vectors(image.camera, pixel, line) @ image.axes
+
+
+def view_vectors(camera: Camera, pixel: ArrayLike, line: ArrayLike) -> FloatArray:
+    """Return the unit vectors (…, 3), in the axes of a `camera`, through `pixel` and `line` (…).
+
+    The inverse of `project_vectors`; NaN where the distortion cannot be inverted.
+    """
+    x, y = undistort(camera, *_focal_plane(camera, pixel, line))
+    focal = np.full(np.shape(x), camera.focal_length_mm)
+    seen = np.stack([x, y, focal], axis=-1)
     return seen / np.linalg.norm(seen, axis=-1, keepdims=True)
 
 
@@ -68,8 +83,12 @@ def partials_rotation(image: SpcImage, points: ArrayLike) -> FloatArray:
     The turns move the axes by [11] (see `rotate_axes`). Includes the K-matrix and the distortion;
     `image` and `points` are as in :func:`project_image`.
     """
-    turned = _in_camera(image, points)
-    wx, wy, wz = turned[..., 0], turned[..., 1], turned[..., 2]
+    return turn_partials(image.camera, _in_camera(image, points))
+
+
+def turn_partials(camera: Camera, vectors: FloatArray) -> FloatArray:
+    """Return ∂(pixel, line)/∂τ (…, 2, 3) of `vectors` (…, 3) in the axes of a `camera` [12]."""
+    wx, wy, wz = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     zero = np.zeros_like(wx)
     # columns: change of (W·Cx, W·Cy, W·Cz) with τ1, τ2, τ3, from [11]
     moved = np.stack(
@@ -80,7 +99,7 @@ def partials_rotation(image: SpcImage, points: ArrayLike) -> FloatArray:
         ],
         axis=-2,
     )
-    return _focal_partials(image.camera, turned) @ moved
+    return _focal_partials(camera, vectors) @ moved
 
 
 def rotate_axes(axes: ArrayLike, turns: ArrayLike) -> FloatArray:

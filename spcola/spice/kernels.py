@@ -36,7 +36,7 @@ POINTING_TOLERANCE_S = 1e-3
 
 # Accuracy of the end of a CK's coverage, seconds.
 _NEAREST_S = 1e-6
-_NOT_COVERED = (
+NOT_COVERED = (
     spiceypy.utils.exceptions.SpiceSPKINSUFFDATA,
     spiceypy.utils.exceptions.SpiceNOFRAMECONNECT,
     spiceypy.utils.exceptions.SpiceCKINSUFFDATA,
@@ -93,7 +93,7 @@ class KernelSet:
                     ready = _ready(path, Path(folder) / str(index))
                     # SPICE stores the name of a kernel that it refused, and reads it again later.
                     loaded.append(str(ready))
-                    with _kernel_errors(path):
+                    with kernel_errors(path):
                         spiceypy.furnsh(str(ready))
                 for name in self._dropped:
                     spiceypy.dvpool(name)
@@ -141,15 +141,15 @@ def body_fixed_states(
     wanted = np.asarray(times, dtype=np.float64)
     positions = np.full((len(wanted), 3), np.nan)
     axes = np.full((len(wanted), 3, 3), np.nan)
-    with SPICE_LOCK, _kernel_errors(f"{spacecraft} at {body} in {frame or 'the body frame'}"):
+    with SPICE_LOCK, kernel_errors(f"{spacecraft} at {body} in {frame or 'the body frame'}"):
         for index, et in enumerate(wanted):
             turn = spiceypy.tipbod("J2000", body, et)
             try:
                 inertial = np.full(3, np.nan)
                 if spacecraft:
                     inertial, _ = spiceypy.spkpos(str(spacecraft), et, "J2000", "NONE", str(body))
-                to_inertial = _rotation_near(frame, et, tolerance_s) if frame else turn.T
-            except _NOT_COVERED:
+                to_inertial = rotation_near(frame, et, tolerance_s) if frame else turn.T
+            except NOT_COVERED:
                 continue
             positions[index], axes[index] = M_PER_KM * (turn @ inertial), (turn @ to_inertial).T
     return positions, axes
@@ -183,7 +183,7 @@ def coverage(
     """
     quantities: tuple[QuantityCoverage, ...] = ()
     where = f"coverage of {spacecraft or frame}"
-    with SPICE_LOCK, _kernel_errors(where):
+    with SPICE_LOCK, kernel_errors(where):
         if spacecraft:
             try:
                 target = spiceypy.bods2c(str(spacecraft))
@@ -197,7 +197,7 @@ def coverage(
     return KernelCoverage(quantities)
 
 
-def _rotation_near(frame: str, et: float, tolerance_s: float) -> FloatArray:
+def rotation_near(frame: str, et: float, tolerance_s: float) -> FloatArray:
     """Return the rotation (3, 3) from a frame to J2000 at a time, or at the nearest known one.
 
     It is searched within a tolerance, and found to a microsecond.
@@ -260,7 +260,7 @@ def _give_back(loaded: Sequence[str], before: Sequence[str]) -> None:
 
 
 @contextmanager
-def _kernel_errors(where: str | Path) -> Iterator[None]:
+def kernel_errors(where: str | Path) -> Iterator[None]:
     """Turn SPICE's errors into one line."""
     try:
         yield

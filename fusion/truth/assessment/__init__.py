@@ -6,10 +6,12 @@ from fusion.truth.assessment.model import Model
 from fusion.truth.assessment.page import write_page
 from fusion.truth.assessment.settings import AssessmentSettings
 from fusion.truth.assessment.summary import assessment_json, assessment_lines
+from fusion.truth.planted import Planted
 
 __all__ = [
     "AssessmentSettings",
     "Model",
+    "Planted",
     "assess",
     "assessment_json",
     "assessment_lines",

@@ -19,6 +19,8 @@ from fusion.truth.planted import Planted
 from fusion.truth.recovery import compare
 from fusion.truth.solution import light_of
 from fusion.workspace import Workspace
+from spcola.truth.body import TruthBody
+from spcola.truth.solid import SolidBody
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +74,7 @@ def assess(
     body = planted.body()
     planted = planted if workspace is None else planted_in(planted, workspace)
     with progress.task("light", 1) as task:
-        light = light_on(planted)
+        light = light_on(planted, body)
         task.advance()
     ground = Ground(body, light, settings)
     scores = []
@@ -91,8 +93,10 @@ def assess(
     )
 
 
-def light_on(planted: Planted) -> Light:
+def light_on(planted: Planted, body: TruthBody) -> Light:
     """Return the share of a rotation for which the ground is lit, as in making the solution."""
+    if isinstance(body, SolidBody):
+        return light_of(planted.settings, body.surface).at
     return light_of(planted.settings, shadow_ground(planted.settings.body)).at
 
 

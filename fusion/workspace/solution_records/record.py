@@ -80,12 +80,12 @@ def check_name(name: str) -> None:
 
 
 def solution_folder(root: Path, name: str) -> Path:
-    """Return the folder of a solution in the workspace `root`."""
+    """Return the folder of the solution `name` in the workspace `root`."""
     return root if name == IMPORTED else root / SOLUTION_FOLDER / name
 
 
 def name_in_use(root: Path) -> str:
-    """Return the name of the solution in use.
+    """Return the name of the solution in use in the workspace `root`.
 
     Raises
     ------
@@ -102,14 +102,14 @@ def name_in_use(root: Path) -> str:
 
 
 def write_name_in_use(root: Path, name: str) -> None:
-    """Use a solution from now on."""
+    """Let the workspace `root` use the solution `name` from now on."""
     folder = root / SOLUTION_FOLDER
     folder.mkdir(exist_ok=True)
     atomic.write_text(folder / _IN_USE, f"{name}\n")
 
 
 def read_solution(root: Path, name: str) -> SolutionRecord:
-    """Read the record of a solution.
+    """Read the record of the solution `name` in the workspace `root`.
 
     Raises
     ------
@@ -144,6 +144,6 @@ def write_solution(folder: Path, record: SolutionRecord) -> None:
 
 
 def derived_names(root: Path) -> list[str]:
-    """Return the names of all solutions but the imported one, sorted."""
+    """Return the names of all solutions in the workspace `root` but the imported one, sorted."""
     folder = root / SOLUTION_FOLDER
     return sorted(path.parent.name for path in folder.glob(f"[!.]*/{SOLUTION_FILE}"))

@@ -73,11 +73,16 @@ def read_bytes(path: str | Path, *, most: int = -1) -> bytes:
 
 
 @contextmanager
-def as_format_error(place: str) -> Iterator[None]:
-    """Turn an `InvalidValueError` raised inside into a `FormatError` at `place` of a file."""
+def as_format_error(place: str = "") -> Iterator[None]:
+    """Turn an `InvalidValueError` raised inside into a `FormatError` at `place` of a file.
+
+    Without a place the error names it.
+    """
     try:
         yield
     except InvalidValueError as error:
+        if not place:
+            raise FormatError(error.what, error.where, error.do) from error
         field = "" if error.where is None else f"{error.where} "
         raise FormatError(f"{field}{error.what}", place, error.do) from error
 

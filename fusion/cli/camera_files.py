@@ -1,0 +1,187 @@
+"""``spcola camera convert``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from fusion.cli.options import JsonOption
+from fusion.cli.output import show
+from spcola.errors import SettingsError
+
+if TYPE_CHECKING:
+    from spcola.camera.instrument import Instrument
+
+_ISD = (".isd", ".json")
+
+
+def convert(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE",
+            help="Instrument kernels and addenda in their order of loading (with --number); or "
+            "one ISD (.isd, .json), COLMAP model (cameras.bin) or camera file (.toml).",
+        ),
+    ],
+    out: Annotated[
+        Path, typer.Option("-o", "--out", metavar="FILE", help="Camera file to write (TOML).")
+    ],
+    number: Annotated[
+        int | None, typer.Option(metavar="N", help="Kernels: NAIF number, such as -64361.")
+    ] = None,
+    variant: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", help="Kernels: number of a filter or focus position that comes first."
+        ),
+    ] = None,
+    filter: Annotated[
+        str, typer.Option(metavar="NAME", help="Kernels: suffix of a filter's keywords, as PAN.")
+    ] = "",
+    first_pixel: Annotated[
+        int,
+        typer.Option(min=0, max=1, help="Kernels: what BORESIGHT_SAMPLE calls the first pixel."),
+    ] = 1,
+    size: Annotated[
+        tuple[int, int] | None,
+        typer.Option(metavar="SAMPLES LINES", help="Kernels: size, if they do not state it."),
+    ] = None,
+    optical_axis: Annotated[
+        tuple[float, float] | None,
+        typer.Option(metavar="PIXEL LINE", help="ISD: optical axis, if it is not stated."),
+    ] = None,
+    summing: Annotated[
+        float | None,
+        typer.Option(min=1e-3, max=1e3, help="ISD: detector pixels in a pixel, if it is wrong."),
+    ] = None,
+    pixel_mm: Annotated[
+        float, typer.Option(min=1e-6, max=10.0, help="COLMAP: size of a pixel, millimetres.")
+    ] = 0.01,
+    name: Annotated[
+        str, typer.Option(metavar="NAME", help="Name of the camera, if there is only one.")
+    ] = "",
+    temperature_c: Annotated[
+        float | None,
+        typer.Option("--temperature", metavar="C", help="Write the camera at this temperature."),
+    ] = None,
+    range_m: Annotated[
+        float | None,
+        typer.Option("--range", metavar="M", help="Write the camera focused at this range."),
+    ] = None,
+    motor: Annotated[
+        float | None,
+        typer.Option(metavar="P", help="Write the camera at this position of its focus."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write cameras of other formats as a camera file.
+
+    The pixel convention becomes that of SPC: the centre of the first pixel is (1, 1). With
+    --temperature, --range or --motor the camera is written as it is then, without its laws; what is
+    not known stays nominal, which is printed.
+    """
+    # Imported here and not above, so that --help is fast.
+    from spcola.formats.cameras import write_cameras
+
+    kernels = {"variant": variant, "filter": filter, "first_pixel": first_pixel, "size": size}
+    isd = {"optical_axis": optical_axis, "summing": summing}
+    found = _read(files, number, kernels, isd, pixel_mm)
+    if name:
+        found = [_renamed(found, name)]
+    assumed: dict[str, list[str]] = {}
+    if not temperature_c is range_m is motor is None:
+        shots = [one.at(temperature_c=temperature_c, range_m=range_m, motor=motor) for one in found]
+        for one, shot in zip(found, shots, strict=True):
+            assumed[one.name] = [reason.value for reason in shot.assumed]
+        found = [
+            replace(one, camera=shot.camera, temperature=None, focus=None)
+            for one, shot in zip(found, shots, strict=True)
+        ]
+    write_cameras(out, found, remarks=[f"from {', '.join(path.name for path in files)}"])
+    content = {"cameras": [_content(one, assumed.get(one.name, [])) for one in found]}
+    show(content | {"out": str(out)}, [*_lines(content["cameras"]), str(out)], as_json=as_json)
+
+
+def _read(
+    files: list[Path],
+    number: int | None,
+    kernels: dict[str, Any],
+    isd: dict[str, Any],
+    pixel_mm: float,
+) -> list[Instrument]:
+    """Return the instruments of files of one format.
+
+    Raises
+    ------
+    SettingsError
+        If the format is not known, or a kernel has no number of an instrument.
+    """
+    from spcola.camera.instrument import Instrument
+    from spcola.formats.cameras import read_cameras, read_colmap_cameras, read_isd
+    from spcola.spice.instruments import read_instrument_kernels
+
+    first = files[0]
+    if number is not None:
+        return [read_instrument_kernels(files, number, **kernels)]
+    if len(files) > 1 or first.suffix.lower() == ".ti":
+        raise SettingsError("kernels have many instruments", first, "give --number, such as -64361")
+    if first.suffix.lower() == ".toml":
+        return list(read_cameras(first).values())
+    if first.suffix.lower() == ".bin":
+        cameras = read_colmap_cameras(first, pixel_mm=pixel_mm)
+        return [Instrument(str(key), camera) for key, camera in cameras.items()]
+    if first.suffix.lower() in _ISD:
+        return [Instrument(first.stem, read_isd(first, **isd).camera)]
+    raise SettingsError("is none of .ti, .isd, .json, .bin, .toml", first, "name it by its format")
+
+
+def _renamed(found: list[Instrument], name: str) -> Instrument:
+    """Return the only instrument under another name.
+
+    Raises
+    ------
+    SettingsError
+        If there are several.
+    """
+    if len(found) > 1:
+        raise SettingsError(f"there are {len(found)} cameras to name", "--name", "leave it out")
+    (one,) = found
+    pupil = None if one.pupil is None else replace(one.pupil, camera=name)
+    return replace(one, name=name, pupil=pupil)
+
+
+def _content(one: Instrument, assumed: list[str]) -> dict[str, Any]:
+    """Return what ``--json`` prints of one camera."""
+    camera = one.camera
+    return {
+        "name": one.name,
+        "focal_length_mm": camera.focal_length_mm,
+        "center": camera.center.tolist(),
+        "k_matrix": camera.k_matrix.tolist(),
+        "size": [camera.width, camera.height],
+        "pixel_angle_rad": camera.pixel_angle,
+        "distortion_model": camera.distortion_model,
+        "distortion": camera.distortion.tolist(),
+        "temperature_law": one.temperature is not None,
+        "focus_positions": 0 if one.focus is None else len(one.focus.motor),
+        "assumed": assumed,
+    }
+
+
+def _lines(cameras: list[dict[str, Any]]) -> list[str]:
+    """Return what people read."""
+    from spcola.camera.instrument import Assumed
+
+    lines = []
+    for one in cameras:
+        lines += [
+            f"{one['name']}: {one['focal_length_mm']:.6g} mm, {one['size'][0]} × {one['size'][1]} "
+            f"pixels of {1e6 * one['pixel_angle_rad']:.4g} µrad, axis at "
+            f"{one['center'][0]:.6g}, {one['center'][1]:.6g}, distortion {one['distortion_model']}",
+            *(f"  {Assumed(reason).text}" for reason in one["assumed"]),
+        ]
+    return lines

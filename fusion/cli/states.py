@@ -1,0 +1,346 @@
+"""``spcola sumfiles`` and ``spcola kernels``."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from fusion.cli.options import JsonOption, WorkspaceArgument
+from fusion.cli.output import show
+
+if TYPE_CHECKING:
+    from fusion.stages.states import FoundStates
+    from fusion.workspace import Workspace
+    from spcola.formats.states import Exposure
+    from spcola.navigation.states import ImageState, StateDifference
+    from spcola.spice.state_kernels import StateKernels
+
+
+@dataclass(frozen=True)
+class BodyOptions:
+    """Options that name spacecraft and body."""
+
+    spacecraft: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME|NUMBER", help="The spacecraft; if not given, that of [spice] spacecraft."
+        ),
+    ] = ""
+    body: Annotated[
+        int, typer.Option(metavar="NUMBER", help="NAIF number of the body; else [spice] body.")
+    ] = 0
+
+
+@dataclass(frozen=True)
+class StateOptions:
+    """Options that choose kernels and a camera in them."""
+
+    frame: Annotated[
+        str, typer.Option(metavar="FRAME", help="Frame of the camera in the kernels.")
+    ] = ""
+    correction: Annotated[
+        Literal["none", "light-time", "light-time+aberration"],
+        typer.Option(help="What is applied to the direction of the body."),
+    ] = "light-time+aberration"
+    pupil_m: Annotated[
+        tuple[float, float, float],
+        typer.Option(
+            metavar="X Y Z",
+            help="From the spacecraft's centre of mass to the pupil, metres, along the axes of "
+            "the camera's frame.",
+        ),
+    ] = (0.0, 0.0, 0.0)
+    kernel: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="A kernel or meta-kernel; repeat it. If not given: [spice] kernels.",
+        ),
+    ] = None
+    prime_meridian: Annotated[
+        str,
+        typer.Option(
+            metavar="FILE", help="Which kernel gives the body's rotation, if several state it."
+        ),
+    ] = ""
+
+    def states(
+        self, workspace: Workspace, exposures: list[Exposure] | None, body: BodyOptions
+    ) -> FoundStates:
+        """Return the states of exposures, or of the images of the workspace, by the kernels."""
+        from numpy import array
+
+        from fusion.stages.states import SourceOptions, states_by_kernels
+        from spcola.spice.states import Correction, SpiceCamera
+
+        chosen = SourceOptions(
+            tuple(self.kernel or ()), self.prime_meridian, body.spacecraft, body.body
+        )
+        camera = SpiceCamera("", 0, self.frame, Correction(self.correction), array(self.pupil_m))
+        return states_by_kernels(workspace, exposures, chosen, camera)
+
+
+@dataclass(frozen=True)
+class PoseOptions:
+    """Options that name a table of poses."""
+
+    poses: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Take the states from this table (CSV) instead of kernels: columns image, utc, "
+            "v0x_km, ... or scx_km, ..., cxx, ... or qw, ... or ra_deg, dec_deg, twist_deg, and "
+            "sunx, ...; names ending in _j2000 are inertial.",
+        ),
+    ] = None
+    columns: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=COLUMN",
+            help="The table's column of such a name, as in 'scx_m=X [m]'; repeat it.",
+        ),
+    ] = None
+    pck: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="PCK with the rotation for inertial columns; else that of [spin].",
+        ),
+    ] = None
+
+    def states(self, workspace: Workspace, body: BodyOptions) -> FoundStates:
+        """Return the states in the table."""
+        from fusion.stages.states import states_by_poses
+
+        assert self.poses is not None
+        columns = {}
+        for text in self.columns or ():
+            name, sign, column = text.partition("=")
+            if not (name and sign and column):
+                raise typer.BadParameter(f"{text!r} is not NAME=COLUMN", param_hint="--columns")
+            columns[name.strip()] = column.strip()
+        return states_by_poses(workspace, self.poses, columns=columns, pck=self.pck, body=body.body)
+
+
+def sumfiles(
+    workspace: WorkspaceArgument,
+    table: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="TABLE",
+            help="Names and times of the images (CSV): columns image and utc, et or clock; with "
+            "exposure_s or exposure_ms the time is the start, without the middle.",
+        ),
+    ] = None,
+    image: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="Take name and time from the label of this image instead; repeat it.",
+        ),
+    ] = None,
+    letter: Annotated[
+        str,
+        typer.Option(
+            metavar="C",
+            help="Name the images by SPC's rule: this character, the time, the filter. If not "
+            "given, names are as stated, and have up to 12 characters.",
+        ),
+    ] = "",
+    camera: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="The camera: a camera file (spcola camera convert), or a .SUM file, whose "
+            "thresholds are used too.",
+        ),
+    ] = None,
+    compare: Annotated[
+        bool,
+        typer.Option(
+            "--compare", help="Write nothing: compare the kernels with the states in SUMFILES."
+        ),
+    ] = False,
+    sigma_m: Annotated[
+        float | None,
+        typer.Option("--sigma-m", metavar="M", min=1e-6, help="Sigma of V0; unknown if not given."),
+    ] = None,
+    sigma_mrad: Annotated[
+        float | None,
+        typer.Option(
+            "--sigma-mrad", metavar="MRAD", min=1e-9, help="Sigma of the pointing, each axis."
+        ),
+    ] = None,
+    kernels: StateOptions = StateOptions(),
+    table_of_poses: PoseOptions = PoseOptions(),
+    names: BodyOptions = BodyOptions(),
+    as_json: JsonOption = False,
+) -> None:
+    """Write .SUM and .NOM files of images from SPICE kernels, or .SUM files from a table of poses.
+
+    Files that are there already are not replaced.
+    With --compare the states are compared with those of the solution: along the track, across it
+    and radially, in degrees and pixels.
+    """
+    # The machinery is imported here and not above, so that help comes at once.
+    from fusion.stages.states import (
+        NominalOptions,
+        compare_with_solution,
+        make_sumfiles,
+    )
+    from fusion.workspace import Workspace
+    from spcola.formats.states import exposure_of, read_exposures
+
+    given = sum(source is not None for source in (table, image, table_of_poses.poses))
+    if given > 1 or (not compare and (given == 0 or camera is None)):
+        raise typer.BadParameter(
+            "give TABLE, --image or --poses, and --camera; or --compare", param_hint="TABLE"
+        )
+    if table_of_poses.poses is None and not kernels.frame:
+        raise typer.BadParameter("is needed with kernels", param_hint="--frame")
+    there = Workspace.open(workspace)
+    if table_of_poses.poses is not None:
+        found = table_of_poses.states(there, names)
+    else:
+        exposures = None if table is None else read_exposures(table)
+        exposures = [exposure_of(path) for path in image] if image else exposures
+        found = kernels.states(there, exposures, names)
+    found = found.named(letter) if letter else found
+    if camera is None or compare:
+        differences = compare_with_solution(there, found)
+        compared = {"images": [one.as_json() for one in differences]}
+        show(compared, _comparison_lines(differences), as_json=as_json)
+        return
+    nominal = NominalOptions(camera, sigma_m, None if sigma_mrad is None else 1e-3 * sigma_mrad)
+    made = make_sumfiles(there, found, nominal)
+    originals = found.originals or [state.name for state in made]
+    content = {
+        "workspace": there.root,
+        "images": [
+            {**_state_facts(state), "original": original}
+            for state, original in zip(made, originals, strict=True)
+        ],
+    }
+    ranges = [math.hypot(*state.scobj) for state in made]
+    line = (
+        f"Wrote {'.SUM' if found.body_rates is None else '.SUM and .NOM'} of {len(made)} images, "
+        f"{min(ranges):.6g} to {max(ranges):.6g} m from the body's centre"
+    )
+    show(content, [line], as_json=as_json)
+
+
+def kernels(
+    workspace: WorkspaceArgument,
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="A new folder for the kernels.")],
+    pck: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="PCK with the rotation of the solution; else that of [spin] with its shifts, else "
+            "that of [spice] kernels.",
+        ),
+    ] = None,
+    max_gap_s: Annotated[
+        float,
+        typer.Option(
+            "--max-gap",
+            metavar="S",
+            min=2.0,
+            max=1e7,
+            help="Positions further apart, seconds, are not interpolated between.",
+        ),
+    ] = 600.0,
+    camera: Annotated[
+        int,
+        typer.Option(
+            metavar="NUMBER",
+            max=0,
+            help="NAIF number of the first camera; if not given, the spacecraft's × 1000 − 990.",
+        ),
+    ] = 0,
+    names: BodyOptions = BodyOptions(),
+    as_json: JsonOption = False,
+) -> None:
+    """Write SPICE kernels from the solved states of the images (.SUM files).
+
+    An SPK and a CK with comments that state where they come from, PCK, FK, IK, a clock, a
+    meta-kernel, and a table of the images. They are read back: each state must come back to 1 mm
+    and 1 µrad.
+    """
+    from fusion.stages.states import SourceOptions, export_kernels
+    from fusion.workspace import Workspace
+
+    there = Workspace.open(workspace)
+    made = export_kernels(
+        there,
+        there.settings(),
+        out,
+        options=SourceOptions(spacecraft=names.spacecraft, body=names.body),
+        pck=pck,
+        camera=camera,
+        max_gap_s=max_gap_s,
+    )
+    show(_kernel_facts(out, made), _kernel_lines(out, made), as_json=as_json)
+
+
+def _state_facts(state: ImageState) -> dict[str, Any]:
+    """Return a state for ``--json``."""
+    return {
+        "image": state.name,
+        "et": state.time,
+        "source": state.source,
+        "scobj_m": state.scobj.tolist(),
+        "axes": state.axes.tolist(),
+        "sun": state.sun.tolist(),
+    }
+
+
+def _comparison_lines(found: list[StateDifference]) -> list[str]:
+    """Return the largest and the middle difference of all images."""
+    import numpy as np
+
+    def row(name: str, values: Any, unit: str) -> str:
+        size = np.abs(np.array(values))
+        known = size[np.isfinite(size).all(axis=1)]
+        if not len(known):
+            return f"  {name}: unknown"
+        median, most = np.median(known, axis=0), known.max(axis=0)
+        parts = [f"{a:.4g} ({b:.4g})" for a, b in zip(median, most, strict=True)]
+        return f"  {name}, {unit}: {', '.join(parts)}"
+
+    return [
+        f"Differences from the solution, {len(found)} images: median (largest) of their sizes",
+        row("along the track, across, radial", [one.track_m for one in found], "m"),
+        row("along Cx, Cy, Cz", [one.camera_m for one in found], "m"),
+        row("pointing about Cx, Cy, Cz", [np.degrees(one.pointing) for one in found], "°"),
+        row("at the boresight, pixel and line", [one.pixels for one in found], "px"),
+    ]
+
+
+def _kernel_facts(out: Path, made: StateKernels) -> dict[str, Any]:
+    return {
+        "folder": out,
+        "files": list(made.files),
+        "images": made.images,
+        "cameras": made.cameras,
+        "segments": made.segments,
+        "span_et": list(made.span),
+        "read_back_position_m": made.position_m,
+        "read_back_pointing_rad": made.pointing,
+    }
+
+
+def _kernel_lines(out: Path, made: StateKernels) -> list[str]:
+    from spcola.navigation import utc_from_et
+
+    first, last = (utc_from_et(time) for time in made.span)
+    return [
+        f"{out}: {', '.join(made.files)}",
+        f"  images: {made.images}, cameras: {made.cameras}, {first} to {last} UTC, in "
+        f"{made.segments} arcs",
+        f"  read back: within {made.position_m:.2g} m and {made.pointing:.2g} rad",
+    ]

@@ -1,0 +1,13 @@
+"""Line-scan and rolling-shutter images."""
+
+from spcola.camera.linescan.scan import LineScan, ScannedPoints, project_scan, scan_rays
+from spcola.camera.linescan.states import interpolate_axes, interpolate_positions
+
+__all__ = [
+    "LineScan",
+    "ScannedPoints",
+    "interpolate_axes",
+    "interpolate_positions",
+    "project_scan",
+    "scan_rays",
+]

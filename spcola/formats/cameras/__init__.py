@@ -1,0 +1,7 @@
+"""Files of cameras: ISD JSON, COLMAP, and the program's own table."""
+
+from spcola.formats.cameras.camera_file import read_cameras, write_cameras
+from spcola.formats.cameras.colmap import read_colmap_cameras
+from spcola.formats.cameras.isd import IsdSensor, read_isd
+
+__all__ = ["IsdSensor", "read_cameras", "read_colmap_cameras", "read_isd", "write_cameras"]
