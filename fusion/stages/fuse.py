@@ -21,6 +21,8 @@ from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import BodySettings
 from fusion.workspace.settings.processing import FuseSettings
 
+__all__ = ["STAGE", "fuse_options"]
+
 
 class FuseStage(Stage):
     """Maplets, mapolas, registration → fused maplets."""

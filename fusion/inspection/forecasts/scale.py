@@ -38,8 +38,10 @@ def scale_forecast(situation: Situation, stage: Stage) -> StageForecast:
     kept = min(round(max(1.0 - computed, 0.0) * found.pairs), store.count // 2)
     points = found.points
     left = found.pairs - kept
+    # Pairs that were found kept took next to no time.
+    each = found.each_s / min(max(computed, 0.25), 1.0)
     return StageForecast(
-        stage.name, found.pairs, kept, found.before_s + _FIT_S + left * found.each_s,
+        stage.name, found.pairs, kept, found.before_s + _FIT_S + left * each,
         _POINT_BYTES * points + _RETURN_BYTES * found.returns, situation.workers,
         points * (found.pairs * _FILE_BYTES + left * _KEPT_BYTES), Basis.SAMPLE,
     )  # fmt: skip

@@ -62,8 +62,9 @@ def assess_versions(
     settings : AssessmentSettings, optional
     """
     settings = settings or AssessmentSettings()
+    body = planted.body()
     with progress.task("light", 1) as task:
-        ground = Ground(planted.body(), light_on(planted), settings)
+        ground = Ground(body, light_on(planted, body), settings)
         task.advance()
     records = in_order(solutions_of(workspace))
     there = {one.name: replace(workspace, solution=one.name) for one in records}
