@@ -2,7 +2,7 @@
 
 Makes a mission of a preset, forecasts each stage as the workspace is before anything ran and again
 right before the stage runs, then runs it. Printed for each stage: seconds forecast and taken, their
-ratio (limit: a factor of 2), disk and peak memory forecast and taken, and for each part of it that takes over two
+ratio (limit: a factor of 2), disk forecast and taken, and for each part of it that takes over two
 seconds the time left that was shown after a tenth of its items and the time that it then took
 (limit: a factor of 1.5).
 
@@ -80,26 +80,22 @@ def bench(work: Path, preset: str, seed: int) -> None:
     begun = time.monotonic()
     before = stage_forecasts(workspace, settings)
     print(f"{preset}: forecast of the whole run in {time.monotonic() - begun:.1f} s")
-    print(
-        f"  {'stage':10}{'before, s':>10}{'now, s':>8}{'taken, s':>9}{'ratio':>7}{'':4}disk and memory, MB"
-    )
+    print(f"  {'stage':10}{'before, s':>10}{'now, s':>8}{'taken, s':>9}{'ratio':>7}{'':4}disk, MB")
     total = 0.0
     for stage in stages:
         now = stage_forecasts(workspace, settings, only=stage.name)[stage.name]
         watch = Watching()
         free = size_of(workspace)
-        reset_peak()
         begun = time.monotonic()
         Pipeline(workspace, settings, stages, ThreadExecutor(), watch).run_stage(stage.name)
         took = time.monotonic() - begun
         total += took
-        peak = peak_mb()
         first = before[stage.name]
         print(
             f"  {stage.name:10}{first.seconds:10.1f}{now.seconds:8.1f}{took:9.1f}"
             f"{verdict(first.seconds, took, FACTOR)}    {first.disk_bytes / 1e6:.1f} "
-            f"forecast, {(size_of(workspace) - free) / 1e6:.1f} taken; memory "
-            f"{first.memory_bytes / 1e6:.0f} forecast, {peak:.0f} taken; {first.basis}, {now.basis}"
+            f"forecast, {(size_of(workspace) - free) / 1e6:.1f} taken; "
+            f"{first.basis}, {now.basis}"
         )
         for title, left, actual in watch.shown:
             print(f"    {title}: {left:.1f} s left, {actual:.1f} taken"
@@ -113,17 +109,6 @@ def verdict(forecast: float, taken: float, factor: float) -> str:
     ratio = forecast / max(taken, 1e-9)
     within = 1.0 / factor <= ratio <= factor or max(forecast, taken) < SHORTEST_S
     return f"{ratio:7.2f}{' ' if within else '!'}"
-
-
-def reset_peak() -> None:
-    """Forget the largest memory of this process so far (Linux)."""
-    Path("/proc/self/clear_refs").write_text("5")
-
-
-def peak_mb() -> float:
-    """Return the largest memory of this process since :func:`reset_peak`."""
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return float(next(line.split()[1] for line in lines if line.startswith("VmHWM"))) * 1.024e-3
 
 
 def size_of(workspace: Workspace) -> int:

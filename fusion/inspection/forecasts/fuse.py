@@ -19,7 +19,7 @@ from spcola.shape import RayCaster, shape_heights
 
 _SAMPLE = 24
 # Bytes of one point: of the layers in memory, of the results' files, of the kept items.
-_POINT_BYTES, _FILE_BYTES, _KEPT_BYTES = 3500.0, 31.5, 45.0
+_POINT_BYTES, _FILE_BYTES, _KEPT_BYTES = 8000.0, 31.5, 45.0
 # Mapolas around a maplet, read and projected, take as long as so many fusions, and so long at
 # least.
 _PROJECTING, _LEAST_S = 0.5, 0.01
@@ -33,13 +33,14 @@ def fuse_forecast(situation: Situation, stage: Stage) -> StageForecast:
         kept, basis = min(round(share * count), store.count), Basis.SAMPLE
     else:
         count, kept, basis = len(situation.grids), 0, Basis.SYNTHETIC
-        each = situation.synthetic.fusion().seconds
+        each = situation.synthetic.fusion()
         besides = max(_PROJECTING * each, _LEAST_S) + _gathering(situation)
         seconds = each * count + besides * (count + min(count, _SAMPLE))
     disk = (count * _FILE_BYTES + (count - kept) * _KEPT_BYTES) * points
     return StageForecast(
-        stage.name, count, kept, seconds, _POINT_BYTES * points, situation.workers, disk, basis
-    )
+        stage.name, count, kept, seconds, _POINT_BYTES * points, situation.workers, disk, basis,
+        shared_bytes=situation.shape_bytes,
+    )  # fmt: skip
 
 
 def _sampled(situation: Situation, stage: Stage) -> tuple[int, float, float]:

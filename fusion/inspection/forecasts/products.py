@@ -15,6 +15,8 @@ from spcola.bigmap import BigmapOptions
 _DIGESTED = 1 << 25
 # Bytes of one point: in memory, of one maplet file with its sigmas, of the layers of a release.
 _POINT_BYTES, _MAP_BYTES, _LAYER_BYTES = 2500.0, 7.0, 32.0
+# Of one point while its products are written, and while layers of all are.
+_PRODUCT_BYTES = 9000.0
 # Three bigmaps of a site; that of returns takes as long as so many others.
 _BIGMAPS, _OF_RETURNS = 3, 2.0
 # Maplets and fused maplets are read, products are digested and layers written one by one.
@@ -44,13 +46,14 @@ def bigmap_forecast(situation: Situation, stage: Stage) -> StageForecast:
     table = situation.settings.bigmap
     points = [_points(situation, site) for site in table.sites]
     options = BigmapOptions(constraint_fraction=table.constraint_fraction)
-    cost = situation.synthetic.joining(options)
+    each = situation.synthetic.joining(options)
     own = float(situation.usual_mapola.size**2)
-    work = sum(points) / own * cost.seconds * (_BIGMAPS - 1 + _OF_RETURNS)
+    work = sum(points) / own * each * (_BIGMAPS - 1 + _OF_RETURNS)
     work += 2.0 * _READING_S * len(situation.grids)
     return StageForecast(
         stage.name, len(points), 0, work, _POINT_BYTES * max(points, default=0.0),
         situation.workers, _BIGMAPS * _MAP_BYTES * sum(points), Basis.SYNTHETIC,
+        shared_bytes=situation.shape_bytes,
     )  # fmt: skip
 
 
@@ -60,12 +63,12 @@ def release_forecast(situation: Situation, stage: Stage) -> StageForecast:
     sites = [_points(situation, site) / own for site in situation.settings.bigmap.sites]
     ready = stage.name in situation.ready
     count = len(situation.workspace.fused_names()) if ready else len(situation.grids)
-    cost, size = situation.synthetic.products(list(table.products))
+    each, size = situation.synthetic.products(list(table.products))
     maps = "map" in table.products
     size += (_MAP_BYTES + _LAYER_BYTES) * own if maps else 0.0
     times = count + sum(sites)
     return StageForecast(
-        stage.name, count + len(sites), 0, _FURTHER * times * cost.seconds, cost.memory_bytes,
+        stage.name, count + len(sites), 0, _FURTHER * times * each, _PRODUCT_BYTES * own,
         situation.workers, times * size, Basis.SYNTHETIC,
     )  # fmt: skip
 

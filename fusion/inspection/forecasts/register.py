@@ -42,7 +42,7 @@ def register_forecast(situation: Situation, stage: Stage) -> StageForecast:
         each, share, basis = sample.seconds, sample.kept_share, Basis.SAMPLE
     else:
         names = list(situation.grids)
-        each, share, basis = situation.synthetic.match(options).seconds, 0.0, Basis.SYNTHETIC
+        each, share, basis = situation.synthetic.match(options), 0.0, Basis.SYNTHETIC
     count = len(names) + 2 * min(_SAMPLE, len(names))
     kept = min(round(share * len(names)), store.count)
     work = (_MATCHES * (count - kept) + _BESIDES * len(names)) * each

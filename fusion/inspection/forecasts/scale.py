@@ -13,7 +13,7 @@ from fusion.stages.scale import sampled_pairs
 from spcola.shape import RayCaster
 
 # Bytes of one point of a pair: in memory, in its two files, in its kept items.
-_POINT_BYTES, _FILE_BYTES, _KEPT_BYTES = 1500.0, 6.0, 190.0
+_POINT_BYTES, _FILE_BYTES, _KEPT_BYTES = 4000.0, 6.0, 190.0
 # Bytes of one return of a scan that is read as a whole.
 _RETURN_BYTES = 250.0
 # Rays of each shot over all iterations and checks.
@@ -44,6 +44,7 @@ def scale_forecast(situation: Situation, stage: Stage) -> StageForecast:
         stage.name, found.pairs, kept, found.before_s + _FIT_S + left * each,
         _POINT_BYTES * points + _RETURN_BYTES * found.returns, situation.workers,
         points * (found.pairs * _FILE_BYTES + left * _KEPT_BYTES), Basis.SAMPLE,
+        shared_bytes=situation.shape_bytes,
     )  # fmt: skip
 
 

@@ -24,6 +24,8 @@ from spcola.grids import MapletGrid
 
 # Maplets that are read for their usual size.
 _LOOKED_AT = 24
+# Memory of a shape in bytes of its file.
+_SHAPE_FACTOR = 80.0
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,13 @@ class Situation:
     def returns(self) -> int:
         """Number of returns of all scans."""
         return sum(scan_summary(path).count for path in self.workspace.scan_paths())
+
+    @cached_property
+    def shape_bytes(self) -> float:
+        """Memory of the shape and its ray caster, by the size of its file."""
+        if not self.workspace.has_shape():
+            return 0.0
+        return _SHAPE_FACTOR * self.workspace.shape_path().stat().st_size
 
     @cached_property
     def radius(self) -> float:

@@ -13,7 +13,7 @@ from scipy import ndimage
 from fusion.fusing import Constraints, FuseInput, fuse_maplet
 from fusion.fusing.maplets import FusedMaplet, Source
 from fusion.fusing.uncertainty import DEFAULT_INFORMATION
-from fusion.inspection.forecasts.timing import Cost, cost_of
+from fusion.inspection.forecasts.timing import seconds_of
 from fusion.products import Provenance
 from fusion.products.formats import write_fits_dtm, write_geotiff, write_obj, write_ply
 from fusion.surfacematch import MatchOptions, Surface, match_surfaces
@@ -50,33 +50,33 @@ class SyntheticCosts:
         height = 10.0 * self.gsd * ndimage.gaussian_filter(rough, 3.0)
         return Maplet("SPC", grid, height, sigma=np.full(grid.shape, _SIGMA))
 
-    def match(self, options: MatchOptions) -> Cost:
-        """Cost of the match of a mapola with a maplet."""
+    def match(self, options: MatchOptions) -> float:
+        """Seconds of the match of a mapola with a maplet."""
         spc = self._maplet
         lidar, smooth = (
             Surface(spc.height, spc.sigma),
             Surface(ndimage.gaussian_filter(spc.height, 1.0), spc.sigma),
         )
-        return cost_of(
+        return seconds_of(
             lambda: match_surfaces("SPC", spc.grid, lidar, smooth, options=options), self.workers
         )
 
-    def fusion(self) -> Cost:
-        """Cost of fusing a maplet."""
+    def fusion(self) -> float:
+        """Seconds of fusing a maplet."""
         spc = self._maplet
         known = Constraints(spc.height, spc.sigma, np.ones(spc.grid.shape, np.int32))
         parts = FuseInput("SPC", spc.grid, spc, known, spc.height, 1e-4 * np.eye(3))
-        return cost_of(lambda: fuse_maplet(parts, DEFAULT_INFORMATION), self.workers)
+        return seconds_of(lambda: fuse_maplet(parts, DEFAULT_INFORMATION), self.workers)
 
-    def joining(self, options: BigmapOptions) -> Cost:
-        """Cost of a bigmap of the size of one maplet, on which nine maplets lie."""
+    def joining(self, options: BigmapOptions) -> float:
+        """Seconds of a bigmap of the size of one maplet, on which nine maplets lie."""
         spc = self._maplet
-        return cost_of(
+        return seconds_of(
             lambda: make_bigmap("SPC", spc.grid, [spc] * 9, options=options), self.workers
         )
 
-    def products(self, kinds: list[str]) -> tuple[Cost, float]:
-        """Cost of the products of one maplet, and their bytes."""
+    def products(self, kinds: list[str]) -> tuple[float, float]:
+        """Seconds of writing the products of one maplet, and their bytes."""
         spc = self._maplet
         count = np.ones(spc.grid.shape, np.int32)
         source = np.full(spc.grid.shape, int(Source.LIDAR))
@@ -90,6 +90,6 @@ class SyntheticCosts:
                     if kind in _WRITERS:
                         _WRITERS[kind](Path(folder) / f"product.{kind}", fused, _PROVENANCE)
 
-            cost = cost_of(write, 1)
+            seconds = seconds_of(write, 1)
             size = sum(path.stat().st_size for path in Path(folder).iterdir())
-        return cost, float(size)
+        return seconds, float(size)

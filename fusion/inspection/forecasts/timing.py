@@ -1,9 +1,8 @@
-"""Items that are timed with all workers at work, and measured in memory and on disk."""
+"""Items that are timed with all workers at work."""
 
 from __future__ import annotations
 
 import time
-import tracemalloc
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import wraps
@@ -11,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fusion.pipeline.items import ItemStore, encode
+from fusion.pipeline.items import ItemStore
 from fusion.runtime import ThreadExecutor
 from spcola.errors import WorkspaceError
 
@@ -23,44 +22,18 @@ _CALLS, _LONG_S = 4, 1.0
 _EACH, _ROUNDS, _FOUND_S = 2, 4, 0.02
 
 
-@dataclass(frozen=True)
-class Cost:
-    """Cost of one item.
+def seconds_of(function: Callable[[], Any], workers: int) -> float:
+    """Return the time of a call with all workers at work: so many take so many times longer.
 
-    Attributes
-    ----------
-    seconds : float
-        With all workers at work: so many items take so many times longer.
-    memory_bytes : float
-        Of one worker.
-    kept_bytes : float
-        Of its result as a kept item.
+    The first one does not count: its code may be compiled then.
     """
-
-    seconds: float
-    memory_bytes: float = 0.0
-    kept_bytes: float = 0.0
-
-
-def cost_of(function: Callable[[], Any], workers: int) -> Cost:
-    """Return the cost of a call, after one that does not count: its code may be compiled then."""
-    kept = encode(function())
-    tracemalloc.start()
-    try:
-        function()
-        memory = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
+    function()
     seconds: list[float] = []
     while len(seconds) < _CALLS and sum(seconds) < _LONG_S / workers:
         begun = time.perf_counter()
         list(ThreadExecutor(workers).stream(lambda _: function(), range(workers)))
         seconds.append((time.perf_counter() - begun) / workers)
-    return Cost(
-        float(np.median(seconds)),
-        memory,
-        sum(array.nbytes for array in kept.arrays) + len(kept.text),
-    )
+    return float(np.median(seconds))
 
 
 @dataclass(frozen=True)
@@ -83,8 +56,6 @@ class NotingStore(ItemStore):
         try:
             return super().result(noted, *arguments, **options)
         except WorkspaceError:
-            if any(self.folder.glob("*.npz")) or self.folder.is_dir():
-                raise
             return function(*arguments, **options)
 
     @property

@@ -45,6 +45,8 @@ class StageForecast:
         Why it is unknown.
     details : mapping
         Further numbers of the stage, in JSON types.
+    shared_bytes : float
+        Memory that all workers share: the shape and its ray caster.
     """
 
     stage: str
@@ -57,11 +59,12 @@ class StageForecast:
     basis: Basis = Basis.UP_TO_DATE
     reason: str = ""
     details: Mapping[str, Any] = field(default_factory=dict)
+    shared_bytes: float = 0.0
 
     @property
     def memory_bytes(self) -> float:
         """Memory of the whole program, without the system's cache of files."""
-        return PROGRAM_BYTES + self.workers * self.worker_bytes
+        return PROGRAM_BYTES + self.shared_bytes + self.workers * self.worker_bytes
 
     def as_json(self) -> dict[str, Any]:
         """Return it in JSON types, with units in the keys."""
