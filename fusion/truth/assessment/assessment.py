@@ -9,6 +9,7 @@ from fusion.report.planted import RecoveredParameter
 from fusion.runtime import Executor, Progress
 from fusion.runtime.machine import one_blas_thread
 from fusion.truth.assessment.formal import FormalUncertainty, formal_uncertainty
+from fusion.truth.assessment.frame import planted_in
 from fusion.truth.assessment.model import Model
 from fusion.truth.assessment.regions import Ground, Light
 from fusion.truth.assessment.score import ModelScore, score_model
@@ -63,13 +64,15 @@ def assess(
     models : sequence of Model
         Those without any height are left out.
     workspace : Workspace, optional
-        Registration, scale, landmarks and images are read from it.
+        Registration, scale, landmarks and images are read from it. What is planted is that in the
+        frame of its solution (:func:`fusion.truth.assessment.frame.planted_in`).
     executor : Executor
     progress : Progress
     settings : AssessmentSettings, optional
     """
     settings = settings or AssessmentSettings()
     body = planted.body()
+    planted = planted if workspace is None else planted_in(planted, workspace)
     with progress.task("light", 1) as task:
         light = light_on(planted, body)
         task.advance()

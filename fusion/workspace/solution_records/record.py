@@ -41,6 +41,9 @@ class SolutionRecord:
         Numbers of the change, such as the scale factor, in JSON types.
     digests : mapping of str to str
         SHA-256 of the files from which it was made, and of those that differ from the parent's.
+    effort : mapping of str to float
+        `items`, files that were computed, and `processor_s`, processor time of the process that
+        made it, seconds. Empty if not known.
     """
 
     name: str
@@ -51,6 +54,7 @@ class SolutionRecord:
     constants: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     facts: Mapping[str, Any] = field(default_factory=dict)
     digests: Mapping[str, str] = field(default_factory=dict)
+    effort: Mapping[str, float] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
         """Return it in JSON types."""
@@ -119,7 +123,8 @@ def read_solution(root: Path, name: str) -> SolutionRecord:
         content = json.loads(path.read_text(encoding="utf-8"))
         record = SolutionRecord(**content)
         known = record.name == name and all(
-            isinstance(each, Mapping) for each in (record.constants, *record.constants.values())
+            isinstance(each, Mapping)
+            for each in (record.constants, record.effort, *record.constants.values())
         )
     except FileNotFoundError as error:
         there = ", ".join([IMPORTED, *derived_names(root)])
