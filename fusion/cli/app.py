@@ -11,7 +11,19 @@ from typing import Annotated, Any
 import typer
 
 import spcola
-from fusion.cli import align, altimetry, camera, demo, folder, look, solution, stages, states, truth
+from fusion.cli import (
+    align,
+    altimetry,
+    camera,
+    demo,
+    folder,
+    images,
+    look,
+    solution,
+    stages,
+    states,
+    truth,
+)
 from fusion.cli.options import with_shared_options
 from fusion.cli.program import guarded
 
@@ -38,6 +50,11 @@ COMMANDS: tuple[tuple[str, Callable[..., Any], str], ...] = (
     ("info", folder.info, "spcola info bennu; spcola info bennu/MAPFILES/AB0001.MAP --json"),
     ("look", look.look, "spcola look bennu; spcola look bennu/MAPFILES/AB0001.MAP -o map.png"),
     ("align", align.align, "spcola align scan.las site.ply -o moved.las"),
+    (
+        "images",
+        images.images,
+        "spcola images 67p navcam/*.png --poses poses.csv --camera navcam.toml --letter N",
+    ),
     (
         "sumfiles",
         states.sumfiles,

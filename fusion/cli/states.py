@@ -13,11 +13,12 @@ from fusion.cli.options import NAIF_NUMBERS, JsonOption, WorkspaceArgument, each
 from fusion.cli.output import show
 
 if TYPE_CHECKING:
-    from fusion.stages.states import FoundStates
+    from fusion.stages.states import FoundStates, SourceOptions
     from fusion.workspace import Workspace
     from spcola.formats.states import Exposure
     from spcola.navigation.states import ImageState, StateDifference
     from spcola.spice.state_kernels import StateKernels
+    from spcola.spice.states import SpiceCamera
 
 
 @dataclass(frozen=True)
@@ -76,16 +77,25 @@ class StateOptions:
         self, workspace: Workspace, exposures: list[Exposure] | None, body: BodyOptions
     ) -> FoundStates:
         """Return the states of exposures, or of the images of the workspace, by the kernels."""
-        from numpy import array
+        from fusion.stages.states import states_by_kernels
 
-        from fusion.stages.states import SourceOptions, states_by_kernels
-        from spcola.spice.states import Correction, SpiceCamera
+        return states_by_kernels(workspace, exposures, self.source(body), self.spice_camera())
 
-        chosen = SourceOptions(
+    def source(self, body: BodyOptions) -> SourceOptions:
+        """Return the kernels, spacecraft and body that are named."""
+        from fusion.stages.states import SourceOptions
+
+        return SourceOptions(
             tuple(self.kernel or ()), self.prime_meridian, body.spacecraft, body.body
         )
-        camera = SpiceCamera("", 0, self.frame, Correction(self.correction), array(self.pupil_m))
-        return states_by_kernels(workspace, exposures, chosen, camera)
+
+    def spice_camera(self) -> SpiceCamera:
+        """Return the camera in the kernels, without spacecraft and body."""
+        from numpy import array
+
+        from spcola.spice.states import Correction, SpiceCamera
+
+        return SpiceCamera("", 0, self.frame, Correction(self.correction), array(self.pupil_m))
 
 
 @dataclass(frozen=True)
@@ -121,13 +131,19 @@ class PoseOptions:
         from fusion.stages.states import states_by_poses
 
         assert self.poses is not None
+        return states_by_poses(
+            workspace, self.poses, columns=self.renamed(), pck=self.pck, body=body.body
+        )
+
+    def renamed(self) -> dict[str, str]:
+        """Return the names of columns by what they are called in the table."""
         columns = {}
         for text in self.columns or ():
             name, sign, column = text.partition("=")
             if not (name and sign and column):
                 raise typer.BadParameter(f"{text!r} is not NAME=COLUMN", param_hint="--columns")
             columns[name.strip()] = column.strip()
-        return states_by_poses(workspace, self.poses, columns=columns, pck=self.pck, body=body.body)
+        return columns
 
 
 def sumfiles(

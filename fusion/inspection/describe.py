@@ -18,6 +18,7 @@ from fusion.products.formats import read_fits_dtm, read_geotiff
 from fusion.runtime import usable_cores
 from fusion.runtime.machine import PROGRAM_BYTES
 from fusion.stages import load_stages
+from fusion.stages.images import count_images
 from fusion.stages.ingest import duplicate_scans, readable_scans, scan_facts, span_facts
 from fusion.workspace import Workspace
 from fusion.workspace.settings import load_settings
@@ -52,6 +53,7 @@ def describe_workspace(workspace: Workspace) -> dict[str, Any]:
         "maplets": len(workspace.maplet_names()),
         "landmarks": len(workspace.landmark_names()),
         "images": len(workspace.image_names()),
+        "images_in_catalogue": count_images(workspace),
         "shape": ", ".join(path.name for path in shapes),
         "scans": len(scans),
         "returns": sum(scan.count for scan in scans),

@@ -8,6 +8,7 @@ from fusion.stages.states.nominal import (
     make_sumfiles,
     states_by_kernels,
     states_by_poses,
+    write_states,
 )
 from fusion.stages.states.source import SourceOptions
 
@@ -20,4 +21,5 @@ __all__ = [
     "make_sumfiles",
     "states_by_kernels",
     "states_by_poses",
+    "write_states",
 ]

@@ -226,11 +226,7 @@ def make_sumfiles(
     if found.body_rates is not None:
         pairs = zip(states, found.body_rates, strict=True)
         nominal = [state.as_nominal(rate) for state, rate in pairs]
-    _write(workspace, images, nominal)
-    path = workspace.root / _PICTURES
-    if path.is_file():
-        names = [state.name for state in states]
-        write_list(path, dict.fromkeys([*read_list(path), *names]))
+    write_states(workspace, images, nominal)
     return states
 
 
@@ -246,6 +242,32 @@ def compare_with_solution(workspace: Workspace, found: FoundStates) -> list[Stat
     return [
         compare_states(state, ImageState.of_image(image), image.camera) for state, image in pairs
     ]
+
+
+def write_states(
+    workspace: Workspace, images: Sequence[SpcImage], nominal: Sequence[NominalState] = ()
+) -> None:
+    """Write .SUM and .NOM files into the solution of a workspace; a list of images is continued.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    images : sequence of SpcImage
+    nominal : sequence of NominalState
+
+    Raises
+    ------
+    InvalidValueError
+        If a name is too long for SPC.
+    WorkspaceError
+        If there is a file of an image with other content, or a file cannot be written; then none
+        is.
+    """
+    _write(workspace, images, nominal)
+    # A list that is not there means all images, and remains so.
+    path = workspace.home / _PICTURES
+    if path.is_file():
+        write_list(path, dict.fromkeys([*read_list(path), *(image.name for image in images)]))
 
 
 def _solved(workspace: Workspace) -> list[Exposure]:
@@ -294,7 +316,7 @@ def _write(
     workspace: Workspace, images: Sequence[SpcImage], nominal: Sequence[NominalState]
 ) -> None:
     """Write the files of all images; none, if one of them cannot be written."""
-    with tempfile.TemporaryDirectory(prefix=".sumfiles-", dir=workspace.root) as folder:
+    with tempfile.TemporaryDirectory(prefix=".sumfiles-", dir=workspace.home) as folder:
         made = []
         for image in images:
             target = _paths(workspace, image.name)[0]
@@ -307,8 +329,18 @@ def _write(
             with _at(target):
                 write_nominal(made[-1][0], state)
         for path, target in made:
+            _check_same(path, target)
+        for path, target in made:
             make_folder(target.parent)
             path.replace(target)
+
+
+def _check_same(path: Path, target: Path) -> None:
+    """Refuse a file that is there with other content; an interrupted command left the same."""
+    if target.exists() and target.read_bytes() != path.read_bytes():
+        raise WorkspaceError(
+            "is there already, with another state", target, "move it, or leave its image out"
+        )
 
 
 @contextmanager
@@ -322,4 +354,4 @@ def _at(target: Path) -> Iterator[None]:
 
 def _paths(workspace: Workspace, name: str) -> tuple[Path, Path]:
     """Return where the .SUM and the .NOM file of an image lie."""
-    return workspace.image_path(name), workspace.root / "NOMINALS" / f"{name}.NOM"
+    return workspace.image_path(name), workspace.home / "NOMINALS" / f"{name}.NOM"

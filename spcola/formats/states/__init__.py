@@ -5,6 +5,7 @@ from spcola.formats.states.exposures import Exposure, exposure_of, read_exposure
 from spcola.formats.states.isd import read_isd_states
 from spcola.formats.states.isis import isis_states, read_isis_states
 from spcola.formats.states.poses import read_poses
+from spcola.formats.states.suns import read_times
 
 __all__ = [
     "Exposure",
@@ -15,4 +16,5 @@ __all__ = [
     "read_isd_states",
     "read_isis_states",
     "read_poses",
+    "read_times",
 ]

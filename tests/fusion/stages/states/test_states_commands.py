@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import spiceypy
+from astropy.io import fits
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -367,3 +368,62 @@ def test_mapcam_by_its_clock(shared_data, tmp_path):
     nominal = read_nominal(made.root / "NOMINALS" / f"{row['image']}.NOM")
     # The body turns under the spacecraft.
     assert 2.0 < np.linalg.norm(nominal.velocity) < 3.0
+
+
+def exposed(path, utc, size=1024, **header):
+    """A FITS image whose exposure of 20 ms has its middle at a time."""
+    unit = fits.PrimaryHDU(np.full((size, size), 500, np.uint16) + np.arange(size, dtype=np.uint16))
+    unit.header["DATE-OBS"] = utc_from_et(et_from_utc(utc) - 0.01, 6)
+    unit.header["EXPTIME"] = 0.02
+    unit.header.update(header)
+    unit.writeto(path)
+    return path
+
+
+def test_images_come_in_with_states_by_kernels(solved, exported, tmp_path):
+    images = solved.images()
+    made = workspace_at(tmp_path / "ws", spice=TABLE)
+    paths = [exposed(tmp_path / f"{image.name}.fit", image.utc) for image in images]
+    command = sumfiles(exported, made.root, *paths, "--states", "spice")[1:]
+    like = ("--camera", solved.image_path("P0000"))
+    found = content("images", *command, *like)
+    assert [one["state"]["source"] for one in found["new"]] == ["spice"] * 6
+    for image in images:
+        written = made.image(image.name)
+        np.testing.assert_allclose(written.scobj, image.scobj, atol=2e-3)
+        np.testing.assert_allclose(written.axes, image.axes, atol=2e-6)
+        # The thresholds of the .SUM file that gives the camera.
+        assert written.thresholds == (200, 16000)
+        assert (made.root / "NOMINALS" / f"{image.name}.NOM").is_file()
+    late = exposed(tmp_path / "LATE.fit", utc_from_et(START + 3000.0))
+    line = refusal("images", made.root, late, *command[7:], *like)
+    assert "LATE" in line
+    assert not made.exposure_path("LATE").exists()
+
+
+@pytest.mark.real_data
+def test_an_image_of_mapcam_comes_in_with_its_kernels(shared_data, tmp_path):
+    folder = shared_data / "bennu" / "kernels_mapcam_20190303"
+    texts = (
+        "naif0012.tls",
+        "pck00010.tpc",
+        "bennu_v16.tpc",
+        "orx_v14.tf",
+        "orx_sclkscet_00065.tsc",
+    )
+    kernels = [*(folder / name for name in texts), *sorted(folder.glob("*.x*"))]
+    made = workspace_at(tmp_path / "ws", spice=TABLE)
+    write_cameras(tmp_path / "map.toml", [Instrument("MAPCAM", CAMERA)])
+    utc = "2019-03-03T10:59:40.2473"
+    path = exposed(tmp_path / "map_iofL2pan_V001.fits", utc, FILTER="PAN")
+    common = ("--frame", "ORX_OCAMS_MAPCAM", "--camera", tmp_path / "map.toml")
+    (one,) = content(
+        *("images", made.root, path, "--states", "spice", *common),
+        *(word for kernel in kernels for word in ("--kernel", kernel)),
+    )["new"]
+    assert (one["name"], one["original"]) == ("M604882849PA", "map_iofL2pan_V001.fits")
+    assert np.linalg.norm(made.image(one["name"]).scobj) == pytest.approx(6593.743, abs=1e-2)
+    # The camera of the kernels sees the body: at 6.6 km its radius is 2.1°.
+    image = made.image(one["name"])
+    away = image.scobj / np.linalg.norm(image.scobj)
+    assert np.degrees(np.arccos(image.boresight @ away)) < 2.2

@@ -1,0 +1,323 @@
+"""Images into a workspace: pixels, states, and the catalogue."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+import spcola
+from fusion.pipeline.items import ItemStore
+from fusion.runtime import Executor, Progress
+from fusion.runtime.folders import locked, make_folder
+from fusion.stages.images.catalogue import read_catalogue, write_catalogue
+from fusion.stages.images.opened import OpenedImage, names_of, open_images
+from fusion.stages.images.pixels import PixelWork, Recipe, write_pixels
+from fusion.stages.images.record import ImageRecord, PixelFacts
+from fusion.stages.images.sources import Sighting, StateChoice, find_sightings
+from fusion.stages.states import write_states
+from fusion.workspace import Workspace
+from spcola.camera.detector import Preparation
+from spcola.errors import InvalidValueError, WorkspaceError
+
+__all__ = ["ImportOptions", "Imported", "import_images"]
+_LOCK = ".images.lock"
+ITEM_PLACE = Path(".items") / "images"
+ITEM_VERSION = f"{spcola.__version__} images 1"
+
+
+@dataclass(frozen=True, eq=False)
+class ImportOptions:
+    """How images come in.
+
+    Parameters
+    ----------
+    recipe : Recipe
+    states : StateChoice
+    letter : str
+        First character of the names; see :func:`fusion.stages.images.opened.names_of`.
+    filters : tuple of str
+        Only images of these filters come in; all if empty.
+    size : (2,) of int, optional
+        Samples and lines of .DAT files.
+    """
+
+    recipe: Recipe = field(default_factory=Recipe)
+    states: StateChoice = field(default_factory=StateChoice)
+    letter: str = ""
+    filters: tuple[str, ...] = ()
+    size: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Imported:
+    """What an import did.
+
+    Parameters
+    ----------
+    new : tuple of ImageRecord
+    known : tuple of ImageRecord
+        Images that were there already, by content.
+    filtered : int
+        Images of other filters.
+    remarks : tuple of str
+        What does not fit together, one line each.
+    """
+
+    new: tuple[ImageRecord, ...]
+    known: tuple[ImageRecord, ...]
+    filtered: int
+    remarks: tuple[str, ...]
+
+
+def import_images(
+    workspace: Workspace,
+    paths: Sequence[Path],
+    options: ImportOptions,
+    *,
+    executor: Executor,
+    progress: Progress | None = None,
+    wait: bool = False,
+) -> Imported:
+    """Bring images into a workspace.
+
+    Labels, names, states and cameras of all images are checked first. Then the pixels are written
+    image by image; an interrupted import goes on with those that are missing. States, list and
+    catalogue are written at the end. No file of an image that is there is replaced: what other
+    solutions rest on does not change.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        States go into its solution; pixels belong to all solutions.
+    paths : sequence of Path
+    options : ImportOptions
+    executor : Executor
+    progress : Progress, optional
+    wait : bool
+        Whether to wait for another program that brings in images.
+
+    Raises
+    ------
+    SpcolaError
+        What does not fit, in one line; nothing was written for images that it concerns.
+    """
+    progress = progress or Progress()
+    with locked(workspace.root / _LOCK, wait=wait):
+        catalogue = read_catalogue(workspace)
+        opened = open_images(paths, executor, size=options.size)
+        images = [image for image in opened if _is_wanted(image, options.filters)]
+        found = find_sightings(workspace, images, options.states)
+        known = _known(workspace, images, catalogue, options)
+        planned = _plan(workspace, images, found.sightings, known, catalogue, options)
+        fresh = [one for one in planned if one.image.digest not in known]
+        facts = _all_pixels(workspace, fresh, options, executor, progress)
+        records = [
+            _record(workspace, one, facts.get(one.name), options, known.get(one.image.digest))
+            for one in planned
+        ]
+        _write_states(workspace, planned, records)
+        if planned:
+            merged = {**catalogue, **{record.name: record for record in records}}
+            write_catalogue(workspace, merged.values())
+    new = [record for record in records if record.name not in catalogue]
+    old = [record for digest, record in known.items()]
+    return Imported(tuple(new), tuple(old), len(opened) - len(images), found.remarks)
+
+
+@dataclass(frozen=True, eq=False)
+class _Planned:
+    """An image with its name and state."""
+
+    name: str
+    image: OpenedImage
+    sighting: Sighting | None
+
+
+def _is_wanted(image: OpenedImage, filters: tuple[str, ...]) -> bool:
+    return not filters or (image.filter or "") in filters
+
+
+def _known(
+    workspace: Workspace,
+    images: Iterable[OpenedImage],
+    catalogue: Mapping[str, ImageRecord],
+    options: ImportOptions,
+) -> dict[str, ImageRecord]:
+    """Return the records of images that are in the catalogue with their pixels, by digest."""
+    by_digest = {
+        record.digest: record
+        for record in catalogue.values()
+        if workspace.exposure_path(record.name).is_file()
+    }
+    recipe = options.recipe.digest
+    known = {}
+    for image in images:
+        record = by_digest.get(image.digest)
+        if record is None:
+            continue
+        if record.recipe != recipe:
+            raise WorkspaceError(
+                f"is there already as {record.name}, prepared with other --dark, --flat, --bits or "
+                "--orientation",
+                image.path,
+                f"remove IMAGEFILES/{record.name}.DAT and SUMFILES/{record.name}.SUM first",
+            )
+        known[image.digest] = record
+    return known
+
+
+def _plan(
+    workspace: Workspace,
+    images: Sequence[OpenedImage],
+    sightings: Mapping[str, Sighting],
+    known: Mapping[str, ImageRecord],
+    catalogue: Mapping[str, ImageRecord],
+    options: ImportOptions,
+) -> list[_Planned]:
+    """Return what is to be written, after checking names and sizes."""
+    times = {image.digest: image.time for image in images if image.time is not None}
+    times |= {digest: one.state.time for digest, one in sightings.items()}
+    new = [image for image in images if image.digest not in known]
+    names = {**names_of(new, times, options.letter), **{d: r.name for d, r in known.items()}}
+    planned = []
+    for image in images:
+        name, sighting = names[image.digest], sightings.get(image.digest)
+        one = _Planned(name, image, sighting)
+        if image.digest in known and (sighting is None or known[image.digest].state is not None):
+            continue
+        other = catalogue.get(name)
+        if other is not None and other.digest != image.digest:
+            raise InvalidValueError(
+                f"gets the name {name}, which {other.source} has",
+                image.path,
+                "rename the file, or give another --letter",
+            )
+        _check_size(workspace, one, options)
+        planned.append(one)
+    return planned
+
+
+def _check_size(workspace: Workspace, one: _Planned, options: ImportOptions) -> None:
+    """Refuse an image of another size than its camera."""
+    width, height = _turned_size(one.image, options)
+    if one.sighting is not None:
+        camera, where = one.sighting.camera, one.sighting.camera_origin
+    elif workspace.image_path(one.name).is_file():
+        camera, where = workspace.image(one.name).camera, str(workspace.image_path(one.name))
+    else:
+        return
+    if (camera.width, camera.height) != (width, height):
+        raise InvalidValueError(
+            f"has {width} × {height} pixels, its camera in {where} {camera.width} × "
+            f"{camera.height}",
+            one.image.path,
+            "give the camera of this image",
+        )
+
+
+def _turned_size(image: OpenedImage, options: ImportOptions) -> tuple[int, int]:
+    """Return samples and lines of the .DAT file."""
+    width, height = image.size
+    return (height, width) if options.recipe.turn.exchanges else (width, height)
+
+
+def _all_pixels(
+    workspace: Workspace,
+    planned: Sequence[_Planned],
+    options: ImportOptions,
+    executor: Executor,
+    progress: Progress,
+) -> dict[str, PixelFacts]:
+    """Write the pixels of all images; each finished one is kept as an item."""
+    if not planned:
+        return {}
+    make_folder(workspace.root / "IMAGEFILES")
+    store = ItemStore(workspace.root / ITEM_PLACE, ITEM_VERSION)
+    begun = time.time()
+    bring = _Bringing(options.recipe.preparation(), options, store, workspace)
+    facts = {}
+    sizes = [float(one.image.size[0] * one.image.size[1]) for one in planned]
+    with progress.items("images", sizes, executor.workers) as task:
+        for name, seconds, found in executor.stream(partial(_timed, bring), planned):
+            facts[name] = found
+            task.advance_one(seconds)
+    store.remove_unused(begun)
+    return facts
+
+
+def _timed(bring: _Bringing, one: _Planned) -> tuple[str, float, PixelFacts]:
+    """Return the name, the seconds that the work took, and its result."""
+    begun = time.perf_counter()
+    facts = bring.image(one)
+    return one.name, time.perf_counter() - begun, facts
+
+
+@dataclass(frozen=True, eq=False)
+class _Bringing:
+    """Work on the pixels of one image after another."""
+
+    preparation: Preparation
+    options: ImportOptions
+    store: ItemStore
+    workspace: Workspace
+
+    def image(self, one: _Planned) -> PixelFacts:
+        """Return the facts of an image whose .DAT file is there."""
+        target = self.workspace.exposure_path(one.name)
+        work = PixelWork(one.image.path, self.options.size, target)
+
+        def written(_digest: str, _recipe: str, _place: Path) -> PixelFacts:
+            return write_pixels(work, self.preparation, self.options.recipe.turn)
+
+        facts = self.store.result(written, one.image.digest, self.options.recipe.digest, target)
+        # The item outlives a file that was removed.
+        return facts if target.is_file() else written("", "", target)
+
+
+def _record(
+    workspace: Workspace,
+    one: _Planned,
+    facts: PixelFacts | None,
+    options: ImportOptions,
+    known: ImageRecord | None,
+) -> ImageRecord:
+    """Return the line of the catalogue of an image."""
+    image, sighting = one.image, one.sighting
+    state = camera = None
+    notes = image.notes
+    if sighting is not None:
+        source = str(sighting.state.source)
+        state = {"source": source, "from": sighting.origin, "solution": workspace.solution}
+        camera, notes = sighting.camera_origin, (*notes, *sighting.notes)
+    elif workspace.image_path(one.name).is_file():
+        path = workspace.image_path(one.name)
+        state = {"source": "sum", "from": str(path), "solution": workspace.solution}
+        camera = str(path)
+    if known is not None:
+        return replace(known, state=state, camera=camera, notes=notes)
+    assert facts is not None
+    return ImageRecord(
+        one.name, image.original, str(image.path.absolute()), image.digest, options.recipe.digest,
+        str(options.recipe.turn), _turned_size(image, options), facts, image.label, state, camera,
+        notes,
+    )  # fmt: skip
+
+
+def _write_states(
+    workspace: Workspace, planned: Sequence[_Planned], records: Sequence[ImageRecord]
+) -> None:
+    """Write .SUM and .NOM files of the images with a state."""
+    images, nominal = [], []
+    for one, record in zip(planned, records, strict=True):
+        if one.sighting is None:
+            continue
+        state = replace(one.sighting.state, name=one.name)
+        thresholds = one.sighting.thresholds or record.pixels.thresholds
+        images.append(state.as_image(one.sighting.camera, thresholds=thresholds))
+        if one.sighting.rate is not None:
+            nominal.append(state.as_nominal(one.sighting.rate))
+    if images:
+        write_states(workspace, images, nominal)

@@ -1,0 +1,441 @@
+"""``spcola images``: pixels, states and catalogue; what does not fit is refused in one line."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from astropy.io import fits
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from fusion.cli.app import app
+from fusion.pipeline.solutions import MadeBy, making_solution
+from fusion.stages.images import Turn, importing
+from fusion.stages.images.catalogue import count_images, read_catalogue, write_catalogue
+from fusion.workspace import Workspace, new_workspace
+from spcola.camera import Camera, SpcImage
+from spcola.camera.instrument import Instrument
+from spcola.formats.cameras import write_cameras
+from spcola.formats.images import read_image_data, write_image_data
+from spcola.formats.shapes import write_obj_mesh
+from spcola.formats.solution import read_list, write_list, write_summary
+from spcola.imagematching.frames import render_frame
+from spcola.navigation import et_from_utc, utc_from_et
+from spcola.shape import Mesh, RayCaster
+
+SIZE = 128
+CAMERA = Camera(125.2, [64.5, 64.5], [[117.6, 0, 0], [0, 117.6, 0]], SIZE, SIZE)
+START = et_from_utc("2019-03-03T10:59:40")
+SUN = np.array([0.6, -0.64, 0.48])
+
+
+def call(*arguments, code=0):
+    result = CliRunner().invoke(app, list(map(str, arguments)))
+    assert result.exit_code == code, result.output + result.stderr
+    return result
+
+
+def content(*arguments):
+    return json.loads(call(*arguments, "--json").stdout)
+
+
+def refusal(*arguments):
+    (line,) = call(*arguments, code=1).stderr.splitlines()
+    return line
+
+
+def shape_of():
+    """A box with three different sides and a wedge: no symmetry."""
+    x, y, z = 150.0, 100.0, 70.0
+    low = [[-x, -y, -z], [x, -y, -z], [x, y, -z], [-x, y, -z]]
+    top = [[-x, -y, z], [0.2 * x, -y, z], [x, y, 0.6 * z], [-x, 0.5 * y, 2.0 * z]]
+    quads = [(3, 2, 1, 0), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
+    facets = [f for a, b, c, d in quads for f in ((a, b, c), (a, c, d))]
+    return Mesh(np.array(low + top), np.array(facets), "box")
+
+
+def image_at(number):
+    away = Rotation.from_euler("ZX", [15.0 * number, 12.0 * number], degrees=True).apply(
+        [0.5, -0.7, 0.5]
+    )
+    place = 70_000.0 * away / np.linalg.norm(away)
+    looking = Rotation.align_vectors([[0, 0, 1.0]], [-place])[0]
+    axes = (Rotation.from_rotvec([0.0002, 0.0003, number]) * looking).as_matrix()
+    utc = utc_from_et(START + 60.0 * number)
+    return SpcImage(f"P{number:04d}", utc, CAMERA, -place, axes, SUN / np.linalg.norm(SUN))
+
+
+def fits_file(path, dn, number=0, **header):
+    unit = fits.PrimaryHDU(dn)
+    unit.header["DATE-OBS"] = utc_from_et(START + 60.0 * number - 0.01, 6)
+    unit.header["EXPTIME"] = 0.02
+    unit.header.update(header)
+    unit.writeto(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def given(tmp_path_factory):
+    """A folder with six images, a table of their poses, a camera file and a shape."""
+    folder = tmp_path_factory.mktemp("given")
+    mesh = shape_of()
+    write_obj_mesh(folder / "box.obj", mesh)
+    caster, rng = RayCaster(mesh), np.random.default_rng(1)
+    lines = ["image,utc,v0x_m,v0y_m,v0z_m,cxx,cxy,cxz,cyx,cyy,cyz,czx,czy,czz,sunx,suny,sunz"]
+    for number in range(6):
+        image = image_at(number)
+        frame = 3000.0 * render_frame(caster, image).brightness + rng.normal(200, 5, (SIZE, SIZE))
+        fits_file(folder / f"frame_of_a_mission_{number}.fit", frame.astype(np.uint16), number)
+        values = [*image.scobj, *image.axes.ravel(), *image.sun]
+        name = f"frame_of_a_mission_{number}"
+        lines.append(",".join([name, image.utc, *(repr(float(v)) for v in values)]))
+    (folder / "poses.csv").write_text("\n".join(lines) + "\n")
+    write_cameras(folder / "camera.toml", [Instrument("NAC", CAMERA, None, None, None)])
+    return folder
+
+
+@pytest.fixture
+def made(given, tmp_path):
+    return new_workspace(tmp_path / "ws", body="Box", shape=given / "box.obj")
+
+
+def files(given, *numbers):
+    return [given / f"frame_of_a_mission_{n}.fit" for n in (numbers or range(6))]
+
+
+def states(given):
+    return ["--poses", given / "poses.csv", "--camera", given / "camera.toml"]
+
+
+def tree(root):
+    """All files but those of work, by their names."""
+    return {
+        path.relative_to(root).as_posix(): path.read_bytes()
+        for path in sorted(root.rglob("*"))
+        if path.is_file() and not path.relative_to(root).parts[0].startswith(".")
+    }
+
+
+def test_pixels_states_and_catalogue_come_in(given, made):
+    write_list(made.root / "PICTLIST.TXT", ["OLD"])
+    found = content("images", made.root, *files(given), *states(given))
+    assert len(found["new"]) == 6
+    assert not found["remarks"]
+    records = read_catalogue(made)
+    assert count_images(made) == 6
+    name = f"F{int(START):09d}"
+    record = records[name]
+    assert record.original == "frame_of_a_mission_0.fit"
+    assert record.source == str(given / "frame_of_a_mission_0.fit")
+    assert record.state["source"] == "poses"
+    assert record.state["from"] == str(given / "poses.csv")
+    assert record.camera == str(given / "camera.toml")
+    assert record.label["exposure_s"] == 0.02
+    with fits.open(given / "frame_of_a_mission_0.fit") as content_:
+        wanted = content_[0].data
+    np.testing.assert_array_equal(read_image_data(made.exposure_path(name), SIZE, SIZE), wanted)
+    image, planted = made.image(name), image_at(0)
+    np.testing.assert_allclose(image.scobj, planted.scobj, atol=1e-4)
+    np.testing.assert_allclose(image.axes, planted.axes, atol=1e-9)
+    assert image.thresholds == record.pixels.thresholds
+    assert 205 < image.thresholds[0] < 800
+    assert read_list(made.root / "PICTLIST.TXT") == ["OLD", *sorted(records)]
+
+
+def test_importing_again_changes_nothing(given, made):
+    call("images", made.root, *files(given), *states(given))
+    before = tree(made.root)
+    again = content("images", made.root, *files(given), *states(given))
+    assert not again["new"]
+    assert len(again["known"]) == 6
+    renamed = made.root.parent / "other_name.fit"
+    shutil.copy(files(given, 2)[0], renamed)
+    assert not content("images", made.root, renamed)["new"]
+    assert tree(made.root) == before
+
+
+def test_the_workspace_is_the_same_in_any_order_and_after_an_interruption(given, made, tmp_path):
+    call("images", made.root, *files(given), *states(given))
+    other = new_workspace(tmp_path / "other", body="Box", shape=given / "box.obj")
+    call("images", other.root, *files(given, 4, 2), *states(given), "--workers", 1)
+    # As killed before the catalogue was written, with one file of pixels missing.
+    (other.root / "images.jsonl").unlink()
+    sorted(other.root.glob("IMAGEFILES/*"))[0].unlink()
+    call("images", other.root, *files(given, 5, 3, 1, 0, 2, 4), *states(given))
+    assert tree(other.root) == tree(made.root)
+
+
+def test_a_killed_import_goes_on(given, made, monkeypatch):
+    done = []
+
+    def killed(work, *more):
+        if len(done) == 3:
+            raise KeyboardInterrupt
+        done.append(work.target.name)
+        return original(work, *more)
+
+    original = importing.write_pixels
+    monkeypatch.setattr(importing, "write_pixels", killed)
+    command = ["images", made.root, *files(given), *states(given), "--workers", 1]
+    CliRunner().invoke(app, list(map(str, command)))
+    assert len(list(made.root.glob("IMAGEFILES/*.DAT"))) == 3
+    assert not list(made.root.glob("SUMFILES/*"))
+    counted = []
+
+    def counting(work, *more):
+        counted.append(work.target.name)
+        return original(work, *more)
+
+    monkeypatch.setattr(importing, "write_pixels", counting)
+    assert len(content(*command)["new"]) == 6
+    assert len(counted) == 3
+    assert not set(counted) & set(done)
+
+
+def test_a_state_is_added_to_known_pixels(given, made):
+    found = content("images", made.root, *files(given))
+    assert [one["state"] for one in found["new"]] == [None] * 6
+    assert not made.image_names()
+    again = content("images", made.root, *files(given), *states(given))
+    assert not again["new"]
+    assert len(made.image_names()) == 6
+    assert all(one.state["source"] == "poses" for one in read_catalogue(made).values())
+
+
+def test_solutions_that_rest_on_the_imported_one_do_not_change(given, made):
+    call("images", made.root, *files(given, 0, 1), *states(given))
+    write_list(made.root / "PICTLIST.TXT", made.image_names())
+    with making_solution(made, "next", MadeBy("test", {}, {}, {})):
+        pass
+    before = tree(made.root / "solutions" / "next")
+    first = tree(made.root)
+    call("images", made.root, *files(given), *states(given))
+    assert tree(made.root / "solutions" / "next") == before
+    after = tree(made.root)
+    same = set(first) - {"PICTLIST.TXT", "images.jsonl"}
+    assert all(after[name] == first[name] for name in same)
+    derived = Workspace.open(made.root, "next")
+    shutil.copy(files(given, 5)[0], made.root.parent / "x.fit")
+    assert len(derived.image_names()) == 2
+    assert len(made.image_names()) == 6
+
+
+def test_states_go_to_the_solution_that_is_named(given, made):
+    with making_solution(made, "next", MadeBy("test", {}, {}, {})):
+        pass
+    call("images", made.root, *files(given), *states(given), "--solution", "next")
+    assert len(Workspace.open(made.root, "next").image_names()) == 6
+    assert not made.image_names()
+
+
+def test_what_has_no_partner_is_named(given, made, tmp_path):
+    lines = (given / "poses.csv").read_text().splitlines()
+    table = tmp_path / "poses.csv"
+    table.write_text("\n".join([*lines[:3], lines[6]]) + "\n")
+    found = content(
+        "images", made.root, *files(given, 0, 1, 2), "--poses", table, "--camera",
+        given / "camera.toml",
+    )  # fmt: skip
+    assert len(found["remarks"]) == 2
+    assert "1 state has no image" in found["remarks"][0]
+    assert "frame_of_a_mission_2.fit: has no state" in found["remarks"][1]
+    assert len(made.image_names()) == 2
+
+
+def test_bad_input_is_one_line_and_leaves_nothing(given, made, tmp_path):
+    before = tree(made.root)
+    first = files(given, 0)[0]
+    small = fits_file(tmp_path / "small.fit", np.full((8, 8), 5, np.uint16))
+    cases = [
+        ([*files(given, 0), tmp_path / "none.fit"], "none.fit"),
+        ([given / "camera.toml"], "is no FITS"),
+        ([first, *states(given)[:2]], "no camera"),
+        ([first, "--states", "label", *states(given)[2:]], "no tables of the camera's state"),
+        ([first, "--dark", small], "dark frame"),
+        ([first, "--flat", tmp_path / "flat.fit"], "flat.fit"),
+        ([first, "--poses", given / "camera.toml", "--camera", given / "camera.toml"], "toml"),
+    ]
+    twin = tmp_path / "another_long_name_of.fit"
+    shutil.copy(first, twin)
+    cases.append(([first, twin], "holds the same image"))
+    together = fits_file(tmp_path / "frame_at_the_same_time.fit", np.full((9, 9), 7, np.uint16))
+    cases.append(([first, together], "both get the name"))
+    other = replace(CAMERA, width=64)
+    write_cameras(tmp_path / "other.toml", [Instrument("NAC", other, None, None, None)])
+    cases.append(([first, *states(given)[:2], "--camera", tmp_path / "other.toml"], "pixels"))
+    for arguments, words in cases:
+        line = refusal("images", made.root, *arguments)
+        assert words in line
+        assert tree(made.root) == before, line
+    for arguments in (["--states", "spice", first], [], ["--bits", "9", first]):
+        call("images", made.root, *arguments, code=2)
+
+
+def test_files_that_are_there_are_not_replaced(given, made):
+    name = f"F{int(START):09d}"
+    write_image_data(made.exposure_path(name), np.zeros((SIZE, SIZE), np.uint16))
+    assert "holds other pixels" in refusal("images", made.root, *files(given, 0))
+    made.exposure_path(name).unlink()
+    write_summary(made.image_path(name), replace(image_at(3), name=name))
+    line = refusal("images", made.root, *files(given, 0), *states(given))
+    assert "another state" in line
+    # Without a source of states the one that is there is taken, if its size fits.
+    (record,) = content("images", made.root, *files(given, 0))["new"]
+    assert record["state"]["source"] == "sum"
+
+
+def test_other_settings_for_the_same_image_are_refused(given, made):
+    call("images", made.root, *files(given, 0))
+    line = refusal("images", made.root, *files(given, 0), "--orientation", "mirrored-lines")
+    assert "with other --dark" in line
+
+
+def test_dark_flat_bits_filter_and_letter(given, made, tmp_path):
+    with fits.open(files(given, 0)[0]) as opened:
+        raw = opened[0].data.astype(float)
+    flat = np.linspace(0.5, 1.5, SIZE)[None, :] * np.ones((SIZE, 1))
+    dark = np.full((SIZE, SIZE), 200.0)
+    for name, frame in (("dark.fit", dark), ("flat.fit", flat)):
+        fits_file(tmp_path / name, frame)
+    red = fits_file(tmp_path / "a.fit", raw.astype(np.uint16), FILTER="RED")
+    blue = fits_file(tmp_path / "b.fit", raw.astype(np.uint16)[::-1], FILTER="BLUE")
+    found = content(
+        "images", made.root, red, blue, "--dark", tmp_path / "dark.fit", "--flat",
+        tmp_path / "flat.fit", "--bits", 8, "--filter", "RED", "--letter", "Q",
+    )  # fmt: skip
+    assert found["filtered"] == 1
+    (record,) = found["new"]
+    assert record["name"].startswith("Q")
+    assert record["name"].endswith("RE")
+    assert record["pixels"]["bits"] == 8
+    dn = read_image_data(made.exposure_path(record["name"]), SIZE, SIZE)
+    bright = raw > 1000
+    wanted = ((raw - 200.0) / (flat / flat.mean()) * record["pixels"]["gain"])[bright]
+    np.testing.assert_allclose(dn[bright], wanted, atol=0.51)
+
+
+def test_triage_finds_planted_orientations_and_flags(given, made, tmp_path):
+    call("images", made.root, *files(given), *states(given))
+    call("images", made.root, "--report", "--thumbnails")
+    found = content("images", made.root, "--report")
+    assert found["counts"]["limb"] == 6
+    assert found["orientations"] == {"as-stored": 6}
+    assert max(found["offset_rms_px"]) < 0.5
+    for number, one in enumerate(found["images"]):
+        planted = image_at(number)
+        assert one["resolution_m"] == pytest.approx(one["range_m"] * CAMERA.pixel_angle)
+        assert one["range_m"] == pytest.approx(70_000.0, abs=300.0)
+        away = planted.position / np.linalg.norm(planted.position)
+        phase = np.degrees(np.arccos(away @ planted.sun))
+        assert one["phase_deg"] == pytest.approx(phase, abs=0.2)
+        assert one["fit"]["overlap"] > 0.95
+        assert not one["flags"]
+    page = (made.root / "images.html").read_text()
+    assert page.count("<img") == 0
+    assert all(one["name"] in page for one in found["images"])
+
+
+@pytest.mark.parametrize("turn", [Turn.MIRRORED_SAMPLES, Turn.HALF_TURN, Turn.TRANSPOSED])
+def test_a_turned_image_is_named_and_comes_in_right(given, made, tmp_path, turn):
+    with fits.open(files(given, 0)[0]) as opened:
+        dn = opened[0].data.astype(np.uint16)
+    path = fits_file(tmp_path / "frame_of_a_mission_0.fit", turn.orientation.undo(dn))
+    (record,) = content("images", made.root, path, *states(given))["new"]
+    found = content("images", made.root, "--report")
+    (one,) = found["images"]
+    assert one["fit"]["turn"] == str(turn)
+    assert one["flags"] == ["mirrored" if turn.mirrored else "turned"]
+    (line,) = found["doubtful"]
+    assert f"--orientation {turn}" in line
+    for part in (made.exposure_path(record["name"]), made.image_path(record["name"])):
+        part.unlink()
+    call("images", made.root, path, *states(given), "--orientation", turn)
+    np.testing.assert_array_equal(
+        read_image_data(made.exposure_path(record["name"]), SIZE, SIZE), dn
+    )
+    (one,) = content("images", made.root, "--report")["images"]
+    assert one["fit"]["turn"] == "as-stored"
+    assert not one["flags"]
+
+
+def test_empty_overexposed_and_smeared_frames_are_flagged(given, made, tmp_path):
+    rng = np.random.default_rng(4)
+    with fits.open(files(given, 0)[0]) as opened:
+        dn = opened[0].data.astype(float)
+    size = 256
+    wide = np.kron(dn, np.ones((2, 2))) + rng.normal(0, 3, (size, size))
+    frames = {
+        "noise": rng.normal(300, 10, (size, size)),
+        "over": np.minimum(2.0 * wide, 3000.0),
+        "smear": wide + 0.4 * np.clip(wide - 300.0, 0, None).mean(axis=0),
+        "black": np.zeros((size, size)),
+        "good": wide,
+    }
+    for name, frame in frames.items():
+        fits_file(tmp_path / f"{name}.fit", frame.astype(np.uint16))
+    call("images", made.root, *(tmp_path / f"{name}.fit" for name in frames))
+    found = content("images", made.root, "--report")
+    flags = {one["name"]: set(one["flags"]) - {"no state"} for one in found["images"]}
+    assert flags == {
+        "noise": {"empty"}, "over": {"overexposed"}, "smear": {"smeared"}, "black": {"empty"},
+        "good": set(),
+    }  # fmt: skip
+    scenes = {one["name"]: one["scene"] for one in found["images"]}
+    assert scenes["noise"] == scenes["black"] == "no body"
+    assert scenes["good"] == "limb"
+
+
+def test_a_catalogue_of_many_images_is_counted_quickly(made, given):
+    call("images", made.root, *files(given, 0))
+    (record,) = read_catalogue(made).values()
+    write_catalogue(made, (replace(record, name=f"A{n:06d}") for n in range(20_000)))
+    begun = time.perf_counter()
+    assert count_images(made) == 20_000
+    assert time.perf_counter() - begun < 0.2
+
+
+def test_a_damaged_catalogue_is_one_line(made, given):
+    call("images", made.root, *files(given, 0))
+    (made.root / "images.jsonl").write_text('{"name": 1}\n')
+    assert "images.jsonl, line 1" in refusal("images", made.root, *files(given, 1))
+
+
+def test_states_and_cameras_of_isd_files(made, tmp_path):
+    # A camera 10 km above the equator at longitude 0, looking down; the body is turned by 90°.
+    half = float(np.sqrt(0.5))
+    isd = {
+        "name_model": "USGS_ASTRO_FRAME_SENSOR_MODEL",
+        "image_lines": 100, "image_samples": 200, "center_ephemeris_time": START,
+        "focal_length_model": {"focal_length": 100.0},
+        "detector_center": {"line": 49.5, "sample": 99.5},
+        "detector_sample_summing": 1, "detector_line_summing": 1,
+        "starting_detector_line": 0, "starting_detector_sample": 0,
+        "focal2pixel_samples": [0.0, 50.0, 0.0], "focal2pixel_lines": [0.0, 0.0, 50.0],
+        "optical_distortion": {"radial": {"coefficients": [0.0, 0.0, 0.0]}},
+        "body_rotation": {
+            "reference_frame": 1, "ephemeris_times": [START],
+            "quaternions": [[half, 0.0, 0.0, half]],
+        },
+        "instrument_pointing": {
+            "reference_frame": 1, "ephemeris_times": [START],
+            "quaternions": [[half, half, 0.0, 0.0]],
+        },
+        "instrument_position": {"ephemeris_times": [START], "positions": [[0.0, -10.0, 0.0]]},
+        "sun_position": {"ephemeris_times": [START], "positions": [[0.0, -1e8, 0.0]]},
+    }  # fmt: skip
+    (tmp_path / "one.isd").write_text(json.dumps(isd))
+    image = fits_file(tmp_path / "one.fit", np.full((100, 200), 7, np.uint16))
+    (record,) = content("images", made.root, image, "--states", "isd")["new"]
+    assert record["camera"] == str(tmp_path / "one.isd")
+    found = made.image("one")
+    np.testing.assert_allclose(found.position, [10_000.0, 0.0, 0.0], atol=1e-3)
+    np.testing.assert_allclose(found.camera.center, [100.0, 50.0])
+    np.testing.assert_allclose(found.sun, [1.0, 0.0, 0.0], atol=1e-9)
+    other = fits_file(tmp_path / "two.fit", np.full((100, 200), 8, np.uint16), 1)
+    (remark,) = content("images", made.root, other, "--states", "isd")["remarks"]
+    assert "two.fit: has no state" in remark

@@ -1,0 +1,226 @@
+"""``spcola images`` on images of missions: what the program finds by itself."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from fusion.cli.app import app
+from fusion.stages.images import Turn
+from fusion.workspace import new_workspace
+from spcola.camera import Camera, SpcImage
+from spcola.formats.images import open_image
+from spcola.formats.shapes import read_shape
+from spcola.formats.states import read_isis_states
+from spcola.imagematching.frames import compare_frame, render_frame
+from spcola.shape import RayCaster
+
+pytestmark = pytest.mark.real_data
+
+NAVCAM = """[NAVCAM]
+focal_length_mm = 152.5
+center = [256.5, 256.5]
+k_matrix = [[38.448288, 0.0, 0.0], [0.0, 38.448288, 0.0]]
+size = [512, 512]
+"""
+
+
+def content(*arguments):
+    result = CliRunner().invoke(app, [*map(str, arguments), "--json"])
+    assert result.exit_code == 0, result.output + result.stderr
+    return json.loads(result.stdout)
+
+
+@pytest.fixture(scope="module")
+def comet(shared_data, tmp_path_factory):
+    """The 70 frames of 67P in a workspace, and what is found of them."""
+    root = tmp_path_factory.mktemp("67p")
+    folder = shared_data / "rosetta_67p" / "navcam"
+    made = new_workspace(root / "ws", body="67P", shape=folder / "67p-4k.obj")
+    (root / "navcam.toml").write_text(NAVCAM)
+    command = [
+        "images", made.root, *sorted(folder.glob("images/*.png")), "--poses",
+        folder / "poses.csv", "--camera", root / "navcam.toml", "--letter", "N", "--report",
+    ]  # fmt: skip
+    return made, content(*command)
+
+
+def test_orientation_and_offset_of_the_frames_of_67p(comet):
+    _, found = comet
+    assert len(found["new"]) == 70
+    assert not found["remarks"]
+    assert found["orientations"] == {"as-stored": 70}
+    fits = [one["fit"] for one in found["images"]]
+    given = [fit["given"] for fit in fits]
+    assert min(given) > 0.8
+    assert max(given) < 0.98
+    assert min(fit["correlation"] for fit in fits) > 0.85
+    assert min(fit["correlation"] - fit["runner_up"] for fit in fits) > 0.05
+    # The README of the data: 3.5 px rms an axis, up to 7.
+    offsets = np.array([fit["offset_px"] for fit in fits])
+    np.testing.assert_allclose(found["offset_rms_px"], 3.5, atol=0.5)
+    assert 5.0 < np.abs(offsets).max() < 8.5
+    overlap = np.array([[fit["overlap"], fit["overlap_given"]] for fit in fits])
+    assert np.median(overlap[:, 0]) > 0.88
+    assert (overlap[:, 0] > overlap[:, 1] - 0.02).all()
+
+
+def test_triage_of_the_frames_of_67p(comet):
+    _, found = comet
+    assert found["counts"]["limb"] == 70
+    resolution = [one["resolution_m"] for one in found["images"]]
+    phase = [one["phase_deg"] for one in found["images"]]
+    assert (min(resolution) > 13.5) & (max(resolution) < 22.5)
+    assert (min(phase) > 29.0) & (max(phase) < 56.0)
+    flagged = {one["original"]: set(one["flags"]) for one in found["images"] if one["flags"]}
+    both = {"overexposed", "smeared"}
+    assert flagged == {"20140808T183002.png": both, "20140808T213002.png": both}
+
+
+def test_mirrored_frames_of_67p_are_named(comet, shared_data, tmp_path):
+    folder = shared_data / "rosetta_67p" / "navcam"
+    made = new_workspace(tmp_path / "ws", body="67P", shape=folder / "67p-4k.obj")
+    (tmp_path / "navcam.toml").write_text(NAVCAM)
+    found = content(
+        "images", made.root, *sorted(folder.glob("images/*.png"))[::7], "--poses",
+        folder / "poses.csv", "--camera", tmp_path / "navcam.toml", "--letter", "N", "--report",
+        "--orientation", "mirrored-lines",
+    )  # fmt: skip
+    assert found["orientations"] == {"mirrored-lines": 10}
+    assert all("--orientation mirrored-lines" in line for line in found["doubtful"])
+
+
+def test_frames_of_vesta_with_a_colmap_model(shared_data, tmp_path):
+    folder = shared_data / "vesta"
+    made = new_workspace(tmp_path / "ws", body="Vesta", shape=folder / "vesta_5002.ply")
+    found = content(
+        "images", made.root, *sorted(folder.glob("images/*.png")), "--states", "colmap", "--model",
+        folder, "--times", folder / "frames.csv", "--report",
+    )  # fmt: skip
+    assert [one["state"]["source"] for one in found["new"]] == ["colmap"] * 4
+    assert found["orientations"] == {"as-stored": 4}
+    fits = [one["fit"] for one in found["images"]]
+    assert min(fit["correlation"] for fit in fits) > 0.93
+    assert min(fit["overlap"] for fit in fits) > 0.96
+    # Together off by pixels, from frame to frame by tenths.
+    offsets = np.array([fit["offset_px"] for fit in fits])
+    assert np.linalg.norm(offsets.mean(axis=0)) < 5.0
+    assert offsets.std(axis=0).max() < 0.6
+    phase = [one["phase_deg"] for one in found["images"]]
+    np.testing.assert_allclose(phase, [29.51, 29.25, 28.99, 28.48], atol=0.2)
+
+
+def test_a_sun_in_another_frame_is_noticed_at_vesta(shared_data, tmp_path):
+    # With the Sun of the archive's other frame, 210° away, the frames look like nothing.
+    folder = shared_data / "vesta"
+    made = new_workspace(tmp_path / "ws", body="Vesta", shape=folder / "vesta_5002.ply")
+    rows = (folder / "frames.csv").read_text().splitlines()
+    head, *rest = [row.split(",") for row in rows]
+    place = head.index("subsolar_lon_deg")
+    for row in rest:
+        row[place] = str(float(row[place]) + 210.0)
+    table = tmp_path / "frames.csv"
+    table.write_text("\n".join(",".join(row) for row in [head, *rest]) + "\n")
+    found = content(
+        "images", made.root, *sorted(folder.glob("images/*.png")), "--states", "colmap", "--model",
+        folder, "--times", table, "--report",
+    )  # fmt: skip
+    assert [one["flags"] for one in found["images"]] == [["unmatched"]] * 4
+
+
+def test_cubes_of_apollo_and_the_moon_come_in_without_cameras(shared_data, tmp_path):
+    made = new_workspace(tmp_path / "ws", body="Moon")
+    cubes = sorted((shared_data / "apollo15").glob("*.cub"))
+    found = content("images", made.root, *cubes)
+    assert len(found["new"]) == 3
+    assert len({one["name"] for one in found["new"]}) == 3
+    scan = shared_data / "isis_cubes" / "M143947267L.cal.echo.crop.cub"
+    assert len(content("images", made.root, scan)["new"]) == 1
+    result = CliRunner().invoke(
+        app, ["images", str(made.root), str(scan), "--states", "label", "--camera", "x.toml"]
+    )
+    assert result.exit_code == 1
+    assert "is of a line scanner" in result.stderr
+
+
+def test_navcam_of_bennu_shows_the_ground_that_its_tables_state(shared_data):
+    # OpenCV's camera of the label, reduced ten times; y of the focal plane runs against the lines.
+    path = shared_data / "isis_cubes" / "20200303T213031S138_ncm_L0-reduced.cub"
+    image = open_image(path)
+    pixels = image.read()
+    state = read_isis_states(path).state("navcam", image.label.mid_exposure().et)
+    factor = 2592.0 / 259.0
+    center = (np.array([1269.083, 950.747]) - 0.5) / factor + 0.5
+    per_mm = 1.0 / (0.0022 * factor)
+    lens = Camera(
+        7.641, center, [[per_mm, 0, 0], [0, -per_mm, 0]], 259, 194, "brown",
+        [-0.53766, 0.37526, 0.00023432, 0.00090875, -0.18368, 0, 0, 0],
+    )  # fmt: skip
+    shape = shared_data / "bennu" / "g_12570mm_alt_obj_0000n00000_v014.obj"
+    view = SpcImage("navcam", "2020-03-03", lens, state.scobj, state.axes, state.sun)
+    rendered = render_frame(RayCaster(read_shape(shape)), view, step=2)
+    assert rendered.body.all()
+    dn = np.where(pixels.valid, pixels.values, 0.0)
+    turns = [turn for turn in Turn if not turn.exchanges]
+    found = [
+        compare_frame(
+            np.ascontiguousarray(turn.orientation.apply(dn)), rendered, lowest=200, reach_px=16
+        )
+        for turn in turns
+    ]
+    scores = [one.correlation for one in found]
+    assert int(np.argmax(scores)) == 0
+    assert scores[0] - max(scores[1:]) > 0.1
+    assert np.hypot(*found[0].offset) < 6.0
+
+
+def test_the_msi_frame_shows_no_body_by_its_label(shared_data, tmp_path):
+    # Its label gives no centre on the body, and its attitude points beside it: stray light.
+    folder = shared_data / "eros"
+    label = (folder / "m0126360726f4_2p_cif_gbl.lbl").read_text()
+    header = (folder / "m0126360726f4_2p_cif_gbl.fit").read_bytes()[:11520].decode("ascii")
+    number = r"= *'?([-\d.]+)"
+    words = re.search(r"EMECL_SC_QUATERNION = \((.*?)\)", label, re.DOTALL)[1].split(",")
+    item = {n: float(re.search(rf"NEAR-0{n}{number}", header)[1]) for n in range(23, 31)}
+    craft, eros = (np.array([item[k] for k in range(a, a + 3)]) for a in (23, 27))
+    turn = Rotation.from_quat([float(word) for word in [*words[1:], words[0]]]).as_matrix()
+    rows = np.array([-turn[2], turn[1], turn[0]])
+    columns = {
+        "image": "m0126360726f4_2p_cif_gbl", "utc": "2000-02-19T08:55:00.4125",
+        **dict(zip(("scx_km_j2000", "scy_km_j2000", "scz_km_j2000"), craft - eros, strict=True)),
+        **dict(zip(("sunx_j2000", "suny_j2000", "sunz_j2000"), -eros, strict=True)),
+        **dict(zip(("qw_j2000", "qx_j2000", "qy_j2000", "qz_j2000"),
+                   Rotation.from_matrix(rows).as_quat()[[3, 0, 1, 2]], strict=True)),
+    }  # fmt: skip
+    (tmp_path / "poses.csv").write_text(
+        ",".join(columns) + "\n" + ",".join(str(value) for value in columns.values()) + "\n"
+    )
+    (tmp_path / "eros.tpc").write_text(
+        "KPL/PCK\n\\begindata\nBODY2000433_POLE_RA = ( 11.35 0. 0. )\n"
+        "BODY2000433_POLE_DEC = ( 17.22 0. 0. )\nBODY2000433_PM = ( 326.07 1639.38864745 0. )\n"
+    )
+    # 33.77 m a pixel at 354.5 km.
+    per_mm = 354.5 / 0.03377 / 167.35
+    (tmp_path / "msi.toml").write_text(
+        "[MSI]\nfocal_length_mm = 167.35\ncenter = [269.0, 206.5]\n"
+        f"k_matrix = [[{per_mm}, 0.0, 0.0], [0.0, {per_mm}, 0.0]]\nsize = [537, 412]\n"
+    )
+    shape = tmp_path / "eros.obj"
+    shape.write_bytes((folder / "eros007790.tab").read_bytes())
+    made = new_workspace(tmp_path / "ws", body="Eros", shape=shape, faces_from=0)
+    found = content(
+        "images", made.root, folder / "m0126360726f4_2p_cif_gbl.fit", "--poses",
+        tmp_path / "poses.csv", "--camera", tmp_path / "msi.toml", "--pck", tmp_path / "eros.tpc",
+        "--body", 2000433, "--report",
+    )  # fmt: skip
+    (one,) = found["images"]
+    assert one["scene"] == "no body"
+    assert one["range_m"] == pytest.approx(354_545.0, abs=50.0)
+    assert one["resolution_m"] == pytest.approx(33.77, rel=1e-3)
+    (record,) = found["new"]
+    assert any("contradict" in note for note in record["notes"])
