@@ -38,7 +38,7 @@ MAP, SUM, SHAPE = "MAPFILES/TR0003.MAP", "SUMFILES/P03I02.SUM", "SHAPEFILES/SHAP
 TINY = MissionSettings.tiny()
 PAIR_SIZE, _ = pair_size(TINY.body.radius, TINY.solution.gsd)
 # Not results: the index and its lock, parts that a later run picks up, and the notes of runs.
-ASIDE = (".lock", ".scratch", "catalog.sqlite", "provenance")
+ASIDE = (".lock", ".scratch", ".items", "catalog.sqlite", "provenance")
 Edit = Callable[[bytes], bytes]
 
 

@@ -12,6 +12,7 @@ import json
 import re
 from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from pkgutil import walk_packages
@@ -156,14 +157,25 @@ def api_index(_app: Sphinx) -> str:
 
 
 def public_packages() -> list[ModuleType]:
-    """Packages, and modules at the top of one, with ``__all__``."""
+    """Packages and modules that state what they offer, by ``__all__``."""
     found = []
     for top in PACKAGES:
         package = import_module(top)
-        inner = walk_packages(package.__path__, f"{top}.")
-        names = [top, *(m.name for m in inner if m.ispkg or m.name.count(".") == 1)]
-        found += [module for module in map(import_module, names) if getattr(module, "__all__", ())]
+        inner = list(walk_packages(package.__path__, f"{top}."))
+        offering = [m.name for m in inner if m.ispkg or "\n__all__ = " in module_text(m.name)]
+        found += [
+            module
+            for module in map(import_module, [top, *offering])
+            if getattr(module, "__all__", ())
+        ]
     return found
+
+
+def module_text(name: str) -> str:
+    """The source of a module, which is not imported for it."""
+    spec = find_spec(name)
+    origin = None if spec is None else spec.origin
+    return "" if origin is None else Path(origin).read_text(encoding="utf-8")
 
 
 def public_members(value: type) -> list[str]:
@@ -253,7 +265,9 @@ def leads_to(start: Any, names: list[str], value: Any) -> bool:
 
 def data_text(package: ModuleType, public: str) -> str:
     """The text below a constant, in whichever module of the package it is."""
-    for path in sorted(Path(package.__path__[0]).rglob("*.py")):
+    folders = getattr(package, "__path__", None)
+    files = sorted(Path(folders[0]).rglob("*.py")) if folders else [Path(str(package.__file__))]
+    for path in files:
         body = ast.parse(path.read_text(encoding="utf-8")).body
         for one, below in pairwise(body):
             value = getattr(below, "value", None)

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from fusion.cli.options import JsonOption, WorkersOption, WorkspaceArgument
 from fusion.cli.output import show
+
+if TYPE_CHECKING:
+    from fusion.runtime import Executor, Progress
+    from fusion.truth.assessment import AssessmentSettings, Model, Planted
+    from fusion.workspace import Workspace
+
+_Shown = tuple[dict[str, Any], list[str]]
 
 
 def assess(
@@ -53,6 +62,14 @@ def assess(
             metavar="N", min=1, max=100_000_000, help="Most vertices of a model in its 3D rms."
         ),
     ] = 40_000,
+    solution: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Assess this solution, by default the one in use; all: 3D rms, FormU and effort "
+            "of every version, in the order in which they were made.",
+        ),
+    ] = "",
     report: Annotated[
         Path | None, typer.Option(metavar="FILE.html", help="Write a page of figures to this file.")
     ] = None,
@@ -67,28 +84,68 @@ def assess(
     # Imported here and not above, so that --help is fast.
     from fusion.runtime import Progress, ThreadExecutor
     from fusion.truth import read_truth
-    from fusion.truth.assessment import (
-        AssessmentSettings,
-        assessment_json,
-        assessment_lines,
-        file_model,
-        workspace_models,
-        write_page,
-    )
-    from fusion.truth.assessment import assess as assess_models
-    from fusion.workspace import Workspace
+    from fusion.truth.assessment import AssessmentSettings, file_model, workspace_models
+    from fusion.workspace import IMPORTED, Workspace
 
     if only and not model:
         raise typer.BadParameter("needs --model", param_hint="--only")
-    there, planted = Workspace.open(workspace), read_truth(truth)
-    models = [] if only else workspace_models(there)
-    models += [file_model(path, frame=frame, unit=unit) for path in model or []]
+    versions = solution == "all"
+    if versions and model:
+        raise typer.BadParameter("compares no models of --model", param_hint="--solution all")
+    there, planted = (
+        Workspace.open(workspace, IMPORTED if versions else solution),
+        read_truth(truth),
+    )
     dark = planted.settings.solution.darkness.dark
     settings = AssessmentSettings(patches=patches, vertices=vertices, dark_share=dark)
-    executor, progress = ThreadExecutor(workers), Progress.fitting(silent=as_json)
-    found = assess_models(planted, models, there, executor, progress, settings=settings)
-    lines = list(assessment_lines(found))
+    work = _Work(
+        planted, there, settings, ThreadExecutor(workers), Progress.fitting(silent=as_json)
+    )
+    if versions:
+        content, lines = work.of_versions(report)
+    else:
+        models = [] if only else workspace_models(there)
+        models += [file_model(path, frame=frame, unit=unit) for path in model or []]
+        content, lines = work.of_models(models, report)
     if report is not None:
-        write_page(report, found)
         lines.append(f"report: {report.resolve()}")
-    show(assessment_json(found), lines, as_json=as_json)
+    show(content, lines, as_json=as_json)
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What both forms of the assessment need."""
+
+    planted: Planted
+    workspace: Workspace
+    settings: AssessmentSettings
+    executor: Executor
+    progress: Progress
+
+    def of_models(self, models: Sequence[Model], report: Path | None) -> _Shown:
+        """Compare models with the truth; return what is shown, and write the page."""
+        from fusion.truth.assessment import assess, assessment_json, assessment_lines, write_page
+
+        found = assess(
+            self.planted, models, self.workspace, self.executor, self.progress,
+            settings=self.settings,
+        )  # fmt: skip
+        if report is not None:
+            write_page(report, found)
+        return assessment_json(found), list(assessment_lines(found))
+
+    def of_versions(self, report: Path | None) -> _Shown:
+        """Compare every solution with the truth; return what is shown, and write the page."""
+        from fusion.truth.assessment.versions import (
+            assess_versions,
+            versions_json,
+            versions_lines,
+            write_versions_page,
+        )
+
+        found = assess_versions(
+            self.planted, self.workspace, self.executor, self.progress, settings=self.settings
+        )
+        if report is not None:
+            write_versions_page(report, found, self.planted, self.settings)
+        return versions_json(found, self.planted, self.settings), list(versions_lines(found))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fusion.cli.options import JsonOption
+from fusion.cli.options import NAIF_NUMBERS, JsonOption, each_between
 from fusion.cli.output import show
 from spcola.errors import SettingsError
 
@@ -31,12 +31,15 @@ def convert(
         Path, typer.Option("-o", "--out", metavar="FILE", help="Camera file to write (TOML).")
     ],
     number: Annotated[
-        int | None, typer.Option(metavar="N", help="Kernels: NAIF number, such as -64361.")
+        int | None,
+        typer.Option(metavar="N", **NAIF_NUMBERS, help="Kernels: NAIF number, such as -64361."),
     ] = None,
     variant: Annotated[
         int | None,
         typer.Option(
-            metavar="N", help="Kernels: number of a filter or focus position that comes first."
+            metavar="N",
+            **NAIF_NUMBERS,
+            help="Kernels: number of a filter or focus position that comes first.",
         ),
     ] = None,
     filter: Annotated[
@@ -48,11 +51,19 @@ def convert(
     ] = 1,
     size: Annotated[
         tuple[int, int] | None,
-        typer.Option(metavar="SAMPLES LINES", help="Kernels: size, if they do not state it."),
+        typer.Option(
+            metavar="SAMPLES LINES",
+            callback=each_between(1, 200_000),
+            help="Kernels: size, if they do not state it.",
+        ),
     ] = None,
     optical_axis: Annotated[
         tuple[float, float] | None,
-        typer.Option(metavar="PIXEL LINE", help="ISD: optical axis, if it is not stated."),
+        typer.Option(
+            metavar="PIXEL LINE",
+            callback=each_between(-1e6, 1e6),
+            help="ISD: optical axis, if it is not stated.",
+        ),
     ] = None,
     summing: Annotated[
         float | None,
@@ -66,15 +77,29 @@ def convert(
     ] = "",
     temperature_c: Annotated[
         float | None,
-        typer.Option("--temperature", metavar="C", help="Write the camera at this temperature."),
+        typer.Option(
+            "--temperature",
+            metavar="C",
+            min=-273.15,
+            max=1e4,
+            help="Write the camera at this temperature.",
+        ),
     ] = None,
     range_m: Annotated[
         float | None,
-        typer.Option("--range", metavar="M", help="Write the camera focused at this range."),
+        typer.Option(
+            "--range",
+            metavar="M",
+            min=1e-3,
+            max=1e15,
+            help="Write the camera focused at this range.",
+        ),
     ] = None,
     motor: Annotated[
         float | None,
-        typer.Option(metavar="P", help="Write the camera at this position of its focus."),
+        typer.Option(
+            metavar="P", min=-1e6, max=1e6, help="Write the camera at this position of its focus."
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -75,18 +75,41 @@ def info(
     """Describe a workspace or a file.
 
     Of a workspace: its content, stages that are not up to date, and a forecast of time, memory and
-    disk for making mapolas. A few mapolas are made and discarded to measure the time.
+    disk for each of these. A few of their items are made to measure the time, and kept. Nothing is
+    looked at again as long as no file changes.
     """
-    from fusion.inspection import describe_file, describe_workspace, mapolas_forecast
-    from fusion.workspace import Workspace
-
     isolation.apply(path)
     if path.is_dir():
-        opened = Workspace.open(path)
-        content = describe_workspace(opened)
-        # No forecast for mapolas that cannot be made.
-        sound = not content["problems"]
-        content["mapolas_forecast"] = mapolas_forecast(opened, opened.settings()) if sound else {}
+        content, lines = _workspace_info(path)
     else:
+        from fusion.inspection import describe_file
+
         content = describe_file(path, faces_from=0 if faces_from == 0 else 1)
-    show(content, [str(path), *value_lines(content)], as_json=as_json)
+        lines = value_lines(content)
+    show(content, [str(path), *lines], as_json=as_json)
+
+
+def _workspace_info(path: Path) -> tuple[dict[str, Any], list[str]]:
+    """Return content and lines about a workspace: remembered, or found out now."""
+    # What is remembered needs few of the program's modules, which take a second to import.
+    from fusion.runtime.folders import Remembered
+
+    remembered = Remembered(path)
+    if found := remembered.find():
+        return found["content"], found["lines"]
+    from fusion.inspection import describe_workspace, outside_files
+    from fusion.inspection.forecasts import forecast_json, forecast_lines, stage_forecasts
+    from fusion.workspace import Workspace
+
+    opened, files = Workspace.open(path), remembered.files()
+    content, settings = describe_workspace(opened), opened.settings()
+    lines = value_lines(content)
+    # No forecast for a workspace whose stages refuse it.
+    known = content["stages"]
+    forecasts = {} if content["problems"] else stage_forecasts(opened, settings, states=known)
+    if forecasts:
+        lines += ["  forecast:", *(f"    {line}" for line in forecast_lines(forecasts))]
+    details = forecasts["mapolas"].details if forecasts else {}
+    content |= {"mapolas_forecast": dict(details), "forecast": forecast_json(forecasts)}
+    remembered.keep(files, {"content": content, "lines": lines}, outside_files(opened, settings))
+    return content, lines

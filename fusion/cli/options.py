@@ -47,6 +47,22 @@ SolutionOption = Annotated[
     str,
     typer.Option(metavar="NAME", help="The SPC solution; by default the one in use."),
 ]
+NAIF_NUMBERS: dict[str, Any] = {"min": -(10**9), "max": 10**9}
+"""Limits of numbers of bodies, spacecraft and instruments in SPICE."""
+
+
+def each_between(least: float, most: float) -> Callable[[Any], Any]:
+    """Return a callback that refuses an option of several numbers if one is outside limits."""
+
+    def check(values: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        for value in values or ():
+            if not least <= value <= most:
+                raise typer.BadParameter(f"{value} is not in the range {least:g} to {most:g}.")
+        return values
+
+    return check
+
+
 FACES_FROM = typer.Option(
     min=0, max=1, help="Number of the first vertex in the faces of an OBJ: 1, or 0."
 )

@@ -175,6 +175,14 @@ def release(
 
 def run(
     workspace: WorkspaceArgument,
+    forecast: Annotated[
+        bool,
+        typer.Option(
+            "--forecast",
+            help="Print what each stage will take in time, memory and disk, and run nothing. A few "
+            "items are made to time them, and kept.",
+        ),
+    ] = False,
     options: RunOptions = RunOptions(),
 ) -> None:
     """Run all stages that are not up to date.
@@ -187,8 +195,30 @@ def run(
             "names items of one stage: give it that command", param_hint="--only"
         )
     pipeline = _pipeline(workspace, options)
+    if forecast:
+        _forecast(pipeline, options)
+        return
     runs = pipeline.run(force=options.force)
     _print(pipeline, runs, options)
+
+
+def _forecast(pipeline: Pipeline, options: RunOptions) -> None:
+    """Print what each stage will take.
+
+    Raises
+    ------
+    typer.BadParameter
+        With options for which there is no forecast.
+    """
+    from fusion.inspection.forecasts import forecast_json, forecast_lines, stage_forecasts
+
+    given = {"--within": options.within, "--cluster": options.cluster, "--force": options.force}
+    for name, value in given.items():
+        if value:
+            raise typer.BadParameter(f"does not know {name}", param_hint="--forecast")
+    found = stage_forecasts(pipeline.workspace, pipeline.settings, workers=options.workers)
+    content = {"workspace": str(pipeline.workspace.root), "forecast": forecast_json(found)}
+    show(content, forecast_lines(found), as_json=options.as_json)
 
 
 def _run(workspace: Path, options: RunOptions, *stages: str, **changed: Any) -> None:

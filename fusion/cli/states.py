@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from fusion.cli.options import JsonOption, WorkspaceArgument
+from fusion.cli.options import NAIF_NUMBERS, JsonOption, WorkspaceArgument, each_between
 from fusion.cli.output import show
 
 if TYPE_CHECKING:
@@ -32,7 +32,10 @@ class BodyOptions:
         ),
     ] = ""
     body: Annotated[
-        int, typer.Option(metavar="NUMBER", help="NAIF number of the body; else [spice] body.")
+        int,
+        typer.Option(
+            metavar="NUMBER", **NAIF_NUMBERS, help="NAIF number of the body; else [spice] body."
+        ),
     ] = 0
 
 
@@ -51,6 +54,7 @@ class StateOptions:
         tuple[float, float, float],
         typer.Option(
             metavar="X Y Z",
+            callback=each_between(-1e4, 1e4),
             help="From the spacecraft's centre of mass to the pupil, metres, along the axes of "
             "the camera's frame.",
         ),
@@ -183,12 +187,18 @@ def sumfiles(
     ] = False,
     sigma_m: Annotated[
         float | None,
-        typer.Option("--sigma-m", metavar="M", min=1e-6, help="Sigma of V0; unknown if not given."),
+        typer.Option(
+            "--sigma-m", metavar="M", min=1e-6, max=1e9, help="Sigma of V0; unknown if not given."
+        ),
     ] = None,
     sigma_mrad: Annotated[
         float | None,
         typer.Option(
-            "--sigma-mrad", metavar="MRAD", min=1e-9, help="Sigma of the pointing, each axis."
+            "--sigma-mrad",
+            metavar="MRAD",
+            min=1e-9,
+            max=1e4,
+            help="Sigma of the pointing, each axis.",
         ),
     ] = None,
     kernels: StateOptions = StateOptions(),
@@ -274,6 +284,7 @@ def kernels(
         int,
         typer.Option(
             metavar="NUMBER",
+            min=-(10**9),
             max=0,
             help="NAIF number of the first camera; if not given, the spacecraft's × 1000 − 990.",
         ),

@@ -26,12 +26,16 @@ def make(
         Path, typer.Argument(metavar="DIR", help="A new folder, or that of an unfinished mission.")
     ],
     preset: Annotated[
-        Literal["tiny", "mini", "pole", "demo", "bennu", "mission"],
+        Literal[
+            "tiny", "mini", "pole", "demo", "bennu", "mission", "blind-small", "blind", "blind-full"
+        ],
         typer.Option(
             help="tiny: for tests. mini: 75 m, 20 scans, 64 maplets, images. pole: mini with a "
             "pole that is never lit. demo: 60 m, a pole that is never lit, gaps between the scans. "
             "bennu: 245 m, 40 scans, images and maplets of the whole body. mission: 640 scans, "
-            "lidar only unless --images is given."
+            "lidar only unless --images is given. blind-small, blind, blind-full: raw images, "
+            "nominal kernels, a coarse shape and scans of a body that overhangs, without an SPC "
+            "solution; 78, 375 and 5,069 images."
         ),
     ] = "mini",
     seed: Annotated[
@@ -58,6 +62,17 @@ def make(
         ),
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only print its size.")] = False,
+    base: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Shape (ICQ, OBJ or PLY) on which the body of a blind mission is built; distances "
+            "and the mesh follow its size.",
+        ),
+    ] = None,
+    base_unit: Annotated[
+        Literal["km", "m"], typer.Option(help="Unit of that shape, if it is OBJ or PLY.")
+    ] = "km",
     workers: WorkersOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -68,9 +83,9 @@ def make(
     """
     # Imported here and not above, so that --help is fast.
     from fusion.runtime import Progress, ThreadExecutor
-    from fusion.truth import PRESETS, changed, make_mission, mission_size
+    from fusion.truth import PRESETS, changed, make_mission, mission_size, on_base
 
-    settings = replace(PRESETS[preset](seed), lidar_format=format)
+    settings = on_base(replace(PRESETS[preset](seed), lidar_format=format), base, base_unit)
     if images is not None:
         settings = settings.with_images(images)
     settings = changed(settings, changes or [])
@@ -91,9 +106,12 @@ def make(
         folder, settings=settings, executor=ThreadExecutor(workers), progress=progress
     )
     content["planted"] = planted.in_view()
+    start = f"--spc {folder / 'spc'}"
+    if planted.blind:
+        start = f"--shape {folder / 'shape' / 'rough.obj'}"
     lines = [
         f"Made {folder}: {preset}, seed {seed}. Planted values are in {folder / 'truth.json'}.",
-        f"Next: spcola init WS --spc {folder / 'spc'}, spcola import WS {folder / 'lidar'}/*",
+        f"Next: spcola init WS {start}, spcola import WS {folder / 'lidar'}/*",
     ]
     show(content, lines, as_json=as_json)
 

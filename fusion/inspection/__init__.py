@@ -1,8 +1,9 @@
 """Content of a file or a workspace, and time and memory that its stages will take."""
 
 from fusion.inspection.describe import describe_file, describe_workspace
-from fusion.inspection.forecast import mapolas_forecast
+from fusion.inspection.forecasts import mapolas_forecast
 from fusion.inspection.foreign import name_content
+from fusion.inspection.outside import outside_files
 from fusion.inspection.solution_difference import (
     SolutionDifference,
     difference_lines,
@@ -17,6 +18,7 @@ __all__ = [
     "difference_lines",
     "mapolas_forecast",
     "name_content",
+    "outside_files",
     "read_terrain",
     "solution_difference",
 ]

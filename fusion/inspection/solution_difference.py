@@ -131,7 +131,7 @@ def solution_difference(first: Workspace, second: Workspace) -> SolutionDifferen
 
 
 def difference_lines(found: SolutionDifference) -> list[str]:
-    """Return what people read of a difference of solutions."""
+    """Return what people read of the difference `found` of two solutions."""
     content = found.as_json()
 
     def row(text: str, key: str, unit: str) -> str:

@@ -11,7 +11,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-import spcola
 from fusion.pipeline.catalog.catalog import Catalog
 from fusion.pipeline.catalog.records import (
     RECORD_FOLDER,
@@ -22,7 +21,7 @@ from fusion.pipeline.catalog.records import (
 from fusion.pipeline.catalog.soundness import Unsound, rejected_maplets, unsound
 from fusion.pipeline.changed_files import Changed, changed_since
 from fusion.pipeline.changes import Changes
-from fusion.pipeline.items import ItemStore
+from fusion.pipeline.items import ItemStore, item_folder, whole_version
 from fusion.pipeline.stage import Stage, StageContext, StageResult, find_table
 from fusion.pipeline.subset import Subset
 from fusion.runtime import Executor, Progress, ThreadExecutor, json_value
@@ -38,7 +37,6 @@ from spcola.formats.shapes import recognise_shape
 State = Literal["ran", "up to date", "cannot run"]
 SCRATCH_FOLDER = ".scratch"
 LOCK_FILE = ".lock"
-ITEM_FOLDER = ".items"
 
 
 @dataclass(frozen=True)
@@ -216,7 +214,7 @@ class Pipeline:
         scratch = whole / stage.name / key.digest[:16]
         self._clear_scratch(scratch)
         make_folder(scratch)
-        items = ItemStore(self.workspace.home / ITEM_FOLDER / stage.name, key.version)
+        items = ItemStore(item_folder(self.workspace.home, stage.name), key.version)
         context = StageContext(
             self.workspace,
             self.settings,
@@ -354,7 +352,7 @@ class Pipeline:
             kind.__name__: find_table(self.settings, kind).model_dump(mode="json")
             for kind in stage.tables
         }
-        version = f"{spcola.__version__}+{stage.version}"
+        version = whole_version(stage.version)
         content = {"stage": stage.name, "version": version, "settings": tables, "inputs": inputs}
         return _Key(content_digest(content), version, tables, inputs)
 

@@ -21,6 +21,8 @@ from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import BodySettings
 from fusion.workspace.settings.processing import FuseSettings
 
+__all__ = ["STAGE", "fuse_options"]
+
 
 class FuseStage(Stage):
     """Maplets, mapolas, registration → fused maplets."""
@@ -53,17 +55,12 @@ class FuseStage(Stage):
         workspace, table = context.workspace, context.table(FuseSettings)
         scene = Scene.of(workspace, light=table.light)
         information = scene.information(partial(context.map, "compare lidar and SPC"))
-        options = FuseOptions(
-            loss=table.loss,
-            fraction=table.constraint_fraction,
-            seed=table.seed,
-            fill_sigma_m=table.fill_sigma_m,
-        )
-        tally = _Tally()
+        options = fuse_options(table)
+        tally, items = _Tally(), context.items
 
         def fused(name: str) -> FuseResult:
             parts = scene.parts(name)
-            return context.items.result(fuse_maplet, parts, information, options=options)
+            return items.result(fuse_maplet, parts, information, options=options)
 
         grids = {name: scene.grid_of(name) for name in scene.targets}
         chosen = context.chosen(grids, {name: grid.center for name, grid in grids.items()})
@@ -77,6 +74,16 @@ class FuseStage(Stage):
 
 
 STAGE = FuseStage()
+
+
+def fuse_options(table: FuseSettings) -> FuseOptions:
+    """Return the options of the fusion from the settings."""
+    return FuseOptions(
+        loss=table.loss,
+        fraction=table.constraint_fraction,
+        seed=table.seed,
+        fill_sigma_m=table.fill_sigma_m,
+    )
 
 
 def _kept_in(workspace: Workspace) -> Callable[[str], FusedMaplet | None]:

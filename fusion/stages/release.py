@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
+import json
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -33,6 +33,7 @@ from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
 from fusion.workspace.settings.inputs import BodySettings
 from fusion.workspace.settings.processing import ReleaseSettings
+from spcola import atomic
 from spcola.atomic import write_error
 from spcola.formats.maplets import read_maplet
 from spcola.grids import MapletGrid
@@ -131,7 +132,6 @@ class ReleaseStage(Stage):
         first product is replaced.
         """
         build = context.scratch / "products"
-        shutil.rmtree(build, ignore_errors=True)
         make_folder(build)
         origins = Origins.of(context)
         made = build_products(context, build, origins)
@@ -168,12 +168,17 @@ def build_products(context: StageContext, build: Path, origins: Origins) -> list
     stems = dict(zip(names, product_stems(grids, version=table.version), strict=True))
 
     def one(name: str) -> list[Product]:
+        done = build / f".{stems[name]}.json"
+        if finished := _finished(done):
+            return finished
         made_from = origins.made_from(name)
         maplet, provenance = load_fused(workspace, name), origins.provenance(made_from)
-        return [
+        products = [
             describe_product(path, kind=kind, maplet=name, made_from=made_from)
             for kind, path in _write(build / stems[name], maplet, provenance, table)
         ]
+        atomic.write_text(done, json.dumps([asdict(product) for product in products]))
+        return products
 
     centers = {name: grid.center for name, grid in zip(names, grids, strict=True)}
     chosen = context.chosen(dict.fromkeys(names), centers)
@@ -181,6 +186,17 @@ def build_products(context: StageContext, build: Path, origins: Origins) -> list
     if "map" in table.products:
         products += _write_maps(workspace, build, names, origins)
     return products
+
+
+def _finished(done: Path) -> list[Product]:
+    """Return the products of a maplet that an interrupted release had written; else nothing.
+
+    Their list is written when all are there. Some may have been moved to their place since.
+    """
+    if not done.is_file():
+        return []
+    listed = [Product(**entry) for entry in json.loads(done.read_text(encoding="utf-8"))]
+    return listed if all((done.parent / one.file).is_file() for one in listed) else []
 
 
 def _kept_products(context: StageContext, made: Collection[str]) -> list[Product]:

@@ -12,6 +12,7 @@ from typing import Any
 
 import spcola
 from fusion.runtime.folders import clear_leftovers, locked, make_folder
+from fusion.truth.blind.settings import BLIND_PARTS, BlindSettings
 from fusion.truth.planted import TRUTH_FILE, Planted, read_truth
 from fusion.truth.presets import MissionSettings
 from fusion.workspace import SPC_FOLDERS
@@ -20,7 +21,8 @@ from spcola.errors import SpcolaError, WorkspaceError
 
 SPC_FOLDER, LIDAR_FOLDER, IMAGE_FOLDER = "spc", "lidar", "images"
 MAKING_FOLDER = ".making"
-_PARTS = (SPC_FOLDER, LIDAR_FOLDER, IMAGE_FOLDER)
+_SPC_PARTS = (SPC_FOLDER, LIDAR_FOLDER, IMAGE_FOLDER)
+_PARTS = (*_SPC_PARTS, *BLIND_PARTS[2:])
 _STAMP = "mission.json"
 
 
@@ -92,8 +94,7 @@ def building(
     making = root / MAKING_FOLDER
     kind = {"digest": settings.digest, "body": fingerprint, "version": spcola.__version__}
     stamp = json.dumps(kind)
-    folders = [root / SPC_FOLDER, *(root / SPC_FOLDER / name for name in SPC_FOLDERS)]
-    folders += [root / part for part in _PARTS[1:]]
+    folders = [root / part for part in _folders(settings)]
     ours = _is_of(root, settings, fingerprint, stamp)
     strange = bool(_names(root) - {MAKING_FOLDER}) and not ours
     if strange and not replace:
@@ -111,6 +112,13 @@ def building(
         clear_leftovers([root, making, *folders])
         yield Site(root)
         shutil.rmtree(making)
+
+
+def _folders(settings: MissionSettings) -> list[str]:
+    """Return the folders of a mission."""
+    if isinstance(settings, BlindSettings):
+        return list(BLIND_PARTS)
+    return [*_SPC_PARTS, *(f"{SPC_FOLDER}/{name}" for name in SPC_FOLDERS)]
 
 
 def finished(root: Path, settings: MissionSettings, fingerprint: str) -> Planted | None:

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 from fusion.runtime import Executor, Progress, ThreadExecutor
 from fusion.runtime.machine import one_blas_thread
+from fusion.truth.blind.body import truth_body
+from fusion.truth.blind.delivery import write_blind
+from fusion.truth.blind.settings import BlindSettings
 from fusion.truth.generation import building, files_of, finished
 from fusion.truth.ground import shadow_ground
 from fusion.truth.images import write_images
@@ -17,8 +21,8 @@ from fusion.truth.size import check_room, mission_size
 from fusion.truth.solution import light_of, plan_states, write_maplets, write_shape, write_states
 from fusion.truth.work import Work
 from spcola.camera import SpcImage
-from spcola.truth.body import TruthBody
 from spcola.truth.campaign import Pass, plan_passes
+from spcola.truth.solid import SolidBody
 
 
 @one_blas_thread()
@@ -36,6 +40,9 @@ def make_mission(
     scan in the reference frame (the body's own), ``images/`` the images as FITS. ``truth.json``
     has the planted values; it is written last and completes the mission. Existing files of the
     same mission are kept; the bytes depend neither on that nor on the number of workers.
+
+    A blind mission has no ``spc/``: in addition to the scans it has raw ``images/``,
+    ``calibration/`` frames, nominal ``kernels/`` and a coarse ``shape/``.
 
     Parameters
     ----------
@@ -56,7 +63,7 @@ def make_mission(
     """
     root = Path(folder)
     settings = settings or MissionSettings.mini()
-    body = TruthBody(settings.body)
+    body = truth_body(settings)
     if (there := finished(root, settings, body.fingerprint)) is not None:
         return there
     check_room(root, mission_size(settings))
@@ -66,11 +73,22 @@ def make_mission(
         observations = plan_observations(passes, settings)
         days = day_biases(observations, settings)
         scans = write_observations(work, observations, days)
-        centers, images = _write_solution(work, passes)
+        centers, images, blind = _write_rest(work, passes)
         files = files_of(root)
-        planted = Planted(settings, scans, days, centers, images, files, body.fingerprint)
+        planted = Planted(settings, scans, days, centers, images, files, body.fingerprint, blind)
         write_truth(root / TRUTH_FILE, planted)
     return planted
+
+
+def _write_rest(
+    work: Work, passes: list[Pass]
+) -> tuple[dict[str, PlacedCenter], dict[str, TrueState], dict[str, Any]]:
+    """Write all but the scans; return true centres and states by name, and what else is planted."""
+    settings, body = work.settings, work.body
+    if isinstance(settings, BlindSettings) and isinstance(body, SolidBody):
+        found, planted = write_blind(work, settings, body)
+        return {}, {name: _true_state(image.truth) for name, image in found.items()}, planted
+    return *_write_solution(work, passes), {}
 
 
 def _write_solution(

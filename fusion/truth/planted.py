@@ -11,6 +11,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from fusion.truth.blind.body import truth_body
+from fusion.truth.blind.settings import BlindSettings
 from fusion.truth.presets import MissionSettings
 from fusion.truth.restoring import restored
 from lidar.truth import ScanErrors
@@ -103,6 +105,8 @@ class Planted:
         Size in bytes of every file of the mission, by its path in the mission's folder.
     fingerprint : str
         Of the body: see :attr:`spcola.truth.body.TruthBody.fingerprint`.
+    blind : mapping
+        Of a blind mission: labels and errors of the kernels, rotations, overhangs, in JSON types.
     """
 
     settings: MissionSettings
@@ -112,6 +116,7 @@ class Planted:
     images: Mapping[str, TrueState] = field(default_factory=dict)
     files: Mapping[str, int] = field(default_factory=dict)
     fingerprint: str = ""
+    blind: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def similarity(self) -> Similarity:
@@ -136,7 +141,7 @@ class Planted:
         FormatError
             If this version of the program makes another body from them.
         """
-        body = TruthBody(self.settings.body)
+        body = truth_body(self.settings)
         if self.fingerprint and body.fingerprint != self.fingerprint:
             raise FormatError(
                 "another version of this program made the mission, of another body",
@@ -170,6 +175,7 @@ class Planted:
             "images": {name: asdict(state) for name, state in self.images.items()},
             "files": dict(self.files),
             "fingerprint": self.fingerprint,
+            **({"blind": dict(self.blind)} if self.blind else {}),
         }
 
 
@@ -206,13 +212,14 @@ def read_truth(path: str | Path) -> Planted:
         raise FormatError("is not JSON text", path, "make the mission again") from error
     try:
         return Planted(
-            restored(MissionSettings, content["settings"]),
+            _settings(content["settings"]),
             _all(ScanErrors, content["scans"]),
             dict(content["day_scale_bias"]),
             _all(PlacedCenter, content["centers"]),
             _all(TrueState, content["images"]),
             dict(content["files"]),
             str(content["fingerprint"]),
+            dict(content.get("blind", {})),
         )
     except SpcolaError as error:
         raise FormatError(str(error), path, "make the mission again") from error
@@ -220,6 +227,11 @@ def read_truth(path: str | Path) -> Planted:
         raise FormatError(
             f"an entry is missing or damaged: {error}", path, "make the mission again"
         ) from error
+
+
+def _settings(values: Mapping[str, Any]) -> MissionSettings:
+    """Return the settings of a mission; those of a blind one have a mesh."""
+    return restored(BlindSettings if "solid" in values else MissionSettings, values)
 
 
 def _all(kind: type[Value], entries: Mapping[str, Any]) -> dict[str, Value]:

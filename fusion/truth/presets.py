@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
@@ -255,14 +254,3 @@ class MissionSettings:
         """Hexadecimal digest of all settings: two missions with the same one are the same."""
         text = json.dumps(asdict(self), sort_keys=True)
         return hashlib.sha256(text.encode("utf-8")).hexdigest()
-
-
-PRESETS: dict[str, Callable[[int], MissionSettings]] = {
-    "tiny": MissionSettings.tiny,
-    "mini": MissionSettings.mini,
-    "pole": MissionSettings.pole,
-    "demo": MissionSettings.demo,
-    "bennu": MissionSettings.bennu,
-    "mission": MissionSettings.mission,
-}
-"""The named missions; each is called with a seed."""

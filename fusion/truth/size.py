@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fusion.runtime import usable_cores
+from fusion.truth.blind.settings import BlindSettings
 from fusion.truth.images import FINEST, SURFACE_BYTES
 from fusion.truth.presets import MissionSettings
 from lidar.truth import scan_size
@@ -25,6 +26,8 @@ _ROCKY = 1.3
 _NODE_BYTES, _VERTEX_BYTES, _STATE_BYTES, _LANDMARK_BYTES = 6.0, 40.0, 8_000.0, 6_000.0
 _PIXEL_BYTES, _HEAD_BYTES = 2.0, 8_640.0
 # Memory of the program itself, of a worker, and of a sample of the surface for images.
+# A body that is a mesh: to make a facet, and its memory with the tree of rays.
+_PER_FACET, _FACET_MEMORY = 1.0e-5, 420.0
 _BASE_MEMORY, _WORKER_MEMORY, _SAMPLE_BYTES = 450e6, 250e6, 4.5
 # Some space is to remain on the disk.
 _RESERVE = 1.02
@@ -61,6 +64,8 @@ class MissionSize:
     def lines(self) -> Iterator[str]:
         """Yield the forecast as lines of text."""
         yield f"{self.scans} lidar files, {self.returns:,} returns"
+        if self.images and not self.maplets:
+            yield f"{self.images} raw images"
         if self.maplets:
             yield f"{self.maplets} maplets, {self.states} states, {self.images} rendered images"
         yield f"{_amount(self.bytes)} on disk, up to {_amount(self.memory_bytes)} of memory"
@@ -81,8 +86,9 @@ def mission_size(settings: MissionSettings) -> MissionSize:
     shots = sum(file.shots for file in files)
     maplets = settings.solution.count(settings.body.radius) if settings.spc else 0
     nodes = maplets * (2 * settings.solution.half_size + 1) ** 2
-    in_passes = passes * settings.states.per_pass
-    states = (in_passes + settings.campaign.images) if settings.spc else 0
+    solid = settings.solid if isinstance(settings, BlindSettings) else None
+    in_passes = 0 if solid else passes * settings.states.per_pass
+    states = (in_passes + settings.campaign.images) if settings.spc or solid else 0
     images = states if settings.images else 0
     pixels = images * settings.campaign.detector**2
     size = sum(file.bytes for file in files) + nodes * _NODE_BYTES + maplets * _LANDMARK_BYTES
@@ -91,8 +97,11 @@ def mission_size(settings: MissionSettings) -> MissionSize:
     seconds = shots * _PER_SHOT + nodes * _PER_NODE + states * _PER_STATE
     seconds += pixels * _PER_PIXEL + images * _PER_IMAGE
     seconds *= 1.0 if settings.body.smallest_rock is None else _ROCKY
+    facets = solid.facets(settings.body.radius) if solid else 0.0
+    seconds += facets * _PER_FACET
     memory = _BASE_MEMORY + usable_cores() * _WORKER_MEMORY
-    if images:
+    memory += facets * _FACET_MEMORY
+    if images and not solid:
         samples = 6.0 * (2.0 * settings.body.radius / FINEST) ** 2
         memory += min(samples * _SAMPLE_BYTES, SURFACE_BYTES)
     return MissionSize(

@@ -21,6 +21,7 @@ from spcola.formats.solution import write_landmark, write_list, write_nominal, w
 from spcola.truth.campaign import Pass, plan_stations, stations_of_pass
 from spcola.truth.campaign.states import SolvedState, make_state
 from spcola.truth.sampled import LightMap, SampledSurface
+from spcola.truth.solid import MeshSurface
 from spcola.truth.solution import (
     landmarks_of,
     make_maplet,
@@ -77,7 +78,7 @@ def write_maplets(work: Work, light: Lit) -> list[PlacedCenter]:
     return placed
 
 
-def light_of(settings: MissionSettings, surface: SampledSurface) -> LightMap:
+def light_of(settings: MissionSettings, surface: SampledSurface | MeshSurface) -> LightMap:
     """Return where the Sun of a mission shines."""
     return LightMap.of(surface, sun_latitude=np.radians(settings.passes.sun_latitude_deg))
 

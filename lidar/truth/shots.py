@@ -73,7 +73,7 @@ def raster_shots(
     """
     toward = at.position(np.array([at.middle]))[0] / at.distance
     along, across = _sides(toward)
-    ground = float(body.radius(toward[None])[0])
+    ground = float(body.outermost_radius(toward[None])[0])
     lines = settings.lines
     for number, deviates in _numbered(lines**2, generator, chunk):
         v, u = np.divmod(number, lines)

@@ -27,13 +27,14 @@ import numpy as np
 import rasterio
 from astropy.io import fits
 
-# Times of runs; pictures and text of the report; a digest of digests.
+# Times of runs; pictures and text of the report; a digest of digests; finished items.
 LEFT_OUT = (
     "catalog.sqlite*",
     "report.html",
     "provenance/*.json",
     "*.lock",
     "release/manifest.json",
+    ".items/*/*.npz",
 )
 # Keys with the folder in which a mission was made.
 FOLDERS = {"made_by", "parameters", "seal"}

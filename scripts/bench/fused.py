@@ -77,7 +77,7 @@ def assessed(workspace: Path, mission: Path, out: Path) -> dict[str, Any]:
 def tops(workspace: Path, mission: Path) -> dict[str, float]:
     """Return the rms error at the tops of boulders, metres, by model."""
     planted = read_truth(mission)
-    ground = Ground(planted.body(), light_on(planted), AssessmentSettings())
+    ground = Ground(body := planted.body(), light_on(planted, body), AssessmentSettings())
     bit = REGIONS.index("boulders")
     found: dict[str, float] = {}
     for model in workspace_models(Workspace.open(workspace)):
@@ -128,7 +128,7 @@ def limit(workspace: Path, mission: Path) -> str:
     either source, with planes removed and Hann windows.
     """
     planted = read_truth(mission)
-    ground = Ground(planted.body(), light_on(planted), AssessmentSettings())
+    ground = Ground(body := planted.body(), light_on(planted, body), AssessmentSettings())
     scene = Scene.of(Workspace.open(workspace))
     spectra: list[tuple[FloatArray, ...]] = []
     for name in scene.targets:

@@ -42,7 +42,7 @@ class Errors:
 
     def __init__(self, workspace: Path, mission: Path) -> None:
         planted = read_truth(mission)
-        ground = Ground(planted.body(), light_on(planted), AssessmentSettings())
+        ground = Ground(body := planted.body(), light_on(planted, body), AssessmentSettings())
         opened = Workspace.open(workspace)
         path = opened.registration_path
         placements = mapola_registrations(opened.read_json(path.name), str(path))

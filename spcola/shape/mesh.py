@@ -57,7 +57,8 @@ class Mesh:
     @cached_property
     def area_vectors(self) -> FloatArray:
         """Outward normals of the facets times their areas (F, 3), square metres."""
-        a, b, c = self.corners.transpose(1, 0, 2)
+        # Not from `corners`, which would stay in memory.
+        a, b, c = (self.vertices[self.facets[:, corner]] for corner in range(3))
         return np.cross(b - a, c - a) / 2.0
 
     @cached_property

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from spcola.arrays import BoolArray, FloatArray, IntArray, check_shape
 from spcola.compilation import compiled
 from spcola.errors import InvalidValueError
+from spcola.shape.closest import ClosestPoints, closest_near
 from spcola.shape.mesh import Mesh
 
 CHUNK = 1 << 20
@@ -133,6 +134,28 @@ class RayCaster:
         length = np.linalg.norm(away, axis=-1)
         hits = self.cast(np.broadcast_to(origins, away.shape), away)
         return (hits.distance < length - tolerance) | ~np.isfinite(length)
+
+    def closest(self, points: ArrayLike) -> ClosestPoints:
+        """Return the points of the mesh that are closest to `points` (N, 3), metres.
+
+        Embree's candidate is found in single precision: where two places of the mesh are equally
+        close within about 1e-6 of the radius, either may be returned.
+        """
+        import open3d  # noqa: PLC0415  # slow to import: only where it is needed
+
+        places = np.asarray(points, dtype=np.float64) - self.center
+        check_shape(places, (None, 3), "points")
+        distance, near = np.empty(len(places)), np.empty((len(places), 3))
+        facet = np.empty(len(places), dtype=np.int64)
+        mesh, touching = (self._vertices, self._facets), (self._starts, self._around)
+        for i in range(0, len(places), CHUNK):
+            part = slice(i, i + CHUNK)
+            tensor = open3d.core.Tensor.from_numpy(places[part].astype(np.float32))
+            answer = self._scene.compute_closest_points(tensor)
+            found = answer["primitive_ids"].numpy().astype(np.int64)
+            out = (distance[part], facet[part], near[part])
+            closest_near(np.ascontiguousarray(places[part]), found, mesh, touching, out)
+        return ClosestPoints(distance, facet, near + self.center)
 
     def _cast_chunk(
         self, origins: FloatArray, directions: FloatArray

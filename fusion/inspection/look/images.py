@@ -65,7 +65,9 @@ def _read(path: Path) -> SpcImage | None:
     """Read an image with its state, and its pixels where they are; None where only pixels are."""
     if path.suffix.lower() == ".sum":
         image = read_summary(path)
-        for folder in (path.parent, path.absolute().parent.parent / "IMAGEFILES"):
+        # Next to its folder or, of a solution, in the workspace, whose solutions share the pixels.
+        above = (up / "IMAGEFILES" for up in path.absolute().parents[1:4])
+        for folder in (path.parent, *above):
             pixels = folder / f"{path.stem}.DAT"
             if pixels.is_file():
                 return replace(image, pixels=_pixels(pixels, image))

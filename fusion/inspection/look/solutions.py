@@ -20,7 +20,7 @@ _SHOWN = 98
 
 
 def difference_picture(found: SolutionDifference) -> Picture:
-    """Draw how far the centres of maplets and the states of images moved.
+    """Draw how far centres of maplets and states of images moved in the difference `found`.
 
     A map of the centres, coloured by their displacement along the normal, and the distributions of
     displacements, changes of heights, and of positions and pointing of images.

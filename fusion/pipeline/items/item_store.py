@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+import spcola
 from fusion.pipeline.items.encoding import Encoded, decode, encode
 from spcola import atomic
 from spcola.errors import WorkspaceError
@@ -73,6 +74,16 @@ class ItemStore:
             # Times of files are coarser than the clock.
             if path.stat().st_mtime < since - 1.0:
                 path.unlink(missing_ok=True)
+
+
+def item_folder(home: Path, stage: str) -> Path:
+    """Return where a stage keeps its items; `home` is the folder of the solution."""
+    return home / ".items" / stage
+
+
+def whole_version(stage: int) -> str:
+    """Return the version of the program and of a stage, of which results are kept."""
+    return f"{spcola.__version__}+{stage}"
 
 
 def _read(path: Path) -> tuple[bool, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -111,13 +112,18 @@ def making_solution(workspace: Workspace, name: str, made_by: MadeBy) -> Iterato
         try:
             for each in _FOLDERS:
                 make_folder(making / each)
+            begun = time.process_time()
             yield making
+            effort = {
+                "items": sum(len(_files(making / each)) for each in _FOLDERS),
+                "processor_s": time.process_time() - begun,
+            }
             _link_unchanged(workspace, making)
             # The time has no place in digests of results: only the record has it.
             made = datetime.now(UTC).isoformat(timespec="seconds")
             record = SolutionRecord(
                 name, workspace.solution, made_by.command, made, spcola.__version__,
-                made_by.constants, made_by.facts, made_by.digests,
+                made_by.constants, made_by.facts, made_by.digests, effort,
             )  # fmt: skip
             write_solution(making, record)
             making.rename(folder)

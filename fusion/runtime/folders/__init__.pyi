@@ -3,3 +3,4 @@ from .folders import clear_leftovers as clear_leftovers
 from .folders import make_folder as make_folder
 from .folders import remove_folder as remove_folder
 from .lock import locked as locked
+from .remembered import Remembered as Remembered

@@ -73,13 +73,14 @@ class MapolasStage(Stage):
         store = source.store
         adjustment = adjusted(context, source, grids) if table.adjust else None
         source = replace(source, adjustment=adjustment)
-        counts = _Counts()
+        counts, items = _Counts(), context.items
 
         def one(item: tuple[str, MapletGrid]) -> Gridding:
             name, grid = item
             # Numbered among all scans, the same returns would make another item with each new scan.
             around = source.around(grid).of_own_scans()
-            return context.items.result(grid_returns, name, grid, around, options=source.options)
+            # Workers of a cluster get what the function refers to: not the whole context.
+            return items.result(grid_returns, name, grid, around, options=source.options)
 
         chosen = context.chosen(grids, {name: grid.center for name, grid in grids.items()})
         boxes = [source.options.box(grid) for grid in chosen.values()]

@@ -1,5 +1,6 @@
 """Registration of mapolas to the SPC surface."""
 
+from fusion.stages.register.matching import Matcher
 from fusion.stages.register.stage import STAGE
 
-__all__ = ["STAGE"]
+__all__ = ["STAGE", "Matcher"]

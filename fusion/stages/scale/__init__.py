@@ -1,6 +1,7 @@
 """Scale: estimated from pairs or shots, and applied to a solution."""
 
+from fusion.stages.scale.pairing import SampledPairs, sampled_pairs
 from fusion.stages.scale.rescaling import apply_scale
 from fusion.stages.scale.stage import STAGE
 
-__all__ = ["STAGE", "apply_scale"]
+__all__ = ["STAGE", "SampledPairs", "apply_scale", "sampled_pairs"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -128,6 +129,65 @@ def pair_images(context: StageContext, caster: RayCaster, radius: float) -> Pair
         options, kept, left_out, blur, names, solution.center_sigma,
         located_within_m=max((group.within_m for group in groups_made), default=0.0),
         without_place={one.scan: one.without_place for one in groups_made if one.without_place},
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SampledPairs:
+    """Some pairs that were made and timed.
+
+    Attributes
+    ----------
+    pairs : int
+        Number of images that are to be paired.
+    sampled : int
+        Number of them that were made.
+    before_s, each_s : float
+        Time of what comes before the pairs, and of one pair with all workers at work, seconds.
+    points : int
+        Number of points of a bigmap.
+    returns : int
+        Of the largest scan, which is read as a whole.
+    """
+
+    pairs: int
+    sampled: int
+    before_s: float
+    each_s: float
+    points: int
+    returns: int
+
+
+def sampled_pairs(
+    context: StageContext, caster: RayCaster, radius: float, *, count: int, seed: int
+) -> SampledPairs:
+    """Make about `count` of the pairs as :func:`pair_images` does, and time them.
+
+    `seed` chooses the scans from which they are.
+    """
+    table = context.table(ScaleSettings)
+    begun = time.perf_counter()
+    solution = _Solution.of(context.workspace, table.maplet_sigma_m)
+    options = _options(context.workspace, table, radius, solution)
+    frames, _ = _frames(context, caster, options)
+    maker = _PairMaker(context, options, frames, solution)
+    groups = list(maker.groups().items())
+    before = time.perf_counter() - begun
+    workers = context.executor.workers
+    most = max(1, count // workers)
+    order = np.random.default_rng(seed).permutation(len(groups))
+    chosen = [(path, members[:most]) for path, members in (groups[k] for k in order[:workers])]
+    for path, members in chosen[:1]:
+        maker.pairs_of_scan((path, members[:1]))
+    begun = time.perf_counter()
+    made = list(context.executor.stream(maker.pairs_of_scan, chosen))
+    pairs = [item for group in made for item in group.items if isinstance(item, Pair)]
+    list(context.executor.stream(lambda pair: rematch(pair, options, blur_cells=0.5), pairs))
+    took, sampled = time.perf_counter() - begun, sum(len(members) for _, members in chosen)
+    return SampledPairs(
+        sum(len(members) for _, members in groups), sampled, before, took / max(sampled, 1),
+        (2 * options.half_size + 1) ** 2,
+        max((scan_summary(path).count for path, _ in groups), default=0),
     )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from fusion.report.planted import RecoveredParameter
 from fusion.runtime import Executor, Progress
 from fusion.runtime.machine import one_blas_thread
 from fusion.truth.assessment.formal import FormalUncertainty, formal_uncertainty
+from fusion.truth.assessment.frame import planted_in
 from fusion.truth.assessment.model import Model
 from fusion.truth.assessment.regions import Ground, Light
 from fusion.truth.assessment.score import ModelScore, score_model
@@ -18,6 +19,8 @@ from fusion.truth.planted import Planted
 from fusion.truth.recovery import compare
 from fusion.truth.solution import light_of
 from fusion.workspace import Workspace
+from spcola.truth.body import TruthBody
+from spcola.truth.solid import SolidBody
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,15 +64,17 @@ def assess(
     models : sequence of Model
         Those without any height are left out.
     workspace : Workspace, optional
-        Registration, scale, landmarks and images are read from it.
+        Registration, scale, landmarks and images are read from it. What is planted is that in the
+        frame of its solution (:func:`fusion.truth.assessment.frame.planted_in`).
     executor : Executor
     progress : Progress
     settings : AssessmentSettings, optional
     """
     settings = settings or AssessmentSettings()
     body = planted.body()
+    planted = planted if workspace is None else planted_in(planted, workspace)
     with progress.task("light", 1) as task:
-        light = light_on(planted)
+        light = light_on(planted, body)
         task.advance()
     ground = Ground(body, light, settings)
     scores = []
@@ -88,8 +93,10 @@ def assess(
     )
 
 
-def light_on(planted: Planted) -> Light:
+def light_on(planted: Planted, body: TruthBody) -> Light:
     """Return the share of a rotation for which the ground is lit, as in making the solution."""
+    if isinstance(body, SolidBody):
+        return light_of(planted.settings, body.surface).at
     return light_of(planted.settings, shadow_ground(planted.settings.body)).at
 
 

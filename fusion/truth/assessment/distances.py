@@ -12,6 +12,7 @@ from spcola.arrays import FloatArray
 from spcola.math import lattice
 from spcola.shape import Mesh
 from spcola.truth.body import TruthBody
+from spcola.truth.solid import SolidBody
 
 _CENTRE_DIRECTIONS = 200_000
 # The area vectors of a closed surface cancel to within this share of its area.
@@ -94,6 +95,8 @@ def center_of_figure(mesh: Mesh) -> FloatArray:
 
 def truth_center(truth: TruthBody) -> FloatArray:
     """Return the centroid (3,) of the truth's volume, metres: ∫ r⁴ û / 4 over ∫ r³ / 3."""
+    if isinstance(truth, SolidBody):
+        return center_of_figure(truth.surface_mesh)
     directions = lattice(_CENTRE_DIRECTIONS)
     radius = truth.radius(directions)
     center: FloatArray = 0.75 * (radius**4) @ directions / np.sum(radius**3)

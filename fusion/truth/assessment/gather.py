@@ -30,9 +30,8 @@ def workspace_models(workspace: Workspace) -> list[Model]:
 
     SPC maplets, registered mapolas, fused maplets, the three kinds of bigmaps, and the shape.
     """
-    models: list[Model] = []
-    if workspace.maplet_names():
-        models.append(MapletModel("SPC maplets", workspace.maplet_names(), workspace.maplet))
+    maplets, shape = _maplets(workspace), _shape(workspace)
+    models: list[Model] = [*maplets]
     if workspace.mapola_names() and workspace.registration_path.is_file():
         models.append(_registered_mapolas(workspace))
     if workspace.fused_names():
@@ -41,9 +40,12 @@ def workspace_models(workspace: Workspace) -> list[Model]:
         paths = {path.stem: path for path in _maps(workspace.home / "bigmaps" / folder)}
         if paths:
             models.append(_maps_of(title, paths))
-    if workspace.has_shape():
-        models.append(MeshModel("shape", workspace.shape()))
-    return models
+    return [*models, *shape]
+
+
+def solution_models(workspace: Workspace) -> list[MapletModel | MeshModel]:
+    """Return the models that are part of the SPC solution itself: maplets and shape."""
+    return [*_maplets(workspace), *_shape(workspace)]
 
 
 def file_model(path: Path, *, frame: Frame = "spc", unit: Literal["km", "m"] = "km") -> Model:
@@ -78,6 +80,15 @@ def file_model(path: Path, *, frame: Frame = "spc", unit: Literal["km", "m"] = "
         return MapletModel(path.name, [maplet.name], lambda _: maplet, frame)
     mesh = surface.mesh() if isinstance(surface, IcqShape) else surface
     return MeshModel(path.name, mesh, frame)
+
+
+def _maplets(workspace: Workspace) -> list[MapletModel]:
+    names = workspace.maplet_names()
+    return [MapletModel("SPC maplets", names, workspace.maplet)] if names else []
+
+
+def _shape(workspace: Workspace) -> list[MeshModel]:
+    return [MeshModel("shape", workspace.shape())] if workspace.has_shape() else []
 
 
 def _registered_mapolas(workspace: Workspace) -> Model:

@@ -22,6 +22,7 @@ from fusion.truth.assessment.figures import (
 )
 from fusion.truth.assessment.pictures import errors_figure, examples_figure
 from fusion.truth.assessment.score import ModelScore
+from fusion.truth.assessment.settings import AssessmentSettings
 from fusion.truth.assessment.summary import formu_ratio
 from spcola import atomic
 
@@ -45,7 +46,7 @@ def make_page(found: Assessment) -> str:
         parts.append(("planted", "Planted and recovered", planted_table(found.recovered)))
     for place, score in enumerate(found.models):
         parts.append((f"model{place}", score.name, _model(score, place)))
-    parts.append(("definitions", "Definitions", _definitions(found)))
+    parts.append(("definitions", "Definitions", definitions_table(found.settings)))
     title = f"Against the truth: mission of seed {seed}"
     return html_page(title, title, parts, versions())
 
@@ -169,10 +170,11 @@ def _model(score: ModelScore, place: int) -> str:
     return note + html_table(head, rows, caption="Errors by region") + errors + examples
 
 
-def _definitions(found: Assessment) -> str:
+def definitions_table(settings: AssessmentSettings) -> str:
+    """Return a table of the definitions of all numbers."""
     rows = "".join(
         f"<tr><th>{escape(key)}</th><td class='text'>{escape(text)}</td></tr>"
-        for key, text in definitions(found.settings).items()
+        for key, text in definitions(settings).items()
     )
     return f'<div class="wide"><table><tbody>{rows}</tbody></table></div>'
 

@@ -62,7 +62,7 @@ def patch_errors(maplet: Maplet, ground: Ground, to_model: Similarity) -> PatchE
     true_grid = MapletGrid(
         back.apply(grid.center), back.turn(grid.axes), grid.gsd * back.scale, grid.half_size
     )
-    true_height = ground.truth.heights(true_grid)
+    true_height = ground.truth.heights_near(true_grid, maplet.height / to_model.scale)
     truth = to_model.scale * true_height
     known = maplet.valid & np.isfinite(truth)
     places = true_grid.points(true_height)[known]

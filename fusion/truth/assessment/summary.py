@@ -24,8 +24,8 @@ def assessment_json(found: Assessment) -> dict[str, Any]:
         "definitions": definitions(found.settings),
         "settings": asdict(found.settings),
         "seed": found.planted.settings.seed,
-        "formal_uncertainty": None if formal is None else _formal(formal),
-        "models": [_model(score, formal) for score in found.models],
+        "formal_uncertainty": None if formal is None else formal_json(formal),
+        "models": [model_json(score, formal) for score in found.models],
         "recovered": [{**asdict(row), "pull": row.pull} for row in found.recovered],
     }
 
@@ -77,7 +77,8 @@ def _plain(value: float) -> str:
     return "unknown" if np.isnan(value) else f"{value:.6g}"
 
 
-def _formal(formal: FormalUncertainty) -> dict[str, Any]:
+def formal_json(formal: FormalUncertainty) -> dict[str, Any]:
+    """Return FormU in JSON types."""
     return {
         "formu_m": formal.formu,
         "formu_share_80_m": formal.share_80,
@@ -88,7 +89,8 @@ def _formal(formal: FormalUncertainty) -> dict[str, Any]:
     }
 
 
-def _model(score: ModelScore, formal: FormalUncertainty | None) -> dict[str, Any]:
+def model_json(score: ModelScore, formal: FormalUncertainty | None) -> dict[str, Any]:
+    """Return the numbers of one model in JSON types."""
     d = score.distances
     return {
         "name": score.name,

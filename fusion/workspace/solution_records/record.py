@@ -41,6 +41,9 @@ class SolutionRecord:
         Numbers of the change, such as the scale factor, in JSON types.
     digests : mapping of str to str
         SHA-256 of the files from which it was made, and of those that differ from the parent's.
+    effort : mapping of str to float
+        `items`, files that were computed, and `processor_s`, processor time of the process that
+        made it, seconds. Empty if not known.
     """
 
     name: str
@@ -51,6 +54,7 @@ class SolutionRecord:
     constants: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     facts: Mapping[str, Any] = field(default_factory=dict)
     digests: Mapping[str, str] = field(default_factory=dict)
+    effort: Mapping[str, float] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
         """Return it in JSON types."""
@@ -76,12 +80,12 @@ def check_name(name: str) -> None:
 
 
 def solution_folder(root: Path, name: str) -> Path:
-    """Return the folder of a solution in the workspace `root`."""
+    """Return the folder of the solution `name` in the workspace `root`."""
     return root if name == IMPORTED else root / SOLUTION_FOLDER / name
 
 
 def name_in_use(root: Path) -> str:
-    """Return the name of the solution in use.
+    """Return the name of the solution in use in the workspace `root`.
 
     Raises
     ------
@@ -98,14 +102,14 @@ def name_in_use(root: Path) -> str:
 
 
 def write_name_in_use(root: Path, name: str) -> None:
-    """Use a solution from now on."""
+    """Let the workspace `root` use the solution `name` from now on."""
     folder = root / SOLUTION_FOLDER
     folder.mkdir(exist_ok=True)
     atomic.write_text(folder / _IN_USE, f"{name}\n")
 
 
 def read_solution(root: Path, name: str) -> SolutionRecord:
-    """Read the record of a solution.
+    """Read the record of the solution `name` in the workspace `root`.
 
     Raises
     ------
@@ -119,7 +123,8 @@ def read_solution(root: Path, name: str) -> SolutionRecord:
         content = json.loads(path.read_text(encoding="utf-8"))
         record = SolutionRecord(**content)
         known = record.name == name and all(
-            isinstance(each, Mapping) for each in (record.constants, *record.constants.values())
+            isinstance(each, Mapping)
+            for each in (record.constants, record.effort, *record.constants.values())
         )
     except FileNotFoundError as error:
         there = ", ".join([IMPORTED, *derived_names(root)])
@@ -139,6 +144,6 @@ def write_solution(folder: Path, record: SolutionRecord) -> None:
 
 
 def derived_names(root: Path) -> list[str]:
-    """Return the names of all solutions but the imported one, sorted."""
+    """Return the names of all solutions in the workspace `root` but the imported one, sorted."""
     folder = root / SOLUTION_FOLDER
     return sorted(path.parent.name for path in folder.glob(f"[!.]*/{SOLUTION_FILE}"))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from spcola.arrays import FloatArray
 from spcola.camera.camera import Camera
 from spcola.camera.stars.calibration import StarFrame
@@ -38,10 +40,8 @@ def identified_frame(
     NotObservableError
         If the stars cannot be identified.
     """
-    directions = apparent_directions(catalogue.directions, velocity)
-    found = identify(
-        camera, prior.axes, prior.stars, directions, search_px=search_px, match_px=match_px
-    )
+    sky = replace(catalogue, directions=apparent_directions(catalogue.directions, velocity))
+    found = identify(camera, prior.axes, prior.stars, sky, search_px=search_px, match_px=match_px)
     stars = prior.stars
     chosen = StarPositions(
         stars.pixel[found.measured],
@@ -52,5 +52,5 @@ def identified_frame(
     # An attitude that is known stays the prior; an approximate one is improved by the match.
     known = prior.attitude_sigma < float("inf")
     axes = prior.axes if known else found.axes
-    seen = directions[found.catalogue]
+    seen = sky.directions[found.catalogue]
     return StarFrame(prior.name, chosen, seen, axes, prior.attitude_sigma), found

@@ -11,6 +11,7 @@ from scipy.stats import poisson
 from spcola.arrays import FloatArray, IntArray
 from spcola.camera.camera import Camera
 from spcola.camera.projection import project_vectors, rotate_axes, turn_partials
+from spcola.camera.stars.catalogue import StarCatalogue
 from spcola.camera.stars.centroids import StarPositions
 from spcola.errors import NotObservableError
 
@@ -18,6 +19,8 @@ from spcola.errors import NotObservableError
 _MOST_CHANCE = 1e-6
 _FEWEST = 3
 _ROUNDS = 8
+# Stars of the catalogue for each measured one: false stars and variable ones take places too.
+_CANDIDATES = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +49,7 @@ def identify(
     camera: Camera,
     axes: FloatArray,
     stars: StarPositions,
-    directions: FloatArray,
+    sky: StarCatalogue,
     *,
     search_px: float = 50.0,
     match_px: float = 3.0,
@@ -66,8 +69,9 @@ def identify(
         `match_px` at the edge of the field.
     stars : StarPositions
         Measured.
-    directions : (N, 3) ndarray
-        Apparent directions of the catalogue's stars.
+    sky : StarCatalogue
+        Apparent directions of the catalogue's stars. Of those in the field the brightest are used,
+        three for each measured star.
     search_px, match_px : float
         Pixels.
 
@@ -77,7 +81,10 @@ def identify(
         If fewer than three stars agree, or as many as found may do so by chance.
     """
     measured = np.column_stack([stars.pixel, stars.line])
+    directions = sky.directions
     near = _in_field(camera, axes, directions, search_px)
+    brightest = np.argsort(sky.magnitudes[near], kind="stable")
+    near = near[brightest[: _CANDIDATES * max(len(measured), _FEWEST)]]
     if len(measured) < _FEWEST or len(near) < _FEWEST:
         raise NotObservableError(
             f"{len(measured)} stars measured, {len(near)} of the catalogue in the field: three at "

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -41,7 +42,8 @@ def read_instrument_kernels(
     Distortion: the model that ``DISTORTION_MODEL`` names (``OCAMS``, ``OPENCV``), or the one of the
     mission whose keywords are there (PP and DECENTER: Apollo; TO_UNDISTORTED_X: OSIRIS; OD_K with
     three numbers: radial, with one: LROC NAC); none without such keywords. Axes are those of the
-    instrument's frame in the kernels. PolyCam gets its table of focus positions (nominal is
+    instrument's frame in the kernels. Those that ``spcola kernels`` wrote name any model. PolyCam
+    gets its table of focus positions (nominal is
     infinity), and a camera with ``OPENCV_OD_A`` its law of temperature, from 0 °C.
 
     Parameters
@@ -94,7 +96,10 @@ def _camera(keywords: Keywords, size: tuple[int, int] | None, first_pixel: int) 
         model, values = _distortion(keywords, k_linear, origin)
     if size is None:
         size = keywords.pixels("PIXEL_SAMPLES"), keywords.pixels("PIXEL_LINES")
-    k_matrix = np.column_stack([k_linear, np.zeros(2)])
+    # Kernels that SPCOLA wrote state the whole matrix.
+    stated = keywords.get("K_MATRIX") is not None
+    mixed = keywords.vector("K_MATRIX", 6).reshape(2, 3)[:, 2] if stated else np.zeros(2)
+    k_matrix = np.column_stack([k_linear, mixed])
     return Camera(focal, origin, k_matrix, *size, model, values)
 
 
@@ -188,6 +193,12 @@ def _distortion(
         return "ocams", np.append(np.linalg.solve(k_linear, away), keywords.vector("OD_K", 5))
     if keywords.get("TO_UNDISTORTED_X") is not None:
         return "rosetta", _osiris(keywords)
+    if keywords.get("K_MATRIX") is not None and stated:
+        coefficients = keywords.get("DISTORTION")
+        count = 0 if coefficients is None else len(coefficients)
+        # The camera refuses a model that it does not know, and another number of coefficients.
+        name = cast("DistortionModel", stated.lower())
+        return name, keywords.vector("DISTORTION", count) if count else np.zeros(0)
     radial = keywords.get("OD_K")
     if stated or (radial is not None and len(radial) not in (1, 3)):
         raise FormatError(

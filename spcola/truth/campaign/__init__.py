@@ -2,12 +2,13 @@
 
 from spcola.truth.campaign.campaign import CampaignSettings
 from spcola.truth.campaign.passes import Pass, PassSettings, day_of, plan_passes
-from spcola.truth.campaign.stations import plan_stations, stations_of_pass
+from spcola.truth.campaign.stations import Station, plan_stations, stations_of_pass
 
 __all__ = [
     "CampaignSettings",
     "Pass",
     "PassSettings",
+    "Station",
     "day_of",
     "plan_passes",
     "plan_stations",

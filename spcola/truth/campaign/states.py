@@ -14,7 +14,7 @@ from spcola.navigation import NominalState, utc_from_et
 from spcola.truth.campaign.cameras import looking, turned_to
 from spcola.truth.campaign.stations import Station
 
-__all__ = ["SolvedState", "StateSettings", "make_state"]
+__all__ = ["SolvedState", "StateSettings", "capped_deviation", "make_state", "true_state"]
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def make_state(
     bits : int
         Depth of the image: its thresholds lie above the noise and below saturation.
     """
-    truth = _true_image(station, sun, settings, bits)
+    truth = true_state(station, sun, settings, bits)
     position = to_spc.apply(station.position)
     wrong = position + settings.position_sigma * generator.normal(size=3)
     axes = to_spc.turn(truth.axes)
@@ -120,7 +120,7 @@ def make_state(
         scobj_sigma=np.full(3, settings.position_sigma),
         pointing_sigma=np.full(3, settings.pixel_sigma * station.camera.pixel_angle),
     )
-    deviation = station.nominal_sigma * _capped_deviation(generator)
+    deviation = station.nominal_sigma * capped_deviation(generator)
     turns = settings.nominal_pointing_sigma * generator.normal(size=3)
     nominal = NominalState(
         station.name,
@@ -133,8 +133,21 @@ def make_state(
     return SolvedState(truth, solved, nominal)
 
 
-def _true_image(station: Station, sun: FloatArray, settings: StateSettings, bits: int) -> SpcImage:
-    """Return the true state of an image, without pixels."""
+def true_state(
+    station: Station, sun: FloatArray, settings: StateSettings, bits: int = 16
+) -> SpcImage:
+    """Return the true state of an image in the body frame, without pixels.
+
+    Parameters
+    ----------
+    station : Station
+    sun : (3,) ndarray
+        Unit vector to the Sun, in the body frame.
+    settings : StateSettings
+        Only the distortion is used.
+    bits : int
+        Depth of the image.
+    """
     return SpcImage(
         name=station.name,
         utc=utc_from_et(station.time),
@@ -148,11 +161,15 @@ def _true_image(station: Station, sun: FloatArray, settings: StateSettings, bits
     )
 
 
-def _capped_deviation(generator: np.random.Generator) -> FloatArray:
+def capped_deviation(generator: np.random.Generator) -> FloatArray:
     """Return a deviation (3,) with σ = 1 of its length: capped at 1, which a third reach.
 
     The paper's kernels were made like this: some 70 % lie within σ, and those beyond are set to it
     (Weirich et al., section 2.6).
+
+    Parameters
+    ----------
+    generator : numpy.random.Generator
     """
     direction = generator.normal(size=3)
     distance = min(abs(float(generator.normal())), 1.0)

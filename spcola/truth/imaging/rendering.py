@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -14,8 +14,7 @@ from spcola.arrays import AnyArray, BoolArray, FloatArray, read_only
 from spcola.camera import SpcImage, ray
 from spcola.errors import SettingsError
 from spcola.photometry.functions import photometric_function
-from spcola.truth.body.body import TruthBody
-from spcola.truth.sampled.sampled_surface import SampledSurface
+from spcola.truth.body import SurfacePoints, TruthBody
 
 BIT_DEPTHS = (8, 12, 14, 16)
 # Blocks of pixels, so that the rays of a thread are close together.
@@ -123,6 +122,16 @@ class Rendered:
         return np.isfinite(self.distance)
 
 
+class TracedSurface(Protocol):
+    """A surface on which rays are cast."""
+
+    def cast(self, origins: FloatArray, directions: FloatArray) -> SurfacePoints:
+        """Return the first hits of rays from origins (3,) or (N, 3) along directions (N, 3)."""
+
+    def occluded(self, points: FloatArray, toward: FloatArray) -> BoolArray:
+        """Return whether ground stands in the way from points (N, 3) of it towards (3,)."""
+
+
 class _Layers(NamedTuple):
     """The arrays of :class:`Rendered` without noise: of a frame, or of N rays."""
 
@@ -136,14 +145,14 @@ class _Layers(NamedTuple):
 class _Scene(NamedTuple):
     """Input of the rendering."""
 
-    surface: SampledSurface
+    surface: TracedSurface
     body: TruthBody
     image: SpcImage
     settings: ImageSettings
 
 
 def render_image(
-    surface: SampledSurface,
+    surface: TracedSurface,
     body: TruthBody,
     image: SpcImage,
     *,
@@ -157,8 +166,9 @@ def render_image(
 
     Parameters
     ----------
-    surface : SampledSurface
-        Sampled from `body`; its spacing should not exceed a pixel on the ground.
+    surface : TracedSurface
+        Sampled from `body` (:class:`~spcola.truth.sampled.SampledSurface`), its spacing no larger
+        than a pixel on the ground; or its mesh (:class:`~spcola.truth.solid.MeshSurface`).
     body : TruthBody
         Gives the albedo.
     image : SpcImage

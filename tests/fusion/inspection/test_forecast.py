@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from fusion.cli.app import app
 from fusion.inspection import import_forecast, mapolas_forecast
-from fusion.inspection.forecast import BYTES_PER_RETURN
+from fusion.inspection.forecasts.mapolas import BYTES_PER_RETURN
 from fusion.inspection.import_forecast import ImportClock
 from fusion.pipeline import Pipeline
 from fusion.runtime import ThreadExecutor

@@ -15,7 +15,9 @@ import pytest
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
+from fusion.pipeline.pipeline import LOCK_FILE
 from fusion.pipeline.solutions import MadeBy, making_solution, solutions_of
+from fusion.runtime.folders import locked
 from fusion.workspace import Workspace, new_workspace
 from spcola.errors import WorkspaceError
 from spcola.formats.maplets import write_maplet
@@ -129,6 +131,18 @@ def test_export_writes_a_plain_folder_that_a_workspace_can_be_made_of(
     assert "exists already" in error
 
 
+def test_readers_and_other_solutions_do_not_wait_for_a_writer(workspace: Workspace) -> None:
+    root = workspace.root
+    made(workspace, "one")
+    with locked(root / LOCK_FILE):
+        assert json.loads(run("info", root, "--json").stdout)["maplets"] == 2
+        run("solution", "diff", root, "imported", "one")
+        assert "another spcola is at work" in run("fuse", root, code=1).stderr
+        # The other solution can be worked with: what it lacks is named, and not the lock.
+        other = run("fuse", root, "--solution", "one", code=1).stderr
+        assert "there is no registration" in other
+
+
 def test_a_failure_while_one_is_made_leaves_none(workspace: Workspace) -> None:
     with pytest.raises(RuntimeError), making_solution(workspace, "one", BY):
         raise RuntimeError
@@ -138,6 +152,7 @@ def test_a_failure_while_one_is_made_leaves_none(workspace: Workspace) -> None:
 KILLED = """
 import sys, time
 from pathlib import Path
+from fusion.pipeline.pipeline import LOCK_FILE
 from fusion.pipeline.solutions import MadeBy, making_solution
 from fusion.workspace import Workspace
 with making_solution(Workspace.open(sys.argv[1]), "one", MadeBy("a test", {}, {}, {})) as folder:

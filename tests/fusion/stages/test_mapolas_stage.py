@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,7 @@ import numpy as np
 import pytest
 
 from fusion.geolocation.return_source import _MOST_ARCS, arc_length
-from fusion.pipeline import Pipeline
+from fusion.pipeline import Pipeline, Subset
 from fusion.runtime import ThreadExecutor
 from fusion.stages.ingest import stage as ingest
 from fusion.stages.ingest.lidar_files import recorded_source
@@ -18,6 +20,7 @@ from fusion.stages.mapolas import stage as mapolas
 from fusion.workspace import Workspace, new_workspace
 from fusion.workspace.settings import Settings
 from lidar.formats.native import scan_summary, write_scan
+from lidar.gridding import Gridding, grid_returns
 from lidar.scans import Scan
 from spcola.errors import SettingsError, WorkspaceError
 from spcola.formats.maplets import write_maplet
@@ -259,3 +262,46 @@ def test_arcs_are_longer_where_they_would_be_too_many(workspace: Workspace) -> N
     short = Settings().with_table("mapolas", adjust_arc_s=10.0).mapolas
     arcs = 36_000.0 / arc_length(workspace, short)
     assert 0.8 * _MOST_ARCS < arcs <= _MOST_ARCS
+
+
+def test_a_new_scan_grids_again_only_the_mapolas_that_it_touches(
+    workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gridded: list[str] = []
+
+    def counted(name: str, *arguments: Any, **options: Any) -> Gridding:
+        gridded.append(name)
+        return grid_returns(name, *arguments, **options)
+
+    monkeypatch.setattr(mapolas, "grid_returns", counted)
+    settings = Settings().with_table("mapolas", adjust=False)
+    pipeline(workspace, settings).run()
+    before = (workspace.home / "mapolas" / "AA0001.MAP").read_bytes()
+    assert sorted(gridded) == ["AA0001", "AA0002", "ZZ0001"]
+    points = sphere_points(3, 4000)
+    # In the order of names it comes before the others: they get other numbers.
+    east = Scan.of_points("new", points[points[:, 1] > 0.36 * RADIUS], body="Ball")
+    write_scan(workspace.scan_path("new"), [east])
+    gridded.clear()
+    pipeline(workspace, settings).run()
+    assert gridded == ["AA0002"]
+    assert (workspace.home / "mapolas" / "AA0001.MAP").read_bytes() == before
+    assert "new" in workspace.mapola("AA0002").scan_share
+    together = {path.name: path.read_bytes() for path in workspace.mapola_paths()}
+    shutil.rmtree(workspace.home / ".items")
+    pipeline(workspace, settings).run_stage("mapolas", force=True)
+    assert {path.name: path.read_bytes() for path in workspace.mapola_paths()} == together
+
+
+def test_a_subset_leaves_the_others_as_they_are(workspace: Workspace) -> None:
+    whole = pipeline(workspace)
+    whole.run()
+    before = {path.name: path.read_bytes() for path in workspace.mapola_paths()}
+    coarse = Settings().with_table("mapolas", gsd_m=1.0, half_size=3)
+    some = replace(pipeline(workspace, coarse), subset=Subset.of(["AA0002"]))
+    assert some.run_stage("mapolas").summary["subset"] == {"only": ["AA0002"], "within": None}
+    assert workspace.mapola("AA0002").grid.gsd == 1.0
+    assert workspace.mapola("AA0001").grid.gsd == pytest.approx(GSD)
+    assert whole.states()["mapolas"] == "due"
+    whole.run()
+    assert {path.name: path.read_bytes() for path in workspace.mapola_paths()} == before

@@ -11,7 +11,7 @@ import pytest
 from fusion.fusing.maplets import FusedMaplet, Source, fused_bigmap, read_fused, write_fused
 from fusion.pipeline import Pipeline
 from fusion.products import MANIFEST_FILE
-from fusion.products.formats import read_fits_dtm, read_geotiff, read_surface
+from fusion.products.formats import read_fits_dtm, read_geotiff, read_surface, write_fits_dtm
 from fusion.stages.release import STAGE
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
@@ -163,3 +163,25 @@ def test_nothing_to_release(tmp_path) -> None:
     empty = Workspace.create(tmp_path / "ws", Settings())
     with pytest.raises(WorkspaceError, match="no fused maplets; run: spcola fuse"):
         release(empty)
+
+
+def test_an_interrupted_release_goes_on_where_it_was(workspace, monkeypatch) -> None:
+    """Finished products are not written again; the end is that of an undisturbed release."""
+    written, full = [], [True]
+
+    def counted(path, *arguments, **options):
+        if written and full:
+            full.clear()
+            raise WorkspaceError("cannot be written (No space left on device)", path)
+        written.append(path.name)
+        write_fits_dtm(path, *arguments, **options)
+
+    monkeypatch.setattr("fusion.stages.release.write_fits_dtm", counted)
+    with pytest.raises(WorkspaceError, match="No space left"):
+        release(workspace)
+    release(workspace)
+    assert len(written) == len(set(written)) == 2
+    interrupted = content(workspace)
+    release(workspace, force=True)
+    assert len(written) == 4
+    assert content(workspace) == interrupted

@@ -116,16 +116,17 @@ def test_ryugu_turned_is_recognised_as_a_misfit(ryugu, shared_data, tmp_path, tu
 
 @pytest.mark.real_data
 def test_an_insignificant_epsilon_is_not_applied_unless_it_is_accepted(ryugu, tmp_path):
-    workspace, copy = tmp_path / "WS", tmp_path / "C"
+    workspace = tmp_path / "WS"
+    scaled = workspace / "solutions" / "scaled-1"
     shutil.copytree(ryugu, workspace)
-    apply = ("scale", workspace, copy, "--method", "shots", "--apply")
+    apply = ("scale", workspace, "--method", "shots", "--apply")
     printed = CliRunner().invoke(app, [str(part) for part in apply])
     assert printed.exit_code == 1
     assert "epsilon-not-significant" in printed.output
-    assert not copy.exists()
+    assert not scaled.exists()
     codes = ("epsilon-not-determined", "epsilon-not-separable", "epsilon-not-significant")
     run(*apply, *(part for code in codes for part in ("--accept", code)))
-    assert (copy / "applied_scale.json").is_file()
+    assert (scaled / "solution.json").is_file()
 
 
 @pytest.mark.real_data

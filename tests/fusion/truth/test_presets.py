@@ -22,7 +22,7 @@ TINY = MissionSettings.tiny()
 
 def back(settings: MissionSettings) -> MissionSettings:
     """Return what truth.json makes of them."""
-    return restored(MissionSettings, json.loads(json.dumps(asdict(settings))))
+    return restored(type(settings), json.loads(json.dumps(asdict(settings))))
 
 
 @pytest.mark.parametrize("preset", sorted(PRESETS))

@@ -40,6 +40,9 @@ class Ellipsoid:
         with np.errstate(invalid="ignore"):
             return (-b + np.sqrt(b**2 - a * c)) / a
 
+    def heights_near(self, grid: MapletGrid, model):
+        return self.heights(grid)
+
     def terrain(self, directions, *, smallest):
         return np.zeros(len(directions), dtype=np.uint8)
 

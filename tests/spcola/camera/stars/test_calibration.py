@@ -8,7 +8,13 @@ from scipy.spatial.transform import Rotation
 
 from spcola.camera import Camera, rotate_axes
 from spcola.camera.distortion import COEFFICIENTS
-from spcola.camera.stars import StarFrame, calibrate, solved_parameters, with_model
+from spcola.camera.stars import (
+    StarCatalogue,
+    StarFrame,
+    calibrate,
+    solved_parameters,
+    with_model,
+)
 from spcola.camera.stars.catalogue import apparent_directions
 from spcola.camera.stars.identification import identify
 from spcola.camera.stars.parameters import SolvedParameters
@@ -30,7 +36,7 @@ def frames_of(sky, lens, count=6, **options):
         axes = sky.attitude()
         stars, places = sky.frame(lens, axes, **options)
         about = rotate_axes(axes, sky.random.normal(scale=[1e-3, 1e-3, 1e-3]))
-        found = identify(nominal(lens), about, stars, sky.catalogue.directions)
+        found = identify(nominal(lens), about, stars, sky.catalogue)
         right = places[found.measured] == found.catalogue
         tally += [right.sum(), (~right).sum(), (places >= 0).sum() - right.sum()]
         chosen = type(stars)(
@@ -166,7 +172,27 @@ def test_identification_refuses_what_chance_gives(sky, lens) -> None:
     stars, _ = source.frame(lens, axes)
     elsewhere = Rotation.from_rotvec([0.02, 0.02, 1.0]).as_matrix() @ axes
     with pytest.raises(NotObservableError, match="chance"):
-        identify(nominal(lens), elsewhere, stars, source.catalogue.directions)
+        identify(nominal(lens), elsewhere, stars, source.catalogue)
+
+
+def test_a_catalogue_far_deeper_than_the_image(sky, lens) -> None:
+    # Forty faint stars for each that the image has: every false star would have one within 3 px.
+    source = sky(8)
+    axes = source.attitude()
+    stars, places = source.frame(lens, axes, false=10)
+    faint = source.random.uniform(-0.08, 0.08, (16_000, 2))
+    faint = np.column_stack([faint, np.ones(len(faint))])
+    faint /= np.linalg.norm(faint, axis=1, keepdims=True)
+    catalogue = source.catalogue
+    deep = StarCatalogue(
+        np.concatenate([catalogue.directions, faint]),
+        np.concatenate([catalogue.magnitudes, np.full(len(faint), 12.0)]),
+    )
+    about = rotate_axes(axes, [1e-3, -1e-3, 0.0])
+    found = identify(nominal(lens), about, stars, deep)
+    right = np.count_nonzero(places[found.measured] == found.catalogue)
+    assert right > 0.98 * np.count_nonzero(places >= 0)
+    assert len(found.measured) - right < 0.02 * right
 
 
 def test_models_start_from_none(lens) -> None:

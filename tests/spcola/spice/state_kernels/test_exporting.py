@@ -11,10 +11,12 @@ import spiceypy
 from scipy.spatial.transform import Rotation
 
 from spcola.camera import Camera, SpcImage
+from spcola.camera.distortion import distort
 from spcola.errors import InvalidValueError, KernelError
 from spcola.formats.solution import read_summary, write_summary
 from spcola.navigation import Spin, et_from_utc, utc_from_et
 from spcola.spice import KernelSet, coverage
+from spcola.spice.instruments import read_instrument_kernels
 from spcola.spice.state_kernels import META_KERNEL, KernelNumbers, write_state_kernels
 from spcola.spice.states import Correction, SpiceCamera, spice_states, spin_of
 
@@ -116,6 +118,29 @@ def test_the_camera_is_in_the_instrument_kernel(tmp_path):
     np.testing.assert_allclose(
         corners[:, :2] / corners[:, 2:], half * np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]])
     )
+
+
+def test_the_instrument_kernel_gives_the_camera_back(tmp_path):
+    """The pixel of the boresight, which such kernels number from 0, and the distortion too."""
+    bent = replace(
+        CAMERA, center=[500.25, 510.5], k_matrix=[[117.6, 0.01, 2e-4], [0, -117.5, -1e-4]],
+        distortion=[1e-6, 0.0, 2e-6, -3e-6],
+    )  # fmt: skip
+    for number, camera in enumerate((CAMERA, bent)):
+        _check_camera(tmp_path / str(number), camera)
+
+
+def _check_camera(folder, camera):
+    image = image_at(0, 0.0, camera=camera)
+    write_state_kernels(folder, [image], NUMBERS, SPIN, max_gap_s=700.0)
+    found = read_instrument_kernels([next(folder.glob("*.ti"))], -64990).camera
+    assert found.focal_length_mm == camera.focal_length_mm
+    np.testing.assert_array_equal(found.center, camera.center)
+    np.testing.assert_array_equal(found.k_matrix, camera.k_matrix)
+    points = np.random.default_rng(1).uniform(-0.003, 0.003, (20, 2))
+    for one, two in zip(distort(found, *points.T), distort(camera, *points.T), strict=True):
+        np.testing.assert_array_equal(one, two)
+    assert (found.width, found.height) == (camera.width, camera.height)
 
 
 def test_comments_state_where_the_states_come_from(tmp_path):

@@ -1,0 +1,65 @@
+"""Forecast of the scale."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from fusion.inspection.forecasts.situation import Situation
+from fusion.inspection.forecasts.values import Basis, StageForecast
+from fusion.pipeline import Stage
+from fusion.stages.scale import sampled_pairs
+from spcola.shape import RayCaster
+
+# Bytes of one point of a pair: in memory, in its two files, in its kept items.
+_POINT_BYTES, _FILE_BYTES, _KEPT_BYTES = 4000.0, 6.0, 190.0
+# Bytes of one return of a scan that is read as a whole.
+_RETURN_BYTES = 250.0
+# Rays of each shot over all iterations and checks.
+_CASTS = 60
+_FIT_S = 1.0
+# Bytes of a shot: in memory, in scale.json.
+_SHOT_BYTES, _ENTRY_BYTES = 5000.0, 300.0
+
+
+def scale_forecast(situation: Situation, stage: Stage) -> StageForecast:
+    """Return the forecast of pairing all images, or of comparing shots with the shape."""
+    if situation.settings.scale.method == "shots":
+        return _by_shots(situation, stage)
+    store = situation.store(stage)
+    context = situation.context(stage, store)
+    caster = RayCaster(situation.workspace.shape())
+    found = sampled_pairs(
+        context, caster, situation.radius, count=3 * situation.workers, seed=store.count
+    )
+    # Two items each, a bigmap and a pair; the first pair is made before the timed ones.
+    computed = len(store.computed) / max(2 * found.sampled, 1)
+    kept = min(round(max(1.0 - computed, 0.0) * found.pairs), store.count // 2)
+    points = found.points
+    left = found.pairs - kept
+    # Pairs that were found kept took next to no time.
+    each = found.each_s / min(max(computed, 0.25), 1.0)
+    return StageForecast(
+        stage.name, found.pairs, kept, found.before_s + _FIT_S + left * each,
+        _POINT_BYTES * points + _RETURN_BYTES * found.returns, situation.workers,
+        points * (found.pairs * _FILE_BYTES + left * _KEPT_BYTES), Basis.SAMPLE,
+        shared_bytes=situation.shape_bytes,
+    )  # fmt: skip
+
+
+def _by_shots(situation: Situation, stage: Stage) -> StageForecast:
+    """Return the forecast from the time of casting the rays of all shots."""
+    caster = RayCaster(situation.workspace.shape())
+    shots = min(situation.settings.scale.max_shots, situation.returns)
+    away = np.random.default_rng(1).normal(size=(shots, 3))
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    start = 10.0 * situation.radius * away
+    caster.cast(start[:1], -away[:1])
+    begun = time.perf_counter()
+    caster.cast(start, -away)
+    took = time.perf_counter() - begun
+    return StageForecast(
+        stage.name, len(situation.workspace.scan_names()), 0, _FIT_S + _CASTS * took,
+        _SHOT_BYTES * shots, situation.workers, _ENTRY_BYTES * shots, Basis.SYNTHETIC,
+    )  # fmt: skip

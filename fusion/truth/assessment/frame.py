@@ -1,0 +1,36 @@
+"""The planted values in the frame of a solution that was made from the imported one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from fusion.truth.planted import Planted
+from fusion.workspace import IMPORTED, Workspace
+from fusion.workspace.solution_records import read_solution
+
+
+def planted_in(planted: Planted, workspace: Workspace) -> Planted:
+    """Return the planted values for the solution of a workspace.
+
+    The mission plants ``V_spc = T + R V_lidar / (1 + ε)`` in the imported solution. A solution
+    whose lengths were multiplied by f has ``f T`` and ``(1 + ε) / f`` instead.
+
+    Parameters
+    ----------
+    planted : Planted
+    workspace : Workspace
+    """
+    factor, name = 1.0, workspace.solution
+    while name != IMPORTED:
+        record = read_solution(workspace.root, name)
+        factor, name = factor * (1.0 + float(record.facts.get("epsilon", 0.0))), record.parent
+    if factor == 1.0:
+        return planted
+    settings = planted.settings
+    x, y, z = settings.translation_m
+    moved = replace(
+        settings,
+        epsilon=(1.0 + settings.epsilon) / factor - 1.0,
+        translation_m=(factor * x, factor * y, factor * z),
+    )
+    return replace(planted, settings=moved)

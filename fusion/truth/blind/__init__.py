@@ -1,0 +1,1 @@
+"""Blind missions: what a mission delivers before anyone has made a solution."""

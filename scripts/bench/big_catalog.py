@@ -1,0 +1,118 @@
+"""Time of `spcola info` of a workspace whose catalogue has very many items.
+
+Makes a workspace of small maplets with all that stages leave for them: maplets, landmarks, mapolas,
+fused maplets with their companions, kept items, and the records of finished stages. Then times
+`spcola info --json` of it in a process of its own, with the start of the program.
+
+    python scripts/bench/big_catalog.py [--items 100000] [--folder DIR]
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from fusion.pipeline import Pipeline, opened
+from fusion.pipeline.catalog.records import StageRecord
+from fusion.stages import load_stages
+from fusion.workspace import Workspace, new_workspace
+from lidar.formats.native import write_scan
+from lidar.scans import Scan
+from spcola.control import Landmark
+from spcola.formats.maplets import write_maplet
+from spcola.formats.solution import write_landmark
+from spcola.grids import Maplet, MapletGrid
+
+LIMIT_S = 1.0
+# Files and kept items for each maplet.
+_FILES = 8
+_RADIUS = 250.0
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--items", type=int, default=100_000)
+    parser.add_argument("--folder", type=Path)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        root = (options.folder or Path(scratch)) / "WS"
+        if not root.exists():
+            begun = time.perf_counter()
+            fill(new_workspace(root), options.items)
+            print(f"made {options.items} items in {time.perf_counter() - begun:.0f} s")
+        for attempt in ("first", "second", "third"):
+            took = seconds_of_info(root)
+            print(f"info, {attempt} time: {took:.2f} s (limit {LIMIT_S:g} s from the second on)")
+
+
+def fill(workspace: Workspace, items: int) -> None:
+    """Write maplets, and copies of their files under the names that stages give.
+
+    For each maplet there are seven files and a kept item: its .MAP, landmark, mapola, fused map
+    with its sigma, and files of a release.
+    """
+    home, count = workspace.home, items // _FILES
+    names = [f"A{number:05d}" for number in range(count)]
+    turns = np.random.default_rng(1).normal(size=(count, 3))
+    for name, up in zip(names, turns / np.linalg.norm(turns, axis=1, keepdims=True), strict=True):
+        grid = MapletGrid.facing(_RADIUS * up, up, 0.5, 2)
+        flat = Maplet(name, grid, np.zeros(grid.shape), center_sigma=np.full(3, 0.1))
+        write_maplet(home / "MAPFILES" / f"{name}.MAP", flat)
+        write_landmark(home / "LMKFILES" / f"{name}.LMK", Landmark(name, grid, flat.center_sigma))
+        content = (home / "MAPFILES" / f"{name}.MAP").read_bytes()
+        for path in _made_of(home, name):
+            path.write_bytes(content)
+    write_scan(home / "scans" / "one.h5", [Scan.of_points("one", _RADIUS * turns[:100])])
+    (home / "fused" / "fused.h5").write_bytes(b"made up")
+    workspace.write_json("registration.json", {"verdict": "accepted"})
+    record_all(workspace)
+
+
+def _made_of(home: Path, name: str) -> list[Path]:
+    """Return the files that stages make of one maplet, with its kept item."""
+    for folder in (".items/fuse", "release"):
+        (home / folder).mkdir(parents=True, exist_ok=True)
+    made = [f"mapolas/{name}.MAP", f"fused/{name}.MAP", f"fused/{name}.SIG"]
+    made += [f"release/{name}.MAP", f"release/{name}.SIG", f".items/fuse/{name}.npz"]
+    return [home / path for path in made]
+
+
+def record_all(workspace: Workspace) -> None:
+    """Record all stages that have their inputs as just run."""
+    stages, settings = load_stages(), workspace.settings()
+    pipeline = Pipeline(workspace, settings, stages)
+    with opened(workspace) as catalog:
+        for stage in stages:
+            if stage.missing(workspace, settings):
+                continue
+            key = pipeline._key(stage, catalog)
+            files = [path for place in stage.places for path in _files(workspace.home / place)]
+            outputs = catalog.digests(files)
+            catalog.store(
+                StageRecord(
+                    stage.name, key.digest, key.version, key.settings, key.inputs, outputs, {}, ""
+                )
+            )
+
+
+def _files(place: Path) -> list[Path]:
+    return [place] if place.is_file() else sorted(place.iterdir()) if place.is_dir() else []
+
+
+def seconds_of_info(root: Path) -> float:
+    begun = time.perf_counter()
+    subprocess.run(
+        [sys.executable, "-m", "fusion.cli", "info", str(root), "--json"],
+        check=True, stdout=subprocess.DEVNULL,
+    )  # fmt: skip
+    return time.perf_counter() - begun
+
+
+if __name__ == "__main__":
+    main()

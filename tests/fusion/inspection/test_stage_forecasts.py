@@ -1,0 +1,164 @@
+"""Forecast of every stage: what is counted and kept, and that nothing but items is made."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from fusion.cli.app import app
+from fusion.inspection.forecasts import Basis, StageForecast, forecast_lines, stage_forecasts
+from fusion.inspection.forecasts.timing import NotingStore, timed_sample
+from fusion.runtime.folders import Remembered
+from fusion.runtime.machine import PROGRAM_BYTES
+from fusion.stages import run_stages
+from fusion.workspace import Workspace, new_workspace
+from lidar.formats.native import write_scan
+from lidar.scans import Scan
+from spcola.formats.maplets import write_maplet
+from spcola.grids import Maplet, MapletGrid
+
+STAGES = ["ingest", "mapolas", "register", "fuse", "bigmap", "scale", "release", "report"]
+
+
+def call(*arguments: object, code: int = 0) -> Any:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == code, result.output
+    return result
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Workspace:
+    """Six maplets under one scan."""
+    made = new_workspace(tmp_path / "ws", body="Ball")
+    for number in range(6):
+        normal = np.array([np.cos(0.1 * number), np.sin(0.1 * number), 0.0])
+        grid = MapletGrid.facing(60.0 * normal, normal, 0.5, 10)
+        flat = Maplet(f"AA{number:04d}", grid, np.zeros(grid.shape))
+        write_maplet(made.root / "MAPFILES" / f"{flat.name}.MAP", flat)
+    rng = np.random.default_rng(1)
+    longitude, z = rng.uniform(-0.3, 0.8, 30_000), rng.uniform(-0.25, 0.25, 30_000)
+    across = np.sqrt(1.0 - z**2)
+    away = np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
+    write_scan(made.root / "scans" / "one.h5", [Scan.of_points("one", 60.0 * away, body="Ball")])
+    return made
+
+
+def results(workspace: Workspace) -> list[str]:
+    places = ("mapolas", "fused", "bigmaps", "pairs", "release")
+    return [path.name for name in places for path in (workspace.home / name).rglob("*")]
+
+
+def test_every_stage_has_a_forecast_and_nothing_is_run(workspace: Workspace) -> None:
+    content = json.loads(call("run", workspace.root, "--forecast", "--json").stdout)["forecast"]
+    assert list(content) == sorted(STAGES)
+    assert results(workspace) == []
+    assert content["mapolas"]["basis"] == "sample"
+    for name in ("register", "fuse", "release"):
+        assert content[name]["basis"] == "synthetic"
+        assert content[name]["items"] >= 6
+        assert 0.0 < content[name]["seconds"] < 120.0
+        assert content[name]["disk_mb"] > 0.0
+        assert content[name]["memory_mb"] > PROGRAM_BYTES / 1e6
+    # There is no shape: no stage will make one.
+    assert content["scale"]["basis"] == "unknown"
+    assert "shape" in content["scale"]["reason"]
+    assert content["scale"]["seconds"] is None
+
+
+def test_items_of_the_sample_are_those_of_the_run(workspace: Workspace) -> None:
+    settings = workspace.settings().with_table("mapolas", adjust=False)
+    found = stage_forecasts(workspace, settings, only="mapolas", workers=1)["mapolas"]
+    folder = workspace.home / ".items" / "mapolas"
+    made = {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
+    assert (found.items, found.kept) == (6, 0)
+    assert 2 <= len(made) < 6
+    toml = workspace.root / "spcola.toml"
+    toml.write_text(toml.read_text().replace("adjust = true", "adjust = false"))
+    again = stage_forecasts(workspace, settings, only="mapolas", workers=1)["mapolas"]
+    assert again.kept > 0
+    call("mapolas", workspace.root)
+    assert set(made) <= {path.name for path in folder.iterdir()}
+    assert len(list(folder.iterdir())) == 6
+
+
+def test_what_is_up_to_date_takes_nothing(workspace: Workspace) -> None:
+    run_stages(workspace, "ingest", "mapolas")
+    found = stage_forecasts(workspace, workspace.settings(), only="mapolas")["mapolas"]
+    assert found == StageForecast("mapolas")
+
+
+def squared(number: int) -> int:
+    return number**2
+
+
+def test_a_sample_tells_kept_items_from_others(tmp_path: Path) -> None:
+    names = [str(number) for number in range(40)]
+    for number in range(40):
+        NotingStore(tmp_path, "1").result(squared, number)
+    store = NotingStore(tmp_path, "1")
+    assert (
+        timed_sample(names, lambda name: store.result(squared, int(name)), store, 2).kept_share == 1
+    )
+    other = NotingStore(tmp_path / "new", "1")
+    sample = timed_sample(names, lambda name: other.result(squared, int(name)), other, 2)
+    assert sample.kept_share == 0.0
+    assert sample.seconds > 0.0
+    assert other.count == 6
+
+
+def test_memory_grows_with_workers_and_the_sum_is_printed() -> None:
+    one = StageForecast("fuse", 10, 4, 90.0, 1e8, 1, 5e6, Basis.SAMPLE)
+    two = StageForecast("fuse", 10, 4, 45.0, 1e8, 2, 5e6, Basis.SAMPLE)
+    assert two.memory_bytes - one.memory_bytes == 1e8
+    unknown = StageForecast("scale", seconds=float("nan"), basis=Basis.UNKNOWN, reason="no shape")
+    lines = list(forecast_lines({"fuse": one, "scale": unknown, "report": StageForecast("report")}))
+    assert lines[1].split() == ["fuse", "10", "4", "90.0", "s", "360", "5.0", "sample"]
+    assert lines[2].endswith("unknown: no shape")
+    assert lines[4].split()[:3] == ["all", "90.0", "s"]
+
+
+def test_info_has_the_keys_and_remembers_them_until_a_file_changes(workspace: Workspace) -> None:
+    first = json.loads(call("info", workspace.root, "--json").stdout)
+    assert set(first["forecast"]) == set(STAGES)
+    assert {"grids", "with_returns", "tiles", "returns", "minutes"} <= set(
+        first["mapolas_forecast"]
+    )
+    # The times are measured: only what is remembered gives the same again.
+    assert json.loads(call("info", workspace.root, "--json").stdout) == first
+    (workspace.home / "MAPFILES" / "AA0005.MAP").unlink()
+    third = json.loads(call("info", workspace.root, "--json").stdout)
+    assert third["maplets"] == 5
+    assert third["forecast"]["mapolas"]["items"] == 5
+
+
+def test_what_is_remembered_depends_on_files_outside_and_on_its_own_digest(tmp_path: Path) -> None:
+    folder, outside = tmp_path / "ws", tmp_path / "scan.csv"
+    folder.mkdir()
+    (folder / "a.txt").write_text("a")
+    outside.write_text("1, 2")
+    kept = Remembered(folder)
+    assert kept.find() is None
+    kept.keep(kept.files(), {"number": 3}, [outside])
+    assert kept.find() == {"number": 3}
+    outside.write_text("1, 2, 3")
+    assert kept.find() is None
+    kept.keep(kept.files(), {"number": 3}, [outside])
+    (path,) = folder.glob(".*.json")
+    path.write_text(path.read_text().replace('"number": 3', '"number": 4'))
+    assert kept.find() is None
+    # A file that changed while it was looked at is not taken for the one that was seen.
+    before = kept.files()
+    (folder / "a.txt").write_text("other")
+    kept.keep(before, {"number": 5}, [])
+    assert kept.find() is None
+
+
+def test_options_without_a_forecast_are_refused(workspace: Workspace) -> None:
+    assert "--within" in call(
+        "run", workspace.root, "--forecast", "--within", "0,0,10", code=2
+    ).stderr  # fmt: skip
