@@ -12,7 +12,7 @@ from fusion.runtime import Executor
 from fusion.stages.images.pixels import file_digest
 from spcola.errors import FormatError, InvalidValueError, SpcolaError
 from spcola.formats.images import ImageFile, open_image
-from spcola.formats.images.names import NamedImage, check_name, spc_name
+from spcola.formats.images.names import NamedImage, is_spc_name, spc_name
 from spcola.formats.states import read_isis_states
 from spcola.navigation import utc_from_et
 
@@ -159,11 +159,9 @@ def names_of(images: Iterable[OpenedImage], times: dict[str, float], letter: str
 def _name(image: OpenedImage, time: float | None, letter: str) -> str:
     """Return the name of one image."""
     stem = image.path.stem
-    if not letter:
-        try:
-            return check_name(stem, "image", image.path)
-        except InvalidValueError:
-            letter = next(iter(re.findall(r"[A-Za-z0-9]", stem)), "I").upper()
+    if not letter and is_spc_name(stem):
+        return stem
+    letter = letter or next(iter(re.findall(r"[A-Za-z0-9]", stem)), "I").upper()
     if time is None:
         raise InvalidValueError(
             f"its name {stem!r} is no name of SPC, and its time is unknown: no name can be made",

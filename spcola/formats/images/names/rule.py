@@ -32,6 +32,21 @@ class NamedImage:
     filter: str | None = None
 
 
+def is_spc_name(name: str) -> bool:
+    """Return whether an image may have this name in SPC.
+
+    Parameters
+    ----------
+    name : str
+        Up to twelve characters, without spaces, slashes, ``*`` and what is outside ASCII.
+    """
+    try:
+        check_name(name, "image", name)
+    except InvalidValueError:
+        return False
+    return True
+
+
 def spc_name(camera: str, image: NamedImage) -> str:
     """Return the name of an image in SPC (Gaskell et al., section 2.1).
 
