@@ -22,7 +22,7 @@ from fusion.cli.states import BodyOptions, PoseOptions, StateOptions
 if TYPE_CHECKING:
     from fusion.stages.images import ImportOptions, Recipe, StateChoice, TriageReport
     from fusion.stages.images.importing import Imported
-    from fusion.stages.images.triage import Triage
+    from fusion.stages.images.triage_report import Triage
     from fusion.workspace import Workspace
 
 _Orientation = Literal[

@@ -4,7 +4,8 @@ from fusion.stages.images.catalogue import count_images
 from fusion.stages.images.importing import ImportOptions, import_images
 from fusion.stages.images.pixels import Recipe
 from fusion.stages.images.sources import StateChoice, StateKind
-from fusion.stages.images.triage import TriageReport, triage_images
+from fusion.stages.images.triage import triage_images
+from fusion.stages.images.triage_report import TriageReport
 from fusion.stages.images.turns import Turn
 
 __all__ = [

@@ -16,7 +16,7 @@ from fusion.stages.images.catalogue import read_catalogue, write_catalogue
 from fusion.stages.images.opened import OpenedImage, names_of, open_images
 from fusion.stages.images.pixels import PixelWork, Recipe, write_pixels
 from fusion.stages.images.record import ImageRecord, PixelFacts
-from fusion.stages.images.sources import Sighting, StateChoice, find_sightings
+from fusion.stages.images.sources import Sighting, StateChoice, find_sightings, stated_times
 from fusion.stages.states import write_states
 from fusion.workspace import Workspace
 from spcola.camera.detector import Preparation
@@ -178,7 +178,7 @@ def _plan(
     options: ImportOptions,
 ) -> list[_Planned]:
     """Return what is to be written, after checking names and sizes."""
-    times = {image.digest: image.time for image in images if image.time is not None}
+    times = stated_times(images, options.states)
     times |= {digest: one.state.time for digest, one in sightings.items()}
     new = [image for image in images if image.digest not in known]
     names = {**names_of(new, times, options.letter), **{d: r.name for d, r in known.items()}}

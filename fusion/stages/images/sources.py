@@ -28,7 +28,7 @@ from spcola.navigation import utc_from_et
 from spcola.navigation.states import ImageState, compare_states
 from spcola.spice.states import SpiceCamera
 
-__all__ = ["StateChoice", "StateKind", "find_sightings"]
+__all__ = ["StateChoice", "StateKind", "find_sightings", "stated_times"]
 
 # Differences of a table's and a label's time that rounding explains, seconds.
 _SAME_TIME_S = 1.0
@@ -175,6 +175,30 @@ def find_sightings(
             (*notes, *_other_source(image, state, used, choice.kind)),
         )  # fmt: skip
     return FoundSightings(found, tuple(remarks))
+
+
+def stated_times(images: Sequence[OpenedImage], choice: StateChoice) -> dict[str, float]:
+    """Return the times of images by digest, ephemeris time, s: of their labels, or of the table.
+
+    Parameters
+    ----------
+    images : sequence of OpenedImage
+    choice : StateChoice
+        Its table of times is read.
+
+    Raises
+    ------
+    FormatError
+        If the table cannot be read.
+    """
+    table = {} if choice.times is None else read_times(choice.times, columns={})
+    found = {}
+    for image in images:
+        given = next((table[key].time for key in image.keys if key in table), np.nan)
+        time = given if image.time is None else image.time
+        if np.isfinite(time):
+            found[image.digest] = float(time)
+    return found
 
 
 def _completed(

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from enum import StrEnum
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +13,7 @@ from fusion.stages.images.catalogue import catalogue_path, read_catalogue
 from fusion.stages.images.importing import ITEM_PLACE, ITEM_VERSION
 from fusion.stages.images.pixels import file_digest
 from fusion.stages.images.record import ImageRecord
+from fusion.stages.images.triage_report import Fit, Flag, Scene, Triage, TriageReport
 from fusion.stages.images.turns import Turn
 from fusion.workspace import Workspace
 from spcola.camera import SpcImage
@@ -30,7 +28,6 @@ from spcola.imagematching.frames import (
 )
 from spcola.shape import RayCaster
 
-__all__ = ["Fit", "Flag", "Scene", "Triage", "TriageReport", "triage_images"]
 # Cells along the longer side of a frame: to find the orientation, and then the offset.
 _COARSE, _FINE = 128, 256
 _REACH = 1.0 / 16.0
@@ -41,173 +38,6 @@ _FITS, _CLEARLY = 0.5, 0.05
 _MOST_OF_FRAME, _ALIKE = 0.9, 0.7
 # Offsets beyond this share of the frame are named.
 _FAR = 0.03
-
-
-class Scene(StrEnum):
-    """What is in the frame."""
-
-    NO_BODY = "no body"
-    LIMB = "limb"
-    FILLED = "filled"
-
-
-class Flag(StrEnum):
-    """Why an image is doubtful."""
-
-    EMPTY = "empty"
-    OVEREXPOSED = "overexposed"
-    SMEARED = "smeared"
-    MIRRORED = "mirrored"
-    TURNED = "turned"
-    OFFSET = "offset"
-    UNMATCHED = "unmatched"
-    NO_STATE = "no state"
-
-
-@dataclass(frozen=True)
-class Fit:
-    """An image against the shape at its state.
-
-    Parameters
-    ----------
-    turn : Turn or None
-        The orientation in which the image fits; None if none fits clearly better than the others.
-    correlation, given, runner_up : float
-        In the best orientation at the best offset; as it is, without an offset; in the best of the
-        other orientations.
-    offset_px : (2,) of float
-        Pixel and line by which the image lies beside the rendering.
-    overlap, overlap_given : float
-        Intersection over union of the lit ground, at the best offset and without one.
-    """
-
-    turn: Turn | None
-    correlation: float
-    given: float
-    runner_up: float
-    offset_px: tuple[float, float]
-    overlap: float
-    overlap_given: float
-
-
-@dataclass(frozen=True)
-class Triage:
-    """What an image shows.
-
-    Parameters
-    ----------
-    name : str
-    original : str
-    size : (2,) of int
-        Samples and lines.
-    scene : Scene
-    body_share : float
-        Share of the frame that shows the body: by shape and state, NaN without them.
-    lit_share : float
-        Share of pixels of lit ground.
-    range_m, resolution_m : float
-        At the frame's centre; NaN without a state.
-    phase_deg, emission_deg : float
-        At the frame's centre; NaN where unknown.
-    fit : Fit, optional
-        Where there are state and shape, and the body is in the frame.
-    flags : tuple of Flag
-    """
-
-    name: str
-    original: str
-    size: tuple[int, int]
-    scene: Scene
-    body_share: float
-    lit_share: float
-    range_m: float
-    resolution_m: float
-    phase_deg: float
-    emission_deg: float
-    fit: Fit | None
-    flags: tuple[Flag, ...]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the triage in JSON types."""
-        return asdict(self)
-
-    @property
-    def remark(self) -> str:
-        """What is doubtful, and what to do, on one line; empty if nothing is."""
-        words = [_WORDS[flag] for flag in self.flags]
-        return "; ".join(one if isinstance(one, str) else one(self) for one in words)
-
-
-def _turn_words(triage: Triage) -> str:
-    assert triage.fit is not None
-    assert triage.fit.turn is not None
-    what = "is mirrored" if Flag.MIRRORED in triage.flags else "is turned"
-    return (
-        f"{what} against its state (correlation {triage.fit.correlation:.2f} as "
-        f"{triage.fit.turn}, {triage.fit.given:.2f} as it is): remove its files and import it "
-        f"with --orientation {triage.fit.turn}, or mend the state"
-    )
-
-
-def _offset_words(triage: Triage) -> str:
-    assert triage.fit is not None
-    right, down = triage.fit.offset_px
-    return f"lies {right:+.1f} pixels and {down:+.1f} lines beside the shape at its state"
-
-
-_WORDS: dict[Flag, str | Callable[[Triage], str]] = {
-    Flag.EMPTY: "shows noise alone",
-    Flag.OVEREXPOSED: "is overexposed",
-    Flag.SMEARED: "has smear along whole columns or lines",
-    Flag.MIRRORED: _turn_words,
-    Flag.TURNED: _turn_words,
-    Flag.OFFSET: _offset_words,
-    Flag.UNMATCHED: "looks like the shape at its state in no orientation, or in several alike",
-    Flag.NO_STATE: "has no state: give --poses or --states",
-}
-
-
-@dataclass(frozen=True)
-class TriageReport:
-    """Triage of all images of a workspace.
-
-    Parameters
-    ----------
-    images : tuple of Triage
-        In the order of their names.
-    """
-
-    images: tuple[Triage, ...]
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Numbers of images by scene and by flag."""
-        counts = {str(scene): sum(one.scene is scene for one in self.images) for scene in Scene}
-        return counts | {str(flag): sum(flag in one.flags for one in self.images) for flag in Flag}
-
-    @property
-    def found_orientation(self) -> dict[str, int]:
-        """Numbers of images by the orientation in which they fit the shape."""
-        turns = [str(one.fit.turn) for one in self.images if one.fit and one.fit.turn]
-        return {turn: turns.count(turn) for turn in sorted(set(turns))}
-
-    @property
-    def offset_rms_px(self) -> tuple[float, float]:
-        """Root mean square of the offsets of images with an orientation, pixel and line."""
-        offsets = [one.fit.offset_px for one in self.images if one.fit and one.fit.turn]
-        if not offsets:
-            return np.nan, np.nan
-        right, down = np.sqrt(np.mean(np.square(offsets), axis=0))
-        return float(right), float(down)
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the report in JSON types."""
-        return {
-            "counts": self.counts,
-            "orientations": self.found_orientation,
-            "offset_rms_px": list(self.offset_rms_px),
-            "images": [one.as_json() for one in self.images],
-        }
 
 
 def triage_images(

@@ -439,3 +439,40 @@ def test_states_and_cameras_of_isd_files(made, tmp_path):
     other = fits_file(tmp_path / "two.fit", np.full((100, 200), 8, np.uint16), 1)
     (remark,) = content("images", made.root, other, "--states", "isd")["remarks"]
     assert "two.fit: has no state" in remark
+
+
+PLAIN = """PDS_VERSION_ID = PDS3
+RECORD_TYPE = FIXED_LENGTH
+RECORD_BYTES = {record}
+FILE_RECORDS = {size}
+^IMAGE = "{name}"
+START_TIME = 2019-03-03T08:54:59.913
+EXPOSURE_DURATION = 20.0 <ms>
+OBJECT = IMAGE
+  LINES = {size}
+  LINE_SAMPLES = {size}
+  SAMPLE_BITS = 16
+  SAMPLE_TYPE = {order}_UNSIGNED_INTEGER
+END_OBJECT = IMAGE
+END
+"""
+
+
+@pytest.mark.parametrize(("order", "size"), [("LSB", SIZE), ("MSB", SIZE + 4)])
+def test_wrong_byte_order_and_size_are_one_line(given, made, tmp_path, order, size):
+    with fits.open(files(given, 0)[0]) as opened:
+        (tmp_path / "a.img").write_bytes(opened[0].data.astype(">u2").tobytes())
+    text = PLAIN.format(record=2 * size, size=size, name="a.img", order=order)
+    (tmp_path / "a.lbl").write_text(text)
+    assert "a.img" in refusal("images", made.root, tmp_path / "a.lbl")
+    assert not list(made.root.glob("IMAGEFILES/*"))
+
+
+def test_a_table_gives_times_for_names(made, tmp_path):
+    image = tmp_path / "a_very_long_name.fit"
+    fits.PrimaryHDU(np.full((8, 8), 5, np.uint16)).writeto(image)
+    assert "no name can be made" in refusal("images", made.root, image)
+    table = tmp_path / "times.csv"
+    table.write_text(f"image,et\na_very_long_name,{START}\n")
+    (record,) = content("images", made.root, image, "--times", table)["new"]
+    assert record["name"] == f"A{int(START):09d}"
