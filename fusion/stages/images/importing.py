@@ -11,8 +11,8 @@ from pathlib import Path
 import spcola
 from fusion.pipeline.items import ItemStore
 from fusion.runtime import Executor, Progress
-from fusion.runtime.folders import locked, make_folder
-from fusion.stages.images.catalogue import read_catalogue, write_catalogue
+from fusion.runtime.folders import clear_leftovers, locked, make_folder
+from fusion.stages.images.catalogue import CATALOGUE, read_catalogue, write_catalogue
 from fusion.stages.images.opened import OpenedImage, names_of, open_images
 from fusion.stages.images.pixels import PixelWork, Recipe, write_pixels
 from fusion.stages.images.record import ImageRecord, PixelFacts
@@ -106,6 +106,7 @@ def import_images(
     """
     progress = progress or Progress()
     with locked(workspace.root / _LOCK, wait=wait):
+        _clear(workspace)
         catalogue = read_catalogue(workspace)
         opened = open_images(paths, executor, size=options.size)
         images = [image for image in opened if _is_wanted(image, options.filters)]
@@ -134,6 +135,13 @@ class _Planned:
     name: str
     image: OpenedImage
     sighting: Sighting | None
+
+
+def _clear(workspace: Workspace) -> None:
+    """Remove what a killed import left; the lock of imports covers nothing else."""
+    clear_leftovers([workspace.root / "IMAGEFILES", workspace.root / ITEM_PLACE])
+    for left in workspace.root.glob(f".{CATALOGUE}.*.part"):
+        left.unlink(missing_ok=True)
 
 
 def _is_wanted(image: OpenedImage, filters: tuple[str, ...]) -> bool:

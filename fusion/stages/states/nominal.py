@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import tempfile
+import os
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fusion.runtime.folders import make_folder
+from fusion.runtime.folders import clear_abandoned_folders, make_folder
 from fusion.stages.states.source import (
     SourceOptions,
     SpiceSource,
@@ -316,16 +317,19 @@ def _write(
     workspace: Workspace, images: Sequence[SpcImage], nominal: Sequence[NominalState]
 ) -> None:
     """Write the files of all images; none, if one of them cannot be written."""
-    with tempfile.TemporaryDirectory(prefix=".sumfiles-", dir=workspace.home) as folder:
+    clear_abandoned_folders(workspace.home / "sumfiles")
+    folder = workspace.home / f".sumfiles.{os.getpid()}"
+    make_folder(folder)
+    try:
         made = []
         for image in images:
             target = _paths(workspace, image.name)[0]
-            made.append((Path(folder) / target.name, target))
+            made.append((folder / target.name, target))
             with _at(target):
                 write_summary(made[-1][0], image)
         for state in nominal:
             target = _paths(workspace, state.name)[1]
-            made.append((Path(folder) / target.name, target))
+            made.append((folder / target.name, target))
             with _at(target):
                 write_nominal(made[-1][0], state)
         for path, target in made:
@@ -333,6 +337,8 @@ def _write(
         for path, target in made:
             make_folder(target.parent)
             path.replace(target)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _check_same(path: Path, target: Path) -> None:
