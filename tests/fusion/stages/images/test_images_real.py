@@ -224,3 +224,26 @@ def test_the_msi_frame_shows_no_body_by_its_label(shared_data, tmp_path):
     assert one["resolution_m"] == pytest.approx(33.77, rel=1e-3)
     (record,) = found["new"]
     assert any("contradict" in note for note in record["notes"])
+
+
+def test_two_sources_of_a_state_are_compared(shared_data, tmp_path):
+    path = shared_data / "isis_cubes" / "20200303T213031S138_ncm_L0-reduced.cub"
+    state = read_isis_states(path).state("navcam", open_image(path).label.mid_exposure().et)
+    # A table whose position is off by 3 m along Cx.
+    place = state.scobj + 3.0 * state.axes[0]
+    names = "image,et,v0x_m,v0y_m,v0z_m,cxx,cxy,cxz,cyx,cyy,cyz,czx,czy,czz,sunx,suny,sunz"
+    values = [path.stem, *map(float, [state.time, *place, *state.axes.ravel(), *state.sun])]
+    (tmp_path / "poses.csv").write_text(f"{names}\n{','.join(map(str, values))}\n")
+    (tmp_path / "navcam.toml").write_text(
+        "[NAVCAM]\nfocal_length_mm = 7.64\ncenter = [130.0, 97.5]\n"
+        "k_matrix = [[45.4, 0.0, 0.0], [0.0, -45.4, 0.0]]\nsize = [259, 194]\n"
+    )
+    camera = ("--camera", tmp_path / "navcam.toml")
+    made = new_workspace(tmp_path / "ws", body="Bennu")
+    (one,) = content("images", made.root, path, "--poses", tmp_path / "poses.csv", *camera)["new"]
+    assert any("give another state: 3 m, 0°" in note for note in one["notes"]), one["notes"]
+    assert one["state"]["source"] == "poses"
+    other = new_workspace(tmp_path / "other", body="Bennu")
+    (one,) = content("images", other.root, path, "--states", "label", *camera)["new"]
+    assert one["state"]["source"] == "isis"
+    np.testing.assert_allclose(other.image(one["name"]).scobj, state.scobj, atol=1e-3)
