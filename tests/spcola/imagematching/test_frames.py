@@ -21,7 +21,27 @@ SUN = np.array([0.6, -0.64, 0.48])
 PLAIN = ([0.0] * 4, "owen", 125.2, 0.0085, 512)
 APOLLO = [-0.006, -0.002, -1.3361854e-06, 5.2261757e-10, -5.0728336e-14, -5.4958195e-07,
           -4.608942e-11, 2.965907]  # fmt: skip
+
+
+def rosetta():
+    """Some pixels in the corners of 2048 × 2048."""
+    scale = np.array([[1.0 / 2048.0 ** (i + j) for i in range(4)] for j in range(4)])
+    random = np.random.default_rng(4).normal(scale=2.0, size=(2, 4, 4))
+    small = np.triu(np.ones((4, 4)))[:, ::-1] * scale * random
+    small[0, 0, 1] += 1.0
+    small[1, 1, 0] += 1.0
+    return [0.0135, 1023.5, 1023.5, *small.ravel()]
+
+
+def transverse():
+    moved = np.random.default_rng(5).normal(scale=1e-5, size=20)
+    moved[[1, 12]] += 1.0
+    return list(moved)
+
+
 MODELS = [
+    (rosetta(), "rosetta", 717.0, 0.0135, 2048),
+    (transverse(), "transverse", 550.0, 0.014, 1024),
     PLAIN,
     ([2e-3, 1e-5, -1e-4, 2e-4], "owen", 125.2, 0.0085, 512),
     ([0.91, -14.5, 4.3e-3, 1.1e-3, -0.017, 0.1, -0.2, 0.3], "brown", 125.2, 0.0085, 512),
@@ -29,6 +49,7 @@ MODELS = [
     ([1e-3, -1e-5, 1e-8], "radial", 105.0, 0.012, 512),
     ([0.013, 1.0, -9.28e-9, 0.0], "hayabusa2", 121.1, 0.013, 512),
     ([-0.52, -0.22, 2.21e-05, 1.71e-04, 5.96e-05, 0.0, 0.0], "ocams", 125.2, 0.0085, 1024),
+    (list(np.random.default_rng(1).normal(size=20) * 1e-5), "bicubic", 125.2, 0.0085, 512),
     ([1.81e-5], "lronac", 699.62, 0.07, 506),
 ]
 
