@@ -14,6 +14,7 @@ from fusion.cli.options import (
     SolutionOption,
     WorkersOption,
     WorkspaceArgument,
+    each_between,
     executor_of,
 )
 from fusion.cli.output import MANY_LINES, show
@@ -40,14 +41,15 @@ class PixelOptions:
     ] = None
     dark_scale: Annotated[
         float,
-        typer.Option(min=0.0, max=1e6, help="Exposure time of the images over the dark frame's."),
+        typer.Option(min=1e-6, max=1e6, help="Exposure time of the images over the dark frame's."),
     ] = 1.0
     flat: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Flat field; each image is divided by it.")
     ] = None
     bits: Annotated[
         int | None,
-        typer.Option(metavar="8|16", help="Bits of a pixel in the .DAT files; by default those of "
+        typer.Option(metavar="8|16", min=8, max=16,
+                     help="Bits of a pixel in the .DAT files; by default those of "
                      "the file, 16 for more than 8."),
     ] = None  # fmt: skip
     orientation: Annotated[
@@ -57,8 +59,9 @@ class PixelOptions:
     ] = "as-stored"  # fmt: skip
     size: Annotated[
         tuple[int, int] | None,
-        typer.Option(metavar="SAMPLES LINES", help="Size of .DAT files: they have no header."),
-    ] = None
+        typer.Option(metavar="SAMPLES LINES", callback=each_between(1, 200_000),
+                     help="Size of .DAT files: they have no header."),
+    ] = None  # fmt: skip
 
     def recipe(self) -> Recipe:
         """Return what is done to the pixels."""

@@ -81,12 +81,24 @@ class StageForecast:
 
 
 def forecast_json(found: Mapping[str, StageForecast]) -> dict[str, Any]:
-    """Return the forecasts of stages by name, in JSON types."""
+    """Return forecasts in JSON types.
+
+    Parameters
+    ----------
+    found : mapping of str to StageForecast
+        By stage.
+    """
     return {name: one.as_json() for name, one in found.items()}
 
 
 def forecast_lines(found: Mapping[str, StageForecast]) -> Iterator[str]:
-    """Yield a table of lines, one for each stage, and their sum."""
+    """Yield a table of lines, one for each stage, and their sum.
+
+    Parameters
+    ----------
+    found : mapping of str to StageForecast
+        By stage.
+    """
     yield f"{'stage':10}{'items':>8}{'kept':>8}{'time':>10}{'memory, MB':>12}{'disk, MB':>10}  from"
     for one in found.values():
         why = f": {one.reason}" if one.reason else ""

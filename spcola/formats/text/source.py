@@ -90,7 +90,17 @@ def as_format_error(place: str = "") -> Iterator[None]:
 def check_name(name: str, kind: str, where: str | Path) -> str:
     """Return `name` if it fits SPC: an image's 12 characters, a landmark's 6.
 
-    An InvalidValueError if it is empty, too long, or has characters not allowed in a file name.
+    Parameters
+    ----------
+    name : str
+    kind : {"image", "landmark"}
+    where : str or Path
+        For the message.
+
+    Raises
+    ------
+    InvalidValueError
+        If it is empty, too long, or has characters that are not allowed in a file name.
     """
     longest = _LONGEST_NAME[kind]
     if not 1 <= len(name) <= longest:

@@ -20,7 +20,7 @@ SENSIBLE = {
     "--gsd": {"0"},  # left to the program
     "--seed": {"0"},
     "--faces-from": {"0"},
-    "--first-pixel": {"0"},
+    "--first-pixel": {"0", "1e-308"},
     # NAIF numbers, temperatures, directions: of either sign.
     **{
         name: {"-1", "0", "1e-308"}
