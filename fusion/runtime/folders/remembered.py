@@ -17,7 +17,7 @@ from fusion.runtime.json_values import json_value
 from spcola import atomic
 from spcola.errors import SpcolaError
 
-_FILE = ".info.json"
+_FILE = "provenance/.info"
 # What a look at the folder changes itself.
 _OWN = "catalog.sqlite"
 _ITEMS = ".items"
@@ -72,7 +72,8 @@ class Remembered:
             key, value = self.key(now), json_value(content)
             digest = _digest([value, others, key])
             kept = {"key": key, "outside": others, "content": value, "digest": digest}
-            atomic.write_text(self.folder / _FILE, json.dumps(kept))
+            if (self.folder / _FILE).parent.is_dir():
+                atomic.write_text(self.folder / _FILE, json.dumps(kept))
 
     def files(self) -> list[str]:
         """Return all files of the folder with their states; empty if it cannot be listed."""

@@ -123,6 +123,7 @@ def test_memory_grows_with_workers_and_the_sum_is_printed() -> None:
 
 
 def test_info_has_the_keys_and_remembers_them_until_a_file_changes(workspace: Workspace) -> None:
+    run_stages(workspace, "ingest")
     first = json.loads(call("info", workspace.root, "--json").stdout)
     assert set(first["forecast"]) == set(STAGES)
     assert {"grids", "with_returns", "tiles", "returns", "minutes"} <= set(
@@ -138,7 +139,7 @@ def test_info_has_the_keys_and_remembers_them_until_a_file_changes(workspace: Wo
 
 def test_what_is_remembered_depends_on_files_outside_and_on_its_own_digest(tmp_path: Path) -> None:
     folder, outside = tmp_path / "ws", tmp_path / "scan.csv"
-    folder.mkdir()
+    (folder / "provenance").mkdir(parents=True)
     (folder / "a.txt").write_text("a")
     outside.write_text("1, 2")
     kept = Remembered(folder)
@@ -148,7 +149,7 @@ def test_what_is_remembered_depends_on_files_outside_and_on_its_own_digest(tmp_p
     outside.write_text("1, 2, 3")
     assert kept.find() is None
     kept.keep(kept.files(), {"number": 3}, [outside])
-    (path,) = folder.glob(".*.json")
+    (path,) = folder.glob("provenance/.info")
     path.write_text(path.read_text().replace('"number": 3', '"number": 4'))
     assert kept.find() is None
     # A file that changed while it was looked at is not taken for the one that was seen.
