@@ -57,7 +57,7 @@ class Workspace:
         Maplets to ignore.
     solution : str
         The SPC solution whose maplets, landmarks, states and shape are read, and whose results
-        are meant (:mod:`fusion.workspace.solutions`).
+        are meant (:mod:`fusion.pipeline.solutions`).
     """
 
     root: Path
