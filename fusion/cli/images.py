@@ -97,7 +97,7 @@ class ImageStateOptions:
         Path | None,
         typer.Option(
             metavar="DIR", help="Folder of the COLMAP model, or of the ISD files if they are not "
-            "beside the images.",
+            "next to the images.",
         ),
     ] = None  # fmt: skip
     model_unit: Annotated[Literal["km", "m"], typer.Option(help="Unit of the COLMAP model.")] = "km"

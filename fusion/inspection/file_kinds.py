@@ -132,14 +132,14 @@ def _check_there(path: Path) -> None:
 
 
 def _is_plane(path: Path) -> bool:
-    """Tell whether the first unit of a FITS file has two axes: an image, no cube of layers."""
+    """Return whether the first unit of a FITS file has two axes: an image, no cube of layers."""
     cards = read_bytes(path, most=_FITS_BLOCK).decode("ascii", errors="replace")
     axes = re.search(r"NAXIS   =\s*(\d+)", cards)
     return axes is not None and axes[1] == "2"
 
 
 def _has_faces(path: Path) -> bool:
-    """Tell a mesh in PLY from a cloud of points."""
+    """Return whether a PLY file is a mesh (or a cloud of points)."""
     faces = parse_header(read_bytes(path, most=_HEAD), path).element("face")
     return faces is not None and faces.count > 0
 
@@ -152,7 +152,7 @@ def first_word(path: Path) -> tuple[str, bytes]:
 
 
 def _is_kernel(path: Path) -> bool:
-    """Tell whether a file is a SPICE kernel.
+    """Return whether a file is a SPICE kernel.
 
     Its first word says what it is; older text kernels lack it, and are known by their data blocks.
     """

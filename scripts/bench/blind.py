@@ -1,4 +1,4 @@
-"""What it takes to make a blind mission and to begin with it: time and memory beside the limits.
+"""What it takes to make a blind mission and to begin with it: time and memory with the limits.
 
 The real command line makes the mission, makes a workspace of its coarse shape and imports its
 scans.

@@ -1,6 +1,6 @@
 """Cameras: accuracy of both directions, of line scans, and of calibration by stars.
 
-Prints, each beside its limit: the largest disagreement of the two directions of each model of
+Prints, each with its limit: the largest disagreement of the two directions of each model of
 distortion over the detector and of a line scan with jitter, in pixels; with `--data` the scatter of
 the LROC NAC's control points; over seeds of synthetic star fields the standard deviation of
 (solved − planted) / sigma, and the shares of stars that were identified, and identified wrongly.

@@ -168,7 +168,7 @@ def time_catalogue(place: Path, count: int = 100_000) -> None:
 
 
 def main() -> None:
-    """Print seconds and memory beside their limits."""
+    """Print seconds and memory with their limits."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=500)
     parser.add_argument("--pixels", type=int, default=1024)

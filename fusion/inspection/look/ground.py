@@ -81,7 +81,7 @@ def lay_out(points: FloatArray, *, frame: Frame = "unknown") -> GroundView:
 
 
 def _has_own_origin(points: FloatArray, middle: FloatArray, site: bool) -> bool:
-    """Tell whether points lie over a plane that no body around the origin has there."""
+    """Return whether points lie over a plane that no body around the origin has there."""
     arms = points - middle
     spans, axes = np.linalg.eigh(arms.T @ arms / len(points))
     if not (spans[1] > _WIDE**2 * spans[2] and spans[0] < _FLAT**2 * spans[1]):

@@ -112,7 +112,7 @@ def set_title(figure: Any, title: str, caption: str = "") -> None:
 
 
 def _is_ours(path: Path) -> bool:
-    """Tell whether a file was made here."""
+    """Return whether a file was made here."""
     try:
         with path.open("rb") as stream:
             return _MARK.encode() in stream.read(_MARK_WITHIN)

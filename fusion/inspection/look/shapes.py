@@ -109,7 +109,7 @@ def _draw_view(
     shade = np.clip(normals @ _LIGHT, 0.0, 1.0).reshape(_PIXELS, _PIXELS)
     radius = (np.linalg.norm(hits.points, axis=1) / metres).reshape(_PIXELS, _PIXELS)
     image = shaded_colours(radius, shade, *scale)
-    # Beside the body is sky, not an unknown place of it.
+    # Around the body is sky, not an unknown place of it.
     image[~hits.hit.reshape(_PIXELS, _PIXELS)] = (1.0, 1.0, 1.0, 0.0)
     x, y = frame[0] @ middle, frame[1] @ middle
     extent = np.array([x - reach, x + reach, y - reach, y + reach]) / metres

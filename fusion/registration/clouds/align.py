@@ -292,7 +292,7 @@ def _size(points: FloatArray) -> float:
 
 
 def _is_flat(points: FloatArray) -> bool:
-    """Tell whether a cloud is a surface over one plane."""
+    """Return whether a cloud is a surface over one plane."""
     arms = points - np.median(points, axis=0)
     spans = np.linalg.eigvalsh(arms.T @ arms / len(points))
     return bool(spans[0] < _FLAT**2 * spans[1])

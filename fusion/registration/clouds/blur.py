@@ -7,7 +7,7 @@ from scipy import fft
 
 from spcola.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
-# Rings of wavenumbers, from the third on: what is as long as the grid tells nothing of blur.
+# Rings of wavenumbers, from the third on: what is as long as the grid does not determine the blur.
 _RINGS = 40
 _FIRST_WAVES = 3.0
 # A blur that is not so many of its standard deviations from none is none.

@@ -123,7 +123,7 @@ class FoundSightings:
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """A state with what its source gives beside it."""
+    """A state with what else its source gives."""
 
     state: ImageState
     origin: Path
@@ -312,7 +312,7 @@ def _label_state(image: OpenedImage) -> ImageState:
 
 
 def _by_isd(workspace: Workspace, images: Sequence[OpenedImage], choice: StateChoice) -> _Found:
-    """Return states and cameras of ISD files beside the images, or in a folder."""
+    """Return states and cameras of ISD files next to the images, or in a folder."""
     del workspace
     found = {}
     for image in images:

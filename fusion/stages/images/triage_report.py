@@ -47,7 +47,7 @@ class Fit:
         In the best orientation at the best offset; as it is, without an offset; in the best of the
         other orientations.
     offset_px : (2,) of float
-        Pixel and line by which the image lies beside the rendering.
+        Pixel and line by which the image is displaced from the rendering.
     overlap, overlap_given : float
         Intersection over union of the lit ground, at the best offset and without one.
     """
@@ -123,7 +123,7 @@ def _turn_words(triage: Triage) -> str:
 def _offset_words(triage: Triage) -> str:
     assert triage.fit is not None
     right, down = triage.fit.offset_px
-    return f"lies {right:+.1f} pixels and {down:+.1f} lines beside the shape at its state"
+    return f"lies {right:+.1f} pixels and {down:+.1f} lines from the shape at its state"
 
 
 _WORDS: dict[Flag, str | Callable[[Triage], str]] = {

@@ -28,7 +28,7 @@ class Orientation:
     """Directions in which line and sample numbers grow on a display.
 
     The first row of a file is line 1, whatever its label states: the display directions (PDS3's
-    LINE_DISPLAY_DIRECTION and SAMPLE_DISPLAY_DIRECTION, PDS4's Display_Direction) tell how the
+    LINE_DISPLAY_DIRECTION and SAMPLE_DISPLAY_DIRECTION, PDS4's Display_Direction) state how the
     scene looks as through the camera. Shown as stored, lines go down and samples to the right.
 
     Parameters

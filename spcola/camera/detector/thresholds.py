@@ -80,7 +80,7 @@ def bright_threshold(stored: StoredPixels, lowest: int) -> int:
     valley = low_peak + int(np.argmin(smooth[low_peak : high_peak + 1]))
     if not _is_valley(smooth[valley], min(smooth[low_peak], smooth[high_peak])):
         raise NotObservableError(
-            "cannot be told from the body: the histogram has no valley",
+            "cannot be separated from the body: the histogram has no valley",
             where="bright background",
             do="give the upper threshold",
         )

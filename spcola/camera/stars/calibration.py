@@ -20,7 +20,7 @@ _SMALL_STEP = 1e-4
 # Reduced squared misses are those of two numbers: 99.99 % are below 18.4.
 _FARTHEST = 18.4
 _MEDIAN_OF_TWO = 1.386
-# Smallest eigenvalue of the scaled normal matrix: below, the parameters are not told apart.
+# Smallest eigenvalue of the scaled normal matrix: below, the data do not separate the parameters.
 _SMALLEST_SHARE = 1e-10
 
 

@@ -117,7 +117,7 @@ def identify(
 
 
 def _in_field(camera: Camera, axes: FloatArray, directions: FloatArray, margin: float) -> IntArray:
-    """Return the places of stars that lie on the detector, or by a margin (pixels) beside it."""
+    """Return the places of stars that lie on the detector, or by a margin (pixels) around it."""
     pixel, line = project_vectors(camera, directions @ axes.T)
     with np.errstate(invalid="ignore"):
         inside = (pixel > 0.5 - margin) & (pixel < camera.width + 0.5 + margin)

@@ -1,4 +1,4 @@
-"""Opening of image files: the format is found from the content, a detached label beside it."""
+"""Opening of image files: the format is found from the content, a detached label next to it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def open_image(
     """Open an image file of any format; its pixels are read when they are asked for.
 
     FITS, PDS3 (attached and detached labels), PDS4, ISIS cubes, TIFF, PNG, and SPC's .DAT. A FITS
-    or plain file with a detached label of the same name beside it (.xml, otherwise .lbl) is one
+    or plain file with a detached label of the same name next to it (.xml, otherwise .lbl) is one
     image with it: the label is read, pixels and byte order are compared with it, and what it does
     not state comes from the FITS header.
 
@@ -94,14 +94,14 @@ def _kind_of(path: Path) -> ImageFormat | None:
 
 
 def _open_fits(path: Path, band: int | None) -> ImageFile:
-    """Open a FITS file with the label beside it."""
+    """Open a FITS file with the label next to it."""
     fits = read_fits_headers(path, band)
     notes: tuple[str, ...] = ()
     for label_path in _labels_beside(path):
         described = _read_label(label_path, band)
         if described.array.path.samefile(path):
             return _fits_with_label(path, fits, label_path, described)
-        notes += (f"{label_path.name} lies beside {path.name}, but names another file",)
+        notes += (f"{label_path.name} lies next to {path.name}, but names another file",)
     return ImageFile(
         path, ImageFormat.FITS, path, path, fits.width, fits.height, fits.stored,
         _fits_source(path, fits), fits.special, *_fits_scaling(fits), fits.label, None, notes,
@@ -162,11 +162,11 @@ def _open_plain(path: Path, band: int | None, size: tuple[int, int] | None) -> I
         raise FormatError(
             "is no FITS, PDS3, PDS4, ISIS, TIFF or PNG file",
             path,
-            "put its detached label (.lbl or .xml) beside it; a .DAT file needs its size",
+            "put its detached label (.lbl or .xml) next to it; a .DAT file needs its size",
         )
     image = _open_pds(labels[0], band)
     if not image.pixel_path.samefile(path):
-        raise FormatError(f"is not what the label beside it names ({image.pixel_path.name})", path)
+        raise FormatError(f"is not what the label next to it names ({image.pixel_path.name})", path)
     return replace(image, path=path)
 
 

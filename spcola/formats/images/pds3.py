@@ -198,7 +198,7 @@ def _place(path: Path, pointer: Any, keywords: Mapping[str, Any]) -> tuple[Path,
     """Return the file of the pixels and the bytes before them."""
     parts = pointer if isinstance(pointer, list) else [pointer]
     named = bool(parts) and isinstance(parts[0], str) and not _BYTES_UNIT.fullmatch(parts[0])
-    target = beside(path, parts[0]) if named else path
+    target = file_next_to(path, parts[0]) if named else path
     rest = parts[1:] if named else parts
     if not rest:
         return target, 0
@@ -213,7 +213,7 @@ def _place(path: Path, pointer: Any, keywords: Mapping[str, Any]) -> tuple[Path,
     return target, (int(found[0]) - 1) * _whole(keywords, "RECORD_BYTES", path)
 
 
-def beside(label: Path, name: str) -> Path:
+def file_next_to(label: Path, name: str) -> Path:
     """Return the file `name` in the label's folder, whatever the case of its letters.
 
     Raises
@@ -230,7 +230,9 @@ def beside(label: Path, name: str) -> Path:
     for other in label.parent.iterdir():
         if other.name.lower() == name.lower() and other.is_file():
             return other
-    raise FormatError(f"names {name}, which is not beside it", label, "copy both into one folder")
+    raise FormatError(
+        f"names {name}, which is not in the same folder", label, "copy both into one folder"
+    )
 
 
 def _sample_type(entry: Mapping[str, Any], path: Path) -> np.dtype[np.generic]:

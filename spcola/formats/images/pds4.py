@@ -13,7 +13,7 @@ import numpy as np
 from spcola.camera.detector import Orientation
 from spcola.errors import FormatError
 from spcola.formats.images.image_label import ImageLabel, kelvin, quantity, seconds, text_of
-from spcola.formats.images.pds3 import DescribedArray, beside, display_directions
+from spcola.formats.images.pds3 import DescribedArray, display_directions, file_next_to
 from spcola.formats.images.pixel_sources import PlainArray, chosen_band
 from spcola.formats.images.special_values import SpecialValues
 from spcola.formats.text import read_bytes, regular_size
@@ -64,7 +64,7 @@ def read_pds4(path: Path, band: int | None = None) -> DescribedArray:
         raise FormatError(
             "is a PDS4 label without an image", path, "name the data file that it describes"
         )
-    target = beside(path, text_of(_at(area, "File", "file_name")) or "")
+    target = file_next_to(path, text_of(_at(area, "File", "file_name")) or "")
     size = quantity(_at(area, "File", "file_size"))
     if size is not None and size[1] in (None, "byte") and size[0] != regular_size(target):
         raise FormatError(

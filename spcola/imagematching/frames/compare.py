@@ -29,7 +29,7 @@ class FrameMatch:
     correlation : float
         Correlation at the best offset.
     offset : (2,) of float
-        Pixel and line by which the image lies beside the rendering.
+        Pixel and line by which the image is displaced from the rendering.
     overlap, overlap_given : float
         Lit ground that both show over that which one shows (intersection over union), at the best
         offset and without one; NaN if neither shows any.
@@ -106,7 +106,7 @@ def silhouette_overlap(
     ----------
     seen, expected : (R, C) bool ndarray
     offset : (int, int)
-        Rows and columns by which `seen` lies beside `expected`.
+        Rows and columns by which `seen` is displaced from `expected`.
     """
     one, other = _overlapping(seen, expected, offset)
     union = int(np.count_nonzero(one | other))

@@ -24,7 +24,7 @@ class RenderedFrame:
     step : int
         Pixels along a side of a cell.
     brightness : (R, C) ndarray
-        Relative brightness; 0 in shadow and beside the body.
+        Relative brightness; 0 in shadow and off the body.
     body : (R, C) bool ndarray
         Whether the ray through the cell's centre meets the shape.
     """

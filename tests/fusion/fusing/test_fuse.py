@@ -102,8 +102,8 @@ def test_ground_far_from_lidar_has_the_sigma_of_spc(covered):
     for seed in range(24):
         surface, parts = scene(300 + seed)
         offset = 0.06 * np.random.default_rng(seed).normal()
-        told = {"sigma": np.full(GRID.shape, 0.1), "center_sigma": np.full(3, 0.06)}
-        spc = Maplet("AA0001", GRID, parts.spc.height + offset, **told)
+        stated = {"sigma": np.full(GRID.shape, 0.1), "center_sigma": np.full(3, 0.06)}
+        spc = Maplet("AA0001", GRID, parts.spc.height + offset, **stated)
         known = np.arange(SIZE) < covered
         lidar = Constraints(
             np.where(known, parts.lidar.height, np.nan),

@@ -146,8 +146,8 @@ def test_a_good_shape_takes_noise_off_dark_returns_and_a_bad_one_adds_none() -> 
     def error(shape_error: float) -> float:
         rng = np.random.default_rng(4)
         prior = ground + shape_error * rng.normal(size=GRID.shape)
-        told = ShapeErrors(2.0 * shape_error, shape_error, np.pi)
-        information = SlopeInformation(0.1, 0.1, 0.1, 0.1, 20.0, shape=told)
+        stated = ShapeErrors(2.0 * shape_error, shape_error, np.pi)
+        information = SlopeInformation(0.1, 0.1, 0.1, 0.1, 20.0, shape=stated)
         mine = FuseInput("A", GRID, whole.spc, whole.lidar, prior, np.zeros((3, 3)))
         made = fuse_maplet(mine, information, options=FuseOptions(loss="l2")).maplet
         return float(np.sqrt(np.mean((made.height - ground)[dark] ** 2)))

@@ -114,7 +114,7 @@ POINTS = 60_000
 
 
 def two_clouds(seed: int, blur_m: tuple[float, float] = (0.0, 0.0)) -> tuple[Array, Array, Array]:
-    """A moving and a fixed cloud, and the formal limit of what they tell."""
+    """A moving and a fixed cloud, and the formal limit of what they determine."""
     ground = Terrain(seed)
     one, two = (ground.cloud(k, POINTS, NOISE_M, blur_m[k]) for k in range(2))
     return moved_back(one), two, ground.limit(one, 2.0 * NOISE_M**2)
@@ -180,9 +180,9 @@ def test_stray_points_do_not_pull() -> None:
     moving, fixed, _ = two_clouds(5)
     clean = register_clouds(moving, fixed)
     assert clean.verdict == Verdict()
-    strays = np.random.default_rng(0).integers(0, POINTS, 600)
+    outliers = np.random.default_rng(0).integers(0, POINTS, 600)
     spoilt = moving.copy()
-    spoilt[strays, 2] += np.random.default_rng(1).uniform(1.0, 5.0, 600)
+    spoilt[outliers, 2] += np.random.default_rng(1).uniform(1.0, 5.0, 600)
     found = register_clouds(spoilt, fixed)
     change = errors(found.similarity, clean.similarity) / sigmas(clean)
     assert np.sqrt(np.mean(np.square(change))) < 0.8

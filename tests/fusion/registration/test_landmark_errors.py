@@ -82,8 +82,16 @@ def test_errors_that_landmarks_share_are_in_the_sigmas():
 
 def test_the_estimated_error_of_a_landmark_is_subtracted_from_its_match():
     moved = np.array([0.03, -0.02, 0.01])
-    told = network()
-    told = Network(told.names, told.offset + moved, told.own, told.shared, 0.3, 10, 500)
+    moved_network = network()
+    moved_network = Network(
+        moved_network.names,
+        moved_network.offset + moved,
+        moved_network.own,
+        moved_network.shared,
+        0.3,
+        10,
+        500,
+    )
     mapolas = matched(np.random.default_rng(0))
 
     def translation(landmarks):
@@ -92,9 +100,9 @@ def test_the_estimated_error_of_a_landmark_is_subtracted_from_its_match():
         )
         return fit_mapolas(whole, options=FitOptions()).transform.translation
 
-    names = told.names
+    names = moved_network.names
     before = translation(LandmarkErrors.of_mapolas(network(), names, 0.05))
-    after = translation(LandmarkErrors.of_mapolas(told, names, 0.05))
+    after = translation(LandmarkErrors.of_mapolas(moved_network, names, 0.05))
     np.testing.assert_allclose(before - after, moved, atol=1e-6)
 
 

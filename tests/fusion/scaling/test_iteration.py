@@ -81,8 +81,8 @@ def test_where_it_lies_only_the_noise_of_the_shape_is_left(compared):
 
     def left(known):
         observations = compared[0](known=known).observations
-        told = observations.design()[:, 0, 1:7] @ np.concatenate([SHIFT, TURN])
-        return float(np.median(np.abs(observations.value[:, 0] - told)))
+        predicted = observations.design()[:, 0, 1:7] @ np.concatenate([SHIFT, TURN])
+        return float(np.median(np.abs(observations.value[:, 0] - predicted)))
 
     # The median of |a normal error| is 0.67 of its sigma, within facets less.
     assert left(place) < 0.67 * NOISE

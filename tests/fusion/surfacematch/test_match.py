@@ -210,7 +210,7 @@ def test_a_surface_lies_on_itself(share, cells):
 def test_what_terrain_does_not_determine_is_as_uncertain_as_the_capture_range(surface):
     """Along a ridge, or by whole periods, a surface slides over itself; up and down it does not."""
     y, x = np.mgrid[-49:50, -49:50].astype(float)
-    base, told = {
+    base, determined = {
         "flat": (0.0 * x, [False, False]),
         "ridged": (0.3 * np.sin(x / 9.0) + 0.0002 * x**2, [True, False]),
         "periodic": (0.3 * (np.sin(x) + np.sin(y)), [False, False]),
@@ -227,7 +227,7 @@ def test_what_terrain_does_not_determine_is_as_uncertain_as_the_capture_range(su
         assert match.usable, match.reason
         spread = np.sqrt(np.diag(GRID.axes @ match.covariance @ GRID.axes.T))
         for axis in range(2):
-            assert spread[axis] < 0.05 if told[axis] else spread[axis] > 3.0
+            assert spread[axis] < 0.05 if determined[axis] else spread[axis] > 3.0
             assert abs(match.local[axis]) < 3 * spread[axis]
         pulls.append((match.local[2] - 0.4) / spread[2])
         assert spread[2] < 0.005

@@ -30,10 +30,10 @@ def surfaces(count, cells, noise):
 def test_gain_is_that_of_the_smoothing_whatever_the_noise():
     found = estimate_transfer(surfaces(12, 1.2, 0.5))
     planted = np.exp(-2.0 * np.pi**2 * 1.2**2 * found.wavenumber**2)
-    told = (found.wavenumber > 0.05) & (planted > 0.1)
-    np.testing.assert_allclose(found.gain[told], planted[told], atol=0.07)
+    determined = (found.wavenumber > 0.05) & (planted > 0.1)
+    np.testing.assert_allclose(found.gain[determined], planted[determined], atol=0.07)
     # Noise lies at long waves, where it hides what is common.
-    assert found.coherence[1] < 0.6 < found.coherence[told].max()
+    assert found.coherence[1] < 0.6 < found.coherence[determined].max()
 
 
 def test_equal_surfaces_have_gain_one_and_none_give_no_transfer():

@@ -104,16 +104,16 @@ def test_labels_and_kernels_lead_to_the_true_states_and_the_planted_errors(
     kernels = KernelSet(root / "kernels" / "blind.tm")
     for name, true in planted.images.items():
         header = fits.getheader(root / "images" / f"{name}.fits")
-        told = planted.blind["images"][name]
+        stated = planted.blind["images"][name]
         time = et_from_utc(header["DATE-OBS"]) + 0.5 * header["EXPTIME"]
-        assert time == pytest.approx(told["time"], abs=2e-6)
+        assert time == pytest.approx(stated["time"], abs=2e-6)
         with kernels.load():
             frame = f"BLINDCRAFT_{header['INSTRUME']}"
             position, axes = body_fixed_states(SPACECRAFT, BODY, [time], frame=frame)
         # The nominal rotation is off by a few hundredths of a degree.
         distance = np.linalg.norm(true.position_m)
         rotated = 6e-4 * distance + 1e-3
-        error = np.linalg.norm(told["kernel_position_error_m"])
+        error = np.linalg.norm(stated["kernel_position_error_m"])
         assert np.linalg.norm(position[0] - true.position_m) < error + rotated
         assert np.abs(axes[0] @ np.array(true.axes).T - np.eye(3)).max() < 1e-3
 

@@ -83,7 +83,7 @@ def test_ground_that_no_image_shows_lit_is_given_to_the_lidar(shown: Demonstrati
     assert (fused.source[measured] == Source.LIDAR).all()
     unmeasured = ~measured & fused.valid
     assert (fused.source[unmeasured] == Source.FILLED).all()
-    # It tells nothing of SPC's slopes, but what the shape is worth in the dark.
+    # It gives nothing of SPC's slopes, but what the shape is worth in the dark.
     pair = polar.comparison(south)
     assert pair is not None
     assert np.isnan(pair.spc).all()
@@ -261,13 +261,15 @@ def test_mapolas_are_registered_by_every_model_against_every_surface(
     if model != "rigid":
         error = summary["scale"] - planted["registration scale"]
         assert abs(error) < 4.0 * summary["scale_sigma"]
-    told = [entry["scale_per_m"] for entry in content["per_mapola"] if "scale_per_m" in entry]
-    assert bool(told) == (model == "similarity" and against != "shape")
-    if told:
+    scale_per_m = [
+        entry["scale_per_m"] for entry in content["per_mapola"] if "scale_per_m" in entry
+    ]
+    assert bool(scale_per_m) == (model == "similarity" and against != "shape")
+    if scale_per_m:
         # A body that is larger all over has that much more scale, one that is moved has not.
         centers = np.array([entry["center_m"] for entry in content["per_mapola"]])
-        assert np.sum(told * centers) == pytest.approx(1.0, abs=1e-3)
-        assert np.all(np.abs(np.sum(told, axis=0)) < 1e-9)
+        assert np.sum(scale_per_m * centers) == pytest.approx(1.0, abs=1e-3)
+        assert np.all(np.abs(np.sum(scale_per_m, axis=0)) < 1e-9)
 
 
 def test_returns_themselves_are_registered_like_their_mapolas(
@@ -282,9 +284,9 @@ def test_returns_themselves_are_registered_like_their_mapolas(
     # The same returns, but matches that weigh wavelengths otherwise, and gaps.
     assert apart < 2.0 * np.hypot(summary["scale_sigma"], by_mapolas["scale_sigma"])
     content = json.loads((copied / "registration.json").read_text(encoding="utf-8"))
-    told = [scan for scan in content["per_scan_fit"] if not scan["reason"]]
-    assert len(told) > len(content["per_scan_fit"]) / 2
-    pulls = [np.divide(scan["offset_m"], scan["offset_sigma_m"]) for scan in told]
+    observable = [scan for scan in content["per_scan_fit"] if not scan["reason"]]
+    assert len(observable) > len(content["per_scan_fit"]) / 2
+    pulls = [np.divide(scan["offset_m"], scan["offset_sigma_m"]) for scan in observable]
     assert np.sqrt(np.mean(np.square(pulls))) < 2.0
 
 

@@ -314,8 +314,8 @@ def test_one_scan_that_fits_nowhere_does_not_loosen_the_others() -> None:
 
 
 def test_ground_under_two_grids_counts_half() -> None:
-    beside = MapletGrid(GRID.center + 12.0 * GRID.ux, GRID.axes, GRID.gsd, GRID.half_size)
-    shares = ground_shares(GRID, [beside], np.zeros(GRID.shape))
+    off_side = MapletGrid(GRID.center + 12.0 * GRID.ux, GRID.axes, GRID.gsd, GRID.half_size)
+    shares = ground_shares(GRID, [off_side], np.zeros(GRID.shape))
     assert set(np.unique(shares)) == {0.5, 1.0}
     assert np.all(shares[:, 24:] == 0.5)
     assert np.all(shares[:, :24] == 1.0)

@@ -283,8 +283,8 @@ def test_the_far_side_and_the_surroundings_are_ignored():
     rng = np.random.default_rng(18)
     near, _ = returns_on(rolling, 5000, rng, noise=0.01, sigma=0.01)
     far = near.points - 100.0 * GRID.uz
-    beside = near.points + 7.0 * GRID.ux
-    points = np.concatenate([near.points, far, beside])
+    off_side = near.points + 7.0 * GRID.ux
+    points = np.concatenate([near.points, far, off_side])
     both = Returns(points, np.tile(near.sigma, 3), np.tile(near.scan, 3), near.scan_names)
     result = grid_returns("A", GRID, both)
     assert np.array_equal(result.mapola.height, make_mapola("A", GRID, near).height, equal_nan=True)

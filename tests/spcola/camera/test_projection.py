@@ -85,8 +85,8 @@ def test_every_pixel_is_met_again(model: str) -> None:
 def test_what_lies_behind_projects_nowhere() -> None:
     shot = image()
     behind = shot.position - 100.0 * shot.boresight
-    beside = shot.position + 100.0 * shot.axes[0] - 1e-6 * shot.boresight
-    pixel, line = project_image(shot, [behind, beside, [0.0, 0, 0]])
+    off_side = shot.position + 100.0 * shot.axes[0] - 1e-6 * shot.boresight
+    pixel, line = project_image(shot, [behind, off_side, [0.0, 0, 0]])
     np.testing.assert_array_equal(np.isnan(pixel), [True, True, False])
     np.testing.assert_array_equal(np.isnan(line), [True, True, False])
     assert np.isnan(partials_position(shot, behind)).all()

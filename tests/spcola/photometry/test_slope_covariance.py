@@ -96,9 +96,9 @@ def test_what_no_sun_lights_and_no_camera_sees_has_no_slope():
     assert not slope_variance(flat(1.0), [image(sun) for sun in suns]).defined.any()
     aside = [image(sun, name="B") for sun in suns]
     moved = MapletGrid(GRID.center + 40.0 * GRID.uy, GRID.axes, GRID.gsd, GRID.half_size)
-    beside = Maplet("BESIDE", moved, np.zeros(GRID.shape))
-    assert not slope_variance(beside, aside).defined.any()
-    assert slope_variance(beside, aside, framed=False).defined.all()
+    off_side = Maplet("OFFSIDE", moved, np.zeros(GRID.shape))
+    assert not slope_variance(off_side, aside).defined.any()
+    assert slope_variance(off_side, aside, framed=False).defined.all()
 
 
 def test_shadow_and_saturation_are_recognised_by_the_pixels():

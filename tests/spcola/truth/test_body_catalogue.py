@@ -120,8 +120,8 @@ def test_the_site_is_smooth_and_nearly_empty(body: TruthBody) -> None:
         assert features.diameter[on_it].max(initial=0.0) <= 2.5
     across = np.linspace(-1.0, 1.0, 4001)[:, None] * np.cross(site.direction, [0.0, 0.0, 1.0])
     on_site = np.diff(body.radius(site.direction + 0.09 * across)).std()
-    beside = np.diff(body.radius(site.direction + [0.0, 0.0, 0.3] + 0.09 * across)).std()
-    assert on_site < 0.4 * beside
+    off_side = np.diff(body.radius(site.direction + [0.0, 0.0, 0.3] + 0.09 * across)).std()
+    assert on_site < 0.4 * off_side
 
 
 def test_the_site_can_be_left_out() -> None:

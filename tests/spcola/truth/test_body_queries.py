@@ -172,9 +172,9 @@ def test_the_terrain_is_that_of_the_catalogues() -> None:
     axes = boulders.numbers[:, 3:6] / _lengths(boulders.numbers[:, 3:6])[:, None]
     for n in (0, 10, int(small[0])):
         edge = boulders.direction[n] + 0.499 * boulders.diameter[n] / size * axes[n]
-        beside = boulders.direction[n] + 0.501 * boulders.diameter[n] / size * axes[n]
-        inside = body.terrain(np.stack([edge, beside]), smallest=boulders.diameter[n])
-        outside = body.terrain(np.stack([edge, beside]), smallest=1.001 * boulders.diameter[n])
+        off_side = boulders.direction[n] + 0.501 * boulders.diameter[n] / size * axes[n]
+        inside = body.terrain(np.stack([edge, off_side]), smallest=boulders.diameter[n])
+        outside = body.terrain(np.stack([edge, off_side]), smallest=1.001 * boulders.diameter[n])
         assert inside[0] & BOULDER
         assert not (inside[1] & BOULDER) or n > 0
         assert not (outside[0] & BOULDER) or n > 0

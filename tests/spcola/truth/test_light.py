@@ -92,8 +92,8 @@ def test_a_mountain_shades_the_ground_poleward_of_it_and_mirrors_with_the_sun() 
         LightMap.of(SampledSurface(mountain(north), 0.5), sun_latitude=sign * 0.05, spacing=1.0)
         for north, sign in ((True, 1), (False, -1))
     ]
-    behind, beside = _towards(50.0, 80.0)[None], _towards(230.0, 80.0)[None]
-    assert maps[0].at(behind) < maps[0].at(beside) - 0.1
+    behind, off_side = _towards(50.0, 80.0)[None], _towards(230.0, 80.0)[None]
+    assert maps[0].at(behind) < maps[0].at(off_side) - 0.1
     directions = np.random.default_rng(5).normal(size=(500, 3))
     north, south = maps[0].at(directions), maps[1].at(directions * [1, 1, -1])
     # What is symmetric in truth, rounding may decide otherwise at a shadow's edge.

@@ -90,8 +90,8 @@ def test_a_boulder_is_the_ellipsoid_and_overhangs(body: SolidBody) -> None:
         # A facet that bridges the foot may add a third.
         over &= np.isfinite(sheets).sum(axis=0) == 2
         assert np.array_equal(near[over], sheets[1][over])
-        beside = np.hypot(x, y) > 1.02 * patch.reach
-        assert body.heights(grid)[beside] == pytest.approx(drop[beside], abs=0.04)
+        off_side = np.hypot(x, y) > 1.02 * patch.reach
+        assert body.heights(grid)[off_side] == pytest.approx(drop[off_side], abs=0.04)
 
 
 def test_the_radius_is_unknown_where_there_are_several(body: SolidBody) -> None:

@@ -180,7 +180,7 @@ def test_navcam_of_bennu_shows_the_ground_that_its_tables_state(shared_data):
 
 
 def test_the_msi_frame_shows_no_body_by_its_label(shared_data, tmp_path):
-    # Its label gives no centre on the body, and its attitude points beside it: stray light.
+    # Its label gives no centre on the body, and its attitude points past it: stray light.
     folder = shared_data / "eros"
     label = (folder / "m0126360726f4_2p_cif_gbl.lbl").read_text()
     header = (folder / "m0126360726f4_2p_cif_gbl.fit").read_bytes()[:11520].decode("ascii")

@@ -26,7 +26,7 @@ from spcola.formats.shapes import write_icq
 from spcola.shape.icq import IcqShape
 from spcola.truth.solution import heights_in_frame
 
-# Told by their names or by the entries around them.
+# Known by their names or by the entries around them.
 SELF_EXPLAINED = {
     "name", "frame", "gsd_m", "patches_there", "icp", "regions", "spectra", "resolution_reason",
     "points",

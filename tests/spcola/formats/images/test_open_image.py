@@ -481,7 +481,10 @@ def test_eight_bits_moved_up_are_no_contradiction(samples, tmp_path, ramp) -> No
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"pointer": '"other.img"'}, "names other.img, which is not beside it|cannot be read"),
+        (
+            {"pointer": '"other.img"'},
+            "names other.img, which is not in the same folder|cannot be read",
+        ),
         ({"pointer": '"../a.img"'}, "names|cannot be read"),
         ({"kind": "VAX_REAL", "bits": 32}, "which are not read|cannot be read"),
         ({"more": " BANDS = 3\r\n"}, "has 3 bands stored as None, one is needed|cannot be read"),
