@@ -1,0 +1,140 @@
+"""What a job is, what it is asked to do, and what has become of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+
+class JobState(StrEnum):
+    """Where a job stands."""
+
+    WAITING = "waiting"
+    RUNNING = "running"
+    FINISHED = "finished"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more will happen to the job."""
+        return self in {JobState.FINISHED, JobState.FAILED, JobState.CANCELLED}
+
+
+class JobKind(StrEnum):
+    """What a worker does."""
+
+    RUN = "run"  # stages of a workspace
+    IMPORT = "import"  # uploaded lidar files
+    IMAGES = "images"  # uploaded images
+    INIT = "init"  # a workspace from uploaded SPC files and a shape
+    FORECAST = "forecast"  # time, memory and disk of a run
+
+
+@dataclass(frozen=True)
+class JobRequest:
+    """A job as it is submitted.
+
+    Parameters
+    ----------
+    kind : JobKind
+    workspace : str
+        Name of the workspace.
+    user : str
+    parameters : mapping
+        What the kind of job takes, as JSON: of a run `stages`, `settings` (tables as in
+        ``spcola.toml``), `solution`, `only`, `within`, `accept`, `force`; of an import `uploads`.
+    priority : int
+        From -100 to 100; of one user's jobs, those with the highest begin first.
+    after : tuple of str
+        Jobs that have to be finished before. If one of them fails or is cancelled, this one fails.
+    key : str
+        Idempotency key: a second request of the same user with it gives the first one's job.
+    """
+
+    kind: JobKind
+    workspace: str
+    user: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    priority: int = 0
+    after: tuple[str, ...] = ()
+    key: str = ""
+
+
+@dataclass(frozen=True)
+class JobProgress:
+    """How far a running job is.
+
+    Parameters
+    ----------
+    stage, task : str
+        Name of the stage, and of the work in it.
+    done, total : int
+        Items; `total` is 0 if it is unknown.
+    remaining_s : float
+        Time that the task still takes; NaN if unknown.
+    """
+
+    stage: str = ""
+    task: str = ""
+    done: int = 0
+    total: int = 0
+    remaining_s: float = float("nan")
+
+
+@dataclass(frozen=True)
+class JobError:
+    """Why a job failed: a code for programs, a line for people, and the item if it was one."""
+
+    code: str
+    text: str
+    item: str = ""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A job and what has become of it; times are seconds since 1970, UTC.
+
+    Parameters
+    ----------
+    id : str
+        Sorts in the order of submission.
+    request : JobRequest
+    state : JobState
+    tries : int
+        How often a worker has begun it.
+    submitted, begun, ended : float
+        NaN if it has not happened yet.
+    progress : JobProgress
+    result : mapping
+        Of a finished job: the summaries of the stages, as in ``--json`` of the command.
+    error : JobError, optional
+    cancelling : bool
+        Whether the worker has been asked to stop.
+    """
+
+    id: str
+    request: JobRequest
+    state: JobState
+    tries: int
+    submitted: float
+    begun: float
+    ended: float
+    progress: JobProgress = JobProgress()
+    result: Mapping[str, Any] = field(default_factory=dict)
+    error: JobError | None = None
+    cancelling: bool = False
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened to a job; `number` grows by each event of the service."""
+
+    number: int
+    job: str
+    workspace: str
+    time: float
+    kind: str  # "state", "progress", "note"
+    content: Mapping[str, Any]
