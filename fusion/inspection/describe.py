@@ -174,6 +174,7 @@ def _describe_summary(path: Path) -> dict[str, Any]:
         "pixels": image.camera.width,
         "lines": image.camera.height,
         "focal_length_mm": image.camera.focal_length_mm,
+        "distortion_model": image.camera.distortion_model,
         "distance_m": float(np.linalg.norm(image.position)),
         "landmarks": len(image.landmarks),
         "limbs": len(image.limbs),

@@ -31,6 +31,7 @@ from spcola.formats.images import read_image_data
 from spcola.formats.maplets import read_maplet, sigma_path
 from spcola.formats.shapes import read_shape
 from spcola.formats.solution import read_landmark, read_list, read_summary
+from spcola.formats.solution.exact_camera import camera_files
 from spcola.grids import Maplet
 from spcola.shape import Mesh
 
@@ -214,13 +215,15 @@ class Workspace:
         camera = image.camera
         return replace(image, pixels=read_image_data(path, camera.width, camera.height))
 
+    def state_files(self) -> list[Path]:
+        """Return the files of all images' states: each .SUM, and the cameras next to them."""
+        summaries = [self.image_path(name) for name in self.image_names()]
+        return [*summaries, *camera_files(self.home / "SUMFILES")]
+
     def image_files(self) -> list[Path]:
-        """Return the files of all images: each .SUM, and its pixels where IMAGEFILES has them."""
-        paths = []
-        for name in self.image_names():
-            exposure = self.exposure_path(name)
-            paths += [self.image_path(name), *([exposure] if _is_there(exposure) else [])]
-        return paths
+        """Return the files of all images: states, and pixels where IMAGEFILES has them."""
+        exposures = [self.exposure_path(name) for name in self.image_names()]
+        return [*self.state_files(), *(path for path in exposures if _is_there(path))]
 
     def shape_path(self) -> Path:
         """Return the shape model's file: the setting, SHAPE.TXT, or the only file there is.

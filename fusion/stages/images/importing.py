@@ -21,6 +21,7 @@ from fusion.stages.states import write_states
 from fusion.workspace import Workspace
 from spcola.camera.detector import Preparation
 from spcola.errors import InvalidValueError, WorkspaceError
+from spcola.formats.solution.exact_camera import stored_camera
 
 __all__ = ["ImportOptions", "Imported", "import_images"]
 _LOCK = ".images.lock"
@@ -294,23 +295,25 @@ def _record(
 ) -> ImageRecord:
     """Return the line of the catalogue of an image."""
     image, sighting = one.image, one.sighting
-    state = camera = None
+    state = camera = fit = None
     notes = image.notes
     if sighting is not None:
         source = str(sighting.state.source)
         state = {"source": source, "from": sighting.origin, "solution": workspace.solution}
         camera, notes = sighting.camera_origin, (*notes, *sighting.notes)
+        stored = stored_camera(sighting.camera)
+        fit = stored.as_json() if stored.difference.largest_px > 0.0 else None
     elif workspace.image_path(one.name).is_file():
         path = workspace.image_path(one.name)
         state = {"source": "sum", "from": str(path), "solution": workspace.solution}
         camera = str(path)
     if known is not None:
-        return replace(known, state=state, camera=camera, notes=notes)
+        return replace(known, state=state, camera=camera, notes=notes, camera_fit=fit)
     assert facts is not None
     return ImageRecord(
         one.name, image.original, str(image.path.absolute()), image.digest, options.recipe.digest,
         str(options.recipe.turn), _turned_size(image, options), facts, image.label, state, camera,
-        notes,
+        notes, fit,
     )  # fmt: skip
 
 

@@ -26,6 +26,7 @@ from spcola.formats.states import (
 )
 from spcola.navigation import utc_from_et
 from spcola.navigation.states import ImageState, compare_states
+from spcola.spice.instruments import read_cube_camera
 from spcola.spice.states import SpiceCamera
 
 __all__ = ["StateChoice", "StateKind", "find_sightings", "stated_times"]
@@ -171,7 +172,7 @@ def find_sightings(
             )
         origin = str(choice.camera) if camera is not None else candidate.camera_origin
         found[image.digest] = Sighting(
-            state, _as_owen(used), thresholds, str(candidate.origin), origin, candidate.rate,
+            state, used, thresholds, str(candidate.origin), origin, candidate.rate,
             (*notes, *_other_source(image, state, used, choice.kind)),
         )  # fmt: skip
     return FoundSightings(found, tuple(remarks))
@@ -295,9 +296,14 @@ def _by_kernels(workspace: Workspace, images: Sequence[OpenedImage], choice: Sta
 
 
 def _by_labels(workspace: Workspace, images: Sequence[OpenedImage], choice: StateChoice) -> _Found:
-    """Return the states in the tables of ISIS cubes."""
-    del workspace, choice
-    return {image.digest: _Candidate(_label_state(image), image.path) for image in images}, []
+    """Return the states in the tables of ISIS cubes, and the cameras that are known."""
+    del workspace
+    found = {}
+    for image in images:
+        state = _label_state(image)
+        camera = None if choice.camera is not None else read_cube_camera(image.path)
+        found[image.digest] = _Candidate(state, image.path, None, camera, str(image.path))
+    return found, []
 
 
 def _label_state(image: OpenedImage) -> ImageState:
@@ -363,13 +369,6 @@ def _camera(path: Path) -> tuple[Camera, tuple[int, int] | None]:
         raise InvalidValueError(f"has the cameras {', '.join(cameras)}", path, "keep one of them")
     (instrument,) = cameras.values()
     return instrument.camera, None
-
-
-def _as_owen(camera: Camera) -> Camera:
-    """Return a camera without distortion in Owen's form, the one of .SUM files."""
-    if camera.distortion.any():
-        return camera
-    return replace(camera, distortion_model="owen", distortion=np.zeros(4))
 
 
 def _named(choice: StateChoice) -> str:

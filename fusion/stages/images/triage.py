@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -99,11 +100,13 @@ class _Work:
         path = self.workspace.image_path(record.name)
         state = file_digest(path) if path.is_file() else ""
         image = self.workspace.image(record.name) if state else None
+        # Bytes of a .SUM file that another program wrote need not name the exact camera.
+        camera = None if image is None else image.camera
 
-        def triage(_record: ImageRecord, _state: str, _shape: str) -> Triage:
+        def triage(*_inputs: Any) -> Triage:
             return _triage(record, image, self.caster, self.workspace)
 
-        result = self.store.result(triage, record, state, self.shape)
+        result = self.store.result(triage, record, state, camera, self.shape)
         return time.perf_counter() - begun, result
 
 

@@ -81,7 +81,7 @@ class RegisterStage(Stage):
             paths += [*workspace.image_files(), *landmark_files(workspace)]
             paths += [workspace.shape_path()] if workspace.has_shape() and not shape else []
         elif table.landmarks != "ignore" and not shape:
-            paths += [workspace.image_path(name) for name in workspace.image_names()]
+            paths += workspace.state_files()
             paths += landmark_files(workspace)
         return paths
 

@@ -46,7 +46,7 @@ class ScaleStage(Stage):
         paths = [*return_paths(workspace, settings), workspace.shape_path()]
         if workspace.registration_path.is_file():
             paths += [workspace.registration_path, *workspace.mapola_paths()]
-        paths += [workspace.image_path(name) for name in workspace.image_names()]
+        paths += workspace.state_files()
         if settings.scale.method == "pairs":
             paths += workspace.maplet_files()
         return paths

@@ -31,6 +31,7 @@ from spcola.formats.solution import (
     write_nominal,
     write_summary,
 )
+from spcola.formats.solution.exact_camera import camera_files
 from spcola.formats.states import Exposure, read_poses
 from spcola.navigation import NominalState, et_from_utc
 from spcola.navigation.states import (
@@ -334,7 +335,9 @@ def _write(
                 write_nominal(made[-1][0], state)
         for path, target in made:
             _check_same(path, target)
-        for path, target in made:
+        # Named by their content: one that is there is the same, unless it is damaged.
+        cameras = [(path, workspace.home / "SUMFILES" / path.name) for path in camera_files(folder)]
+        for path, target in [*cameras, *made]:
             make_folder(target.parent)
             path.replace(target)
     finally:

@@ -13,6 +13,8 @@ from spcola.errors import FormatError, SpcolaError
 from spcola.formats.images.warning_filters import warnings_as
 from spcola.formats.text import read_bytes, regular_size
 
+__all__ = ["LONGEST_LABEL", "group", "read_gdal_label", "reading_raster"]
+
 LabelFormat = Literal["ISIS3", "PDS"]
 
 _END = re.compile(rb"^[ \t]*END[ \t]*(?:\r|\n|\0|$)", re.IGNORECASE | re.MULTILINE)
