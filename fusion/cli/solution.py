@@ -51,6 +51,7 @@ def show_(workspace: WorkspaceArgument, name: NameArgument, as_json: JsonOption 
         "maplets": len(opened.maplet_names()),
         "landmarks": len(opened.landmark_names()),
         "images": len(opened.image_names()),
+        "line_scans": len(opened.line_scan_names()),
     }
     show(content, value_lines(content), as_json=as_json)
 

@@ -25,6 +25,7 @@ from lidar.formats.mapolas import ADJUSTMENT_HDF5, read_adjustment, read_mapola
 from lidar.gridding import Mapola
 from spcola import atomic
 from spcola.camera import SpcImage
+from spcola.camera.linescan import LineScanImage
 from spcola.control import Landmark
 from spcola.errors import WorkspaceError
 from spcola.formats.images import read_image_data
@@ -32,6 +33,7 @@ from spcola.formats.maplets import read_maplet, sigma_path
 from spcola.formats.shapes import read_shape
 from spcola.formats.solution import read_landmark, read_list, read_summary
 from spcola.formats.solution.exact_camera import camera_files
+from spcola.formats.solution.line_scan import LINE_SCAN_SUFFIX, read_line_scan
 from spcola.grids import Maplet
 from spcola.shape import Mesh
 
@@ -214,6 +216,18 @@ class Workspace:
             return image
         camera = image.camera
         return replace(image, pixels=read_image_data(path, camera.width, camera.height))
+
+    def line_scan_names(self) -> list[str]:
+        """Return the line-scan images with states."""
+        return self._stems("SUMFILES", LINE_SCAN_SUFFIX)
+
+    def line_scan_path(self, name: str) -> Path:
+        """Return where the states of the line-scan image `name` lie."""
+        return self.home / "SUMFILES" / f"{name}{LINE_SCAN_SUFFIX}"
+
+    def line_scan(self, name: str) -> LineScanImage:
+        """Read the states of the line-scan image `name` (no pixels)."""
+        return read_line_scan(self._present(self.line_scan_path(name), "line-scan image"))
 
     def state_files(self) -> list[Path]:
         """Return the files of all images' states: each .SUM, and the cameras next to them."""

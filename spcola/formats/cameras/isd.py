@@ -229,7 +229,4 @@ def _states(
     """Return positions (N, 3), m, and ISIS's axes (N, 3, 3), body-fixed, at times (N,)."""
     tables = isd_states(fields)
     with as_format_error():
-        body = tables.body.at(times)
-        instrument = tables.pointing.at(times, method=pointing)
-        positions = np.einsum("nij,nj->ni", body, tables.position.at(times)[0])
-    return positions, instrument @ np.swapaxes(body, -1, -2)
+        return tables.along(times, method=pointing)
