@@ -219,7 +219,9 @@ class Workspace:
 
     def line_scan_names(self) -> list[str]:
         """Return the line-scan images with states."""
-        return self._stems("SUMFILES", LINE_SCAN_SUFFIX)
+        return sorted(
+            path.stem for path in (self.home / "SUMFILES").glob(f"[!.]*{LINE_SCAN_SUFFIX}")
+        )
 
     def line_scan_path(self, name: str) -> Path:
         """Return where the states of the line-scan image `name` lie."""
