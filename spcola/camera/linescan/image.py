@@ -54,5 +54,11 @@ class LineScanImage:
         return self.scan.camera.pixel_angle
 
     def rays(self, pixel: FloatArray, line: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return origins (N, 3), metres, and unit vectors (N, 3) through pixels and lines (N,)."""
+        """Return origins (N, 3), metres, and unit vectors (N, 3) of rays, body-fixed.
+
+        Parameters
+        ----------
+        pixel, line : (N,) ndarray
+            From (1, 1) in the middle of the first pixel of the first line.
+        """
         return scan_rays(self.scan, pixel, line)

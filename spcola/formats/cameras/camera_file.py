@@ -57,7 +57,7 @@ def read_cameras(path: str | Path) -> dict[str, Instrument]:
 
 
 def cameras_in(fields: Fields) -> dict[str, Instrument]:
-    """Return the instruments of a camera file's content, by their names.
+    """Return the instruments in the `fields` of a camera file, by their names.
 
     Raises
     ------
@@ -100,7 +100,10 @@ def write_cameras(
 
 
 def camera_text(instruments: Iterable[Instrument], *, remarks: Iterable[str] = ()) -> str:
-    """Return the text of a camera file, as :func:`write_cameras` writes it."""
+    """Return the text of a camera file of `instruments`, as :func:`write_cameras` writes it.
+
+    `remarks` are comments at its top.
+    """
     lines = [f"# {' '.join(remark.split())}" for remark in remarks]
     for one in instruments:
         lines += ["", *_lines(one)]

@@ -96,7 +96,7 @@ def read_gdal_label(path: str | Path, driver: LabelFormat) -> dict[str, Any]:
 
 
 def group(label: Mapping[str, Any], *names: str) -> dict[str, Any]:
-    """Return the group at `names`, one in the other; an empty one if it is absent."""
+    """Return the group of a `label` at `names`, one in the other; an empty one if it is absent."""
     found: Any = label
     for name in names:
         found = found.get(name) if isinstance(found, Mapping) else None

@@ -207,7 +207,7 @@ def read_exact_camera(path: Path, needed_by: str) -> StoredCamera:
 
 
 def exact_cameras(summaries: Iterable[Path]) -> dict[str, StoredCamera]:
-    """Return the camera files that .SUM files name, by their names.
+    """Return the camera files that .SUM files (`summaries`) name, by their names.
 
     Raises
     ------

@@ -34,6 +34,11 @@ _DO = "bring the file back, or import the image's states again"
 def write_line_scan(path: str | Path, image: LineScanImage) -> None:
     """Write the states of a line-scan image; all digits are kept.
 
+    Parameters
+    ----------
+    path : str or Path
+    image : LineScanImage
+
     Raises
     ------
     InvalidValueError
@@ -61,7 +66,7 @@ def write_line_scan(path: str | Path, image: LineScanImage) -> None:
 
 
 def is_line_scan(path: str | Path) -> bool:
-    """Return whether a file is one of a line-scan image."""
+    """Return whether the file at `path` is one of a line-scan image."""
     try:
         with reading_hdf5(path, _FORM, "is damaged", _DO):
             return True
@@ -70,7 +75,7 @@ def is_line_scan(path: str | Path) -> bool:
 
 
 def read_line_scan(path: str | Path) -> LineScanImage:
-    """Read the states of a line-scan image.
+    """Read the states of a line-scan image from the file at `path`.
 
     Raises
     ------

@@ -70,6 +70,10 @@ def read_cube_camera(path: str | Path) -> Camera | None:
     LROC's NACs. The only line of a line scanner's camera is line 1. A camera that looks along −Z of
     its frame (Apollo) is turned about x, as its states are.
 
+    Parameters
+    ----------
+    path : str or Path
+
     Raises
     ------
     FormatError
@@ -100,6 +104,10 @@ def read_cube_lines(path: str | Path) -> FloatArray:
 
     As ISIS has it: lines follow each other from the clock's count before the exposure on, after a
     stated number of lines that are not in the image, at the stated duration with its error.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------

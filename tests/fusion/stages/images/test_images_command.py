@@ -476,3 +476,27 @@ def test_a_table_gives_times_for_names(made, tmp_path):
     table.write_text(f"image,et\na_very_long_name,{START}\n")
     (record,) = content("images", made.root, image, "--times", table)["new"]
     assert record["name"] == f"A{int(START):09d}"
+
+
+def test_images_of_a_camera_with_another_distortion_are_looked_at_with_it(given, tmp_path):
+    made = new_workspace(tmp_path / "ws", body="Box", shape=given / "box.obj")
+    # Columns bent by 8 px at the upper and lower edge, as the cube of the line.
+    bent = np.zeros(20)
+    bent[9] = 8.0 / 117.6 / (64.0 / 117.6) ** 3
+    lens = replace(CAMERA, distortion_model="bicubic", distortion=bent)
+    write_cameras(tmp_path / "lens.toml", [Instrument("NAC", lens)])
+    for number in (0, 1):
+        image = replace(image_at(number), camera=lens)
+        frame = 3000.0 * render_frame(RayCaster(shape_of()), image).brightness + 200.0
+        fits_file(tmp_path / f"frame_of_a_mission_{number}.fit", frame.astype(np.uint16), number)
+    camera = ["--poses", given / "poses.csv", "--camera", tmp_path / "lens.toml"]
+    found = content("images", made.root, *sorted(tmp_path.glob("*.fit")), *camera, "--report")
+    (camera_file,) = (made.root / "SUMFILES").glob("CAMERA-*.toml")
+    for record, seen in zip(found["new"], found["images"], strict=True):
+        assert record["camera_fit"]["file"] == camera_file.name
+        assert record["camera_fit"]["largest_px"] > 1.0
+        assert seen["fit"]["given"] > 0.999
+        assert np.abs(seen["fit"]["offset_px"]).max() < 0.1
+    assert read_catalogue(made)[record["name"]].camera_fit == record["camera_fit"]
+    camera_file.unlink()
+    assert f"{camera_file.name}, which is not there" in refusal("images", made.root, "--report")

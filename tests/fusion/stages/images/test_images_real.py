@@ -194,7 +194,7 @@ def test_a_line_scan_comes_in_with_a_state_for_each_line(shared_data, tmp_path):
     state = tables.state("x", image.scan.times[123])
     np.testing.assert_allclose(image.scan.positions[123], state.position, atol=1e-6)
     np.testing.assert_allclose(image.scan.axes[123], state.axes, atol=1e-12)
-    # 7 µm at 699.62 mm; the crop lies beside the axis, so corners and range follow from the lines.
+    # 7 µm at 699.62 mm; the crop lies off the axis, so corners and range follow from the lines.
     assert seen["scene"] == "filled"
     assert seen["resolution_m"] == pytest.approx(seen["range_m"] * 7e-3 / 699.62, rel=1e-4)
     lon, lat = np.radians(np.array(seen["corners_deg"]).T)
