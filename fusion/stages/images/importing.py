@@ -18,6 +18,7 @@ from fusion.stages.images.opened import OpenedImage, names_of, open_images
 from fusion.stages.images.pixels import PixelWork, Recipe, write_pixels
 from fusion.stages.images.record import ImageRecord, PixelFacts
 from fusion.stages.images.sources import Sighting, StateChoice, find_sightings, stated_times
+from fusion.stages.images.turns import Turn
 from fusion.stages.states import write_states
 from fusion.workspace import Workspace
 from spcola.camera.detector import Preparation
@@ -214,6 +215,13 @@ def _plan(
 def _check_size(workspace: Workspace, one: _Planned, options: ImportOptions) -> None:
     """Refuse an image of another size than its camera."""
     width, height = _turned_size(one.image, options)
+    turn = options.recipe.turn
+    if one.sighting is not None and one.sighting.scan is not None and turn is not Turn.AS_STORED:
+        raise InvalidValueError(
+            f"cannot be turned ({turn}): its lines were exposed one after the other",
+            one.image.path,
+            "leave --orientation out",
+        )
     if one.sighting is not None:
         size, where = one.sighting.size, one.sighting.camera_origin
     elif workspace.image_path(one.name).is_file():
