@@ -15,7 +15,7 @@ from fusion.scaling.shots.spots import SpotOptions, Spots, cast_spots
 from lidar.scans import Scan
 from spcola.arrays import BoolArray, FloatArray
 from spcola.errors import InvalidValueError
-from spcola.navigation import utc_from_et
+from spcola.navigation import iso_utc
 from spcola.shape import RayCaster
 
 # More oblique hits are excluded, as their ranges depend strongly on the slope.
@@ -94,7 +94,7 @@ def compare_shots(
         ScaleObservations(
             kind="shots",
             label=(scan.name,) * int(good.sum()),
-            day=tuple(utc_date(time) for time in scan.time[good]),
+            day=tuple(iso_utc(time, 0)[:10] for time in scan.time[good]),
             value=(measured - distance)[good, None],
             covariance=variance[:, None, None],
             point=point,
@@ -151,14 +151,3 @@ def join_shots(compared: Sequence[ShotComparison]) -> ShotComparison:
     days = tuple(day for part in parts for day in part.day)
     joined = replace(parts[0], label=labels, scan=labels, day=days, shares=joint, **layers)
     return ShotComparison(joined, np.concatenate([one.hits for one in compared]))
-
-
-def utc_date(time: float) -> str:
-    """UTC date ``YYYY-MM-DD`` of ephemeris time (s); "unknown" where that is NaN."""
-    if not np.isfinite(time):
-        return "unknown"
-    year, month, day = utc_from_et(time, 0).split()[:3]
-    return f"{year}-{_MONTHS.index(month) + 1:02d}-{int(day):02d}"
-
-
-_MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")

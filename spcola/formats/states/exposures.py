@@ -16,7 +16,6 @@ from spcola.errors import FormatError
 from spcola.formats.images.open_image import open_image
 from spcola.formats.states.columns import Row, image_rows
 
-_UTC = ("utc", "time")
 _EXPOSURES = {"exposure_s": 1.0, "exposure_ms": 1e-3}
 
 
@@ -64,7 +63,7 @@ def read_exposures(path: str | Path, *, columns: Mapping[str, str] | None = None
 
 def _exposure(name: str, row: Row) -> Exposure:
     """Return the exposure on one line."""
-    time, clock = row.time(_UTC), row.text(("clock",)) or ""
+    time, clock = row.time(), row.text(("clock",)) or ""
     if (time is None) == (not clock):
         raise FormatError("states no time, or two", row.place, "name a column utc, et or clock")
     delay = 0.0
