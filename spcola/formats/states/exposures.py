@@ -8,7 +8,6 @@ the start of the exposure, without them its middle.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,21 +43,19 @@ class Exposure:
     filter: str | None = None
 
 
-def read_exposures(path: str | Path, *, columns: Mapping[str, str] | None = None) -> list[Exposure]:
+def read_exposures(path: str | Path) -> list[Exposure]:
     """Read names and times of images.
 
     Parameters
     ----------
     path : str or Path
-    columns : mapping of str to str, optional
-        For names of columns of this module, those in the file.
 
     Raises
     ------
     FormatError
         If an image has no time, a time cannot be read, or an image appears twice.
     """
-    return [_exposure(name, row) for name, row in image_rows(path, columns or {}).items()]
+    return [_exposure(name, row) for name, row in image_rows(path, {}).items()]
 
 
 def _exposure(name: str, row: Row) -> Exposure:

@@ -11,7 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from fusion.cli.app import app
-from fusion.inspection import import_forecast, mapolas_forecast
+from fusion.inspection import import_forecast
+from fusion.inspection.forecasts import stage_forecasts
 from fusion.inspection.forecasts.mapolas import BYTES_PER_RETURN
 from fusion.inspection.import_forecast import ImportClock
 from fusion.pipeline import Pipeline
@@ -46,7 +47,7 @@ def workspace(tmp_path: Path) -> Workspace:
 
 def test_the_forecast_counts_what_is_there(workspace: Workspace) -> None:
     settings = Settings().with_table("mapolas", adjust=False)
-    found = mapolas_forecast(workspace, settings)
+    found = stage_forecasts(workspace, settings, only="mapolas", workers=2)["mapolas"].details
     assert (found["grids"], found["with_returns"]) == (3, 2)
     (path,) = workspace.scan_paths()
     assert found["scan_bytes"] == path.stat().st_size
@@ -59,10 +60,6 @@ def test_the_forecast_counts_what_is_there(workspace: Workspace) -> None:
     assert 0.0 < found["minutes"] < 5.0
     assert found["memory_mb"] > PROGRAM_BYTES / 1e6
     assert found["memory_mb"] < (PROGRAM_BYTES + 64 * BYTES_PER_RETURN * 30_000) / 1e6
-
-
-def test_where_none_can_be_made_there_is_none(tmp_path: Path) -> None:
-    assert mapolas_forecast(new_workspace(tmp_path / "ws", body="Ball"), Settings()) == {}
 
 
 class Watch:
