@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import call
 
-from fusion.cli.app import app
 from fusion.inspection.forecasts import Basis, StageForecast, forecast_lines, stage_forecasts
 from fusion.inspection.forecasts.timing import NotingStore, timed_sample
 from fusion.runtime.folders import Remembered
@@ -23,12 +21,6 @@ from spcola.formats.maplets import write_maplet
 from spcola.grids import Maplet, MapletGrid
 
 STAGES = ["ingest", "mapolas", "register", "fuse", "bigmap", "scale", "release", "report"]
-
-
-def call(*arguments: object, code: int = 0) -> Any:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == code, result.output
-    return result
 
 
 @pytest.fixture
