@@ -12,7 +12,7 @@ from typer.testing import CliRunner, Result
 
 from fusion.cli.app import app
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def call(*arguments: object, code: int = 0) -> Result:
