@@ -21,7 +21,7 @@ from fusion.pipeline import Pipeline
 from fusion.runtime import ClusterExecutor, Executor, ThreadExecutor
 from fusion.stages.ingest import stage as ingest
 from fusion.stages.mapolas import stage as mapolas
-from fusion.workspace import SETTINGS_FILE, new_workspace
+from fusion.workspace import SETTINGS_FILE, Workspace, new_workspace
 from fusion.workspace.settings import Settings, write_settings
 from lidar.formats.native import write_scan
 from lidar.scans import Scan

@@ -322,17 +322,17 @@ def test_seventy_poses_of_a_comet_become_sum_files(shared_data, tmp_path):
     assert et_from_utc(image.utc) == pytest.approx(et_from_utc("2014-08-05T20:07:19.020"), abs=1e-3)
 
 
+def mapcam_kernels(shared_data):
+    """The options that name the kernels of a day of MapCam."""
+    folder = shared_data / "bennu" / "kernels_mapcam_20190303"
+    texts = ("naif0012.tls", "pck00010.tpc", "bennu_v16.tpc", "orx_v14.tf")
+    texts += ("orx_sclkscet_00065.tsc",)
+    kernels = [*(folder / name for name in texts), *sorted(folder.glob("*.x*"))]
+    return [word for kernel in kernels for word in ("--kernel", kernel)]
+
+
 @pytest.mark.real_data
 def test_mapcam_by_its_clock(shared_data, tmp_path):
-    folder = shared_data / "bennu" / "kernels_mapcam_20190303"
-    texts = (
-        "naif0012.tls",
-        "pck00010.tpc",
-        "bennu_v16.tpc",
-        "orx_v14.tf",
-        "orx_sclkscet_00065.tsc",
-    )
-    kernels = [*(folder / name for name in texts), *sorted(folder.glob("*.x*"))]
     made = workspace_at(tmp_path / "ws", spice=TABLE)
     (tmp_path / "images.csv").write_text(
         "image,clock,exposure_ms,filter\nmap_iofL2pan,3/0604882742.23115,5.285275,PAN\n"
@@ -341,7 +341,7 @@ def test_mapcam_by_its_clock(shared_data, tmp_path):
     found = called(
         *("sumfiles", made.root, tmp_path / "images.csv", "--letter", "M"),
         *("--camera", tmp_path / "map.toml", "--frame", "ORX_OCAMS_MAPCAM"),
-        *(word for kernel in kernels for word in ("--kernel", kernel)),
+        *mapcam_kernels(shared_data),
     )
     (row,) = found["images"]
     assert (row["image"], row["original"]) == ("M604882849PA", "map_iofL2pan")
@@ -386,15 +386,6 @@ def test_images_come_in_with_states_by_kernels(solved, exported, tmp_path):
 
 @pytest.mark.real_data
 def test_an_image_of_mapcam_comes_in_with_its_kernels(shared_data, tmp_path):
-    folder = shared_data / "bennu" / "kernels_mapcam_20190303"
-    texts = (
-        "naif0012.tls",
-        "pck00010.tpc",
-        "bennu_v16.tpc",
-        "orx_v14.tf",
-        "orx_sclkscet_00065.tsc",
-    )
-    kernels = [*(folder / name for name in texts), *sorted(folder.glob("*.x*"))]
     made = workspace_at(tmp_path / "ws", spice=TABLE)
     write_cameras(tmp_path / "map.toml", [Instrument("MAPCAM", CAMERA)])
     utc = "2019-03-03T10:59:40.2473"
@@ -402,7 +393,7 @@ def test_an_image_of_mapcam_comes_in_with_its_kernels(shared_data, tmp_path):
     common = ("--frame", "ORX_OCAMS_MAPCAM", "--camera", tmp_path / "map.toml")
     (one,) = called(
         *("images", made.root, path, "--states", "spice", *common),
-        *(word for kernel in kernels for word in ("--kernel", kernel)),
+        *mapcam_kernels(shared_data),
     )["new"]
     assert (one["name"], one["original"]) == ("M604882849PA", "map_iofL2pan_V001.fits")
     assert np.linalg.norm(made.image(one["name"]).scobj) == pytest.approx(6593.743, abs=1e-2)
