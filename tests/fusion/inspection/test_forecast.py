@@ -20,29 +20,16 @@ from fusion.runtime import ThreadExecutor
 from fusion.runtime.machine import PROGRAM_BYTES
 from fusion.stages.ingest import stage as ingest
 from fusion.stages.mapolas import stage as mapolas
-from fusion.workspace import Workspace, new_workspace
+from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings
-from lidar.formats.native import ScanFile, write_scan
+from lidar.formats.native import ScanFile
 from lidar.scans import Scan
-from spcola.formats.maplets import write_maplet
-from spcola.grids import Maplet, MapletGrid
 
 
 @pytest.fixture
-def workspace(tmp_path: Path) -> Workspace:
+def workspace(under_a_scan) -> Workspace:
     """Two maplets under a scan, and one on the far side of the ball."""
-    made = new_workspace(tmp_path / "ws", body="Ball")
-    for number, longitude in enumerate((0.0, 0.4, 3.0)):
-        normal = np.array([np.cos(longitude), np.sin(longitude), 0.0])
-        grid = MapletGrid.facing(60.0 * normal, normal, 0.5, 10)
-        flat = Maplet(f"AA{number:04d}", grid, np.zeros(grid.shape))
-        write_maplet(made.root / "MAPFILES" / f"{flat.name}.MAP", flat)
-    rng = np.random.default_rng(1)
-    longitude, z = rng.uniform(-0.3, 0.7, 30_000), rng.uniform(-0.25, 0.25, 30_000)
-    across = np.sqrt(1.0 - z**2)
-    away = np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
-    write_scan(made.root / "scans" / "one.h5", [Scan.of_points("one", 60.0 * away, body="Ball")])
-    return made
+    return under_a_scan((0.0, 0.4, 3.0))
 
 
 def test_the_forecast_counts_what_is_there(workspace: Workspace) -> None:
