@@ -32,6 +32,7 @@ def refused(workspace: Path, *command: str) -> str:
     """Run a command that must fail and leave every file as it was; return its line."""
     before = files_in(workspace)
     line = command_line.refused(command[0], workspace, *command[1:], "--json")
+    assert "unexpected" not in line
     assert files_in(workspace) == before
     assert not list(workspace.rglob("*.part"))
     return line
