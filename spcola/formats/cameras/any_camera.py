@@ -13,6 +13,10 @@ from spcola.formats.solution import read_summary
 def read_camera(path: Path) -> tuple[Camera, tuple[int, int] | None]:
     """Return the camera in a .SUM file or a camera file, and the thresholds of the former.
 
+    Parameters
+    ----------
+    path : Path
+
     Raises
     ------
     FormatError

@@ -36,7 +36,10 @@ def kernel_text(kind: str, about: Iterable[str], items: Mapping[str, object]) ->
 
 
 def meta_kernel_text(about: str, files: Iterable[str]) -> str:
-    """Return the meta-kernel of files in its own folder, in the order of loading."""
+    """Return the meta-kernel of `files` in its own folder, in the order of loading.
+
+    `about` is a sentence on them.
+    """
     lines = "".join(f"    '$KERNELS/{name}'\n" for name in files)
     return (
         f"KPL/MK\n\n{about} Load it from its own folder, or write\n"
@@ -73,7 +76,17 @@ def clock_items(clock: int, start: float, ticks_per_s: int) -> dict[str, object]
 
 
 def frame_items(name: str, number: int, kind: int, own: int, center: int) -> dict[str, object]:
-    """Return the assignments of an FK for a frame: its class, number in the class, and centre."""
+    """Return the assignments of an FK for a frame.
+
+    Parameters
+    ----------
+    name : str
+    number : int
+    kind, own : int
+        Class of the frame, and its number in that class.
+    center : int
+        NAIF number of its centre.
+    """
     return {
         f"FRAME_{name}": number,
         f"FRAME_{number}_NAME": f"'{name}'",
@@ -84,7 +97,16 @@ def frame_items(name: str, number: int, kind: int, own: int, center: int) -> dic
 
 
 def rotation_items(body: int, spin: Spin, radius_m: float) -> dict[str, object]:
-    """Return the assignments of a PCK: pole, prime meridian, and radii unless they are 0."""
+    """Return the assignments of a PCK: pole, prime meridian, radii.
+
+    Parameters
+    ----------
+    body : int
+        NAIF number.
+    spin : Spin
+    radius_m : float
+        Mean radius; 0 for none.
+    """
     values = {
         "POLE_RA": (spin.pole_ra_deg, spin.pole_ra_rate_deg_per_century, 0.0),
         "POLE_DEC": (spin.pole_dec_deg, spin.pole_dec_rate_deg_per_century, 0.0),

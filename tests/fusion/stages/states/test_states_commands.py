@@ -325,9 +325,8 @@ def test_seventy_poses_of_a_comet_become_sum_files(shared_data, tmp_path):
 def mapcam_kernels(shared_data):
     """The options that name the kernels of a day of MapCam."""
     folder = shared_data / "bennu" / "kernels_mapcam_20190303"
-    texts = ("naif0012.tls", "pck00010.tpc", "bennu_v16.tpc", "orx_v14.tf")
-    texts += ("orx_sclkscet_00065.tsc",)
-    kernels = [*(folder / name for name in texts), *sorted(folder.glob("*.x*"))]
+    texts = sorted(path for path in folder.glob("*.t*") if path.suffix != ".ti")
+    kernels = [*texts, *sorted(folder.glob("*.x*"))]
     return [word for kernel in kernels for word in ("--kernel", kernel)]
 
 
