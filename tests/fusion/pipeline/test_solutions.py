@@ -9,13 +9,11 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import call
 
-from fusion.cli.app import app
 from fusion.pipeline.pipeline import LOCK_FILE
 from fusion.pipeline.solutions import MadeBy, making_solution, solutions_of
 from fusion.runtime.folders import locked
@@ -27,12 +25,6 @@ from spcola.formats.solution import write_summary
 from spcola.grids import Maplet, MapletGrid
 
 BY = MadeBy("a test", {}, {}, {})
-
-
-def run(*arguments: object, code: int = 0) -> Any:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == code, result.output
-    return result
 
 
 def maplet(name: str, up: float = 0.0) -> Maplet:
@@ -81,16 +73,16 @@ def test_the_commands_list_use_show_and_compare(workspace: Workspace) -> None:
     root = workspace.root
     grandchild = made(made(workspace, "one"), "two", 0.3)
     made(workspace, "three")
-    listed = run("solution", "list", root).stdout.splitlines()
+    listed = call("solution", "list", root).stdout.splitlines()
     assert [line.split(" (")[0] for line in listed[:-1]] == [
         "* imported", "    one", "      two", "    three",
     ]  # fmt: skip
-    assert run("solution", "use", root, "two").stdout == "in use: two\n"
+    assert call("solution", "use", root, "two").stdout == "in use: two\n"
     assert Workspace.open(root).home == grandchild.home
-    assert json.loads(run("info", root, "--json").stdout)["solution"] == "two"
-    shown = json.loads(run("solution", "show", root, "two", "--json").stdout)
+    assert json.loads(call("info", root, "--json").stdout)["solution"] == "two"
+    shown = json.loads(call("solution", "show", root, "two", "--json").stdout)
     assert (shown["parent"], shown["made_by"], shown["maplets"]) == ("one", "a test", 2)
-    found = json.loads(run("solution", "diff", root, "one", "two", "--json").stdout)
+    found = json.loads(call("solution", "diff", root, "one", "two", "--json").stdout)
     assert found["centers_outward_m"]["p100"] == pytest.approx(0.2, abs=1e-3)
     assert found["centers_outward_m"]["p50"] == pytest.approx(0.1, abs=1e-3)
     assert found["heights_changed_m"]["p100"] < 1e-3
@@ -99,15 +91,15 @@ def test_the_commands_list_use_show_and_compare(workspace: Workspace) -> None:
 def test_what_is_in_use_or_has_children_is_not_removed(workspace: Workspace) -> None:
     root = workspace.root
     made(made(workspace, "one"), "two")
-    run("solution", "use", root, "two")
+    call("solution", "use", root, "two")
     for name, why in (("imported", "cannot be removed"), ("two", "in use"), ("one", "two was")):
-        assert why in run("solution", "remove", root, name, code=1).stderr
-    run("solution", "use", root, "imported")
+        assert why in call("solution", "remove", root, name, code=1).stderr
+    call("solution", "use", root, "imported")
     for name in ("two", "one"):
-        run("solution", "remove", root, name)
+        call("solution", "remove", root, name)
     assert [one.name for one in solutions_of(workspace)] == ["imported"]
     for command in (("use", root, "one"), ("show", root, "one"), ("diff", root, "one", "two")):
-        error = run("solution", *command, code=1).stderr
+        error = call("solution", *command, code=1).stderr
         assert "there is no solution 'one'" in error
         assert "there are: imported" in error
 
@@ -125,12 +117,12 @@ def test_export_writes_a_plain_folder_that_a_workspace_can_be_made_of(
     workspace: Workspace, tmp_path: Path
 ) -> None:
     new = made(workspace, "one")
-    written = run("solution", "export", workspace.root, "one", tmp_path / "out", "--json").stdout
+    written = call("solution", "export", workspace.root, "one", tmp_path / "out", "--json").stdout
     assert json.loads(written)["written"]["MAPFILES"] == 2
     again = new_workspace(tmp_path / "again", spc=tmp_path / "out")
     for name in ("AA0001", "AA0002"):
         assert again.maplet_path(name).read_bytes() == new.maplet_path(name).read_bytes()
-    error = run("solution", "export", workspace.root, "one", tmp_path / "out", code=1).stderr
+    error = call("solution", "export", workspace.root, "one", tmp_path / "out", code=1).stderr
     assert "exists already" in error
 
 
@@ -138,11 +130,11 @@ def test_readers_and_other_solutions_do_not_wait_for_a_writer(workspace: Workspa
     root = workspace.root
     made(workspace, "one")
     with locked(root / LOCK_FILE):
-        assert json.loads(run("info", root, "--json").stdout)["maplets"] == 2
-        run("solution", "diff", root, "imported", "one")
-        assert "another spcola is at work" in run("fuse", root, code=1).stderr
+        assert json.loads(call("info", root, "--json").stdout)["maplets"] == 2
+        call("solution", "diff", root, "imported", "one")
+        assert "another spcola is at work" in call("fuse", root, code=1).stderr
         # The other solution can be worked with: what it lacks is named, and not the lock.
-        other = run("fuse", root, "--solution", "one", code=1).stderr
+        other = call("fuse", root, "--solution", "one", code=1).stderr
         assert "there is no registration" in other
 
 
@@ -199,17 +191,17 @@ def test_an_exact_camera_goes_with_its_images(workspace: Workspace, tmp_path: Pa
     root, kept = workspace.root, Workspace.open(workspace.root, "kept")
     assert (kept.home / "SUMFILES" / camera_file.name).samefile(camera_file)
     assert kept.image("P1").camera.distortion_model == "brown"
-    found = json.loads(run("solution", "diff", root, "imported", "moved", "--json").stdout)
+    found = json.loads(call("solution", "diff", root, "imported", "moved", "--json").stdout)
     assert found["cameras_changed_px"]["p100"] == pytest.approx(np.sqrt(2.0), abs=1e-6)
     assert found["positions_moved_m"]["p100"] == pytest.approx(1e4)
     out = tmp_path / "out"
-    (written,) = json.loads(run("solution", "export", root, "kept", out, "--json").stdout)[
+    (written,) = json.loads(call("solution", "export", root, "kept", out, "--json").stdout)[
         "cameras"
     ]
     assert written["file"] == camera_file.name
     assert 0.01 < written["rms_px"] < written["largest_px"] < 0.5
     assert (out / "SUMFILES" / camera_file.name).read_bytes() == camera_file.read_bytes()
     camera_file.unlink()
-    error = run("solution", "export", root, "imported", tmp_path / "none", code=1).stderr
+    error = call("solution", "export", root, "imported", tmp_path / "none", code=1).stderr
     assert "which is not there" in error
     assert not (tmp_path / "none").exists()
