@@ -16,7 +16,6 @@ from fusion.pipeline.catalog.records import (
     RECORD_FOLDER,
     SHARED_STAGES,
     StageRecord,
-    content_digest,
 )
 from fusion.pipeline.catalog.soundness import Unsound, rejected_maplets, unsound
 from fusion.pipeline.changed_files import Changed, changed_since
@@ -24,8 +23,8 @@ from fusion.pipeline.changes import Changes
 from fusion.pipeline.items import ItemStore, item_folder, whole_version
 from fusion.pipeline.stage import Stage, StageContext, StageResult, find_table
 from fusion.pipeline.subset import Subset
-from fusion.runtime import Executor, Progress, ThreadExecutor, json_value
-from fusion.runtime.folders import clear_leftovers, locked, make_folder, remove_folder
+from fusion.runtime import Executor, Progress, ThreadExecutor, content_digest, json_value
+from fusion.runtime.folders import LOCK_FILE, clear_leftovers, locked, make_folder, remove_folder
 from fusion.runtime.machine import one_blas_thread
 from fusion.runtime.processes import check_interrupts
 from fusion.verdict import Code, Finding, Severity, Verdict
@@ -36,7 +35,6 @@ from spcola.formats.shapes import recognise_shape
 
 State = Literal["ran", "up to date", "cannot run"]
 SCRATCH_FOLDER = ".scratch"
-LOCK_FILE = ".lock"
 
 
 @dataclass(frozen=True)

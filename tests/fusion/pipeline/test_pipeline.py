@@ -17,8 +17,9 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from fusion.pipeline import Pipeline, StageContext, StageResult
 from fusion.pipeline.catalog import Catalog
 from fusion.pipeline.catalog.catalog import CATALOG_FILE
-from fusion.pipeline.pipeline import LOCK_FILE, SCRATCH_FOLDER
+from fusion.pipeline.pipeline import SCRATCH_FOLDER
 from fusion.runtime import ThreadExecutor
+from fusion.runtime.folders import LOCK_FILE
 from fusion.verdict import Code, Finding, Severity, Verdict
 from fusion.workspace import Workspace
 from fusion.workspace.settings import Settings, Table
