@@ -37,6 +37,8 @@ def list_(workspace: WorkspaceArgument, as_json: JsonOption = False) -> None:
         about = ", ".join(part for part in (one.made_by, one.made) if part)
         lines.append(f"{mark} {'  ' * depth[one.name]}{one.name} ({about})")
     damaged = [str(error) for error in found.damaged]
+    if in_use not in depth and not damaged:
+        damaged = [f"{in_use!r}, which is in use, is not there; choose one: spcola solution use"]
     content = {
         "in_use": in_use,
         "solutions": [one.as_json() for one in found.records],
@@ -53,6 +55,8 @@ def show_(workspace: WorkspaceArgument, name: NameArgument, as_json: JsonOption 
 
     opened = _opened(workspace, name)
     record = read_solution(opened.root, opened.solution)
+    # Its constants are checked.
+    opened.settings()
     content = {
         **record.as_json(),
         "folder": opened.home,

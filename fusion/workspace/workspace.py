@@ -107,7 +107,15 @@ class Workspace:
         return cls(root)
 
     def settings(self) -> Settings:
-        """Read ``spcola.toml``, and apply what the solution changed of it."""
+        """Read ``spcola.toml``, and apply what the solution changed of it.
+
+        Raises
+        ------
+        SettingsError
+            If one of them has an unknown key, or a value that is not allowed.
+        WorkspaceError
+            If the record of the solution is damaged.
+        """
         settings = load_settings(self.root / SETTINGS_FILE)
         if self.solution == IMPORTED:
             return settings

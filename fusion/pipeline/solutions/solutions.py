@@ -17,6 +17,8 @@ from fusion.workspace.solution_records import (
 )
 from spcola.errors import SpcolaError, WorkspaceError
 
+_REMOVE = "remove such solutions: spcola solution remove"
+
 
 @dataclass(frozen=True)
 class Solutions:
@@ -47,12 +49,15 @@ class Solutions:
 
 
 def solutions_of(workspace: Workspace) -> Solutions:
-    """Read the records of all solutions of a workspace."""
+    """Read the records of all solutions of a workspace, and check their constants."""
     root = workspace.root
     records, damaged = list[SolutionRecord](), list[SpcolaError]()
     for name in (IMPORTED, *derived_names(root)):
         try:
-            records.append(read_solution(root, name))
+            record = read_solution(root, name)
+            if name != IMPORTED:
+                replace(workspace, solution=name).settings()
+            records.append(record)
         except SpcolaError as error:
             damaged.append(error)
     ordered: list[SolutionRecord] = []
@@ -62,7 +67,8 @@ def solutions_of(workspace: Workspace) -> Solutions:
         ordered.append(one)
         waiting = [each for each in records if each.parent == one.name] + waiting
     if circle := [one.name for one in records if one not in ordered]:
-        damaged.append(WorkspaceError(f"form a circle of parents: {', '.join(circle)}", root))
+        what = f"the parents of {', '.join(circle)} form a circle"
+        damaged.append(WorkspaceError(what, root, _REMOVE))
     return Solutions(tuple(ordered), tuple(damaged))
 
 
@@ -79,7 +85,7 @@ def lineage(workspace: Workspace) -> list[SolutionRecord]:
         last = found[-1]
         home = replace(workspace, solution=last.name).home
         if last.parent in {one.name for one in found}:
-            raise WorkspaceError("its parents form a circle", home)
+            raise WorkspaceError("its parents form a circle", home, _REMOVE)
         if last.parent not in (IMPORTED, *derived_names(workspace.root)):
             raise WorkspaceError(
                 f"its parent {last.parent!r} is gone", home, "bring the folder of that back"
@@ -108,7 +114,7 @@ def use_solution(workspace: Workspace, name: str) -> Workspace:
     """
     used = replace(workspace, solution=name)
     with changing(workspace.root):
-        # The constants of its record are checked, also together with the settings of the file.
+        # Its constants are checked.
         used.settings()
         write_name_in_use(workspace.root, name)
     return used

@@ -12,7 +12,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from fusion.runtime import content_digest, json_text, json_value
 from fusion.workspace.json_file import read_object
-from fusion.workspace.settings import Settings, problem_text
+from fusion.workspace.settings import problem_text
 from spcola import atomic
 from spcola.errors import WorkspaceError
 
@@ -43,6 +43,7 @@ class SolutionRecord:
         Of the program.
     constants : mapping of str to mapping
         What it changed of the settings, by table: body constants such as radius, pole and spin.
+        :meth:`fusion.workspace.Workspace.settings` checks them.
     facts : mapping
         Numbers of the change, such as the scale factor, in JSON types.
     digests : mapping of str to str
@@ -130,8 +131,6 @@ def read_solution(root: Path, name: str) -> SolutionRecord:
     ------
     WorkspaceError
         If there is no such solution, or its record is damaged.
-    SettingsError
-        If one of its constants is unknown or not allowed.
     """
     if name == IMPORTED:
         return SolutionRecord(IMPORTED)
@@ -158,8 +157,6 @@ def read_record(folder: Path) -> SolutionRecord:
     ------
     WorkspaceError
         If it cannot be read or is damaged.
-    SettingsError
-        If one of its constants is unknown or not allowed.
     """
     path = folder / SOLUTION_FILE
     content = read_object(path, _MEND)
@@ -172,7 +169,6 @@ def read_record(folder: Path) -> SolutionRecord:
         problem = error.errors(include_url=False)[0]
         place = " ".join([f"{path}:", *(str(part) for part in problem["loc"][1:])])
         raise WorkspaceError(problem_text(problem), place, _MEND) from error
-    Settings().with_tables(record.constants, path)
     return record
 
 
