@@ -107,18 +107,13 @@ class Workspace:
         return cls(root)
 
     def settings(self) -> Settings:
-        """Read ``spcola.toml``, and apply what the solution changed of it.
+        """Read ``spcola.toml``, and apply what the solution changed of it; both are checked.
 
         Raises
         ------
-        SettingsError
-            If one of them has an unknown key, or a value that is not allowed.
-        WorkspaceError
-            If the record of the solution is damaged.
+        SettingsError, WorkspaceError
         """
         settings = load_settings(self.root / SETTINGS_FILE)
-        if self.solution == IMPORTED:
-            return settings
         record = read_solution(self.root, self.solution)
         return settings.with_tables(record.constants, self.home / SOLUTION_FILE)
 
@@ -150,12 +145,10 @@ class Workspace:
 
     def maplet_names(self) -> list[str]:
         """Return the maplets: those of MAPLIST.TXT or LMRKLIST.TXT, else all in MAPFILES."""
-        return [name for name in self._all_maplets() if name not in self.left_out]
-
-    def _all_maplets(self) -> list[str]:
         listed = is_there(self.home / "MAPLIST.TXT")
         listing = self.home / ("MAPLIST.TXT" if listed else "LMRKLIST.TXT")
-        return listed_names(listing, "landmark", "MAPFILES", ".MAP")
+        names = listed_names(listing, "landmark", "MAPFILES", ".MAP")
+        return [name for name in names if name not in self.left_out]
 
     def maplet_path(self, name: str) -> Path:
         """Return where the maplet `name` lies."""
