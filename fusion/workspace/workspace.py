@@ -156,12 +156,9 @@ class Workspace:
 
     def maplet_files(self) -> list[Path]:
         """Return the files of all maplets: each .MAP, and its sigma companion where it has one."""
-        paths = []
-        for name in self.maplet_names():
-            path = self.maplet_path(name)
-            companion = sigma_path(path)
-            paths += [path, companion] if is_there(companion) else [path]
-        return paths
+        maps = [self.maplet_path(name) for name in self.maplet_names()]
+        both = ((path, sigma_path(path)) for path in maps)
+        return [file for pair in both for file in pair if file is pair[0] or is_there(file)]
 
     def maplet(self, name: str) -> Maplet:
         """Read the maplet `name`."""
