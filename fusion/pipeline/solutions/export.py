@@ -14,9 +14,12 @@ from fusion.workspace import Workspace, visible_files
 from fusion.workspace.solution_records import read_solution, write_record
 from spcola.atomic import write_error
 from spcola.errors import WorkspaceError
+from spcola.formats.solution.exact_camera import StoredCamera, exact_cameras
 
 
-def export_solution(workspace: Workspace, folder: Path) -> dict[str, int]:
+def export_solution(
+    workspace: Workspace, folder: Path
+) -> tuple[dict[str, int], dict[str, StoredCamera]]:
     """Write the solution of a workspace as a plain SPC folder, with the pixels of its images.
 
     ``solution.json`` has its constants, such as radius and pole, so that a workspace that is made
@@ -30,13 +33,17 @@ def export_solution(workspace: Workspace, folder: Path) -> dict[str, int]:
 
     Returns
     -------
-    dict of str to int
+    counts : dict of str to int
         Number of files in each folder.
+    cameras : dict of str to StoredCamera
+        Exact cameras to which .SUM files have only a fit, by their files.
 
     Raises
     ------
     WorkspaceError
         If the folder exists, lies in the workspace, or cannot be written.
+    FormatError
+        If the exact camera of an image is missing or damaged.
     """
     _check_new(workspace, folder)
     record = read_solution(workspace.root, workspace.solution)
@@ -45,6 +52,7 @@ def export_solution(workspace: Workspace, folder: Path) -> dict[str, int]:
         **solution_files(workspace),
         "IMAGEFILES": visible_files(workspace.root / "IMAGEFILES"),
     }
+    cameras = exact_cameras(path for path in files["SUMFILES"] if path.suffix == ".SUM")
     making = folder.with_name(f".{folder.name}.{os.getpid()}")
     clear_abandoned_folders(folder)
     try:
@@ -58,7 +66,7 @@ def export_solution(workspace: Workspace, folder: Path) -> dict[str, int]:
         raise write_error(folder, error) from error
     finally:
         shutil.rmtree(making, ignore_errors=True)
-    return {name: len(paths) for name, paths in files.items() if name}
+    return {name: len(paths) for name, paths in files.items() if name}, cameras
 
 
 def _check_new(workspace: Workspace, folder: Path) -> None:
